@@ -1,0 +1,39 @@
+"""What a network costs, counted and not timed: multiply-accumulates of its convolutions."""
+
+from copy import deepcopy
+
+import torch
+from torch import Tensor, nn
+
+
+def count_macs(model: nn.Module, example_inputs: Tensor | tuple[Tensor, ...]) -> int:
+    """Multiply-accumulates that the Conv2d layers spend on one forward pass over `example_inputs`.
+
+    Parameters
+    ----------
+    model : nn.Module
+        Any network; it is copied, so its mode, hooks and running statistics stay as they are.
+    example_inputs : Tensor or tuple of Tensors
+        Arguments of `model`. The whole batch is counted: give a batch of 1 for the cost of one map.
+
+    Returns
+    -------
+    int
+        Sum over the layers of outputs × inputs read for each. Biases, normalisation (it folds), additions,
+        pooling and other kinds of layers are left out. On the `meta` device nothing is computed.
+    """
+    inputs = example_inputs if isinstance(example_inputs, tuple) else (example_inputs,)
+    counted = 0
+
+    def count(conv: nn.Module, _: tuple[Tensor, ...], output: Tensor) -> None:
+        nonlocal counted
+        assert isinstance(conv, nn.Conv2d)
+        counted += output.numel() * conv.weight[0].numel()
+
+    copy = deepcopy(model).eval()
+    for module in copy.modules():
+        if isinstance(module, nn.Conv2d):
+            module.register_forward_hook(count)
+    with torch.no_grad():
+        copy(*inputs)
+    return counted

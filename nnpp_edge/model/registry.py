@@ -1,0 +1,99 @@
+"""Networks by name, and what each is fed with."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from nnpp_edge.model import edge, nnpp
+from nnpp_edge.runtime.encoding import GAUSSIAN_CHANNELS, PAIR_CHANNELS, encode_gaussian, encode_pair
+from nnpp_edge.runtime.errors import ModelError
+
+
+@dataclass(frozen=True)
+class Spec:
+    """Architecture and input of a network: all that is needed to build it and to feed it."""
+
+    architecture: str
+    """``edge`` or ``nnpp``."""
+    input_size: int = 256
+    sigma: float = 0.25
+    """Of the Gaussian encoding, as a share of the map's side (the paper's best: 1/4)."""
+    options: dict[str, Any] = field(default_factory=dict)
+    """Arguments of the network's constructor."""
+
+    @property
+    def encoding(self) -> str:
+        """How start and goal are shown: ``pair`` to the edge network, ``gaussian`` to the paper's."""
+        return "pair" if self.architecture == "edge" else "gaussian"
+
+    @property
+    def blocks(self) -> int:
+        """The answer comes on blocks × blocks."""
+        stride = edge.OUTPUT_STRIDE if self.architecture == "edge" else nnpp.OUTPUT_STRIDE
+        return self.input_size // stride
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for checkpoints."""
+        return asdict(self)
+
+
+PRESETS = {
+    "edge": Spec("edge"),
+    "nnpp-w16": Spec("nnpp", options={"width": 16}),
+    "nnpp": Spec("nnpp", options={"width": 64}),
+    "nnpp-stdc2": Spec("nnpp", options={"width": 64, "depth": [4, 5, 3]}),
+}
+"""``nnpp`` is the paper's network at full width; ``nnpp-w16`` the same at a quarter of it."""
+
+
+class Network(nn.Module):
+    """A network behind one face, whatever it is fed with."""
+
+    def __init__(self, spec: Spec) -> None:
+        super().__init__()
+        self.spec = spec
+        options = {k: tuple(v) if isinstance(v, Sequence) else v for k, v in spec.options.items()}
+        if spec.architecture == "edge":
+            self.body: nn.Module = edge.EdgeNet(spec.input_size, **options)
+        elif spec.architecture == "nnpp":
+            self.body = nnpp.NNPP(spec.input_size, **options)
+        else:
+            raise ModelError(f"architecture must be 'edge' or 'nnpp', got {spec.architecture!r}")
+
+    def forward(self, planes: Tensor, query: Tensor) -> Tensor:
+        """Logits on blocks × blocks.
+
+        Parameters
+        ----------
+        planes : (N, 2, S, S) float
+            Mean cost and share of impassable cells, in [0, 1]; the paper's network sees the first alone.
+        query : (N, C, E, E) float
+            Start and goal, as `encode` gives them.
+
+        Returns
+        -------
+        (N, B, B) float
+        """
+        if self.spec.architecture == "nnpp":
+            return self.body(torch.cat((planes[:, :1], query), 1))[:, 0]
+        small = torch.pixel_unshuffle(planes, edge.UNSHUFFLE)
+        return torch.pixel_shuffle(self.body(small, query), edge.QUERY_STRIDE // edge.OUTPUT_STRIDE)[:, 0]
+
+
+def encode(spec: Spec, start: Sequence[float], goal: Sequence[float]) -> NDArray[np.float32]:
+    """Start and goal as this network is shown them: (C, E, E) float32."""
+    sigma = spec.sigma * spec.input_size
+    s, g = (float(start[0]), float(start[1])), (float(goal[0]), float(goal[1]))
+    if spec.encoding == "pair":
+        side = spec.input_size // edge.QUERY_STRIDE
+        out = np.empty((PAIR_CHANNELS, side, side), np.float32)
+        encode_pair(s, g, side, edge.QUERY_STRIDE, sigma, out)
+    else:
+        out = np.empty((GAUSSIAN_CHANNELS, spec.input_size, spec.input_size), np.float32)
+        encode_gaussian(s, g, spec.input_size, 1, sigma, out)
+    return out

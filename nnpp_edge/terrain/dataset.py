@@ -1,0 +1,301 @@
+"""Making, storing and reading a training set. The format is described in docs/dataset.md."""
+
+import json
+import math
+import multiprocessing
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.costmap import traversability_cost
+from nnpp_edge.runtime.encoding import Frame, map_planes
+from nnpp_edge.runtime.errors import DataSetError
+from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepModel
+from nnpp_edge.terrain.labels import label_queries, random_points
+from nnpp_edge.terrain.synthetic import synthetic_terrain
+from nnpp_edge.terrain.workloads import workload
+
+FORMAT = "nnpp-edge-dataset-1"
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All that decides what a data set holds. The same recipe makes the same shards on any machine."""
+
+    terrain: tuple[str, ...]
+    """Elevation files; without any, all terrain is synthetic."""
+    maps: int = 4096
+    seed: int = 1
+    size: int = 256
+    """Side of the network's input, in cells."""
+    blocks: int = 64
+    """The labels' excess is given on blocks × blocks."""
+    points_per_map: int = 4
+    """Queries are all pairs of these."""
+    maps_per_shard: int = 64
+    synthetic_share: float = 0.25
+    obstacle_share: float = 0.3
+    """Share of maps with rectangles of cost 1."""
+    margin_share: float = 0.15
+    """Share of maps of which part is left outside, as maps that are not square are seen."""
+    workloads: tuple[tuple[str, float], ...] = (
+        ("soft", 0.45), ("limit25", 0.05), ("limit20", 0.2), ("limit15", 0.2), ("limit12", 0.1),
+    )  # fmt: skip
+    """Name and share."""
+    cell_sizes_m: tuple[float, ...] = (20.0, 10.0, 5.0, 2.0, 1.0)
+    """The terrain is taken as self-similar and rescaled to one of these."""
+    poolings: tuple[tuple[int, float], ...] = ((1, 0.6), (2, 0.32), (4, 0.08))
+    """How many map cells to an input cell's side, and the share of maps: large maps are seen averaged."""
+    least_distance: float = 0.125
+    """Between start and goal, as a share of the map's side."""
+    omega: float = PAPER_OMEGA
+
+    @property
+    def shards(self) -> int:
+        """Number of files."""
+        return math.ceil(self.maps / self.maps_per_shard)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Labelled queries in memory."""
+
+    planes: NDArray[np.uint8]
+    """(M, 2, S, S) mean cost (impassable as 1) and share of impassable cells, in 255ths."""
+    map_index: NDArray[np.int32]
+    """(Q,) the map of each query."""
+    start: NDArray[np.float32]
+    """(Q, 2) row and column in input cells."""
+    goal: NDArray[np.float32]
+    excess: NDArray[np.uint8]
+    """(Q, B, B) excess of each block over the optimum, in steps of 0.1 %."""
+    on_path: NDArray[np.uint8]
+    """(Q, B, B / 8) bits: whether the optimal path crosses a block."""
+
+    def __len__(self) -> int:
+        """Number of queries."""
+        return len(self.map_index)
+
+    @property
+    def path_masks(self) -> NDArray[np.bool_]:
+        """(Q, B, B) whether the optimal path crosses a block."""
+        return np.unpackbits(self.on_path, axis=-1).astype(bool)
+
+
+def make_dataset(
+    recipe: Recipe,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    part: tuple[int, int] = (1, 1),
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> dict[str, Any]:
+    """Write what is missing of a data set.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        What to make.
+    folder : Path
+        Made if need be. A folder with another recipe is refused; shards that are there are kept.
+    workers : int
+        Processes; by default one a core.
+    part : (k, n)
+        Make only every n-th shard, from the k-th on; the union over k = 1…n is the whole set.
+    progress : callable
+        Told how many shards of how many are done.
+
+    Returns
+    -------
+    dict
+        Counts of shards, maps and queries in the folder.
+    """
+    k, n = part
+    if not 1 <= k <= n:
+        raise DataSetError(f"a shard must be k/n with 1 <= k <= n, got {k}/{n}")
+    folder.mkdir(parents=True, exist_ok=True)
+    _claim(recipe, folder)
+    wanted = [i for i in range(recipe.shards) if i % n == k - 1]
+    missing = [i for i in wanted if not _shard_path(folder, i).exists()]
+    progress(len(wanted) - len(missing), len(wanted))
+    context = multiprocessing.get_context("spawn")
+    workers = workers or len(os.sched_getaffinity(0))
+    with ProcessPoolExecutor(workers, context, _start_worker, (recipe,)) as pool:
+        jobs = [pool.submit(_write_shard, i, folder) for i in missing]
+        for done, job in enumerate(as_completed(jobs), 1):
+            job.result()
+            progress(len(wanted) - len(missing) + done, len(wanted))
+    return describe(folder)
+
+
+def describe(folder: Path) -> dict[str, Any]:
+    """Counts of what a data set's folder holds."""
+    recipe = read_recipe(folder)
+    shards = sorted(folder.glob("shard-*.npz"))
+    maps = queries = 0
+    for path in shards:
+        with np.load(path) as shard:
+            maps, queries = maps + len(shard["planes"]), queries + len(shard["map_index"])
+    return {"shards": len(shards), "of": recipe.shards, "maps": maps, "queries": queries}
+
+
+def read_recipe(folder: Path) -> Recipe:
+    """The recipe in a data set's folder; DataSetError if there is none."""
+    try:
+        stored = json.loads((folder / "dataset.json").read_text())
+        if stored.pop("format") != FORMAT:
+            raise DataSetError(f"{folder}: wanted a data set of format {FORMAT}")
+        return Recipe(**{name: _tuples(value) for name, value in stored.items()})
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DataSetError(f"{folder}: wanted a data set's folder with dataset.json, got {error}") from error
+
+
+def read_samples(folder: Path, most_maps: int | None = None) -> Samples:
+    """All samples of a data set (or of its first shards, up to `most_maps`)."""
+    read_recipe(folder)
+    parts: list[dict[str, NDArray[Any]]] = []
+    maps = 0
+    for path in sorted(folder.glob("shard-*.npz")):
+        if most_maps is not None and maps >= most_maps:
+            break
+        with np.load(path) as shard:
+            parts.append({name: shard[name] for name in Samples.__dataclass_fields__})
+        parts[-1]["map_index"] = parts[-1]["map_index"] + maps
+        maps += len(parts[-1]["planes"])
+    if not parts:
+        raise DataSetError(f"{folder}: wanted at least one shard, got none")
+    return Samples(**{name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+
+
+def _claim(recipe: Recipe, folder: Path) -> None:
+    """Write the recipe into the folder, or check that the one there is the same."""
+    path = folder / "dataset.json"
+    text = json.dumps({"format": FORMAT, **asdict(recipe)}, indent=1)
+    if path.exists():
+        if json.loads(path.read_text()) != json.loads(text):
+            raise DataSetError(f"{folder}: holds a data set made by another recipe; give another folder")
+    else:
+        path.write_text(text)
+
+
+def _shard_path(folder: Path, index: int) -> Path:
+    return folder / f"shard-{index:05d}.npz"
+
+
+_recipe: Recipe
+_tiles: list[NDArray[np.float32]]
+_tile_cells: list[float]
+
+
+def _start_worker(recipe: Recipe) -> None:
+    from nnpp_edge.terrain.dem import read_dem
+
+    global _recipe, _tiles, _tile_cells
+    dems = [read_dem(Path(name)) for name in recipe.terrain]
+    _recipe, _tiles, _tile_cells = recipe, [d.elevation for d in dems], [d.cell_size_m for d in dems]
+
+
+def _write_shard(index: int, folder: Path) -> None:
+    maps = min(_recipe.maps_per_shard, _recipe.maps - index * _recipe.maps_per_shard)
+    arrays = make_shard(_recipe, np.random.default_rng([_recipe.seed, index]), maps)
+    with tempfile.NamedTemporaryFile(dir=folder, prefix=".shard-", suffix=".npz", delete=False) as file:
+        try:
+            np.savez(file, **arrays)
+            file.flush()
+            Path(file.name).replace(_shard_path(folder, index))
+        except BaseException:
+            Path(file.name).unlink(missing_ok=True)
+            raise
+
+
+def make_shard(recipe: Recipe, rng: np.random.Generator, maps: int) -> dict[str, Any]:
+    """The arrays of one shard: those of `Samples`, and for each map its workload and its pooling."""
+    planes, names, poolings = [], [], []
+    index, start, goal, excess, on_path = [], [], [], [], []
+    while len(planes) < maps:
+        name = str(_pick(rng, recipe.workloads))
+        pooling = int(_pick(rng, recipe.poolings))
+        cost = _random_cost(recipe, rng, name, recipe.size * pooling)
+        points = random_points(rng, cost, recipe.points_per_map)
+        least = recipe.least_distance * cost.shape[0]
+        labelled = label_queries(cost, points, least, recipe.blocks, recipe.omega)
+        if not labelled:
+            continue
+        grid = Grid.of(cost, StepModel.of("paper", recipe.omega))
+        seen = np.empty((2, recipe.size, recipe.size), np.float32)
+        frame = Frame(*cost.shape, recipe.size)
+        map_planes(grid.weights, grid.stride, frame, *grid.as_traversability(), seen)
+        for (a, b), _, path, block_excess in labelled:
+            crossed = np.zeros((recipe.blocks, recipe.blocks), bool)
+            crossed[tuple((path * recipe.blocks // cost.shape[0]).T)] = True
+            index.append(len(planes))
+            start.append(frame.place(a))
+            goal.append(frame.place(b))
+            excess.append(block_excess)
+            on_path.append(np.packbits(crossed, axis=-1))
+        planes.append(np.rint(seen * 255.0).astype(np.uint8))
+        names.append(name)
+        poolings.append(pooling)
+    return {
+        "planes": np.stack(planes),
+        "workload": np.array(names),
+        "pooling": np.array(poolings, np.int32),
+        "map_index": np.array(index, np.int32),
+        "start": np.array(start, np.float32),
+        "goal": np.array(goal, np.float32),
+        "excess": np.stack(excess),
+        "on_path": np.stack(on_path),
+    }
+
+
+def _pick(rng: np.random.Generator, shares: Sequence[tuple[Any, float]]) -> Any:
+    weights = np.array([share for _, share in shares])
+    return shares[rng.choice(len(shares), p=weights / weights.sum())][0]
+
+
+def _random_cost(recipe: Recipe, rng: np.random.Generator, name: str, side: int) -> NDArray[np.float32]:
+    """A square cost map of some terrain, with obstacles and a margin on a share of the maps."""
+    cell_size_m = float(rng.choice(recipe.cell_sizes_m))
+    if not _tiles or rng.random() < recipe.synthetic_share:
+        dem = synthetic_terrain(rng, side, cell_size_m)
+    else:
+        dem = _random_crop(rng, side, cell_size_m)
+    cost = traversability_cost(dem, cell_size_m, workload(name), warn=False)
+    if rng.random() < recipe.obstacle_share:
+        for _ in range(rng.integers(1, 9)):
+            rows, cols = np.exp(rng.uniform(np.log(side / 64), np.log(side / 3), 2)).astype(int)
+            row, col = rng.integers(-rows // 2, side - rows // 2), rng.integers(-cols // 2, side - cols // 2)
+            cost[max(row, 0) : row + rows, max(col, 0) : col + cols] = np.inf
+    if rng.random() < recipe.margin_share:
+        kept = int(side * rng.uniform(0.25, 0.95))
+        cost[kept:] = np.inf
+    return cost
+
+
+def _random_crop(rng: np.random.Generator, side: int, cell_size_m: float) -> NDArray[np.float32]:
+    """Part of a random tile, averaged where the tile allows it, rescaled with its slopes kept."""
+    tile = int(rng.choice(len(_tiles), p=_areas() / _areas().sum()))
+    elevation = _tiles[tile]
+    fits = [f for f in (1, 2, 4) if side * f <= min(elevation.shape)]
+    if not fits:
+        raise DataSetError(f"terrain must be at least {side} cells on its shorter side, got {elevation.shape}")
+    factor = int(rng.choice(fits))
+    row, col = (int(rng.integers(0, n - side * factor + 1)) for n in elevation.shape)
+    crop = elevation[row : row + side * factor, col : col + side * factor]
+    crop = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
+    return crop * np.float32(cell_size_m / (_tile_cells[tile] * factor))
+
+
+def _areas() -> NDArray[np.float64]:
+    return np.array([t.size for t in _tiles], np.float64)

@@ -1,0 +1,52 @@
+"""Terrain made by rule, for volume and for what the measured tiles lack."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def fractal(rng: np.random.Generator, size: int, cell_size_m: float, median_slope_deg: float) -> NDArray[np.float32]:
+    """Rough ground whose heights have a power-law spectrum: (size, size) float32, metres.
+
+    The exponent is drawn from 2.6 to 3.8; heights are scaled to the median slope asked for.
+    """
+    exponent = rng.uniform(2.6, 3.8)
+    fy, fx = np.fft.fftfreq(2 * size)[:, None], np.fft.rfftfreq(2 * size)[None]
+    frequency = np.hypot(fy, fx)
+    frequency[0, 0] = np.inf
+    noise = rng.normal(size=(2, *frequency.shape))
+    spectrum = (noise[0] + 1j * noise[1]) * frequency ** (-exponent / 2.0)
+    heights = np.fft.irfft2(spectrum)[:size, :size]  # twice the size, as the whole would wrap around
+    return _scaled(heights, cell_size_m, median_slope_deg)
+
+
+def add_craters(
+    rng: np.random.Generator, heights: NDArray[np.float32], cell_size_m: float, count: int
+) -> NDArray[np.float32]:
+    """`heights` with craters: parabolic bowls with raised rims and ejecta that thin out with distance."""
+    size = heights.shape[0]
+    out = heights.copy()
+    y, x = np.mgrid[:size, :size].astype(np.float32)
+    for _ in range(count):
+        radius = float(np.exp(rng.uniform(np.log(3.0), np.log(size / 5))))
+        cy, cx = rng.uniform(0, size, 2)
+        depth = rng.uniform(0.08, 0.22) * 2.0 * radius * cell_size_m  # fresh craters are a fifth as deep as wide
+        rim = 0.2 * depth
+        d = np.hypot(y - cy, x - cx) / radius
+        bowl = (depth + rim) * d**2 - depth
+        ejecta = rim * np.maximum(d, 1.0) ** -3
+        out += np.where(d < 1.0, bowl, np.where(d < 4.0, ejecta, 0.0)).astype(np.float32)
+    return out
+
+
+def synthetic_terrain(rng: np.random.Generator, size: int, cell_size_m: float) -> NDArray[np.float32]:
+    """A square of fractal ground with craters on most: (size, size) float32, metres."""
+    ground = fractal(rng, size, cell_size_m, rng.uniform(3.0, 12.0))
+    if rng.random() < 0.7:
+        ground = add_craters(rng, ground, cell_size_m, int(rng.integers(1, 30)))
+    return ground
+
+
+def _scaled(heights: NDArray[np.floating], cell_size_m: float, median_slope_deg: float) -> NDArray[np.float32]:
+    gy, gx = np.gradient(heights, cell_size_m)
+    median = np.median(np.hypot(gy, gx))
+    return (heights * (np.tan(np.radians(median_slope_deg)) / max(median, 1e-12))).astype(np.float32)

@@ -1,0 +1,99 @@
+"""Batches of labelled queries, turned and swapped at random."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.model.registry import Spec, encode
+from nnpp_edge.runtime.errors import DataSetError
+from nnpp_edge.terrain.dataset import Samples
+from nnpp_edge.terrain.labels import EXCESS_STEP
+
+Batch = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]
+
+
+class Batches:
+    """Planes, encoded queries and targets, in a new random order each epoch.
+
+    Parameters
+    ----------
+    samples : Samples
+        The training set.
+    spec : Spec
+        What the network is fed with and on how many blocks it answers.
+    batch : int
+        Queries in a batch of this process.
+    target : str
+        ``near``: exp(-excess / softness), the nearness to the optimum of the best path through a block.
+        ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in the paper.
+    softness : float
+        Excess at which a ``near`` target has fallen to 1/e.
+    seed, rank, world : int
+        Every process draws the same order and takes every `world`-th query.
+    """
+
+    def __init__(
+        self, samples: Samples, spec: Spec, batch: int, *, target: str = "near", softness: float = 0.02,
+        seed: int = 0, rank: int = 0, world: int = 1,
+    ) -> None:  # fmt: skip
+        label_blocks = samples.excess.shape[-1]
+        if label_blocks % spec.blocks or samples.planes.shape[-1] != spec.input_size:
+            raise DataSetError(
+                f"the network wants maps of {spec.input_size} and labels of a multiple of {spec.blocks} "
+                f"blocks, got {samples.planes.shape[-1]} and {label_blocks}"
+            )
+        if len(samples) < batch * world:
+            raise DataSetError(f"wanted at least {batch * world} queries for one batch, got {len(samples)}")
+        self.samples, self.spec, self.batch = samples, spec, batch
+        self.target, self.softness = target, softness
+        self.seed, self.rank, self.world = seed, rank, world
+        self.nearness = np.exp(-np.arange(256) * EXCESS_STEP / softness).astype(np.float32)
+        self.nearness[255] = 0.0
+
+    def __len__(self) -> int:
+        """Batches in an epoch."""
+        return len(self.samples) // (self.batch * self.world)
+
+    def epoch(self, number: int, skip: int = 0) -> Iterator[Batch]:
+        """The batches of an epoch from the `skip`-th on, made ahead in threads."""
+        order = np.random.default_rng([self.seed, number]).permutation(len(self.samples))
+        step = self.batch * self.world
+
+        def make(at: int) -> Batch:
+            rng = np.random.default_rng([self.seed, number, at, self.rank])
+            return self._make(order[at * step + self.rank : (at + 1) * step : self.world], rng)
+
+        with ThreadPoolExecutor(2) as pool:
+            ahead = [pool.submit(make, at) for at in range(skip, min(skip + 3, len(self)))]
+            for at in range(skip, len(self)):
+                yield ahead.pop(0).result()
+                if at + 3 < len(self):
+                    ahead.append(pool.submit(make, at + 3))
+
+    def _make(self, queries: NDArray[np.int64], rng: np.random.Generator) -> Batch:
+        s, n = self.samples, len(queries)
+        targets = self._targets(queries)
+        planes = s.planes[s.map_index[queries]]
+        encoded = []
+        for i, query in enumerate(queries):
+            ends = (s.start[query], s.goal[query])
+            a, b = ends if rng.random() < 0.5 else ends[::-1]
+            encoded.append(encode(self.spec, a, b))
+        turned: Batch = (planes, np.stack(encoded), targets)
+        for i in range(n):  # one of the square's eight symmetries
+            quarter_turns, mirrored = int(rng.integers(4)), bool(rng.integers(2))
+            for array in turned:
+                one = np.rot90(array[i], quarter_turns, axes=(-2, -1))
+                array[i] = one[..., ::-1] if mirrored else one
+        return turned
+
+    def _targets(self, queries: NDArray[np.int64]) -> NDArray[np.float32]:
+        s, blocks = self.samples, self.spec.blocks
+        side = s.excess.shape[-1] // blocks
+        shape = (len(queries), blocks, side, blocks, side)
+        if self.target == "path":
+            masks = np.unpackbits(s.on_path[queries], axis=-1)
+            return masks.reshape(shape).max(axis=(2, 4)).astype(np.float32)
+        return self.nearness[s.excess[queries].reshape(shape).min(axis=(2, 4))]

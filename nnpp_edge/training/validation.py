@@ -1,0 +1,119 @@
+"""Validation by the metric that matters: what a search in the predicted region comes to."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from nnpp_edge.model.registry import Network, Spec, encode
+from nnpp_edge.runtime.encoding import Frame
+from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.grid import Grid, StepModel
+from nnpp_edge.runtime.planning.astar import Region, astar
+from nnpp_edge.runtime.planning.workspace import Workspace
+from nnpp_edge.runtime.region import RegionFinder
+from nnpp_edge.terrain.dataset import Samples
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Means over the validation queries at one factor on the adaptive threshold."""
+
+    factor: float
+    success: float
+    """Share of queries with a path inside the region."""
+    gap: float
+    """Mean excess of the path's cost over the optimum, of the queries that succeeded."""
+    region_share: float
+    """Mean share of the map that the region covers."""
+    mm: float
+    """Mean ratio of the optimal path's cells to the region's (the paper's ModelMetric)."""
+
+
+class Validator:
+    """Searches a fixed set of labelled queries, at the network's own resolution.
+
+    Queries of maps that were averaged are left out: their labels belong to the larger map.
+    """
+
+    def __init__(self, samples: Samples, spec: Spec, omega: float, most: int = 256) -> None:
+        full = self._sharp_maps(samples)
+        index = np.flatnonzero(full[samples.map_index])
+        self.index = index[np.linspace(0, len(index) - 1, min(most, len(index))).astype(int)]
+        self.samples, self.spec = samples, spec
+        self.queries = np.stack([encode(spec, samples.start[q], samples.goal[q]) for q in self.index])
+        self.model = StepModel.of("paper", omega)
+        size = samples.planes.shape[-1]
+        self.workspace = Workspace((size + 2) ** 2)
+        self.finder = RegionFinder(spec.blocks)
+        self.lookup = Frame(size, size, size).lookup(spec.blocks)
+        self.optima = [self._search(q, None) for q in self.index]
+
+    @staticmethod
+    def _sharp_maps(samples: Samples) -> NDArray[np.bool_]:
+        """Maps whose cells are impassable wholly or not at all, that is, which were not averaged."""
+        blocked = samples.planes[:, 1]
+        return ((blocked == 0) | (blocked == 255)).all(axis=(1, 2))
+
+    def _grid(self, query: int) -> Grid:
+        planes = self.samples.planes[self.samples.map_index[query]]
+        cost = np.minimum(planes[0].astype(np.float32), 254.0) / 255.0
+        cost[planes[1] == 255] = np.inf
+        return Grid.of(cost, self.model)
+
+    def _ends(self, query: int) -> tuple[tuple[int, int], tuple[int, int]]:
+        a, b = np.rint(self.samples.start[query]).astype(int), np.rint(self.samples.goal[query]).astype(int)
+        return (int(a[0]), int(a[1])), (int(b[0]), int(b[1]))
+
+    def _search(self, query: int, region: Region | None) -> tuple[float, int]:
+        """Cost and number of cells of the cheapest path; inf if there is none."""
+        grid = self._grid(query)
+        found = astar(grid, *self._ends(query), self.workspace, region=region)
+        if found.status is not Status.OK:
+            return float("inf"), 0
+        weights = grid.weights[(found.path[:, 0] + 1) * grid.stride + found.path[:, 1] + 1].astype(np.float64)
+        diagonals = int((np.abs(np.diff(found.path, axis=0)).sum(axis=1) == 2).sum())
+        straights = len(found.path) - 1 - diagonals
+        length = straights * self.model.length_term[0] + diagonals * self.model.length_term[1]
+        return length + float((weights[:-1] + weights[1:]).sum()), len(found.path)
+
+    @torch.no_grad()
+    def probabilities(self, network: Network, batch: int = 32) -> NDArray[np.float32]:
+        """(Q, B, B) what the network says of the validation queries."""
+        network.eval()
+        device = next(network.parameters()).device
+        parts = []
+        for at in range(0, len(self.index), batch):
+            maps = self.samples.planes[self.samples.map_index[self.index[at : at + batch]]]
+            planes = torch.from_numpy(maps).to(device).float() / 255.0
+            query = torch.from_numpy(self.queries[at : at + batch]).to(device)
+            parts.append(torch.sigmoid(network(planes, query).float()).cpu().numpy())
+        return np.concatenate(parts)
+
+    def judge(self, network: Network, factors: Sequence[float] = (1.0, 0.5, 0.25)) -> list[Judgement]:
+        """Search every validation query inside the region, for each factor on td."""
+        probabilities = self.probabilities(network)
+        out = []
+        for factor in factors:
+            gaps, shares, mms, found = [], [], [], 0
+            for at, query in enumerate(self.index):
+                start, goal = self._ends(query)
+                ends = [(int(self.lookup[0][r]), int(self.lookup[1][c])) for r, c in (start, goal)]
+                self.finder.read(probabilities[at])
+                threshold = max(int(self.finder.threshold(*ends) * factor), 1)
+                region = Region(self.finder.bitmap, *self.lookup, self.finder.mark(threshold, *ends))
+                cost, _ = self._search(query, region)
+                optimum, cells = self.optima[at]
+                if cost < float("inf"):
+                    found += 1
+                    gaps.append(cost / optimum - 1.0)
+                area = region.area()
+                shares.append(area / self.samples.planes.shape[-1] ** 2)
+                mms.append(cells / area)
+            out.append(
+                Judgement(factor, found / len(self.index), float(np.mean(gaps or [float("inf")])),
+                          float(np.mean(shares)), float(np.mean(mms)))
+            )  # fmt: skip
+        return out

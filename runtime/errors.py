@@ -1,0 +1,52 @@
+"""Errors of the toolkit, and the words that a planner answers with.
+
+Every error derives from `NnppEdgeError` and from the builtin that fits. Its message is one line that says
+what was wanted and what came. That no path exists is an outcome, not an error: see `Status`.
+"""
+
+from enum import StrEnum
+
+
+class NnppEdgeError(Exception):
+    """Base of every error that the toolkit raises on purpose."""
+
+
+class InvalidMapError(NnppEdgeError, ValueError):
+    """An elevation or cost map that cannot be planned on."""
+
+
+class InvalidQueryError(NnppEdgeError, ValueError):
+    """A start, goal or option that makes no sense."""
+
+
+class TerrainError(NnppEdgeError, ValueError):
+    """A terrain file that cannot be read as a digital elevation model."""
+
+
+class ModelError(NnppEdgeError, ValueError):
+    """A model file that cannot be used: unreadable, or its metadata does not fit."""
+
+
+class DataSetError(NnppEdgeError, ValueError):
+    """A data set folder that cannot be used."""
+
+
+class MissingExtraError(NnppEdgeError, ImportError):
+    """An optional package is needed; the message names the extra that brings it."""
+
+
+class OutputError(NnppEdgeError, OSError):
+    """A result could not be written; what stood there before is untouched."""
+
+
+class Status(StrEnum):
+    """How a plan ended, in the words of Nav2's planner server."""
+
+    OK = "OK"
+    START_OUTSIDE_MAP = "START_OUTSIDE_MAP"
+    GOAL_OUTSIDE_MAP = "GOAL_OUTSIDE_MAP"
+    START_BLOCKED = "START_BLOCKED"
+    GOAL_BLOCKED = "GOAL_BLOCKED"
+    NO_PATH = "NO_PATH"
+    TIMEOUT = "TIMEOUT"
+    INVALID_MAP = "INVALID_MAP"

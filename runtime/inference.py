@@ -1,0 +1,199 @@
+"""Running a network on the CPU: an ONNX file with our metadata, through onnxruntime."""
+
+import json
+import os
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.encoding import encode_gaussian, encode_pair
+from nnpp_edge.runtime.errors import ModelError
+
+METADATA_KEY = "nnpp_edge"
+FORMAT = "nnpp-edge-model-1"
+OUTPUT = "probability"
+DEFAULT_THREADS = 2
+
+_CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "pair": ("cost", "blocked", "pair")}
+_MODELS = Path(__file__).resolve().parent.parent / "models"
+
+
+@dataclass(frozen=True)
+class ModelMetadata:
+    """What network and runtime must agree on; travels in the ONNX file as JSON and is checked at load."""
+
+    name: str
+    architecture: str
+    input_size: int
+    """Side S of the network's square, in cells."""
+    blocks: int
+    """The answer comes on blocks × blocks."""
+    encoding: str
+    """``gaussian`` (the paper's: one input of cost, start and goal map) or ``pair`` (map and query apart)."""
+    channels: tuple[str, ...]
+    """Their order in the input."""
+    sigma: float
+    """Of the Gaussians, as a share of S."""
+    omega: float
+    """Weight of the traversability cost per grey level that the labels were made with."""
+    cost_limits: dict[str, Any]
+    """Limits and weights of the cost maps that it was trained on."""
+    region_factor: float = 0.5
+    """Factor on the adaptive threshold, chosen on validation terrain."""
+    map_unshuffle: int = 1
+    """The map's input has this many cells, squared, to a pixel, as channels."""
+    output_shuffle: int = 1
+    """The output has this many blocks, squared, to a pixel, as channels."""
+    precision: str = "fp32"
+    training: dict[str, Any] = field(default_factory=dict)
+    version: str = ""
+    format: str = FORMAT
+
+    def to_json(self) -> str:
+        """One line of JSON."""
+        return json.dumps({f.name: getattr(self, f.name) for f in fields(self)})
+
+    @classmethod
+    def from_json(cls, text: str | None, source: str) -> "ModelMetadata":
+        """Read and check; ModelError names `source`, what was wanted and what came."""
+        if not text:
+            raise ModelError(f"{source}: wanted an ONNX model with '{METADATA_KEY}' metadata, got one without")
+        try:
+            stored = json.loads(text)
+            if stored.get("format") != FORMAT:
+                raise ModelError(f"{source}: wanted metadata of format {FORMAT}, got {stored.get('format')!r}")
+            stored["channels"] = tuple(stored["channels"])
+            found = cls(**stored)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            if isinstance(error, ModelError):
+                raise
+            raise ModelError(f"{source}: its metadata cannot be read: {error}") from error
+        wanted = _CHANNELS.get(found.encoding)
+        if wanted is None or found.channels != wanted:
+            raise ModelError(
+                f"{source}: wanted encoding and channels to be one of {_CHANNELS}, "
+                f"got {found.encoding!r} {found.channels}"
+            )
+        numbers_fit = (
+            0 < found.blocks <= found.input_size
+            and found.input_size % found.blocks == 0
+            and 0.0 < found.region_factor <= 1.0
+            and found.sigma > 0.0
+        )
+        if not numbers_fit:
+            raise ModelError(f"{source}: its metadata holds numbers out of range: {found}")
+        return found
+
+
+def model_path(name: str | Path) -> Path:
+    """Path of a shipped model by its name (``edge``), or of a model file.
+
+    Raises
+    ------
+    ModelError
+        There is neither.
+    """
+    shipped = _MODELS / f"{name}.onnx"
+    if shipped.is_file():
+        return shipped
+    if Path(name).is_file():
+        return Path(name)
+    names = ", ".join(sorted(p.stem for p in _MODELS.glob("*.onnx"))) or "none"
+    raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r}")
+
+
+class NetworkModel:
+    """A network ready to run. Serves one thread at a time.
+
+    Parameters
+    ----------
+    model : str or Path
+        Name of a shipped model, or an ONNX file with our metadata.
+    threads : int
+        Of onnxruntime; by default two, or one where the process may use one core only.
+    spinning : bool
+        Whether onnxruntime's threads spin after a run. They would take the cores from the search.
+
+    Raises
+    ------
+    ModelError
+        The file is missing, truncated, without our metadata, or its inputs do not fit the metadata.
+    """
+
+    def __init__(self, model: str | Path = "edge", *, threads: int | None = None, spinning: bool = False) -> None:
+        import onnxruntime as ort
+
+        self.path = model_path(model)
+        options = ort.SessionOptions()
+        options.intra_op_num_threads = threads or min(DEFAULT_THREADS, len(os.sched_getaffinity(0)))
+        options.inter_op_num_threads = 1
+        options.log_severity_level = 4
+        options.enable_cpu_mem_arena = True
+        options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spinning else "0")
+        try:
+            self.session = ort.InferenceSession(str(self.path), options, ["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime's errors share no base class
+            line = str(error).splitlines()[0]
+            raise ModelError(f"{self.path}: wanted an ONNX model, got a file that does not load: {line}") from error
+        text = self.session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+        self.metadata = ModelMetadata.from_json(text, str(self.path))
+        self._bind()
+
+    def _bind(self) -> None:
+        """Allocate inputs and output once, of the shapes that the metadata implies, and bind them."""
+        m = self.metadata
+        size, unshuffle, shuffle = m.input_size, m.map_unshuffle, m.output_shuffle
+        self._query_side = size // 8
+        shapes: dict[str, tuple[int, ...]]
+        if m.encoding == "gaussian":
+            shapes = {"input": (1, 3, size, size)}
+        else:
+            side = size // unshuffle
+            shapes = {
+                "map": (1, 2 * unshuffle**2, side, side),
+                "query": (1, 3, self._query_side, self._query_side),
+            }
+        got = {i.name: tuple(i.shape) for i in self.session.get_inputs()}
+        if got != shapes:
+            raise ModelError(f"{self.path}: wanted inputs {shapes} by its metadata, got {got}")
+        side = m.blocks // shuffle
+        wanted = (1, shuffle**2, side, side)
+        outputs = {o.name: tuple(o.shape) for o in self.session.get_outputs()}
+        if outputs != {OUTPUT: wanted}:
+            raise ModelError(f"{self.path}: wanted the output {OUTPUT} {wanted} by its metadata, got {outputs}")
+        self.inputs = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
+        self._output = np.zeros(wanted, np.float32)
+        self._binding = self.session.io_binding()
+        for name, array in self.inputs.items():
+            self._binding.bind_input(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+        self._binding.bind_output(OUTPUT, "cpu", 0, np.float32, wanted, self._output.ctypes.data)
+
+    def set_map(self, planes: NDArray[np.float32]) -> None:
+        """Take over a map: (2, S, S) float32, mean cost and share of impassable cells, both in [0, 1]."""
+        m = self.metadata
+        if m.encoding == "gaussian":
+            self.inputs["input"][0, 0] = planes[0]
+            return
+        side, n = m.input_size // m.map_unshuffle, m.map_unshuffle
+        parts = planes.reshape(2, side, n, side, n).transpose(0, 2, 4, 1, 3)
+        self.inputs["map"][0] = parts.reshape(2 * n * n, side, side)
+
+    def set_query(self, start: tuple[float, float], goal: tuple[float, float]) -> None:
+        """Take over start and goal, (row, col) in network cells."""
+        m = self.metadata
+        sigma = m.sigma * m.input_size
+        if m.encoding == "gaussian":
+            encode_gaussian(start, goal, m.input_size, 1, sigma, self.inputs["input"][0, 1:])
+        else:
+            spacing = m.input_size // self._query_side
+            encode_pair(start, goal, self._query_side, spacing, sigma, self.inputs["query"][0])
+
+    def run(self) -> NDArray[np.float32]:
+        """The probability that a nearly optimal path passes: (B, B) float32 in [0, 1]."""
+        self.session.run_with_iobinding(self._binding)
+        n, blocks = self.metadata.output_shuffle, self.metadata.blocks
+        side = blocks // n
+        return self._output.reshape(n, n, side, side).transpose(2, 0, 3, 1).reshape(blocks, blocks)

@@ -1,0 +1,108 @@
+"""The heuristic region: where the network's probability is high enough to join start and goal.
+
+NNPP lowers a threshold td step by step until start and goal lie in one piece of {p >= td}
+(arXiv 2308.04792v3, section 4.3). That td is the width of the widest path between the two, and a single
+sweep over 256 levels, from the highest down, finds it exactly.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime._jit import kernel
+
+LEVELS = 256
+
+
+@kernel
+def quantise(probability, levels):
+    """Level ⌊256 p⌋ of each block, at most 255: (B, B) float32 in [0, 1] to (B, B) uint8."""
+    for i in range(probability.shape[0]):
+        for j in range(probability.shape[1]):
+            p = probability[i, j]
+            levels[i, j] = np.uint8(min(max(p * LEVELS, 0.0), LEVELS - 1.0))
+
+
+@kernel
+def adaptive_threshold(levels, start_row, start_col, goal_row, goal_col, heads, following, done):
+    """The largest level at which two blocks are joined in {levels >= level}, eight-connected.
+
+    Parameters
+    ----------
+    levels : (B, C) uint8
+        Level of each block.
+    start_row, start_col, goal_row, goal_col : int
+        Blocks.
+    heads : (256,) int32, following : (B·C,) int32, done : (B·C,) uint8
+        Scratch.
+
+    Returns
+    -------
+    int
+        In 0…255. All blocks are joined at level 0.
+    """
+    rows, cols = levels.shape
+    heads[:] = -1
+    done[:] = 0
+    goal = goal_row * cols + goal_col
+    first = start_row * cols + start_col
+    width = np.int64(levels[start_row, start_col])
+    done[first] = 1
+    following[first] = -1
+    heads[width] = first
+    while True:
+        while heads[width] == -1:
+            width -= 1
+        block = heads[width]
+        heads[width] = following[block]
+        if block == goal:
+            return width
+        row, col = block // cols, block % cols
+        for i in range(max(row - 1, 0), min(row + 2, rows)):
+            for j in range(max(col - 1, 0), min(col + 2, cols)):
+                there = i * cols + j
+                if not done[there]:
+                    done[there] = 1
+                    bucket = min(width, np.int64(levels[i, j]))
+                    following[there] = heads[bucket]
+                    heads[bucket] = there
+
+
+@kernel
+def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, stamp, radius, bitmap):
+    """Number the blocks of {levels >= threshold}, and those within `radius` of them; start and goal always."""
+    rows, cols = levels.shape
+    for row in range(rows):
+        for col in range(cols):
+            ends = (row == start_row and col == start_col) or (row == goal_row and col == goal_col)
+            if levels[row, col] >= threshold or ends:
+                for i in range(max(row - radius, 0), min(row + radius + 1, rows)):
+                    for j in range(max(col - radius, 0), min(col + radius + 1, cols)):
+                        bitmap[i, j] = stamp
+
+
+class RegionFinder:
+    """Turns probabilities into regions; holds the scratch memory for one size."""
+
+    def __init__(self, blocks: int) -> None:
+        self.levels: NDArray[np.uint8] = np.zeros((blocks, blocks), np.uint8)
+        self.bitmap: NDArray[np.int32] = np.zeros((blocks, blocks), np.int32)
+        self.stamp = 0
+        self._heads = np.empty(LEVELS, np.int32)
+        self._following = np.empty(blocks * blocks, np.int32)
+        self._done = np.empty(blocks * blocks, np.uint8)
+
+    def read(self, probability: NDArray[np.float32]) -> None:
+        """Take over a network's answer, (B, B) float32 in [0, 1]."""
+        quantise(probability, self.levels)
+
+    def threshold(self, start: tuple[int, int], goal: tuple[int, int]) -> int:
+        """The adaptive threshold td between two blocks, in 256ths."""
+        return int(
+            adaptive_threshold(self.levels, *start, *goal, self._heads, self._following, self._done)
+        )
+
+    def mark(self, threshold: int, start: tuple[int, int], goal: tuple[int, int], radius: int = 0) -> int:
+        """Number the blocks at or above a threshold in `bitmap`; the number."""
+        self.stamp += 1
+        fill_region(self.levels, threshold, *start, *goal, self.stamp, radius, self.bitmap)
+        return self.stamp

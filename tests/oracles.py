@@ -1,0 +1,105 @@
+"""Slow and obvious answers that the tests compare the code with."""
+
+import math
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
+
+
+def traversability(dem, dy, dx, t):
+    """Eq. 1 cell by cell, with numpy's least squares."""
+    rows, cols = dem.shape
+    cost = np.full(dem.shape, np.inf)
+    for r in range(rows):
+        for c in range(cols):
+            if not np.isfinite(dem[r, c]):
+                continue
+            points = np.array(
+                [
+                    ((j - c) * dx, (i - r) * dy, float(dem[i, j]) - float(dem[r, c]))
+                    for i in range(max(r - 1, 0), min(r + 2, rows))
+                    for j in range(max(c - 1, 0), min(c + 2, cols))
+                    if np.isfinite(dem[i, j])
+                ]
+            )
+            centre = points.mean(axis=0)
+            moved = points - centre
+            (a, b), *_ = np.linalg.lstsq(moved[:, :2], moved[:, 2], rcond=1e-9)
+            normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)
+            distances = moved @ normal
+            slope = math.acos(min(normal[2], 1.0)) if a or b else 0.0
+            slope = math.atan(math.hypot(a, b)) if slope < 1e-3 else slope
+            roughness = math.sqrt(np.mean(distances**2))
+            step = abs(float(-centre @ normal))
+            terms = [
+                min(slope / math.radians(t.slope_limit_deg), 1.0),
+                min(roughness / t.roughness_limit_m, 1.0),
+                min(step / t.step_limit_m, 1.0),
+            ]
+            beyond = (
+                slope > math.radians(t.hard_slope_deg)
+                or roughness > t.hard_roughness_m
+                or step > t.hard_step_m
+            )
+            if not beyond and min(terms) < 1.0:
+                cost[r, c] = np.dot(terms, [t.slope_weight, t.roughness_weight, t.step_weight])
+    return cost
+
+
+def _edges(cost, step_cost, corner_cutting, omega):
+    """Every step of the grid as (from, to, cost), by the definition in words."""
+    rows, cols = cost.shape
+    passable = np.isfinite(cost) & (cost < 1.0 if step_cost == "paper" else True)
+    out = []
+    for r in range(rows):
+        for c in range(cols):
+            if not passable[r, c]:
+                continue
+            for dr in (-1, 0, 1):
+                for dc in (-1, 0, 1):
+                    i, j = r + dr, c + dc
+                    if (dr, dc) == (0, 0) or not (0 <= i < rows and 0 <= j < cols) or not passable[i, j]:
+                        continue
+                    if dr and dc and not corner_cutting and not (passable[r, j] and passable[i, c]):
+                        continue
+                    length = math.hypot(dr, dc)
+                    pair = float(cost[r, c]) + float(cost[i, j])
+                    step = length + 255 * omega * pair if step_cost == "paper" else length * pair / 2
+                    out.append((r * cols + c, i * cols + j, step))
+    return out
+
+
+def dijkstra(cost, start, step_cost="paper", corner_cutting=True, omega=0.011):
+    """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is none."""
+    edges = _edges(cost, step_cost, corner_cutting, omega)
+    size = cost.size
+    if not edges:
+        out = np.full(size, np.inf)
+        out[start[0] * cost.shape[1] + start[1]] = 0.0
+        return out.reshape(cost.shape)
+    i, j, v = (np.array(x) for x in zip(*edges, strict=True))
+    graph = coo_array((np.maximum(v, 1e-300), (i, j)), shape=(size, size)).tocsr()
+    return scipy_dijkstra(graph, indices=start[0] * cost.shape[1] + start[1]).reshape(cost.shape)
+
+
+def path_cost(path, cost, step_cost="paper", omega=0.011):
+    """Sum of the path's steps."""
+    total = 0.0
+    for (r, c), (i, j) in zip(path[:-1], path[1:], strict=True):
+        assert max(abs(i - r), abs(j - c)) == 1, "steps go to one of eight neighbours"
+        length = math.hypot(int(i) - int(r), int(j) - int(c))
+        pair = float(cost[r, c]) + float(cost[i, j])
+        total += length + 255 * omega * pair if step_cost == "paper" else length * pair / 2
+    return total
+
+
+def threshold_by_loop(levels, start, goal):
+    """The largest level at which start and goal are connected, found by lowering it one at a time."""
+    from scipy.ndimage import label
+
+    for td in range(255, -1, -1):
+        labels, _ = label(levels >= td, structure=np.ones((3, 3)))
+        if labels[start] and labels[start] == labels[goal]:
+            return td
+    return -1

@@ -1,0 +1,675 @@
+"""Elevation maps from files: what is read, in which units, and what is refused with which words."""
+
+import math
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import rasterio
+from hypothesis import given
+from hypothesis import strategies as st
+from rasterio import Affine
+
+from nnpp_edge.runtime.errors import (
+    InvalidQueryError,
+    MissingExtraError,
+    NnppEdgeError,
+    OutputError,
+    TerrainError,
+)
+from nnpp_edge.terrain.dem import Dem, Georeference, read_dem, write_raster
+
+HEIGHTS = np.random.default_rng(7).uniform(-50, 80, (6, 9)).astype(np.float32)
+UTM = "EPSG:32615"
+MOON_RADIUS_M = 1737400.0
+MOON_DEGREES = (
+    f'GEOGCS["Moon",DATUM["Moon",SPHEROID["Moon sphere",{MOON_RADIUS_M},0]],PRIMEM["Reference Meridian",0],'
+    'UNIT["degree",0.0174532925199433]]'
+)
+NORTH_UP = Affine(5, 0, 400_000, 0, -5, 5_000_000)
+
+
+def geotiff(path: Path, heights: np.ndarray = HEIGHTS, **profile: Any) -> Path:
+    """A GeoTIFF of `heights` (H, W) or (bands, H, W); `profile` goes to rasterio."""
+    bands = heights.reshape((-1, *heights.shape[-2:]))
+    shape = {"count": bands.shape[0], "height": bands.shape[1], "width": bands.shape[2], "dtype": bands.dtype}
+    scales, offsets, units = (profile.pop(name, None) for name in ("scales", "offsets", "units"))
+    with rasterio.open(path, "w", driver="GTiff", **shape, **{"transform": NORTH_UP, **profile}) as dataset:
+        dataset.write(bands)
+        if scales:
+            dataset.scales, dataset.offsets = scales, offsets
+        if units:
+            dataset.units = units
+    return path
+
+
+def turned(angle: float, width: float, height: float) -> Affine:
+    """Cells of `width` by `height`, north up, then turned counter-clockwise by `angle` degrees."""
+    cos, sin = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    return Affine(width * cos, height * sin, 4e5, width * sin, -height * cos, 5e6)
+
+
+def dem_of(heights: np.ndarray = HEIGHTS, georeference: Georeference | None = None) -> Dem:
+    return Dem(heights.astype(np.float32), 5.0, 4.0, georeference, Path("made.tif"))
+
+
+def refused(path: Path, *words: str, **options: Any) -> None:
+    """`path` is refused in one line that names it and holds every one of `words`."""
+    with pytest.raises(TerrainError) as caught:
+        read_dem(path, **options)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+# GDAL's rasters
+
+
+def test_a_metric_geotiff_keeps_its_heights_and_cells(tmp_path):
+    path = geotiff(tmp_path / "hills.tif", crs=UTM)
+    dem = read_dem(path)
+    np.testing.assert_array_equal(dem.elevation, HEIGHTS)
+    assert dem.elevation.dtype == np.float32 and dem.elevation.flags.c_contiguous
+    assert (dem.cell_size_m, dem.cell_width_m, dem.source) == (5.0, 5.0, path)
+    assert dem.georeference.transform == tuple(NORTH_UP)[:6]
+    assert rasterio.CRS.from_wkt(dem.georeference.crs) == rasterio.CRS.from_string(UTM)
+
+
+def test_cells_that_are_not_square_keep_both_sides(tmp_path):
+    dem = read_dem(geotiff(tmp_path / "wide.tif", crs=UTM, transform=Affine(3, 0, 0, 0, -2, 0)))
+    assert (dem.cell_size_m, dem.cell_width_m) == (2.0, 3.0)
+
+
+def test_feet_become_metres(tmp_path):
+    dem = read_dem(geotiff(tmp_path / "feet.tif", crs="EPSG:2263", transform=Affine(10, 0, 1e6, 0, -10, 2e5)))
+    assert dem.cell_size_m == pytest.approx(10 * 1200 / 3937)
+    assert dem.cell_width_m == pytest.approx(10 * 1200 / 3937)
+
+
+def test_degrees_become_metres_on_the_body_they_lie_on(tmp_path):
+    step, top = 1 / 256, 60.0
+    transform = Affine(step, 0, 30, 0, -step, top)
+    dem = read_dem(geotiff(tmp_path / "moon.tif", crs=MOON_DEGREES, transform=transform))
+    side = 2 * math.pi * MOON_RADIUS_M / 360 * step
+    assert dem.cell_size_m == pytest.approx(side, rel=1e-9)
+    assert dem.cell_size_m == pytest.approx(118.45, abs=0.01)
+    assert dem.cell_width_m == pytest.approx(side * math.cos(math.radians(top - 3 * step)), rel=1e-9)
+
+
+@pytest.mark.parametrize(("crs", "radius_m"), [("EPSG:4326", 6378137.0), ("EPSG:4979", 6378137.0)])
+def test_degrees_on_earth_are_measured_on_its_ellipsoid(tmp_path, crs, radius_m):
+    transform = Affine(0.001, 0, 10, 0, -0.001, 0.003)
+    dem = read_dem(geotiff(tmp_path / "earth.tif", crs=crs, transform=transform))
+    assert dem.cell_size_m == pytest.approx(radius_m * math.radians(0.001))
+    assert dem.cell_width_m == pytest.approx(dem.cell_size_m)
+
+
+def test_an_ellipsoid_in_feet_is_measured_in_metres(tmp_path):
+    geotiff(tmp_path / "heights.tif", HEIGHTS)
+    axes = "".join(
+        f'AXIS["{name}",{way},ANGLEUNIT["degree",0.0174532925199433]],'
+        for name, way in (("geodetic latitude (Lat)", "north"), ("geodetic longitude (Lon)", "east"))
+    )
+    crs = (
+        'GEOGCRS["Old",DATUM["Old",ELLIPSOID["Old",1000000,0,LENGTHUNIT["foot",0.3048]]],'
+        f'CS[ellipsoidal,3],{axes}AXIS["ellipsoidal height (h)",up,LENGTHUNIT["metre",1]]]'
+    )
+    (tmp_path / "old.vrt").write_text(
+        f"""<VRTDataset rasterXSize="9" rasterYSize="6"><SRS>{crs.replace('"', "&quot;")}</SRS>
+        <GeoTransform>0, 0.001, 0, 0, 0, -0.001</GeoTransform>
+        <VRTRasterBand dataType="Float32" band="1"><SimpleSource>
+        <SourceFilename relativeToVRT="1">heights.tif</SourceFilename><SourceBand>1</SourceBand>
+        </SimpleSource></VRTRasterBand></VRTDataset>"""
+    )
+    dem = read_dem(tmp_path / "old.vrt")
+    assert "ELLIPSOID" in dem.georeference.crs  # not turned into the older form, which is in metres anyway
+    assert dem.cell_size_m == pytest.approx(304_800 * math.radians(0.001))
+
+
+@given(st.floats(0, 360), st.floats(0.5, 40), st.floats(0.5, 40))
+def test_a_turned_map_keeps_its_cells(tmp_path_factory, angle, width, height):
+    folder = tmp_path_factory.mktemp("turned")
+    path = geotiff(folder / "turned.tif", crs=UTM, transform=turned(angle, width, height))
+    dem = read_dem(path)
+    assert dem.cell_size_m == pytest.approx(height)
+    assert dem.cell_width_m == pytest.approx(width)
+
+
+def test_a_transform_without_a_system_is_in_metres(tmp_path):
+    dem = read_dem(geotiff(tmp_path / "local.tif", transform=Affine(0.25, 0, 0, 0, -0.25, 0)))
+    assert (dem.cell_size_m, dem.georeference.crs) == (0.25, None)
+
+
+def test_a_local_system_in_feet_becomes_metres(tmp_path):
+    crs = rasterio.CRS.from_wkt('LOCAL_CS["site",UNIT["foot",0.3048]]')
+    assert read_dem(geotiff(tmp_path / "site.tif", crs=crs)).cell_size_m == pytest.approx(5 * 0.3048)
+
+
+def test_nodata_masks_infinities_and_fill_values_become_nan(tmp_path):
+    heights = HEIGHTS.copy()
+    heights[0, :4] = -9999, np.inf, np.nan, -3.4028227e38
+    elevation = read_dem(geotiff(tmp_path / "holes.tif", heights, crs=UTM, nodata=-9999)).elevation
+    assert np.isnan(elevation[0, :4]).all()
+    np.testing.assert_array_equal(elevation.ravel()[4:], HEIGHTS.ravel()[4:])
+
+
+def test_a_mask_beside_the_band_becomes_nan(tmp_path):
+    path = geotiff(tmp_path / "masked.tif", crs=UTM)
+    known = HEIGHTS > 0
+    with rasterio.open(path, "r+") as dataset:
+        dataset.write_mask(known)
+    np.testing.assert_array_equal(np.isfinite(read_dem(path).elevation), known)
+
+
+def test_scale_and_offset_of_the_band_are_applied_but_not_to_nodata(tmp_path):
+    stored = np.array([[0, 100], [-32768, 300]], np.int16)
+    path = geotiff(tmp_path / "dm.tif", stored, crs=UTM, nodata=-32768, scales=[0.1], offsets=[1000.0])
+    np.testing.assert_allclose(read_dem(path).elevation, [[1000, 1010], [np.nan, 1030]], rtol=1e-6)
+
+
+def test_an_offset_as_large_as_a_body_is_left_out_and_no_detail_is_lost(tmp_path):
+    stored = np.array([[0.0, 0.001], [0.002, 0.003]], np.float32)
+    path = geotiff(tmp_path / "radius.tif", stored, crs=UTM, scales=[1.0], offsets=[MOON_RADIUS_M])
+    np.testing.assert_array_equal(read_dem(path).elevation, stored)
+
+
+def test_heights_in_feet_become_metres_unless_told_otherwise(tmp_path):
+    path = geotiff(tmp_path / "feet.tif", crs=UTM, units=["ft"])
+    np.testing.assert_allclose(read_dem(path).elevation, HEIGHTS * 0.3048, rtol=1e-6)
+    np.testing.assert_allclose(read_dem(path, vertical_scale=2.0).elevation, HEIGHTS * 2, rtol=1e-6)
+
+
+def test_more_than_one_band_is_refused(tmp_path):
+    path = geotiff(tmp_path / "colour.tif", np.zeros((3, 4, 4), np.uint8), crs=UTM)
+    refused(path, "wanted one band of elevation, got 3 bands")
+
+
+def test_complex_numbers_are_refused(tmp_path):
+    refused(geotiff(tmp_path / "sar.tif", HEIGHTS.astype(np.complex64), crs=UTM), "complex64")
+
+
+def test_a_map_without_a_known_height_is_refused(tmp_path):
+    refused(geotiff(tmp_path / "void.tif", np.full((3, 3), -1, np.int16), nodata=-1), "no cell with a known")
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+def test_without_a_cell_size_the_user_is_asked_for_one(tmp_path):
+    path = geotiff(tmp_path / "plain.tif", transform=Affine.identity())
+    refused(path, "no cell size in the file; give it with --cell-size METRES")
+    dem = read_dem(path, cell_size_m=2.5)
+    assert (dem.cell_size_m, dem.cell_width_m, dem.georeference) == (2.5, 2.5, None)
+
+
+def test_a_given_cell_size_wins_and_keeps_the_shape_of_the_cells(tmp_path):
+    path = geotiff(tmp_path / "wide.tif", crs=UTM, transform=Affine(3, 0, 0, 0, -2, 0))
+    dem = read_dem(path, cell_size_m=10)
+    assert (dem.cell_size_m, dem.cell_width_m) == (10.0, 15.0)
+    np.testing.assert_array_equal(dem.elevation, HEIGHTS)
+
+
+def test_cells_that_fold_onto_a_line_are_refused(tmp_path):
+    refused(geotiff(tmp_path / "line.tif", crs=UTM, transform=Affine(1, 2, 0, 2, 4, 0)), "turned back")
+
+
+def test_latitudes_beyond_the_pole_are_refused(tmp_path):
+    path = geotiff(tmp_path / "far.tif", crs="EPSG:4326", transform=Affine(1, 0, 0, 0, -1, 150))
+    refused(path, "wanted latitudes within the poles, got 147°")
+
+
+def test_reading_says_nothing_on_the_side(tmp_path, capfd, recwarn):
+    read_dem(geotiff(tmp_path / "plain.tif", transform=Affine.identity()), cell_size_m=1)
+    recwarn.clear()
+    read_dem(tmp_path / "plain.tif", cell_size_m=1)
+    (tmp_path / "broken.tif").write_bytes(b"II*\x00" + b"\xff" * 60)
+    refused(tmp_path / "broken.tif")
+    assert capfd.readouterr() == ("", "")
+    assert len(recwarn) == 0
+
+
+# The part that is read
+
+
+@pytest.mark.parametrize("name", ["part.tif", "part.npy", "part.npz", "part.png"])
+def test_a_window_reads_that_part(tmp_path, name):
+    path, heights = tmp_path / name, np.arange(54, dtype=np.uint16).reshape(6, 9)
+    {
+        ".tif": lambda: geotiff(path, heights, crs=UTM),
+        ".npy": lambda: np.save(path, heights),
+        ".npz": lambda: np.savez(path, dem=heights),
+        ".png": lambda: cv2.imwrite(str(path), heights),
+    }[path.suffix]()
+    dem = read_dem(path, cell_size_m=5, vertical_scale=1, window=(2, 3, 3, 4))
+    np.testing.assert_array_equal(dem.elevation, heights[2:5, 3:7])
+    for window in [(0, 0, 7, 1), (-1, 0, 2, 2), (0, 9, 1, 1), (0, 0, 0, 3)]:
+        with pytest.raises(InvalidQueryError, match=r"must lie in 6 rows, 9 columns"):
+            read_dem(path, cell_size_m=5, vertical_scale=1, window=window)
+
+
+def test_a_windows_cells_stay_where_they_were(tmp_path):
+    path = geotiff(tmp_path / "turned.tif", crs=UTM, transform=turned(20, 3, 2))
+    whole, part = read_dem(path), read_dem(path, window=(2, 3, 3, 4))
+    assert part.map_coordinates(1, 1) == pytest.approx(whole.map_coordinates(3, 4), abs=1e-6)
+
+
+def test_a_windows_cells_are_as_wide_as_at_its_own_latitude(tmp_path):
+    path = geotiff(tmp_path / "tall.tif", crs=MOON_DEGREES, transform=Affine(1, 0, 0, 0, -10, 60))
+    dem = read_dem(path, window=(0, 0, 2, 2))
+    assert dem.cell_width_m == pytest.approx(MOON_RADIUS_M * math.radians(1) * math.cos(math.radians(50)))
+
+
+# Other formats
+
+ASCII = "ncols 3\nnrows 2\nxllcorner 100\nyllcorner 50\ncellsize 5\nNODATA_value -9999\n1 2.5 -9999\n4 5 6\n"
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_an_ascii_grid_is_read(tmp_path, end):
+    path = tmp_path / "grid.asc"
+    path.write_text(ASCII, newline=end)
+    dem = read_dem(path)
+    np.testing.assert_array_equal(dem.elevation, np.array([[1, 2.5, np.nan], [4, 5, 6]], np.float32))
+    assert (dem.cell_size_m, dem.cell_width_m) == (5.0, 5.0)
+    assert dem.map_coordinates(1, 0) == (102.5, 52.5)
+
+
+@pytest.mark.parametrize("broken", [ASCII.replace("5 6", "5"), ASCII.replace("5 6", "5 six")])
+def test_an_ascii_grid_cut_short_is_refused_and_not_filled_with_zeros(tmp_path, broken):
+    path = tmp_path / "grid.asc"
+    path.write_text(broken)
+    refused(path)
+
+
+def test_an_ascii_grid_may_begin_with_nan(tmp_path):
+    path = tmp_path / "grid.asc"
+    path.write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 5\nnan 2\n4 5\n")
+    np.testing.assert_array_equal(read_dem(path).elevation, [[np.nan, 2], [4, 5]])
+
+
+def pds3_label(record_bytes: int, pointer: str, sample: str, image: str, scale: str) -> bytes:
+    """A PDS3 label of a map 4 samples wide and 64 lines high, in the manner of the lunar altimeters'."""
+    sample_type, bits = sample.split()
+    lines = f"""PDS_VERSION_ID = PDS3
+        RECORD_TYPE = FIXED_LENGTH
+        RECORD_BYTES = {record_bytes}
+        ^IMAGE = {pointer}
+        OBJECT = IMAGE
+          LINES = 64
+          LINE_SAMPLES = 4
+          SAMPLE_TYPE = {sample_type}
+          SAMPLE_BITS = {bits}
+          {image}
+        END_OBJECT = IMAGE
+        OBJECT = IMAGE_MAP_PROJECTION
+          MAP_PROJECTION_TYPE = "SIMPLE CYLINDRICAL"
+          A_AXIS_RADIUS = 1737.4 <KM>
+          B_AXIS_RADIUS = 1737.4 <KM>
+          C_AXIS_RADIUS = 1737.4 <KM>
+          CENTER_LATITUDE = 0.0 <DEG>
+          CENTER_LONGITUDE = 0.0 <DEG>
+          MAP_SCALE = {scale}
+          LINE_PROJECTION_OFFSET = 0.5
+          SAMPLE_PROJECTION_OFFSET = 0.5
+        END_OBJECT = IMAGE_MAP_PROJECTION
+        END
+        """
+    return "\r\n".join(line.strip() for line in lines.splitlines()).encode()
+
+
+def test_a_pds3_image_with_its_label_attached_is_read(tmp_path):
+    heights = np.random.default_rng(1).uniform(-2, 2, (64, 4)).astype("<f4")
+    label = pds3_label(2048, "2", "PC_REAL 32", "MISSING_CONSTANT = 7.0", "20 <M/PIXEL>")
+    stored = heights.copy()
+    stored[0, 0] = 7.0
+    (tmp_path / "dtm.img").write_bytes(label.ljust(2048) + stored.tobytes())
+    dem = read_dem(tmp_path / "dtm.img")
+    assert np.isnan(dem.elevation[0, 0])
+    np.testing.assert_array_equal(dem.elevation.ravel()[1:], heights.ravel()[1:])
+    assert (dem.cell_size_m, dem.cell_width_m) == (20.0, 20.0)
+
+
+@pytest.fixture
+def detached(tmp_path) -> tuple[Path, Path, np.ndarray]:
+    """A PDS3 image, its label beside it, and its heights: half metres above a sphere."""
+    stored = np.random.default_rng(2).integers(-999, 999, (64, 4)).astype("<i2")
+    scaling = "OFFSET = 1737400\nSCALING_FACTOR = 0.5\nUNIT = METER"
+    label = pds3_label(8, '("LDEM.IMG", 1)', "LSB_INTEGER 16", scaling, "0.118 <KM/PIXEL>")
+    (tmp_path / "ldem.lbl").write_bytes(label)
+    (tmp_path / "ldem.img").write_bytes(stored.tobytes())
+    return tmp_path / "ldem.img", tmp_path / "ldem.lbl", stored * 0.5
+
+
+def test_a_pds3_image_is_read_through_the_label_beside_it(detached):
+    image, label, heights = detached
+    for path in (image, label):
+        dem = read_dem(path)
+        np.testing.assert_array_equal(dem.elevation, heights)
+        assert dem.cell_size_m == pytest.approx(118)
+        assert dem.source == path
+
+
+def test_a_pds3_image_in_kilometres_becomes_metres(detached):
+    _, label, heights = detached
+    label.write_bytes(label.read_bytes().replace(b"METER", b"KILOMETER").replace(b"1737400", b"1737.4"))
+    np.testing.assert_allclose(read_dem(label).elevation, heights * 1000, rtol=1e-6)
+
+
+def test_a_pds3_image_cut_short_is_refused_and_not_filled_with_zeros(detached):
+    image, label, _ = detached
+    heights = np.tile(np.fromfile(image, "<i2"), 64)  # much larger than the label
+    label.write_bytes(label.read_bytes().replace(b"LINES = 64", b"LINES = 4096"))
+    image.write_bytes(heights.tobytes())
+    assert read_dem(image).elevation.shape == (4096, 4)
+    image.write_bytes(heights.tobytes()[: heights.nbytes // 2])
+    refused(image, "wanted 32768 bytes of heights")
+
+
+def test_a_pds3_image_that_its_label_calls_compressed_is_read(detached):
+    image, label, heights = detached
+    geotiff(image.with_suffix(".tif"), (heights * 2).astype(np.int16), compress="deflate")
+    head, _, rest = label.read_bytes().partition(b"RECORD_TYPE")
+    compressed = b'OBJECT = COMPRESSED_FILE\r\nFILE_NAME = "ldem.tif"\r\nENCODING_TYPE = "ZIP"\r\nEND_OBJECT = COMPRESSED_FILE\r\n'
+    rest = rest.replace(b"METER", b"KILOMETER").replace(
+        b"END_OBJECT = IMAGE\r\n", b"END_OBJECT = IMAGE\r\nEND_OBJECT = UNCOMPRESSED_FILE\r\n"
+    )
+    label.write_bytes(head + compressed + b"OBJECT = UNCOMPRESSED_FILE\r\nRECORD_TYPE" + rest)
+    image.unlink()
+    assert np.nanmax(read_dem(label).elevation) == pytest.approx(1000 * heights.max() * 2)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.int16, ">f4", np.float16])
+def test_an_array_file_is_read_with_the_cell_size_given(tmp_path, dtype):
+    heights = np.asfortranarray(HEIGHTS.astype(dtype))
+    np.save(tmp_path / "map.npy", heights)
+    refused(tmp_path / "map.npy", "--cell-size")
+    dem = read_dem(tmp_path / "map.npy", cell_size_m=0.5, vertical_scale=2)
+    np.testing.assert_array_equal(dem.elevation, 2 * heights.astype(np.float32))
+    for elevation in (dem.elevation, read_dem(tmp_path / "map.npy", cell_size_m=0.5).elevation):
+        assert elevation.dtype == np.float32 and elevation.flags.c_contiguous
+    assert (dem.cell_size_m, dem.georeference) == (0.5, None)
+
+
+@pytest.mark.parametrize("name", ["elevation_m", "elevation", "dem", "anything"])
+@pytest.mark.parametrize("size", ["cell_size_m", "cell_m"])
+def test_an_archive_holds_heights_and_cell_size_under_several_names(tmp_path, name, size):
+    np.savez(tmp_path / "map.npz", **{name: HEIGHTS, size: 3.0, "note": np.arange(3)})
+    dem = read_dem(tmp_path / "map.npz")
+    np.testing.assert_array_equal(dem.elevation, HEIGHTS)
+    assert (dem.cell_size_m, dem.cell_width_m) == (3.0, 3.0)
+
+
+def test_an_archives_cell_width_is_used(tmp_path):
+    np.savez(tmp_path / "map.npz", dem=HEIGHTS, other=HEIGHTS * 2, cell_size_m=4, cell_width_m=[2.0])
+    dem = read_dem(tmp_path / "map.npz")
+    np.testing.assert_array_equal(dem.elevation, HEIGHTS)
+    assert (dem.cell_size_m, dem.cell_width_m) == (4.0, 2.0)
+    assert read_dem(tmp_path / "map.npz", cell_size_m=10).cell_width_m == 5.0
+
+
+@pytest.mark.parametrize(
+    ("arrays", "word"),
+    [
+        ({"a": HEIGHTS, "b": HEIGHTS}, "got a, b"),
+        ({}, "got nothing"),
+        ({"dem": HEIGHTS[None]}, "(1, 6, 9)"),
+        ({"dem": HEIGHTS, "cell_m": -1.0}, "cell_m must be one number above 0"),
+        ({"dem": HEIGHTS, "cell_m": np.nan}, "cell_m must be one number above 0"),
+        ({"dem": HEIGHTS, "cell_m": "5 m"}, "cell_m must be one number above 0"),
+        ({"dem": HEIGHTS, "cell_width_m": 2.0}, "cell_size_m beside"),
+        ({"dem": np.array([[{}]])}, "allow_pickle"),
+    ],
+)
+def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path, arrays, word):
+    np.savez(tmp_path / "map.npz", **arrays)
+    refused(tmp_path / "map.npz", word)
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        HEIGHTS[0],
+        np.zeros((0, 4)),
+        HEIGHTS.astype(complex),
+        np.zeros((3, 3), bool),
+        np.full((3, 3), "1"),
+        np.full((3, 3), np.nan),
+        np.array([[None, 1.0]]),
+    ],
+)
+def test_an_array_that_is_no_elevation_map_is_refused(tmp_path, array):
+    np.save(tmp_path / "map.npy", array)
+    refused(tmp_path / "map.npy", cell_size_m=1)
+
+
+def test_a_16_bit_png_becomes_metres(tmp_path):
+    levels = np.array([[0, 1], [40000, 65535]], np.uint16)
+    cv2.imwrite(str(tmp_path / "grey.png"), levels)
+    refused(tmp_path / "grey.png", "--vertical-scale", cell_size_m=1)
+    refused(tmp_path / "grey.png", "--cell-size", vertical_scale=0.5)
+    dem = read_dem(tmp_path / "grey.png", cell_size_m=1, vertical_scale=0.5)
+    np.testing.assert_array_equal(dem.elevation, levels * np.float32(0.5))
+
+
+@pytest.mark.parametrize(
+    ("image", "got"),
+    [
+        (np.zeros((4, 4), np.uint8), "got 1 channel of 8 bits"),
+        (np.zeros((4, 4, 3), np.uint8), "got 3 channels of 8 bits"),
+        (np.zeros((4, 4, 3), np.uint16), "got 3 channels of 16 bits"),
+    ],
+)
+def test_a_png_that_is_not_16_bit_grey_is_refused(tmp_path, image, got):
+    cv2.imwrite(str(tmp_path / "picture.png"), image)
+    refused(tmp_path / "picture.png", "wanted a grey 16-bit PNG", got, cell_size_m=1)
+
+
+# Files that are no terrain at all
+
+
+@pytest.mark.parametrize("name", ["x.tif", "x.asc", "x.img", "x.lbl", "x.npy", "x.npz", "x.png", "x"])
+@pytest.mark.parametrize("content", [b"", b"Dear reader,\nthere is no terrain here.\n", b"\x00\xff" * 300])
+def test_what_is_no_terrain_is_refused(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    refused(tmp_path / name, "wanted", cell_size_m=1, vertical_scale=1)
+
+
+@pytest.mark.parametrize("name", ["x.tif", "x.npy", "x.npz", "x.png"])
+@pytest.mark.parametrize("kept", [0.2, 0.5, 0.95])
+def test_a_file_cut_short_is_refused(tmp_path, name, kept):
+    path, heights = tmp_path / name, np.random.default_rng(3).integers(0, 60000, (80, 80)).astype(np.uint16)
+    if path.suffix == ".png":
+        cv2.imwrite(str(path), heights)
+    elif path.suffix == ".tif":
+        geotiff(path, heights, crs=UTM, compress="deflate")
+    elif path.suffix == ".npy":
+        np.save(path, heights)
+    else:
+        np.savez_compressed(path, dem=heights)
+    read_dem(path, cell_size_m=1, vertical_scale=1)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(kept * len(content))])
+    refused(path, "wanted", cell_size_m=1, vertical_scale=1)
+
+
+@given(st.integers(0, 400), st.binary(min_size=1, max_size=8))
+def test_damage_anywhere_ends_in_a_map_or_in_a_clear_refusal(tmp_path_factory, at, damage):
+    path = geotiff(tmp_path_factory.mktemp("damaged") / "x.tif", crs=UTM)
+    content = bytearray(path.read_bytes())
+    content[at : at + len(damage)] = damage
+    path.write_bytes(content)
+    try:
+        dem = read_dem(path)
+    except NnppEdgeError as error:
+        assert str(error).startswith(str(path)) and "\n" not in str(error)
+    else:
+        assert dem.elevation.dtype == np.float32 and np.isfinite(dem.elevation).any()
+
+
+def test_the_refusal_gives_the_first_cause(tmp_path):
+    path = geotiff(tmp_path / "x.tif", np.zeros((300, 300), np.float32), crs=UTM)
+    path.write_bytes(path.read_bytes()[:200_000])
+    with pytest.raises(TerrainError, match=r"x.tif: .*(strip|Strip)") as caught:
+        read_dem(path)
+    assert "See previous exception" not in str(caught.value)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
+    refused(tmp_path / "none.tif", "got no such file")
+    refused(tmp_path, "got a folder")
+
+
+@pytest.mark.parametrize("value", [0, -1, math.nan, math.inf])
+def test_options_that_make_no_sense_are_refused(tmp_path, value):
+    path = geotiff(tmp_path / "hills.tif", crs=UTM)
+    with pytest.raises(InvalidQueryError, match=r"cell size must be above 0"):
+        read_dem(path, cell_size_m=value)
+    with pytest.raises(InvalidQueryError, match=r"vertical scale must be above 0"):
+        read_dem(path, vertical_scale=value)
+
+
+def test_without_rasterio_the_extra_is_named_and_arrays_still_read(tmp_path, monkeypatch):
+    path = geotiff(tmp_path / "hills.tif", crs=UTM)
+    np.save(tmp_path / "map.npy", HEIGHTS)
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+    wanted = re.escape("reading hills.tif needs rasterio: pip install 'nnpp-edge[geo]'")
+    with pytest.raises(MissingExtraError, match=wanted):
+        read_dem(path)
+    dem = read_dem(tmp_path / "map.npy", cell_size_m=1)
+    with pytest.raises(MissingExtraError, match=r"writing out.tif needs rasterio"):
+        write_raster(tmp_path / "out.tif", HEIGHTS, dem)
+
+
+# The map itself
+
+
+@given(st.floats(1e-3, 1e3))
+def test_rescaling_keeps_every_slope(cell_size_m):
+    dem = dem_of()
+    grown = dem.rescaled(cell_size_m)
+    assert grown.cell_size_m == cell_size_m
+    assert grown.elevation.dtype == np.float32
+    for axis, side in ((0, "cell_size_m"), (1, "cell_width_m")):
+        slope = np.diff(dem.elevation.astype(float), axis=axis) / getattr(dem, side)
+        grown_slope = np.diff(grown.elevation.astype(float), axis=axis) / getattr(grown, side)
+        np.testing.assert_allclose(grown_slope, slope, atol=1e-5)
+
+
+def test_rescaling_leaves_the_original_alone_and_wants_a_size():
+    dem = dem_of()
+    dem.rescaled(50.0)
+    np.testing.assert_array_equal(dem.elevation, HEIGHTS)
+    with pytest.raises(InvalidQueryError):
+        dem.rescaled(0.0)
+
+
+@given(
+    st.integers(-50, 5000),
+    st.integers(-50, 5000),
+    st.floats(0, 360),
+    st.tuples(st.floats(0.1, 100), st.floats(0.1, 100)),
+    st.floats(-0.49, 0.49),
+)
+def test_every_point_of_a_cell_belongs_to_it(row, col, angle, sides, inset):
+    transform = turned(angle, *sides)
+    dem = dem_of(georeference=Georeference(None, tuple(transform)[:6]))
+    x, y, _ = np.reshape(transform, (3, 3)) @ (col + 0.5, row + 0.5, 1)
+    assert dem.map_coordinates(row, col) == pytest.approx((x, y))
+    assert dem.cell_of(*dem.map_coordinates(row + inset, col - inset)) == (row, col)
+
+
+def test_map_coordinates_need_a_georeference_and_finite_numbers():
+    for ask in (dem_of().map_coordinates, dem_of().cell_of):
+        with pytest.raises(InvalidQueryError, match=r"made.tif: map coordinates need a georeference"):
+            ask(1, 1)
+    with pytest.raises(InvalidQueryError, match=r"must be finite"):
+        dem_of(georeference=Georeference(None, (1, 0, 0, 0, -1, 0))).cell_of(math.nan, 0)
+
+
+@pytest.mark.parametrize(
+    ("elevation", "size", "width"),
+    [
+        (HEIGHTS.astype(float), 1.0, 1.0),
+        (HEIGHTS[0], 1.0, 1.0),
+        (HEIGHTS[:0], 1.0, 1.0),
+        (np.full((2, 2), np.nan, np.float32), 1.0, 1.0),
+        (HEIGHTS, 0.0, 1.0),
+        (HEIGHTS, 1.0, math.inf),
+    ],
+)
+def test_a_map_that_breaks_its_own_terms_cannot_be_made(elevation, size, width):
+    with pytest.raises(TerrainError, match=r"^made.tif: "):
+        Dem(elevation, size, width, None, Path("made.tif"))
+
+
+# Writing
+
+
+@pytest.mark.parametrize("crs", [UTM, MOON_DEGREES, "EPSG:2263", None])
+def test_what_is_written_reads_back_in_its_place(tmp_path, crs):
+    dem = read_dem(geotiff(tmp_path / "hills.tif", crs=crs, transform=Affine(0.5, 0, 10, 0, -0.25, 20)))
+    cost = np.where(HEIGHTS > 0, HEIGHTS, np.nan)
+    write_raster(tmp_path / "cost.tif", cost, dem)
+    back = read_dem(tmp_path / "cost.tif")
+    np.testing.assert_array_equal(back.elevation, cost)
+    assert back.georeference == dem.georeference
+    assert (back.cell_size_m, back.cell_width_m) == (dem.cell_size_m, dem.cell_width_m)
+    with rasterio.open(tmp_path / "cost.tif") as dataset:
+        assert (dataset.driver, dataset.count, dataset.dtypes) == ("GTiff", 1, ("float32",))
+        assert math.isnan(dataset.nodata)
+        assert dataset.compression.value == "DEFLATE"
+        assert dataset.tags(ns="IMAGE_STRUCTURE")["PREDICTOR"] == "3"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cost.tif", "hills.tif"]
+
+
+def test_infinite_costs_and_masks_are_written_as_they_are(tmp_path, recwarn):
+    path, dem = tmp_path / "cost.tif", dem_of()
+    for array in (np.where(HEIGHTS > 0, np.inf, 1.0), HEIGHTS > 0):
+        write_raster(path, array, dem)
+        with rasterio.Env(), rasterio.open(path) as dataset:
+            np.testing.assert_array_equal(dataset.read(1), array.astype(np.float32))
+        recwarn.pop(rasterio.errors.NotGeoreferencedWarning)  # from this test's own reading
+    assert len(recwarn) == 0
+    refused(path, "--cell-size")
+
+
+@pytest.mark.parametrize("array", [HEIGHTS[1:], HEIGHTS[None], HEIGHTS.astype(complex), np.full((6, 9), "x")])
+def test_an_array_that_does_not_fit_is_not_written(tmp_path, array):
+    with pytest.raises(OutputError, match=r"out.tif: wanted a \(6, 9\) array of numbers, got"):
+        write_raster(tmp_path / "out.tif", array, dem_of())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
+    path = tmp_path / "out.tif"
+    path.write_bytes(b"what stood here")
+
+    def full_disk(*_):
+        raise OSError(28, "No space\nleft on device")
+
+    monkeypatch.setattr(Path, "replace", full_disk)
+    with pytest.raises(OutputError, match=r"out.tif: could not be written \(.*No space left") as caught:
+        write_raster(path, HEIGHTS, dem_of())
+    assert "\n" not in str(caught.value)
+    assert path.read_bytes() == b"what stood here"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_place_that_cannot_be_written_is_one_error(tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    for path in (tmp_path / "none" / "out.tif", tmp_path / "file" / "out.tif", tmp_path / "folder"):
+        with pytest.raises(OutputError, match=re.escape(f"{path}: could not be written")):
+            write_raster(path, HEIGHTS, dem_of())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_a_system_that_nobody_knows_is_an_output_error(tmp_path):
+    dem = dem_of(georeference=Georeference("no such system", (1, 0, 0, 0, -1, 0)))
+    with pytest.raises(OutputError, match=r"could not be written"):
+        write_raster(tmp_path / "out.tif", HEIGHTS, dem)
+    assert list(tmp_path.iterdir()) == []
