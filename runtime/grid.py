@@ -58,16 +58,19 @@ class StepModel:
 
 
 @kernel
-def _pad(cost, scale, ceiling, row0, row1, col0, col1, stride, weights, extremes):
-    """Weights of a rectangle into the padded map; extremes = least, greatest; the number of bad costs."""
-    bad = 0
+def _pad(cost, scale, ceiling, first, stride, weights, extremes):
+    """Weights of a rectangle into the padded map, from node `first` on; extremes = least, greatest.
+
+    The numbers of costs below 0 and of impassable cells.
+    """
+    bad, blocked = 0, 0
     least, greatest = extremes[0], extremes[1]
-    for row in range(row0, row1):
-        base = (row + 1) * stride + 1
-        for col in range(col0, col1):
+    for row in range(cost.shape[0]):
+        base = first + row * stride
+        for col in range(cost.shape[1]):
             t = cost[row, col]
             if t < ceiling:
-                w = np.float32(t * scale)
+                w = np.float64(np.float32(t * scale))
                 if t < 0.0:
                     bad += 1
                 weights[base + col] = w
@@ -75,8 +78,9 @@ def _pad(cost, scale, ceiling, row0, row1, col0, col1, stride, weights, extremes
                 greatest = max(greatest, w)
             else:  # NaN comes here too
                 weights[base + col] = np.inf
+                blocked += 1
     extremes[0], extremes[1] = least, greatest
-    return bad
+    return bad, blocked
 
 
 @dataclass
@@ -94,6 +98,8 @@ class Grid:
     """No passable cell weighs less."""
     greatest: float = 0.0
     """No passable cell weighs more."""
+    has_obstacles: bool = False
+    """Whether a cell has been impassable since the whole map was last taken over."""
 
     @property
     def stride(self) -> int:
@@ -120,8 +126,10 @@ class Grid:
         grid.update(cost, (0, 0, *cost.shape))
         return grid
 
-    def update(self, cost: Float2D, part: Rectangle) -> None:
-        """Take over a rectangle of `cost`; the bounds only ever widen.
+    def update(self, cost: Float2D, part: Rectangle, origin: tuple[int, int] = (0, 0)) -> None:
+        """Take over a rectangle of the map from `cost`, whose first cell lies at `origin` on the map.
+
+        The bounds on the weights only ever widen, unless the whole map is taken over.
 
         Raises
         ------
@@ -132,10 +140,11 @@ class Grid:
         ceiling = np.float32(1.0 if self.model.kind is StepCost.PAPER else np.inf)
         whole = (rows, cols) == (self.rows, self.cols)
         extremes = np.array([np.inf, -np.inf] if whole else [self.least, self.greatest])
-        bad = _pad(
-            cost, np.float32(self.model.scale), ceiling, row, row + rows, col, col + cols, self.stride,
-            self.weights, extremes,
-        )  # fmt: skip
+        seen = cost[row - origin[0] : row - origin[0] + rows, col - origin[1] : col - origin[1] + cols]
+        bad, blocked = _pad(
+            seen, np.float32(self.model.scale), ceiling, self.node(row, col), self.stride, self.weights, extremes
+        )
+        self.has_obstacles = blocked > 0 or (self.has_obstacles and not whole)
         if bad or (self.model.kind is StepCost.LENGTH and extremes[0] == 0.0):
             wanted = "at least 0" if self.model.kind is StepCost.PAPER else "greater than 0"
             raise InvalidMapError(f"every passable cost must be {wanted}, got one of {extremes[0]:g}")

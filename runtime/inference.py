@@ -140,6 +140,8 @@ class NetworkModel:
             raise ModelError(f"{self.path}: wanted an ONNX model, got a file that does not load: {line}") from error
         text = self.session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
         self.metadata = ModelMetadata.from_json(text, str(self.path))
+        self.owner: object = None
+        """Whose map was taken over last; for planners that share a model."""
         self._bind()
 
     def _bind(self) -> None:

@@ -202,7 +202,7 @@ def _expand(
             if f >= bound:
                 continue
             if bitmap is not None:  # noqa: SIM102  (numba drops the branch when there is no region)
-                if bitmap[row_block[i - 1], col_block[j - 1]] != region_stamp:
+                if bitmap[row_block[i - 1], col_block[j - 1]] != region_stamp and there != goal:
                     refused = min(refused, f)
                     continue
             g[2 * there] = reached

@@ -1,0 +1,65 @@
+"""The `nnpp-edge` command: its subcommands, imported when asked for, and how errors end."""
+
+import sys
+import warnings
+from importlib import import_module
+
+import click
+
+from nnpp_edge import __version__
+from nnpp_edge.runtime.errors import NnppEdgeError
+
+COMMANDS = {
+    "costmap": "Traversability cost of an elevation map.",
+    "plan": "Plan a path over an elevation map.",
+    "dataset": "Make a training set from terrain files.",
+    "train": "Train a network.",
+    "export": "Write a trained network as an ONNX model.",
+    "quantize": "Make an int8 model, and measure whether it pays.",
+    "evaluate": "Compare the planners on many queries.",
+}
+"""Name and one line each; the command itself is `command` in the module of that name."""
+
+
+class LazyGroup(click.Group):
+    """A group whose subcommands are imported one at a time: `--help` imports none."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names, in the order of work."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """Import one."""
+        if name not in COMMANDS:
+            return None
+        return import_module(f"nnpp_edge.cli.{name}").command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="nnpp-edge")
+def cli() -> None:
+    """Learned path planning on a robot's own computer: elevation map in, safe and nearly optimal path out."""
+
+
+def _show_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+    if not issubclass(category, DeprecationWarning):
+        click.echo(f"warning: {message}", err=True)
+
+
+def main() -> None:
+    """Run the command. Wrong use and bad input end in one line and exit code 2."""
+    warnings.showwarning = _show_warning  # type: ignore[assignment]
+    try:
+        cli(prog_name="nnpp-edge")
+    except NnppEdgeError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()
