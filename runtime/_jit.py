@@ -15,13 +15,11 @@ import stat
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numba
 
 from nnpp_edge import __version__
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _source_digest() -> str:
@@ -71,7 +69,7 @@ if CACHE_FOLDER is None:
     )
 
 
-def kernel(function: F) -> F:
+def kernel(function: Callable[..., Any]) -> Any:
     """Compile `function` without the GIL, cached in our folder; `function.py_func` is the plain Python.
 
     Work is shared between cores by threads that call kernels, not by numba's own parallel loops: those
@@ -79,9 +77,10 @@ def kernel(function: F) -> F:
     """
     if CACHE_FOLDER is None:
         return numba.njit(nogil=True)(function)
-    theirs = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(CACHE_FOLDER)  # read when the dispatcher is made, so put back at once
+    config: Any = numba.config
+    theirs = config.CACHE_DIR
+    config.CACHE_DIR = str(CACHE_FOLDER)  # read when the dispatcher is made, so put back at once
     try:
         return numba.njit(cache=True, nogil=True)(function)
     finally:
-        numba.config.CACHE_DIR = theirs
+        config.CACHE_DIR = theirs

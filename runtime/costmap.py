@@ -53,7 +53,13 @@ class Traversability:
         """Refuse limits that are not positive and weights that do not sum to 1."""
         if not 0.0 < self.slope_limit_deg < 90.0:
             raise InvalidMapError(f"slope limit must lie in (0, 90) degrees, got {self.slope_limit_deg}")
-        for name in ("roughness_limit_m", "step_limit_m", "hard_slope_deg", "hard_roughness_m", "hard_step_m"):
+        for name in (
+            "roughness_limit_m",
+            "step_limit_m",
+            "hard_slope_deg",
+            "hard_roughness_m",
+            "hard_step_m",
+        ):
             if not getattr(self, name) > 0.0:
                 raise InvalidMapError(f"{name} must be greater than 0, got {getattr(self, name)}")
         weights = (self.slope_weight, self.roughness_weight, self.step_weight)

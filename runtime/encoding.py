@@ -127,9 +127,7 @@ def map_planes(
             col * inner_cols // frame.cols,
             min(math.ceil((col + cols) * inner_cols / frame.cols), inner_cols),
         )
-    _pool_rows(
-        weights, stride, frame.rows, frame.cols, scale, offset, inner_rows, inner_cols, *bounds, out
-    )
+    _pool_rows(weights, stride, frame.rows, frame.cols, scale, offset, inner_rows, inner_cols, *bounds, out)
 
 
 @kernel

@@ -122,8 +122,9 @@ class Grid:
             infinite. NaN is impassable in both.
         """
         cost = as_map(cost, "cost")
-        grid = cls.empty(*cost.shape, model)
-        grid.update(cost, (0, 0, *cost.shape))
+        rows, cols = cost.shape
+        grid = cls.empty(rows, cols, model)
+        grid.update(cost, (0, 0, rows, cols))
         return grid
 
     def update(self, cost: Float2D, part: Rectangle, origin: tuple[int, int] = (0, 0)) -> None:
@@ -142,7 +143,13 @@ class Grid:
         extremes = np.array([np.inf, -np.inf] if whole else [self.least, self.greatest])
         seen = cost[row - origin[0] : row - origin[0] + rows, col - origin[1] : col - origin[1] + cols]
         bad, blocked = _pad(
-            seen, np.float32(self.model.scale), ceiling, self.node(row, col), self.stride, self.weights, extremes
+            seen,
+            np.float32(self.model.scale),
+            ceiling,
+            self.node(row, col),
+            self.stride,
+            self.weights,
+            extremes,
         )
         self.has_obstacles = blocked > 0 or (self.has_obstacles and not whole)
         if bad or (self.model.kind is StepCost.LENGTH and extremes[0] == 0.0):

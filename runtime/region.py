@@ -97,9 +97,7 @@ class RegionFinder:
 
     def threshold(self, start: tuple[int, int], goal: tuple[int, int]) -> int:
         """The adaptive threshold td between two blocks, in 256ths."""
-        return int(
-            adaptive_threshold(self.levels, *start, *goal, self._heads, self._following, self._done)
-        )
+        return int(adaptive_threshold(self.levels, *start, *goal, self._heads, self._following, self._done))
 
     def mark(self, threshold: int, start: tuple[int, int], goal: tuple[int, int], radius: int = 0) -> int:
         """Number the blocks at or above a threshold in `bitmap`; the number."""

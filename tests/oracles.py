@@ -37,11 +37,7 @@ def traversability(dem, dy, dx, t):
                 min(roughness / t.roughness_limit_m, 1.0),
                 min(step / t.step_limit_m, 1.0),
             ]
-            beyond = (
-                slope > math.radians(t.hard_slope_deg)
-                or roughness > t.hard_roughness_m
-                or step > t.hard_step_m
-            )
+            beyond = slope > math.radians(t.hard_slope_deg) or roughness > t.hard_roughness_m or step > t.hard_step_m
             if not beyond and min(terms) < 1.0:
                 cost[r, c] = np.dot(terms, [t.slope_weight, t.roughness_weight, t.step_weight])
     return cost

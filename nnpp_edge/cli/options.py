@@ -70,12 +70,11 @@ as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON for p
 seed = click.option("--seed", type=int, default=1, show_default=True, help="Of every random choice.")
 
 dem_input = _all(
-    click.option(
-        "--cell-size", type=float, help="Side of a cell in metres; needed where the file does not say."
-    ),
+    click.option("--cell-size", type=float, help="Side of a cell in metres; needed where the file does not say."),
     click.option("--vertical-scale", type=float, help="Metres per grey level, for 16-bit PNG."),
     click.option(
-        "--rescale", type=float,
+        "--rescale",
+        type=float,
         help="Take the terrain as self-similar: make cells this many metres, heights by the same factor.",
     ),  # fmt: skip
 )

@@ -32,9 +32,7 @@ class Residual(nn.Module):
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.first = ConvBlock(channels, channels)
-        self.second = nn.Sequential(
-            nn.Conv2d(channels, channels, 3, padding=1, bias=False), nn.BatchNorm2d(channels)
-        )
+        self.second = nn.Sequential(nn.Conv2d(channels, channels, 3, padding=1, bias=False), nn.BatchNorm2d(channels))
 
     def forward(self, x: Tensor) -> Tensor:
         """Apply the block."""
@@ -74,9 +72,7 @@ class EdgeNet(nn.Module):
     1/4 by four channels at 1/8, which costs nothing.
     """
 
-    def __init__(
-        self, input_size: int = 256, widths: tuple[int, ...] = (48, 64, 96, 96), stem: int = 32
-    ) -> None:
+    def __init__(self, input_size: int = 256, widths: tuple[int, ...] = (48, 64, 96, 96), stem: int = 32) -> None:
         super().__init__()
         if input_size < SIZE_STEP or input_size % SIZE_STEP:
             raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {input_size}")

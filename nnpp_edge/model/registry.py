@@ -57,7 +57,7 @@ class Network(nn.Module):
     def __init__(self, spec: Spec) -> None:
         super().__init__()
         self.spec = spec
-        options = {k: tuple(v) if isinstance(v, Sequence) else v for k, v in spec.options.items()}
+        options: dict[str, Any] = {k: tuple(v) if isinstance(v, Sequence) else v for k, v in spec.options.items()}
         if spec.architecture == "edge":
             self.body: nn.Module = edge.EdgeNet(spec.input_size, **options)
         elif spec.architecture == "nnpp":

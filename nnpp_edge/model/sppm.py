@@ -39,9 +39,7 @@ class SPPM(nn.Module):
     While training, the 1×1 branch has one value per map to normalise over: it needs a batch of two or more.
     """
 
-    def __init__(
-        self, in_channels: int, out_channels: int, size: int, scales: Sequence[int] = SCALES
-    ) -> None:
+    def __init__(self, in_channels: int, out_channels: int, size: int, scales: Sequence[int] = SCALES) -> None:
         super().__init__()
         if any(size % scale for scale in scales):
             raise ModelError(f"size must be a multiple of each of {tuple(scales)}, got {size}")

@@ -221,7 +221,8 @@ def _write_shard(index: int, folder: Path) -> None:
 
 def make_shard(recipe: Recipe, rng: np.random.Generator, maps: int) -> dict[str, Any]:
     """The arrays of one shard: those of `Samples`, and for each map its workload and its pooling."""
-    planes, names, poolings = [], [], []
+    planes: list[Any] = []
+    names, poolings = [], []
     index, start, goal, excess, on_path = [], [], [], [], []
     while len(planes) < maps:
         name = str(_pick(rng, recipe.workloads))
@@ -234,7 +235,7 @@ def make_shard(recipe: Recipe, rng: np.random.Generator, maps: int) -> dict[str,
             continue
         grid = Grid.of(cost, StepModel.of("paper", recipe.omega))
         seen = np.empty((2, recipe.size, recipe.size), np.float32)
-        frame = Frame(*cost.shape, recipe.size)
+        frame = Frame(cost.shape[0], cost.shape[1], recipe.size)
         map_planes(grid.weights, grid.stride, frame, *grid.as_traversability(), seen)
         for (a, b), _, path, block_excess in labelled:
             crossed = np.zeros((recipe.blocks, recipe.blocks), bool)

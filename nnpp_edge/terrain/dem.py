@@ -32,9 +32,7 @@ _ARRAY_NAMES = ("elevation_m", "elevation", "dem")
 _METRES_PER_UNIT = dict.fromkeys(("ft", "foot", "feet"), 0.3048)
 _METRES_PER_UNIT |= dict.fromkeys(("us survey foot", "us_survey_foot", "us-ft", "ftus"), 1200 / 3937)
 _METRES_PER_UNIT |= dict.fromkeys(("km", "kilometer", "kilometre", "kilometers", "kilometres"), 1000.0)
-_SEMI_MAJOR = re.compile(
-    r'(?:SPHEROID|ELLIPSOID)\["[^"]*",\s*([^,\]]+)(?:[^\[]*LENGTHUNIT\["[^"]*",\s*([^,\]]+))?'
-)
+_SEMI_MAJOR = re.compile(r'(?:SPHEROID|ELLIPSOID)\["[^"]*",\s*([^,\]]+)(?:[^\[]*LENGTHUNIT\["[^"]*",\s*([^,\]]+))?')
 _ASCII_HEADER = re.compile(r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+", re.IGNORECASE | re.MULTILINE)
 _HIGHEST_OFFSET_M = 1e5
 _FARTHEST_M = 1e9

@@ -96,9 +96,7 @@ def train(
     network = Network(spec).to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
     average = Network(spec).to(device)
     average.load_state_dict(network.state_dict())
-    optimiser = torch.optim.AdamW(
-        network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
-    )
+    optimiser = torch.optim.AdamW(network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
     progress = Progress()
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / CHECKPOINT
@@ -203,14 +201,20 @@ def _rate(settings: TrainSettings, step: int, share: float) -> float:
 
 
 def _step(
-    network: nn.Module, optimiser: torch.optim.Optimizer, planes: Any, query: Any, target: Any, device: torch.device
+    network: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    planes: Any,
+    query: Any,
+    target: Any,
+    device: torch.device,
 ) -> float:
     half = torch.autocast("cuda", torch.bfloat16) if device.type == "cuda" else contextlib.nullcontext()
     network.train()
     x = torch.from_numpy(planes).to(device, non_blocking=True).float() / 255.0
     with half:
         logits = network(
-            x.contiguous(memory_format=torch.channels_last), torch.from_numpy(query).to(device, non_blocking=True)
+            x.contiguous(memory_format=torch.channels_last),
+            torch.from_numpy(query).to(device, non_blocking=True),
         )
     loss = nn.functional.binary_cross_entropy_with_logits(
         logits.float(), torch.from_numpy(target).to(device, non_blocking=True)

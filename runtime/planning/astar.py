@@ -41,6 +41,8 @@ _F_START, _REFUSED, _BEST_H = 0, 1, 2
 _EXPANSIONS, _BEST_NODE = 0, 1
 
 _EXPANSIONS_BETWEEN_CHECKS = 100_000
+_BELOW = 1.0 - 1e-6
+"""Nodes that promise an improvement smaller than g's rounding are left alone."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def _deal_out(
         slot = np.int64(FINE)
         if meta[2 * node + 1] & OPEN_BIT:
             h = _estimate(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
-            slot = max(np.int64((g[2 * node] + h - f_start) * inverse_width) - base, 0)
+            slot = max(np.int64((g[2 * node] + h - f_start) * inverse_width) - base, np.int64(0))
         if slot < FINE:
             entry_next[chain] = fine[slot]
             fine[slot] = chain
@@ -136,8 +138,8 @@ def _expand(
 ):  # fmt: skip
     """Expand until the goal is settled, nothing is left, `most` expansions are done or the list is full.
 
-    Once the goal has been reached, its g bounds the optimum: nodes whose f is no lower are left out, and
-    the search ends when the buckets up to the goal's own are empty.
+    Once the goal has been reached, its g bounds the optimum: nodes whose f is not lower by more than g's
+    rounding are left out, and the search ends when the buckets up to the goal's own are empty.
     """
     length_s, length_d, weight_s, weight_d, h_straight, h_diagonal, inverse_width = steps
     goal_row, goal_col = goal // stride, goal % stride
@@ -145,7 +147,7 @@ def _expand(
     f_start, refused, best_h = reals[_F_START], reals[_REFUSED], reals[_BEST_H]
     bound, last_bucket = np.inf, np.int64(1) << 60
     if meta[2 * goal + 1] >> STAMP_SHIFT == stamp:
-        bound = np.float64(g[2 * goal])
+        bound = np.float64(g[2 * goal]) * _BELOW
         last_bucket = np.int64((bound - f_start) * inverse_width)
     expansions = counts[_EXPANSIONS]
     last = expansions + most
@@ -209,7 +211,7 @@ def _expand(
             meta[2 * there + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | k
             bucket = np.int64(max((f - f_start) * inverse_width, 0.0))
             if there == goal:
-                bound, last_bucket = f, bucket
+                bound, last_bucket = f * _BELOW, bucket
                 meta[2 * there + 1] ^= OPEN_BIT  # never expanded, so never put on the open list
             else:
                 push(fine, coarse, entry_node, entry_next, control, bucket, there)
@@ -340,11 +342,11 @@ def cost_field(
     _begin(ws.g, ws.meta, stamp, ws.fine, ws.coarse, ws.entry_node, ws.entry_next, ws.control,
            grid.node(*source), 0.0, reals, counts)  # fmt: skip
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
-    while _FULL == _expand(
+    while _expand(
         grid.weights, grid.stride, corner_of_border, steps, corner_cutting, None, None, None, 0, ws.g, ws.meta,
         stamp, ws.fine, ws.coarse, ws.entry_node, ws.entry_next, ws.control, reals, counts,
         np.iinfo(np.int64).max >> 1,
-    ):  # fmt: skip
+    ) == _FULL:  # fmt: skip
         ws.grow()
     field = np.empty((grid.rows, grid.cols), np.float32)
     _read_field(ws.g, ws.meta, stamp, grid.stride, field)

@@ -122,4 +122,8 @@ def measure(grid: Grid, path: NDArray[np.int32]) -> tuple[float, float, float]:
         model.length_term[0] * straight + model.length_term[1] * diagonal
         + model.weight_term[0] * ws + model.weight_term[1] * wd
     )  # fmt: skip
-    return float(cost), float(straight + SQRT2 * diagonal), float(sums[4] / model.scale if model.scale else 0.0)
+    return (
+        float(cost),
+        float(straight + SQRT2 * diagonal),
+        float(sums[4] / model.scale if model.scale else 0.0),
+    )

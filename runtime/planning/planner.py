@@ -253,9 +253,7 @@ class Planner:
         plan = plan or self._plan_map(query, Method.NNPP, Source.FALLBACK)
         return replace(plan, threshold=td, network_region=network_region)
 
-    def _answer(
-        self, query: _Query, method: Method, source: Source, found: Search, region: Region | None
-    ) -> Plan:
+    def _answer(self, query: _Query, method: Method, source: Source, found: Search, region: Region | None) -> Plan:
         cost = length = traverse_cost = math.inf
         if len(found.path):
             cost, length, traverse_cost = measure(self.grid, found.path)
@@ -289,7 +287,12 @@ class _LearnedRegions:
     def update(self, changed: Rectangle | None) -> None:
         """Bring the network's view up to date with the grid, where it changed or all over."""
         map_planes(
-            self.grid.weights, self.grid.stride, self.frame, *self.grid.as_traversability(), self.planes, changed
+            self.grid.weights,
+            self.grid.stride,
+            self.frame,
+            *self.grid.as_traversability(),
+            self.planes,
+            changed,
         )
         self.stale = True
 

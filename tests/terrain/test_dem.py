@@ -371,15 +371,14 @@ def test_a_pds3_image_cut_short_is_refused_and_not_filled_with_zeros(detached):
 
 def test_a_pds3_image_that_its_label_calls_compressed_is_read(detached):
     image, label, heights = detached
-    geotiff(image.with_suffix(".tif"), (heights * 2).astype(np.int16), compress="deflate")
-    head, _, rest = label.read_bytes().partition(b"RECORD_TYPE")
-    compressed = b'OBJECT = COMPRESSED_FILE\r\nFILE_NAME = "ldem.tif"\r\nENCODING_TYPE = "ZIP"\r\nEND_OBJECT = COMPRESSED_FILE\r\n'
-    rest = rest.replace(b"METER", b"KILOMETER").replace(
-        b"END_OBJECT = IMAGE\r\n", b"END_OBJECT = IMAGE\r\nEND_OBJECT = UNCOMPRESSED_FILE\r\n"
-    )
-    label.write_bytes(head + compressed + b"OBJECT = UNCOMPRESSED_FILE\r\nRECORD_TYPE" + rest)
+    stored = np.tile(heights * 2, (20, 50)).astype(np.int16)  # far smaller in the file than in memory
+    geotiff(image.with_suffix(".tif"), stored, compress="deflate")
+    compressed = b'OBJECT = COMPRESSED_FILE\r\nFILE_NAME = "ldem.tif"\r\nENCODING_TYPE = "ZIP"\r\nEND_OBJECT\r\n'
+    head, middle, end = label.read_bytes().replace(b"METER", b"KILOMETER").partition(b"END_OBJECT = IMAGE\r\n")
+    head = head.replace(b"RECORD_TYPE", compressed + b"OBJECT = UNCOMPRESSED_FILE\r\nRECORD_TYPE")
+    label.write_bytes(head + middle + b"END_OBJECT = UNCOMPRESSED_FILE\r\n" + end)
     image.unlink()
-    assert np.nanmax(read_dem(label).elevation) == pytest.approx(1000 * heights.max() * 2)
+    assert np.nanmax(read_dem(label).elevation) == pytest.approx(1000 * float(stored.max()))
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.int16, ">f4", np.float16])

@@ -1,0 +1,100 @@
+"""`nnpp-edge evaluate`: the planners beside each other."""
+
+import json
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import click
+
+from nnpp_edge.cli import options
+
+COLUMNS = {
+    "workload": "workload", "size": "size", "method": "method", "n": "n", "success_raw": "success",
+    "success": "after\nfallback", "gap_mean": "gap\nmean", "gap_p99": "gap\np99", "time_ms_median": "ms\nmedian",
+    "time_ms_p99": "ms\np99", "speedup_median": "speed-up\nmedian", "speedup_total": "speed-up\ntotal",
+    "expansions_median": "expan-\nsions", "region_share_mean": "region", "mm_mean": "MM", "cc_mean": "CC",
+}  # fmt: skip
+_SHARES = {"success_raw", "success", "region_share_mean"}
+_GAPS = {"gap_mean", "gap_p99"}
+
+
+@click.command(name="evaluate")
+@click.option("--terrain", multiple=True, type=options.PATH, help="Elevation file; may be given several times.")
+@click.argument("more_terrain", nargs=-1, type=options.PATH, metavar="[FILE]...")
+@click.option("--dataset", type=options.FOLDER, help="Judge by a data set's maps and queries instead.")
+@click.option("--cell-size", type=float, help="Side of a cell in metres, where the files do not say.")
+@click.option("--rescale", type=float, help="Rescale the terrain to cells of so many metres, slopes kept.")
+@click.option("--workload", "workloads", type=options.Names(), default="soft", show_default=True,
+              help="soft, limit20, limit15 or any limitN.")  # fmt: skip
+@click.option("--sizes", type=options.Numbers(), default="256", show_default=True, help="Sides of the maps.")
+@click.option("--queries", type=click.IntRange(1), default=300, show_default=True, help="For each row.")
+@click.option("--min-distance", type=click.FloatRange(0.0, 1.0), default=0.35, show_default=True,
+              help="Between start and goal, as a share of the map's side.")  # fmt: skip
+@click.option("--methods", type=options.Names(), default="astar,corridor,nnpp", show_default=True)
+@click.option("--model", "models", multiple=True, default=("edge",), show_default=True,
+              help="Shipped model or file for nnpp; several are set beside each other.")  # fmt: skip
+@click.option("--repeats", type=click.IntRange(1), default=3, show_default=True,
+              help="Times each planner answers each query; its median time counts.")  # fmt: skip
+@options.seed
+@options.as_json
+def command(
+    terrain: tuple[Path, ...], more_terrain: tuple[Path, ...], dataset: Path | None, cell_size: float | None,
+    rescale: float | None, workloads: tuple[str, ...], sizes: tuple[int, ...], queries: int, min_distance: float,
+    methods: tuple[str, ...], models: tuple[str, ...], repeats: int, seed: int, as_json: bool,
+) -> None:  # fmt: skip
+    """Compare planners on many queries, in one interleaved run.
+
+    Every planner gets the same maps and queries, in turns. Speed-ups and gaps are against exact A* on the
+    same query. Times count the whole job, widening and fallback included.
+
+    \b
+    nnpp-edge evaluate --terrain dem.tif --rescale 20 --workload soft,limit15 --sizes 256,512
+    """
+    from nnpp_edge.cli.progress import bar
+    from nnpp_edge.profiling.evaluate import contenders, evaluate
+    from nnpp_edge.profiling.suites import TerrainSuite, dataset_cases
+    from nnpp_edge.runtime.inference import NetworkModel
+    from nnpp_edge.runtime.planning.plan import Method
+
+    files = (*terrain, *more_terrain)
+    if bool(files) == (dataset is not None):
+        raise click.UsageError("give either --terrain FILE or --dataset DIR")
+    if unknown := set(methods) - set(Method):
+        raise click.UsageError(f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}")
+    if min(sizes) < 2:
+        raise click.UsageError(f"--sizes must be at least 2, got {min(sizes)}")
+    needed = models if {Method.NNPP, Method.AUTO} & set(methods) else ()
+    loaded = {Path(name).stem: NetworkModel(name) for name in needed}
+    planners = contenders(methods, loaded)
+    suite = TerrainSuite(files, workloads, sizes, seed, rescale, cell_size, min_distance)
+    dems = suite.load()
+    runs = list(product(workloads, sizes if files else (0,)))
+    rows: list[dict[str, Any]] = []
+    with bar("evaluate", queries * len(runs)) as advance:
+        for at, (name, size) in enumerate(runs):
+            cases = dataset_cases(dataset, name) if dataset else suite.cases(dems, name, size)
+            figures = evaluate(
+                cases, planners, queries, repeats=repeats,
+                progress=lambda done, at=at: advance(at * queries + done),  # type: ignore[misc]
+            )  # fmt: skip
+            side = size or loaded[next(iter(loaded))].metadata.input_size if loaded else size
+            rows += [{"workload": name, "size": side, "method": m} | row for m, row in figures.items()]
+    click.echo(json.dumps(rows, indent=1) if as_json else table(rows))
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """The rows for people."""
+    from nnpp_edge.cli.progress import render_table
+
+    def text(key: str, value: Any) -> str:
+        if value is None:
+            return "–"
+        if key in _SHARES:
+            return f"{100 * value:.1f} %"
+        if key in _GAPS:
+            return f"{100 * value:.2f} %"
+        return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+    body = [[text(key, row[key]) for key in COLUMNS] for row in rows]
+    return render_table(list(COLUMNS.values()), body, sections=[row["method"] == "astar" for row in rows])

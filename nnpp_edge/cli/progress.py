@@ -1,0 +1,38 @@
+"""Progress on stderr, tables for stdout."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+
+@contextmanager
+def bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A progress bar on stderr; the value is a function that is told how much is done."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task(what, total=total)
+        yield lambda done: progress.update(task, completed=done)
+
+
+def render_table(header: Sequence[str], rows: Sequence[Sequence[str]], sections: Sequence[bool] = ()) -> str:
+    """A table as text; a rule is drawn above each row whose section flag is set."""
+    import io
+
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for at, name in enumerate(header):
+        grid.add_column(name, justify="left" if at < 3 else "right", no_wrap=True)
+    for at, row in enumerate(rows):
+        if at and at < len(sections) and sections[at]:
+            grid.add_section()
+        grid.add_row(*row)
+    width = 200
+    console = Console(file=io.StringIO(), width=width)
+    console.print(grid)
+    assert isinstance(console.file, io.StringIO)
+    return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines())

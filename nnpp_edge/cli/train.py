@@ -1,0 +1,82 @@
+"""`nnpp-edge train`: a network from a data set."""
+
+import json
+import math
+from pathlib import Path
+
+import click
+
+from nnpp_edge.cli import options
+
+ARCHITECTURES = ("edge", "nnpp-w16", "nnpp", "nnpp-stdc2")
+
+
+@click.command(name="train")
+@click.argument("dataset", type=options.FOLDER)
+@click.option("--validation", type=options.FOLDER, required=True, help="Data set of other terrain.")
+@click.option("-o", "--output", type=options.FOLDER, required=True, help="Folder of the run; resumed if begun.")
+@click.option("--architecture", type=click.Choice(ARCHITECTURES), default="edge", show_default=True,
+              help="nnpp is the paper's network at full width, nnpp-w16 at a quarter.")  # fmt: skip
+@click.option("--epochs", type=click.IntRange(1), default=150, show_default=True)
+@click.option("--batch", type=click.IntRange(1), default=32, show_default=True, help="Over all processes.")
+@click.option("--learning-rate", type=float, default=1e-3, show_default=True)
+@click.option("--weight-decay", type=float, default=1e-4, show_default=True)
+@click.option("--target", type=click.Choice(["near", "path"]), default="near", show_default=True,
+              help="Nearness to the optimum, or the paper's single path.")  # fmt: skip
+@click.option("--softness", type=float, default=0.02, show_default=True, help="Excess at which nearness is 1/e.")
+@click.option("--time-limit", type=float, help="Minutes; the learning rate falls towards that end.")
+@click.option("--validate-every", type=float, default=5.0, show_default=True, help="Minutes.")
+@click.option("--threads", type=click.IntRange(1), help="Of torch on the CPU.")
+@options.seed
+@options.as_json
+def command(
+    dataset: Path, validation: Path, output: Path, architecture: str, epochs: int, batch: int,
+    learning_rate: float, weight_decay: float, target: str, softness: float, time_limit: float | None,
+    validate_every: float, threads: int | None, seed: int, as_json: bool,
+) -> None:  # fmt: skip
+    """Train a network on DATASET, with AdamW as in the paper.
+
+    Each validation searches real queries inside the predicted region. The run's folder gets checkpoint.pt,
+    history.json and curves.png; the same command goes on where it stopped. Under torchrun the batch is
+    shared out over the processes.
+
+    \b
+    nnpp-edge train data/train --validation data/val -o runs/edge --time-limit 60
+    """
+    import torch
+
+    from nnpp_edge.cli.progress import bar
+    from nnpp_edge.model.registry import PRESETS
+    from nnpp_edge.terrain.dataset import read_recipe, read_samples
+    from nnpp_edge.training.train import Progress, TrainSettings, train
+    from nnpp_edge.viz.figures import training_curves
+
+    if threads:
+        torch.set_num_threads(threads)
+    settings = TrainSettings(
+        epochs=epochs, batch=batch, learning_rate=learning_rate, weight_decay=weight_decay, target=target,
+        softness=softness, seed=seed, validate_every_s=60.0 * validate_every,
+        time_limit_s=math.inf if time_limit is None else 60.0 * time_limit,
+    )  # fmt: skip
+    with bar("train", 1000) as advance:
+
+        def report(progress: Progress, loss: float, share: float) -> None:
+            advance(int(1000 * share))
+
+        checkpoint = train(
+            PRESETS[architecture], settings, read_samples(dataset), read_samples(validation), output,
+            omega=read_recipe(dataset).omega, report=report,
+        )  # fmt: skip
+    history = json.loads((output / "history.json").read_text())
+    training_curves(history, output / "curves.png")
+    if as_json:
+        click.echo(json.dumps({"checkpoint": str(checkpoint), "history": history}))
+        return
+    last = history[-1]
+    click.echo(f"{checkpoint}: {last['step']:.0f} steps in {last['spent_s'] / 60:.0f} min, loss {last['loss']:.4f}")
+    for key in sorted(k for k in last if k.startswith("gap@")):
+        factor = key.partition("@")[2]
+        click.echo(
+            f"  region at td × {factor}: gap {100 * last[key]:.2f} %, found {100 * last['success@' + factor]:.1f} %, "
+            f"{100 * last['region_share@' + factor]:.1f} % of the map, MM {last['mm@' + factor]:.3f}"
+        )

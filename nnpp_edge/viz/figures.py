@@ -1,0 +1,78 @@
+"""Pictures for the workstation, with matplotlib: sheets of samples and training curves."""
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nnpp_edge.files import write_whole
+from nnpp_edge.terrain.dataset import Samples
+from nnpp_edge.terrain.labels import EXCESS_STEP
+
+_CYAN = np.array([0.0, 0.9, 1.0])
+
+
+def sample_sheet(samples: Samples, path: Path, *, seed: int = 1, columns: int = 6, rows: int = 3) -> None:
+    """A picture of random samples: cost in grey, walls in brown, nearness to the optimum in cyan, start, goal.
+
+    Cells within 5 % of the optimum are tinted, the nearer the stronger; the optimal path's blocks are dark.
+    """
+    from matplotlib.figure import Figure
+
+    rng = np.random.default_rng(seed)
+    chosen = rng.choice(len(samples), min(columns * rows, len(samples)), replace=False)
+    figure = Figure(figsize=(2.2 * columns, 2.35 * rows), layout="constrained")
+    for at, query in enumerate(chosen):
+        axes = figure.add_subplot(rows, columns, at + 1)
+        axes.imshow(_tinted(samples, query), interpolation="nearest")
+        (r, c), (i, j) = samples.start[query], samples.goal[query]
+        axes.plot(c, r, "s", color="gold", markeredgecolor="black", markersize=7)
+        axes.plot(j, i, "*", color="red", markeredgecolor="black", markersize=11)
+        axes.set_axis_off()
+    _save(figure, path)
+
+
+def _tinted(samples: Samples, query: int) -> Any:
+    mean, blocked = samples.planes[samples.map_index[query]].astype(np.float64) / 255.0
+    picture = np.repeat(mean[..., None], 3, axis=2)
+    picture = np.where(blocked[..., None] > 0.5, [0.35, 0.16, 0.12], picture)
+    side = mean.shape[0] // samples.excess.shape[-1]
+    excess = np.kron(samples.excess[query] * EXCESS_STEP, np.ones((side, side)))
+    tint = 0.75 * np.clip(1.0 - excess / 0.05, 0.0, 1.0)[..., None]
+    picture = picture * (1.0 - tint) + _CYAN * tint
+    mask = np.unpackbits(samples.on_path[query], axis=-1)
+    return np.where(np.kron(mask, np.ones((side, side)))[..., None] > 0, 0.55 * picture, picture)
+
+
+def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
+    """Loss, cost gap, success and region share of the validations, against training steps."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 6.5), layout="constrained")
+    steps = [row["step"] for row in history]
+    factors = sorted({key.partition("@")[2] for key in history[0] if "@" in key}, key=float, reverse=True)
+    panels = (
+        ("loss", "training loss", 1.0), ("gap", "mean cost gap, %", 100.0),
+        ("success", "path inside the region, %", 100.0), ("region_share", "region, % of the map", 100.0),
+    )  # fmt: skip
+    for at, (name, title, scale) in enumerate(panels):
+        axes = figure.add_subplot(2, 2, at + 1)
+        for key in [name] if name in history[0] else [f"{name}@{factor}" for factor in factors]:
+            label = f"td × {key.partition('@')[2]}" if "@" in key else None
+            axes.plot(steps, [scale * row[key] for row in history], marker="o", markersize=3, label=label)
+        if name != "loss":
+            axes.legend(fontsize="small")
+        if name in ("loss", "gap"):
+            axes.set_yscale("log")
+        axes.set_title(title)
+        axes.set_xlabel("step")
+        axes.grid(alpha=0.3)
+    _save(figure, path)
+
+
+def _save(figure: Any, path: Path) -> None:
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=110)
+    write_whole(path, content.getvalue())

@@ -1,0 +1,131 @@
+import math
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.runtime.costmap import (
+    SaturationWarning,
+    Traversability,
+    terrain_terms,
+    traversability_cost,
+    update_cost,
+)
+from nnpp_edge.runtime.errors import InvalidMapError
+from tests import oracles
+
+
+@st.composite
+def dems(draw):
+    shape = draw(st.tuples(st.integers(1, 9), st.integers(1, 9)))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    dem = rng.normal(draw(st.sampled_from([0.0, -5000.0])), draw(st.sampled_from([0.05, 1.0, 30.0])), shape)
+    dem[rng.random(shape) < draw(st.sampled_from([0.0, 0.2, 0.6]))] = np.nan
+    return dem.astype(np.float32)
+
+
+LIMITS = [
+    Traversability(),
+    Traversability(slope_limit_deg=15, hard_slope_deg=15),
+    Traversability(step_limit_m=5, roughness_limit_m=8, hard_step_m=4, hard_roughness_m=7),
+    Traversability(slope_weight=0.2, roughness_weight=0.3, step_weight=0.5, slope_limit_deg=80),
+]
+
+
+@settings(deadline=None, max_examples=200)
+@given(dems(), st.sampled_from(LIMITS), st.sampled_from([(1.0, 1.0), (20.0, 20.0), (2.0, 1.7)]))
+def test_the_cost_equals_the_oracles(dem, limits, cell):
+    found = traversability_cost(dem, cell[0], limits, cell_width_m=cell[1], warn=False)
+    wanted = oracles.traversability(dem, *cell, limits)
+    assert found.dtype == np.float32
+    np.testing.assert_array_equal(np.isfinite(found), np.isfinite(wanted))
+    known = np.isfinite(wanted)
+    np.testing.assert_allclose(found[known], wanted[known], atol=1e-5)
+
+
+@settings(deadline=None, max_examples=100)
+@given(dems(), st.data())
+def test_updating_a_rectangle_equals_computing_all(dem, data):
+    before = traversability_cost(dem, 1.0, warn=False)
+    rows, cols = dem.shape
+    row, col = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
+    height, width = data.draw(st.integers(1, rows - row)), data.draw(st.integers(1, cols - col))
+    dem[row : row + height, col : col + width] += np.float32(3.5)
+    part = update_cost(before, dem, (row, col, height, width), 1.0)
+    np.testing.assert_array_equal(before, traversability_cost(dem, 1.0, warn=False))
+    assert part[2] <= height + 2
+    assert part[3] <= width + 2
+
+
+def test_an_update_touches_the_rectangle_and_its_rim_alone():
+    dem = np.zeros((20, 30), np.float32)
+    cost = np.full(dem.shape, 0.5, np.float32)
+    assert update_cost(cost, dem, (5, 6, 2, 3), 1.0) == (4, 5, 4, 5)
+    assert (cost == 0.0).sum() == 20
+    assert (cost[4:8, 5:10] == 0.0).all()
+    assert update_cost(cost, dem, (40, 6, 2, 3), 1.0) == (0, 0, 0, 0)
+
+
+def test_a_tilted_plane_costs_its_slope_alone():
+    row, col = np.mgrid[:6, :7]
+    dem = (row * 2.0 * math.tan(math.radians(12)) + 900).astype(np.float32)
+    slope, roughness, step = terrain_terms(dem, 2.0)
+    np.testing.assert_allclose(np.degrees(slope), 12, atol=1e-3)
+    assert max(roughness.max(), step.max()) < 1e-4
+    np.testing.assert_allclose(traversability_cost(dem, 2.0), 0.6 * 12 / 30, atol=1e-4)
+
+
+def test_a_single_spike_raises_step_and_roughness():
+    dem = np.zeros((5, 5), np.float32)
+    dem[2, 2] = 0.09
+    _, roughness, step = terrain_terms(dem, 1.0)
+    assert step[2, 2] == pytest.approx(0.08, rel=1e-5)
+    assert roughness[2, 2] == pytest.approx(math.sqrt((0.08**2 + 8 * 0.01**2) / 9), rel=1e-5)
+
+
+def test_unknown_cells_are_impassable_and_all_terms_full_is_an_obstacle():
+    dem = np.zeros((4, 4), np.float32)
+    dem[1, 1] = np.nan
+    dem[3, 3] = np.inf
+    cost = traversability_cost(dem, 1.0)
+    assert np.isinf(cost[1, 1])
+    assert np.isinf(cost[3, 3])
+    assert np.isfinite(cost).sum() == 14
+    ragged = np.where(np.indices((6, 6)).sum(axis=0) % 3 == 0, 50.0, 0.0).astype(np.float32)
+    assert np.isinf(traversability_cost(ragged, 1.0, warn=False)).any()
+
+
+def test_more_than_half_saturated_is_said_by_term():
+    rough = np.random.default_rng(0).normal(0, 3, (40, 40)).astype(np.float32)
+    with pytest.warns(SaturationWarning) as caught:
+        traversability_cost(rough, 20.0)
+    assert [str(w.message).split("limit of the ")[1].split(" term")[0] for w in caught] == [
+        "roughness", "elevation difference",
+    ]  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        traversability_cost(rough, 20.0, Traversability(step_limit_m=20, roughness_limit_m=20))
+
+
+@pytest.mark.parametrize(
+    ("dem", "cell"),
+    [
+        (np.zeros((3, 3, 3)), 1.0),
+        (np.zeros((0, 4)), 1.0),
+        (np.zeros((3, 3)), 0.0),
+        (np.zeros((3, 3)), np.nan),
+    ],
+)
+def test_what_is_no_elevation_map_is_refused(dem, cell):
+    with pytest.raises(InvalidMapError):
+        traversability_cost(dem, cell)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"slope_limit_deg": 0}, {"slope_limit_deg": 90}, {"step_limit_m": -1}, {"slope_weight": 0.9}]
+)
+def test_limits_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(InvalidMapError):
+        Traversability(**wrong)

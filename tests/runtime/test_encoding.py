@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.runtime.encoding import Frame, encode_gaussian, encode_pair, map_planes
+from nnpp_edge.runtime.grid import Grid, StepModel
+
+
+def planes_of(cost, size, part=None, out=None):
+    grid = Grid.of(cost, StepModel.of("paper"))
+    out = np.full((2, size, size), -1, np.float32) if out is None else out
+    map_planes(grid.weights, grid.stride, Frame(*cost.shape, size), *grid.as_traversability(), out, part)
+    return out
+
+
+def test_a_map_of_the_networks_size_is_shown_as_it_is():
+    cost = np.random.default_rng(0).random((64, 64)).astype(np.float32)
+    cost[5, 6] = np.inf
+    planes = planes_of(cost, 64)
+    np.testing.assert_allclose(planes[0], np.where(np.isinf(cost), 1, cost), atol=1e-6)
+    assert planes[1].sum() == planes[1, 5, 6] == 1
+
+
+def test_a_larger_map_is_averaged_and_its_rest_is_shown_impassable():
+    cost = np.random.default_rng(0).random((64, 128)).astype(np.float32)
+    cost[10:13, 20:22] = np.nan
+    planes = planes_of(cost, 32)
+    seen = np.where(np.isnan(cost), 1, cost).reshape(16, 4, 32, 4).mean(axis=(1, 3))
+    np.testing.assert_allclose(planes[0, :16], seen, atol=1e-6)
+    np.testing.assert_allclose(planes[1, :16], np.isnan(cost).reshape(16, 4, 32, 4).mean(axis=(1, 3)))
+    assert (planes[:, 16:] == 1).all()
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(1, 90), st.integers(1, 90), st.data())
+def test_an_update_of_part_equals_the_whole(rows, cols, data):
+    rng = np.random.default_rng(rows * 100 + cols)
+    cost = rng.random((rows, cols)).astype(np.float32)
+    out = planes_of(cost, 32)
+    row, col = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
+    h, w = data.draw(st.integers(1, rows - row)), data.draw(st.integers(1, cols - col))
+    cost[row : row + h, col : col + w] = rng.choice([0.3, np.inf])
+    np.testing.assert_allclose(planes_of(cost, 32, (row, col, h, w), out), planes_of(cost, 32), atol=1e-6)
+
+
+@given(st.integers(1, 2000), st.integers(1, 2000), st.sampled_from([(64, 16), (256, 64)]))
+def test_every_cell_has_a_block_and_neighbours_have_neighbouring_ones(rows, cols, sizes):
+    size, blocks = sizes
+    frame = Frame(rows, cols, size)
+    for lookup, cells, inner in zip(frame.lookup(blocks), (rows, cols), frame.inner, strict=True):
+        assert lookup.dtype == np.int32
+        assert lookup[0] >= 0
+        assert lookup[-1] < blocks
+        assert (np.diff(lookup) >= 0).all()
+        if cells >= blocks:
+            assert np.diff(lookup).max(initial=0) <= 1
+        assert lookup[-1] <= (inner - 1) * blocks // size
+
+
+def test_the_gaussian_is_equation_5_with_a_peak_of_one():
+    out = np.empty((2, 64, 64), np.float32)
+    encode_gaussian((10.0, 20.0), (50.0, 3.0), 64, 1, 16.0, out)
+    i, j = np.mgrid[:64, :64]
+    for plane, (r, c) in zip(out, ((10, 20), (50, 3)), strict=True):
+        np.testing.assert_allclose(plane, np.exp(-((i - r) ** 2 + (j - c) ** 2) / (2 * 16**2)), atol=1e-6)
+
+
+def test_the_pair_does_not_tell_start_from_goal_and_peaks_on_both():
+    there, back = np.empty((2, 3, 32, 32), np.float32)
+    encode_pair((40.0, 44.0), (200.0, 90.0), 32, 8, 64.0, there)
+    encode_pair((200.0, 90.0), (40.0, 44.0), 32, 8, 64.0, back)
+    np.testing.assert_allclose(there, back, atol=1e-6)
+    for r, c in ((40, 44), (200, 90)):
+        assert there[1, r // 8, c // 8] > 0.9
+        assert there[2, r // 8, c // 8] > 0.8
+    assert there.min() >= 0
+    assert there.max() <= 1
+
+
+def test_a_place_is_the_centre_of_the_map_cell():
+    frame = Frame(512, 256, 256)
+    assert frame.inner == (256, 128)
+    assert frame.place((0, 0)) == pytest.approx((-0.25, -0.25))
+    assert frame.place((511, 255)) == pytest.approx((255.25, 127.25))

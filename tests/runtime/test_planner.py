@@ -1,0 +1,158 @@
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.runtime import Planner, Source, Status, plan_path
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from tests import oracles
+from tests.strategies import cases
+
+METHODS = ["astar", "corridor", "nnpp", "auto"]
+
+
+@settings(deadline=None, max_examples=150)
+@given(cases(40), st.sampled_from(METHODS))
+def test_every_method_finds_a_path_where_there_is_one(network, case, method):
+    planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting, model=network)
+    plan = planner.plan(case.start, case.goal, method=method)
+    optimum = oracles.dijkstra(case.cost, case.start, case.step_cost, case.corner_cutting)[case.goal]
+    if np.isinf(optimum):
+        assert plan.status is Status.NO_PATH
+        assert plan.path.shape == (0, 2)
+        assert plan.cost == np.inf
+        return
+    assert plan.status is Status.OK
+    assert plan.path.dtype == np.int32
+    assert tuple(plan.path[0]) == case.start
+    assert tuple(plan.path[-1]) == case.goal
+    assert np.isfinite(case.cost[tuple(plan.path.T)]).all()
+    tolerance = {"rel": 1e-5, "abs": 1e-6}
+    assert plan.cost == pytest.approx(oracles.path_cost(plan.path, case.cost, case.step_cost), **tolerance)
+    assert plan.cost >= optimum * (1 - 1e-5) - 1e-6
+    assert plan.lower_bound <= optimum * (1 + 1e-5) + 1e-6
+    assert plan.lower_bound <= plan.cost
+    if method == "astar" or plan.source in (Source.MAP, Source.FALLBACK):
+        assert plan.cost == pytest.approx(optimum, **tolerance)
+    steps = np.abs(np.diff(plan.path, axis=0)).sum(axis=1)
+    assert plan.length == pytest.approx((steps == 1).sum() + np.sqrt(2) * (steps == 2).sum())
+    assert plan.traverse_cost == pytest.approx(case.cost[tuple(plan.path.T)].astype(float).sum(), rel=1e-5)
+    assert set(plan.timings_ms) >= {"total"}
+    if plan.region is not None:
+        assert plan.region.mask()[tuple(plan.path.T)].all()
+
+
+@pytest.mark.parametrize("shape", [(300, 700), (1024, 1024), (97, 1000), (1, 3000), (2000, 1)])
+@pytest.mark.parametrize("method", ["corridor", "nnpp"])
+def test_maps_of_any_size_and_shape(network, shape, method):
+    rng = np.random.default_rng(1)
+    cost = rng.random(shape).astype(np.float32) * 0.9
+    planner = Planner(cost, model=network)
+    goal = (shape[0] - 1, shape[1] - 1)
+    plan = planner.plan((0, 0), goal, method=method)
+    exact = planner.plan((0, 0), goal, method="astar")
+    assert plan.ok
+    assert exact.cost * (1 - 1e-5) <= plan.cost < 1.2 * exact.cost
+    assert plan.lower_bound <= exact.cost * (1 + 1e-5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("start", "goal", "status"),
+    [
+        ((-1, 0), (5, 5), Status.START_OUTSIDE_MAP),
+        ((0, 0), (5, 10), Status.GOAL_OUTSIDE_MAP),
+        ((3, 3), (5, 5), Status.START_BLOCKED),
+        ((0, 0), (3, 3), Status.GOAL_BLOCKED),
+        ((0, 0), (9, 9), Status.NO_PATH),
+        ((0, 0), (0, 0), Status.OK),
+    ],
+)
+def test_a_status_says_why(network, method, start, goal, status):
+    cost = np.zeros((10, 10), np.float32)
+    cost[3, 3] = np.nan
+    cost[8, 8:] = cost[8:, 8] = 1.0
+    assert plan_path(cost, start, goal, method=method, model=network).status is status
+
+
+def test_a_wall_that_averages_hide_is_respected():
+    cost = np.full((256, 256), 0.1, np.float32)
+    cost[128, :] = 1.0
+    cost[128, 250] = 0.1
+    plan = plan_path(cost, (10, 10), (250, 10), method="corridor")
+    assert plan.ok
+    assert plan.cost == pytest.approx(plan_path(cost, (10, 10), (250, 10), method="astar").cost, rel=0.05)
+    cost[128, 250] = 1.0
+    plan = plan_path(cost, (10, 10), (250, 10), method="corridor")
+    assert plan.status is Status.NO_PATH
+    assert plan.source is Source.FALLBACK
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 2**32), st.sampled_from(["astar", "corridor", "nnpp"]), st.data())
+def test_an_updated_planner_answers_as_a_new_one(network, seed, method, data):
+    rng = np.random.default_rng(seed)
+    cost = rng.random((70, 90)).astype(np.float32)
+    planner = Planner(cost, model=network)
+    planner.plan((0, 0), (69, 89), method=method)
+    for _ in range(3):
+        row, col = data.draw(st.integers(0, 60)), data.draw(st.integers(0, 80))
+        patch = rng.choice([0.2, 0.9, np.inf], (10, 10)).astype(np.float32)
+        cost[row : row + 10, col : col + 10] = patch
+        planner.update(row, col, patch)
+    ours, theirs = (p.plan((2, 2), (66, 80), method=method) for p in (planner, Planner(cost, model=network)))
+    assert ours.status == theirs.status
+    if ours.ok:
+        assert ours.cost == pytest.approx(theirs.cost, rel=1e-5)
+
+
+def test_planners_run_in_parallel_threads():
+    costs = [np.random.default_rng(i).random((300, 300)).astype(np.float32) for i in range(4)]
+    wanted = [plan_path(c, (0, 0), (299, 299), method="astar").cost for c in costs]
+    found = [0.0] * 4
+
+    def work(i):
+        planner = Planner(costs[i])
+        for _ in range(5):
+            found[i] = planner.plan((0, 0), (299, 299), method="astar").cost
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == wanted
+
+
+def test_auto_says_which_it_picked_and_why(network):
+    soft = Planner(np.random.default_rng(0).random((200, 200)).astype(np.float32) * 0.9, model=network)
+    assert soft.plan((0, 0), (9, 9)).method == "astar"
+    assert soft.plan((0, 0), (190, 190)).method == "corridor"
+    soft.update(50, 50, np.ones((20, 20)))
+    plan = soft.plan((0, 0), (190, 190))
+    assert plan.method == "nnpp"
+    assert plan.reason
+
+
+@pytest.mark.parametrize(
+    "cost", [np.zeros((3, 3, 3)), np.zeros((0, 3)), np.full((3, 3), -0.1), np.array([["a"]]), [1, 2]]
+)
+def test_what_is_no_cost_map_is_refused(cost):
+    with pytest.raises(InvalidMapError):
+        Planner(np.asarray(cost))
+
+
+def test_a_weight_of_zero_is_refused_where_weights_multiply():
+    with pytest.raises(InvalidMapError, match="greater than 0"):
+        Planner(np.zeros((3, 3)), step_cost="length")
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"method": "best"}, {"step_cost": "euclid"}, {"omega": -1.0}, {"start": (1.5, 2)}, {"goal": 7}]
+)
+def test_a_query_that_makes_no_sense_is_refused(wrong):
+    query = {"start": (0, 0), "goal": (2, 2)} | wrong
+    with pytest.raises(InvalidQueryError):
+        plan_path(np.zeros((3, 3)), **query)
