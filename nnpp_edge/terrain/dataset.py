@@ -275,7 +275,7 @@ def _random_cost(recipe: Recipe, rng: np.random.Generator, name: str, side: int)
     cost = traversability_cost(dem, cell_size_m, workload(name), warn=False)
     if rng.random() < recipe.obstacle_share:
         for _ in range(rng.integers(1, 9)):
-            rows, cols = np.exp(rng.uniform(np.log(side / 64), np.log(side / 3), 2)).astype(int)
+            rows, cols = np.exp(rng.uniform(np.log(max(side / 64, 1.0)), np.log(side / 3), 2)).astype(int)
             row, col = rng.integers(-rows // 2, side - rows // 2), rng.integers(-cols // 2, side - cols // 2)
             cost[max(row, 0) : row + rows, max(col, 0) : col + cols] = np.inf
     if rng.random() < recipe.margin_share:

@@ -148,7 +148,8 @@ def train(
         else:
             progress.epoch += 1
             progress.step_in_epoch = 0
-    stand()
+    if losses:
+        stand()
     if world > 1:
         dist.barrier()
         dist.destroy_process_group()

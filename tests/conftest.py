@@ -1,0 +1,104 @@
+"""What several tests share: a tiny network, and the command line run in this process."""
+
+import sys
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+TINY_SIDE = 64
+TINY_UNSHUFFLE = 4
+
+
+def write_tiny_model(path: Path, **changes: Any) -> Path:
+    """An ONNX model of the `edge` kind without a single weight to train; `changes` go to its metadata.
+
+    Its probability is high on the straight line between start and goal and falls off to the sides, and it is
+    lower where the map is costly.
+    """
+    from onnx import TensorProto, checker, helper, save
+
+    from nnpp_edge.runtime.inference import METADATA_KEY, ModelMetadata
+
+    side, query_side = TINY_SIDE // TINY_UNSHUFFLE, TINY_SIDE // 8
+    channels = 2 * TINY_UNSHUFFLE**2
+
+    def tensor(name: str, *shape: int) -> Any:
+        return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
+
+    def number(name: str, value: float) -> Any:
+        return helper.make_tensor(name, TensorProto.FLOAT, (), [value])
+
+    def integers(name: str, *values: int) -> Any:
+        return helper.make_tensor(name, TensorProto.INT64, (len(values),), values)
+
+    nodes = [
+        helper.make_node("AveragePool", ["map"], ["pooled"], kernel_shape=[2, 2], strides=[2, 2]),
+        helper.make_node("ReduceMean", ["pooled", "channel_axis"], ["mean"], keepdims=1),
+        helper.make_node("Mul", ["mean", "half"], ["malus"]),
+        helper.make_node("Sub", ["one", "malus"], ["ease"]),
+        helper.make_node("Slice", ["query", "third", "end", "channel_axis"], ["nearness"]),
+        helper.make_node("Mul", ["nearness", "ease"], ["probability"]),
+    ]
+    graph = helper.make_graph(
+        nodes,
+        "tiny",
+        [tensor("map", 1, channels, side, side), tensor("query", 1, 3, query_side, query_side)],
+        [tensor("probability", 1, 1, query_side, query_side)],
+        [number("half", 0.5), number("one", 1.0), integers("channel_axis", 1), integers("third", 2),
+         integers("end", 3)],
+    )  # fmt: skip
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
+    checker.check_model(model)
+    told: dict[str, Any] = {
+        "name": "tiny", "architecture": "edge", "input_size": TINY_SIDE, "blocks": query_side,
+        "encoding": "pair", "channels": ("cost", "blocked", "pair"), "sigma": 0.25, "omega": 0.011,
+        "cost_limits": {}, "map_unshuffle": TINY_UNSHUFFLE, "version": "0",
+    }  # fmt: skip
+    helper.set_model_props(model, {METADATA_KEY: ModelMetadata(**{**told, **changes}).to_json()})
+    save(model, path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def tiny_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A network that runs in microseconds; its region is a spindle around the straight line."""
+    return write_tiny_model(tmp_path_factory.mktemp("model") / "tiny.onnx")
+
+
+@pytest.fixture
+def make_tiny_model(tmp_path: Path) -> Callable[..., Path]:
+    """Write the tiny network with metadata of one's own."""
+    return lambda **changes: write_tiny_model(tmp_path / "changed.onnx", **changes)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def nnpp_edge(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Ended]:
+    """Run `nnpp-edge` with the given words, as the shell would; exit code, stdout and stderr."""
+    from nnpp_edge.cli.main import main
+
+    def run(*words: object) -> Ended:
+        monkeypatch.setattr(sys, "argv", ["nnpp-edge", *map(str, words)])
+        monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)  # main replaces it
+        capsys.readouterr()
+        code = 0
+        try:
+            main()
+        except SystemExit as ended:
+            code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+        out, err = capsys.readouterr()
+        return Ended(code, out, err)
+
+    return run
