@@ -18,6 +18,7 @@ from nnpp_edge.runtime.costmap import traversability_cost
 from nnpp_edge.runtime.encoding import Frame, map_planes
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepModel
+from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.labels import label_queries, random_points
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import workload
@@ -194,21 +195,17 @@ def _shard_path(folder: Path, index: int) -> Path:
 
 
 _recipe: Recipe
-_tiles: list[NDArray[np.float32]]
-_tile_cells: list[float]
+_tiles: list[Dem]
 
 
 def _start_worker(recipe: Recipe) -> None:
-    from nnpp_edge.terrain.dem import read_dem
-
-    global _recipe, _tiles, _tile_cells
-    dems = [read_dem(Path(name)) for name in recipe.terrain]
-    _recipe, _tiles, _tile_cells = recipe, [d.elevation for d in dems], [d.cell_size_m for d in dems]
+    global _recipe, _tiles
+    _recipe, _tiles = recipe, [read_dem(Path(name)) for name in recipe.terrain]
 
 
 def _write_shard(index: int, folder: Path) -> None:
     maps = min(_recipe.maps_per_shard, _recipe.maps - index * _recipe.maps_per_shard)
-    arrays = make_shard(_recipe, np.random.default_rng([_recipe.seed, index]), maps)
+    arrays = make_shard(_recipe, _tiles, np.random.default_rng([_recipe.seed, index]), maps)
     with tempfile.NamedTemporaryFile(dir=folder, prefix=".shard-", suffix=".npz", delete=False) as file:
         try:
             np.savez(file, **arrays)
@@ -219,7 +216,7 @@ def _write_shard(index: int, folder: Path) -> None:
             raise
 
 
-def make_shard(recipe: Recipe, rng: np.random.Generator, maps: int) -> dict[str, Any]:
+def make_shard(recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, maps: int) -> dict[str, Any]:
     """The arrays of one shard: those of `Samples`, and for each map its workload and its pooling."""
     planes: list[Any] = []
     names, poolings = [], []
@@ -227,7 +224,7 @@ def make_shard(recipe: Recipe, rng: np.random.Generator, maps: int) -> dict[str,
     while len(planes) < maps:
         name = str(_pick(rng, recipe.workloads))
         pooling = int(_pick(rng, recipe.poolings))
-        cost = _random_cost(recipe, rng, name, recipe.size * pooling)
+        cost = _random_cost(recipe, tiles, rng, name, recipe.size * pooling)
         points = random_points(rng, cost, recipe.points_per_map)
         least = recipe.least_distance * cost.shape[0]
         labelled = label_queries(cost, points, least, recipe.blocks, recipe.omega)
@@ -265,13 +262,15 @@ def _pick(rng: np.random.Generator, shares: Sequence[tuple[Any, float]]) -> Any:
     return shares[rng.choice(len(shares), p=weights / weights.sum())][0]
 
 
-def _random_cost(recipe: Recipe, rng: np.random.Generator, name: str, side: int) -> NDArray[np.float32]:
+def _random_cost(
+    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, name: str, side: int
+) -> NDArray[np.float32]:
     """A square cost map of some terrain, with obstacles and a margin on a share of the maps."""
     cell_size_m = float(rng.choice(recipe.cell_sizes_m))
-    if not _tiles or rng.random() < recipe.synthetic_share:
+    if not tiles or rng.random() < recipe.synthetic_share:
         dem = synthetic_terrain(rng, side, cell_size_m)
     else:
-        dem = _random_crop(rng, side, cell_size_m)
+        dem = _random_crop(tiles, rng, side, cell_size_m)
     cost = traversability_cost(dem, cell_size_m, workload(name), warn=False)
     if rng.random() < recipe.obstacle_share:
         for _ in range(rng.integers(1, 9)):
@@ -284,19 +283,17 @@ def _random_cost(recipe: Recipe, rng: np.random.Generator, name: str, side: int)
     return cost
 
 
-def _random_crop(rng: np.random.Generator, side: int, cell_size_m: float) -> NDArray[np.float32]:
+def _random_crop(tiles: Sequence[Dem], rng: np.random.Generator, side: int, cell_size_m: float) -> NDArray[np.float32]:
     """Part of a random tile, averaged where the tile allows it, rescaled with its slopes kept."""
-    tile = int(rng.choice(len(_tiles), p=_areas() / _areas().sum()))
-    elevation = _tiles[tile]
-    fits = [f for f in (1, 2, 4) if side * f <= min(elevation.shape)]
+    areas = np.array([dem.elevation.size for dem in tiles], np.float64)
+    dem = tiles[int(rng.choice(len(tiles), p=areas / areas.sum()))]
+    fits = [f for f in (1, 2, 4) if side * f <= min(dem.elevation.shape)]
     if not fits:
-        raise DataSetError(f"terrain must be at least {side} cells on its shorter side, got {elevation.shape}")
+        raise DataSetError(
+            f"{dem.source}: wanted at least {side} cells on the shorter side, got {dem.elevation.shape}"
+        )
     factor = int(rng.choice(fits))
-    row, col = (int(rng.integers(0, n - side * factor + 1)) for n in elevation.shape)
-    crop = elevation[row : row + side * factor, col : col + side * factor]
+    row, col = (int(rng.integers(0, n - side * factor + 1)) for n in dem.elevation.shape)
+    crop = dem.elevation[row : row + side * factor, col : col + side * factor]
     crop = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
-    return crop * np.float32(cell_size_m / (_tile_cells[tile] * factor))
-
-
-def _areas() -> NDArray[np.float64]:
-    return np.array([t.size for t in _tiles], np.float64)
+    return crop * np.float32(cell_size_m / (dem.cell_size_m * factor))

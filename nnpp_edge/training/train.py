@@ -121,11 +121,11 @@ def train(
         return max(progress.step / total, progress.spent_s / settings.time_limit_s)
 
     def stand() -> None:
-        """Validate and save (the first process alone)."""
+        """Validate what was learned since the last time, and save (the first process alone)."""
         if validator is not None:
-            _copy_buffers(network, average)
-            judgements = validator.judge(average)
-            progress.history.append(_row(progress, losses, judgements))
+            if losses:
+                _copy_buffers(network, average)
+                progress.history.append(_row(progress, losses, validator.judge(average)))
             _save(path, spec, settings, network, average, optimiser, progress)
         losses.clear()
 
@@ -143,13 +143,12 @@ def train(
             if _agree(time.monotonic() - validated, world, device) > settings.validate_every_s:
                 stand()
                 validated = time.monotonic()
-            if share() >= 1.0:
+            if progress.spent_s >= settings.time_limit_s:
                 break
         else:
             progress.epoch += 1
             progress.step_in_epoch = 0
-    if losses:
-        stand()
+    stand()
     if world > 1:
         dist.barrier()
         dist.destroy_process_group()
@@ -241,7 +240,7 @@ def _copy_buffers(network: Network, average: Network) -> None:
 def _row(progress: Progress, losses: list[float], judgements: list[Judgement]) -> dict[str, float]:
     row: dict[str, float] = {
         "step": progress.step, "epoch": progress.epoch, "spent_s": round(progress.spent_s, 1),
-        "loss": float(np.mean(losses)) if losses else float("nan"),
+        "loss": float(np.mean(losses)),
     }  # fmt: skip
     for j in judgements:
         row |= {f"{name}@{j.factor:g}": value for name, value in asdict(j).items() if name != "factor"}

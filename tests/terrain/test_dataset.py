@@ -69,7 +69,7 @@ def test_labels_are_the_optimum_and_the_excess_of_every_block():
 
 
 def test_samples_keep_their_distance_and_see_obstacles():
-    shard = make_shard(dataclasses.replace(RECIPE, obstacle_share=1.0, margin_share=0.0), np.random.default_rng(5), 8)
+    shard = make_shard(dataclasses.replace(RECIPE, obstacle_share=1.0, margin_share=0.0), [], np.random.default_rng(5), 8)
     apart = np.linalg.norm(shard["start"] - shard["goal"], axis=1)
     assert apart.min() >= 32 / 8 - 1e-3
     assert (shard["planes"][:, 1] > 0).any(axis=(1, 2)).all()
