@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.grid import Grid
+from nnpp_edge.runtime.grid import Grid, StepCost
 from nnpp_edge.runtime.planning.open_list import (
+    BLOCK,
     COARSE,
-    COARSE_AT,
     FINE,
     FINE_AT,
     FREE,
     LENGTH,
     NOTHING,
+    USED,
     clear,
     next_block,
     pop,
@@ -35,6 +36,27 @@ _FOUND, _EXHAUSTED, _PAUSED, _FULL = 0, 1, 2, 3
 _DIRECTION = 15
 _ROW_STEP = (-1, 1, 0, 0, -1, -1, 1, 1)
 _COL_STEP = (0, 0, -1, 1, -1, 1, -1, 1)
+
+
+def _successors(free_diagonals: bool) -> NDArray[np.int64]:
+    """For each direction of arrival (and none, the start's) the directions worth leaving in, as bits.
+
+    Not worth it is a cell next to the parent that the parent reaches at no higher cost. For every step-cost
+    model that is the parent itself and, of its neighbours, those a straight step away from it; where a
+    diagonal is never dearer than the two straight steps around its corner, and never forbidden where they
+    are allowed, those a diagonal away as well.
+    """
+    masks = np.full(ORIGIN + 1, 255, np.int64)
+    for arrival in range(ORIGIN):
+        for k in range(8):
+            rows, cols = abs(_ROW_STEP[arrival] + _ROW_STEP[k]), abs(_COL_STEP[arrival] + _COL_STEP[k])
+            if max(rows, cols) <= 1 if free_diagonals else rows + cols <= 1:
+                masks[arrival] &= ~(1 << k)
+    return masks
+
+
+_SUCCESSORS = {free: _successors(free) for free in (False, True)}
+
 # slots of the float64 array of results
 _F_START, _REFUSED, _BEST_H = 0, 1, 2
 # slots of the int64 array of results
@@ -104,36 +126,38 @@ def _begin(g, meta, stamp, fine, coarse, entry_node, entry_next, control, start,
     counts[_BEST_NODE] = start
     g[2 * start] = 0.0
     meta[2 * start + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ORIGIN
-    push(fine, coarse, entry_node, entry_next, control, 0, start)
+    control[FREE], control[USED] = push(fine, coarse, entry_node, entry_next, 0, start, 0, 0, NOTHING, 0)
+    control[LENGTH] = 1
 
 
 @kernel
 def _deal_out(
-    chain, stride, goal_row, goal_col, h_straight, h_diagonal, inverse_width, f_start,
-    g, meta, fine, entry_node, entry_next, control,
+    chain, block, stride, goal_row, goal_col, h_straight, h_diagonal, inverse_width, f_start,
+    g, meta, fine, entry_node, entry_next, free,
 ):  # fmt: skip
-    """Put a coarse bucket's entries into the fine buckets; those no longer open are dropped."""
-    base = control[COARSE_AT] * FINE
+    """Put a coarse bucket's entries into the fine buckets, dropping those no longer open; free, how many dropped."""
+    dropped = 0
     while chain != NOTHING:
-        following = entry_next[chain]
-        node = entry_node[chain]
+        following = np.int64(entry_next[chain])
+        node = np.int64(entry_node[chain])
         slot = np.int64(FINE)
         if meta[2 * node + 1] & OPEN_BIT:
             h = _estimate(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
-            slot = max(np.int64((g[2 * node] + h - f_start) * inverse_width) - base, np.int64(0))
+            slot = max(np.int64((g[2 * node] + h - f_start) * inverse_width) - block * FINE, np.int64(0))
         if slot < FINE:
             entry_next[chain] = fine[slot]
             fine[slot] = chain
         else:
-            entry_next[chain] = control[FREE]
-            control[FREE] = chain
-            control[LENGTH] -= 1
+            entry_next[chain] = free
+            free = chain
+            dropped += 1
         chain = following
+    return free, dropped
 
 
 @kernel
 def _expand(
-    weights, stride, goal, steps, corner_cutting, bitmap, row_block, col_block, region_stamp,
+    weights, stride, goal, steps, successors, corner_cutting, bitmap, row_block, col_block, region_stamp,
     g, meta, stamp, fine, coarse, entry_node, entry_next, control, reals, counts, most,
 ):  # fmt: skip
     """Expand until the goal is settled, nothing is left, `most` expansions are done or the list is full.
@@ -141,10 +165,16 @@ def _expand(
     Once the goal has been reached, its g bounds the optimum: nodes whose f is not lower by more than g's
     rounding are left out, and the search ends when the buckets up to the goal's own are empty.
     """
-    length_s, length_d, weight_s, weight_d, h_straight, h_diagonal, inverse_width = steps
+    length_s, length_d = np.float32(steps[0]), np.float32(steps[1])
+    weight_s, weight_d = np.float32(steps[2]), np.float32(steps[3])
+    h_straight, h_diagonal, inverse_width = steps[4], steps[5], steps[6]
     goal_row, goal_col = goal // stride, goal % stride
+    inverse_stride = 1.0 / stride
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     f_start, refused, best_h = reals[_F_START], reals[_REFUSED], reals[_BEST_H]
+    free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
+    block, length = control[BLOCK], control[LENGTH]
+    room = np.int64(len(entry_node)) - 8
     bound, last_bucket = np.inf, np.int64(1) << 60
     if meta[2 * goal + 1] >> STAMP_SHIFT == stamp:
         bound = np.float64(g[2 * goal]) * _BELOW
@@ -153,28 +183,32 @@ def _expand(
     last = expansions + most
     code = _PAUSED
     while expansions < last:
-        if len(entry_node) - control[LENGTH] < 8:
+        if length > room:
             code = _FULL
             break
-        node = pop(fine, entry_node, entry_next, control)
-        if control[COARSE_AT] * FINE + control[FINE_AT] > last_bucket:
+        node, fine_at, free = pop(fine, entry_node, entry_next, fine_at, free)
+        if block * FINE + fine_at > last_bucket:
             code = _FOUND
             break
         if node == NOTHING:
-            chain = next_block(coarse, control)
-            if chain == NOTHING:
+            if length == 0:
                 code = _FOUND if bound < np.inf else _EXHAUSTED
                 break
-            _deal_out(
-                chain, stride, goal_row, goal_col, h_straight, h_diagonal, inverse_width, f_start,
-                g, meta, fine, entry_node, entry_next, control,
+            block, chain = next_block(coarse, block)
+            fine_at = np.int64(0)
+            free, dropped = _deal_out(
+                chain, block, stride, goal_row, goal_col, h_straight, h_diagonal, inverse_width, f_start,
+                g, meta, fine, entry_node, entry_next, free,
             )  # fmt: skip
+            length -= dropped
             continue
+        length -= 1
         word = meta[2 * node + 1]
         if not word & OPEN_BIT:
             continue
         meta[2 * node + 1] = word & ~OPEN_BIT
-        row, col = node // stride, node % stride
+        row = np.int64((node + 0.5) * inverse_stride)
+        col = node - row * stride
         h = _estimate(row, col, goal_row, goal_col, h_straight, h_diagonal)
         own, g_node = weights[node], g[2 * node]
         if g_node + h >= bound:
@@ -183,19 +217,22 @@ def _expand(
         if h < best_h:
             best_h = h
             counts[_BEST_NODE] = node
-        for k in range(8):
+        worthwhile = successors[word & _DIRECTION]
+        for k in range(8):  # unrolled by the compiler
+            if not (worthwhile >> k) & 1:
+                continue
             there = node + row_steps[k] + _COL_STEP[k]
             w = weights[there]
             if w == np.inf:
                 continue
             if k < 4:
-                reached = g_node + np.float32(length_s + weight_s * (own + w))
+                reached = g_node + (length_s + weight_s * (own + w))
             else:
                 if not corner_cutting and (
                     weights[node + row_steps[k]] == np.inf or weights[node + _COL_STEP[k]] == np.inf
                 ):
                     continue
-                reached = g_node + np.float32(length_d + weight_d * (own + w))
+                reached = g_node + (length_d + weight_d * (own + w))
             old = meta[2 * there + 1]
             if old >> STAMP_SHIFT == stamp and reached >= g[2 * there]:
                 continue
@@ -214,7 +251,10 @@ def _expand(
                 bound, last_bucket = f * _BELOW, bucket
                 meta[2 * there + 1] ^= OPEN_BIT  # never expanded, so never put on the open list
             else:
-                push(fine, coarse, entry_node, entry_next, control, bucket, there)
+                free, used = push(fine, coarse, entry_node, entry_next, bucket, there, block, fine_at, free, used)
+                length += 1
+    control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
+    control[BLOCK], control[LENGTH] = block, length
     reals[_REFUSED] = refused
     reals[_BEST_H] = best_h
     counts[_EXPANSIONS] = expansions
@@ -296,10 +336,11 @@ def astar(
            h_start, reals, counts)  # fmt: skip
     where = (None, None, None, 0) if region is None else (
         region.bitmap, region.row_block, region.col_block, region.stamp)  # fmt: skip
+    successors = _SUCCESSORS[corner_cutting and grid.model.kind is StepCost.PAPER]
     timed = deadline < math.inf or cancelled is not None
     while True:
         code = _expand(
-            grid.weights, grid.stride, last, steps, corner_cutting, *where, ws.g, ws.meta, stamp, ws.fine,
+            grid.weights, grid.stride, last, steps, successors, corner_cutting, *where, ws.g, ws.meta, stamp, ws.fine,
             ws.coarse, ws.entry_node, ws.entry_next, ws.control, reals, counts,
             _EXPANSIONS_BETWEEN_CHECKS if timed else np.iinfo(np.int64).max >> 1,
         )  # fmt: skip
@@ -341,10 +382,11 @@ def cost_field(
     steps = (*grid.model.length_term, *grid.model.weight_term, 0.0, 0.0, 1.0 / _bucket_width(grid, straight))
     _begin(ws.g, ws.meta, stamp, ws.fine, ws.coarse, ws.entry_node, ws.entry_next, ws.control,
            grid.node(*source), 0.0, reals, counts)  # fmt: skip
+    successors = _SUCCESSORS[corner_cutting and grid.model.kind is StepCost.PAPER]
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     while _expand(
-        grid.weights, grid.stride, corner_of_border, steps, corner_cutting, None, None, None, 0, ws.g, ws.meta,
-        stamp, ws.fine, ws.coarse, ws.entry_node, ws.entry_next, ws.control, reals, counts,
+        grid.weights, grid.stride, corner_of_border, steps, successors, corner_cutting, None, None, None, 0,
+        ws.g, ws.meta, stamp, ws.fine, ws.coarse, ws.entry_node, ws.entry_next, ws.control, reals, counts,
         np.iinfo(np.int64).max >> 1,
     ) == _FULL:  # fmt: skip
         ws.grow()
