@@ -28,7 +28,7 @@ class Tally:
     expansions: list[int] = field(default_factory=list)
     region_shares: list[float] = field(default_factory=list)
     mms: list[float] = field(default_factory=list)
-    searched_mms: list[float] = field(default_factory=list)
+    network_mms: list[float] = field(default_factory=list)
     sources: list[Source | None] = field(default_factory=list)
     solved: int = 0
 
@@ -40,10 +40,10 @@ class Tally:
         self.sources.append(plan.source)
         searched, at_threshold = region
         self.region_shares.append(1.0 if searched is None else searched / cells)
-        if at_threshold is not None:
-            self.mms.append(len(exact.path) / at_threshold)
         if searched is not None:
-            self.searched_mms.append(len(exact.path) / searched)
+            self.mms.append(len(exact.path) / searched)
+        if at_threshold is not None:
+            self.network_mms.append(len(exact.path) / at_threshold)
         if plan.ok:
             self.solved += 1
             self.gaps.append(plan.cost / exact.cost - 1.0 if exact.cost else 0.0)
@@ -78,7 +78,7 @@ class Tally:
             "widened_share": share(Source.WIDENED),
             "whole_map_share": share(Source.FALLBACK),
             "mm_mean": mean(self.mms),
-            "mm_searched_mean": mean(self.searched_mms),
+            "mm_network_mean": mean(self.network_mms),
             "cc_mean": mean(self.traverse_costs),
         }
 

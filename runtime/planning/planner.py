@@ -21,8 +21,8 @@ from nnpp_edge.runtime.region import RegionFinder
 
 _NEAR = 48
 """Cells; nearer goals `auto` leaves to plain A*, which is then faster than a network's answer."""
-_REFINE_FROM = 512
-"""Cells on a map's longer side from which a learned region is searched coarsely first."""
+_REFINE_FROM = 192
+"""Cells on a map's longer side from which a learned region is searched coarsely first, if nothing is impassable."""
 _CORRIDOR_RADII = (1, 4)
 """Dilation of the coarse path, in coarse cells: at first, and widened."""
 _WIDENED_FACTOR = 0.25
@@ -237,8 +237,10 @@ class Planner:
         learned = self._learned
         td = learned.infer(query)
         network_region = learned.region(td, query)
-        refine = max(self.shape) >= _REFINE_FROM
-        attempts = [(td * learned.factor, 1 if refine else 0, Source.REGION)]
+        # averages tell the truth where no cell is impassable: then a coarse search narrows the region down
+        top = len(self.pyramid.levels) - 1
+        refine = max(self.shape) >= _REFINE_FROM and not self.grid.has_obstacles
+        attempts = [(td * learned.factor, top if refine else 0, Source.REGION)]
         if refine:
             attempts.append((td * learned.factor, 0, Source.WIDENED))
         attempts.append((td * learned.factor * _WIDENED_FACTOR, 0, Source.WIDENED))
