@@ -25,7 +25,7 @@ def write_whole(path: Path, content: bytes) -> None:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise OutputError(f"{path}: could not be written ({error.strerror or error})") from error
+        raise OutputError(f"{path}: could not be written ({_reason(error)})") from error
 
 
 def make_folder(path: Path) -> None:
@@ -36,4 +36,9 @@ def make_folder(path: Path) -> None:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise OutputError(f"{path}: wanted a folder to write to ({error.strerror or error})") from error
+        raise OutputError(f"{path}: wanted a folder to write to ({_reason(error)})") from error
+
+
+def _reason(error: OSError) -> str:
+    """What went wrong, in one line and without the temporary file's name."""
+    return " ".join((error.strerror or str(error)).split())

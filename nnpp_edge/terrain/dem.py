@@ -7,7 +7,6 @@ these need; NumPy arrays and 16-bit PNGs do not.
 import json
 import math
 import re
-import secrets
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.errors import (
     InvalidQueryError,
     MissingExtraError,
@@ -222,7 +222,7 @@ def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
         raise OutputError(f"{path}: {wanted}, got {values.shape} {values.dtype}")
     rasterio = _rasterio(f"writing {path.name}")
     with _one_line_error(OutputError, f"{path}: could not be written"):
-        _replace_file(path, _geotiff(rasterio, values, dem.georeference))
+        write_whole(path, _geotiff(rasterio, values, dem.georeference))
 
 
 _Read = tuple[npt.NDArray[np.float32], tuple[float, float] | None, Georeference | None]
@@ -440,14 +440,3 @@ def _geotiff(rasterio: Any, values: npt.NDArray[Any], place: Georeference | None
         with memory.open(**kind, **shape, **where) as dataset:
             dataset.write(values.astype(np.float32), 1)
         return memory.read()
-
-
-def _replace_file(path: Path, content: Any) -> None:
-    """Put `content` at `path` by way of a temporary file beside it."""
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    try:
-        with temporary.open("xb") as file:
-            file.write(content)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)

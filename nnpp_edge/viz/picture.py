@@ -1,0 +1,185 @@
+"""Pictures of cost maps and plans, with OpenCV alone, so that the onboard install can draw them.
+
+Grey is traversability cost, the whiter the costlier, as in the paper; impassable cells are dark brown.
+A picture is (H, W, 3) uint8 in OpenCV's order blue, green, red.
+"""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.files import write_whole
+from nnpp_edge.runtime.costmap import Float2D
+from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.planning.plan import Plan
+from nnpp_edge.viz.sheet import INK, Cells, Colour, Picture, Sheet, metres
+
+Mask = NDArray[np.bool_]
+
+IMPASSABLE: Colour = (34, 44, 96)
+REGION: Colour = (255, 230, 0)
+PATH: Colour = (20, 120, 255)
+OPTIMUM: Colour = (255, 90, 235)
+_LIGHT = (315.0, 45.0)
+"""Azimuth and height of the light of a hillshade, degrees."""
+
+
+def cost_picture(cost: Float2D) -> Picture:
+    """A cell a pixel: grey from 0 (black) to 1 (white); impassable cells, NaN or from 1 up, in dark brown."""
+    passable = cost < 1.0
+    grey = np.clip(np.where(passable, cost, 0.0) * 255.0, 0.0, 255.0).astype(np.uint8)
+    return _with_obstacles(grey, passable)
+
+
+def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None = None) -> NDArray[np.uint8]:
+    """Relief lit from the north-west: (H, W) uint8; unknown ground as if it were flat.
+
+    Heights are exaggerated so that the steepest tenth of the map stands out, but never flattened.
+    """
+    rows, cols = (max(n, 2) for n in elevation.shape)  # np.gradient wants two
+    padded = np.pad(elevation, [(0, rows - elevation.shape[0]), (0, cols - elevation.shape[1])], mode="edge")
+    south, east = np.gradient(padded, cell_size_m, cell_width_m or cell_size_m)
+    tilt = np.hypot(south, east)[: elevation.shape[0], : elevation.shape[1]]
+    steep = float(np.nanquantile(tilt, 0.9)) if np.isfinite(tilt).any() else 0.0
+    gain = min(max(0.7 / max(steep, 1e-6), 1.0), 50.0)
+    azimuth, height = (math.radians(angle) for angle in _LIGHT)
+    toward = (math.cos(azimuth) * south - math.sin(azimuth) * east) * gain
+    light = (math.sin(height) + math.cos(height) * toward) / np.sqrt(1.0 + gain**2 * (south**2 + east**2))
+    light = np.nan_to_num(light, nan=math.sin(height))[: elevation.shape[0], : elevation.shape[1]]
+    return (40.0 + 205.0 * np.clip(light, 0.0, 1.0)).astype(np.uint8)
+
+
+def cost_map_picture(cost: Float2D, *, cell_size_m: float | None = None, title: str = "") -> Picture:
+    """A cost map above a colour bar, a scale and the key to impassable cells.
+
+    Parameters
+    ----------
+    cost : (H, W) float32
+        Traversability cost.
+    cell_size_m : float
+        Side of a cell, for the scale.
+    title : str
+        ASCII.
+    """
+    sheet = Sheet(cost_picture(cost))
+    items = [sheet.text_item(title)] if title else []
+    items.append(sheet.grey_bar())
+    if not (cost < 1.0).all():
+        items.append(sheet.swatch(IMPASSABLE, "impassable"))
+    return sheet.finish([items + sheet.scale(cell_size_m)])
+
+
+def plan_picture(
+    cost: Float2D,
+    plan: Plan,
+    *,
+    start: tuple[int, int] | None = None,
+    goal: tuple[int, int] | None = None,
+    shade: NDArray[np.uint8] | None = None,
+    reference_path: Cells | None = None,
+    cell_size_m: float | None = None,
+    length_m: float | None = None,
+) -> Picture:
+    """A plan on its map: regions in translucent cyan, path, start (yellow square) and goal (red star).
+
+    Parameters
+    ----------
+    cost : (H, W) float32
+        Traversability cost.
+    plan : Plan
+        Its regions are read here: call this before the planner's next query.
+    start, goal : (row, col)
+        By default the ends of the path.
+    shade : (H, W) uint8
+        Drawn in place of the cost; from `hillshade`.
+    reference_path : (N, 2) int
+        The exact optimum, drawn dashed.
+    cell_size_m : float
+        Side of a cell, for the scale.
+    length_m : float
+        Length of the path; without it the legend gives it in cells.
+    """
+    regions = [
+        (region, strength, words)
+        for region, strength, words in (
+            (plan.network_region, 0.2, "network's region"),
+            (plan.region, 0.42, "region searched"),
+        )
+        if region is not None
+    ]
+    passable = cost < 1.0
+    ground = cost_picture(cost) if shade is None else _with_obstacles(shade, passable)
+    for region, strength, _ in regions:
+        mask = region.mask() & passable
+        ground[mask] = _mixed(ground[mask], strength)
+    sheet = Sheet(ground)
+    keys = []
+    # the optimum lies on the path, thinner, and its rim below: both are seen where they agree
+    lines = [(plan.path, PATH, 4.0, False)]
+    if reference_path is not None:
+        lines.append((reference_path, OPTIMUM, 2.0, True))
+    lines = [line for line in lines if len(line[0])]
+    for rim in (True, False):
+        for path, colour, width, dashed in reversed(lines) if rim else lines:
+            sheet.line(path, INK if rim else colour, width + 2.0 * rim, dashed)
+    if len(plan.path):
+        keys.append(sheet.line_key(PATH, "path"))
+        start = start or (int(plan.path[0, 0]), int(plan.path[0, 1]))
+        goal = goal or (int(plan.path[-1, 0]), int(plan.path[-1, 1]))
+    if reference_path is not None and len(reference_path):
+        keys.append(sheet.line_key(OPTIMUM, "exact optimum", dashed=True))
+    if goal is not None:
+        sheet.star(sheet.at(goal))
+        keys.insert(0, sheet.symbol_key(sheet.star, "goal"))
+    if start is not None:
+        sheet.square(sheet.at(start))
+        keys.insert(0, sheet.symbol_key(sheet.square, "start"))
+    middling = 190 if shade is not None else 90
+    for _, strength, words in regions:
+        keys.append(sheet.swatch(tuple(_mixed(np.full(3, middling, np.uint8), strength).tolist()), words))
+    if not passable.all():
+        keys.append(sheet.swatch(IMPASSABLE, "impassable"))
+    if shade is None:
+        keys.append(sheet.grey_bar())
+    facts = [sheet.text_item(text) for text in _facts(plan, length_m)]
+    return sheet.finish([keys, facts + sheet.scale(cell_size_m)])
+
+
+def save_picture(path: Path, picture: Picture) -> None:
+    """Write a PNG, whole or not at all; OutputError if it cannot be written."""
+    done, content = cv2.imencode(".png", picture)
+    if not done:
+        raise OutputError(f"{path}: could not be encoded as PNG ({picture.shape} {picture.dtype})")
+    write_whole(path, content.tobytes())
+
+
+def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:
+    """What the legend says about the plan."""
+    yield plan.method if plan.source is None else f"{plan.method} ({plan.source})"
+    if not plan.ok:
+        yield str(plan.status)
+    if len(plan.path):
+        yield f"cost {_number(plan.cost)}"
+        yield f"{_number(plan.length)} cells" if length_m is None else f"length {metres(length_m)}"
+    if "total" in plan.timings_ms:
+        yield f"{_number(plan.timings_ms['total'])} ms"
+
+
+def _number(x: float) -> str:
+    """Four digits, or all of those before the point."""
+    return f"{x:.0f}" if x >= 1000.0 else f"{x:.4g}"
+
+
+def _with_obstacles(grey: NDArray[np.uint8], passable: Mask) -> Picture:
+    picture = np.repeat(grey[..., None], 3, axis=2)
+    picture[~passable] = IMPASSABLE
+    return picture
+
+
+def _mixed(ground: NDArray[np.uint8], strength: float) -> NDArray[np.uint8]:
+    """The region's colour laid over the ground, which shows through."""
+    return ((1.0 - strength) * ground + strength * np.array(REGION)).astype(np.uint8)

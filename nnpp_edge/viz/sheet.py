@@ -1,0 +1,212 @@
+"""A map brought to a handy size, what is drawn on it, and a strip of keys below. OpenCV alone.
+
+Lengths in points: a pixel on maps of up to 1000 pixels, more on larger ones. Text is ASCII: OpenCV 4 has no
+other.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Picture = NDArray[np.uint8]
+Cells = NDArray[np.int32]
+Colour = tuple[int, int, int]
+"""Blue, green, red."""
+
+START: Colour = (0, 215, 255)
+GOAL: Colour = (30, 20, 225)
+INK: Colour = (30, 30, 30)
+PAPER: Colour = (250, 250, 250)
+_SMALL, _LARGE = 800, 2000
+"""Longer sides, in pixels, below which a map is enlarged and above which it is reduced."""
+_SHIFT = 4
+"""Points are drawn to 1/16 pixel."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """A symbol and its words, in the strip below the map."""
+
+    width: float
+    draw: Callable[[float, float], None]
+    """Called with the left edge and the middle line."""
+
+
+class Sheet:
+    """A map at a handy size on a sheet with a margin, things drawn on it, and a strip of keys below."""
+
+    def __init__(self, ground: Picture) -> None:
+        rows, cols = ground.shape[:2]
+        longest = max(rows, cols)
+        if longest < _SMALL:
+            factor = float(math.ceil(_SMALL / longest))
+            how = cv2.INTER_NEAREST
+        else:
+            factor, how = min(1.0, _LARGE / longest), cv2.INTER_AREA
+        height, width = max(1, round(rows * factor)), max(1, round(cols * factor))
+        if factor != 1.0:
+            ground = cv2.resize(ground, (width, height), interpolation=how)  # type: ignore[assignment]
+        self.unit = max(1.0, max(height, width) / 1000.0)
+        """Pixels to a point: text, lines and symbols are larger on a larger map."""
+        self.margin = round(18 * self.unit)
+        self.sides = (height / rows, width / cols)
+        across = max(width, _SMALL)
+        self.left = self.margin + (across - width) // 2
+        self.picture: Picture = np.full((height + 2 * self.margin, across + 2 * self.margin, 3), PAPER, np.uint8)
+        self.picture[self.margin : self.margin + height, self.left : self.left + width] = ground
+        self._cells_across = cols * across / width
+
+    def at(self, cell: tuple[int, int]) -> tuple[float, float]:
+        """Where the middle of a cell lies, (x, y)."""
+        x, y = self._points(np.array([cell]))[0]
+        return float(x), float(y)
+
+    def _points(self, cells: NDArray[np.generic]) -> NDArray[np.float64]:
+        rows, cols = (cells.astype(np.float64) + 0.5).T
+        x, y = cols * self.sides[1] - 0.5 + self.left, rows * self.sides[0] - 0.5 + self.margin
+        return np.column_stack([x, y])
+
+    def line(self, cells: Cells, colour: Colour, width: float, dashed: bool = False) -> None:
+        """A path, `width` points wide."""
+        self._stroke(self._points(cells), colour, width, dashed)
+
+    def square(self, middle: tuple[float, float]) -> None:
+        """The start's symbol."""
+        corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 6.5
+        self._polygon(corners, middle, START)
+
+    def star(self, middle: tuple[float, float]) -> None:
+        """The goal's symbol."""
+        turns = np.arange(10) * math.pi / 5
+        radii = np.where(np.arange(10) % 2, 4.4, 11.0)
+        self._polygon(np.column_stack([np.sin(turns), -np.cos(turns)]) * radii[:, None], middle, GOAL)
+
+    def swatch(self, colour: Colour, words: str) -> Item:
+        """A key: a patch of colour."""
+
+        def draw(x: float, y: float) -> None:
+            corners = np.array([(0, -7), (22, -7), (22, 7), (0, 7)])
+            self._polygon(corners, (x, y), colour)
+
+        return self._key(22.0, draw, words)
+
+    def line_key(self, colour: Colour, words: str, dashed: bool = False) -> Item:
+        """A key: a piece of line."""
+
+        def draw(x: float, y: float) -> None:
+            ends = np.array([(x, y), (x + 30 * self.unit, y)])
+            width = 2.0 if dashed else 4.0
+            self._stroke(ends, INK, width + 2.0, dashed)
+            self._stroke(ends, colour, width, dashed)
+
+        return self._key(30.0, draw, words)
+
+    def symbol_key(self, symbol: Callable[[tuple[float, float]], None], words: str) -> Item:
+        """A key: start or goal."""
+        return self._key(18.0, lambda x, y: symbol((x + 9 * self.unit, y)), words)
+
+    def grey_bar(self) -> Item:
+        """A key: the greys from 0 to 1."""
+
+        def draw(x: float, y: float) -> None:
+            width, half = round(150 * self.unit), round(7 * self.unit)
+            left, middle = round(x), round(y)
+            ramp = np.linspace(0, 255, width).astype(np.uint8)[None, :, None]
+            self.picture[middle - half : middle + half, left : left + width] = ramp
+            cv2.rectangle(self.picture, (left, middle - half), (left + width, middle + half), INK, 1)
+
+        return self._key(150.0, draw, "traversability cost, 0 to 1")
+
+    def scale(self, cell_size_m: float | None) -> list[Item]:
+        """A key: a bar of a round length; none where the size of a cell is not known."""
+        if cell_size_m is None:
+            return []
+        most = 0.22 * self._cells_across * cell_size_m
+        decade = 10.0 ** math.floor(math.log10(most))
+        length_m = max(n * decade for n in (1, 2, 5) if n * decade <= most)
+        pixels = length_m / cell_size_m * self.sides[1]
+
+        def draw(x: float, y: float) -> None:
+            ends = np.array([(0, -5), (0, 5), (0, 0), (pixels / self.unit, 0), (pixels / self.unit, -5),
+                             (pixels / self.unit, 5)])  # fmt: skip
+            points = self._fixed(np.array([x, y]) + ends * self.unit)
+            cv2.polylines(self.picture, [points], False, INK, round(1.5 * self.unit), cv2.LINE_AA, _SHIFT)
+
+        return [self._key(pixels / self.unit, draw, metres(length_m))]
+
+    def text_item(self, words: str) -> Item:
+        """Words alone."""
+        return Item(self._text_width(words), lambda x, y: self._text(words, x, y))
+
+    def finish(self, lines: Sequence[Sequence[Item]]) -> Picture:
+        """The sheet with lines of keys below the map, broken where they are too long for it."""
+        gap, height = 26 * self.unit, round(28 * self.unit)
+        room = self.picture.shape[1] - 2 * self.margin
+        placed: list[tuple[float, int, Item]] = []
+        row = 0
+        for items in lines:
+            x = 0.0
+            for item in items:
+                if x and x + item.width > room:
+                    row, x = row + 1, 0.0
+                placed.append((x, row, item))
+                x += item.width + gap
+            row += bool(items)
+        top = self.picture.shape[0]
+        strip = np.full((height * row + self.margin // 2, self.picture.shape[1], 3), PAPER, np.uint8)
+        self.picture = np.concatenate([self.picture, strip])
+        for x, at, item in placed:
+            item.draw(self.margin + x, top + height * at + height / 2 - self.margin / 2)
+        return self.picture
+
+    def _key(self, symbol_width: float, symbol: Callable[[float, float], None], words: str) -> Item:
+        """A symbol, `symbol_width` points wide, with words to its right."""
+        beside = (symbol_width + 8) * self.unit
+
+        def draw(x: float, y: float) -> None:
+            symbol(x, y)
+            self._text(words, x + beside, y)
+
+        return Item(beside + self._text_width(words), draw)
+
+    def _text_width(self, words: str) -> float:
+        return float(cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * self.unit, 1)[0][0])
+
+    def _text(self, words: str, x: float, y: float) -> None:
+        place = (round(x), round(y + 5 * self.unit))
+        font, weight = cv2.FONT_HERSHEY_SIMPLEX, max(1, round(0.7 * self.unit))
+        cv2.putText(self.picture, words, place, font, 0.5 * self.unit, INK, weight, cv2.LINE_AA)
+
+    def _polygon(self, corners: NDArray[np.generic], middle: tuple[float, float], colour: Colour) -> None:
+        points = self._fixed(np.array(middle) + corners * self.unit)
+        cv2.fillPoly(self.picture, [points], colour, cv2.LINE_AA, _SHIFT)
+        cv2.polylines(self.picture, [points], True, INK, max(1, round(self.unit)), cv2.LINE_AA, _SHIFT)
+
+    def _stroke(self, points: NDArray[np.float64], colour: Colour, width: float, dashed: bool) -> None:
+        pieces = _dashes(points, 10 * self.unit, 9 * self.unit) if dashed else [points]
+        thickness = max(1, round(width * self.unit))
+        fixed = [self._fixed(piece) for piece in pieces]
+        cv2.polylines(self.picture, fixed, False, colour, thickness, cv2.LINE_AA, _SHIFT)
+
+    @staticmethod
+    def _fixed(points: NDArray[np.float64]) -> Cells:
+        return np.rint(points * 2**_SHIFT).astype(np.int32)
+
+
+def _dashes(points: NDArray[np.float64], dash: float, gap: float) -> Iterator[NDArray[np.float64]]:
+    """Cut a line into dashes of a length, a gap apart."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    for begin in np.arange(0.0, max(along[-1], 1e-9), dash + gap):
+        end = min(begin + dash, along[-1])
+        inside = along[(along > begin) & (along < end)]
+        stops = np.concatenate([[begin], inside, [end]])
+        yield np.column_stack([np.interp(stops, along, points[:, axis]) for axis in (0, 1)])
+
+
+def metres(length_m: float) -> str:
+    """A length for people, in m or km."""
+    return f"{length_m / 1000.0:.4g} km" if length_m >= 1000.0 else f"{length_m:.4g} m"

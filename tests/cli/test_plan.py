@@ -1,0 +1,275 @@
+"""`nnpp-edge plan`: what it finds, writes and says, and how it ends when there is nothing to find."""
+
+import csv
+import json
+import math
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import plan_path, traversability_cost
+from nnpp_edge.terrain.dem import Dem, Georeference, write_raster
+
+PLACE = Georeference("EPSG:32615", (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_000.0))
+
+
+def rolling(rows=80, cols=90):
+    row, col = np.mgrid[0:rows, 0:cols]
+    return (1.5 * np.sin(row / 7.0) * np.cos(col / 9.0)).astype(np.float32)
+
+
+@pytest.fixture
+def hills(tmp_path):
+    """Rolling ground without a georeference; cells of 2 m, and one unknown."""
+    heights = rolling()
+    heights[40, 40] = np.nan
+    np.savez(tmp_path / "hills.npz", elevation_m=heights, cell_size_m=2.0)
+    return tmp_path / "hills.npz"
+
+
+@pytest.fixture
+def split(tmp_path):
+    """Ground cut in two by a strip of unknown height."""
+    heights = rolling()
+    heights[:, 45] = np.nan
+    np.savez(tmp_path / "split.npz", elevation_m=heights, cell_size_m=2.0)
+    return tmp_path / "split.npz"
+
+
+ENDS = ("--start", "5,5", "--goal", "70,80")
+EXACT = (*ENDS, "--method", "astar")
+
+
+def test_a_path_is_found_and_told_in_a_few_lines(nnpp_edge, hills):
+    ended = nnpp_edge("plan", hills, *EXACT)
+    assert (ended.code, ended.err) == (0, "")
+    lines = dict(line.split(maxsplit=1) for line in ended.out.splitlines())
+    assert lines["OK"] == "astar (map)"
+    assert lines["map"] == "80 × 90 cells of 2 m"
+    assert lines["cost"].endswith("the optimum")
+    assert {"path", "CC", "expansions", "time"} <= set(lines)
+
+
+def test_json_holds_what_the_planner_answers(nnpp_edge, hills):
+    told = json.loads(nnpp_edge("plan", hills, *EXACT, "--json").out)
+    heights = np.load(hills)["elevation_m"]
+    plan = plan_path(traversability_cost(heights, 2.0), (5, 5), (70, 80), method="astar")
+    assert told["status"] == "OK"
+    for name in ("cost", "length", "traverse_cost", "expansions"):
+        assert told[name] == pytest.approx(getattr(plan, name))
+    assert told["length_m"] == pytest.approx(2.0 * plan.length)
+    assert (told["start"], told["goal"], told["rows"], told["cols"]) == ([5, 5], [70, 80], 80, 90)
+    assert told["timings_ms"]["total"] < 200  # not the time that compiled code takes to load
+
+
+def test_options_reach_the_planner(nnpp_edge, hills):
+    limits = ("--workload", "limit12", "--omega", "0.02", "--no-corner-cutting")
+    told = json.loads(nnpp_edge("plan", hills, *EXACT, *limits, "--json").out)
+    from nnpp_edge.runtime import Traversability
+
+    heights = np.load(hills)["elevation_m"]
+    cost = traversability_cost(heights, 2.0, Traversability(slope_limit_deg=12, hard_slope_deg=12))
+    plan = plan_path(cost, (5, 5), (70, 80), method="astar", corner_cutting=False, omega=0.02)
+    assert told["cost"] == pytest.approx(plan.cost)
+
+
+def test_the_files_hold_the_path_in_map_coordinates(nnpp_edge, tmp_path):
+    heights = rolling()
+    write_raster(tmp_path / "dem.tif", heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
+    folder = tmp_path / "new" / "plan"
+    ended = nnpp_edge("plan", tmp_path / "dem.tif", *EXACT, "-o", folder, "--json", "--hillshade")
+    assert ended.code == 0
+    told = json.loads(ended.out)
+    assert told == json.loads((folder / "plan.json").read_text())
+    assert sorted(told["files"]) == sorted(map(str, folder.iterdir()))
+    cost = traversability_cost(heights, 2.0)
+    path = plan_path(cost, (5, 5), (70, 80), method="astar").path
+    feature = json.loads((folder / "path.geojson").read_text())
+    wanted = [[400_000 + 2 * (col + 0.5), 5_000_000 - 2 * (row + 0.5)] for row, col in path.tolist()]
+    assert feature["geometry"] == {"type": "LineString", "coordinates": wanted}
+    assert "UTM" in feature["properties"]["crs"]
+    assert feature["crs"]["properties"]["name"] == "urn:ogc:def:crs:EPSG::32615"
+    rows = list(csv.DictReader((folder / "path.csv").open()))
+    assert list(rows[0]) == ["row", "col", "x", "y", "elevation_m", "cost", "distance_m"]
+    assert [[int(row["row"]), int(row["col"])] for row in rows] == path.tolist()
+    assert [[float(row["x"]), float(row["y"])] for row in rows] == wanted
+    assert [float(row["elevation_m"]) for row in rows] == pytest.approx(heights[tuple(path.T)].tolist(), rel=1e-5)
+    assert float(rows[0]["distance_m"]) == 0.0
+    assert float(rows[-1]["distance_m"]) == pytest.approx(told["length_m"])
+    assert cv2.imread(str(folder / "plan.png")).shape[0] > 800
+
+
+def test_without_a_georeference_coordinates_are_metres_from_the_first_cell(nnpp_edge, tmp_path):
+    np.savez(tmp_path / "dem.npz", elevation_m=rolling(), cell_size_m=2.0, cell_width_m=3.0)
+    ended = nnpp_edge("plan", tmp_path / "dem.npz", *EXACT, "-o", tmp_path / "out", "--json")
+    assert ended.err.startswith("warning: cells are 2 m from north to south and 3 m")
+    feature = json.loads((tmp_path / "out" / "path.geojson").read_text())
+    line = feature["geometry"]["coordinates"]
+    assert (line[0], line[-1]) == ([15.0, 10.0], [240.0, 140.0])
+    assert (feature["properties"]["crs"], "crs" in feature) == (None, False)
+    length = sum(math.dist(a, b) for a, b in zip(line, line[1:], strict=False))
+    assert json.loads(ended.out)["length_m"] == pytest.approx(length)
+
+
+def test_places_on_the_map_stand_for_the_cells_under_them(nnpp_edge, tmp_path):
+    heights = rolling()
+    write_raster(tmp_path / "dem.tif", heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
+    words = ("plan", tmp_path / "dem.tif", "--method", "astar", "--json", "--start-xy", "400010.5,4999989.5")
+    told = json.loads(nnpp_edge(*words, "--goal", "70,80").out)
+    assert (told["start"], told["goal"]) == ([5, 5], [70, 80])
+    nnpp_edge(*words, "--goal-xy", "0,0").refused("goal (2500000, -200000) lies outside the map of 80 × 90 cells")
+    nnpp_edge(*words, "--goal-xy", "nan,0").refused("finite")
+
+
+def test_places_need_a_georeference(nnpp_edge, hills):
+    nnpp_edge("plan", hills, "--start-xy", "1,1", "--goal", "2,2").refused("georeference")
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("--goal", "1,1"), "give either --start ROW,COL or --start-xy X,Y"),
+        (("--start", "1,1"), "give either --goal"),
+        (("--start", "1,1", "--start-xy", "1,1", "--goal", "2,2"), "give either --start"),
+        (("--start-xy", "1,1,1", "--goal", "2,2"), "two numbers"),
+        (("--start", "1;1", "--goal", "2,2"), "two whole numbers"),
+        (("--start", "1.5,1", "--goal", "2,2"), "two whole numbers"),
+        ((*ENDS, "--method", "rrt"), "rrt"),
+        ((*ENDS, "--time-limit", "0"), "time-limit"),
+    ],
+)
+def test_wrong_use_ends_with_2(nnpp_edge, hills, words, complaint):
+    ended = nnpp_edge("plan", hills, *words)
+    assert ended.code == 2 and complaint in ended.err and ended.out == ""
+
+
+@pytest.mark.parametrize(
+    ("ends", "status", "words"),
+    [
+        (("-1,5", "70,80"), "START_OUTSIDE_MAP", ("start (-1, 5) lies outside the map of 80 × 90 cells",)),
+        (("5,5", "5,900"), "GOAL_OUTSIDE_MAP", ("goal (5, 900) lies outside the map of 80 × 90 cells",)),
+        (("40,40", "70,80"), "START_BLOCKED", ("start (40, 40) is impassable: its elevation is unknown",)),
+        (("5,5", "40,40"), "GOAL_BLOCKED", ("goal (40, 40)", "nearest passable cell is (39, 40)")),
+    ],
+)
+def test_ends_where_none_can_be_are_refused_with_the_reason(nnpp_edge, hills, ends, status, words):
+    request = ("plan", hills, "--start", ends[0], "--goal", ends[1], "--method", "astar")
+    ended = nnpp_edge(*request)
+    ended.refused(*words)
+    assert ended.out == ""
+    ended = nnpp_edge(*request, "--json")
+    ended.refused(*words)
+    assert json.loads(ended.out)["status"] == status
+
+
+@pytest.mark.parametrize(
+    ("limit", "reason"),
+    [
+        (("--hard-slope", "20"), "slope 45°, the hard limit is 20°"),
+        (("--slope-limit", "9", "--roughness-limit", "0.01", "--step-limit", "0.01"), "all at their limits"),
+        (("--hard-step", "0.5"), "elevation difference"),
+        (("--hard-roughness", "0.5"), "roughness"),
+    ],
+)
+def test_a_blocked_start_says_which_limit_is_passed(nnpp_edge, tmp_path, limit, reason):
+    heights = np.zeros((50, 50), np.float32)
+    heights[:, 20:] += np.minimum(np.arange(30), 10)
+    if "--hard-slope" not in limit:
+        heights[10, 25] += 4.0
+    np.savez(tmp_path / "dem.npz", elevation_m=heights, cell_size_m=1.0)
+    words = ("--start", "10,25", "--goal", "40,2", "--method", "astar")
+    nnpp_edge("plan", tmp_path / "dem.npz", *words, *limit).refused("start (10, 25) is impassable", reason)
+
+
+def test_no_path_ends_with_1_and_leaves_no_old_path_behind(nnpp_edge, hills, split, tmp_path):
+    assert nnpp_edge("plan", hills, *EXACT, "-o", tmp_path / "out").code == 0
+    ended = nnpp_edge("plan", split, *EXACT, "-o", tmp_path / "out")
+    assert ended.code == 1 and ended.out.startswith("NO_PATH") and ended.err == ""
+    told = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert (told["status"], told["cost"], told["length_m"]) == ("NO_PATH", None, None)
+    assert json.loads((tmp_path / "out" / "path.geojson").read_text())["geometry"] is None
+    assert (tmp_path / "out" / "path.csv").read_text().count("\n") == 1
+    ended = nnpp_edge("plan", split, *ENDS, "--method", "corridor", "--json", "--compare")
+    assert ended.code == 1
+    told = json.loads(ended.out)
+    assert told["status"] == "NO_PATH" and told["source"] == "fallback"
+    assert [row["gap"] for row in told["compare"]] == [None, None]
+
+
+def test_a_timeout_ends_with_1_and_gives_the_path_so_far(nnpp_edge, tmp_path):
+    heights = np.random.default_rng(1).uniform(0, 0.4, (600, 600)).astype(np.float32)
+    np.savez(tmp_path / "large.npz", elevation_m=heights, cell_size_m=1.0)
+    words = ("--start", "5,5", "--goal", "590,590", "--method", "astar", "--time-limit", "1e-9")
+    ended = nnpp_edge("plan", tmp_path / "large.npz", *words, "-o", tmp_path / "out")
+    assert ended.code == 1 and ended.out.startswith("TIMEOUT") and "so far" in ended.out
+    feature = json.loads((tmp_path / "out" / "path.geojson").read_text())
+    assert feature["properties"]["status"] == "TIMEOUT" and len(feature["geometry"]["coordinates"]) > 10
+
+
+def test_a_start_that_is_the_goal_is_a_path_of_one_cell(nnpp_edge, hills, tmp_path):
+    ended = nnpp_edge("plan", hills, "--start", "5,5", "--goal", "5,5", "-o", tmp_path / "out", "--compare")
+    assert ended.code == 0
+    feature = json.loads((tmp_path / "out" / "path.geojson").read_text())
+    assert feature["geometry"] == {"type": "Point", "coordinates": [10.0, 10.0]}
+
+
+def test_comparing_sets_the_methods_beside_the_optimum(nnpp_edge, hills, tiny_model, tmp_path):
+    words = ("plan", hills, *ENDS, "--method", "nnpp", "--model", tiny_model, "--compare")
+    told = json.loads(nnpp_edge(*words, "--json", "-o", tmp_path / "out").out)
+    rows = {row["method"]: row for row in told["compare"]}
+    assert list(rows) == ["nnpp", "astar", "corridor"]
+    assert rows["astar"]["gap"] == 0.0 and rows["astar"]["speedup"] == 1.0
+    for row in rows.values():
+        assert row["gap"] == pytest.approx(row["cost"] / rows["astar"]["cost"] - 1.0, abs=1e-6)
+        assert row["speedup"] == pytest.approx(rows["astar"]["time_ms"] / row["time_ms"])
+    shown = nnpp_edge(*words).out
+    assert "speed-up" in shown and "the optimum" in shown
+    assert (tmp_path / "out" / "plan.png").exists()
+
+
+def test_auto_says_what_it_picked(nnpp_edge, hills):
+    told = json.loads(nnpp_edge("plan", hills, "--start", "5,5", "--goal", "20,20", "--json").out)
+    assert told["method"] == "astar" and told["reason"]
+
+
+def test_a_map_without_a_passable_cell_is_refused(nnpp_edge, tmp_path):
+    cliff = np.arange(30.0, dtype=np.float32) * np.ones((30, 1), np.float32)
+    np.savez(tmp_path / "cliff.npz", elevation_m=cliff, cell_size_m=1.0)
+    words = ("plan", tmp_path / "cliff.npz", "--start", "1,1", "--goal", "20,20", "--workload", "limit20")
+    nnpp_edge(*words).refused("30 × 30 cells of 1 m, all impassable")
+    assert json.loads(nnpp_edge(*words, "--json").out) == {"status": "INVALID_MAP"}
+
+
+def test_a_bad_elevation_map_is_one_line(nnpp_edge, bad_dem):
+    path, word = bad_dem
+    ended = nnpp_edge("plan", path, *EXACT)
+    ended.refused(word)
+    assert ended.out == ""
+
+
+def test_a_model_that_cannot_be_used_is_one_line(nnpp_edge, hills, tiny_model, make_tiny_model, tmp_path):
+    words = ("plan", hills, *ENDS, "--method", "nnpp", "--model")
+    nnpp_edge(*words, "no-such-model").refused("no-such-model")
+    (tmp_path / "cut.onnx").write_bytes(tiny_model.read_bytes()[:-200])
+    nnpp_edge(*words, tmp_path / "cut.onnx").refused("cut.onnx")
+    (tmp_path / "empty.onnx").write_bytes(b"")
+    nnpp_edge(*words, tmp_path / "empty.onnx").refused("empty.onnx")
+    for changes in ({"input_size": 128}, {"blocks": 16}, {"encoding": "gaussian"}, {"format": "2"}, {"sigma": -1.0}):
+        nnpp_edge(*words, make_tiny_model(**changes)).refused("wanted" if "sigma" not in changes else "out of range")
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_read(nnpp_edge, tmp_path):
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "file" / "out", tmp_path / "file"):
+        nnpp_edge("plan", tmp_path / "no-dem.tif", *EXACT, "-o", folder).refused(str(folder), "folder to write to")
+
+
+def test_the_command_itself_ends_with_the_same_code(split, tmp_path):
+    """The whole of it in a process of its own, once."""
+    for dem, code in ((split, 1), (tmp_path / "none.tif", 2)):
+        command = [sys.executable, "-m", "nnpp_edge.cli.main", "plan", str(dem), *EXACT]
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert ended.returncode == code and "Traceback" not in ended.stderr

@@ -1,0 +1,128 @@
+"""Pictures: sizes, greys, and that what is drawn stands where it belongs."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime.errors import OutputError, Status
+from nnpp_edge.runtime.planning.plan import Method, Plan
+from nnpp_edge.viz.picture import (
+    IMPASSABLE,
+    OPTIMUM,
+    PATH,
+    cost_map_picture,
+    cost_picture,
+    hillshade,
+    plan_picture,
+    save_picture,
+)
+from nnpp_edge.viz.sheet import GOAL, START
+
+
+def some_cost(rows, cols):
+    return (np.random.default_rng(3).random((rows, cols)) * 0.9).astype(np.float32)
+
+
+def count(picture, colour):
+    return int((picture == colour).all(axis=2).sum())
+
+
+def test_the_costlier_the_whiter_and_impassable_cells_are_brown():
+    cost = np.array([[0.0, 0.5, 0.99], [1.0, np.inf, np.nan]], np.float32)
+    picture = cost_picture(cost)
+    np.testing.assert_array_equal(picture[0], [[0] * 3, [127] * 3, [252] * 3])
+    np.testing.assert_array_equal(picture[1], [IMPASSABLE] * 3)
+
+
+def test_the_light_comes_from_the_north_west():
+    south, east = np.mgrid[0:20, 0:20].astype(np.float32)
+    faces_north_west, faces_south_east = hillshade(south + east, 1.0), hillshade(-south - east, 1.0)
+    flat = hillshade(np.zeros((20, 20), np.float32), 1.0)
+    assert faces_north_west.mean() > flat.mean() + 30 > faces_south_east.mean() + 60
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (6, 7)])
+def test_unknown_ground_and_any_shape_can_be_shaded(shape, recwarn):
+    heights = np.random.default_rng(1).random(shape).astype(np.float32)
+    for known in (heights, np.where(heights > 0.5, heights, np.nan), heights * np.nan):
+        shade = hillshade(known, 2.0, 3.0)
+        assert (shade.shape, shade.dtype) == (shape, np.uint8)
+    assert not recwarn
+
+
+@pytest.mark.parametrize(
+    ("shape", "drawn"),
+    [((256, 256), (1024, 1024)), ((400, 300), (800, 600)), ((900, 1000), (900, 1000)), ((1500, 3000), (1000, 2000))],
+)
+def test_small_maps_are_enlarged_by_whole_factors_and_large_ones_reduced(shape, drawn):
+    picture = cost_map_picture(some_cost(*shape))
+    height, width = picture.shape[0], picture.shape[1]
+    unit = max(1.0, max(drawn) / 1000)
+    assert max(drawn[1], 800) < width < max(drawn[1], 800) + 50 * unit
+    assert drawn[0] < height < drawn[0] + 140 * unit
+
+
+def test_start_goal_and_both_paths_stand_on_the_map():
+    cost = some_cost(400, 400)
+    cost[200:210, :300] = np.inf
+    planner = Planner(cost)
+    plan = planner.plan((40, 60), (350, 330), method="corridor")
+    detour = np.array([(40 + n, 60) for n in range(100)], np.int32)
+    picture = plan_picture(cost, plan, reference_path=detour, cell_size_m=2.0)
+    at = {name: picture[18 + 2 * row, 18 + 2 * col].tolist() for name, (row, col) in
+          {"start": (40, 60), "goal": (350, 330), "wall": (205, 20)}.items()}  # fmt: skip
+    assert at == {"start": list(START), "goal": list(GOAL), "wall": list(IMPASSABLE)}
+    on_map = picture[18:818, 18:818]
+    assert count(on_map, PATH) > 800
+    assert count(on_map, OPTIMUM) > 100
+    blue, _, red = on_map[2 * int(plan.path[100, 0]) - 8, 2 * int(plan.path[100, 1])].astype(int)
+    assert blue > red + 20  # the region's tint, beside the path
+
+
+def test_a_region_must_be_read_before_the_next_query_and_can_be_kept():
+    cost = some_cost(300, 300)
+    planner = Planner(cost)
+    plan = planner.plan((5, 5), (290, 290), method="corridor")
+    kept = replace(plan, region=replace(plan.region, bitmap=plan.region.bitmap.copy()))
+    before = plan_picture(cost, plan)
+    planner.plan((290, 5), (5, 290), method="corridor")
+    np.testing.assert_array_equal(before, plan_picture(cost, kept))
+
+
+def test_the_networks_region_is_drawn_too(tiny_model):
+    cost = some_cost(200, 200)
+    plan = Planner(cost, model=tiny_model).plan((20, 20), (180, 150), method="nnpp")
+    assert plan.network_region is not None
+    drawn = [plan_picture(cost, p)[:818] for p in (plan, replace(plan, network_region=None))]
+    assert (drawn[0] != drawn[1]).any()
+
+
+def test_a_plan_without_a_path_shows_its_ends():
+    plan = Plan(Status.NO_PATH, Method.ASTAR)
+    picture = plan_picture(some_cost(400, 400), plan, start=(100, 100), goal=(300, 200))
+    assert picture[18 + 200, 18 + 200].tolist() == list(START)
+    assert picture[18 + 600, 18 + 400].tolist() == list(GOAL)
+    assert count(picture, PATH) == 0
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 300), (300, 1), (2, 3), (30, 3000)])
+def test_maps_of_any_shape_are_drawn(shape):
+    cost = some_cost(*shape)
+    plan = Planner(cost).plan((0, 0), (shape[0] - 1, shape[1] - 1), method="astar")
+    picture = plan_picture(
+        cost, plan, reference_path=plan.path, shade=hillshade(cost, 1.0), cell_size_m=0.3, length_m=12.0
+    )
+    assert picture.dtype == np.uint8 and picture.shape[1] >= 800
+    assert count(picture, START) > 10
+
+
+def test_a_picture_is_written_whole(tmp_path):
+    picture = cost_map_picture(some_cost(20, 30), cell_size_m=1.0, title="hills")
+    save_picture(tmp_path / "map.png", picture)
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "map.png")), picture)
+    with pytest.raises(OutputError, match="could not be written"):
+        save_picture(tmp_path / "map.png" / "below.png", picture)
+    assert [path.name for path in tmp_path.iterdir()] == ["map.png"]
