@@ -1,12 +1,22 @@
 """Progress on stderr, tables for stdout."""
 
+import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+
+import click
+
+_LINES = 20
+"""Where stderr is no terminal, a line is written for each of so many parts of the work."""
 
 
 @contextmanager
 def bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
     """A progress bar on stderr; the value is a function that is told how much is done."""
+    if not sys.stderr.isatty():
+        yield _Lines(what, total)
+        return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -14,6 +24,23 @@ def bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task(what, total=total)
         yield lambda done: progress.update(task, completed=done)
+
+
+class _Lines:
+    """Progress for a log: `train: 35 %, 12 min`."""
+
+    def __init__(self, what: str, total: int) -> None:
+        self.what, self.total = what, max(total, 1)
+        self.part = 0
+        self.began = time.monotonic()
+
+    def __call__(self, done: int) -> None:
+        """Write a line if another part is done."""
+        part = done * _LINES // self.total
+        if part > self.part:
+            self.part = part
+            minutes = (time.monotonic() - self.began) / 60.0
+            click.echo(f"{self.what}: {100 * done // self.total} %, {minutes:.1f} min", err=True)
 
 
 def render_table(header: Sequence[str], rows: Sequence[Sequence[str]], sections: Sequence[bool] = ()) -> str:

@@ -283,7 +283,9 @@ def _random_cost(
     return cost
 
 
-def _random_crop(tiles: Sequence[Dem], rng: np.random.Generator, side: int, cell_size_m: float) -> NDArray[np.float32]:
+def _random_crop(
+    tiles: Sequence[Dem], rng: np.random.Generator, side: int, cell_size_m: float
+) -> NDArray[np.float32]:
     """Part of a random tile, averaged where the tile allows it, rescaled with its slopes kept."""
     areas = np.array([dem.elevation.size for dem in tiles], np.float64)
     dem = tiles[int(rng.choice(len(tiles), p=areas / areas.sum()))]

@@ -2,6 +2,7 @@
 
 import math
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.costmap import Float2D, Rectangle, as_map
 from nnpp_edge.runtime.encoding import Cell, Frame, map_planes
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
-from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepModel
+from nnpp_edge.runtime.grid import GREY_LEVELS, PAPER_OMEGA, Grid, StepCost, StepModel
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import Region, Search, astar
 from nnpp_edge.runtime.planning.plan import Method, Plan, Source, measure
@@ -276,6 +277,13 @@ class _LearnedRegions:
     def __init__(self, grid: Grid, model: str | Path | NetworkModel) -> None:
         self.model = model if isinstance(model, NetworkModel) else NetworkModel(model)
         size, blocks = self.model.metadata.input_size, self.model.metadata.blocks
+        scale, trained = grid.model.scale, GREY_LEVELS * self.model.metadata.omega
+        if grid.model.kind is StepCost.PAPER and not 0.5 * trained <= scale <= 2.0 * trained:
+            warnings.warn(
+                f"the network {self.model.metadata.name} was trained for omega = {self.model.metadata.omega:g}, "
+                f"the planner uses {scale / GREY_LEVELS:g}: its regions may miss the optimum by more than stated",
+                stacklevel=4,
+            )
         self.grid = grid
         self.frame = Frame(grid.rows, grid.cols, size)
         self.lookup = self.frame.lookup(blocks)

@@ -136,6 +136,12 @@ def test_auto_says_which_it_picked_and_why(network):
     assert plan.reason
 
 
+def test_another_omega_than_the_networks_is_said(network):
+    cost = np.random.default_rng(0).random((80, 80)).astype(np.float32)
+    with pytest.warns(UserWarning, match=r"trained for omega = 0\.011"):
+        plan_path(cost, (0, 0), (70, 70), method="nnpp", omega=0.05, model=network)
+
+
 @pytest.mark.parametrize(
     "cost", [np.zeros((3, 3, 3)), np.zeros((0, 3)), np.full((3, 3), -0.1), np.array([["a"]]), [1, 2]]
 )

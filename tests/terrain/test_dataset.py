@@ -2,13 +2,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests import oracles
 
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.terrain.dataset import Recipe, make_dataset, make_shard, read_recipe, read_samples
 from nnpp_edge.terrain.labels import EXCESS_STEP, label_queries
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import workload
+from tests import oracles
 
 RECIPE = Recipe((), maps=10, size=32, blocks=8, maps_per_shard=3, poolings=((1, 0.7), (2, 0.3)))
 
@@ -47,7 +47,7 @@ def test_another_recipe_is_refused(tmp_path):
         make_dataset(dataclasses.replace(RECIPE, seed=2), tmp_path, workers=1)
     with pytest.raises(DataSetError, match="1 <= k <= n"):
         make_dataset(RECIPE, tmp_path, part=(3, 2))
-    with pytest.raises(DataSetError, match="dataset.json"):
+    with pytest.raises(DataSetError, match=r"dataset\.json"):
         read_samples(tmp_path / "nowhere")
 
 
@@ -69,7 +69,8 @@ def test_labels_are_the_optimum_and_the_excess_of_every_block():
 
 
 def test_samples_keep_their_distance_and_see_obstacles():
-    shard = make_shard(dataclasses.replace(RECIPE, obstacle_share=1.0, margin_share=0.0), [], np.random.default_rng(5), 8)
+    recipe = dataclasses.replace(RECIPE, obstacle_share=1.0, margin_share=0.0)
+    shard = make_shard(recipe, [], np.random.default_rng(5), 8)
     apart = np.linalg.norm(shard["start"] - shard["goal"], axis=1)
     assert apart.min() >= 32 / 8 - 1e-3
     assert (shard["planes"][:, 1] > 0).any(axis=(1, 2)).all()

@@ -1,0 +1,229 @@
+"""The exported model: what it answers, what it tells of itself, and how it is written."""
+
+import json
+from dataclasses import asdict
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from torch import nn
+
+from nnpp_edge import __version__
+from nnpp_edge.export.parity import parity
+from nnpp_edge.export.to_onnx import dataset_facts, export_network, export_onnx, fold_norms, to_onnx
+from nnpp_edge.model.registry import Network, Spec, encode
+from nnpp_edge.runtime.costmap import Traversability
+from nnpp_edge.runtime.errors import DataSetError, ModelError, OutputError
+from nnpp_edge.runtime.inference import METADATA_KEY, NetworkModel
+from nnpp_edge.terrain.dataset import Recipe, Samples
+
+EDGE = Spec("edge", 64, options={"widths": [8, 8, 8, 8], "stem": 8})
+NNPP = Spec("nnpp", 128, options={"width": 2})
+FACTS = {"progress": {"step": 7, "epoch": 2, "spent_s": 1.5}}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    """Networks this small lose more by torch's threads than they gain."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def lived_in(spec: Spec) -> Network:
+    """An untrained network whose norms are not the identity and whose answers are spread out."""
+    torch.manual_seed(3)
+    network = Network(spec)
+    for module in network.modules():
+        if isinstance(module, nn.BatchNorm2d):
+            nn.init.normal_(module.running_mean, std=0.2)
+            nn.init.uniform_(module.running_var, 0.5, 1.5)
+            nn.init.uniform_(module.weight, 0.5, 1.5)
+            nn.init.normal_(module.bias, std=0.2)
+    last = [module for module in network.modules() if isinstance(module, nn.Conv2d)][-1]
+    nn.init.normal_(last.weight, std=0.3)
+    return network.eval()
+
+
+def checkpoint(path, network):
+    settings = {"batch": 32, "learning_rate": 1e-3, "weight_decay": 1e-4, "target": "near", "softness": 0.02}
+    saved = {"spec": network.spec.as_dict(), "average": network.state_dict(), "settings": settings | {"seed": 1}}
+    torch.save(saved | FACTS, path)
+    return path
+
+
+@pytest.fixture(scope="module", params=[EDGE, NNPP], ids=lambda spec: spec.architecture)
+def exported(request, tmp_path_factory):
+    """A network, its ONNX file, and the report of the export."""
+    folder = tmp_path_factory.mktemp("export")
+    network = lived_in(request.param)
+    file = folder / "model.onnx"
+    report = export_onnx(
+        checkpoint(folder / "checkpoint.pt", network), file, name="small", region_factor=0.4, training={"of": "us"}
+    )
+    return network, file, report
+
+
+def some_samples(size):
+    """Three maps of terrain-like blobs, two queries on each."""
+    rng = np.random.default_rng(5)
+    rough = rng.random((3, 2, size // 8, size // 8)).repeat(8, axis=2).repeat(8, axis=3)
+    queries, blocks = 6, size // 4
+    return Samples(
+        planes=(255 * rough).astype(np.uint8),
+        map_index=np.arange(queries, dtype=np.int32) // 2,
+        start=rng.uniform(0, size - 1, (queries, 2)).astype(np.float32),
+        goal=rng.uniform(0, size - 1, (queries, 2)).astype(np.float32),
+        excess=np.zeros((queries, blocks, blocks), np.uint8),
+        on_path=np.zeros((queries, blocks, blocks // 8), np.uint8),
+    )
+
+
+def test_the_runtime_answers_what_the_network_answers(exported):
+    """Cell for cell, on maps without any symmetry: the layouts of input and output agree."""
+    network, file, _ = exported
+    size = network.spec.input_size
+    model = NetworkModel(file)
+    planes = np.random.default_rng(1).random((2, size, size), np.float32)
+    start, goal = (3.25, size - 9.5), (size - 14.0, 7.75)
+    with torch.no_grad():
+        query = torch.from_numpy(encode(network.spec, start, goal))[None]
+        wanted = torch.sigmoid(network(torch.from_numpy(planes)[None], query))[0].numpy()
+    model.set_map(planes)
+    model.set_query(start, goal)
+    got = model.run()
+    assert wanted.std() > 0.01  # else any order of the blocks would do
+    np.testing.assert_allclose(got, wanted, atol=1e-4)
+
+
+@pytest.mark.parametrize("drawn", [True, False], ids=["dataset", "random"])
+def test_parity_passes_for_what_was_exported(exported, drawn):
+    network, file, _ = exported
+    found = parity(network, file, some_samples(network.spec.input_size) if drawn else None, n=4)
+    assert found["passed"]
+    assert found["mean_difference"] <= found["max_difference"] <= 1e-4
+    assert (found["queries"], found["inputs"]) == (4, "dataset" if drawn else "random")
+
+
+def test_parity_fails_for_another_network(exported):
+    network, file, _ = exported
+    other = lived_in(network.spec)
+    last = [module for module in other.modules() if isinstance(module, nn.Conv2d)][-1]
+    nn.init.constant_(last.bias, 0.5)
+    assert not parity(other, file, n=2)["passed"]
+
+
+def test_parity_refuses_maps_of_another_size(exported):
+    network, file, _ = exported
+    with pytest.raises(DataSetError, match="wanted maps of"):
+        parity(network, file, some_samples(2 * network.spec.input_size))
+
+
+def test_metadata_comes_back_from_the_file(exported):
+    network, file, report = exported
+    m, spec = NetworkModel(file).metadata, network.spec
+    assert (m.name, m.architecture, m.precision, m.version) == ("small", spec.architecture, "fp32", __version__)
+    assert (m.input_size, m.blocks, m.encoding) == (spec.input_size, spec.blocks, spec.encoding)
+    assert (m.sigma, m.omega, m.region_factor) == (0.25, 0.011, 0.4)
+    assert (m.map_unshuffle, m.output_shuffle) == ((4, 2) if spec.architecture == "edge" else (1, 1))
+    assert Traversability(**m.cost_limits) == Traversability()
+    assert m.training["steps"] == 7
+    assert m.training["seconds"] == 1.5
+    assert m.training["of"] == "us"
+    assert report.metadata == json.loads(m.to_json())
+
+
+def test_the_report_tells_what_is_in_the_file(exported):
+    network, file, report = exported
+    model = onnx.load(file)
+    assert report.opset == 18 == model.opset_import[0].version
+    assert report.size_bytes == file.stat().st_size
+    assert report.nodes == len(model.graph.node) == sum(report.operators.values())
+    assert report.output == (1, 4, 8, 8) if network.spec.architecture == "edge" else (1, 1, 16, 16)
+    assert report.macs > 10_000
+    assert json.loads(report.to_json())["inputs"] == {name: list(shape) for name, shape in report.inputs.items()}
+
+
+def test_the_file_is_whole_folded_and_free_of_local_paths(exported):
+    network, file, _ = exported
+    model = onnx.load(file, load_external_data=False)
+    assert not any(tensor.external_data for tensor in model.graph.initializer)
+    assert not {"BatchNormalization", "Identity"} & {node.op_type for node in model.graph.node}
+    names = [node.name for node in model.graph.node]
+    assert len(set(names)) == len(names)
+    if network.spec.architecture == "edge":
+        assert {"stem.0/Conv", "head/Conv", "down64.1.second.0/Conv"} <= set(names)
+    assert b".py" not in file.read_bytes()
+
+
+def test_folding_leaves_the_network_as_it_was(exported):
+    network = exported[0]
+    before = {name: value.clone() for name, value in network.state_dict().items()}
+    folded = fold_norms(network)
+    assert not any(isinstance(module, nn.BatchNorm2d) for module in folded.modules())
+    after = network.state_dict()
+    assert before.keys() == after.keys()
+    assert all(torch.equal(before[name], after[name]) for name in before)
+
+
+def test_a_newer_opset_is_read_back():
+    assert to_onnx(lived_in(EDGE), opset=20).opset_import[0].version == 20
+    with pytest.raises(ModelError, match="opset must be at least 18, got 17"):
+        to_onnx(lived_in(EDGE), opset=17)
+
+
+def test_what_is_no_checkpoint_is_refused_and_nothing_is_written(tmp_path):
+    bad = tmp_path / "checkpoint.pt"
+    bad.write_bytes(b"no checkpoint")
+    with pytest.raises(ModelError, match="wanted a checkpoint"):
+        export_onnx(bad, tmp_path / "out.onnx", name="x")
+    network = lived_in(EDGE)
+    torch.save({"spec": network.spec.as_dict(), "average": network.state_dict()}, bad)
+    with pytest.raises(ModelError, match="got one without 'progress'"):
+        export_onnx(bad, tmp_path / "out.onnx", name="x")
+    assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.pt"]
+
+
+def test_what_the_runtime_would_refuse_is_not_written(tmp_path):
+    with pytest.raises(ModelError, match="out of range"):
+        export_network(lived_in(EDGE), tmp_path / "out.onnx", name="x", region_factor=1.5)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_failed_write_leaves_what_stood_there(tmp_path, monkeypatch):
+    file = tmp_path / "out.onnx"
+    file.write_bytes(b"the old one")
+    monkeypatch.setattr("pathlib.Path.replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
+    with pytest.raises(OutputError, match="No space left"):
+        export_network(lived_in(EDGE), file, name="x")
+    assert file.read_bytes() == b"the old one"
+    assert [path.name for path in tmp_path.iterdir()] == ["out.onnx"]
+
+
+def test_a_data_set_is_told_without_its_folders():
+    recipe = Recipe(("/somewhere/private/moon.tif",))
+    assert dataset_facts(recipe) == asdict(recipe) | {"terrain": ["moon.tif"]}
+
+
+def test_the_command_reports_and_ends_well(nnpp_edge, tmp_path):
+    path = checkpoint(tmp_path / "checkpoint.pt", lived_in(EDGE))
+    told = nnpp_edge("export", path, "-o", tmp_path / "lunar.onnx")
+    assert told.code == 0
+    assert "opset 18" in told.out
+    assert "parity  passed" in told.out
+    assert told.err == ""
+    asked = nnpp_edge("export", path, "-o", tmp_path / "lunar.onnx", "--region-factor", 0.25, "--json")
+    found = json.loads(asked.out)
+    assert found["metadata"]["name"] == "lunar"
+    assert found["metadata"]["region_factor"] == 0.25
+    assert found["parity"]["passed"]
+    assert METADATA_KEY in {p.key for p in onnx.load(tmp_path / "lunar.onnx").metadata_props}
+
+
+def test_the_command_refuses_what_is_no_checkpoint(nnpp_edge, tmp_path):
+    told = nnpp_edge("export", tmp_path / "none.pt", "-o", tmp_path / "out.onnx")
+    assert told.code == 2
+    assert told.err.startswith("error: ")
+    assert "wanted a checkpoint" in told.err
