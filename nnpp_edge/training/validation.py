@@ -94,7 +94,12 @@ class Validator:
 
     def judge(self, network: Network, factors: Sequence[float] = (1.0, 0.5, 0.25)) -> list[Judgement]:
         """Search every validation query inside the region, for each factor on td."""
-        probabilities = self.probabilities(network)
+        return self.judge_probabilities(self.probabilities(network), factors)
+
+    def judge_probabilities(
+        self, probabilities: NDArray[np.float32], factors: Sequence[float] = (1.0, 0.5, 0.25)
+    ) -> list[Judgement]:
+        """The same for answers that are there: (Q, B, B), in the order of `index`."""
         out = []
         for factor in factors:
             gaps, shares, mms, found = [], [], [], 0

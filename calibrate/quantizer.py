@@ -1,0 +1,186 @@
+"""An fp32 model, calibrated once, from which int8 variants are built."""
+
+import contextlib
+import io
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import onnx
+from onnxruntime import quantization
+from onnxruntime.quantization import CalibrationMethod, QDQQuantizer, QuantType
+
+from nnpp_edge.calibrate.calibration_set import QueryReader, pick
+from nnpp_edge.runtime.errors import DataSetError, ModelError
+from nnpp_edge.runtime.inference import METADATA_KEY, OUTPUT, ModelMetadata, NetworkModel
+from nnpp_edge.terrain.dataset import Samples
+
+METHODS = {
+    "minmax": (CalibrationMethod.MinMax, {}),
+    "percentile": (CalibrationMethod.Percentile, {"symmetric": False, "percentile": 99.999}),
+    "entropy": (CalibrationMethod.Entropy, {"symmetric": False}),
+}
+"""Ways to choose the range of each tensor."""
+
+OPERATORS = ("Conv", "Relu", "Add", "Resize", "Concat", "AveragePool", "MaxPool")
+"""Kinds of nodes that have an int8 kernel on CPUs, so that their QDQ pairs disappear."""
+
+_AT_ONCE = 8
+"""Queries whose activations the histogram methods hold in memory together."""
+
+
+class Quantizer:
+    """Static quantisation in QDQ form: uint8 activations, int8 weights with a scale for each channel.
+
+    Parameters
+    ----------
+    model : NetworkModel
+        In fp32.
+    folder : Path
+        For the files in between.
+
+    Raises
+    ------
+    ModelError
+        The model is int8 already.
+
+    Notes
+    -----
+    The head (the last convolution and the sigmoid after it) stays float: it costs next to nothing, and
+    its error would be the answer's.
+    """
+
+    def __init__(self, model: NetworkModel, folder: Path) -> None:
+        if model.metadata.precision != "fp32":
+            raise ModelError(f"{model.path}: wanted an fp32 model, got one of {model.metadata.precision}")
+        self.model, self.folder = model, folder
+        self.prepared = _prepare(model.path, folder / "prepared.onnx")
+        self.ranges: Any = None
+        graph = onnx.load(self.prepared).graph
+        self.head = _head(graph)
+        self.nodes = tuple(n.name for n in graph.node if n.op_type == "Conv" and n.name not in self.head)
+        """The convolutions that can be quantised."""
+        self._relus = {n.input[0]: n.name for n in graph.node if n.op_type == "Relu"}
+        self._outputs = {n.name: n.output[0] for n in graph.node}
+
+    def calibrate(self, samples: Samples, method: str = "minmax") -> None:
+        """Run the fp32 model on all queries of `samples` and choose each tensor's range."""
+        if samples.planes.shape[-1] != self.model.metadata.input_size:
+            size = self.model.metadata.input_size
+            raise DataSetError(f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}")
+        kind, settings = METHODS[method]
+        with _quiet():
+            calibrator = quantization.create_calibrator(
+                self.prepared, list(OPERATORS), str(self.folder / "augmented.onnx"), kind, extra_options=settings
+            )
+            for at in range(0, len(samples), _AT_ONCE):
+                part = pick(samples, range(at, min(at + _AT_ONCE, len(samples))))
+                calibrator.collect_data(QueryReader(self.model, part))
+            self.ranges = calibrator.compute_data()
+
+    def build(
+        self,
+        name: str,
+        *,
+        exclude: Sequence[str] = (),
+        only: str | None = None,
+        reduce_range: bool = True,
+        facts: dict[str, Any] | None = None,
+    ) -> Path:
+        """Write an int8 variant into the folder.
+
+        Parameters
+        ----------
+        name : str
+            Of the file, without its ending.
+        exclude : names
+            Nodes to leave float, besides the head.
+        only : str, optional
+            The one convolution to quantise, with the ReLU after it.
+        reduce_range : bool
+            Weights of 7 bits. On x86 CPUs without VNNI, sums of two products of 8 bits overflow 16 bits and
+            saturate; with 7 they cannot.
+        facts : dict
+            On the calibration, for the metadata.
+
+        Raises
+        ------
+        ModelError
+            `exclude` names a node that is not there.
+        """
+        unknown = set(exclude) - set(self._outputs)
+        if unknown:
+            raise ModelError(f"wanted nodes out of {', '.join(self.nodes)}, got {', '.join(sorted(unknown))}")
+        chosen = [only, self._relus.get(self._outputs[only], only)] if only else []
+        with _quiet():
+            quantizer = QDQQuantizer(
+                onnx.load(self.prepared), True, reduce_range, QuantType.QInt8, QuantType.QUInt8, self.ranges,
+                chosen, [*self.head, *exclude], list(OPERATORS), {},
+            )  # fmt: skip
+            quantizer.quantize_model()
+            quantizer.model.topological_sort()
+        built = quantizer.model.model
+        metadata = self.model.metadata
+        metadata = replace(
+            metadata, precision="int8", training=metadata.training | ({"calibration": facts} if facts else {})
+        )
+        path = self.folder / f"{name}.onnx"
+        path.write_bytes(_finish(built, metadata))
+        return path
+
+
+def with_facts(path: Path, facts: dict[str, Any]) -> bytes:
+    """A built model with more facts on its calibration."""
+    model = onnx.load(path)
+    stored = {p.key: p.value for p in model.metadata_props}.get(METADATA_KEY)
+    metadata = ModelMetadata.from_json(stored, str(path))
+    known = metadata.training.get("calibration", {})
+    return _finish(model, replace(metadata, training=metadata.training | {"calibration": known | facts}))
+
+
+def _finish(model: onnx.ModelProto, metadata: ModelMetadata) -> bytes:
+    """Our metadata, no operator sets but those in use, and a check."""
+    onnx.helper.set_model_props(model, {METADATA_KEY: metadata.to_json()})
+    used = {node.domain for node in model.graph.node}
+    versions = [o for o in model.opset_import if o.domain in used or (o.domain == "ai.onnx" and "" in used)]
+    del model.opset_import[:]
+    model.opset_import.extend(versions)
+    onnx.checker.check_model(model, full_check=True)
+    return model.SerializeToString()
+
+
+def _prepare(source: Path, target: Path) -> Path:
+    """Shapes of all tensors, and onnxruntime's basic fusions."""
+    with _quiet():
+        try:
+            quantization.quant_pre_process(source, target)
+        except Exception:  # it cannot follow ReduceMax over axes given as an input; plain inference can
+            quantization.quant_pre_process(source, target, skip_symbolic_shape=True)
+    return target
+
+
+def _head(graph: onnx.GraphProto) -> tuple[str, ...]:
+    """Names of the last convolution and of what follows it."""
+    makers = {name: node for node in graph.node for name in node.output}
+    node = makers[OUTPUT]
+    names = [node.name]
+    while node.op_type != "Conv":
+        if not node.input or node.input[0] not in makers:
+            raise ModelError("wanted a network that ends in a convolution, got one without")
+        node = makers[node.input[0]]
+        names.append(node.name)
+    return tuple(names)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the quantiser's prints and log lines off the command's output."""
+    before = logging.root.manager.disable
+    logging.disable(logging.ERROR)
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        logging.disable(before)

@@ -1,0 +1,89 @@
+"""Whether the exported model answers what the network answers."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from nnpp_edge.model.registry import Network, encode
+from nnpp_edge.runtime.errors import DataSetError
+from nnpp_edge.runtime.inference import NetworkModel
+from nnpp_edge.terrain.dataset import Samples
+
+LIMIT = 1e-4
+"""Largest difference of two probabilities that passes; both sides compute in float32."""
+
+
+@torch.no_grad()
+def parity(
+    network: Network, onnx_path: Path, samples: Samples | None = None, n: int = 32, seed: int = 1
+) -> dict[str, Any]:
+    """Compare a network in torch with its ONNX file as the runtime runs it, over whole queries.
+
+    Parameters
+    ----------
+    network : Network
+        What was exported.
+    onnx_path : Path
+        What it was exported to.
+    samples : Samples, optional
+        Queries to compare on; without, maps and queries are random.
+    n, seed : int
+        How many queries, and of their choice.
+
+    Returns
+    -------
+    dict
+        ``queries``, ``inputs`` (``dataset`` or ``random``), ``max_difference``, ``mean_difference`` of the
+        probabilities, ``limit``, and ``passed``.
+
+    Notes
+    -----
+    The ONNX side goes through `NetworkModel`: how the runtime lays out the map, encodes the query and reads
+    the answer is compared too.
+    """
+    network.eval()
+    model = NetworkModel(onnx_path)
+    differences = []
+    for planes, start, goal in _queries(network.spec.input_size, samples, n, seed):
+        query = torch.from_numpy(encode(network.spec, start, goal))
+        wanted = torch.sigmoid(network(torch.from_numpy(planes)[None], query[None]))[0].numpy()
+        model.set_map(planes)
+        model.set_query(start, goal)
+        differences.append(np.abs(model.run() - wanted))
+    worst = max(float(d.max()) for d in differences)
+    return {
+        "queries": len(differences),
+        "inputs": "random" if samples is None else "dataset",
+        "max_difference": worst,
+        "mean_difference": float(np.mean(differences)),
+        "limit": LIMIT,
+        "passed": worst <= LIMIT,
+    }
+
+
+Query = tuple[NDArray[np.float32], tuple[float, float], tuple[float, float]]
+
+
+def _queries(size: int, samples: Samples | None, n: int, seed: int) -> list[Query]:
+    """Planes, start and goal of each query."""
+    rng = np.random.default_rng(seed)
+    if samples is None:
+        ends = rng.uniform(0, size - 1, (n, 2, 2))
+        return [
+            (rng.random((2, size, size), np.float32), (float(a[0]), float(a[1])), (float(b[0]), float(b[1])))
+            for a, b in ends
+        ]
+    if samples.planes.shape[-1] != size:
+        raise DataSetError(f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}")
+    chosen = rng.choice(len(samples), min(n, len(samples)), replace=False)
+    return [
+        (
+            samples.planes[samples.map_index[q]].astype(np.float32) / 255.0,
+            (float(samples.start[q, 0]), float(samples.start[q, 1])),
+            (float(samples.goal[q, 0]), float(samples.goal[q, 1])),
+        )
+        for q in chosen
+    ]
