@@ -21,6 +21,10 @@ COMMANDS = {
 """Name and one line each; the command itself is `command` in the module of that name."""
 
 
+_EXTRAS = {"torch": "train", "onnx": "train", "onnxscript": "train", "matplotlib": "viz", "rasterio": "geo"}
+"""Packages that the onboard install lacks, and the extra that brings each."""
+
+
 class LazyGroup(click.Group):
     """A group whose subcommands are imported one at a time: `--help` imports none."""
 
@@ -58,6 +62,11 @@ def main() -> None:
         cli(prog_name="nnpp-edge")
     except NnppEdgeError as error:
         click.echo(f"error: {error}", err=True)
+        sys.exit(2)
+    except ModuleNotFoundError as error:
+        if (extra := _EXTRAS.get((error.name or "").partition(".")[0])) is None:
+            raise
+        click.echo(f"error: this needs {error.name}: pip install 'nnpp-edge[{extra}]'", err=True)
         sys.exit(2)
 
 

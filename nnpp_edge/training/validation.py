@@ -105,10 +105,10 @@ class Validator:
             gaps, shares, mms, found = [], [], [], 0
             for at, query in enumerate(self.index):
                 start, goal = self._ends(query)
-                ends = [(int(self.lookup[0][r]), int(self.lookup[1][c])) for r, c in (start, goal)]
+                a, b = ((int(self.lookup[0][r]), int(self.lookup[1][c])) for r, c in (start, goal))
                 self.finder.read(probabilities[at])
-                threshold = max(int(self.finder.threshold(*ends) * factor), 1)
-                region = Region(self.finder.bitmap, *self.lookup, self.finder.mark(threshold, *ends))
+                threshold = max(int(self.finder.threshold(a, b) * factor), 1)
+                region = Region(self.finder.bitmap, *self.lookup, self.finder.mark(threshold, a, b))
                 cost, _ = self._search(query, region)
                 optimum, cells = self.optima[at]
                 if cost < float("inf"):
