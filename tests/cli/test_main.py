@@ -33,7 +33,7 @@ def test_help_and_version_succeed(nnpp_edge, words):
 
 def test_the_whole_chain_from_terrain_to_an_int8_model(nnpp_edge, tmp_path):
     """A model far too small and trained far too short, but every link is the real one."""
-    data, run = tmp_path / "data", tmp_path / "run"
+    data, run, int8 = (tmp_path / name for name in ("data", "run", "int8.onnx"))
     ended = nnpp_edge("dataset", "-o", data, "--maps", 6, "--workers", 1, "--size", 256, "--points", 3)
     assert ended.code == 0, ended.err
     assert (data / "samples.png").stat().st_size > 10_000
@@ -43,9 +43,7 @@ def test_the_whole_chain_from_terrain_to_an_int8_model(nnpp_edge, tmp_path):
     assert (run / "curves.png").stat().st_size > 10_000
     ended = nnpp_edge("export", run / "checkpoint.pt", "-o", tmp_path / "fp32.onnx", "--name", "mine")
     assert ended.code == 0, ended.err
-    ended = nnpp_edge(
-        "quantize", tmp_path / "fp32.onnx", "--dataset", data, "-o", tmp_path / "int8.onnx", "--samples", 8
-    )
+    ended = nnpp_edge("quantize", tmp_path / "fp32.onnx", "--dataset", data, "-o", int8, "--samples", 8)
     assert ended.code == 0, ended.err
     np.savez(tmp_path / "dem.npz", elevation_m=np.random.default_rng(0).normal(0, 0.1, (90, 120)), cell_size_m=1.0)
     ended = nnpp_edge(
