@@ -3,6 +3,7 @@
 import json
 import os
 from dataclasses import dataclass, field, fields
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ OUTPUT = "probability"
 DEFAULT_THREADS = 2
 
 _CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "pair": ("cost", "blocked", "pair")}
-_MODELS = Path(__file__).resolve().parent.parent / "models"
+_MODELS = Path(str(files("nnpp_edge.models")))
 
 
 @dataclass(frozen=True)
