@@ -61,7 +61,7 @@ class StepModel:
 def _pad(cost, scale, ceiling, first, stride, weights, extremes):
     """Weights of a rectangle into the padded map, from node `first` on; extremes = least, greatest.
 
-    The numbers of costs below 0 and of impassable cells.
+    The number of costs below 0, and by how many there are more impassable cells than before.
     """
     bad, blocked = 0, 0
     least, greatest = extremes[0], extremes[1]
@@ -69,6 +69,7 @@ def _pad(cost, scale, ceiling, first, stride, weights, extremes):
         base = first + row * stride
         for col in range(cost.shape[1]):
             t = cost[row, col]
+            blocked -= weights[base + col] == np.inf
             if t < ceiling:
                 w = np.float64(np.float32(t * scale))
                 if t < 0.0:
@@ -98,8 +99,13 @@ class Grid:
     """No passable cell weighs less."""
     greatest: float = 0.0
     """No passable cell weighs more."""
-    has_obstacles: bool = False
-    """Whether a cell has been impassable since the whole map was last taken over."""
+    blocked: int = 0
+    """Number of impassable cells."""
+
+    @property
+    def cells(self) -> int:
+        """Number of cells of the map."""
+        return self.rows * self.cols
 
     @property
     def stride(self) -> int:
@@ -109,7 +115,7 @@ class Grid:
     @classmethod
     def empty(cls, rows: int, cols: int, model: StepModel) -> "Grid":
         """A grid whose cells are all impassable."""
-        return cls(rows, cols, model, np.full((rows + 2) * (cols + 2), np.inf, np.float32))
+        return cls(rows, cols, model, np.full((rows + 2) * (cols + 2), np.inf, np.float32), blocked=rows * cols)
 
     @classmethod
     def of(cls, cost: Float2D, model: StepModel) -> "Grid":
@@ -151,7 +157,7 @@ class Grid:
             self.weights,
             extremes,
         )
-        self.has_obstacles = blocked > 0 or (self.has_obstacles and not whole)
+        self.blocked += int(blocked)
         if bad or (self.model.kind is StepCost.LENGTH and extremes[0] == 0.0):
             wanted = "at least 0" if self.model.kind is StepCost.PAPER else "greater than 0"
             raise InvalidMapError(f"every passable cost must be {wanted}, got one of {extremes[0]:g}")

@@ -23,7 +23,9 @@ from nnpp_edge.runtime.region import RegionFinder
 _NEAR = 48
 """Cells; nearer goals `auto` leaves to plain A*, which is then faster than a network's answer."""
 _REFINE_FROM = 192
-"""Cells on a map's longer side from which a learned region is searched coarsely first, if nothing is impassable."""
+"""Cells on a map's longer side from which a learned region may be searched coarsely first."""
+_RARELY_BLOCKED = 0.005
+"""Share of impassable cells up to which it is: with more, averages hide too many walls and passes."""
 _CORRIDOR_RADII = (1, 4)
 """Dilation of the coarse path, in coarse cells: at first, and widened."""
 _WIDENED_FACTOR = 0.25
@@ -130,7 +132,8 @@ class Planner:
             Cells.
         method : str
             ``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the network's
-            region. ``auto``: one of these; the plan says which and why.
+            region. ``auto``: whichever is soonest done by the figures in docs/decisions.md; the plan says which
+            and why.
         time_limit_s : float
             After this the status is TIMEOUT, with the path as far as it had come.
         cancelled : callable
@@ -171,9 +174,7 @@ class Planner:
             return Method(method), ""
         if max(abs(start[0] - goal[0]), abs(start[1] - goal[1])) < _NEAR:
             return Method.ASTAR, f"the goal is less than {_NEAR} cells away"
-        if self.grid.has_obstacles:
-            return Method.NNPP, "the map has impassable cells, which averages hide from the corridor planner"
-        return Method.CORRIDOR, "no cell is impassable"
+        return Method.CORRIDOR, "soonest done by the shipped figures; nnpp costs less where cells are impassable"
 
     def _problem(self, start: Cell, goal: Cell) -> Status | None:
         for cell, outside, blocked in (
@@ -238,9 +239,9 @@ class Planner:
         learned = self._learned
         td = learned.infer(query)
         network_region = learned.region(td, query)
-        # averages tell the truth where no cell is impassable: then a coarse search narrows the region down
+        # averages tell the truth where few cells are impassable: then a coarse search narrows the region down
         top = len(self.pyramid.levels) - 1
-        refine = max(self.shape) >= _REFINE_FROM and not self.grid.has_obstacles
+        refine = max(self.shape) >= _REFINE_FROM and self.grid.blocked <= _RARELY_BLOCKED * self.grid.cells
         attempts = [(td * learned.factor, top if refine else 0, Source.REGION)]
         if refine:
             attempts.append((td * learned.factor, 0, Source.WIDENED))

@@ -127,13 +127,11 @@ def test_planners_run_in_parallel_threads():
 
 
 def test_auto_says_which_it_picked_and_why(network):
-    soft = Planner(np.random.default_rng(0).random((200, 200)).astype(np.float32) * 0.9, model=network)
-    assert soft.plan((0, 0), (9, 9)).method == "astar"
-    assert soft.plan((0, 0), (190, 190)).method == "corridor"
-    soft.update(50, 50, np.ones((20, 20)))
-    plan = soft.plan((0, 0), (190, 190))
-    assert plan.method == "nnpp"
-    assert plan.reason
+    planner = Planner(np.random.default_rng(0).random((200, 200)).astype(np.float32) * 0.9, model=network)
+    near, far = planner.plan((0, 0), (9, 9)), planner.plan((0, 0), (190, 190))
+    assert (near.method, far.method) == ("astar", "corridor")
+    assert near.reason != far.reason
+    assert planner.plan((0, 0), (9, 9), method="astar").reason == ""
 
 
 def test_another_omega_than_the_networks_is_said(network):
@@ -162,3 +160,14 @@ def test_a_query_that_makes_no_sense_is_refused(wrong):
     query = {"start": (0, 0), "goal": (2, 2)} | wrong
     with pytest.raises(InvalidQueryError):
         plan_path(np.zeros((3, 3)), **query)
+
+
+def test_the_impassable_cells_are_counted_through_updates():
+    cost = np.zeros((20, 30), np.float32)
+    cost[3, 4:9] = np.nan
+    planner = Planner(cost)
+    assert planner.grid.blocked == 5
+    patch = np.zeros((4, 6))
+    patch[0, 0] = 1.0
+    planner.update(2, 2, patch)
+    assert planner.grid.blocked == 2
