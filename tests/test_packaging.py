@@ -37,7 +37,7 @@ def test_the_runtime_imports_neither_torch_nor_onnx():
         "from nnpp_edge.runtime import NetworkModel, Planner, plan_path, traversability_cost\n"
         "assert plan_path(np.zeros((70, 70), np.float32), (0, 0), (69, 69), method='corridor').ok\n"
         "NetworkModel('edge')\n"
-        "heavy = {'torch', 'onnx', 'onnxscript', 'rasterio', 'matplotlib', 'scipy', 'safetensors'}\n"
+        "heavy = {'torch', 'onnx', 'onnxscript', 'rasterio', 'matplotlib', 'safetensors'}\n"
         "print(sorted(heavy & {name.partition('.')[0] for name in sys.modules}))\n"
     )
     result = run_python(code)
