@@ -34,8 +34,10 @@ from nnpp_edge.runtime.planning.workspace import OPEN_BIT, ORIGIN, STAMP_SHIFT, 
 
 _FOUND, _EXHAUSTED, _PAUSED, _FULL = 0, 1, 2, 3
 _DIRECTION = 15
-_ROW_STEP = (-1, 1, 0, 0, -1, -1, 1, 1)
-_COL_STEP = (0, 0, -1, 1, -1, 1, -1, 1)
+ROW_STEP = (-1, 1, 0, 0, -1, -1, 1, 1)
+COL_STEP = (0, 0, -1, 1, -1, 1, -1, 1)
+DIRECTION = (4, 0, 5, 2, -1, 3, 6, 1, 7)
+"""Direction of the neighbour (row, col) = (i // 3 - 1, i % 3 - 1); -1 for the cell itself."""
 
 
 def _successors(free_diagonals: bool) -> NDArray[np.int64]:
@@ -49,7 +51,7 @@ def _successors(free_diagonals: bool) -> NDArray[np.int64]:
     masks = np.full(ORIGIN + 1, 255, np.int64)
     for arrival in range(ORIGIN):
         for k in range(8):
-            rows, cols = abs(_ROW_STEP[arrival] + _ROW_STEP[k]), abs(_COL_STEP[arrival] + _COL_STEP[k])
+            rows, cols = abs(ROW_STEP[arrival] + ROW_STEP[k]), abs(COL_STEP[arrival] + COL_STEP[k])
             if max(rows, cols) <= 1 if free_diagonals else rows + cols <= 1:
                 masks[arrival] &= ~(1 << k)
     return masks
@@ -157,7 +159,7 @@ def _deal_out(
 
 @kernel
 def _expand(
-    weights, stride, goal, steps, successors, corner_cutting, bitmap, row_block, col_block, region_stamp,
+    weights, links, stride, goal, steps, successors, corner_cutting, bitmap, row_block, col_block, region_stamp,
     g, meta, stamp, fine, coarse, entry_node, entry_next, control, reals, counts, most,
 ):  # fmt: skip
     """Expand until the goal is settled, nothing is left, `most` expansions are done or the list is full.
@@ -221,7 +223,10 @@ def _expand(
         for k in range(8):  # unrolled by the compiler
             if not (worthwhile >> k) & 1:
                 continue
-            there = node + row_steps[k] + _COL_STEP[k]
+            if links is not None:  # noqa: SIM102  (numba drops the branch when there are none)
+                if not (links[node] >> k) & 1:
+                    continue
+            there = node + row_steps[k] + COL_STEP[k]
             w = weights[there]
             if w == np.inf:
                 continue
@@ -229,14 +234,14 @@ def _expand(
                 reached = g_node + (length_s + weight_s * (own + w))
             else:
                 if not corner_cutting and (
-                    weights[node + row_steps[k]] == np.inf or weights[node + _COL_STEP[k]] == np.inf
+                    weights[node + row_steps[k]] == np.inf or weights[node + COL_STEP[k]] == np.inf
                 ):
                     continue
                 reached = g_node + (length_d + weight_d * (own + w))
             old = meta[2 * there + 1]
             if old >> STAMP_SHIFT == stamp and reached >= g[2 * there]:
                 continue
-            i, j = row + _ROW_STEP[k], col + _COL_STEP[k]
+            i, j = row + ROW_STEP[k], col + COL_STEP[k]
             f = reached + _estimate(i, j, goal_row, goal_col, h_straight, h_diagonal)
             if f >= bound:
                 continue
@@ -272,7 +277,7 @@ def _trace(meta, node, stride, out):
         k = meta[2 * node + 1] & _DIRECTION
         if k == ORIGIN:
             return n
-        node -= _ROW_STEP[k] * stride + _COL_STEP[k]
+        node -= ROW_STEP[k] * stride + COL_STEP[k]
 
 
 def _bucket_width(grid: Grid, straight: float) -> float:
@@ -288,6 +293,7 @@ def astar(
     workspace: Workspace,
     *,
     region: Region | None = None,
+    links: NDArray[np.uint8] | None = None,
     corner_cutting: bool = True,
     deadline: float = math.inf,
     cancelled: Callable[[], bool] | None = None,
@@ -304,6 +310,8 @@ def astar(
         Scratch memory of the grid's size.
     region : Region
         Search only there.
+    links : (nodes,) uint8
+        The directions in which each cell may be left, as bits; by default all.
     corner_cutting : bool
         Whether a diagonal step may pass an impassable cell on either side of it.
     deadline : float
@@ -336,12 +344,12 @@ def astar(
            h_start, reals, counts)  # fmt: skip
     where = (None, None, None, 0) if region is None else (
         region.bitmap, region.row_block, region.col_block, region.stamp)  # fmt: skip
-    successors = _SUCCESSORS[corner_cutting and grid.model.kind is StepCost.PAPER]
+    successors = _SUCCESSORS[corner_cutting and links is None and grid.model.kind is StepCost.PAPER]
     timed = deadline < math.inf or cancelled is not None
     while True:
         code = _expand(
-            grid.weights, grid.stride, last, steps, successors, corner_cutting, *where, ws.g, ws.meta, stamp, ws.fine,
-            ws.coarse, ws.entry_node, ws.entry_next, ws.control, reals, counts,
+            grid.weights, links, grid.stride, last, steps, successors, corner_cutting, *where, ws.g, ws.meta, stamp,
+            ws.fine, ws.coarse, ws.entry_node, ws.entry_next, ws.control, reals, counts,
             _EXPANSIONS_BETWEEN_CHECKS if timed else np.iinfo(np.int64).max >> 1,
         )  # fmt: skip
         if code == _FULL:
@@ -385,7 +393,7 @@ def cost_field(
     successors = _SUCCESSORS[corner_cutting and grid.model.kind is StepCost.PAPER]
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     while _expand(
-        grid.weights, grid.stride, corner_of_border, steps, successors, corner_cutting, None, None, None, 0,
+        grid.weights, None, grid.stride, corner_of_border, steps, successors, corner_cutting, None, None, None, 0,
         ws.g, ws.meta, stamp, ws.fine, ws.coarse, ws.entry_node, ws.entry_next, ws.control, reals, counts,
         np.iinfo(np.int64).max >> 1,
     ) == _FULL:  # fmt: skip

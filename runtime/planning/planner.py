@@ -23,9 +23,7 @@ from nnpp_edge.runtime.region import RegionFinder
 _NEAR = 48
 """Cells; nearer goals `auto` leaves to plain A*, which is then faster than a network's answer."""
 _REFINE_FROM = 192
-"""Cells on a map's longer side from which a learned region may be searched coarsely first."""
-_RARELY_BLOCKED = 0.005
-"""Share of impassable cells up to which it is: with more, averages hide too many walls and passes."""
+"""Cells on a map's longer side from which a learned region is searched coarsely first."""
 _CORRIDOR_RADII = (1, 4)
 """Dilation of the coarse path, in coarse cells: at first, and widened."""
 _WIDENED_FACTOR = 0.25
@@ -86,7 +84,7 @@ class Planner:
         model: str | Path | NetworkModel = "edge",
     ) -> None:
         self.grid = Grid.of(cost, StepModel.of(step_cost, omega))
-        self.pyramid = Pyramid(self.grid)
+        self.pyramid = Pyramid(self.grid, corner_cutting)
         self.corner_cutting = corner_cutting
         self._model = model
         self._learned: _LearnedRegions | None = None
@@ -197,6 +195,7 @@ class Planner:
             (query.goal[0] // factor, query.goal[1] // factor),
             at.workspace,
             region=region,
+            links=at.links,
             corner_cutting=query.corner_cutting or level > 0,
             deadline=query.deadline,
             cancelled=query.cancelled,
@@ -239,17 +238,20 @@ class Planner:
         learned = self._learned
         td = learned.infer(query)
         network_region = learned.region(td, query)
-        # averages tell the truth where few cells are impassable: then a coarse search narrows the region down
-        top = len(self.pyramid.levels) - 1
-        refine = max(self.shape) >= _REFINE_FROM and self.grid.blocked <= _RARELY_BLOCKED * self.grid.cells
-        attempts = [(td * learned.factor, top if refine else 0, Source.REGION)]
-        if refine:
-            attempts.append((td * learned.factor, 0, Source.WIDENED))
-        attempts.append((td * learned.factor * _WIDENED_FACTOR, 0, Source.WIDENED))
+        refine = max(self.shape) >= _REFINE_FROM
+        top = len(self.pyramid.levels) - 1 if refine else 0
         plan = None
-        for threshold, top, source in attempts:
-            wanted = learned.region(threshold, query, radius=int(threshold < td * learned.factor))
-            region = learned.at_level(wanted, self.pyramid.levels[top].grid, top)
+        for threshold, dilation, source in (
+            (td * learned.factor, 0, Source.REGION),
+            (td * learned.factor * _WIDENED_FACTOR, 1, Source.WIDENED),
+            (0.0, 0, Source.WIDENED),
+        ):
+            region = None
+            if threshold:
+                wanted = learned.region(threshold, query, dilation)
+                region = learned.at_level(wanted, self.pyramid.levels[top].grid, top)
+            elif not refine:
+                break  # the whole map at full resolution is the fallback's
             found, searched = self._descend(query, top, region, 1)
             if found is not None and found.status is not Status.NO_PATH:
                 plan = self._answer(query, Method.NNPP, source, found, searched)

@@ -1,0 +1,198 @@
+"""Compiling every kernel before the first plan: at install or at boot, rather than on the way.
+
+Tiny plans are made that go through every code path with every type of argument which the runtime hands to
+its kernels. What they compile stays in the cache folder that `_jit` chose.
+"""
+
+import importlib
+import os
+import pkgutil
+import re
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import nnpp_edge.runtime
+from nnpp_edge.runtime import _jit
+from nnpp_edge.runtime.costmap import Traversability, terrain_terms, traversability_cost, update_cost
+from nnpp_edge.runtime.encoding import GAUSSIAN_CHANNELS, encode_gaussian
+from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.inference import NetworkModel
+from nnpp_edge.runtime.planning.astar import cost_field
+from nnpp_edge.runtime.planning.planner import Planner
+
+_FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
+_STILL_IN_USE_S = 3600.0
+"""A folder written to within this time may belong to a process that is still running: it is left alone."""
+_SHAPES = ((40, 56), (200, 130), (520, 96))
+"""Below and above every size at which the planner changes its ways."""
+
+
+@dataclass(frozen=True)
+class Warmth:
+    """What a warm-up came to."""
+
+    folder: Path
+    """Where the compiled kernels are."""
+    kernels: int
+    """Kernels in it."""
+    signatures: int
+    """Their versions, one for each set of argument types."""
+    compiled: int
+    """Versions that were compiled this time; the rest was there already."""
+    seconds: float
+    removed: tuple[Path, ...]
+    """Folders of other versions that were deleted."""
+
+    def summary(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        told = asdict(self)
+        return told | {
+            "folder": str(self.folder),
+            "seconds": round(self.seconds, 3),
+            "removed": [str(folder) for folder in self.removed],
+        }
+
+
+def warm_up(*, keep_old: bool = False) -> Warmth:
+    """Compile every kernel into the cache folder; later processes load them from there.
+
+    Parameters
+    ----------
+    keep_old : bool
+        Leave the kernels of other versions where they are. Otherwise their folders are deleted, but for
+        those written to within the last hour.
+
+    Raises
+    ------
+    OutputError
+        There is no folder to write to, or it cannot be written.
+    """
+    folder = _jit.CACHE_FOLDER
+    if folder is None:
+        raise OutputError(
+            "compiled kernels cannot be kept: wanted a folder that only this user can write to, found none "
+            "(set NUMBA_CACHE_DIR to such a folder)"
+        )
+    began = time.perf_counter()
+    try:
+        with _alone(folder):
+            before = _compilations()
+            exercise()
+            compiled = _compilations() - before
+        removed = () if keep_old else _remove_old(folder)
+        kernels, signatures = (sum(1 for _ in folder.rglob(kind)) for kind in ("*.nbi", "*.nbc"))
+    except OSError as error:
+        raise OutputError(f"{folder}: kernels could not be kept ({error.strerror or error})") from error
+    return Warmth(folder, kernels, signatures, compiled, time.perf_counter() - began, removed)
+
+
+def exercise() -> None:
+    """Make tiny plans that call every kernel with every set of argument types."""
+    _exercise_cost_maps()
+    network = NetworkModel("edge")
+    for shape in _SHAPES:
+        for step_cost in ("paper", "length"):
+            for corner_cutting in (True, False):
+                _exercise_planner(shape, step_cost, corner_cutting, network)
+    size = 16
+    encode_gaussian((1.0, 2.0), (9.0, 3.0), size, 1, 4.0, np.empty((GAUSSIAN_CHANNELS, size, size), np.float32))
+
+
+def _exercise_cost_maps() -> None:
+    dem = np.cumsum(np.random.default_rng(0).normal(0.0, 0.1, (150, 24)), axis=1).astype(np.float32)
+    dem[3, 4] = np.nan
+    limits = Traversability(hard_slope_deg=25.0)
+    for heights in (dem, _read_only(dem)):
+        cost = traversability_cost(heights, 1.0, limits, cell_width_m=1.5, warn=False)
+        update_cost(cost, heights, (70, 5, 2, 3), 1.0, limits)
+        terrain_terms(heights, 1.0)
+
+
+def _exercise_planner(shape: tuple[int, int], step_cost: str, corner_cutting: bool, network: NetworkModel) -> None:
+    cost = np.random.default_rng(0).uniform(0.1, 0.6, shape).astype(np.float32)
+    start, goal = (1, 2), (shape[0] - 2, shape[1] - 3)
+    for weights in (cost, _read_only(cost)):
+        planner = Planner(weights, step_cost=step_cost, corner_cutting=corner_cutting, model=network)
+        for method in ("astar", "corridor", "nnpp"):
+            planner.plan(start, goal, method=method)
+            planner.plan(goal, start, method=method, time_limit_s=60.0)
+            planner.plan(start, start, method=method)
+        planner.plan(start, goal, method="astar", time_limit_s=0.0)
+        for patch in (cost[:5, :6].copy(), _read_only(cost[:5, :6])):
+            planner.update(3, 4, patch)
+        planner.update(shape[0] // 2, 0, np.full((1, shape[1]), np.inf, np.float32))  # a wall: no path, all widening
+        for method in ("astar", "corridor", "nnpp"):
+            planner.plan(start, goal, method=method)
+    finest = planner.pyramid.levels[0]
+    cost_field(finest.grid, start, finest.workspace, corner_cutting=corner_cutting)
+
+
+def _read_only(array: Any) -> Any:
+    """A contiguous copy that may not be written, as a memory-mapped file is: to numba that is another type."""
+    out = array.copy()
+    out.flags.writeable = False
+    return out
+
+
+def kernels() -> dict[str, Any]:
+    """Every kernel of the runtime by its full name."""
+    found = {}
+    prefix = nnpp_edge.runtime.__name__ + "."
+    for info in pkgutil.walk_packages(nnpp_edge.runtime.__path__, prefix):
+        module = importlib.import_module(info.name)
+        for name, value in vars(module).items():
+            if hasattr(value, "py_func") and value.py_func.__module__ == module.__name__:
+                found[f"{module.__name__}.{name}"] = value
+    return found
+
+
+def _compilations() -> int:
+    return sum(sum(kernel.stats.cache_misses.values()) for kernel in kernels().values())
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Wait until no other warm-up writes to `folder`.
+
+    numba's files appear whole, by renaming. But two processes that add different versions of one kernel at
+    the same moment can give both the same file name.
+    """
+    try:
+        import fcntl
+    except ImportError:  # not on this system
+        yield
+        return
+    descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        except OSError:  # a file system without locks
+            pass
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _remove_old(folder: Path) -> tuple[Path, ...]:
+    """Delete what other versions left beside `folder`; what cannot be deleted stays."""
+    removed = []
+    for other in sorted(folder.parent.iterdir()):
+        if other == folder or other.is_symlink() or not other.is_dir() or not _FOLDER_NAME.fullmatch(other.name):
+            continue
+        if other.stat().st_uid != os.geteuid() or time.time() - _last_written(other) < _STILL_IN_USE_S:
+            continue
+        shutil.rmtree(other, ignore_errors=True)
+        if not other.exists():
+            removed.append(other)
+    return tuple(removed)
+
+
+def _last_written(folder: Path) -> float:
+    return max((path.lstat().st_mtime for path in (folder, *folder.rglob("*"))), default=0.0)
