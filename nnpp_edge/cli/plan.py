@@ -38,6 +38,8 @@ _REPEATS = 3
               help="Weight of the cost against length, per grey level.")  # fmt: skip
 @click.option("--corner-cutting/--no-corner-cutting", default=True, show_default=True,
               help="Whether a diagonal step may pass beside an impassable cell.")  # fmt: skip
+@click.option("--epsilon", type=click.FloatRange(min=0.0),
+              help="Widen until the cost is certain to be at most (1 + this) times the optimum; 0 is exact.")  # fmt: skip
 @click.option("--time-limit", type=click.FloatRange(min=0.0, min_open=True), help="Seconds for one planning.")
 @click.option("--compare", is_flag=True, help="Plan with exact A* and the corridor planner too.")
 @click.option("--hillshade", is_flag=True, help="Draw the relief in place of the cost.")
@@ -48,7 +50,7 @@ def command(
     dem: Path, start: Cell | None, goal: Cell | None, start_xy: tuple[float, ...] | None,
     goal_xy: tuple[float, ...] | None, method: str, model: str, cell_size: float | None,
     vertical_scale: float | None, rescale: float | None, workload: str | None, omega: float,
-    corner_cutting: bool, time_limit: float | None, compare: bool, hillshade: bool, output: Path | None,
+    corner_cutting: bool, epsilon: float | None, time_limit: float | None, compare: bool, hillshade: bool, output: Path | None,
     as_json: bool, **limits: Any,
 ) -> None:  # fmt: skip
     """Plan a path over the elevation map DEM.
@@ -85,7 +87,9 @@ def command(
         raise InvalidMapError(f"{dem}: wanted a map to plan on, got {size_text(_size(terrain))}, all impassable")
     start, goal = _cell(terrain, start, start_xy), _cell(terrain, goal, goal_xy)
     planner = Planner(cost, omega=omega, corner_cutting=corner_cutting, model=model)
-    ask = partial(planner.plan, start, goal, time_limit_s=time_limit or inf)
+    ask = partial(
+        planner.plan, start, goal, epsilon=inf if epsilon is None else epsilon, time_limit_s=time_limit or inf
+    )
     ask(method=method)
     plan = ask(method=method)
     if plan.source is None:  # no search was made

@@ -26,6 +26,8 @@ _REFINE_FROM = 192
 """Cells on a map's longer side from which a learned region is searched coarsely first."""
 _CORRIDOR_RADII = (1, 4)
 """Dilation of the coarse path, in coarse cells: at first, and widened."""
+_COARSE_MARGIN = 2
+"""Coarse cells by which a corridor between two coarse levels is wider: room costs little there."""
 _WIDENED_FACTOR = 0.25
 """What the threshold is multiplied by to widen a learned region."""
 
@@ -39,9 +41,14 @@ class _Query:
     corner_cutting: bool
     deadline: float
     cancelled: Callable[[], bool] | None
+    epsilon: float
     expansions: int = 0
     timings: dict[str, float] = field(default_factory=dict)
     _mark: float = field(default_factory=time.perf_counter)
+
+    def suffices(self, plan: Plan) -> bool:
+        """Whether a plan need not be improved: it is out of time, or close enough to the bound asked for."""
+        return plan.status is not Status.OK or plan.cost <= (1.0 + self.epsilon) * plan.lower_bound
 
     def lap(self, stage: str) -> None:
         """Book the time since the last call."""
@@ -119,6 +126,7 @@ class Planner:
         goal: Cell,
         *,
         method: str = Method.AUTO,
+        epsilon: float = math.inf,
         time_limit_s: float = math.inf,
         cancelled: Callable[[], bool] | None = None,
     ) -> Plan:
@@ -132,6 +140,9 @@ class Planner:
             ``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the network's
             region. ``auto``: whichever is soonest done by the figures in docs/decisions.md; the plan says which
             and why.
+        epsilon : float
+            Keep widening until the path is certain to cost at most (1 + epsilon) times the optimum; 0 gives
+            the optimum itself. By default the first path found is taken.
         time_limit_s : float
             After this the status is TIMEOUT, with the path as far as it had come.
         cancelled : callable
@@ -151,11 +162,13 @@ class Planner:
             ``nnpp`` was asked for and the model cannot be loaded.
         """
         began = time.perf_counter()
+        if not epsilon >= 0.0:
+            raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
         start, goal = _as_cell(start, "start"), _as_cell(goal, "goal")
         chosen, reason = self._choose(method, start, goal)
         if problem := self._problem(start, goal):
             return Plan(problem, chosen, reason=reason)
-        query = _Query(start, goal, self.corner_cutting, time.monotonic() + time_limit_s, cancelled)
+        query = _Query(start, goal, self.corner_cutting, time.monotonic() + time_limit_s, cancelled, epsilon)
         if chosen is Method.NNPP:
             plan = self._plan_nnpp(query)
         elif chosen is Method.CORRIDOR:
@@ -218,7 +231,8 @@ class Planner:
             if found.status is Status.TIMEOUT:  # a coarse path leads nowhere on the map
                 return Search(Status.TIMEOUT, np.empty((0, 2), np.int32), 0, math.inf), None
             levels = self.pyramid.levels
-            region = levels[level].around(found.path, radius, levels[level - 1])
+            spread = radius if level == 1 else radius + _COARSE_MARGIN
+            region = levels[level].around(found.path, spread, levels[level - 1])
             query.lap("coarse")
         return self._search(query, 0, region), region
 
@@ -229,7 +243,9 @@ class Planner:
         for radius, source in zip(_CORRIDOR_RADII, (Source.REGION, Source.WIDENED), strict=True):
             found, region = self._descend(query, len(self.pyramid.levels) - 1, None, radius)
             if found is not None and found.status is not Status.NO_PATH:
-                return self._answer(query, Method.CORRIDOR, source, found, region)
+                plan = self._answer(query, Method.CORRIDOR, source, found, region)
+                if query.suffices(plan):
+                    return plan
         return self._plan_map(query, Method.CORRIDOR, Source.FALLBACK)
 
     def _plan_nnpp(self, query: _Query) -> Plan:
@@ -255,7 +271,9 @@ class Planner:
             found, searched = self._descend(query, top, region, 1)
             if found is not None and found.status is not Status.NO_PATH:
                 plan = self._answer(query, Method.NNPP, source, found, searched)
-                break
+                if query.suffices(plan):
+                    break
+                plan = None
         plan = plan or self._plan_map(query, Method.NNPP, Source.FALLBACK)
         return replace(plan, threshold=td, network_region=network_region)
 
@@ -356,11 +374,12 @@ def plan_path(
     omega: float = PAPER_OMEGA,
     *,
     model: str | Path | NetworkModel = "edge",
+    epsilon: float = math.inf,
     time_limit_s: float = math.inf,
 ) -> Plan:
     """Plan once; the arguments are those of `Planner` and `Planner.plan`."""
     planner = Planner(cost, step_cost=step_cost, omega=omega, corner_cutting=corner_cutting, model=model)
-    return planner.plan(start, goal, method=method, time_limit_s=time_limit_s)
+    return planner.plan(start, goal, method=method, epsilon=epsilon, time_limit_s=time_limit_s)
 
 
 def _as_cell(cell: Cell, name: str) -> Cell:

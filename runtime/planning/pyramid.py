@@ -21,7 +21,7 @@ from nnpp_edge.runtime.planning.astar import COL_STEP, DIRECTION, ROW_STEP, Regi
 from nnpp_edge.runtime.planning.workspace import Workspace
 
 FACTOR = 4
-_SMALLEST = 128
+_SMALLEST = 64
 """A level above the first coarse one is made only if its longer side has as many cells."""
 
 

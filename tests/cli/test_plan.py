@@ -273,3 +273,13 @@ def test_the_command_itself_ends_with_the_same_code(split, tmp_path):
         command = [sys.executable, "-m", "nnpp_edge.cli.main", "plan", str(dem), *EXACT]
         ended = subprocess.run(command, capture_output=True, text=True, check=False)
         assert ended.returncode == code and "Traceback" not in ended.stderr
+
+
+def test_with_epsilon_0_the_corridor_finds_the_optimum(nnpp_edge, hills):
+    exact = json.loads(nnpp_edge("plan", hills, *EXACT, "--json").out)
+    words = [word if word != "astar" else "corridor" for word in EXACT]
+    told = json.loads(nnpp_edge("plan", hills, *words, "--epsilon", "0", "--json").out)
+    assert told["method"] == "corridor"
+    assert told["bound"] == 1.0
+    assert abs(told["cost"] - exact["cost"]) < 1e-4
+    assert nnpp_edge("plan", hills, *words, "--epsilon", "-1").code == 2

@@ -171,3 +171,21 @@ def test_the_impassable_cells_are_counted_through_updates():
     patch[0, 0] = 1.0
     planner.update(2, 2, patch)
     assert planner.grid.blocked == 2
+
+
+@settings(deadline=None, max_examples=150)
+@given(cases(40), st.sampled_from(["corridor", "nnpp"]), st.sampled_from([0.0, 0.02, 0.3]))
+def test_a_certified_path_is_as_close_to_the_optimum_as_asked(network, case, method, epsilon):
+    planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting, model=network)
+    plan = planner.plan(case.start, case.goal, method=method, epsilon=epsilon)
+    optimum = oracles.dijkstra(case.cost, case.start, case.step_cost, case.corner_cutting)[case.goal]
+    assert plan.ok == np.isfinite(optimum)
+    if plan.ok:
+        assert plan.cost <= (1 + epsilon) * optimum * (1 + 1e-5) + 1e-6
+        assert plan.cost <= (1 + epsilon) * plan.lower_bound + 1e-9
+
+
+def test_an_epsilon_that_is_no_share_is_refused():
+    for wrong in (-0.1, float("nan")):
+        with pytest.raises(InvalidQueryError, match="epsilon"):
+            plan_path(np.zeros((3, 3)), (0, 0), (2, 2), epsilon=wrong)

@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.grid import Grid, StepModel
+from nnpp_edge.runtime.planning.astar import astar
+from nnpp_edge.runtime.planning.pyramid import FACTOR, Pyramid
+
+
+def pyramid_of(cost, corner_cutting=True):
+    return Pyramid(Grid.of(cost, StepModel.of("paper")), corner_cutting)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, 2**32), st.sampled_from([0.1, 0.3, 0.5]), st.booleans())
+def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(seed, blocked, corner_cutting):
+    rng = np.random.default_rng(seed)
+    cost = rng.random((64, 300)).astype(np.float32)
+    cost[rng.random(cost.shape) < blocked] = np.inf
+    pyramid = pyramid_of(cost, corner_cutting)
+    fine, coarse = pyramid.levels[:2]
+    piece_cells = np.flatnonzero(coarse.pieces)
+    a, b = rng.choice(piece_cells, 2)
+    ends = [(int(n) // coarse.grid.stride - 1, int(n) % coarse.grid.stride - 1) for n in (a, b)]
+    found = astar(coarse.grid, *ends, coarse.workspace, links=coarse.links)
+    if found.status is not Status.OK:
+        return
+    walk = []
+    for node, (r, c) in zip((a, b), ends, strict=True):
+        bit = int(coarse.pieces[node]).bit_length() - 1
+        walk.append((r * FACTOR + bit // FACTOR, c * FACTOR + bit % FACTOR))
+    region = coarse.around(found.path, 0, fine)
+    inside = astar(fine.grid, *walk, fine.workspace, region=region, corner_cutting=corner_cutting)
+    assert inside.status is Status.OK
+
+
+def test_a_wall_one_cell_thick_is_a_wall_on_every_level_and_a_gap_a_gap():
+    cost = np.full((256, 256), 0.1, np.float32)
+    cost[130, :] = np.inf
+    cost[130, 77] = 0.1
+    pyramid = pyramid_of(cost)
+    for level, at in enumerate(pyramid.levels):
+        side = 256 // FACTOR**level
+        found = astar(at.grid, (0, 0), (side - 1, 0), at.workspace, links=at.links)
+        assert found.status is Status.OK
+        crossing = found.path[found.path[:, 0] == 130 // FACTOR**level]
+        assert 77 // FACTOR**level in crossing[:, 1]
+    cost[130, 77] = np.inf
+    for at in pyramid_of(cost).levels:
+        end = (at.grid.rows - 1, 0)
+        assert astar(at.grid, (0, 0), end, at.workspace, links=at.links).status is Status.NO_PATH
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**32), st.booleans(), st.data())
+def test_updating_a_part_equals_building_anew(seed, corner_cutting, data):
+    rng = np.random.default_rng(seed)
+    cost = rng.random((300, 290)).astype(np.float32)
+    cost[rng.random(cost.shape) < 0.3] = np.inf
+    planner = Planner(cost, corner_cutting=corner_cutting)
+    for _ in range(2):
+        row, col = data.draw(st.integers(0, 290)), data.draw(st.integers(0, 280))
+        patch = rng.choice([0.2, np.inf], (10, 10)).astype(np.float32)
+        cost[row : row + 10, col : col + 10] = patch
+        planner.update(row, col, patch)
+    for ours, theirs in zip(planner.pyramid.levels, pyramid_of(cost, corner_cutting).levels, strict=True):
+        np.testing.assert_allclose(ours.grid.weights, theirs.grid.weights, rtol=1e-6)
+        np.testing.assert_array_equal(ours.pieces, theirs.pieces)
+        if ours.links is not None:
+            np.testing.assert_array_equal(ours.links, theirs.links)
+
+
+def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():
+    cost = np.full((8, 200), 0.5, np.float32)
+    cost[0, :4] = 1.0
+    coarse = pyramid_of(cost).levels[1].grid
+    scale = coarse.model.scale
+    assert coarse.weights[coarse.node(0, 0)] == pytest.approx(scale * (12 * 0.5 + 4) / 16)
+    assert coarse.weights[coarse.node(1, 30)] == pytest.approx(scale * 0.5)
