@@ -79,8 +79,9 @@ def _pool(
     fine, fine_links, fine_rows, fine_cols, corner_cutting, obstacle, row0, row1, col0, col1,
     coarse, pieces, coarse_stride,
 ):  # fmt: skip
-    """Weights and kept pieces of a rectangle of coarse cells."""
+    """Weights and kept pieces of a rectangle of coarse cells; the least weight."""
     fine_stride = fine_cols + 2
+    least = np.inf
     for row in range(row0, row1):
         for col in range(col0, col1):
             piece = _largest_piece(fine, fine_links, fine_rows, fine_cols, row, col, corner_cutting)
@@ -96,6 +97,8 @@ def _pool(
             there = (row + 1) * coarse_stride + col + 1
             pieces[there] = piece
             coarse[there] = total / cells if piece else np.inf
+            least = min(least, np.float64(coarse[there]))
+    return least
 
 
 @kernel
@@ -188,11 +191,14 @@ class Pyramid:
             row0, col0 = row0 // FACTOR, col0 // FACTOR
             row1, col1 = math.ceil(row1 / FACTOR), math.ceil(col1 / FACTOR)
             finest = self.levels[0].grid
-            _pool(
+            least = _pool(
                 fine.grid.weights, fine.links, fine.grid.rows, fine.grid.cols, self.corner_cutting,
                 self.obstacle_weight, row0, row1, col0, col1, coarse.grid.weights, coarse.pieces,
                 coarse.grid.stride,
             )  # fmt: skip
+            # means lie above the least of what they average, which makes a coarse search's heuristic the better
+            whole = (row1 - row0, col1 - col0) == (coarse.grid.rows, coarse.grid.cols)
+            coarse.grid.least = least if whole else min(least, coarse.grid.least)
             # a neighbour's links change too, and with them what is connected under the level above
             row0, row1 = max(row0 - 1, 0), min(row1 + 1, coarse.grid.rows)
             col0, col1 = max(col0 - 1, 0), min(col1 + 1, coarse.grid.cols)
@@ -200,7 +206,6 @@ class Pyramid:
                 fine.grid.weights, fine.links, fine.grid.cols, self.corner_cutting, row0, row1, col0, col1,
                 coarse.pieces, coarse.links, coarse.grid.stride,
             )  # fmt: skip
-            coarse.grid.least = finest.least
             coarse.grid.greatest = max(finest.greatest, self.obstacle_weight)
 
     @property
