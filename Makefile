@@ -1,11 +1,12 @@
 # make demo: the onboard package alone, in an environment of its own, and a plan over real lunar terrain.
 # make test: what the tests need, in another, and all tests.
+# make bench: our planners beside other libraries' grid search, and how long the first plan takes.
 PYTHON ?= python3
 DEMO := .venv-demo
 DEV := .venv-dev
 SOURCES := nnpp_edge runtime export calibrate tests
 
-.PHONY: demo test lint types typing-tree format clean
+.PHONY: demo test bench lint types typing-tree format clean
 
 $(DEMO)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEMO)
@@ -26,6 +27,14 @@ test: $(DEV)/ready
 	$(DEV)/bin/ruff format --check .
 	$(MAKE) --no-print-directory types
 	$(DEV)/bin/python -m pytest
+
+$(DEV)/ready-to-bench: $(DEV)/ready
+	$(DEV)/bin/pip install --quiet --disable-pip-version-check --editable '.[bench]'
+	touch $@
+
+bench: $(DEV)/ready-to-bench
+	$(DEV)/bin/nnpp-edge profile --peers -o build/bench
+	$(DEV)/bin/python -m nnpp_edge.profiling.cold_start
 
 lint: $(DEV)/ready
 	$(DEV)/bin/ruff check .

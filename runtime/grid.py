@@ -95,8 +95,8 @@ class Grid:
     cols: int
     model: StepModel
     weights: NDArray[np.float32] = field(repr=False)
-    least: float = 0.0
-    """No passable cell weighs less."""
+    least: float = math.inf
+    """No passable cell weighs less; inf as long as there is none."""
     greatest: float = 0.0
     """No passable cell weighs more."""
     blocked: int = 0

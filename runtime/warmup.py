@@ -11,7 +11,7 @@ import re
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,10 @@ from nnpp_edge.runtime import _jit
 from nnpp_edge.runtime.costmap import Traversability, terrain_terms, traversability_cost, update_cost
 from nnpp_edge.runtime.encoding import GAUSSIAN_CHANNELS, encode_gaussian
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.grid import Grid
 from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.astar import cost_field
+from nnpp_edge.runtime.planning.astar import Region, cost_field
+from nnpp_edge.runtime.planning.dstar_lite import DStarLite
 from nnpp_edge.runtime.planning.planner import Planner
 
 _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
@@ -132,6 +134,19 @@ def _exercise_planner(shape: tuple[int, int], step_cost: str, corner_cutting: bo
             planner.plan(start, goal, method=method)
     finest = planner.pyramid.levels[0]
     cost_field(finest.grid, start, finest.workspace, corner_cutting=corner_cutting)
+    _exercise_replanning(planner.grid, corner_cutting)
+
+
+def _exercise_replanning(grid: Grid, corner_cutting: bool) -> None:
+    search = DStarLite(grid, (9, 12), corner_cutting=corner_cutting)
+    everywhere = Region(np.ones((1, 1), np.int32), np.zeros(grid.rows, np.int32), np.zeros(grid.cols, np.int32))
+    for region in (None, everywhere, None):
+        search.set_region(region)
+        for start in ((1, 2), (2, 2)):
+            search.plan(start)
+            search.plan(start, deadline=time.monotonic() + 60.0)
+            grid.update(np.full((1, 2), 0.5, np.float32), (1, 4, 1, 2), (1, 4))
+            search.cells_changed(1, 4, 1, 2)
 
 
 def _read_only(array: Any) -> Any:
@@ -171,10 +186,8 @@ def _alone(folder: Path) -> Iterator[None]:
         return
     descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     try:
-        try:
+        with suppress(OSError):  # a file system without locks
             fcntl.flock(descriptor, fcntl.LOCK_EX)
-        except OSError:  # a file system without locks
-            pass
         yield
     finally:
         os.close(descriptor)

@@ -17,6 +17,8 @@ COMMANDS = {
     "export": "Write a trained network as an ONNX model.",
     "quantize": "Make an int8 model, and measure whether it pays.",
     "evaluate": "Compare the planners on many queries.",
+    "profile": "Measure the planners beside other libraries.",
+    "warmup": "Compile the kernels ahead of the first plan.",
 }
 """Name and one line each; the command itself is `command` in the module of that name."""
 

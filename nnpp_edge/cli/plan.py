@@ -39,7 +39,7 @@ _REPEATS = 3
 @click.option("--corner-cutting/--no-corner-cutting", default=True, show_default=True,
               help="Whether a diagonal step may pass beside an impassable cell.")  # fmt: skip
 @click.option("--epsilon", type=click.FloatRange(min=0.0),
-              help="Widen until the cost is certain to be at most (1 + this) times the optimum; 0 is exact.")  # fmt: skip
+              help="Widen until the cost is certain to be within this share of the optimum; 0 is exact.")  # fmt: skip
 @click.option("--time-limit", type=click.FloatRange(min=0.0, min_open=True), help="Seconds for one planning.")
 @click.option("--compare", is_flag=True, help="Plan with exact A* and the corridor planner too.")
 @click.option("--hillshade", is_flag=True, help="Draw the relief in place of the cost.")
@@ -50,8 +50,8 @@ def command(
     dem: Path, start: Cell | None, goal: Cell | None, start_xy: tuple[float, ...] | None,
     goal_xy: tuple[float, ...] | None, method: str, model: str, cell_size: float | None,
     vertical_scale: float | None, rescale: float | None, workload: str | None, omega: float,
-    corner_cutting: bool, epsilon: float | None, time_limit: float | None, compare: bool, hillshade: bool, output: Path | None,
-    as_json: bool, **limits: Any,
+    corner_cutting: bool, epsilon: float | None, time_limit: float | None, compare: bool, hillshade: bool,
+    output: Path | None, as_json: bool, **limits: Any,
 ) -> None:  # fmt: skip
     """Plan a path over the elevation map DEM.
 

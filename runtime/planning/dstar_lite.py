@@ -32,7 +32,9 @@ _EXACT = float(1 << 52)
 """Sums of units are exact up to here: two thousand million of the cheapest steps."""
 _CAUTION = 1.0 + 2.0**-40
 """Beyond that, keys this much above the start's are looked at too, so that rounding cannot hide one."""
-_EXPANSIONS_BETWEEN_CHECKS = 50_000
+_DEAREST = 1e38
+"""No passable cell weighs more units, lest it read as impassable."""
+_EXPANSIONS_BETWEEN_CHECKS = 4096
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,7 @@ class DStarLite:
         self._region, self._mask = self._everywhere, np.ones((1, 1), np.bool_)
         self._ws.inside[:] = 1
         self._least = max(grid.least, 0.0)
+        self._pending, self._size, self._km = 0, 0, 0.0
         self.set_goal(goal)
 
     @property
@@ -119,7 +122,8 @@ class DStarLite:
         if node == self._start:
             return
         left, self._start = self._start, node
-        self._km += _distance(left, node, self._grid.stride, self._prices)
+        (row, col), (to_row, to_col) = self._cell(left), self._cell(node)
+        self._km += float(_octile(to_row - row, to_col - col, self._prices))
         if self._region is not self._everywhere:  # start and goal count as inside it
             for end in (left, node):
                 self._revise((*self._cell(end), 1, 1))
@@ -228,16 +232,15 @@ class DStarLite:
         self._factor = scale * model.weight_term[0]
         diagonal_per_straight = model.weight_term[1] / model.weight_term[0]
         self._steps = (*(float(round(scale * x)) for x in model.length_term), diagonal_per_straight)
-        cheapest = 2.0 * float(np.rint(np.float32(np.rint(self._factor * self._least))))
+        cheapest = 2.0 * float(np.float32(np.rint(self._factor * self._least)))
         straight = self._steps[0] + cheapest
         diagonal = self._steps[1] + math.floor(diagonal_per_straight * cheapest)
         self._prices = (straight, min(diagonal, 2.0 * straight))
-        self._km = 0.0
-        self._pending = 0
-        self._revise((0, 0, self._grid.rows, self._grid.cols))
-        ws = self._ws
+        ws, grid = self._ws, self._grid
         ws.is_changed[:] = 0
-        self._pending = 0
+        self._pending, self._km = 0, 0.0
+        _read_map(grid.rows, grid.cols, grid.weights, self._factor, grid.stride, self._start, self._goal,
+                  ws.costs, ws.walls, ws.inside)  # fmt: skip
         self._size = _clear(self._goal, ws.state, ws.position, ws.heap_keys, ws.heap_nodes)
 
     def _revise(self, part: tuple[int, int, int, int]) -> None:
@@ -288,25 +291,41 @@ class DStarLite:
 
 
 @kernel
-def _distance(a, b, stride, prices):
-    """Octile distance between two nodes, in units."""
-    dr, dc = abs(a // stride - b // stride), abs(a % stride - b % stride)
-    near, far = min(dr, dc), max(dr, dc)
+def _octile(rows, cols, prices):
+    """Octile distance between cells that lie so many rows and columns apart, in units."""
+    rows, cols = abs(rows), abs(cols)
+    near, far = min(rows, cols), max(rows, cols)
     return prices[1] * near + prices[0] * (far - near)
+
+
+@kernel
+def _read(node, weights, factor, start, goal, costs, walls, inside):
+    """Read one node's weight; whether its steps have changed."""
+    weight = weights[node]
+    wall = weight == np.inf
+    cost = np.float32(np.inf)
+    if not wall and (inside[node] or node in (start, goal)):
+        cost = np.float32(min(np.rint(factor * weight), _DEAREST))
+    if cost == costs[node] and wall == walls[node]:
+        return False
+    costs[node] = cost
+    walls[node] = wall
+    return True
+
+
+@kernel
+def _read_map(rows, cols, weights, factor, stride, start, goal, costs, walls, inside):
+    """Read all of the map."""
+    for r in range(rows):
+        for c in range(cols):
+            _read((r + 1) * stride + c + 1, weights, factor, start, goal, costs, walls, inside)
 
 
 @kernel
 def _revise(node, weights, factor, stride, start, goal, costs, walls, inside, changed, is_changed, pending):
     """Read one node's weight; if its steps have changed, put it and its neighbours down as changed."""
-    weight = weights[node]
-    wall = weight == np.inf
-    cost = np.float32(np.inf)
-    if not wall and (inside[node] or node == start or node == goal):
-        cost = np.float32(np.rint(factor * weight))
-    if cost == costs[node] and wall == walls[node]:
+    if not _read(node, weights, factor, start, goal, costs, walls, inside):
         return pending
-    costs[node] = cost
-    walls[node] = wall
     for row_step in (-stride, 0, stride):
         for there in range(node + row_step - 1, node + row_step + 2):
             if not is_changed[there]:
@@ -447,12 +466,12 @@ def _remove(keys, nodes, position, size, node):
 
 
 @kernel
-def _update_vertex(node, stride, start, prices, km, state, position, keys, nodes, size):
-    """Have a node on the open list exactly if its g and rhs differ; the new size."""
+def _update_vertex(node, ahead, state, position, keys, nodes, size):
+    """Have a node on the open list exactly if its g and rhs differ; `ahead` is h + km. The new size."""
     g, rhs = state[2 * node], state[2 * node + 1]
     if g != rhs:
         least = min(g, rhs)
-        return _put(keys, nodes, position, size, least + _distance(start, node, stride, prices) + km, least, node)
+        return _put(keys, nodes, position, size, least + ahead, least, node)
     if position[node] != _ABSENT:
         return _remove(keys, nodes, position, size, node)
     return size
@@ -474,6 +493,7 @@ def _mend(
     costs, walls, state, position, keys, nodes, size, changed, is_changed,
 ):  # fmt: skip
     """Work out rhs anew wherever a step has changed; the open list's new size."""
+    start_row, start_col = start // stride, start % stride
     for n in range(pending):
         node = np.int64(changed[n])
         is_changed[node] = 0
@@ -481,7 +501,8 @@ def _mend(
             rhs, _ = _best_rhs(node, stride, costs, walls, corner_cutting, steps, state)
             if rhs != state[2 * node + 1]:
                 state[2 * node + 1] = rhs
-                size = _update_vertex(node, stride, start, prices, km, state, position, keys, nodes, size)
+                ahead = km + _octile(node // stride - start_row, node % stride - start_col, prices)
+                size = _update_vertex(node, ahead, state, position, keys, nodes, size)
     return size
 
 
@@ -495,6 +516,8 @@ def _expand(
     The code, the number of expansions and the open list's size.
     """
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
+    start_row, start_col = start // stride, start % stride
+    inverse_stride = 1.0 / stride
     expansions = 0
     while size > 0:
         g, rhs = state[2 * start], state[2 * start + 1]
@@ -509,7 +532,10 @@ def _expand(
         node = np.int64(nodes[0])
         g, rhs = state[2 * node], state[2 * node + 1]
         second = min(g, rhs)
-        first = second + _distance(start, node, stride, prices) + km
+        row = np.int64((node + 0.5) * inverse_stride)
+        rows, cols = row - start_row, node - row * stride - start_col
+        ahead = km + _octile(rows, cols, prices)
+        first = second + ahead
         if keys[0] < first or (keys[0] == first and keys[1] < second):
             _sift_down(keys, nodes, position, size, 0, first, second, node)
             continue
@@ -524,10 +550,11 @@ def _expand(
                 by_way = _step(node, there, k, row_steps[k], costs, walls, corner_cutting, steps) + rhs
                 if by_way < state[2 * there + 1]:
                     state[2 * there + 1] = by_way
-                    size = _update_vertex(there, stride, start, prices, km, state, position, keys, nodes, size)
+                    ahead = km + _octile(rows + _ROW_STEP[k], cols + _COL_STEP[k], prices)
+                    size = _update_vertex(there, ahead, state, position, keys, nodes, size)
             continue
         state[2 * node] = np.inf
-        size = _update_vertex(node, stride, start, prices, km, state, position, keys, nodes, size)
+        size = _update_vertex(node, ahead, state, position, keys, nodes, size)
         for k in range(8):
             there = node + row_steps[k] + _COL_STEP[k]
             if there == goal or state[2 * there + 1] <= g or state[2 * there + 1] == np.inf:
@@ -536,7 +563,8 @@ def _expand(
                 rhs, _ = _best_rhs(there, stride, costs, walls, corner_cutting, steps, state)
                 if rhs != state[2 * there + 1]:
                     state[2 * there + 1] = rhs
-                    size = _update_vertex(there, stride, start, prices, km, state, position, keys, nodes, size)
+                    ahead = km + _octile(rows + _ROW_STEP[k], cols + _COL_STEP[k], prices)
+                    size = _update_vertex(there, ahead, state, position, keys, nodes, size)
     return _SETTLED, expansions, size
 
 

@@ -112,6 +112,7 @@ class Planner:
             New costs; must lie inside the map.
         """
         patch = as_map(patch, "patch")
+        row, col = int(row), int(col)
         part = (row, col, *patch.shape)
         if row < 0 or col < 0 or row + patch.shape[0] > self.grid.rows or col + patch.shape[1] > self.grid.cols:
             raise InvalidMapError(f"a patch must lie inside the map of {self.shape}, got {part}")
@@ -185,7 +186,7 @@ class Planner:
             return Method(method), ""
         if max(abs(start[0] - goal[0]), abs(start[1] - goal[1])) < _NEAR:
             return Method.ASTAR, f"the goal is less than {_NEAR} cells away"
-        return Method.CORRIDOR, "soonest done by the shipped figures; nnpp costs less where cells are impassable"
+        return Method.CORRIDOR, "soonest done by the shipped figures"
 
     def _problem(self, start: Cell, goal: Cell) -> Status | None:
         for cell, outside, blocked in (

@@ -189,3 +189,11 @@ def test_an_epsilon_that_is_no_share_is_refused():
     for wrong in (-0.1, float("nan")):
         with pytest.raises(InvalidQueryError, match="epsilon"):
             plan_path(np.zeros((3, 3)), (0, 0), (2, 2), epsilon=wrong)
+
+
+@pytest.mark.parametrize("step_cost", ["paper", "length"])
+def test_a_map_without_a_passable_cell_can_open(step_cost):
+    planner = Planner(np.full((80, 80), np.nan), step_cost=step_cost)
+    assert planner.plan((1, 1), (70, 70)).status is Status.START_BLOCKED
+    planner.update(0, 0, np.full((80, 80), 0.5)[:79])
+    assert planner.plan((1, 1), (70, 70), method="corridor").ok

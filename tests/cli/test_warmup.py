@@ -1,0 +1,169 @@
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+PLAN_EVERYTHING = """
+import numpy as np
+from nnpp_edge.runtime import Planner, plan_path, traversability_cost, update_cost
+from nnpp_edge.runtime.planning.dstar_lite import DStarLite
+
+rng = np.random.default_rng(3)
+for shape in ((30, 30), (1, 60), (260, 230), (600, 530)):
+    dem = np.cumsum(rng.normal(0.0, 0.05, shape), axis=1).astype(np.float32)
+    cost = traversability_cost(dem, 1.0, warn=False)
+    update_cost(cost, dem, (0, 4, 1, 9), 1.0)
+    cost = np.minimum(cost, np.float32(0.9))
+    frozen = cost.copy()
+    frozen.flags.writeable = False
+    start, goal = (0, 0), (shape[0] - 1, shape[1] - 1)
+    for weights in (cost + np.float32(0.01), frozen.astype(np.float64) + 0.01, frozen):
+        for step_cost in ("paper", "length"):
+            for corner_cutting in (False, True):
+                planner = Planner(np.maximum(weights, 1e-3), step_cost=step_cost, corner_cutting=corner_cutting)
+                for method in ("astar", "corridor", "nnpp", "auto"):
+                    assert planner.plan(start, goal, method=method).ok
+                    assert planner.plan(start, start, method=method).ok
+                    planner.plan(start, goal, method=method, time_limit_s=0.0)
+                    planner.plan(start, goal, method=method, cancelled=lambda: False)
+                planner.update(0, 2, np.full((1, 3), np.inf))
+                for method in ("astar", "corridor", "nnpp"):
+                    planner.plan(start, goal, method=method, time_limit_s=30.0)
+                search = DStarLite(planner.grid, goal, corner_cutting=corner_cutting)
+                search.plan(start)
+                search.cells_changed(0, 1, 1, 2)
+                search.plan((0, 1))
+assert plan_path(frozen, start, goal).ok
+Planner(frozen).plan(start, goal)
+"""
+
+PLAN_ONCE = """
+import numpy as np
+from nnpp_edge.runtime import _jit, plan_path
+assert plan_path(np.zeros((20, 20), np.float32), (0, 0), (19, 19), method="astar").ok
+print(_jit.CACHE_FOLDER)
+"""
+FOLDER = "from nnpp_edge.runtime import _jit; print(_jit.CACHE_FOLDER)"
+WARM_UP = "from nnpp_edge.cli.main import main; import sys; sys.argv[0] = 'nnpp-edge'; main()"
+
+
+def environment(**changes):
+    """Our environment without any word about folders but those in `changes`."""
+    clean = {k: v for k, v in os.environ.items() if k not in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "TMPDIR")}
+    return clean | {name: str(value) for name, value in changes.items()}
+
+
+def python(code, *words, **changes):
+    return subprocess.run(
+        [sys.executable, "-c", code, *words], env=environment(**changes), capture_output=True, text=True, check=False
+    )
+
+
+def files(folder):
+    return {p: (p.stat().st_mtime_ns, p.stat().st_size) for p in folder.rglob("*") if p.suffix in (".nbi", ".nbc")}
+
+
+@pytest.fixture(scope="module")
+def warmed(tmp_path_factory):
+    """A cache folder that two warm-ups filled at the same time, what they said, and what it then held."""
+    base = tmp_path_factory.mktemp("cache")
+    command = [sys.executable, "-c", WARM_UP, "warmup", "--json"]
+    both = [
+        subprocess.Popen(command, env=environment(XDG_CACHE_HOME=base), stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    told = [process.communicate(timeout=600)[0] for process in both]
+    assert [process.returncode for process in both] == [0, 0]
+    return base, [json.loads(text) for text in told], files(base)
+
+
+def test_two_warm_ups_at_once_compile_everything_once(warmed):
+    base, told, found = warmed
+    assert told[0]["folder"] == told[1]["folder"] and told[0]["folder"].startswith(str(base / "nnpp-edge"))
+    assert sorted(min(t["compiled"], 1) for t in told) == [0, 1]
+    assert {t["kernels"] for t in told} == {sum(p.suffix == ".nbi" for p in found)}
+    assert {t["signatures"] for t in told} == {sum(p.suffix == ".nbc" for p in found)}
+
+
+def test_after_a_warm_up_no_plan_compiles_anything(warmed):
+    before = warmed[2]
+    ended = python(PLAN_EVERYTHING, XDG_CACHE_HOME=warmed[0])
+    assert ended.returncode == 0, ended.stderr
+    after = files(warmed[0])
+    assert {p.name for p in after.keys() - before.keys()} == set()
+    assert after == before
+
+
+def test_every_kernel_of_the_runtime_is_warmed_up(warmed):
+    code = "from nnpp_edge.runtime.warmup import kernels; print(*kernels())"
+    names = python(code, XDG_CACHE_HOME=warmed[0]).stdout.split()
+    cached = {p.name.partition("-")[0] for p in warmed[2]}
+    assert len(names) > 20
+    assert {n.removeprefix("nnpp_edge.runtime.") for n in names if ".".join(n.split(".")[-2:]) not in cached} == set()
+
+
+def test_kernels_of_other_versions_are_deleted_once_they_rest(warmed):
+    base = warmed[0] / "nnpp-edge"
+    old, recent, other = (base / name for name in ("kernels-0.0.1-0123abcd", "kernels-0.0.2-0123abcd", "kernels"))
+    for folder in (old, recent, other):
+        (folder / "planning_1").mkdir(parents=True)
+        (folder / "planning_1" / "astar.nbi").write_bytes(b"any")
+    for folder in (old, other):
+        for path in (*folder.rglob("*"), folder):
+            os.utime(path, (time.time() - 7200.0,) * 2)
+    link = base / "kernels-0.0.3-0123abcd"
+    link.symlink_to(other)
+    kept = python(WARM_UP, "warmup", "--json", "--keep-old", XDG_CACHE_HOME=warmed[0])
+    assert json.loads(kept.stdout)["removed"] == [] and old.exists()
+    ended = python(WARM_UP, "warmup", XDG_CACHE_HOME=warmed[0])
+    assert ended.returncode == 0 and f"deleted {old}" in ended.stdout
+    assert not old.exists()
+    assert recent.exists() and other.exists() and link.is_symlink()
+
+
+def test_a_folder_that_others_may_write_to_is_passed_over(tmp_path):
+    base = tmp_path / "xdg" / "nnpp-edge"
+    base.mkdir(parents=True)
+    base.chmod(0o770)
+    ended = python(FOLDER, XDG_CACHE_HOME=tmp_path / "xdg", HOME=tmp_path / "home")
+    assert ended.stdout.startswith(str(tmp_path / "home" / ".cache" / "nnpp-edge")), ended
+    assert ended.stderr == ""
+    assert not list(base.iterdir())
+
+
+def test_without_a_home_the_temporary_folder_serves(tmp_path):
+    ended = python(FOLDER, TMPDIR=tmp_path)
+    assert ended.stdout.startswith(str(tmp_path / f"nnpp-edge-{os.geteuid()}")), ended
+    assert ended.stderr == ""
+
+
+@pytest.fixture(params=["read-only", "others may write", "a file stands there"])
+def unusable(request, tmp_path):
+    folder = tmp_path / "cache"
+    if request.param == "read-only":
+        if os.geteuid() == 0:
+            pytest.skip("root may write everywhere")
+        folder.mkdir(mode=0o500)
+    elif request.param == "others may write":
+        folder.mkdir()
+        folder.chmod(0o777)
+    else:
+        folder.write_text("")
+    return folder
+
+
+def test_without_a_folder_it_plans_with_exactly_one_warning(unusable):
+    ended = python(PLAN_ONCE, NUMBA_CACHE_DIR=unusable)
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout == "None\n"
+    assert ended.stderr.count("Warning: ") == 1 and "NUMBA_CACHE_DIR" in ended.stderr
+    assert unusable.is_file() or not list(unusable.iterdir())
+
+
+def test_without_a_folder_the_warm_up_fails_in_one_line(unusable):
+    ended = python(WARM_UP, "warmup", NUMBA_CACHE_DIR=unusable)
+    assert (ended.returncode, ended.stdout) == (1, "")
+    assert ended.stderr.startswith("error: ") and ended.stderr.count("\n") == 1

@@ -1,0 +1,94 @@
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from nnpp_edge.profiling import peers
+from nnpp_edge.profiling.suites import Case
+
+SOLVE_THE_SAME = ("astar", "skimage.graph", "scipy dijkstra")
+OTHERS = {"pyastar2d": "pyastar2d", "skimage.graph": "skimage", "tcod.path": "tcod", "scipy dijkstra": "scipy"}
+
+
+@pytest.fixture(scope="module")
+def terrain(tmp_path_factory):
+    path = tmp_path_factory.mktemp("terrain") / "dem.npz"
+    dem = np.cumsum(np.random.default_rng(4).normal(0.0, 0.4, (80, 90)), axis=1).astype(np.float32)
+    np.savez(path, elevation_m=dem, cell_size_m=5.0)
+    return path
+
+
+def test_a_row_for_each_size_and_planner(nnpp_edge, terrain, tmp_path):
+    ended = nnpp_edge(
+        "profile", "--peers", "--terrain", terrain, "--sizes", "64,96", "--queries", 12, "--json",
+        "-o", tmp_path / "out",
+    )  # fmt: skip
+    assert ended.code == 0, ended.err
+    told = json.loads(ended.out)
+    found, missing = peers.contenders()
+    assert told["left_out"] == missing
+    wanted = [(size, source, p.name) for size, source in ((64, "dem"), (96, "synthetic")) for p in found]
+    assert [(row["size"], row["terrain"], row["planner"]) for row in told["rows"]] == wanted
+    for row in told["rows"]:
+        assert (row["n"], row["failed"], row["note"]) == (12, 0, "")
+        assert 0.0 < row["time_ms_median"] <= row["time_ms_p95"]
+        assert row["gap_max"] >= row["gap_mean"] >= -1e-6
+        if row["planner"] in SOLVE_THE_SAME:
+            assert row["same_optimum"], row
+        if row["planner"] == "astar":
+            assert row["times_astar_median"] == 1.0 and row["gap_max"] == 0.0
+    assert json.loads((tmp_path / "out" / "peers.json").read_text()) == told
+    assert (tmp_path / "out" / "peers.png").stat().st_size > 10_000
+
+
+def test_libraries_that_are_not_installed_are_named_and_left_out(nnpp_edge, terrain, monkeypatch):
+    for module in OTHERS.values():
+        monkeypatch.setitem(sys.modules, module, None)
+    ended = nnpp_edge("profile", "--peers", "--terrain", terrain, "--sizes", 64, "--queries", 2)
+    assert ended.code == 0, ended.err
+    last = ended.out.splitlines()[-1]
+    assert last.startswith("left out, not installed: ") and "nnpp-edge[bench]" in last
+    for package in ("pyastar2d", "scikit-image", "tcod", "scipy"):
+        assert package in last
+    assert "corridor" in ended.out and "skimage.graph" not in ended.out
+
+
+def test_without_peers_it_is_wrong_use(nnpp_edge):
+    ended = nnpp_edge("profile")
+    assert ended.code == 2 and "--peers" in ended.err
+
+
+def one_map(cost, *queries):
+    return iter([Case("made", len(cost), cost.astype(np.float32), queries)])
+
+
+def test_a_planner_over_the_limit_is_left_out_and_says_so():
+    planners = [p for p in peers.contenders()[0] if p.name in ("astar", "corridor")]
+    case = one_map(np.full((40, 40), 0.2), ((0, 0), (39, 39)))
+    rows = peers.compare(planners, case, 1, limit_s=2.0, expected_s={"corridor": 7.0, "astar": 7.0})
+    assert rows["corridor"]["note"] == "left out: about 7.0 s a query, over the limit of 2 s"
+    assert rows["corridor"]["n"] == 0 and rows["corridor"]["time_ms_median"] is None
+    assert rows["astar"]["n"] == 1
+    rows = peers.compare(planners, one_map(np.full((40, 40), 0.2), ((0, 0), (39, 39))), 1, limit_s=1e-9)
+    assert rows["corridor"]["note"].startswith("left out: ") and rows["astar"]["n"] == 1
+
+
+def test_obstacles_are_obstacles_to_all_and_queries_without_a_path_are_passed_over():
+    cost = np.random.default_rng(5).uniform(0.0, 0.9, (32, 32))
+    cost[:30, 16] = np.inf
+    cost[20:23, 3:6] = np.inf
+    cost[21, 4] = 0.1  # an island
+    found, _ = peers.contenders()
+    rows = peers.compare(found, one_map(cost, ((2, 2), (2, 30)), ((2, 2), (21, 4)), ((30, 1), (1, 29))), 3)
+    for name, row in rows.items():
+        assert (row["n"], row["failed"]) == (2, 0), name
+        assert row["same_optimum"] or name not in SOLVE_THE_SAME
+        assert np.isfinite(row["gap_max"]), name
+
+
+def test_a_paths_cost_is_length_times_mean_weight():
+    weights = np.array([[1.0, 2.0], [4.0, 8.0]], np.float32)
+    path = np.array([(0, 0), (0, 1), (1, 0), (1, 0)])
+    assert peers.path_cost(weights, path) == pytest.approx(1.5 + 3.0 * np.sqrt(2.0))
+    assert peers.path_cost(np.ones((3, 3), np.float32), np.array([(0, 0), (0, 2)])) == np.inf
