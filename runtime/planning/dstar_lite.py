@@ -102,7 +102,7 @@ class DStarLite:
         )
         self._region, self._mask = self._everywhere, np.ones((1, 1), np.bool_)
         self._ws.inside[:] = 1
-        self._least = max(grid.least, 0.0)
+        self._least = grid.least if math.isfinite(grid.least) else 0.0
         self._pending, self._size, self._km = 0, 0, 0.0
         self.set_goal(goal)
 
