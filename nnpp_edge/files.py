@@ -6,7 +6,7 @@ from pathlib import Path
 from nnpp_edge.runtime.errors import OutputError
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_whole(path: Path, content: bytes | memoryview) -> None:
     """Put `content` at `path` by way of a temporary file beside it, then a rename.
 
     Whoever looks sees the old file or the whole new one.

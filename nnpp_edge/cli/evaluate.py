@@ -56,6 +56,7 @@ def command(
     from nnpp_edge.profiling.suites import TerrainSuite, dataset_cases
     from nnpp_edge.runtime.inference import NetworkModel
     from nnpp_edge.runtime.planning.plan import Method
+    from nnpp_edge.terrain.dataset import read_recipe
 
     files = (*terrain, *more_terrain)
     if bool(files) == (dataset is not None):
@@ -69,7 +70,7 @@ def command(
     planners = contenders(methods, loaded)
     suite = TerrainSuite(files, workloads, sizes, seed, rescale, cell_size, min_distance)
     dems = suite.load()
-    runs = list(product(workloads, sizes if files else (0,)))
+    runs = list(product(workloads, (read_recipe(dataset).size,) if dataset else sizes))
     rows: list[dict[str, Any]] = []
     with bar("evaluate", queries * len(runs)) as advance:
         for at, (name, size) in enumerate(runs):
@@ -78,8 +79,7 @@ def command(
                 cases, planners, queries, repeats=repeats,
                 progress=lambda done, at=at: advance(at * queries + done),  # type: ignore[misc]
             )  # fmt: skip
-            side = size or loaded[next(iter(loaded))].metadata.input_size if loaded else size
-            rows += [{"workload": name, "size": side, "method": m} | row for m, row in figures.items()]
+            rows += [{"workload": name, "size": size, "method": m} | row for m, row in figures.items()]
     click.echo(json.dumps(rows, indent=1) if as_json else table(rows))
 
 

@@ -1,10 +1,10 @@
 """Making, storing and reading a training set. The format is described in docs/dataset.md."""
 
+import io
 import json
 import math
 import multiprocessing
 import os
-import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.runtime.costmap import traversability_cost
 from nnpp_edge.runtime.encoding import Frame, map_planes
 from nnpp_edge.runtime.errors import DataSetError
@@ -121,7 +122,7 @@ def make_dataset(
     k, n = part
     if not 1 <= k <= n:
         raise DataSetError(f"a shard must be k/n with 1 <= k <= n, got {k}/{n}")
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     _claim(recipe, folder)
     wanted = [i for i in range(recipe.shards) if i % n == k - 1]
     missing = [i for i in wanted if not _shard_path(folder, i).exists()]
@@ -187,7 +188,7 @@ def _claim(recipe: Recipe, folder: Path) -> None:
         if json.loads(path.read_text()) != json.loads(text):
             raise DataSetError(f"{folder}: holds a data set made by another recipe; give another folder")
     else:
-        path.write_text(text)
+        write_whole(path, text.encode())
 
 
 def _shard_path(folder: Path, index: int) -> Path:
@@ -206,14 +207,9 @@ def _start_worker(recipe: Recipe) -> None:
 def _write_shard(index: int, folder: Path) -> None:
     maps = min(_recipe.maps_per_shard, _recipe.maps - index * _recipe.maps_per_shard)
     arrays = make_shard(_recipe, _tiles, np.random.default_rng([_recipe.seed, index]), maps)
-    with tempfile.NamedTemporaryFile(dir=folder, prefix=".shard-", suffix=".npz", delete=False) as file:
-        try:
-            np.savez(file, **arrays)
-            file.flush()
-            Path(file.name).replace(_shard_path(folder, index))
-        except BaseException:
-            Path(file.name).unlink(missing_ok=True)
-            raise
+    content = io.BytesIO()
+    np.savez(content, **arrays)
+    write_whole(_shard_path(folder, index), content.getbuffer())
 
 
 def make_shard(recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, maps: int) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Training: AdamW as in the paper, resumable, limited by epochs or by time, on one device or several."""
 
 import contextlib
+import io
 import json
 import math
 import os
@@ -15,6 +16,7 @@ import torch
 from torch import Tensor, nn
 from torch import distributed as dist
 
+from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.model.registry import Network, Spec
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.terrain.dataset import Samples
@@ -98,7 +100,7 @@ def train(
     average.load_state_dict(network.state_dict())
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
     progress = Progress()
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     path = folder / CHECKPOINT
     if path.exists():
         progress = _resume(path, spec, network, average, optimiser, device)
@@ -259,13 +261,10 @@ def _save(
         "optimiser": optimiser.state_dict(),
         "progress": asdict(progress),
     }
-    temporary = path.with_suffix(".tmp")
-    torch.save(content, temporary)
-    temporary.replace(path)
-    history = path.with_name("history.json")
-    temporary = history.with_suffix(".tmp")
-    temporary.write_text(json.dumps(progress.history, indent=1))
-    temporary.replace(history)
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
+    write_whole(path, buffer.getbuffer())
+    write_whole(path.with_name("history.json"), json.dumps(progress.history, indent=1).encode())
 
 
 def _resume(

@@ -153,6 +153,11 @@ class Level:
         """Directions in which each cell is linked to its neighbour, as bits; None where passability decides."""
         self.pieces = np.zeros(len(grid.weights) if linked else 0, np.int32)
         self.workspace = Workspace(len(grid.weights))
+        self.coarse_cells = (
+            np.arange(grid.rows, dtype=np.int32) // FACTOR,
+            np.arange(grid.cols, dtype=np.int32) // FACTOR,
+        )
+        """Row and column, on the level above, of each row and column."""
         self._bitmap = np.zeros((grid.rows, grid.cols), np.int32)
         self._stamp = 0
 
@@ -160,15 +165,7 @@ class Level:
         """The cells within `radius` of a path on this level, as a region of the next finer level."""
         self._stamp += 1
         _mark(path, radius, self._stamp, self._bitmap)
-        return Region(self._bitmap, *_blocks(finer.grid), self._stamp)
-
-
-def _blocks(grid: Grid) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Row and column of the coarse cell that holds each row and column."""
-    return (
-        np.arange(grid.rows, dtype=np.int32) // FACTOR,
-        np.arange(grid.cols, dtype=np.int32) // FACTOR,
-    )
+        return Region(self._bitmap, *finer.coarse_cells, self._stamp)
 
 
 class Pyramid:

@@ -52,3 +52,8 @@ def test_the_whole_chain_from_terrain_to_an_int8_model(nnpp_edge, tmp_path):
     )  # fmt: skip
     assert ended.code == 0, ended.err
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"path.geojson", "path.csv", "plan.png", "plan.json"}
+
+
+def test_a_data_set_that_cannot_be_written_is_refused(nnpp_edge, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    nnpp_edge("dataset", "-o", tmp_path / "file" / "set", "--maps", 2).refused("wanted a folder to write to")

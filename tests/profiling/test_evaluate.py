@@ -84,6 +84,8 @@ def test_a_data_set_can_be_judged_by(tmp_path, tiny_model, nnpp_edge):
     ended = nnpp_edge("evaluate", "--dataset", tmp_path / "set", "--queries", 5, "--model", tiny_model, "--json")
     assert ended.code == 0, ended.err
     assert {row["size"] for row in json.loads(ended.out)} == {64}
+    ended = nnpp_edge("evaluate", "--dataset", tmp_path / "set", "--queries", 2, "--methods", "corridor", "--json")
+    assert {row["size"] for row in json.loads(ended.out)} == {64}
     ended = nnpp_edge("evaluate", "--dataset", tmp_path / "set", "--workload", "limit3", "--model", tiny_model)
     ended.refused("limit3")
 
