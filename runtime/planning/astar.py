@@ -2,71 +2,44 @@
 
 The heuristic is the octile distance at the price of the map's cheapest cell: with n_d diagonal and n_s
 straight steps on an empty map it is n_d·step(diagonal, 2·w_min) + n_s·step(straight, 2·w_min). It never
-overestimates and is consistent.
+overestimates and is consistent. Landmarks sharpen it, see `landmarks`.
 """
 
 import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.grid import Grid, StepCost
-from nnpp_edge.runtime.planning.open_list import (
-    BLOCK,
-    COARSE,
-    FINE,
-    FINE_AT,
-    FREE,
-    LENGTH,
-    NOTHING,
-    USED,
-    clear,
-    next_block,
-    pop,
-    push,
+from nnpp_edge.runtime.planning.expansion import (
+    BELOW,
+    BEST_NODE,
+    EXHAUSTED,
+    EXPANSIONS,
+    FOUND,
+    FULL,
+    PAUSED,
+    REFUSED,
+    SUCCESSORS,
+    begin,
+    expand,
+    octile,
+    read_field,
+    trace,
 )
-from nnpp_edge.runtime.planning.workspace import OPEN_BIT, ORIGIN, STAMP_SHIFT, Workspace
+from nnpp_edge.runtime.planning.open_list import COARSE, FINE
+from nnpp_edge.runtime.planning.workspace import Workspace
 
-_FOUND, _EXHAUSTED, _PAUSED, _FULL = 0, 1, 2, 3
-_DIRECTION = 15
-ROW_STEP = (-1, 1, 0, 0, -1, -1, 1, 1)
-COL_STEP = (0, 0, -1, 1, -1, 1, -1, 1)
-DIRECTION = (4, 0, 5, 2, -1, 3, 6, 1, 7)
-"""Direction of the neighbour (row, col) = (i // 3 - 1, i % 3 - 1); -1 for the cell itself."""
-
-
-def _successors(free_diagonals: bool) -> NDArray[np.int64]:
-    """For each direction of arrival (and none, the start's) the directions worth leaving in, as bits.
-
-    Not worth it is a cell next to the parent that the parent reaches at no higher cost. For every step-cost
-    model that is the parent itself and, of its neighbours, those a straight step away from it; where a
-    diagonal is never dearer than the two straight steps around its corner, and never forbidden where they
-    are allowed, those a diagonal away as well.
-    """
-    masks = np.full(ORIGIN + 1, 255, np.int64)
-    for arrival in range(ORIGIN):
-        for k in range(8):
-            rows, cols = abs(ROW_STEP[arrival] + ROW_STEP[k]), abs(COL_STEP[arrival] + COL_STEP[k])
-            if max(rows, cols) <= 1 if free_diagonals else rows + cols <= 1:
-                masks[arrival] &= ~(1 << k)
-    return masks
-
-
-_SUCCESSORS = {free: _successors(free) for free in (False, True)}
-
-# slots of the float64 array of results
-_F_START, _REFUSED, _BEST_H = 0, 1, 2
-# slots of the int64 array of results
-_EXPANSIONS, _BEST_NODE = 0, 1
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.planning.landmarks import Landmarks
 
 _EXPANSIONS_BETWEEN_CHECKS = 100_000
-_BELOW = 1.0 - 1e-6
-"""Nodes that promise an improvement smaller than g's rounding are left alone."""
+_NO_LANDMARKS = (None, None, 0.0)
 
 
 @dataclass(frozen=True)
@@ -111,175 +84,6 @@ class Search:
     """Least f of a cell that was refused for lying outside the region; inf if none was."""
 
 
-@kernel
-def _estimate(row, col, goal_row, goal_col, h_straight, h_diagonal):
-    dr, dc = abs(row - goal_row), abs(col - goal_col)
-    near, far = min(dr, dc), max(dr, dc)
-    return h_diagonal * near + h_straight * (far - near)
-
-
-@kernel
-def _begin(g, meta, stamp, fine, coarse, entry_node, entry_next, control, start, h_start, reals, counts):
-    clear(fine, coarse, control)
-    reals[_F_START] = h_start
-    reals[_REFUSED] = np.inf
-    reals[_BEST_H] = h_start
-    counts[_EXPANSIONS] = 0
-    counts[_BEST_NODE] = start
-    g[2 * start] = 0.0
-    meta[2 * start + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ORIGIN
-    control[FREE], control[USED] = push(fine, coarse, entry_node, entry_next, 0, start, 0, 0, NOTHING, 0)
-    control[LENGTH] = 1
-
-
-@kernel
-def _deal_out(
-    chain, block, stride, goal_row, goal_col, h_straight, h_diagonal, inverse_width, f_start,
-    g, meta, fine, entry_node, entry_next, free,
-):  # fmt: skip
-    """Put a coarse bucket's entries into the fine buckets, dropping those no longer open; free, how many dropped."""
-    dropped = 0
-    while chain != NOTHING:
-        following = np.int64(entry_next[chain])
-        node = np.int64(entry_node[chain])
-        slot = np.int64(FINE)
-        if meta[2 * node + 1] & OPEN_BIT:
-            h = _estimate(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
-            slot = max(np.int64((g[2 * node] + h - f_start) * inverse_width) - block * FINE, np.int64(0))
-        if slot < FINE:
-            entry_next[chain] = fine[slot]
-            fine[slot] = chain
-        else:
-            entry_next[chain] = free
-            free = chain
-            dropped += 1
-        chain = following
-    return free, dropped
-
-
-@kernel
-def _expand(
-    weights, links, stride, goal, steps, successors, corner_cutting, bitmap, row_block, col_block, region_stamp,
-    g, meta, stamp, fine, coarse, entry_node, entry_next, control, reals, counts, most,
-):  # fmt: skip
-    """Expand until the goal is settled, nothing is left, `most` expansions are done or the list is full.
-
-    Once the goal has been reached, its g bounds the optimum: nodes whose f is not lower by more than g's
-    rounding are left out, and the search ends when the buckets up to the goal's own are empty.
-    """
-    length_s, length_d = np.float32(steps[0]), np.float32(steps[1])
-    weight_s, weight_d = np.float32(steps[2]), np.float32(steps[3])
-    h_straight, h_diagonal, inverse_width = steps[4], steps[5], steps[6]
-    goal_row, goal_col = goal // stride, goal % stride
-    inverse_stride = 1.0 / stride
-    row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
-    f_start, refused, best_h = reals[_F_START], reals[_REFUSED], reals[_BEST_H]
-    free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
-    block, length = control[BLOCK], control[LENGTH]
-    room = np.int64(len(entry_node)) - 8
-    bound, last_bucket = np.inf, np.int64(1) << 60
-    if meta[2 * goal + 1] >> STAMP_SHIFT == stamp:
-        bound = np.float64(g[2 * goal]) * _BELOW
-        last_bucket = np.int64((bound - f_start) * inverse_width)
-    expansions = counts[_EXPANSIONS]
-    last = expansions + most
-    code = _PAUSED
-    while expansions < last:
-        if length > room:
-            code = _FULL
-            break
-        node, fine_at, free = pop(fine, entry_node, entry_next, fine_at, free)
-        if block * FINE + fine_at > last_bucket:
-            code = _FOUND
-            break
-        if node == NOTHING:
-            if length == 0:
-                code = _FOUND if bound < np.inf else _EXHAUSTED
-                break
-            block, chain = next_block(coarse, block)
-            fine_at = np.int64(0)
-            free, dropped = _deal_out(
-                chain, block, stride, goal_row, goal_col, h_straight, h_diagonal, inverse_width, f_start,
-                g, meta, fine, entry_node, entry_next, free,
-            )  # fmt: skip
-            length -= dropped
-            continue
-        length -= 1
-        word = meta[2 * node + 1]
-        if not word & OPEN_BIT:
-            continue
-        meta[2 * node + 1] = word & ~OPEN_BIT
-        row = np.int64((node + 0.5) * inverse_stride)
-        col = node - row * stride
-        h = _estimate(row, col, goal_row, goal_col, h_straight, h_diagonal)
-        own, g_node = weights[node], g[2 * node]
-        if g_node + h >= bound:
-            continue
-        expansions += 1
-        if h < best_h:
-            best_h = h
-            counts[_BEST_NODE] = node
-        worthwhile = successors[word & _DIRECTION]
-        for k in range(8):  # unrolled by the compiler
-            if not (worthwhile >> k) & 1:
-                continue
-            if links is not None:  # noqa: SIM102  (numba drops the branch when there are none)
-                if not (links[node] >> k) & 1:
-                    continue
-            there = node + row_steps[k] + COL_STEP[k]
-            w = weights[there]
-            if w == np.inf:
-                continue
-            if k < 4:
-                reached = g_node + (length_s + weight_s * (own + w))
-            else:
-                if not corner_cutting and (
-                    weights[node + row_steps[k]] == np.inf or weights[node + COL_STEP[k]] == np.inf
-                ):
-                    continue
-                reached = g_node + (length_d + weight_d * (own + w))
-            old = meta[2 * there + 1]
-            if old >> STAMP_SHIFT == stamp and reached >= g[2 * there]:
-                continue
-            i, j = row + ROW_STEP[k], col + COL_STEP[k]
-            f = reached + _estimate(i, j, goal_row, goal_col, h_straight, h_diagonal)
-            if f >= bound:
-                continue
-            if bitmap is not None:  # noqa: SIM102  (numba drops the branch when there is no region)
-                if bitmap[row_block[i - 1], col_block[j - 1]] != region_stamp and there != goal:
-                    refused = min(refused, f)
-                    continue
-            g[2 * there] = reached
-            meta[2 * there + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | k
-            bucket = np.int64(max((f - f_start) * inverse_width, 0.0))
-            if there == goal:
-                bound, last_bucket = f * _BELOW, bucket
-                meta[2 * there + 1] ^= OPEN_BIT  # never expanded, so never put on the open list
-            else:
-                free, used = push(fine, coarse, entry_node, entry_next, bucket, there, block, fine_at, free, used)
-                length += 1
-    control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
-    control[BLOCK], control[LENGTH] = block, length
-    reals[_REFUSED] = refused
-    reals[_BEST_H] = best_h
-    counts[_EXPANSIONS] = expansions
-    return code
-
-
-@kernel
-def _trace(meta, node, stride, out):
-    """Write the cells from `node` back to the start into `out`, as far as it reaches; their number."""
-    n = 0
-    while True:
-        if n < len(out):
-            out[n, 0], out[n, 1] = node // stride - 1, node % stride - 1
-        n += 1
-        k = meta[2 * node + 1] & _DIRECTION
-        if k == ORIGIN:
-            return n
-        node -= ROW_STEP[k] * stride + COL_STEP[k]
-
-
 def _bucket_width(grid: Grid, straight: float) -> float:
     """Width δ of a bucket: a quarter of the cheapest step, or what lets every f ahead fit into the ring."""
     furthest = 2.0 * grid.model.step(1, 2.0 * max(grid.greatest, 0.0))
@@ -294,7 +98,9 @@ def astar(
     *,
     region: Region | None = None,
     links: NDArray[np.uint8] | None = None,
+    landmarks: "Landmarks | None" = None,
     corner_cutting: bool = True,
+    beyond: float = 0.0,
     deadline: float = math.inf,
     cancelled: Callable[[], bool] | None = None,
 ) -> Search:
@@ -312,8 +118,12 @@ def astar(
         Search only there.
     links : (nodes,) uint8
         The directions in which each cell may be left, as bits; by default all.
+    landmarks : Landmarks
+        Of this grid and these links: fewer cells are expanded, for the same cost.
     corner_cutting : bool
         Whether a diagonal step may pass an impassable cell on either side of it.
+    beyond : float
+        Settle also every cell on a path that costs less than 1 + `beyond` times the optimum.
     deadline : float
         Reading of `time.monotonic` at which to give up with TIMEOUT.
     cancelled : callable
@@ -339,65 +149,71 @@ def astar(
         return Search(Status.OK, np.array([start], np.int32), 0, math.inf)
     ws, stamp = workspace, workspace.next_stamp()
     reals, counts = np.zeros(3), np.zeros(2, np.int64)
-    h_start = _estimate.py_func(start[0], start[1], goal[0], goal[1], straight, diagonal)
-    _begin(ws.g, ws.meta, stamp, ws.fine, ws.coarse, ws.entry_node, ws.entry_next, ws.control, first,
-           h_start, reals, counts)  # fmt: skip
+    h_start = octile.py_func(start[0], start[1], goal[0], goal[1], straight, diagonal)
+    if landmarks is not None:
+        h_start = max(h_start, landmarks.lower_bound(first, last))
+        if h_start == math.inf:
+            return Search(Status.NO_PATH, np.empty((0, 2), np.int32), 0, math.inf)
+    begin(ws.g, ws.meta, stamp, ws.heads, ws.entries, ws.control, first, h_start, reals, counts)
     where = (None, None, None, 0) if region is None else (
         region.bitmap, region.row_block, region.col_block, region.stamp)  # fmt: skip
-    successors = _SUCCESSORS[corner_cutting and links is None and grid.model.kind is StepCost.PAPER]
+    hints = _NO_LANDMARKS if landmarks is None else landmarks.towards(last)
+    successors = SUCCESSORS[corner_cutting and links is None and grid.model.kind is StepCost.PAPER]
     timed = deadline < math.inf or cancelled is not None
     while True:
-        code = _expand(
-            grid.weights, links, grid.stride, last, steps, successors, corner_cutting, *where, ws.g, ws.meta, stamp,
-            ws.fine, ws.coarse, ws.entry_node, ws.entry_next, ws.control, reals, counts,
+        code = expand(
+            grid.weights, links, grid.stride, last, steps, *hints, successors, corner_cutting, *where, ws.g, ws.meta,
+            stamp, ws.heads, ws.entries, ws.control, reals, counts, 1.0 + beyond if beyond else BELOW,
             _EXPANSIONS_BETWEEN_CHECKS if timed else np.iinfo(np.int64).max >> 1,
         )  # fmt: skip
-        if code == _FULL:
+        if code == FULL:
             ws.grow()
-        elif code != _PAUSED:
+        elif code != PAUSED:
             break
         if timed and (time.monotonic() > deadline or (cancelled is not None and cancelled())):
             break
-    expansions, refused = int(counts[_EXPANSIONS]), float(reals[_REFUSED])
-    if code == _EXHAUSTED:
+    expansions, refused = int(counts[EXPANSIONS]), float(reals[REFUSED])
+    if code == EXHAUSTED:
         return Search(Status.NO_PATH, np.empty((0, 2), np.int32), expansions, refused)
-    end = last if code == _FOUND else int(counts[_BEST_NODE])
+    end = last if code == FOUND else int(counts[BEST_NODE])
     path = np.empty((256, 2), np.int32)
-    length = _trace(ws.meta, end, grid.stride, path)
+    length = trace(ws.meta, end, grid.stride, path)
     if length > len(path):
         path = np.empty((length, 2), np.int32)
-        _trace(ws.meta, end, grid.stride, path)
-    status = Status.OK if code == _FOUND else Status.TIMEOUT
+        trace(ws.meta, end, grid.stride, path)
+    status = Status.OK if code == FOUND else Status.TIMEOUT
     return Search(status, np.ascontiguousarray(path[:length][::-1]), expansions, refused)
 
 
-@kernel
-def _read_field(g, meta, stamp, stride, field):
-    rows, cols = field.shape
-    for row in range(rows):
-        for col in range(cols):
-            node = (row + 1) * stride + col + 1
-            field[row, col] = g[2 * node] if meta[2 * node + 1] >> STAMP_SHIFT == stamp else np.inf
+def settle_all(
+    grid: Grid,
+    source: tuple[int, int],
+    workspace: Workspace,
+    *,
+    links: NDArray[np.uint8] | None = None,
+    corner_cutting: bool = True,
+) -> None:
+    """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there."""
+    ws, stamp = workspace, workspace.next_stamp()
+    reals, counts = np.zeros(3), np.zeros(2, np.int64)
+    straight = grid.model.step(0, 2.0 * grid.least)
+    steps = (*grid.model.length_term, *grid.model.weight_term, 0.0, 0.0, 1.0 / _bucket_width(grid, straight))
+    begin(ws.g, ws.meta, stamp, ws.heads, ws.entries, ws.control, grid.node(*source), 0.0, reals, counts)
+    successors = SUCCESSORS[corner_cutting and links is None and grid.model.kind is StepCost.PAPER]
+    corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
+    while expand(
+        grid.weights, links, grid.stride, corner_of_border, steps, *_NO_LANDMARKS, successors, corner_cutting,
+        None, None, None, 0, ws.g, ws.meta, stamp, ws.heads, ws.entries, ws.control, reals, counts, BELOW,
+        np.iinfo(np.int64).max >> 1,
+    ) == FULL:  # fmt: skip
+        ws.grow()
 
 
 def cost_field(
     grid: Grid, source: tuple[int, int], workspace: Workspace, *, corner_cutting: bool = True
 ) -> NDArray[np.float32]:
     """Cost of the cheapest path from a passable cell to every other: (H, W) float32, inf where there is none."""
-    ws, stamp = workspace, workspace.next_stamp()
-    reals, counts = np.zeros(3), np.zeros(2, np.int64)
-    straight = grid.model.step(0, 2.0 * grid.least)
-    steps = (*grid.model.length_term, *grid.model.weight_term, 0.0, 0.0, 1.0 / _bucket_width(grid, straight))
-    _begin(ws.g, ws.meta, stamp, ws.fine, ws.coarse, ws.entry_node, ws.entry_next, ws.control,
-           grid.node(*source), 0.0, reals, counts)  # fmt: skip
-    successors = _SUCCESSORS[corner_cutting and grid.model.kind is StepCost.PAPER]
-    corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
-    while _expand(
-        grid.weights, None, grid.stride, corner_of_border, steps, successors, corner_cutting, None, None, None, 0,
-        ws.g, ws.meta, stamp, ws.fine, ws.coarse, ws.entry_node, ws.entry_next, ws.control, reals, counts,
-        np.iinfo(np.int64).max >> 1,
-    ) == _FULL:  # fmt: skip
-        ws.grow()
+    settle_all(grid, source, workspace, corner_cutting=corner_cutting)
     field = np.empty((grid.rows, grid.cols), np.float32)
-    _read_field(ws.g, ws.meta, stamp, grid.stride, field)
+    read_field(workspace.g, workspace.meta, workspace.stamp, grid.stride, field)
     return field

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.costmap import Rectangle
 from nnpp_edge.runtime.grid import Grid, StepCost
-from nnpp_edge.runtime.planning.astar import COL_STEP, DIRECTION, ROW_STEP, Region
+from nnpp_edge.runtime.planning.astar import Region
+from nnpp_edge.runtime.planning.expansion import COL_STEP, DIRECTION, ROW_STEP
 from nnpp_edge.runtime.planning.workspace import Workspace
 
 FACTOR = 4

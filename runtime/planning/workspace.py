@@ -8,7 +8,7 @@ nothing that grows with the map.
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.planning.open_list import COARSE, CONTROL_SLOTS, FINE
+from nnpp_edge.runtime.planning.open_list import BUCKETS, CONTROL_SLOTS
 
 STAMP_SHIFT = 5
 OPEN_BIT = 16
@@ -26,11 +26,9 @@ class Workspace:
         """g of node n at 2n."""
         self.meta: NDArray[np.int32] = state
         """stamp, open bit and direction of node n at 2n + 1."""
-        self.fine = np.empty(FINE, np.int32)
-        self.coarse = np.empty(COARSE, np.int32)
+        self.heads = np.empty(BUCKETS, np.int32)
         self.control = np.zeros(CONTROL_SLOTS, np.int64)
-        self.entry_node = np.empty(0, np.int32)
-        self.entry_next = np.empty(0, np.int32)
+        self.entries = np.empty(0, np.int32)
         self.grow(min(max(nodes // 2, 1024), 1 << 16))
         self.stamp = 0
 
@@ -44,8 +42,6 @@ class Workspace:
 
     def grow(self, entries: int | None = None) -> None:
         """Make room for more entries on the open list, keeping those that are there."""
-        size = entries or 2 * len(self.entry_node)
-        for name in ("entry_node", "entry_next"):
-            array = np.empty(size, np.int32)
-            array[: len(getattr(self, name))] = getattr(self, name)
-            setattr(self, name, array)
+        grown = np.empty(2 * entries if entries else 2 * len(self.entries), np.int32)
+        grown[: len(self.entries)] = self.entries
+        self.entries = grown
