@@ -5,13 +5,12 @@ folder is chosen here: NUMBA_CACHE_DIR if the user set it, else the user's own c
 is a pickle, and whoever can write one can run code as us: a folder that another user owns or may write
 to is refused. Without a folder, kernels are compiled anew in every process, with one warning.
 
-numba sees that a kernel's own file has changed, not that a kernel which it calls has. So the folder's
-name carries a digest of the runtime's sources: changed code never meets an old cache.
+A compiled kernel holds the code of those that it calls. So the folder's name carries a digest of the
+runtime's sources: changed code never meets an old cache. `_kernel_cache` reads and writes the files.
 """
 
 import hashlib
 import os
-import stat
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import Any
 import numba
 
 from nnpp_edge import __version__
+from nnpp_edge.runtime._kernel_cache import KernelCache, make_private
 
 
 def _source_digest() -> str:
@@ -33,12 +33,10 @@ def _source_digest() -> str:
 def _is_safe(folder: Path) -> bool:
     """Make `folder` if need be; tell whether it is ours alone to write."""
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        info = folder.stat()
+        make_private(folder)
     except OSError:
         return False
-    ours = info.st_uid == os.geteuid() and not info.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-    return ours and os.access(folder, os.W_OK | os.X_OK)
+    return True
 
 
 def cache_folder() -> Path | None:
@@ -75,12 +73,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     Work is shared between cores by threads that call kernels, not by numba's own parallel loops: those
     may not be entered from two threads at once, nor after a fork.
     """
-    if CACHE_FOLDER is None:
-        return numba.njit(nogil=True)(function)
-    config: Any = numba.config
-    theirs = config.CACHE_DIR
-    config.CACHE_DIR = str(CACHE_FOLDER)  # read when the dispatcher is made, so put back at once
-    try:
-        return numba.njit(cache=True, nogil=True)(function)
-    finally:
-        config.CACHE_DIR = theirs
+    compiled: Any = numba.njit(nogil=True)(function)
+    if CACHE_FOLDER is not None and compiled is not function:  # as it is under NUMBA_DISABLE_JIT
+        compiled._cache = KernelCache(function, CACHE_FOLDER)
+    return compiled

@@ -175,10 +175,14 @@ class Grid:
         span = 2.0 * GREY_LEVELS * PAPER_OMEGA
         return 1.0 / (span * max(self.least, 1e-30)), -1.0 / span
 
+    def map(self) -> NDArray[np.float32]:
+        """(rows, cols) float32, the weights of the map's own cells; a view."""
+        return self.weights.reshape(self.rows + 2, self.stride)[1:-1, 1:-1]
+
     def node(self, row: int, col: int) -> int:
         """Flat index of a cell."""
         return (row + 1) * self.stride + col + 1
 
     def is_passable(self, row: int, col: int) -> bool:
         """Whether a cell of the map can be stood on."""
-        return bool(np.isfinite(self.weights[self.node(row, col)]))
+        return math.isfinite(self.weights[self.node(row, col)])

@@ -10,6 +10,7 @@ import pkgutil
 import re
 import shutil
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import nnpp_edge.runtime
-from nnpp_edge.runtime import _jit
+from nnpp_edge.runtime import _jit, _kernel_cache
 from nnpp_edge.runtime.costmap import Traversability, terrain_terms, traversability_cost, update_cost
 from nnpp_edge.runtime.encoding import GAUSSIAN_CHANNELS, encode_gaussian
 from nnpp_edge.runtime.errors import OutputError
@@ -27,6 +28,7 @@ from nnpp_edge.runtime.grid import Grid
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import Region, cost_field
 from nnpp_edge.runtime.planning.dstar_lite import DStarLite
+from nnpp_edge.runtime.planning.landmarks import Landmarks
 from nnpp_edge.runtime.planning.planner import Planner
 
 _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
@@ -84,14 +86,17 @@ def warm_up(*, keep_old: bool = False) -> Warmth:
         )
     began = time.perf_counter()
     try:
-        with _alone(folder):
+        with _alone(folder), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of a kernel that is not kept: an error below
             before = _compilations()
             exercise()
             compiled = _compilations() - before
+        if (failure := _kernel_cache.save_error()) is not None:
+            raise failure
         removed = () if keep_old else _remove_old(folder)
-        kernels, signatures = (sum(1 for _ in folder.rglob(kind)) for kind in ("*.nbi", "*.nbc"))
     except OSError as error:
         raise OutputError(f"{folder}: kernels could not be kept ({error.strerror or error})") from error
+    kernels, signatures = _kernel_cache.count_kept(folder)
     return Warmth(folder, kernels, signatures, compiled, time.perf_counter() - began, removed)
 
 
@@ -129,12 +134,23 @@ def _exercise_planner(shape: tuple[int, int], step_cost: str, corner_cutting: bo
         planner.plan(start, goal, method="astar", time_limit_s=0.0)
         for patch in (cost[:5, :6].copy(), _read_only(cost[:5, :6])):
             planner.update(3, 4, patch)
+        _exercise_landmarks(planner, start, goal)
         planner.update(shape[0] // 2, 0, np.full((1, shape[1]), np.inf, np.float32))  # a wall: no path, all widening
         for method in ("astar", "corridor", "nnpp"):
             planner.plan(start, goal, method=method)
     finest = planner.pyramid.levels[0]
     cost_field(finest.grid, start, finest.workspace, corner_cutting=corner_cutting)
     _exercise_replanning(planner.grid, corner_cutting)
+
+
+def _exercise_landmarks(planner: Planner, start: tuple[int, int], goal: tuple[int, int]) -> None:
+    planner.prepare(landmarks=1, goals=[goal])
+    for level in planner.pyramid.levels[1:]:
+        level.landmarks = Landmarks(level.grid, level.workspace, links=level.links)
+        level.landmarks.spread(1)
+    for method in ("astar", "corridor"):
+        planner.plan(start, goal, method=method)
+    planner.nearest(start, [goal], method="astar")
 
 
 def _exercise_replanning(grid: Grid, corner_cutting: bool) -> None:
@@ -174,11 +190,7 @@ def _compilations() -> int:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Wait until no other warm-up writes to `folder`.
-
-    numba's files appear whole, by renaming. But two processes that add different versions of one kernel at
-    the same moment can give both the same file name.
-    """
+    """Wait until no other warm-up works for `folder`: the second finds what the first has compiled."""
     try:
         import fcntl
     except ImportError:  # not on this system

@@ -2,7 +2,7 @@
 
 import json
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,9 +26,10 @@ _REPEATS = 3
 @click.command(name="plan")
 @click.argument("dem", type=options.PATH)
 @click.option("--start", type=options.Cell(), help="Cell, row first, counted from 0.")
-@click.option("--goal", type=options.Cell(), help="Likewise.")
+@click.option("--goal", type=options.Cell(), multiple=True,
+              help="Likewise. Given several times, the path leads to the one that costs least to reach.")  # fmt: skip
 @click.option("--start-xy", type=options.Numbers(float), metavar="X,Y", help="In the map's own coordinates.")
-@click.option("--goal-xy", type=options.Numbers(float), metavar="X,Y", help="Likewise.")
+@click.option("--goal-xy", type=options.Numbers(float), metavar="X,Y", multiple=True, help="Likewise.")
 @click.option("--method", type=click.Choice(["auto", "astar", "corridor", "nnpp"]), default="auto", show_default=True)
 @click.option("--model", default="edge", show_default=True, help="Shipped network's name, or an ONNX file.")
 @options.dem_input
@@ -41,21 +42,24 @@ _REPEATS = 3
 @click.option("--epsilon", type=click.FloatRange(min=0.0),
               help="Widen until the cost is certain to be within this share of the optimum; 0 is exact.")  # fmt: skip
 @click.option("--time-limit", type=click.FloatRange(min=0.0, min_open=True), help="Seconds for one planning.")
+@click.option("--landmarks", type=click.IntRange(0, 8), default=0,
+              help="Landmarks to prepare first: exact A* then expands a fraction of the cells.")  # fmt: skip
 @click.option("--compare", is_flag=True, help="Plan with exact A* and the corridor planner too.")
 @click.option("--hillshade", is_flag=True, help="Draw the relief in place of the cost.")
 @click.option("-o", "--output", type=options.PATH,
               help="Folder for path.geojson, path.csv, plan.png and plan.json.")  # fmt: skip
 @options.as_json
 def command(
-    dem: Path, start: Cell | None, goal: Cell | None, start_xy: tuple[float, ...] | None,
-    goal_xy: tuple[float, ...] | None, method: str, model: str, cell_size: float | None,
+    dem: Path, start: Cell | None, goal: tuple[Cell, ...], start_xy: tuple[float, ...] | None,
+    goal_xy: tuple[tuple[float, ...], ...], method: str, model: str, cell_size: float | None,
     vertical_scale: float | None, rescale: float | None, workload: str | None, omega: float,
-    corner_cutting: bool, epsilon: float | None, time_limit: float | None, compare: bool, hillshade: bool,
-    output: Path | None, as_json: bool, **limits: Any,
+    corner_cutting: bool, epsilon: float | None, time_limit: float | None, landmarks: int, compare: bool,
+    hillshade: bool, output: Path | None, as_json: bool, **limits: Any,
 ) -> None:  # fmt: skip
     """Plan a path over the elevation map DEM.
 
-    Give start and goal as cells, or with --start-xy and --goal-xy in the map's coordinates. Times are those
+    Give start and goal as cells, or with --start-xy and --goal-xy in the map's coordinates; with several
+    goals all are planned to, and the one that costs least to reach is taken. Times are those
     of a second planning: the first loads compiled code and the network. Exit codes: 0 for a path, 1 for
     NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is impassable.
 
@@ -65,7 +69,8 @@ def command(
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
-    _check_ends({"start": (start, start_xy), "goal": (goal, goal_xy)})
+    _check_ends("start", [start] if start else [], [start_xy] if start_xy else [])
+    _check_ends("goal", goal, goal_xy)
     rules = make_rules(workload, limits)
 
     from functools import partial
@@ -85,24 +90,29 @@ def command(
         if as_json:
             click.echo(json.dumps({"status": "INVALID_MAP"}))
         raise InvalidMapError(f"{dem}: wanted a map to plan on, got {size_text(_size(terrain))}, all impassable")
-    start, goal = _cell(terrain, start, start_xy), _cell(terrain, goal, goal_xy)
+    begin = start or terrain.cell_of(*start_xy)  # type: ignore[misc]  # one of them was given
+    goals = [*goal, *(terrain.cell_of(*place) for place in goal_xy)]
     planner = Planner(cost, omega=omega, corner_cutting=corner_cutting, model=model)
-    ask = partial(
-        planner.plan, start, goal, epsilon=inf if epsilon is None else epsilon, time_limit_s=time_limit or inf
-    )
-    ask(method=method)
+    if landmarks:
+        planner.prepare(landmarks=landmarks)
+    settings: dict[str, Any] = {"epsilon": inf if epsilon is None else epsilon, "time_limit_s": time_limit or inf}
+    ranked = planner.nearest(begin, goals, count=len(goals), method=method, **settings)
+    end = goals[ranked[0][0]]
+    ask = partial(planner.plan, begin, end, **settings)
     plan = ask(method=method)
     if plan.source is None:  # no search was made
         if as_json:
             click.echo(json.dumps(plan.summary()))
-        raise InvalidQueryError(_refusal(plan.status, start, goal, cost, terrain, rules))
+        raise InvalidQueryError(_refusal(plan.status, begin, end, cost, terrain, rules))
     plan = _kept(plan)
     route = Route.of(plan.path, cost, terrain)
     rows, exact = _compare(ask, plan) if compare else ([], None)
     told = {
-        **plan.summary(), "length_m": route.length_m if plan.ok else None, "start": start, "goal": goal,
+        **plan.summary(), "length_m": route.length_m if plan.ok else None, "start": begin, "goal": end,
         **_size(terrain), **({"compare": rows} if rows else {}),
     }  # fmt: skip
+    if len(goals) > 1:
+        told["goals"] = [_reached(goals[at], found) for at, found in ranked]
     if output is not None:
         _write(output, plan, route, cost, exact, hillshade, told)
     click.echo(json.dumps(told) if as_json else text(plan, route, told))
@@ -116,6 +126,9 @@ def text(plan: "Plan", route: "Route", told: dict[str, Any]) -> str:
 
     source = f"{plan.method} ({plan.source})"
     lines = {str(plan.status): f"{source}: {plan.reason}" if plan.reason else source, "map": size_text(told)}
+    if "goals" in told:
+        shown = (f"{row['goal']} {row['status' if row['cost'] is None else 'cost']}" for row in told["goals"])
+        lines["goals"] = ", ".join(shown)
     if plan.ok:
         lines["path"] = f"{len(plan.path)} cells, {metres(route.length_m)}"
         lines["cost"] = f"{plan.cost:.6g}, {_promise(plan, told)}"
@@ -218,21 +231,17 @@ def _size(terrain: "Dem") -> dict[str, Any]:
     return {"rows": rows, "cols": cols, "cell_size_m": terrain.cell_size_m, "cell_width_m": terrain.cell_width_m}
 
 
-def _check_ends(ends: dict[str, tuple[Cell | None, tuple[float, ...] | None]]) -> None:
-    """Start and goal once each, in one way."""
-    for name, (cell, place) in ends.items():
-        if (cell is None) == (place is None):
-            raise click.UsageError(f"give either --{name} ROW,COL or --{name}-xy X,Y")
-        if place is not None and len(place) != 2:
+def _check_ends(name: str, cells: Sequence[Cell], places: Sequence[tuple[float, ...]]) -> None:
+    """Start or goals, in one way."""
+    if bool(cells) == bool(places):
+        raise click.UsageError(f"give either --{name} ROW,COL or --{name}-xy X,Y")
+    for place in places:
+        if len(place) != 2:
             raise click.UsageError(f"--{name}-xy must be two numbers X,Y, got {len(place)}")
 
 
-def _cell(terrain: "Dem", cell: Cell | None, place: tuple[float, ...] | None) -> Cell:
-    """The cell that was given, or the one under the place that was."""
-    if cell is not None:
-        return cell
-    assert place is not None  # _check_ends saw to it
-    return terrain.cell_of(place[0], place[1])
+def _reached(goal: Cell, plan: "Plan") -> dict[str, Any]:
+    return {"goal": goal, **{key: plan.summary()[key] for key in ("status", "cost")}}
 
 
 def _warn_if_not_square(terrain: "Dem") -> None:

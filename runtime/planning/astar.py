@@ -26,9 +26,8 @@ from nnpp_edge.runtime.planning.expansion import (
     PAUSED,
     REFUSED,
     SUCCESSORS,
-    begin,
+    Dominance,
     expand,
-    octile,
     read_field,
     trace,
 )
@@ -39,7 +38,12 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.planning.landmarks import Landmarks
 
 _EXPANSIONS_BETWEEN_CHECKS = 100_000
+_BUCKET, _BUCKET_BY_LANDMARKS = 1.0 / 4.0, 1.0 / 256.0
+"""Width of a bucket, in cheapest steps. By landmarks, nearly optimal cells have nearly the same f: a wide bucket,
+which is not in order within, would expand many of them again and again."""
+_WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 _NO_LANDMARKS = (None, None, 0.0)
+_EVERYWHERE = (None, None, None, 0)
 
 
 @dataclass(frozen=True)
@@ -84,10 +88,22 @@ class Search:
     """Least f of a cell that was refused for lying outside the region; inf if none was."""
 
 
-def _bucket_width(grid: Grid, straight: float) -> float:
-    """Width δ of a bucket: a quarter of the cheapest step, or what lets every f ahead fit into the ring."""
+def prices(grid: Grid) -> tuple[float, float]:
+    """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the cheapest."""
+    straight = grid.model.step(0, 2.0 * grid.least)
+    return straight, min(grid.model.step(1, 2.0 * grid.least), 2.0 * straight)
+
+
+def _dominance(grid: Grid, links: NDArray[np.uint8] | None, corner_cutting: bool) -> Dominance:
+    if links is not None:
+        return Dominance.NONE
+    return Dominance.DIAGONAL if corner_cutting and grid.model.kind is StepCost.PAPER else Dominance.STRAIGHT
+
+
+def _bucket_width(grid: Grid, share: float) -> float:
+    """Width δ of a bucket: that share of the cheapest step, or what lets every f ahead fit into the ring."""
     furthest = 2.0 * grid.model.step(1, 2.0 * max(grid.greatest, 0.0))
-    return max(0.25 * straight, 1.01 * furthest / (FINE * (COARSE - 2)), 1e-30)
+    return max(share * prices(grid)[0], 1.01 * furthest / (FINE * (COARSE - 2)), 1e-30)
 
 
 def astar(
@@ -139,50 +155,40 @@ def astar(
     NNPP (arXiv 2308.04792v3), Eq. 2-4; the octile distance stands in for the paper's Euclidean one, which
     it exceeds without ever overestimating. g is kept in float32.
     """
-    step = grid.model.step
-    straight = step(0, 2.0 * grid.least)
-    diagonal = min(step(1, 2.0 * grid.least), 2.0 * straight)
+    straight, diagonal = prices(grid)
     steps = (*grid.model.length_term, *grid.model.weight_term, straight, diagonal,
-             1.0 / _bucket_width(grid, straight))  # fmt: skip
+             1.0 / _bucket_width(grid, _BUCKET if landmarks is None else _BUCKET_BY_LANDMARKS))  # fmt: skip
     first, last = grid.node(*start), grid.node(*goal)
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0, math.inf)
     ws, stamp = workspace, workspace.next_stamp()
-    reals, counts = np.zeros(3), np.zeros(2, np.int64)
-    h_start = octile.py_func(start[0], start[1], goal[0], goal[1], straight, diagonal)
-    if landmarks is not None:
-        h_start = max(h_start, landmarks.lower_bound(first, last))
-        if h_start == math.inf:
-            return Search(Status.NO_PATH, np.empty((0, 2), np.int32), 0, math.inf)
-    begin(ws.g, ws.meta, stamp, ws.heads, ws.entries, ws.control, first, h_start, reals, counts)
-    where = (None, None, None, 0) if region is None else (
-        region.bitmap, region.row_block, region.col_block, region.stamp)  # fmt: skip
     hints = _NO_LANDMARKS if landmarks is None else landmarks.towards(last)
-    successors = SUCCESSORS[corner_cutting and links is None and grid.model.kind is StepCost.PAPER]
+    where = _EVERYWHERE if region is None else (region.bitmap, region.row_block, region.col_block, region.stamp)
+    successors = SUCCESSORS[_dominance(grid, links, corner_cutting)]
     timed = deadline < math.inf or cancelled is not None
+    most = _EXPANSIONS_BETWEEN_CHECKS if timed else _WITHOUT_END
+    factor = 1.0 + beyond if beyond else BELOW
+    begin = first
     while True:
-        code = expand(
-            grid.weights, links, grid.stride, last, steps, *hints, successors, corner_cutting, *where, ws.g, ws.meta,
-            stamp, ws.heads, ws.entries, ws.control, reals, counts, 1.0 + beyond if beyond else BELOW,
-            _EXPANSIONS_BETWEEN_CHECKS if timed else np.iinfo(np.int64).max >> 1,
+        code, length = expand(
+            grid.weights, links, grid.stride, begin, last, steps, *hints, successors, corner_cutting, *where, ws.g,
+            ws.meta, stamp, ws.heads, ws.entries, ws.control, ws.reals, ws.counts, ws.path, factor, most,
         )  # fmt: skip
+        begin = -1
         if code == FULL:
             ws.grow()
         elif code != PAUSED:
             break
         if timed and (time.monotonic() > deadline or (cancelled is not None and cancelled())):
             break
-    expansions, refused = int(counts[EXPANSIONS]), float(reals[REFUSED])
+    expansions, refused = int(ws.counts[EXPANSIONS]), float(ws.reals[REFUSED])
     if code == EXHAUSTED:
         return Search(Status.NO_PATH, np.empty((0, 2), np.int32), expansions, refused)
-    end = last if code == FOUND else int(counts[BEST_NODE])
-    path = np.empty((256, 2), np.int32)
-    length = trace(ws.meta, end, grid.stride, path)
-    if length > len(path):
-        path = np.empty((length, 2), np.int32)
-        trace(ws.meta, end, grid.stride, path)
+    if length > len(ws.path) or code == FULL:
+        ws.path = np.empty((max(length, len(ws.path)), 2), np.int32)
+        length = trace(ws.meta, last if code == FOUND else int(ws.counts[BEST_NODE]), grid.stride, ws.path)
     status = Status.OK if code == FOUND else Status.TIMEOUT
-    return Search(status, np.ascontiguousarray(path[:length][::-1]), expansions, refused)
+    return Search(status, ws.path[length - 1 :: -1].copy() if length else ws.path[:0].copy(), expansions, refused)
 
 
 def settle_all(
@@ -195,18 +201,17 @@ def settle_all(
 ) -> None:
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there."""
     ws, stamp = workspace, workspace.next_stamp()
-    reals, counts = np.zeros(3), np.zeros(2, np.int64)
-    straight = grid.model.step(0, 2.0 * grid.least)
-    steps = (*grid.model.length_term, *grid.model.weight_term, 0.0, 0.0, 1.0 / _bucket_width(grid, straight))
-    begin(ws.g, ws.meta, stamp, ws.heads, ws.entries, ws.control, grid.node(*source), 0.0, reals, counts)
-    successors = SUCCESSORS[corner_cutting and links is None and grid.model.kind is StepCost.PAPER]
+    steps = (*grid.model.length_term, *grid.model.weight_term, 0.0, 0.0, 1.0 / _bucket_width(grid, _BUCKET))
+    successors = SUCCESSORS[_dominance(grid, links, corner_cutting)]
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
+    begin = grid.node(*source)
     while expand(
-        grid.weights, links, grid.stride, corner_of_border, steps, *_NO_LANDMARKS, successors, corner_cutting,
-        None, None, None, 0, ws.g, ws.meta, stamp, ws.heads, ws.entries, ws.control, reals, counts, BELOW,
-        np.iinfo(np.int64).max >> 1,
-    ) == FULL:  # fmt: skip
+        grid.weights, links, grid.stride, begin, corner_of_border, steps, *_NO_LANDMARKS, successors, corner_cutting,
+        *_EVERYWHERE, ws.g, ws.meta, stamp, ws.heads, ws.entries, ws.control, ws.reals, ws.counts, ws.path, BELOW,
+        _WITHOUT_END,
+    )[0] == FULL:  # fmt: skip
         ws.grow()
+        begin = -1
 
 
 def cost_field(

@@ -8,6 +8,8 @@ Indices are cast to unsigned where they are used: numba would otherwise look at 
 as Python's indices may be, which took a tenth of a search's time.
 """
 
+from enum import IntEnum
+
 import numpy as np
 from llvmlite import ir
 from numba import types
@@ -48,24 +50,30 @@ BELOW = 1.0 - 1e-6
 """Nodes that promise an improvement smaller than g's rounding are left alone."""
 
 
-def _successors(free_diagonals: bool) -> NDArray[np.int64]:
-    """For each direction of arrival (and none, the start's) the directions worth leaving in, as bits.
+class Dominance(IntEnum):
+    """Which neighbours of its parent a node need not look at, as the parent reaches them at no higher cost."""
 
-    Not worth it is a cell next to the parent that the parent reaches at no higher cost. For every step-cost
-    model that is the parent itself and, of its neighbours, those a straight step away from it; where a
-    diagonal is never dearer than the two straight steps around its corner, and never forbidden where they
-    are allowed, those a diagonal away as well.
-    """
+    NONE = 0
+    """Only the parent itself: what holds where links decide which neighbours a cell has."""
+    STRAIGHT = 1
+    """Those a straight step from the parent: for every step-cost model."""
+    DIAGONAL = 2
+    """Those a diagonal away as well: where it is never dearer than the two straight steps around its corner,
+    and never forbidden where they are allowed."""
+
+
+def _successors(dominance: Dominance) -> NDArray[np.int64]:
+    """For each direction of arrival (and none, the start's) the directions worth leaving in, as bits."""
     masks = np.full(ORIGIN + 1, 255, np.int64)
     for arrival in range(ORIGIN):
         for k in range(8):
             rows, cols = abs(ROW_STEP[arrival] + ROW_STEP[k]), abs(COL_STEP[arrival] + COL_STEP[k])
-            if max(rows, cols) <= 1 if free_diagonals else rows + cols <= 1:
+            if max(rows, cols) <= 1 if dominance is Dominance.DIAGONAL else rows + cols <= dominance:
                 masks[arrival] &= ~(1 << k)
     return masks
 
 
-SUCCESSORS = {free: _successors(free) for free in (False, True)}
+SUCCESSORS = {dominance: _successors(dominance) for dominance in Dominance}
 
 
 @kernel
@@ -102,22 +110,7 @@ def _lowest_bit(value):
 
 @overload(_lowest_bit)
 def _lowest_bit_compiled(value):
-    return lambda value: _trailing_zeros(value)  # one instruction of the processor's
-
-
-@kernel
-def begin(g, meta, stamp, heads, entries, control, start, h_start, reals, counts):
-    """Put the start on an emptied open list."""
-    clear(heads, control)
-    reals[F_START] = h_start
-    reals[REFUSED] = np.inf
-    reals[BEST_H] = h_start
-    counts[EXPANSIONS] = 0
-    counts[BEST_NODE] = start
-    g[2 * start] = 0.0
-    meta[2 * start + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ORIGIN
-    control[FREE], control[USED] = push(heads, entries, 0, start, 0, 0, NOTHING, 0)
-    control[LENGTH] = 1
+    return lambda value: _trailing_zeros(value)  # type: ignore[call-arg]  # one instruction of the processor's
 
 
 @kernel
@@ -148,15 +141,33 @@ def _deal_out(
 
 
 @kernel
-def expand(
-    weights, links, stride, goal, steps, fields, at_goal, slack, successors, corner_cutting, bitmap, row_block,
-    col_block, region_stamp, g, meta, stamp, heads, entries, control, reals, counts, beyond, most,
-):  # fmt: skip
-    """Expand until the goal is settled, nothing is left, `most` expansions are done or the list is full.
+def trace(meta, node, stride, out):
+    """Write the cells from `node` back to the start into `out`, as far as it reaches; their number."""
+    n = 0
+    while True:
+        if n < len(out):
+            out[n, 0], out[n, 1] = node // stride - 1, node % stride - 1
+        n += 1
+        k = meta[2 * node + 1] & DIRECTION_BITS
+        if k == ORIGIN:
+            return n
+        node -= ROW_STEP[k] * stride + COL_STEP[k]
 
-    Once the goal has been reached, `beyond` times its g bounds what is looked at: nodes whose f is not lower
-    are left out, and the search ends when the buckets up to the bound's own are empty. `BELOW` gives the
-    optimum; with more than 1, every node on a path that costs less than `beyond` times the optimum is settled.
+
+@kernel
+def expand(
+    weights, links, stride, start, goal, steps, fields, at_goal, slack, successors, corner_cutting, bitmap, row_block,
+    col_block, region_stamp, g, meta, stamp, heads, entries, control, reals, counts, path, beyond, most,
+):  # fmt: skip
+    """Search until the goal is settled, nothing is left, `most` expansions are done or the list is full.
+
+    Begins at `start`, or goes on where the last call stopped if that is negative. Once the goal has been
+    reached, `beyond` times its g bounds what is looked at: nodes whose f is not lower are left out, and the
+    search ends when the buckets up to the bound's own are empty. `BELOW` gives the optimum; with more than 1,
+    every node on a path that costs less than `beyond` times the optimum is settled.
+
+    Returns what it came to and the number of cells, start and goal included, of the path to the goal or, when
+    it is not found, to the expanded node nearest it. As many as there is room for are in `path`, goal first.
     """
     length_s, length_d = np.float32(steps[0]), np.float32(steps[1])
     weight_s, weight_d = np.float32(steps[2]), np.float32(steps[3])
@@ -164,6 +175,19 @@ def expand(
     goal_row, goal_col = goal // stride, goal % stride
     inverse_stride = 1.0 / stride
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
+    if start >= 0:
+        h = octile(start // stride, start % stride, goal_row, goal_col, h_straight, h_diagonal)
+        if fields is not None:
+            h = max(h, _apart(fields, at_goal, start) - slack)
+        clear(heads, control)
+        control[FREE], control[USED] = push(heads, entries, 0, start, 0, 0, NOTHING, 0)
+        control[LENGTH] = 1
+        g[2 * start] = 0.0
+        meta[2 * start + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ORIGIN
+        reals[F_START], reals[REFUSED], reals[BEST_H] = h, np.inf, np.inf
+        counts[EXPANSIONS], counts[BEST_NODE] = 0, start
+        if h == np.inf:  # a landmark is connected to only one of the two
+            return EXHAUSTED, 0
     f_start, refused, best_h = reals[F_START], reals[REFUSED], reals[BEST_H]
     free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
     block, waiting = control[BLOCK], control[LENGTH]
@@ -267,21 +291,10 @@ def expand(
     reals[REFUSED] = refused
     reals[BEST_H] = best_h
     counts[EXPANSIONS] = expansions
-    return code
-
-
-@kernel
-def trace(meta, node, stride, out):
-    """Write the cells from `node` back to the start into `out`, as far as it reaches; their number."""
-    n = 0
-    while True:
-        if n < len(out):
-            out[n, 0], out[n, 1] = node // stride - 1, node % stride - 1
-        n += 1
-        k = meta[2 * node + 1] & DIRECTION_BITS
-        if k == ORIGIN:
-            return n
-        node -= ROW_STEP[k] * stride + COL_STEP[k]
+    cells = 0
+    if code != FULL:
+        cells = trace(meta, goal if code == FOUND else counts[BEST_NODE], stride, path)
+    return code, cells
 
 
 @kernel
@@ -299,16 +312,3 @@ def read_lane(g, meta, stamp, fields, lane):
     """g of every node into one lane of the landmarks' fields, inf where the search did not come."""
     for node in range(len(fields)):
         fields[node, lane] = g[2 * node] if meta[2 * node + 1] >> STAMP_SHIFT == stamp else np.inf
-
-
-@kernel
-def remotest(fields, lanes):
-    """The node whose nearest landmark is furthest away, of those that one can reach; -1 if there is none."""
-    best, furthest = -1, np.float32(0.0)
-    for node in range(len(fields)):
-        nearest = fields[node, 0]
-        for lane in range(1, lanes):
-            nearest = min(nearest, fields[node, lane])
-        if furthest < nearest < np.inf:
-            best, furthest = node, nearest
-    return best, furthest

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.grid import Grid
 from nnpp_edge.runtime.planning.astar import settle_all
-from nnpp_edge.runtime.planning.expansion import LANES, read_lane, remotest
-from nnpp_edge.runtime.planning.workspace import Workspace
+from nnpp_edge.runtime.planning.expansion import LANES, read_lane
+from nnpp_edge.runtime.planning.workspace import STAMP_SHIFT, Workspace
 
 _ROUNDING = 4e-6
 """Share of the greatest cost by which a sum of rounded steps may be off."""
+_RIM = ((0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0))
+"""Where landmarks are set, as shares of the map's height and width."""
 
 
 class Landmarks:
@@ -71,44 +73,35 @@ class Landmarks:
         self._slack = max(self._slack, _ROUNDING * float(finite.max(where=np.isfinite(finite), initial=0.0)))
 
     def spread(self, count: int) -> None:
-        """Set landmarks until there are `count`, each as far from the others as can be.
+        """Set landmarks at the map's corners and the middles of its sides until there are `count`.
 
-        They stand in the part of the map that is connected to the landmarks there are, or else to the
-        passable cell nearest the middle; fewer are set where that part has too few cells.
+        Behind the goal, as seen from the start, a landmark's bound is nearly exact, and from the rim one is
+        behind almost any goal. Each stands on the nearest cell of the part of the map that is connected to the
+        cell nearest the middle.
         """
-        if not self.cells:
-            if (middle := self._middle()) is None:
-                return
-            self.add(middle)  # only to find the first by: the furthest cell from it takes its lane
-            node, _ = remotest(self.fields, 1)
-            if node < 0:
-                return
-            self.cells.clear()
-            self.add(self._cell(node))
-        while len(self.cells) < min(count, LANES):
-            node, _ = remotest(self.fields, len(self.cells))
-            if node < 0:
-                return
-            self.add(self._cell(node))
+        grid = self._grid
+        rows, cols = np.divmod(np.flatnonzero(self._reachable()), grid.stride)
+        if len(rows) == 0:
+            return
+        rows, cols = rows - 1, cols - 1
+        for up, left in _RIM[: max(count - len(self.cells), 0)]:
+            at = int(np.argmin(np.hypot(rows - up * (grid.rows - 1), cols - left * (grid.cols - 1))))
+            self.add((int(rows[at]), int(cols[at])))
+
+    def _reachable(self) -> NDArray[np.bool_]:
+        """(nodes,) the passable cells that are connected to the one nearest the middle."""
+        grid = self._grid
+        free = np.flatnonzero(np.isfinite(grid.weights))
+        if len(free) == 0:
+            return np.zeros(len(grid.weights), np.bool_)
+        rows, cols = np.divmod(free, grid.stride)
+        at = int(np.argmin(np.hypot(rows - 0.5 * grid.rows, cols - 0.5 * grid.cols)))
+        ws = self._workspace
+        settle_all(
+            grid, (int(rows[at]) - 1, int(cols[at]) - 1), ws, links=self._links, corner_cutting=self._corner_cutting
+        )
+        return ws.meta[1::2] >> STAMP_SHIFT == ws.stamp
 
     def towards(self, goal: int) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
         """What the search's kernel needs to know for a goal's node: the fields, theirs at the goal, the slack."""
         return self.fields, self.fields[goal].copy(), self._slack
-
-    def lower_bound(self, start: int, goal: int) -> float:
-        """No path between two nodes costs less; inf where a landmark is connected to only one of them."""
-        with np.errstate(invalid="ignore"):
-            apart = np.abs(self.fields[start] - self.fields[goal])
-        return max(float(np.nanmax(apart, initial=0.0)) - self._slack, 0.0)
-
-    def _cell(self, node: int) -> tuple[int, int]:
-        row, col = divmod(int(node), self._grid.stride)
-        return row - 1, col - 1
-
-    def _middle(self) -> tuple[int, int] | None:
-        grid = self._grid
-        rows, cols = np.divmod(np.flatnonzero(np.isfinite(grid.weights)), grid.stride)
-        if len(rows) == 0:
-            return None
-        at = int(np.argmin(np.hypot(rows - 1 - grid.rows / 2, cols - 1 - grid.cols / 2)))
-        return int(rows[at]) - 1, int(cols[at]) - 1

@@ -2,59 +2,39 @@
 
 import math
 import time
-import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.costmap import Float2D, Rectangle, as_map
-from nnpp_edge.runtime.encoding import Cell, Frame, map_planes
+from nnpp_edge.runtime.costmap import Float2D, as_map
+from nnpp_edge.runtime.encoding import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
-from nnpp_edge.runtime.grid import GREY_LEVELS, PAPER_OMEGA, Grid, StepCost, StepModel
+from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepModel
 from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.astar import Region, Search, astar
+from nnpp_edge.runtime.planning.astar import Region, Search, prices
+from nnpp_edge.runtime.planning.expansion import LANES, octile
+from nnpp_edge.runtime.planning.landmarks import Landmarks
+from nnpp_edge.runtime.planning.learned import LearnedRegions
 from nnpp_edge.runtime.planning.plan import Method, Plan, Source, measure
 from nnpp_edge.runtime.planning.pyramid import FACTOR, Pyramid
-from nnpp_edge.runtime.region import RegionFinder
+from nnpp_edge.runtime.planning.query import Query, as_cell
 
 _NEAR = 48
 """Cells; nearer goals `auto` leaves to plain A*, which is then faster than a network's answer."""
 _REFINE_FROM = 192
 """Cells on a map's longer side from which a learned region is searched coarsely first."""
-_CORRIDOR_RADII = (1, 4)
-"""Dilation of the coarse path, in coarse cells: at first, and widened."""
-_COARSE_MARGIN = 2
-"""Coarse cells by which a corridor between two coarse levels is wider: room costs little there."""
+_CORRIDORS = ((1, 0.002), (4, 0.02))
+"""At first, and widened: the coarse cells within so many of the coarse path are searched, and those on coarse paths
+that cost at most so much more than the best."""
+_COARSE_MARGIN, _COARSE_BAND = 1, 0.03
+"""What is added between two coarse levels: room costs little there."""
+_CELLS_APART = 16
+"""The coarsest level that is searched is the last on which start and goal are so many cells apart."""
 _WIDENED_FACTOR = 0.25
 """What the threshold is multiplied by to widen a learned region."""
-
-
-@dataclass
-class _Query:
-    """One query as it goes through the stages."""
-
-    start: Cell
-    goal: Cell
-    corner_cutting: bool
-    deadline: float
-    cancelled: Callable[[], bool] | None
-    epsilon: float
-    expansions: int = 0
-    timings: dict[str, float] = field(default_factory=dict)
-    _mark: float = field(default_factory=time.perf_counter)
-
-    def suffices(self, plan: Plan) -> bool:
-        """Whether a plan need not be improved: it is out of time, or close enough to the bound asked for."""
-        return plan.status is not Status.OK or plan.cost <= (1.0 + self.epsilon) * plan.lower_bound
-
-    def lap(self, stage: str) -> None:
-        """Book the time since the last call."""
-        now = time.perf_counter()
-        self.timings[stage] = self.timings.get(stage, 0.0) + 1e3 * (now - self._mark)
-        self._mark = now
 
 
 class Planner:
@@ -93,8 +73,10 @@ class Planner:
         self.grid = Grid.of(cost, StepModel.of(step_cost, omega))
         self.pyramid = Pyramid(self.grid, corner_cutting)
         self.corner_cutting = corner_cutting
+        self.landmarks: Landmarks | None = None
+        """What `prepare` computed, for exact A*; None before, and after a cell has become cheaper."""
         self._model = model
-        self._learned: _LearnedRegions | None = None
+        self._learned: LearnedRegions | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -116,10 +98,83 @@ class Planner:
         part = (row, col, *patch.shape)
         if row < 0 or col < 0 or row + patch.shape[0] > self.grid.rows or col + patch.shape[1] > self.grid.cols:
             raise InvalidMapError(f"a patch must lie inside the map of {self.shape}, got {part}")
+        seen = self.grid.map()[row : row + part[2], col : col + part[3]]
+        before = seen.copy() if self.landmarks else None
         self.grid.update(patch, part, (row, col))
+        if before is not None and (seen < before).any():
+            self.landmarks = None
         self.pyramid.update(part)
         if self._learned is not None:
             self._learned.update(part)
+
+    def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:
+        """Compute costs once for this map, so that ``astar`` expands a fraction of the cells, for the same optimum.
+
+        Worth it for many queries on a map that stays, or whose cells only become dearer: a patch that makes a
+        cell cheaper undoes it. Each landmark and goal takes one search of the whole map, several times an A*'s
+        work, and 4 bytes a cell.
+
+        Parameters
+        ----------
+        landmarks : int
+            Cells spread over the map, for queries between any two places; 8 serve well.
+        goals : sequence of (row, col)
+            Passable cells, for queries to (or from) them: the search then goes straight along the path.
+
+        Raises
+        ------
+        InvalidQueryError
+            More than 8 in all, or a goal that is outside the map or impassable.
+        """
+        if not 0 <= landmarks + len(goals) <= LANES:
+            raise InvalidQueryError(f"landmarks and goals must be at most {LANES}, got {landmarks + len(goals)}")
+        self.landmarks = Landmarks(self.grid, self.pyramid.levels[0].workspace, corner_cutting=self.corner_cutting)
+        for goal in goals:
+            cell = as_cell(goal, "goal")
+            if problem := self._problem(cell, cell):
+                raise InvalidQueryError(f"goal {cell}: {problem.removeprefix('START_').lower().replace('_', ' ')}")
+            self.landmarks.add(cell)
+        self.landmarks.spread(landmarks + len(goals))
+
+    def nearest(
+        self, start: Cell, goals: Sequence[Cell], *, count: int = 1, **options: Any
+    ) -> list[tuple[int, Plan]]:
+        """Paths to the goals that cost least to reach, cheapest first.
+
+        Parameters
+        ----------
+        start : (row, col)
+            A cell.
+        goals : sequence of (row, col)
+            At least one.
+        count : int
+            How many are wanted.
+        **options
+            As for `plan`. Only exact methods are certain to know the order of goals that are nearly as near.
+
+        Returns
+        -------
+        list of (int, Plan)
+            Numbers of the goals and the plans that lead there; last those that cannot be reached, if fewer than
+            `count` can. Goals that cannot be among the nearest, by the octile distance, are not planned to.
+
+        Raises
+        ------
+        InvalidQueryError
+            There is no goal, or as `plan`.
+        """
+        if not len(goals):
+            raise InvalidQueryError("wanted at least one goal, got none")
+        cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
+        straight, diagonal = prices(self.grid)
+        bounds = [octile.py_func(*begin, *cell, straight, diagonal) for cell in cells]
+        plans: dict[int, Plan] = {}
+        for at in sorted(range(len(cells)), key=bounds.__getitem__):
+            known = sorted(plan.cost for plan in plans.values())
+            if len(known) >= count and known[count - 1] <= bounds[at]:
+                break
+            plans[at] = self.plan(begin, cells[at], **options)
+        return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
 
     def plan(
         self,
@@ -165,11 +220,11 @@ class Planner:
         began = time.perf_counter()
         if not epsilon >= 0.0:
             raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
-        start, goal = _as_cell(start, "start"), _as_cell(goal, "goal")
+        start, goal = as_cell(start, "start"), as_cell(goal, "goal")
         chosen, reason = self._choose(method, start, goal)
         if problem := self._problem(start, goal):
             return Plan(problem, chosen, reason=reason)
-        query = _Query(start, goal, self.corner_cutting, time.monotonic() + time_limit_s, cancelled, epsilon)
+        query = Query(start, goal, self.corner_cutting, time.monotonic() + time_limit_s, cancelled, epsilon, reason)
         if chosen is Method.NNPP:
             plan = self._plan_nnpp(query)
         elif chosen is Method.CORRIDOR:
@@ -177,13 +232,15 @@ class Planner:
         else:
             plan = self._plan_map(query, Method.ASTAR, Source.MAP)
         query.timings["total"] = 1e3 * (time.perf_counter() - began)
-        return replace(plan, reason=reason)
+        return plan
 
     def _choose(self, method: str, start: Cell, goal: Cell) -> tuple[Method, str]:
-        if method not in list(Method):
-            raise InvalidQueryError(f"method must be one of {', '.join(Method)}, got {method!r}")
-        if method != Method.AUTO:
-            return Method(method), ""
+        try:
+            asked = Method(method)
+        except ValueError:
+            raise InvalidQueryError(f"method must be one of {', '.join(Method)}, got {method!r}") from None
+        if asked is not Method.AUTO:
+            return asked, ""
         if max(abs(start[0] - goal[0]), abs(start[1] - goal[1])) < _NEAR:
             return Method.ASTAR, f"the goal is less than {_NEAR} cells away"
         return Method.CORRIDOR, "soonest done by the shipped figures"
@@ -199,18 +256,19 @@ class Planner:
                 return blocked
         return None
 
-    def _search(self, query: _Query, level: int, region: Region | None) -> Search:
-        """Search one level of the pyramid between the cells that hold start and goal."""
+    def _search(self, query: Query, level: int, region: Region | None, band: float = 0.0) -> Search:
+        """Search one level of the pyramid between the cells that hold start and goal; coarse ones from the goal."""
         factor = FACTOR**level
-        at = self.pyramid.levels[level]
-        found = astar(
-            at.grid,
-            (query.start[0] // factor, query.start[1] // factor),
-            (query.goal[0] // factor, query.goal[1] // factor),
-            at.workspace,
-            region=region,
-            links=at.links,
+        start, goal = ((row // factor, col // factor) for row, col in (query.start, query.goal))
+        if level:
+            start, goal = goal, start
+        found = self.pyramid.levels[level].search(
+            start,
+            goal,
+            region,
+            landmarks=self.landmarks if level == 0 else None,
             corner_cutting=query.corner_cutting or level > 0,
+            beyond=band,
             deadline=query.deadline,
             cancelled=query.cancelled,
         )
@@ -219,39 +277,50 @@ class Planner:
         return found
 
     def _descend(
-        self, query: _Query, top: int, region: Region | None, radius: int
+        self, query: Query, top: int, region: Region | None, corridor: tuple[int, float]
     ) -> tuple[Search | None, Region | None]:
         """From level `top` down, each level inside a corridor around the path on the one above.
 
         The search at full resolution and its region; None where a coarse level found no way.
         """
+        radius, band = corridor
         for level in range(top, 0, -1):
-            found = self._search(query, level, region)
+            spread, slack = (radius, band) if level == 1 else (radius + _COARSE_MARGIN, band + _COARSE_BAND)
+            at, finer = self.pyramid.levels[level], self.pyramid.levels[level - 1]
+            found = self._search(query, level, region, slack)
             if found.status is Status.NO_PATH:
                 return None, None
             if found.status is Status.TIMEOUT:  # a coarse path leads nowhere on the map
                 return Search(Status.TIMEOUT, np.empty((0, 2), np.int32), 0, math.inf), None
-            levels = self.pyramid.levels
-            spread = radius if level == 1 else radius + _COARSE_MARGIN
-            region = levels[level].around(found.path, spread, levels[level - 1])
+            start = (query.start[0] // FACTOR**level, query.start[1] // FACTOR**level)
+            region = at.around(found, start, spread, slack, finer)
+            at.invest()
             query.lap("coarse")
         return self._search(query, 0, region), region
 
-    def _plan_map(self, query: _Query, method: Method, source: Source) -> Plan:
+    def _coarsest(self, query: Query) -> int:
+        """The level to begin at: where start and goal are close, a finer one than the last."""
+        apart = max(abs(query.start[0] - query.goal[0]), abs(query.start[1] - query.goal[1]))
+        level = len(self.pyramid.levels) - 1
+        while level > 1 and apart < _CELLS_APART * FACTOR**level:
+            level -= 1
+        return level
+
+    def _plan_map(self, query: Query, method: Method, source: Source) -> Plan:
         return self._answer(query, method, source, self._search(query, 0, None), None)
 
-    def _plan_corridor(self, query: _Query) -> Plan:
-        for radius, source in zip(_CORRIDOR_RADII, (Source.REGION, Source.WIDENED), strict=True):
-            found, region = self._descend(query, len(self.pyramid.levels) - 1, None, radius)
+    def _plan_corridor(self, query: Query) -> Plan:
+        for corridor, source in zip(_CORRIDORS, (Source.REGION, Source.WIDENED), strict=True):
+            found, region = self._descend(query, self._coarsest(query), None, corridor)
             if found is not None and found.status is not Status.NO_PATH:
                 plan = self._answer(query, Method.CORRIDOR, source, found, region)
                 if query.suffices(plan):
                     return plan
         return self._plan_map(query, Method.CORRIDOR, Source.FALLBACK)
 
-    def _plan_nnpp(self, query: _Query) -> Plan:
+    def _plan_nnpp(self, query: Query) -> Plan:
         if self._learned is None:
-            self._learned = _LearnedRegions(self.grid, self._model)
+            self._learned = LearnedRegions(self.grid, self._model)
         learned = self._learned
         td = learned.infer(query)
         network_region = learned.region(td, query)
@@ -269,7 +338,7 @@ class Planner:
                 region = learned.at_level(wanted, self.pyramid.levels[top].grid, top)
             elif not refine:
                 break  # the whole map at full resolution is the fallback's
-            found, searched = self._descend(query, top, region, 1)
+            found, searched = self._descend(query, top, region, _CORRIDORS[0])
             if found is not None and found.status is not Status.NO_PATH:
                 plan = self._answer(query, Method.NNPP, source, found, searched)
                 if query.suffices(plan):
@@ -278,7 +347,7 @@ class Planner:
         plan = plan or self._plan_map(query, Method.NNPP, Source.FALLBACK)
         return replace(plan, threshold=td, network_region=network_region)
 
-    def _answer(self, query: _Query, method: Method, source: Source, found: Search, region: Region | None) -> Plan:
+    def _answer(self, query: Query, method: Method, source: Source, found: Search, region: Region | None) -> Plan:
         cost = length = traverse_cost = math.inf
         if len(found.path):
             cost, length, traverse_cost = measure(self.grid, found.path)
@@ -289,80 +358,8 @@ class Planner:
         query.lap("path")
         return Plan(
             found.status, method, source, found.path, cost, length, traverse_cost, bound, query.expansions,
-            region, timings_ms=query.timings,
+            region, reason=query.reason, timings_ms=query.timings,
         )  # fmt: skip
-
-
-class _LearnedRegions:
-    """The network's side of a planner: its view of the map, and regions from its answers."""
-
-    def __init__(self, grid: Grid, model: str | Path | NetworkModel) -> None:
-        self.model = model if isinstance(model, NetworkModel) else NetworkModel(model)
-        size, blocks = self.model.metadata.input_size, self.model.metadata.blocks
-        scale, trained = grid.model.scale, GREY_LEVELS * self.model.metadata.omega
-        if grid.model.kind is StepCost.PAPER and not 0.5 * trained <= scale <= 2.0 * trained:
-            warnings.warn(
-                f"the network {self.model.metadata.name} was trained for omega = {self.model.metadata.omega:g}, "
-                f"the planner uses {scale / GREY_LEVELS:g}: its regions may miss the optimum by more than stated",
-                stacklevel=4,
-            )
-        self.grid = grid
-        self.frame = Frame(grid.rows, grid.cols, size)
-        self.lookup = self.frame.lookup(blocks)
-        self.factor = self.model.metadata.region_factor
-        self.planes: NDArray[np.float32] = np.empty((2, size, size), np.float32)
-        # two finders, so that the region at td itself stays while wider ones are searched
-        self.finder, self.at_td = RegionFinder(blocks), RegionFinder(blocks)
-        self._level_lookups: dict[int, tuple[NDArray[np.int32], NDArray[np.int32]]] = {0: self.lookup}
-        self.update(None)
-
-    def update(self, changed: Rectangle | None) -> None:
-        """Bring the network's view up to date with the grid, where it changed or all over."""
-        map_planes(
-            self.grid.weights,
-            self.grid.stride,
-            self.frame,
-            *self.grid.as_traversability(),
-            self.planes,
-            changed,
-        )
-        self.stale = True
-
-    def infer(self, query: _Query) -> float:
-        """Ask the network; the adaptive threshold, in [0, 1]."""
-        if self.stale or self.model.owner is not self:
-            self.model.set_map(self.planes)
-            self.model.owner = self
-            self.stale = False
-        self.model.set_query(self.frame.place(query.start), self.frame.place(query.goal))
-        query.lap("encode")
-        probability = self.model.run()
-        query.lap("inference")
-        self.finder.read(probability)
-        td = self.finder.threshold(self._block(query.start), self._block(query.goal))
-        self.at_td.levels[:] = self.finder.levels
-        query.lap("threshold")
-        return td / 256.0
-
-    def _block(self, cell: Cell) -> Cell:
-        return int(self.lookup[0][cell[0]]), int(self.lookup[1][cell[1]])
-
-    def region(self, threshold: float, query: _Query, radius: int | None = None) -> Region:
-        """The region at a threshold in [0, 1]; without a radius, the one kept for the figures."""
-        finder = self.at_td if radius is None else self.finder
-        level = max(int(threshold * 256.0), 1)
-        stamp = finder.mark(level, self._block(query.start), self._block(query.goal), radius or 0)
-        query.lap("threshold")
-        return Region(finder.bitmap, *self.lookup, stamp)
-
-    def at_level(self, region: Region, grid: Grid, level: int) -> Region:
-        """The same region as a coarser level of the pyramid reads it."""
-        if level not in self._level_lookups:
-            factor = FACTOR**level
-            rows = np.minimum(np.arange(grid.rows) * factor + factor // 2, self.grid.rows - 1)
-            cols = np.minimum(np.arange(grid.cols) * factor + factor // 2, self.grid.cols - 1)
-            self._level_lookups[level] = (self.lookup[0][rows], self.lookup[1][cols])
-        return Region(region.bitmap, *self._level_lookups[level], region.stamp)
 
 
 def plan_path(
@@ -381,13 +378,3 @@ def plan_path(
     """Plan once; the arguments are those of `Planner` and `Planner.plan`."""
     planner = Planner(cost, step_cost=step_cost, omega=omega, corner_cutting=corner_cutting, model=model)
     return planner.plan(start, goal, method=method, epsilon=epsilon, time_limit_s=time_limit_s)
-
-
-def _as_cell(cell: Cell, name: str) -> Cell:
-    try:
-        row, col = cell
-        if int(row) == row and int(col) == col:
-            return int(row), int(col)
-    except (TypeError, ValueError):
-        pass
-    raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {cell!r}")

@@ -10,6 +10,7 @@ A coarse cell's weight is the mean over the cells it covers, those outside its p
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,18 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.costmap import Rectangle
 from nnpp_edge.runtime.grid import Grid, StepCost
-from nnpp_edge.runtime.planning.astar import Region
-from nnpp_edge.runtime.planning.expansion import COL_STEP, DIRECTION, ROW_STEP
-from nnpp_edge.runtime.planning.workspace import Workspace
+from nnpp_edge.runtime.planning.astar import Region, Search, astar
+from nnpp_edge.runtime.planning.expansion import COL_STEP, DIRECTION, LANES, ROW_STEP
+from nnpp_edge.runtime.planning.landmarks import Landmarks
+from nnpp_edge.runtime.planning.workspace import OPEN_BIT, STAMP_SHIFT, Workspace
+
+Cell = tuple[int, int]
 
 FACTOR = 4
 _SMALLEST = 64
 """A level above the first coarse one is made only if its longer side has as many cells."""
+_MOST_CELLS_FOR_LANDMARKS = 1 << 15
+"""A landmark on a level of so many cells takes two milliseconds."""
 
 
 @kernel
@@ -145,27 +151,124 @@ def _mark(path, radius, stamp, bitmap):
                 bitmap[i, j] = stamp
 
 
+@kernel
+def _flood(weights, links, stride, steps, start, g, meta, search, limit, reached, queued, queue, stamp, bitmap):
+    """Number the cells on paths from `start` that cost at most `limit`, and find what it costs to reach them.
+
+    What is left from a cell is g of an earlier search, which began at the other end. With that as a bound, few
+    cells are looked at twice, so a plain queue serves.
+    """
+    length_s, length_d, weight_s, weight_d = steps
+    mask = len(queue) - 1
+    head, tail = 0, 1
+    queue[0] = start
+    reached[start] = 0.0
+    bitmap[start // stride - 1, start % stride - 1] = stamp
+    while head != tail:
+        node = np.int64(queue[head & mask])
+        head += 1
+        queued[node] = 0
+        for k in range(8):
+            if not (links[node] >> k) & 1:
+                continue
+            there = node + ROW_STEP[k] * stride + COL_STEP[k]
+            word = meta[2 * there + 1]
+            if word >> STAMP_SHIFT != search or word & OPEN_BIT:
+                continue
+            length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
+            cost = reached[node] + np.float32(length + weight * (weights[node] + weights[there]))
+            if cost + g[2 * there] > limit:
+                continue
+            row, col = there // stride - 1, there % stride - 1
+            if bitmap[row, col] == stamp and cost >= reached[there]:
+                continue
+            bitmap[row, col] = stamp
+            reached[there] = cost
+            if not queued[there]:
+                queued[there] = 1
+                queue[tail & mask] = there
+                tail += 1
+
+
 class Level:
     """A grid, its scratch memory, and a bitmap over it that marks a region for the level below."""
 
     def __init__(self, grid: Grid, linked: bool) -> None:
+        nodes = len(grid.weights)
         self.grid = grid
-        self.links: NDArray[np.uint8] | None = np.zeros(len(grid.weights), np.uint8) if linked else None
+        self.links: NDArray[np.uint8] | None = np.zeros(nodes, np.uint8) if linked else None
         """Directions in which each cell is linked to its neighbour, as bits; None where passability decides."""
-        self.pieces = np.zeros(len(grid.weights) if linked else 0, np.int32)
-        self.workspace = Workspace(len(grid.weights))
+        self.pieces = np.zeros(nodes if linked else 0, np.int32)
+        self.workspace = Workspace(nodes)
+        self.landmarks: Landmarks | None = None
+        """Of the grid as it is now."""
         self.coarse_cells = (
             np.arange(grid.rows, dtype=np.int32) // FACTOR,
             np.arange(grid.cols, dtype=np.int32) // FACTOR,
         )
         """Row and column, on the level above, of each row and column."""
-        self._bitmap = np.zeros((grid.rows, grid.cols), np.int32)
+        if linked:
+            self._reached = np.empty(nodes, np.float32)
+            self._queued = np.zeros(nodes, np.uint8)
+            self._queue = np.empty(1 << (nodes - 1).bit_length(), np.int32)
+            self._bitmap = np.zeros((grid.rows, grid.cols), np.int32)
         self._stamp = 0
+        self._spent = 0
 
-    def around(self, path: NDArray[np.int32], radius: int, finer: "Level") -> Region:
-        """The cells within `radius` of a path on this level, as a region of the next finer level."""
+    def search(
+        self, start: Cell, goal: Cell, region: Region | None, landmarks: Landmarks | None = None, **options: Any
+    ) -> Search:
+        """`astar` on this level, by the landmarks given or, without a region, the level's own.
+
+        Searches of a whole coarse level get landmarks, one at a time, when they have expanded as many cells
+        as finding these costs: so a map that is asked often is answered sooner, one that changes loses little.
+        """
+        hints = landmarks or (self.landmarks if region is None else None)
+        found = astar(
+            self.grid, start, goal, self.workspace, region=region, links=self.links, landmarks=hints, **options
+        )
+        if region is None and self.links is not None and self.grid.cells <= _MOST_CELLS_FOR_LANDMARKS:
+            self._spent += found.expansions
+        return found
+
+    def invest(self) -> None:
+        """Set another landmark if enough work has been spent without; the workspace is then another search's."""
+        set_ = len(self.landmarks.cells) if self.landmarks else 0
+        if self._spent < (set_ + 1) * self.grid.cells or set_ == LANES:
+            return
+        self.landmarks = self.landmarks or Landmarks(self.grid, self.workspace, links=self.links)
+        self.landmarks.spread(set_ + 1)
+
+    def changed(self) -> None:
+        """The grid is another now."""
+        self.landmarks, self._spent = None, 0
+
+    def around(self, found: Search, start: Cell, radius: int, band: float, finer: "Level") -> Region:
+        """What the next finer level is to search, as a region of that level.
+
+        Parameters
+        ----------
+        found : Search
+            The last search here, from the goal to `start`, that settled the band.
+        start : (row, col)
+            Where the query starts.
+        radius : int
+            The cells within so many of the path belong to it.
+        band : float
+            So do those on paths that cost at most 1 + `band` times as much.
+        finer : Level
+            The next finer level.
+        """
         self._stamp += 1
-        _mark(path, radius, self._stamp, self._bitmap)
+        grid, ws = self.grid, self.workspace
+        if band and len(found.path) > 1:
+            node = grid.node(*start)
+            _flood(
+                grid.weights, self.links, grid.stride, (*grid.model.length_term, *grid.model.weight_term), node, ws.g,
+                ws.meta, ws.stamp, (1.0 + band) * float(ws.g[2 * node]), self._reached, self._queued, self._queue,
+                self._stamp, self._bitmap,
+            )  # fmt: skip
+        _mark(found.path, radius, self._stamp, self._bitmap)  # last: the flood goes by the numbers that it wrote
         return Region(self._bitmap, *finer.coarse_cells, self._stamp)
 
 
@@ -205,6 +308,7 @@ class Pyramid:
                 coarse.pieces, coarse.links, coarse.grid.stride,
             )  # fmt: skip
             coarse.grid.greatest = max(finest.greatest, self.obstacle_weight)
+            coarse.changed()
 
     @property
     def obstacle_weight(self) -> float:

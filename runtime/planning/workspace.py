@@ -30,6 +30,8 @@ class Workspace:
         self.control = np.zeros(CONTROL_SLOTS, np.int64)
         self.entries = np.empty(0, np.int32)
         self.grow(min(max(nodes // 2, 1024), 1 << 16))
+        self.reals, self.counts = np.zeros(3), np.zeros(2, np.int64)
+        self.path = np.empty((min(nodes, 4096), 2), np.int32)
         self.stamp = 0
 
     def next_stamp(self) -> int:

@@ -283,3 +283,22 @@ def test_with_epsilon_0_the_corridor_finds_the_optimum(nnpp_edge, hills):
     assert told["bound"] == 1.0
     assert abs(told["cost"] - exact["cost"]) < 1e-4
     assert nnpp_edge("plan", hills, *words, "--epsilon", "-1").code == 2
+
+
+def test_of_several_goals_the_nearest_is_gone_to(nnpp_edge, hills, split):
+    goals = ("--goal", "70,80", "--goal", "20,20", "--goal", "10,60")
+    told = json.loads(nnpp_edge("plan", hills, "--start", "5,5", *goals, "--method", "astar", "--json").out)
+    assert told["goal"] == [20, 20]
+    assert [row["goal"] for row in told["goals"]] == [[20, 20], [10, 60], [70, 80]]
+    assert told["goals"][0]["cost"] == pytest.approx(told["cost"])
+    ended = nnpp_edge("plan", split, "--start", "5,5", "--goal", "70,80", "--goal", "20,20", "--method", "astar")
+    assert ended.code == 0
+    assert "goals       (20, 20) " in ended.out
+    assert "(70, 80) NO_PATH" in ended.out
+
+
+def test_landmarks_change_the_work_and_not_the_answer(nnpp_edge, hills):
+    plain = json.loads(nnpp_edge("plan", hills, *EXACT, "--json").out)
+    told = json.loads(nnpp_edge("plan", hills, *EXACT, "--landmarks", "8", "--json").out)
+    assert told["cost"] == pytest.approx(plain["cost"])
+    assert told["expansions"] < plain["expansions"] / 2

@@ -197,3 +197,45 @@ def test_a_map_without_a_passable_cell_can_open(step_cost):
     assert planner.plan((1, 1), (70, 70)).status is Status.START_BLOCKED
     planner.update(0, 0, np.full((80, 80), 0.5)[:79])
     assert planner.plan((1, 1), (70, 70), method="corridor").ok
+
+
+@settings(deadline=None, max_examples=100)
+@given(cases(24), st.integers(1, 6), st.integers(1, 3), st.data())
+def test_the_nearest_of_several_goals_comes_first(case, goals, count, data):
+    passable = np.argwhere(np.isfinite(case.cost))
+    chosen = [tuple(int(x) for x in passable[data.draw(st.integers(0, len(passable) - 1))]) for _ in range(goals)]
+    planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting)
+    ranked = planner.nearest(case.start, chosen, count=count, method="astar")
+    costs = oracles.dijkstra(case.cost, case.start, case.step_cost, case.corner_cutting)[
+        tuple(zip(*chosen, strict=True))
+    ]
+    wanted = np.sort(costs)[:count]
+    assert [plan.ok for _, plan in ranked] == np.isfinite(wanted).tolist()
+    assert [plan.cost for _, plan in ranked] == pytest.approx(wanted.tolist(), rel=1e-5, abs=1e-6)
+    for at, plan in ranked:
+        assert not plan.ok or tuple(plan.path[-1]) == chosen[at]
+
+
+def test_wanting_the_nearest_of_no_goals_is_refused():
+    with pytest.raises(InvalidQueryError, match="at least one goal"):
+        Planner(np.zeros((4, 4), np.float32)).nearest((0, 0), [])
+
+
+def test_ten_thousand_bounds_lie_below_the_optimum_and_epsilon_zero_finds_it():
+    rng = np.random.default_rng(11)
+    for _ in range(250):
+        rows, cols = (int(n) for n in rng.integers(1, 70, 2))
+        cost = rng.random((rows, cols)).astype(np.float32) ** rng.integers(1, 4)
+        cost[rng.random(cost.shape) < rng.choice([0.0, 0.2, 0.4])] = np.inf
+        cost[rng.integers(rows), rng.integers(cols)] = 0.5
+        planner = Planner(cost, corner_cutting=bool(rng.integers(2)))
+        passable = np.argwhere(cost < 1.0)
+        for start, goal in passable[rng.integers(len(passable), size=(40, 2))]:
+            exact = planner.plan(start, goal, method="astar")
+            first = planner.plan(start, goal, method="corridor")
+            certain = planner.plan(start, goal, method="corridor", epsilon=0.0)
+            assert first.status is certain.status is exact.status
+            if exact.ok:
+                assert first.lower_bound <= exact.cost * (1 + 1e-6)
+                assert first.cost >= exact.cost * (1 - 1e-6)
+                assert certain.cost == pytest.approx(exact.cost, rel=1e-6, abs=1e-9)

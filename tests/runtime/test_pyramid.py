@@ -6,8 +6,11 @@ from hypothesis import strategies as st
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.grid import Grid, StepModel
-from nnpp_edge.runtime.planning.astar import astar
+from nnpp_edge.runtime.planning.astar import astar, settle_all
+from nnpp_edge.runtime.planning.expansion import read_field
+from nnpp_edge.runtime.planning.landmarks import Landmarks
 from nnpp_edge.runtime.planning.pyramid import FACTOR, Pyramid
+from nnpp_edge.runtime.planning.workspace import Workspace
 
 
 def pyramid_of(cost, corner_cutting=True):
@@ -25,16 +28,50 @@ def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(se
     piece_cells = np.flatnonzero(coarse.pieces)
     a, b = rng.choice(piece_cells, 2)
     ends = [(int(n) // coarse.grid.stride - 1, int(n) % coarse.grid.stride - 1) for n in (a, b)]
-    found = astar(coarse.grid, *ends, coarse.workspace, links=coarse.links)
+    found = coarse.search(*ends[::-1], None)
     if found.status is not Status.OK:
         return
     walk = []
     for node, (r, c) in zip((a, b), ends, strict=True):
         bit = int(coarse.pieces[node]).bit_length() - 1
         walk.append((r * FACTOR + bit // FACTOR, c * FACTOR + bit % FACTOR))
-    region = coarse.around(found.path, 0, fine)
+    region = coarse.around(found, ends[0], 0, 0.0, fine)
     inside = astar(fine.grid, *walk, fine.workspace, region=region, corner_cutting=corner_cutting)
     assert inside.status is Status.OK
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**32), st.sampled_from([0.0, 0.1, 0.4]), st.sampled_from([0.003, 0.03, 0.3]), st.booleans())
+def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(seed, blocked, band, with_landmarks):
+    rng = np.random.default_rng(seed)
+    cost = rng.random((120, 90)).astype(np.float32) * 0.9
+    cost[rng.random(cost.shape) < blocked] = np.inf
+    fine, coarse = pyramid_of(cost).levels[:2]
+    grid, scratch = coarse.grid, Workspace(len(coarse.grid.weights))
+    ends = [
+        (int(n) // grid.stride - 1, int(n) % grid.stride - 1)
+        for n in rng.choice(np.flatnonzero(np.isfinite(grid.weights)), 2)
+    ]
+    fields = []
+    for end in ends:
+        settle_all(grid, end, scratch, links=coarse.links)
+        fields.append(np.empty((grid.rows, grid.cols), np.float32))
+        read_field(scratch.g, scratch.meta, scratch.stamp, grid.stride, fields[-1])
+    if with_landmarks:
+        coarse.landmarks = Landmarks(grid, scratch, links=coarse.links)
+        coarse.landmarks.spread(4)
+    found = coarse.search(*ends[::-1], None, beyond=band)
+    if found.status is not Status.OK:
+        assert np.isinf(fields[0][ends[1]])
+        return
+    region = coarse.around(found, ends[0], 0, band, fine)
+    inside = region.bitmap == region.stamp
+    through = fields[0] + fields[1]
+    limit = (1.0 + band) * fields[0][ends[1]]
+    assert inside[tuple(found.path.T)].all()
+    past_the_start = fields[1] > (fields[0] + fields[0][ends[1]]) * (1 - 1e-5)  # the way from there leads through it
+    assert inside[(through < limit * (1 - 1e-4)) & ~past_the_start].all()
+    assert (through[inside] <= limit * (1 + 1e-4) + 1e-6).all()
 
 
 def test_a_wall_one_cell_thick_is_a_wall_on_every_level_and_a_gap_a_gap():

@@ -1,0 +1,39 @@
+"""What every reader of an elevation map shares: which part is read, and its heights in metres."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
+from nnpp_edge.terrain.georeference import Georeference
+
+Window = tuple[int, int, int, int]
+"""A part of a map: row0, col0, rows, cols."""
+Reading = tuple[npt.NDArray[np.float32], tuple[float, float] | None, Georeference | None]
+"""What a reader returns: (H, W) heights in metres, a cell's (size, width) in metres and the map's place, if known."""
+
+
+def metres(values: npt.NDArray[Any], scale: float, offset: float) -> npt.NDArray[np.float32]:
+    """A fresh float32 array of scale * values + offset, worked out in float64."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        if scale == 1.0 and offset == 0.0:
+            return np.array(values, dtype=np.float32, order="C")
+        return np.ascontiguousarray((values.astype(np.float64) * scale + offset).astype(np.float32))
+
+
+def checked_window(path: Path, shape: tuple[int, ...], window: Window | None) -> Window:
+    """The window, or the whole map of `shape`; InvalidQueryError unless it holds a cell and lies inside."""
+    if window is None:
+        return 0, 0, shape[0], shape[1]
+    row0, col0, rows, cols = window
+    if min(row0, col0) < 0 or min(rows, cols) < 1 or row0 + rows > shape[0] or col0 + cols > shape[1]:
+        raise InvalidQueryError(f"{path}: window {window} must lie in {shape[0]} rows, {shape[1]} columns")
+    return row0, col0, rows, cols
+
+
+def check_grid(path: Path, array: npt.NDArray[Any]) -> None:
+    """TerrainError for what is not a 2-D array of at least one real number."""
+    if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "iuf":
+        raise TerrainError(f"{path}: wanted an (H, W) array of heights, got {array.shape} {array.dtype}")

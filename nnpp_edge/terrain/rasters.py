@@ -1,0 +1,140 @@
+"""Elevation maps in GDAL's rasters: GeoTIFF, PDS3 (`.img`, `.lbl`), ESRI ASCII grid and the rest, by rasterio."""
+
+import json
+import math
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nnpp_edge.runtime.errors import MissingExtraError, TerrainError
+from nnpp_edge.terrain.georeference import Georeference
+from nnpp_edge.terrain.heights import Reading, Window, checked_window, metres
+
+_METRES_PER_UNIT = dict.fromkeys(("ft", "foot", "feet"), 0.3048)
+_METRES_PER_UNIT |= dict.fromkeys(("us survey foot", "us_survey_foot", "us-ft", "ftus"), 1200 / 3937)
+_METRES_PER_UNIT |= dict.fromkeys(("km", "kilometer", "kilometre", "kilometers", "kilometres"), 1000.0)
+_SEMI_MAJOR = re.compile(r'(?:SPHEROID|ELLIPSOID)\["[^"]*",\s*([^,\]]+)(?:[^\[]*LENGTHUNIT\["[^"]*",\s*([^,\]]+))?')
+_ASCII_HEADER = re.compile(r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+", re.IGNORECASE | re.MULTILINE)
+_HIGHEST_OFFSET_M = 1e5
+
+
+def read_raster(path: Path, vertical_scale: float | None, window: Window | None) -> Reading:
+    """Elevation, cell (size, width) and georeference of whatever GDAL reads.
+
+    Raises TerrainError, InvalidQueryError and MissingExtraError as `read_dem` does, and whatever else rasterio
+    raises for a broken file.
+    """
+    rasterio = _rasterio(f"reading {path.name}")
+    # An ASCII grid without a decimal point would be read as whole numbers, and its nan as 0.
+    options = {"DATATYPE": "Float64"} if path.suffix.lower() == ".asc" else {}
+    with _quiet(rasterio), rasterio.open(_openable(path), **options) as dataset:
+        if dataset.count != 1:
+            raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
+        if dataset.dtypes[0].startswith("complex"):
+            raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
+        _check_whole(path, dataset)
+        row0, col0, rows, cols = checked_window(path, dataset.shape, window)
+        part = ((row0, row0 + rows), (col0, col0 + cols))
+        unit = vertical_scale or _metres_per_unit(dataset)
+        offset = dataset.offsets[0] * unit
+        offset = 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
+        elevation = metres(dataset.read(1, window=part), dataset.scales[0] * unit, offset)
+        elevation[dataset.read_masks(1, window=part) == 0] = np.nan
+        if dataset.transform.is_identity:  # how rasterio says that the file has no transform
+            return elevation, None, None
+        a, b, c, d, e, f = dataset.transform[:6]
+        crs = dataset.crs.to_wkt() if dataset.crs else None
+        moved = (a, b, a * col0 + b * row0 + c, d, e, d * col0 + e * row0 + f)
+        georeference = Georeference(crs, moved)
+        return elevation, _cell_on_ground(path, dataset.crs, georeference, (rows, cols)), georeference
+
+
+def geotiff_bytes(name: str, values: npt.NDArray[Any], place: Georeference | None) -> bytes:
+    """A float32 GeoTIFF of `values` (H, W), made in memory: GDAL may meet a full disk in silence, Python does not.
+
+    Raises MissingExtraError, with the file's `name`, where rasterio is not installed.
+    """
+    rasterio = _rasterio(f"writing {name}")
+    where = {"crs": place.crs, "transform": rasterio.Affine(*place.transform)} if place else {}
+    shape = {"height": values.shape[0], "width": values.shape[1], "count": 1, "dtype": "float32"}
+    kind = {"driver": "GTiff", "compress": "deflate", "predictor": 3, "nodata": math.nan}
+    with _quiet(rasterio), rasterio.MemoryFile() as memory:
+        with memory.open(**kind, **shape, **where) as dataset:
+            dataset.write(values.astype(np.float32), 1)
+        return memory.read()
+
+
+def _cell_on_ground(path: Path, crs: Any, place: Georeference, shape: tuple[int, int]) -> tuple[float, float]:
+    """A cell's (size, width) in metres: the lengths of a step along a column and along a row."""
+    a, b, _, d, e, _ = place.transform
+    if not (math.isfinite(a * e - b * d) and a * e != b * d):
+        raise TerrainError(f"{path}: wanted a transform that can be turned back, got {place.transform}")
+    x_unit = y_unit = crs.units_factor[1] if crs else 1.0
+    if crs and crs.is_geographic:
+        found = _SEMI_MAJOR.search(place.crs or "")
+        if found is None:
+            raise TerrainError(f"{path}: wanted an ellipsoid to measure degrees on, got {place.crs}")
+        latitude = place.map_coordinates(shape[0] / 2 - 0.5, shape[1] / 2 - 0.5)[1] * y_unit
+        if abs(latitude) >= math.pi / 2:
+            raise TerrainError(f"{path}: wanted latitudes within the poles, got {math.degrees(latitude):g}°")
+        y_unit *= float(found[1]) * float(found[2] or 1)
+        x_unit = y_unit * math.cos(latitude)
+    return math.hypot(x_unit * b, y_unit * e), math.hypot(x_unit * a, y_unit * d)
+
+
+def _metres_per_unit(dataset: Any) -> float:
+    """Metres in the unit of height that the band names; GDAL passes over the one in a PDS3 label."""
+    name = dataset.units[0] or _pds_label(dataset)[0].get("UNIT", "")
+    return _METRES_PER_UNIT.get(str(name).lower(), 1.0)
+
+
+def _check_whole(path: Path, dataset: Any) -> None:
+    """Refuse a file cut short where GDAL would fill in zeros and say nothing: ASCII grids, PDS3 images."""
+    cells = dataset.width * dataset.height
+    if dataset.driver == "AAIGrid":
+        numbers = np.fromstring(_ASCII_HEADER.sub("", path.read_text("latin-1")), dtype=np.float32, sep=" ")
+        if numbers.size < cells:
+            raise TerrainError(f"{path}: wanted {cells} heights, got {numbers.size} before the end or a word")
+    if dataset.driver == "PDS" and not _pds_label(dataset)[1]:
+        wanted = cells * np.dtype(dataset.dtypes[0]).itemsize
+        got = sum(Path(name).stat().st_size for name in dataset.files)
+        if got < wanted:
+            raise TerrainError(f"{path}: wanted {wanted} bytes of heights, got {got} with the label")
+
+
+def _pds_label(dataset: Any) -> tuple[dict[str, Any], bool]:
+    """The image object of a PDS3 label, empty for other files, and whether the image is compressed."""
+    tags = dataset.tags(ns="json:PDS")
+    label = json.loads(":".join(*tags.items())) if tags else {}  # rasterio cuts the JSON at its first colon
+    image = label.get("UNCOMPRESSED_FILE", label).get("IMAGE", {})
+    return image, "COMPRESSED_FILE" in label
+
+
+def _openable(path: Path) -> Path:
+    """The detached label of a PDS3 image, which GDAL opens in its stead; else the path itself."""
+    endings = (".lbl", ".LBL") if path.suffix.lower() == ".img" else ()
+    return next((label for end in endings if (label := path.with_suffix(end)).is_file()), path)
+
+
+def _rasterio(purpose: str) -> Any:
+    """The rasterio module, or the error that says how to get it."""
+    try:
+        import rasterio
+        import rasterio.io
+    except ImportError as error:
+        raise MissingExtraError(f"{purpose} needs rasterio: pip install 'nnpp-edge[geo]'") from error
+    return rasterio
+
+
+@contextmanager
+def _quiet(rasterio: Any) -> Iterator[None]:
+    """Keep GDAL from talking: its errors become exceptions, its warnings nothing."""
+    with warnings.catch_warnings(), rasterio.Env():
+        warnings.simplefilter("ignore")
+        yield

@@ -1,0 +1,46 @@
+"""One query on its way through a planner's stages."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from nnpp_edge.runtime.encoding import Cell
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.planning.plan import Plan
+
+
+@dataclass
+class Query:
+    """What was asked, and what answering it has taken so far."""
+
+    start: Cell
+    goal: Cell
+    corner_cutting: bool
+    deadline: float
+    cancelled: Callable[[], bool] | None
+    epsilon: float
+    reason: str
+    expansions: int = 0
+    timings: dict[str, float] = field(default_factory=dict)
+    _mark: float = field(default_factory=time.perf_counter)
+
+    def suffices(self, plan: Plan) -> bool:
+        """Whether a plan need not be improved: it is out of time, or close enough to the bound asked for."""
+        return plan.status is not Status.OK or plan.cost <= (1.0 + self.epsilon) * plan.lower_bound
+
+    def lap(self, stage: str) -> None:
+        """Book the time since the last call."""
+        now = time.perf_counter()
+        self.timings[stage] = self.timings.get(stage, 0.0) + 1e3 * (now - self._mark)
+        self._mark = now
+
+
+def as_cell(cell: Cell, name: str) -> Cell:
+    """Two whole numbers; InvalidQueryError if it is anything else."""
+    try:
+        row, col = cell
+        if int(row) == row and int(col) == col:
+            return int(row), int(col)
+    except (TypeError, ValueError):
+        pass
+    raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {cell!r}")

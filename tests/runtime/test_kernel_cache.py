@@ -1,0 +1,273 @@
+"""Compiled kernels on disk: kept for other processes, and never in the way of a plan."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import _jit, _kernel_cache, warmup
+from nnpp_edge.runtime.errors import OutputError
+
+TYPES = ("int8", "int16", "int32", "int64", "uint8", "uint16", "float32", "float64")
+MODULE = """
+from nnpp_edge.runtime._jit import kernel
+
+@kernel
+def double(x):
+    return x + x
+"""
+FORK = f"""
+import json, os, signal
+from pathlib import Path
+import numpy as np
+from tiny import double, kernel
+
+TYPES = {TYPES!r}
+
+def double_all(kernel, names):
+    return {{name: (float(kernel(getattr(np, name)(21))), sum(kernel.stats.cache_misses.values())) for name in names}}
+"""
+TOGETHER = (
+    FORK
+    + """
+ready, go = os.pipe()
+children = []
+for first in range(4):
+    if (child := os.fork()) == 0:
+        os.close(go)
+        os.read(ready, 1)  # returns once the parent has closed the other end
+        double_all(double, TYPES[first::4])
+        os._exit(0)
+    children.append(child)
+os.close(go)
+ended = [os.waitpid(child, 0)[1] for child in children]
+print(json.dumps([ended, double_all(double, TYPES)]))
+"""
+)
+KILLED_WHILE_SAVING = (
+    FORK
+    + """
+if (child := os.fork()) == 0:
+    Path.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+    double_all(double, TYPES[:1])
+ended = os.waitpid(child, 0)[1]
+after = [path.suffix for path in Path(os.environ["NUMBA_CACHE_DIR"]).glob("*/*")]
+print(json.dumps([ended, after, *(double_all(fresh, TYPES[:1]) for fresh in (double, kernel(double.py_func)))]))
+"""
+)
+
+
+def double(x):
+    return x + x
+
+
+@pytest.fixture
+def python(tmp_path):
+    """Run code beside a module `tiny` with one kernel; its cache is in `cache` under the test's folder."""
+    (tmp_path / "tiny.py").write_text(MODULE)
+
+    def run(code: str) -> subprocess.CompletedProcess[str]:
+        places = {
+            "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+            "PYTHONPATH": os.pathsep.join((str(tmp_path), *sys.path)),
+        }
+        return subprocess.run(
+            [sys.executable, "-c", code],
+            env=os.environ | places,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+        )
+
+    return run
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Where kernels made in this process are kept."""
+    folder = tmp_path / "cache" / "kernels"
+    monkeypatch.setattr(_jit, "CACHE_FOLDER", folder)
+    monkeypatch.setattr(_kernel_cache, "_save_error", None)
+    return folder
+
+
+def compilations(function, *arguments):
+    """Call a fresh kernel of `function`, as another process would; its answer and how often it was compiled."""
+    fresh = _jit.kernel(function)
+    return fresh(*arguments), sum(fresh.stats.cache_misses.values())
+
+
+def kept(folder: Path) -> list[Path]:
+    return sorted(folder.rglob("*.nbc"))
+
+
+# Other processes
+
+
+def test_processes_at_once_keep_every_version(python, tmp_path):
+    ended, found = json.loads(python(TOGETHER).stdout)
+    assert ended == [0, 0, 0, 0]
+    assert found == {name: [42.0, 0] for name in TYPES}
+    assert len(kept(tmp_path / "cache")) == len(TYPES)
+
+
+def test_a_process_killed_while_saving_leaves_nothing_in_the_way(python):
+    ended, left, second, third = json.loads(python(KILLED_WHILE_SAVING).stdout)
+    assert ended == signal.SIGKILL
+    assert len(left) == 1 and left[0] != ".nbc"
+    assert (second, third) == ({TYPES[0]: [42.0, 1]}, {TYPES[0]: [42.0, 0]})
+
+
+# What is read back
+
+
+def test_a_kernel_is_compiled_once_for_each_set_of_types(folder):
+    frozen = np.ones(3)
+    frozen.flags.writeable = False
+    for argument in (1, 1.0, np.float32(1), np.ones(3), frozen, np.ones((3, 3))[:, 0], np.ones(3, np.float32)):
+        assert compilations(double, argument)[1] == 1
+        answer, compiled = compilations(double, argument)
+        np.testing.assert_array_equal(answer, argument + argument)
+        assert compiled == 0
+    assert _kernel_cache.count_kept(folder) == (1, 7)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: b"",
+        lambda content: content[: len(content) // 2],
+        lambda content: bytes(len(content)),
+        lambda content: content[:1000] + bytes([content[1000] ^ 1]) + content[1001:],
+        lambda content: content + b"more",
+    ],
+    ids=["empty", "cut short", "zeros", "one bit", "longer"],
+)
+def test_a_damaged_file_is_compiled_anew_and_replaced(folder, damage):
+    compilations(double, 1)
+    (path,) = kept(folder)
+    whole = path.read_bytes()
+    path.write_bytes(damage(whole))
+    assert compilations(double, 1) == (2, 1)
+    assert len(kept(folder)) == 1 and path.read_bytes() != damage(whole)
+    assert compilations(double, 1) == (2, 0)
+
+
+def test_a_file_under_the_name_of_another_version_is_not_taken_for_it(folder):
+    compilations(double, 1)
+    (whole,) = kept(folder)
+    compilations(double, 1.5)
+    (real,) = set(kept(folder)) - {whole}
+    real.write_bytes(whole.read_bytes())
+    assert compilations(double, 1.5) == (3.0, 1)
+
+
+def test_a_file_that_cannot_be_turned_back_into_code_is_compiled_anew(folder, monkeypatch):
+    compilations(double, 1)
+    (path,) = kept(folder)
+
+    def from_elsewhere(*_):
+        raise AttributeError("no such name in this version")
+
+    monkeypatch.setattr(_kernel_cache.pickle, "loads", from_elsewhere)
+    assert compilations(double, 1) == (2, 1)
+
+
+@pytest.mark.parametrize("change", [lambda path: path.chmod(0o622), lambda path: os.chown(path, 12345, -1)])
+def test_a_file_that_others_can_have_written_is_not_opened(folder, change):
+    compilations(double, 1)
+    (path,) = kept(folder)
+    try:
+        change(path)
+    except PermissionError:
+        pytest.skip("only root gives files away")
+    assert compilations(double, 1) == (2, 1)
+    assert path.stat().st_uid == os.geteuid() and path.stat().st_mode & 0o777 == 0o600
+    assert compilations(double, 1) == (2, 0)
+
+
+def test_flushing_deletes_the_versions_of_one_kernel_alone(folder):
+    def other(x):
+        return x - x
+
+    compilations(double, 1)
+    compilations(double, 1.0)
+    compilations(other, 1)
+    assert _kernel_cache.count_kept(folder) == (2, 3)
+    _kernel_cache.KernelCache(double, folder).flush()
+    assert _kernel_cache.count_kept(folder) == (1, 1)
+    assert compilations(other, 1) == (0, 0)
+
+
+def test_a_kernel_may_not_close_over_variables(folder):
+    step = 2
+
+    def plus(x):
+        return x + step
+
+    with pytest.raises(ValueError, match="step"):
+        _jit.kernel(plus)
+
+
+# What cannot be written
+
+
+def fails_with(number):
+    def fail(*_, **__):
+        raise OSError(number, os.strerror(number))
+
+    return fail
+
+
+@pytest.mark.parametrize(
+    ("step", "number"),
+    [("mkdir", errno.EROFS), ("touch", errno.EACCES), ("write_bytes", errno.ENOSPC), ("replace", errno.EIO)],
+)
+def test_a_failure_to_save_is_warned_of_once_and_the_kernel_runs(folder, monkeypatch, step, number):
+    with monkeypatch.context() as failing:
+        failing.setattr(Path, step, fails_with(number))
+        with pytest.warns(RuntimeWarning, match=os.strerror(number)) as warned:
+            assert compilations(double, 1) == (2, 1)
+            assert compilations(double, 1.5) == (3.0, 1)
+        assert len(warned) == 1
+        assert _kernel_cache.save_error().errno == number
+    assert not folder.exists() or list(folder.iterdir()) == []
+    with warnings.catch_warnings(action="error"):
+        compilations(double, 1)
+    assert compilations(double, 1) == (2, 0)
+
+
+def test_a_warm_up_that_cannot_keep_what_it_compiled_fails(folder, monkeypatch):
+    folder.mkdir(mode=0o700, parents=True)
+    folder.parent.chmod(0o700)
+    monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1))
+    assert (warmup.warm_up(keep_old=True).kernels, warmup.warm_up(keep_old=True).signatures) == (1, 1)
+    monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1.5))
+    monkeypatch.setattr(Path, "replace", fails_with(errno.ENOSPC))
+    with warnings.catch_warnings(action="error"), pytest.raises(OutputError, match="No space left"):
+        warmup.warm_up(keep_old=True)
+
+
+def test_a_folder_that_vanished_is_made_again_for_us_alone(folder):
+    fresh = _jit.kernel(double)
+    assert not folder.parent.exists()
+    fresh(1)
+    assert folder.parent.stat().st_mode & 0o777 == folder.stat().st_mode & 0o777 == 0o700
+    assert compilations(double, 1) == (2, 0)
+    assert _kernel_cache.save_error() is None
+
+
+def test_nothing_is_kept_in_a_folder_that_others_may_write_to(folder):
+    folder.parent.mkdir(mode=0o777)
+    folder.parent.chmod(0o777)
+    with pytest.warns(RuntimeWarning, match="no other"):
+        assert compilations(double, 1) == (2, 1)
+    assert list(folder.parent.iterdir()) == []
