@@ -1,6 +1,7 @@
 # make demo: the onboard package alone, in an environment of its own, and a plan over real lunar terrain.
 # make test: what the tests need, in another, and all tests.
-# make bench: our planners beside other libraries' grid search, and how long the first plan takes.
+# make bench: our planners beside other libraries' grid search, what a
+# region's search costs, and how long the first plan takes.
 PYTHON ?= python3
 DEMO := .venv-demo
 DEV := .venv-dev
@@ -33,7 +34,8 @@ $(DEV)/ready-to-bench: $(DEV)/ready
 	touch $@
 
 bench: $(DEV)/ready-to-bench
-	$(DEV)/bin/nnpp-edge profile --peers -o build/bench
+	$(DEV)/bin/nnpp-edge profile --peers --sizes 256,512,1024,2048,4096 -o build/bench
+	$(DEV)/bin/python -m nnpp_edge.profiling.region_search
 	$(DEV)/bin/python -m nnpp_edge.profiling.cold_start
 
 lint: $(DEV)/ready
