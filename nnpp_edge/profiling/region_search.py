@@ -31,11 +31,12 @@ def _near_the_best(cost: NDArray[np.float32], ends: tuple[Cell, Cell], share: fl
     """The blocks through which the cheapest paths lead, as many as make up that share of the map."""
     grid = Grid.of(cost, StepModel.of("paper"))
     scratch = Workspace(len(grid.weights))
-    through = sum(cost_field(grid, end, scratch).astype(np.float64) for end in ends)
+    through = cost_field(grid, ends[0], scratch) + cost_field(grid, ends[1], scratch)
     rows, cols = (side // _BLOCK for side in cost.shape)
     blocks = through[: rows * _BLOCK, : cols * _BLOCK].reshape(rows, _BLOCK, cols, _BLOCK).min(axis=(1, 3))
     inside = (blocks <= np.quantile(blocks, share)).astype(np.int32)
-    return Region(inside, *(np.arange(side, dtype=np.int32) // _BLOCK for side in cost.shape))
+    row_block, col_block = (np.arange(side, dtype=np.int32) // _BLOCK for side in cost.shape)
+    return Region(inside, row_block, col_block)
 
 
 def _embedded(region: Region, at: int, size: int) -> Region:

@@ -103,13 +103,13 @@ def _trailing_zeros(typing_context, value):
     return types.int64(types.int64), generate
 
 
-def _lowest_bit(value):
+def lowest_bit(value):
     """Number of the lowest set bit of an integer that is not 0."""
     return (int(value) & -int(value)).bit_length() - 1
 
 
-@overload(_lowest_bit)
-def _lowest_bit_compiled(value):
+@overload(lowest_bit)
+def _compiled_lowest_bit(value):
     return lambda value: _trailing_zeros(value)  # type: ignore[call-arg]  # one instruction of the processor's
 
 
@@ -247,7 +247,7 @@ def expand(
         if links is not None:
             better &= np.int64(links[np.uint64(node)])
         while better:
-            k = _lowest_bit(better)
+            k = lowest_bit(better)
             better &= better - 1
             up, left = np.int64(ROW_STEP[k]), np.int64(COL_STEP[k])
             across = np.int64(node + up * stride + left)
