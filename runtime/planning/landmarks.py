@@ -76,32 +76,35 @@ class Landmarks:
         """Set landmarks at the map's corners and the middles of its sides until there are `count`.
 
         Behind the goal, as seen from the start, a landmark's bound is nearly exact, and from the rim one is
-        behind almost any goal. Each stands on the nearest cell of the part of the map that is connected to the
-        cell nearest the middle.
+        behind almost any goal. Each stands on the nearest cell that is connected to the first landmark or,
+        when there is none yet, to the cell nearest the middle.
         """
-        grid = self._grid
-        rows, cols = np.divmod(np.flatnonzero(self._reachable()), grid.stride)
-        if len(rows) == 0:
+        grid, missing = self._grid, count - len(self.cells)
+        if missing <= 0:
             return
-        rows, cols = rows - 1, cols - 1
-        for up, left in _RIM[: max(count - len(self.cells), 0)]:
-            at = int(np.argmin(np.hypot(rows - up * (grid.rows - 1), cols - left * (grid.cols - 1))))
-            self.add((int(rows[at]), int(cols[at])))
-
-    def _reachable(self) -> NDArray[np.bool_]:
-        """(nodes,) the passable cells that are connected to the one nearest the middle."""
-        grid = self._grid
-        free = np.flatnonzero(np.isfinite(grid.weights))
-        if len(free) == 0:
-            return np.zeros(len(grid.weights), np.bool_)
-        rows, cols = np.divmod(free, grid.stride)
-        at = int(np.argmin(np.hypot(rows - 0.5 * grid.rows, cols - 0.5 * grid.cols)))
-        ws = self._workspace
-        settle_all(
-            grid, (int(rows[at]) - 1, int(cols[at]) - 1), ws, links=self._links, corner_cutting=self._corner_cutting
-        )
-        return ws.meta[1::2] >> STAMP_SHIFT == ws.stamp
+        connected = np.isfinite(grid.weights)
+        if self.cells:
+            connected &= np.isfinite(self.fields[:, 0])
+        elif (middle := _nearest(connected, grid, 0.5, 0.5)) is not None:
+            ws = self._workspace
+            settle_all(grid, middle, ws, links=self._links, corner_cutting=self._corner_cutting)
+            connected = ws.meta[1::2] >> STAMP_SHIFT == ws.stamp
+        for spot in _RIM:
+            cell = _nearest(connected, grid, *spot)
+            if cell is not None and cell not in self.cells and missing > 0:
+                self.add(cell)
+                missing -= 1
 
     def towards(self, goal: int) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
         """What the search's kernel needs to know for a goal's node: the fields, theirs at the goal, the slack."""
         return self.fields, self.fields[goal].copy(), self._slack
+
+
+def _nearest(chosen: NDArray[np.bool_], grid: Grid, up: float, left: float) -> tuple[int, int] | None:
+    """Of the nodes chosen, the cell nearest a place given in shares of the map's height and width."""
+    nodes = np.flatnonzero(chosen)
+    if len(nodes) == 0:
+        return None
+    rows, cols = np.divmod(nodes, grid.stride)
+    at = int(np.argmin((rows - 1 - up * (grid.rows - 1)) ** 2 + (cols - 1 - left * (grid.cols - 1)) ** 2))
+    return int(rows[at]) - 1, int(cols[at]) - 1

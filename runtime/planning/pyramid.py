@@ -19,7 +19,7 @@ from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.costmap import Rectangle
 from nnpp_edge.runtime.grid import Grid, StepCost
 from nnpp_edge.runtime.planning.astar import Region, Search, astar
-from nnpp_edge.runtime.planning.expansion import COL_STEP, DIRECTION, LANES, ROW_STEP
+from nnpp_edge.runtime.planning.expansion import COL_STEP, DIRECTION, ROW_STEP
 from nnpp_edge.runtime.planning.landmarks import Landmarks
 from nnpp_edge.runtime.planning.workspace import OPEN_BIT, STAMP_SHIFT, Workspace
 
@@ -28,6 +28,9 @@ Cell = tuple[int, int]
 FACTOR = 4
 _SMALLEST = 64
 """A level above the first coarse one is made only if its longer side has as many cells."""
+_LANDMARKS = 4
+_PATIENCE = 3
+"""A landmark is set on a level whenever its searches have expanded so many times as many cells as that takes."""
 _MOST_CELLS_FOR_LANDMARKS = 1 << 15
 """A landmark on a level of so many cells takes two milliseconds."""
 
@@ -220,8 +223,8 @@ class Level:
     ) -> Search:
         """`astar` on this level, by the landmarks given or, without a region, the level's own.
 
-        Searches of a whole coarse level get landmarks, one at a time, when they have expanded as many cells
-        as finding these costs: so a map that is asked often is answered sooner, one that changes loses little.
+        Searches of a whole coarse level get landmarks, one at a time, once they have expanded several times the
+        cells that this takes: so a map that is asked often is answered sooner, and one that changes loses little.
         """
         hints = landmarks or (self.landmarks if region is None else None)
         found = astar(
@@ -233,11 +236,11 @@ class Level:
 
     def invest(self) -> None:
         """Set another landmark if enough work has been spent without; the workspace is then another search's."""
-        set_ = len(self.landmarks.cells) if self.landmarks else 0
-        if self._spent < (set_ + 1) * self.grid.cells or set_ == LANES:
+        count = len(self.landmarks.cells) if self.landmarks else 0
+        if count == _LANDMARKS or self._spent < _PATIENCE * (count + 1) * self.grid.cells:
             return
         self.landmarks = self.landmarks or Landmarks(self.grid, self.workspace, links=self.links)
-        self.landmarks.spread(set_ + 1)
+        self.landmarks.spread(count + 1)
 
     def changed(self) -> None:
         """The grid is another now."""
