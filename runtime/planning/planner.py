@@ -29,6 +29,8 @@ _REFINE_FROM = 192
 _CORRIDORS = ((1, 0.002), (4, 0.02))
 """At first, and widened: the coarse cells within so many of the coarse path are searched, and those on coarse paths
 that cost at most so much more than the best."""
+_BAND_NEARBY = 0.08
+"""What the band of a short path is wider by, divided by the coarse cells between start and goal."""
 _COARSE_MARGIN, _COARSE_BAND = 1, 0.03
 """What is added between two coarse levels: room costs little there."""
 _CELLS_APART = 16
@@ -284,6 +286,7 @@ class Planner:
         The search at full resolution and its region; None where a coarse level found no way.
         """
         radius, band = corridor
+        band += FACTOR * _BAND_NEARBY / max(query.apart, FACTOR)
         for level in range(top, 0, -1):
             spread, slack = (radius, band) if level == 1 else (radius + _COARSE_MARGIN, band + _COARSE_BAND)
             at, finer = self.pyramid.levels[level], self.pyramid.levels[level - 1]
@@ -300,9 +303,8 @@ class Planner:
 
     def _coarsest(self, query: Query) -> int:
         """The level to begin at: where start and goal are close, a finer one than the last."""
-        apart = max(abs(query.start[0] - query.goal[0]), abs(query.start[1] - query.goal[1]))
         level = len(self.pyramid.levels) - 1
-        while level > 1 and apart < _CELLS_APART * FACTOR**level:
+        while level > 1 and query.apart < _CELLS_APART * FACTOR**level:
             level -= 1
         return level
 

@@ -24,6 +24,11 @@ class Query:
     timings: dict[str, float] = field(default_factory=dict)
     _mark: float = field(default_factory=time.perf_counter)
 
+    @property
+    def apart(self) -> int:
+        """Cells between start and goal, as the king moves."""
+        return max(abs(self.start[0] - self.goal[0]), abs(self.start[1] - self.goal[1]))
+
     def suffices(self, plan: Plan) -> bool:
         """Whether a plan need not be improved: it is out of time, or close enough to the bound asked for."""
         return plan.status is not Status.OK or plan.cost <= (1.0 + self.epsilon) * plan.lower_bound
