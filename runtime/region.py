@@ -85,7 +85,8 @@ class RegionFinder:
 
     def __init__(self, blocks: int) -> None:
         self.levels: NDArray[np.uint8] = np.zeros((blocks, blocks), np.uint8)
-        self.bitmap: NDArray[np.int32] = np.zeros((blocks, blocks), np.int32)
+        self.bitmap: NDArray[np.int32] = np.zeros((blocks + 1, blocks + 1), np.int32)
+        """The last row and column belong to no region: cells that the network is not shown lie there."""
         self.stamp = 0
         self._heads = np.empty(LEVELS, np.int32)
         self._following = np.empty(blocks * blocks, np.int32)

@@ -15,6 +15,11 @@ from nnpp_edge.runtime.planning.pyramid import FACTOR
 from nnpp_edge.runtime.planning.query import Query
 from nnpp_edge.runtime.region import RegionFinder
 
+_ROUNDED = 32
+"""A window's corner and side are multiples of so many cells."""
+_WORTH_A_WINDOW = 0.6
+"""Share of the map's longer side from which on the network is shown the whole map instead of a window."""
+
 
 class LearnedRegions:
     """The network's side of a planner: its view of the map, and regions from its answers."""
@@ -30,34 +35,68 @@ class LearnedRegions:
                 stacklevel=4,
             )
         self.grid = grid
-        self.frame = Frame(grid.rows, grid.cols, size)
-        self.lookup = self.frame.lookup(blocks)
-        self.factor = self.model.metadata.region_factor
+        self.size, self.blocks, self.factor = size, blocks, self.model.metadata.region_factor
         self.planes: NDArray[np.float32] = np.empty((2, size, size), np.float32)
         # two finders, so that the region at td itself stays while wider ones are searched
         self.finder, self.at_td = RegionFinder(blocks), RegionFinder(blocks)
-        self._level_lookups: dict[int, tuple[NDArray[np.int32], NDArray[np.int32]]] = {0: self.lookup}
-        self.update(None)
+        self._look_at((0, 0, grid.rows, grid.cols))
 
-    def update(self, changed: Rectangle | None) -> None:
-        """Bring the network's view up to date with the grid, where it changed or all over."""
-        map_planes(
-            self.grid.weights,
-            self.grid.stride,
-            self.frame,
-            *self.grid.as_traversability(),
-            self.planes,
-            changed,
-        )
+    def update(self, changed: Rectangle) -> None:
+        """The grid is another in this rectangle: bring the network's view up to date where it shows that."""
+        row0, col0, rows, cols = self.window
+        top, left = max(changed[0], row0), max(changed[1], col0)
+        bottom = min(changed[0] + changed[2], row0 + rows)
+        right = min(changed[1] + changed[3], col0 + cols)
+        if top < bottom and left < right:
+            self._read_map((top - row0, left - col0, bottom - top, right - left))
+
+    def _look_at(self, window: Rectangle) -> None:
+        """Show the network this rectangle of the map."""
+        self.window = window
+        row0, col0, rows, cols = window
+        self.frame = Frame(rows, cols, self.size)
+        lookup = []
+        inner = self.frame.lookup(self.blocks)
+        for first, seen, cells in zip((row0, col0), inner, (self.grid.rows, self.grid.cols), strict=True):
+            whole = np.full(cells, self.blocks, np.int32)  # outside: the bitmap's last row or column
+            whole[first : first + len(seen)] = seen
+            lookup.append(whole)
+        self.lookup = lookup[0], lookup[1]
+        self._level_lookups = {0: self.lookup}
+        self._read_map(None)
+
+    def _read_map(self, part: Rectangle | None) -> None:
+        row0, col0, *_ = self.window
+        grid = self.grid
+        first = grid.weights[row0 * grid.stride + col0 :]
+        map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self.planes, part)
         self.stale = True
+
+    def _window(self, query: Query) -> Rectangle:
+        """What to show the network: a square around start and goal where it shows the query finer than the map does.
+
+        Its side is twice the distance, so that there is room for detours, and its corners are rounded: a robot
+        on its way sees the same window for a while.
+        """
+        whole = (self.grid.rows, self.grid.cols)
+        side = max((2 * query.apart // _ROUNDED + 2) * _ROUNDED, self.size)
+        if side > _WORTH_A_WINDOW * max(whole):
+            return (0, 0, *whole)
+        corner = [
+            min(max((a + b - side + _ROUNDED) // (2 * _ROUNDED) * _ROUNDED, 0), max(cells - side, 0))
+            for a, b, cells in zip(query.start, query.goal, whole, strict=True)
+        ]
+        return corner[0], corner[1], min(side, whole[0]), min(side, whole[1])
 
     def infer(self, query: Query) -> float:
         """Ask the network; the adaptive threshold, in [0, 1]."""
+        if (window := self._window(query)) != self.window:
+            self._look_at(window)
         if self.stale or self.model.owner is not self:
             self.model.set_map(self.planes)
             self.model.owner = self
             self.stale = False
-        self.model.set_query(self.frame.place(query.start), self.frame.place(query.goal))
+        self.model.set_query(self._place(query.start), self._place(query.goal))
         query.lap("encode")
         probability = self.model.run()
         query.lap("inference")
@@ -66,6 +105,9 @@ class LearnedRegions:
         self.at_td.levels[:] = self.finder.levels
         query.lap("threshold")
         return td / 256.0
+
+    def _place(self, cell: Cell) -> tuple[float, float]:
+        return self.frame.place((cell[0] - self.window[0], cell[1] - self.window[1]))
 
     def _block(self, cell: Cell) -> Cell:
         return int(self.lookup[0][cell[0]]), int(self.lookup[1][cell[1]])

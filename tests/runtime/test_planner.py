@@ -216,6 +216,35 @@ def test_the_nearest_of_several_goals_comes_first(case, goals, count, data):
         assert not plan.ok or tuple(plan.path[-1]) == chosen[at]
 
 
+@pytest.mark.parametrize("shape", [(700, 900), (1024, 300), (90, 1500)])
+def test_near_ends_on_a_large_map_are_planned_in_a_window(network, shape):
+    rng = np.random.default_rng(2)
+    cost = rng.random(shape).astype(np.float32) * 0.9
+    planner = Planner(cost, model=network)
+    for _ in range(8):
+        start = tuple(int(rng.integers(0, side)) for side in shape)
+        goal = tuple(
+            int(np.clip(x + rng.integers(-60, 61), 0, side - 1)) for x, side in zip(start, shape, strict=True)
+        )
+        planner.update(0, 0, np.full((3, 4), rng.random() * 0.9, np.float32))
+        plan = planner.plan(start, goal, method="nnpp")
+        assert plan.ok
+        row, col, rows, cols = planner._learned.window
+        assert max(rows, cols) <= 0.6 * max(shape)
+        for end in (start, goal):
+            assert row <= end[0] < row + rows
+            assert col <= end[1] < col + cols
+        region = plan.network_region.mask()
+        assert region[start]
+        assert region[goal]
+        region[row : row + rows, col : col + cols] = False
+        assert not region.any()
+        assert plan.cost >= planner.plan(start, goal, method="astar").cost * (1 - 1e-5)
+    far = planner.plan((1, 1), (shape[0] - 2, shape[1] - 2), method="nnpp")
+    assert far.ok
+    assert planner._learned.window == (0, 0, *shape)
+
+
 def test_wanting_the_nearest_of_no_goals_is_refused():
     with pytest.raises(InvalidQueryError, match="at least one goal"):
         Planner(np.zeros((4, 4), np.float32)).nearest((0, 0), [])
