@@ -26,12 +26,12 @@ _NEAR = 48
 """Cells; nearer goals `auto` leaves to plain A*, which is then faster than a network's answer."""
 _REFINE_FROM = 192
 """Cells on a map's longer side from which a learned region is searched coarsely first."""
-_CORRIDORS = ((1, 0.002), (4, 0.02))
-"""At first, and widened: the coarse cells within so many of the coarse path are searched, and those on coarse paths
-that cost at most so much more than the best."""
-_BAND_NEARBY = 0.08
+_CORRIDORS = ((1, 0.0015), (8, 0.02))
+"""At first, and widened: the quarters of coarse cells within so many of the coarse path are searched, and the coarse
+cells on paths that cost at most so much more than the best."""
+_BAND_NEARBY = 0.12
 """What the band of a short path is wider by, divided by the coarse cells between start and goal."""
-_COARSE_MARGIN, _COARSE_BAND = 1, 0.03
+_COARSE_MARGIN, _COARSE_BAND = 2, 0.02
 """What is added between two coarse levels: room costs little there."""
 _CELLS_APART = 16
 """The coarsest level that is searched is the last on which start and goal are so many cells apart."""

@@ -146,12 +146,20 @@ def _link(
 
 @kernel
 def _mark(path, radius, stamp, bitmap):
-    """Number the cells within `radius` (as the king moves) of a path's."""
+    """Number the quarters of a path's cells, and those within `radius` (as the king moves) of them."""
     rows, cols = bitmap.shape
     for n in range(len(path)):
-        for i in range(max(path[n, 0] - radius, 0), min(path[n, 0] + radius + 1, rows)):
-            for j in range(max(path[n, 1] - radius, 0), min(path[n, 1] + radius + 1, cols)):
+        for i in range(max(2 * path[n, 0] - radius, 0), min(2 * path[n, 0] + 2 + radius, rows)):
+            for j in range(max(2 * path[n, 1] - radius, 0), min(2 * path[n, 1] + 2 + radius, cols)):
                 bitmap[i, j] = stamp
+
+
+@kernel
+def _number(row, col, stamp, bitmap):
+    """Number the four quarters of a cell."""
+    for i in range(2 * row, 2 * row + 2):
+        for j in range(2 * col, 2 * col + 2):
+            bitmap[i, j] = stamp
 
 
 @kernel
@@ -166,7 +174,7 @@ def _flood(weights, links, stride, steps, start, g, meta, search, limit, reached
     head, tail = 0, 1
     queue[0] = start
     reached[start] = 0.0
-    bitmap[start // stride - 1, start % stride - 1] = stamp
+    _number(start // stride - 1, start % stride - 1, stamp, bitmap)
     while head != tail:
         node = np.int64(queue[head & mask])
         head += 1
@@ -183,9 +191,9 @@ def _flood(weights, links, stride, steps, start, g, meta, search, limit, reached
             if cost + g[2 * there] > limit:
                 continue
             row, col = there // stride - 1, there % stride - 1
-            if bitmap[row, col] == stamp and cost >= reached[there]:
+            if bitmap[2 * row, 2 * col] == stamp and cost >= reached[there]:
                 continue
-            bitmap[row, col] = stamp
+            _number(row, col, stamp, bitmap)
             reached[there] = cost
             if not queued[there]:
                 queued[there] = 1
@@ -194,7 +202,7 @@ def _flood(weights, links, stride, steps, start, g, meta, search, limit, reached
 
 
 class Level:
-    """A grid, its scratch memory, and a bitmap over it that marks a region for the level below."""
+    """A grid, its scratch memory, and a bitmap of its cells' quarters that marks a region for the level below."""
 
     def __init__(self, grid: Grid, linked: bool) -> None:
         nodes = len(grid.weights)
@@ -205,16 +213,16 @@ class Level:
         self.workspace = Workspace(nodes)
         self.landmarks: Landmarks | None = None
         """Of the grid as it is now."""
-        self.coarse_cells = (
-            np.arange(grid.rows, dtype=np.int32) // FACTOR,
-            np.arange(grid.cols, dtype=np.int32) // FACTOR,
+        self.quarters = (
+            np.arange(grid.rows, dtype=np.int32) // (FACTOR // 2),
+            np.arange(grid.cols, dtype=np.int32) // (FACTOR // 2),
         )
-        """Row and column, on the level above, of each row and column."""
+        """Row and column, among the quarters of the cells of the level above, of each row and column."""
         if linked:
             self._reached = np.empty(nodes, np.float32)
             self._queued = np.zeros(nodes, np.uint8)
             self._queue = np.empty(1 << (nodes - 1).bit_length(), np.int32)
-            self._bitmap = np.zeros((grid.rows, grid.cols), np.int32)
+            self._bitmap = np.zeros((2 * grid.rows, 2 * grid.cols), np.int32)
         self._stamp = 0
         self._spent = 0
 
@@ -256,7 +264,7 @@ class Level:
         start : (row, col)
             Where the query starts.
         radius : int
-            The cells within so many of the path belong to it.
+            The quarters of cells within so many of the path's belong to it.
         band : float
             So do those on paths that cost at most 1 + `band` times as much.
         finer : Level
@@ -272,7 +280,7 @@ class Level:
                 self._stamp, self._bitmap,
             )  # fmt: skip
         _mark(found.path, radius, self._stamp, self._bitmap)  # last: the flood goes by the numbers that it wrote
-        return Region(self._bitmap, *finer.coarse_cells, self._stamp)
+        return Region(self._bitmap, *finer.quarters, self._stamp)
 
 
 class Pyramid:

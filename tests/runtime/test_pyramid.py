@@ -65,7 +65,9 @@ def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(seed, bl
         assert np.isinf(fields[0][ends[1]])
         return
     region = coarse.around(found, ends[0], 0, band, fine)
-    inside = region.bitmap == region.stamp
+    quarters = (region.bitmap == region.stamp).reshape(grid.rows, 2, grid.cols, 2)
+    inside = quarters[:, 0, :, 0]
+    assert (quarters == inside[:, None, :, None]).all()
     through = fields[0] + fields[1]
     limit = (1.0 + band) * fields[0][ends[1]]
     assert inside[tuple(found.path.T)].all()
