@@ -1,109 +1,19 @@
 """Running a network on the CPU: an ONNX file with our metadata, through onnxruntime."""
 
-import json
 import os
-from dataclasses import dataclass, field, fields
-from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.encoding import encode_gaussian, encode_pair
 from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.model_file import METADATA_KEY, ModelMetadata, model_path
 
-METADATA_KEY = "nnpp_edge"
-FORMAT = "nnpp-edge-model-1"
+__all__ = ["METADATA_KEY", "OUTPUT", "ModelMetadata", "NetworkModel", "model_path"]
+
 OUTPUT = "probability"
 DEFAULT_THREADS = 2
-
-_CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "pair": ("cost", "blocked", "pair")}
-_MODELS = Path(str(files("nnpp_edge.models")))
-
-
-@dataclass(frozen=True)
-class ModelMetadata:
-    """What network and runtime must agree on; travels in the ONNX file as JSON and is checked at load."""
-
-    name: str
-    architecture: str
-    input_size: int
-    """Side S of the network's square, in cells."""
-    blocks: int
-    """The answer comes on blocks × blocks."""
-    encoding: str
-    """``gaussian`` (the paper's: one input of cost, start and goal map) or ``pair`` (map and query apart)."""
-    channels: tuple[str, ...]
-    """Their order in the input."""
-    sigma: float
-    """Of the Gaussians, as a share of S."""
-    omega: float
-    """Weight of the traversability cost per grey level that the labels were made with."""
-    cost_limits: dict[str, Any]
-    """Limits and weights of the cost maps that it was trained on."""
-    region_factor: float = 0.5
-    """Factor on the adaptive threshold, chosen on validation terrain."""
-    map_unshuffle: int = 1
-    """The map's input has this many cells, squared, to a pixel, as channels."""
-    output_shuffle: int = 1
-    """The output has this many blocks, squared, to a pixel, as channels."""
-    precision: str = "fp32"
-    training: dict[str, Any] = field(default_factory=dict)
-    version: str = ""
-    format: str = FORMAT
-
-    def to_json(self) -> str:
-        """One line of JSON."""
-        return json.dumps({f.name: getattr(self, f.name) for f in fields(self)})
-
-    @classmethod
-    def from_json(cls, text: str | None, source: str) -> "ModelMetadata":
-        """Read and check; ModelError names `source`, what was wanted and what came."""
-        if not text:
-            raise ModelError(f"{source}: wanted an ONNX model with '{METADATA_KEY}' metadata, got one without")
-        try:
-            stored = json.loads(text)
-            if stored.get("format") != FORMAT:
-                raise ModelError(f"{source}: wanted metadata of format {FORMAT}, got {stored.get('format')!r}")
-            stored["channels"] = tuple(stored["channels"])
-            found = cls(**stored)
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            if isinstance(error, ModelError):
-                raise
-            raise ModelError(f"{source}: its metadata cannot be read: {error}") from error
-        wanted = _CHANNELS.get(found.encoding)
-        if wanted is None or found.channels != wanted:
-            raise ModelError(
-                f"{source}: wanted encoding and channels to be one of {_CHANNELS}, "
-                f"got {found.encoding!r} {found.channels}"
-            )
-        numbers_fit = (
-            0 < found.blocks <= found.input_size
-            and found.input_size % found.blocks == 0
-            and 0.0 < found.region_factor <= 1.0
-            and found.sigma > 0.0
-        )
-        if not numbers_fit:
-            raise ModelError(f"{source}: its metadata holds numbers out of range: {found}")
-        return found
-
-
-def model_path(name: str | Path) -> Path:
-    """Path of a shipped model by its name (``edge``), or of a model file.
-
-    Raises
-    ------
-    ModelError
-        There is neither.
-    """
-    shipped = _MODELS / f"{name}.onnx"
-    if shipped.is_file():
-        return shipped
-    if Path(name).is_file():
-        return Path(name)
-    names = ", ".join(sorted(p.stem for p in _MODELS.glob("*.onnx"))) or "none"
-    raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r}")
 
 
 class NetworkModel:

@@ -18,6 +18,7 @@ COMMANDS = {
     "quantize": "Make an int8 model, and measure whether it pays.",
     "evaluate": "Compare the planners on many queries.",
     "profile": "Measure the planners beside other libraries.",
+    "models": "List the shipped models, or show one in full.",
     "warmup": "Compile the kernels ahead of the first plan.",
 }
 """Name and one line each; the command itself is `command` in the module of that name."""

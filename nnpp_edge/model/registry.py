@@ -44,11 +44,12 @@ class Spec:
 
 PRESETS = {
     "edge": Spec("edge"),
+    "edge-128": Spec("edge", input_size=128),
     "nnpp-w16": Spec("nnpp", options={"width": 16}),
     "nnpp": Spec("nnpp", options={"width": 64}),
     "nnpp-stdc2": Spec("nnpp", options={"width": 64, "depth": [4, 5, 3]}),
 }
-"""``nnpp`` is the paper's network at full width; ``nnpp-w16`` the same at a quarter of it."""
+"""``edge-128`` sees the map at half ``edge``'s resolution. ``nnpp`` is the paper's network at full width; ``nnpp-w16`` the same at a quarter of it."""
 
 
 class Network(nn.Module):

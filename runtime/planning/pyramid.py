@@ -224,7 +224,7 @@ class Level:
             self._queue = np.empty(1 << (nodes - 1).bit_length(), np.int32)
             self._bitmap = np.zeros((2 * grid.rows, 2 * grid.cols), np.int32)
         self._stamp = 0
-        self._spent = 0
+        self._spent: float = 0
 
     def search(
         self, start: Cell, goal: Cell, region: Region | None, landmarks: Landmarks | None = None, **options: Any
@@ -244,11 +244,13 @@ class Level:
 
     def invest(self) -> None:
         """Set another landmark if enough work has been spent without; the workspace is then another search's."""
-        count = len(self.landmarks.cells) if self.landmarks else 0
-        if count == _LANDMARKS or self._spent < _PATIENCE * (count + 1) * self.grid.cells:
+        if self._spent < _PATIENCE * self.grid.cells:
             return
         self.landmarks = self.landmarks or Landmarks(self.grid, self.workspace, links=self.links)
+        count = len(self.landmarks.cells)
         self.landmarks.spread(count + 1)
+        enough = len(self.landmarks.cells) in (count, _LANDMARKS)  # there is no place for more, or no need
+        self._spent = -math.inf if enough else 0
 
     def changed(self) -> None:
         """The grid is another now."""

@@ -119,3 +119,22 @@ def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():
     scale = coarse.model.scale
     assert coarse.weights[coarse.node(0, 0)] == pytest.approx(scale * (12 * 0.5 + 4) / 16)
     assert coarse.weights[coarse.node(1, 30)] == pytest.approx(scale * 0.5)
+
+
+@pytest.mark.parametrize(("side", "wanted"), [(256, 4), (12, 3)])
+def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(side, wanted):
+    cost = np.random.default_rng(4).random((side, side)).astype(np.float32) * 0.9
+    cost[:, 8:] = np.inf if side == 12 else cost[:, 8:]
+    planner = Planner(cost)
+    start, goal = (side - 2, 0), (1, 7 if side == 12 else side - 2)
+    coarse = planner.pyramid.levels[1]
+    found = planner.plan(start, goal, method="corridor")
+    for _ in range(40):
+        assert planner.plan(start, goal, method="corridor").cost == pytest.approx(found.cost)
+    assert 1 <= len(coarse.landmarks.cells) <= wanted
+    before = coarse.landmarks
+    for _ in range(40):
+        planner.plan(start, goal, method="corridor")
+    assert coarse.landmarks is before
+    planner.update(0, 0, cost[:1, :1].copy())
+    assert coarse.landmarks is None

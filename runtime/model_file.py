@@ -1,0 +1,297 @@
+"""Model files: where they are, what they say of themselves, and what was measured with them.
+
+Reading them takes nothing but Python: neither onnxruntime nor a compiled kernel is loaded.
+"""
+
+import hashlib
+import json
+import warnings
+from dataclasses import dataclass, field, fields
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from nnpp_edge.runtime.errors import ModelError
+
+METADATA_KEY = "nnpp_edge"
+FORMAT = "nnpp-edge-model-1"
+FIGURES_FORMAT = "nnpp-edge-figures-1"
+FIGURE_NAMES = ("workload", "size", "method", "n", "success_raw", "success", "gap_mean", "gap_p99",
+                "time_ms_median", "time_ms_p99", "speedup_median", "speedup_total", "mm_mean")  # fmt: skip
+"""The keys that every row of figures has, as `nnpp-edge evaluate --json` prints them."""
+
+_CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "pair": ("cost", "blocked", "pair")}
+_MODELS = Path(str(files("nnpp_edge.models")))
+
+
+@dataclass(frozen=True)
+class ModelMetadata:
+    """What network and runtime must agree on; travels in the ONNX file as JSON and is checked at load."""
+
+    name: str
+    architecture: str
+    input_size: int
+    """Side S of the network's square, in cells."""
+    blocks: int
+    """The answer comes on blocks × blocks."""
+    encoding: str
+    """``gaussian`` (the paper's: one input of cost, start and goal map) or ``pair`` (map and query apart)."""
+    channels: tuple[str, ...]
+    """Their order in the input."""
+    sigma: float
+    """Of the Gaussians, as a share of S."""
+    omega: float
+    """Weight of the traversability cost per grey level that the labels were made with."""
+    cost_limits: dict[str, Any]
+    """Limits and weights of the cost maps that it was trained on."""
+    region_factor: float = 0.5
+    """Factor on the adaptive threshold, chosen on validation terrain."""
+    map_unshuffle: int = 1
+    """The map's input has this many cells, squared, to a pixel, as channels."""
+    output_shuffle: int = 1
+    """The output has this many blocks, squared, to a pixel, as channels."""
+    precision: str = "fp32"
+    training: dict[str, Any] = field(default_factory=dict)
+    version: str = ""
+    format: str = FORMAT
+
+    def facts(self) -> dict[str, Any]:
+        """All of it, as it stands in the file."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def to_json(self) -> str:
+        """One line of JSON."""
+        return json.dumps(self.facts())
+
+    @classmethod
+    def from_json(cls, text: str | None, source: str) -> "ModelMetadata":
+        """Read and check; ModelError names `source`, what was wanted and what came."""
+        if not text:
+            raise ModelError(f"{source}: wanted an ONNX model with '{METADATA_KEY}' metadata, got one without")
+        try:
+            stored = json.loads(text)
+            if stored.get("format") != FORMAT:
+                raise ModelError(f"{source}: wanted metadata of format {FORMAT}, got {stored.get('format')!r}")
+            stored["channels"] = tuple(stored["channels"])
+            found = cls(**stored)
+            wanted = _CHANNELS.get(found.encoding)
+            numbers_fit = (
+                0 < found.blocks <= found.input_size
+                and found.input_size % found.blocks == 0
+                and 0.0 < found.region_factor <= 1.0
+                and found.sigma > 0.0
+            )
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            if isinstance(error, ModelError):
+                raise
+            raise ModelError(f"{source}: its metadata cannot be read: {error}") from error
+        if wanted is None or found.channels != wanted:
+            raise ModelError(
+                f"{source}: wanted encoding and channels to be one of {_CHANNELS}, "
+                f"got {found.encoding!r} {found.channels}"
+            )
+        if not numbers_fit:
+            raise ModelError(f"{source}: its metadata holds numbers out of range: {found}")
+        return found
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What was measured with a model; in the JSON file beside it."""
+
+    rows: list[dict[str, Any]]
+    """With the keys of `FIGURE_NAMES`; the planners that it was compared with have rows of their own."""
+    commands: list[str]
+    """That printed the rows."""
+    machine: str
+    """They ran on."""
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """What a model file says of itself, without loading its network."""
+
+    name: str
+    """The file's, without its ending: what `model_path` takes if the model is shipped."""
+    path: Path
+    size_bytes: int
+    sha256: str
+    metadata: ModelMetadata
+    inputs: dict[str, tuple[int | str, ...]]
+    """Shape of each; a dimension that is not fixed has its name, or ``?``."""
+    outputs: dict[str, tuple[int | str, ...]]
+    opsets: dict[str, int]
+    """Version of each set of operators that the graph uses; ONNX's own is ``ai.onnx``."""
+    ir_version: int
+    producer: str
+    figures: Figures | None
+    card: str | None
+    """Text of the Markdown file beside it."""
+
+    def summary(self) -> dict[str, Any]:
+        """For JSON: all but the card."""
+        figures = self.figures
+        return {
+            "name": self.name, "path": str(self.path), "size_bytes": self.size_bytes, "sha256": self.sha256,
+            "metadata": self.metadata.facts(), "inputs": self.inputs, "outputs": self.outputs,
+            "opsets": self.opsets, "ir_version": self.ir_version, "producer": self.producer,
+            "figures": figures and figures.rows, "commands": figures and figures.commands,
+            "machine": figures and figures.machine,
+        }  # fmt: skip
+
+
+def model_path(name: str | Path) -> Path:
+    """Path of a shipped model by its name (``edge``), or of a model file.
+
+    Raises
+    ------
+    ModelError
+        There is neither.
+    """
+    shipped = _MODELS / f"{name}.onnx"
+    if shipped.is_file():
+        return shipped
+    if Path(name).is_file():
+        return Path(name)
+    names = ", ".join(sorted(p.stem for p in _MODELS.glob("*.onnx"))) or "none"
+    raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r}")
+
+
+def list_models() -> list[ModelFile]:
+    """The shipped models, by name."""
+    return [read_model_file(path) for path in sorted(_MODELS.glob("*.onnx"), key=lambda path: path.stem)]
+
+
+def read_model_file(model: str | Path = "edge") -> ModelFile:
+    """What a model says of itself, and the card and the figures that lie beside it.
+
+    Parameters
+    ----------
+    model : str or Path
+        Name of a shipped model, or an ONNX file with our metadata.
+
+    Raises
+    ------
+    ModelError
+        The file is missing, truncated or without our metadata, or its figures cannot be read. That its
+        network runs is not tried; `NetworkModel` does that.
+
+    Notes
+    -----
+    Beside MODEL.onnx may lie MODEL.md, the card, and MODEL.json, the figures: ``format``, ``model_sha256``,
+    ``machine``, ``commands`` and ``figures``. Figures of another file of that name are left out with a warning.
+    """
+    path = model_path(model)
+    content = _bytes(path)
+    sha256 = hashlib.sha256(content).hexdigest()
+    try:
+        proto = _message(memoryview(content))
+        graph = _message(proto[7][-1])
+        stored = {_text(pair, 1): _text(pair, 2) for pair in map(_message, proto.get(14, ()))}
+        inputs, outputs = (dict(map(_tensor, graph.get(number, ()))) for number in (11, 12))
+        opsets = {_text(entry, 1) or "ai.onnx": int(entry[2][-1]) for entry in map(_message, proto.get(8, ()))}
+        ir_version = int(proto.get(1, [0])[-1])
+        producer = " ".join(filter(None, (_text(proto, 2), _text(proto, 3))))
+    except (ValueError, TypeError, KeyError, IndexError) as error:
+        raise ModelError(f"{path}: wanted an ONNX model, got a file that cannot be read as one") from error
+    return ModelFile(
+        name=path.stem, path=path, size_bytes=len(content), sha256=sha256,
+        metadata=ModelMetadata.from_json(stored.get(METADATA_KEY), str(path)), inputs=inputs, outputs=outputs,
+        opsets=opsets, ir_version=ir_version, producer=producer,
+        figures=_figures(path.with_suffix(".json"), sha256), card=_card(path.with_suffix(".md")),
+    )  # fmt: skip
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"{path}: wanted a file to read, got: {error.strerror}") from error
+
+
+def _card(path: Path) -> str | None:
+    return _bytes(path).decode(errors="replace") if path.is_file() else None
+
+
+def _figures(path: Path, sha256: str) -> Figures | None:
+    """Those in `path`; None if there is no such file, or it is a JSON file of another kind or another model."""
+    if not path.is_file():
+        return None
+    try:
+        stored = json.loads(_bytes(path))
+        if not isinstance(stored, dict) or stored.get("format") != FIGURES_FORMAT:
+            return None
+        if stored["model_sha256"] != sha256:
+            warnings.warn(f"{path}: its figures are of another model file and are left out", stacklevel=3)
+            return None
+        found = Figures(list(stored["figures"]), [str(line) for line in stored["commands"]], str(stored["machine"]))
+        for row in found.rows:
+            for key in FIGURE_NAMES:
+                kind = str if key in ("workload", "method") else int | float | None
+                if not isinstance(row[key], kind):
+                    raise TypeError(f"{key} is {row[key]!r}")
+    except KeyError as error:
+        raise ModelError(f"{path}: wanted figures as JSON, got some without {error}") from error
+    except (ValueError, TypeError) as error:
+        if isinstance(error, ModelError):
+            raise
+        raise ModelError(f"{path}: wanted figures as JSON, got a file that cannot be read: {error}") from error
+    return found
+
+
+_Message = dict[int, list[Any]]
+"""A message of Google's Protocol Buffers: values by field number, numbers as int, all else as bytes."""
+
+
+def _message(data: memoryview) -> _Message:
+    """Split a message into its fields, which are neither copied nor looked into; ValueError if it is none.
+
+    The numbers of the fields of ONNX's messages are in onnx.proto.
+    """
+    found: _Message = {}
+    at = 0
+    while at < len(data):
+        key, at = _varint(data, at)
+        number, kind = key >> 3, key & 7
+        value: Any
+        if kind == 0:
+            value, at = _varint(data, at)
+        elif kind in (1, 2, 5):
+            length, at = _varint(data, at) if kind == 2 else ({1: 8, 5: 4}[kind], at)
+            value = data[at : at + length]
+            at += length
+            if at > len(data):
+                raise ValueError("a field goes beyond the end")
+        else:
+            raise ValueError(f"no field has kind {kind}")
+        found.setdefault(number, []).append(value)
+    return found
+
+
+def _varint(data: memoryview, at: int) -> tuple[int, int]:
+    """A number of seven bits a byte, lowest first; and where it ends. IndexError at the end of `data`."""
+    value = shift = 0
+    while True:
+        byte = data[at]
+        at += 1
+        value |= (byte & 127) << shift
+        if byte < 128:
+            return value, at
+        shift += 7
+        if shift > 63:
+            raise ValueError("a number is too long")
+
+
+def _text(message: _Message, number: int) -> str:
+    return str(message[number][-1], "utf-8") if number in message else ""
+
+
+def _tensor(value_info: memoryview) -> tuple[str, tuple[int | str, ...]]:
+    """Name and shape of one of the graph's inputs or outputs."""
+    value = _message(value_info)
+    shape = _message(_message(_message(value[2][-1])[1][-1])[2][-1])
+    return _text(value, 1), tuple(_dimension(entry) for entry in map(_message, shape.get(1, ())))
+
+
+def _dimension(entry: _Message) -> int | str:
+    return int(entry[1][-1]) if 1 in entry else _text(entry, 2) or "?"
