@@ -10,11 +10,13 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.costmap import SaturationWarning, Traversability, traversability_cost, update_cost
     from nnpp_edge.runtime.errors import NnppEdgeError, Status
     from nnpp_edge.runtime.inference import NetworkModel
+    from nnpp_edge.runtime.model_file import ModelFile, list_models
     from nnpp_edge.runtime.planning.plan import Method, Plan, Source
     from nnpp_edge.runtime.planning.planner import Planner, plan_path
 
 _HOMES = {
     "Method": "planning.plan",
+    "ModelFile": "model_file",
     "NetworkModel": "inference",
     "NnppEdgeError": "errors",
     "Plan": "planning.plan",
@@ -23,6 +25,7 @@ _HOMES = {
     "Source": "planning.plan",
     "Status": "errors",
     "Traversability": "costmap",
+    "list_models": "model_file",
     "plan_path": "planning.planner",
     "traversability_cost": "costmap",
     "update_cost": "costmap",
@@ -30,6 +33,7 @@ _HOMES = {
 
 __all__ = [
     "Method",
+    "ModelFile",
     "NetworkModel",
     "NnppEdgeError",
     "Plan",
@@ -38,6 +42,7 @@ __all__ = [
     "Source",
     "Status",
     "Traversability",
+    "list_models",
     "plan_path",
     "traversability_cost",
     "update_cost",

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.encoding import encode_gaussian, encode_pair
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.model_file import METADATA_KEY, ModelMetadata, model_path
+from nnpp_edge.runtime.model_file import METADATA_KEY, ModelMetadata, model_path, open_session
 
 __all__ = ["METADATA_KEY", "OUTPUT", "ModelMetadata", "NetworkModel", "model_path"]
 
@@ -41,14 +41,9 @@ class NetworkModel:
         options = ort.SessionOptions()
         options.intra_op_num_threads = threads or min(DEFAULT_THREADS, len(os.sched_getaffinity(0)))
         options.inter_op_num_threads = 1
-        options.log_severity_level = 4
         options.enable_cpu_mem_arena = True
         options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spinning else "0")
-        try:
-            self.session = ort.InferenceSession(str(self.path), options, ["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's errors share no base class
-            line = str(error).splitlines()[0]
-            raise ModelError(f"{self.path}: wanted an ONNX model, got a file that does not load: {line}") from error
+        self.session = open_session(self.path, options)
         text = self.session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
         self.metadata = ModelMetadata.from_json(text, str(self.path))
         self.owner: object = None

@@ -1,7 +1,4 @@
-"""Model files: where they are, what they say of themselves, and what was measured with them.
-
-Reading them takes nothing but Python: neither onnxruntime nor a compiled kernel is loaded.
-"""
+"""Model files: where they are, what they say of themselves, and what was measured with them."""
 
 import hashlib
 import json
@@ -109,7 +106,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class ModelFile:
-    """What a model file says of itself, without loading its network."""
+    """What a model file says of itself."""
 
     name: str
     """The file's, without its ending: what `model_path` takes if the model is shipped."""
@@ -120,10 +117,8 @@ class ModelFile:
     inputs: dict[str, tuple[int | str, ...]]
     """Shape of each; a dimension that is not fixed has its name, or ``?``."""
     outputs: dict[str, tuple[int | str, ...]]
-    opsets: dict[str, int]
-    """Version of each set of operators that the graph uses; ONNX's own is ``ai.onnx``."""
-    ir_version: int
     producer: str
+    """The program that wrote the file."""
     figures: Figures | None
     card: str | None
     """Text of the Markdown file beside it."""
@@ -134,7 +129,7 @@ class ModelFile:
         return {
             "name": self.name, "path": str(self.path), "size_bytes": self.size_bytes, "sha256": self.sha256,
             "metadata": self.metadata.facts(), "inputs": self.inputs, "outputs": self.outputs,
-            "opsets": self.opsets, "ir_version": self.ir_version, "producer": self.producer,
+            "producer": self.producer,
             "figures": figures and figures.rows, "commands": figures and figures.commands,
             "machine": figures and figures.machine,
         }  # fmt: skip
@@ -157,6 +152,27 @@ def model_path(name: str | Path) -> Path:
     raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r}")
 
 
+def open_session(path: Path, options: Any = None) -> Any:
+    """onnxruntime's session of a model file; by default one that does not prepare the network for speed.
+
+    Raises
+    ------
+    ModelError
+        The file does not load.
+    """
+    import onnxruntime as ort
+
+    if options is None:
+        options = ort.SessionOptions()
+        options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
+    options.log_severity_level = 4
+    try:
+        return ort.InferenceSession(str(path), options, ["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's errors share no base class
+        line = str(error).splitlines()[0]
+        raise ModelError(f"{path}: wanted an ONNX model, got a file that does not load: {line}") from error
+
+
 def list_models() -> list[ModelFile]:
     """The shipped models, by name."""
     return [read_model_file(path) for path in sorted(_MODELS.glob("*.onnx"), key=lambda path: path.stem)]
@@ -173,8 +189,7 @@ def read_model_file(model: str | Path = "edge") -> ModelFile:
     Raises
     ------
     ModelError
-        The file is missing, truncated or without our metadata, or its figures cannot be read. That its
-        network runs is not tried; `NetworkModel` does that.
+        The file is missing, truncated or without our metadata, or its figures cannot be read.
 
     Notes
     -----
@@ -184,20 +199,13 @@ def read_model_file(model: str | Path = "edge") -> ModelFile:
     path = model_path(model)
     content = _bytes(path)
     sha256 = hashlib.sha256(content).hexdigest()
-    try:
-        proto = _message(memoryview(content))
-        graph = _message(proto[7][-1])
-        stored = {_text(pair, 1): _text(pair, 2) for pair in map(_message, proto.get(14, ()))}
-        inputs, outputs = (dict(map(_tensor, graph.get(number, ()))) for number in (11, 12))
-        opsets = {_text(entry, 1) or "ai.onnx": int(entry[2][-1]) for entry in map(_message, proto.get(8, ()))}
-        ir_version = int(proto.get(1, [0])[-1])
-        producer = " ".join(filter(None, (_text(proto, 2), _text(proto, 3))))
-    except (ValueError, TypeError, KeyError, IndexError) as error:
-        raise ModelError(f"{path}: wanted an ONNX model, got a file that cannot be read as one") from error
+    session = open_session(path)
+    facts = session.get_modelmeta()
     return ModelFile(
         name=path.stem, path=path, size_bytes=len(content), sha256=sha256,
-        metadata=ModelMetadata.from_json(stored.get(METADATA_KEY), str(path)), inputs=inputs, outputs=outputs,
-        opsets=opsets, ir_version=ir_version, producer=producer,
+        metadata=ModelMetadata.from_json(facts.custom_metadata_map.get(METADATA_KEY), str(path)),
+        inputs={value.name: tuple(value.shape) for value in session.get_inputs()},
+        outputs={value.name: tuple(value.shape) for value in session.get_outputs()}, producer=facts.producer_name,
         figures=_figures(path.with_suffix(".json"), sha256), card=_card(path.with_suffix(".md")),
     )  # fmt: skip
 
@@ -237,61 +245,3 @@ def _figures(path: Path, sha256: str) -> Figures | None:
             raise
         raise ModelError(f"{path}: wanted figures as JSON, got a file that cannot be read: {error}") from error
     return found
-
-
-_Message = dict[int, list[Any]]
-"""A message of Google's Protocol Buffers: values by field number, numbers as int, all else as bytes."""
-
-
-def _message(data: memoryview) -> _Message:
-    """Split a message into its fields, which are neither copied nor looked into; ValueError if it is none.
-
-    The numbers of the fields of ONNX's messages are in onnx.proto.
-    """
-    found: _Message = {}
-    at = 0
-    while at < len(data):
-        key, at = _varint(data, at)
-        number, kind = key >> 3, key & 7
-        value: Any
-        if kind == 0:
-            value, at = _varint(data, at)
-        elif kind in (1, 2, 5):
-            length, at = _varint(data, at) if kind == 2 else ({1: 8, 5: 4}[kind], at)
-            value = data[at : at + length]
-            at += length
-            if at > len(data):
-                raise ValueError("a field goes beyond the end")
-        else:
-            raise ValueError(f"no field has kind {kind}")
-        found.setdefault(number, []).append(value)
-    return found
-
-
-def _varint(data: memoryview, at: int) -> tuple[int, int]:
-    """A number of seven bits a byte, lowest first; and where it ends. IndexError at the end of `data`."""
-    value = shift = 0
-    while True:
-        byte = data[at]
-        at += 1
-        value |= (byte & 127) << shift
-        if byte < 128:
-            return value, at
-        shift += 7
-        if shift > 63:
-            raise ValueError("a number is too long")
-
-
-def _text(message: _Message, number: int) -> str:
-    return str(message[number][-1], "utf-8") if number in message else ""
-
-
-def _tensor(value_info: memoryview) -> tuple[str, tuple[int | str, ...]]:
-    """Name and shape of one of the graph's inputs or outputs."""
-    value = _message(value_info)
-    shape = _message(_message(_message(value[2][-1])[1][-1])[2][-1])
-    return _text(value, 1), tuple(_dimension(entry) for entry in map(_message, shape.get(1, ())))
-
-
-def _dimension(entry: _Message) -> int | str:
-    return int(entry[1][-1]) if 1 in entry else _text(entry, 2) or "?"

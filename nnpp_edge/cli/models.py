@@ -61,7 +61,7 @@ def table(listed: "Sequence[ModelFile]") -> str:
             _span(found, "success_raw", 100.0, ".1f", " %"), _span(found, "gap_mean", 100.0, ".2f", " %"),
             _span(found, "time_ms_median", 1.0, ".2f"), found.sha256[:8],
         ])  # fmt: skip
-    lines = [render_table(_HEADER, body)]
+    lines = [render_table(_HEADER, body).strip("\n"), ""]
     if any(_own_rows(found, _SIZE) for found in listed):
         lines.append(f"First region, gap and ms are the least and the greatest of the workloads at {_SIZE}².")
     lines.append("`nnpp-edge models NAME` tells more.")
@@ -70,17 +70,12 @@ def table(listed: "Sequence[ModelFile]") -> str:
 
 def text(found: "ModelFile") -> str:
     """All that is known of one model, for people."""
-    opsets = ", ".join(f"{name} {version}" for name, version in found.opsets.items())
     head = {
         "model": found.name, "file": str(found.path), "size": f"{_megabytes(found)} MB", "sha256": found.sha256,
-        "operators": opsets, "IR version": str(found.ir_version), "producer": found.producer or "–",
-        "inputs": _shapes(found.inputs), "outputs": _shapes(found.outputs),
+        "producer": found.producer or "–", "inputs": _shapes(found.inputs), "outputs": _shapes(found.outputs),
     }  # fmt: skip
     parts = [_aligned(head), "metadata\n" + _aligned(dict(_flat(found.metadata.facts())), "  ")]
-    if found.figures is None:
-        parts.append("figures     –")
-    else:
-        parts.append(_figures(found.figures))
+    parts.append("figures     –" if found.figures is None else _figures(found.figures))
     if found.card is not None:
         parts.append(found.card.strip())
     return "\n\n".join(parts)
@@ -90,23 +85,27 @@ def _figures(figures: "Figures") -> str:
     """The rows as a table, then where they come from."""
     from nnpp_edge.cli.progress import render_table
 
-    def shown(value: Any, form: str) -> str:
-        return "–" if value is None else format(value, form)
+    def shown(value: Any, digits: int) -> str:
+        return "–" if value is None else f"{value:.{digits}f}"
+
+    def percent(value: Any, digits: int) -> str:
+        return "–" if value is None else f"{100.0 * value:.{digits}f} %"
 
     body = [
         [
             row["workload"], f"{row['size']}²", row["method"], str(row["n"]),
-            *(shown(row[key], ".1%") for key in ("success_raw", "success")),
-            *(shown(row[key], ".2%") for key in ("gap_mean", "gap_p99")),
-            *(shown(row[key], ".2f") for key in ("time_ms_median", "time_ms_p99", "speedup_median", "speedup_total")),
-            shown(row["mm_mean"], ".3f"),
+            *(percent(row[key], 1) for key in ("success_raw", "success")),
+            *(percent(row[key], 2) for key in ("gap_mean", "gap_p99")),
+            *(shown(row[key], 2) for key in ("time_ms_median", "time_ms_p99", "speedup_median", "speedup_total")),
+            shown(row["mm_mean"], 3),
         ]
         for row in figures.rows
     ]  # fmt: skip
     places = [(row["workload"], row["size"]) for row in figures.rows]
     starts = [at == 0 or place != places[at - 1] for at, place in enumerate(places)]
-    source = _aligned({"measured on": figures.machine, "by": "\n            ".join(figures.commands)})
-    return f"{render_table(_FIGURES_HEADER, body, starts).strip()}\n\n{source}"
+    told = "\n".join([f"measured on {figures.machine}, by", *(f"  {line}" for line in figures.commands)])
+    grid = render_table(_FIGURES_HEADER, body, starts).strip("\n")
+    return f"{grid}\n\n{told}"
 
 
 def _own_rows(found: "ModelFile", size: int) -> list[dict[str, Any]]:

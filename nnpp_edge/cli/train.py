@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from pathlib import Path
 
 import click
@@ -38,11 +39,13 @@ def command(
 
     Each validation searches real queries inside the predicted region. The run's folder gets checkpoint.pt,
     history.json and curves.png; the same command goes on where it stopped. Under torchrun the batch is
-    shared out over the processes.
+    shared out evenly over the processes, and the first one writes and prints.
 
     \b
     nnpp-edge train data/train --validation data/val -o runs/edge --time-limit 60
     """
+    from contextlib import nullcontext
+
     import torch
 
     from nnpp_edge.cli.progress import bar
@@ -58,7 +61,8 @@ def command(
         softness=softness, seed=seed, validate_every_s=60.0 * validate_every,
         time_limit_s=math.inf if time_limit is None else 60.0 * time_limit,
     )  # fmt: skip
-    with bar("train", 1000) as advance:
+    first = int(os.environ.get("RANK", "0")) == 0
+    with bar("train", 1000) if first else nullcontext(lambda done: None) as advance:
 
         def report(progress: Progress, loss: float, share: float) -> None:
             advance(int(1000 * share))
@@ -67,6 +71,8 @@ def command(
             PRESETS[architecture], settings, read_samples(dataset), read_samples(validation), output,
             omega=read_recipe(dataset).omega, report=report,
         )  # fmt: skip
+    if not first:
+        return
     history = json.loads((output / "history.json").read_text())
     training_curves(history, output / "curves.png")
     if as_json:

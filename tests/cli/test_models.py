@@ -1,0 +1,205 @@
+import fnmatch
+import hashlib
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.model_file import FIGURE_NAMES, FIGURES_FORMAT, list_models, read_model_file
+
+MODELS = Path(__file__).parents[2] / "nnpp_edge" / "models"
+SHIPPED = sorted(path.stem for path in MODELS.glob("*.onnx"))
+
+
+@pytest.fixture
+def model(make_tiny_model):
+    """A model of one's own, with room for a card and figures beside it."""
+    return make_tiny_model(training={"dataset": {"maps": 7}, "workloads": [["soft", 0.5]], "excluded": []})
+
+
+def figures_of(model, *methods, **changes):
+    row = {**dict.fromkeys(FIGURE_NAMES, 0.5), "workload": "soft", "size": 256, "n": 3}
+    return {
+        "format": FIGURES_FORMAT, "model_sha256": hashlib.sha256(model.read_bytes()).hexdigest(),
+        "machine": "a small board", "commands": ["nnpp-edge evaluate --json"],
+        "figures": [{**row, "method": method} for method in methods], **changes,
+    }  # fmt: skip
+
+
+def test_the_list_names_every_shipped_model(nnpp_edge):
+    ended = nnpp_edge("models")
+    assert (ended.code, ended.err) == (0, "")
+    rows = {line.split()[0]: line for line in ended.out.splitlines() if line.strip()}
+    for found in list_models():
+        m = found.metadata
+        for word in (m.precision, m.architecture, f"{found.size_bytes / 1e6:.2f}", m.encoding, found.sha256[:8]):
+            assert word in rows[found.name]
+        assert "–" in rows[found.name] or found.figures is not None
+
+
+def test_the_list_for_programs_holds_all_but_the_cards(nnpp_edge):
+    listed = json.loads(nnpp_edge("models", "--json").out)
+    assert [told["name"] for told in listed] == SHIPPED
+    for told in listed:
+        content = (MODELS / f"{told['name']}.onnx").read_bytes()
+        assert told["size_bytes"] == len(content)
+        assert told["sha256"] == hashlib.sha256(content).hexdigest()
+        assert "card" not in told
+    edge = next(told for told in listed if told["name"] == "edge")
+    assert edge["metadata"]["precision"] == "int8"
+    assert {row["method"] for row in edge["figures"]} >= {"astar", "corridor", "nnpp"}
+
+
+@pytest.mark.parametrize("path", sorted(MODELS.glob("*.json")), ids=lambda path: path.stem)
+def test_shipped_figures_were_measured_with_the_shipped_model(path, recwarn):
+    figures = read_model_file(path.stem).figures
+    assert figures is not None, "the model file is another one than its figures were measured with"
+    assert figures.commands and figures.machine
+    assert all(set(row) == set(FIGURE_NAMES) for row in figures.rows)
+    assert not recwarn.list
+
+
+def test_what_lies_beside_a_model_is_shipped():
+    pyproject = tomllib.loads((MODELS.parents[1] / "pyproject.toml").read_text())
+    patterns = pyproject["tool"]["setuptools"]["package-data"]["nnpp_edge.models"]
+    for path in MODELS.iterdir():
+        if path.suffix != ".py" and path.is_file() and not path.name.startswith("."):
+            assert any(fnmatch.fnmatch(path.name, pattern) for pattern in patterns), path
+
+
+def test_a_shipped_model_is_shown_with_its_metadata_figures_and_card(nnpp_edge):
+    ended = nnpp_edge("models", "edge")
+    assert (ended.code, ended.err) == (0, "")
+    found = read_model_file("edge")
+    facts = (found.sha256, "map (1, 32, 64, 64)", "probability (1, 4, 32, 32)", found.producer)
+    figures = (
+        "training.dataset.maps",
+        "corridor",
+        f"{found.figures.rows[-1]['size']}²",
+        found.figures.machine,
+        *found.figures.commands,
+    )
+    for word in facts + figures:
+        assert word in ended.out
+    assert (MODELS / "edge.md").read_text().strip() in ended.out
+    told = json.loads(nnpp_edge("models", "edge", "--json").out)
+    assert told["card"] == (MODELS / "edge.md").read_text()
+    assert told["figures"] == found.figures.rows
+
+
+def test_a_file_of_ones_own_is_shown_without_what_it_lacks(nnpp_edge, model):
+    ended = nnpp_edge("models", model)
+    assert (ended.code, ended.err) == (0, "")
+    lines = [line.split(maxsplit=1) for line in ended.out.splitlines()]
+    assert ["figures", "–"] in lines
+    assert ["training.workloads", "soft 0.5"] in lines
+    assert ["training.excluded", "–"] in lines
+    told = json.loads(nnpp_edge("models", model, "--json").out)
+    assert told["name"] == "changed"
+    assert told["metadata"]["name"] == "tiny"
+    assert told["figures"] is told["machine"] is told["card"] is None
+
+
+def test_card_and_figures_beside_a_file_are_read(nnpp_edge, model):
+    model.with_suffix(".md").write_text("# A card of its own\n")
+    model.with_suffix(".json").write_text(json.dumps(figures_of(model, "astar", "nnpp", "nnpp:changed")))
+    ended = nnpp_edge("models", model)
+    assert (ended.code, ended.err) == (0, "")
+    for word in ("# A card of its own", "a small board", "nnpp:changed", "50.0 %"):
+        assert word in ended.out
+
+
+def test_the_list_sums_up_the_models_own_rows(model):
+    from nnpp_edge.cli.models import table
+
+    told = figures_of(model, "astar", "corridor", "nnpp", "nnpp:changed", "nnpp:other")
+    for row, gap in zip(told["figures"], (0.0, 0.9, 0.001, 0.002, 0.8), strict=True):
+        row["gap_mean"] = gap
+    model.with_suffix(".json").write_text(json.dumps(told))
+    shown = table([read_model_file(model)])
+    assert "0.10–0.20 %" in shown
+    assert "50.0 %" in shown
+    assert "90.00 %" not in shown and "80.00 %" not in shown
+
+
+def test_figures_of_another_file_are_left_out_with_a_warning(nnpp_edge, model):
+    model.with_suffix(".json").write_text(json.dumps(figures_of(model, "nnpp", model_sha256="0" * 64)))
+    ended = nnpp_edge("models", model)
+    assert ended.code == 0
+    assert "figures     –" in ended.out
+    (warned,) = ended.err.splitlines()
+    assert warned.startswith("warning: ") and "another model file" in warned
+
+
+def test_a_json_file_of_another_kind_is_let_be(model):
+    model.with_suffix(".json").write_text('{"size_bytes": 3}')
+    assert read_model_file(model).figures is None
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        ("{", "cannot be read"),
+        ({"figures": [{"workload": "soft"}]}, "without 'size'"),
+        ({"figures": [{**dict.fromkeys(FIGURE_NAMES, 1), "workload": "soft"}]}, "method is 1"),
+        ({"figures": 3}, "cannot be read"),
+    ],
+)
+def test_broken_figures_are_refused_in_one_line(nnpp_edge, model, content, word):
+    text = content if isinstance(content, str) else json.dumps(figures_of(model, "nnpp", **content))
+    model.with_suffix(".json").write_text(text)
+    nnpp_edge("models", model).refused("changed.json", "wanted figures", word)
+
+
+@pytest.mark.parametrize("content", [b"", b"no model at all", b"\xff" * 40, b"\x3a\x02\x5a\x05", "half"])
+def test_a_broken_file_is_refused_in_one_line(nnpp_edge, model, content):
+    whole = model.read_bytes()
+    model.write_bytes(whole[: len(whole) // 2] if content == "half" else content)
+    nnpp_edge("models", model).refused("changed.onnx", "wanted an ONNX model")
+
+
+@pytest.mark.parametrize("share", range(1, 40))
+def test_a_file_cut_anywhere_is_refused(tiny_model, tmp_path, share):
+    whole = tiny_model.read_bytes()
+    path = tmp_path / "cut.onnx"
+    path.write_bytes(whole[: len(whole) * share // 40])
+    with pytest.raises(ModelError):
+        read_model_file(path)
+
+
+@pytest.mark.parametrize("changes", [{"input_size": "64"}, {"encoding": ["pair"]}, {"sigma": None}])
+def test_metadata_of_wrong_kinds_is_refused_in_one_line(nnpp_edge, make_tiny_model, changes):
+    nnpp_edge("models", make_tiny_model(**changes)).refused("metadata cannot be read")
+
+
+def test_an_unknown_name_or_a_folder_is_refused(nnpp_edge, tmp_path):
+    nnpp_edge("models", "nosuch").refused(", ".join(SHIPPED), "'nosuch'")
+    nnpp_edge("models", tmp_path).refused("wanted a model file")
+
+
+def test_a_dimension_that_is_not_fixed_has_its_name(model):
+    import onnx
+
+    changed = onnx.load(model)
+    changed.graph.input[0].type.tensor_type.shape.dim[0].dim_param = "batch"
+    onnx.save(changed, model)
+    assert read_model_file(model).inputs["map"][0] == "batch"
+
+
+@pytest.mark.parametrize("words", [["models", "--json"], ["models", "edge"], ["models", "--help"]])
+def test_models_are_shown_without_heavy_imports(words):
+    code = (
+        "import sys\n"
+        "from click.testing import CliRunner\n"
+        "from nnpp_edge.cli.main import cli\n"
+        f"assert CliRunner().invoke(cli, {words!r}).exit_code == 0\n"
+        "heavy = {'numba', 'onnx', 'torch', 'cv2', 'rasterio', 'matplotlib'}\n"
+        "print(sorted(heavy & set(sys.modules)))\n"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.strip() == "[]"
