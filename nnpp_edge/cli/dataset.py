@@ -37,13 +37,15 @@ class Part(click.ParamType):
 @click.option("--shard", "part", type=Part(), default="1/1", show_default=True,
               help="Make every N-th shard from the K-th on; the union is the whole set.")  # fmt: skip
 @click.option("--workers", type=click.IntRange(1), help="Processes; by default one a core.")
+@click.option("--scheduler", metavar="ADDRESS",
+              help="Of a Dask scheduler, such as tcp://10.0.0.5:8786: its workers make the shards.")  # fmt: skip
 @click.option("--picture", type=options.NEW_FILE, help="Sheet of random samples; by default DIR/samples.png.")
 @options.seed
 @options.as_json
 def command(
     terrain: tuple[Path, ...], output: Path, maps: int, size: int, points: int, synthetic_share: float,
-    obstacle_share: float, part: tuple[int, int], workers: int | None, picture: Path | None, seed: int,
-    as_json: bool,
+    obstacle_share: float, part: tuple[int, int], workers: int | None, scheduler: str | None,
+    picture: Path | None, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Make a training set from TERRAIN files (without any: from synthetic terrain alone).
 
@@ -53,8 +55,14 @@ def command(
     \b
     nnpp-edge dataset train/*.tif -o data/train --maps 9216
     """
+    if workers and scheduler:
+        raise click.UsageError("--workers counts processes on this machine; leave it out with --scheduler")
+    from functools import partial
+
     from nnpp_edge.cli.progress import bar
-    from nnpp_edge.terrain.dataset import Recipe, make_dataset, read_samples
+    from nnpp_edge.terrain.cluster import shards_on_cluster
+    from nnpp_edge.terrain.dataset import make_dataset, read_samples
+    from nnpp_edge.terrain.shards import Recipe
     from nnpp_edge.viz.figures import sample_sheet
 
     recipe = Recipe(
@@ -62,7 +70,11 @@ def command(
         points_per_map=points, synthetic_share=synthetic_share, obstacle_share=obstacle_share,
     )  # fmt: skip
     with bar("shards", recipe.shards) as advance:
-        counts = make_dataset(recipe, output, workers=workers, part=part, progress=lambda done, total: advance(done))
+        counts = make_dataset(
+            recipe, output, workers=workers, part=part,
+            make=partial(shards_on_cluster, scheduler) if scheduler else None,
+            progress=lambda done, total: advance(done),
+        )  # fmt: skip
     picture = picture or output / "samples.png"
     if counts["shards"]:
         sample_sheet(read_samples(output, most_maps=256), picture, seed=seed)

@@ -1,12 +1,11 @@
 """Making, storing and reading a training set. The format is described in docs/dataset.md."""
 
-import io
 import json
-import math
 import multiprocessing
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,54 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.files import make_folder, write_whole
-from nnpp_edge.runtime.costmap import traversability_cost
-from nnpp_edge.runtime.encoding import Frame, map_planes
 from nnpp_edge.runtime.errors import DataSetError
-from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepModel
-from nnpp_edge.terrain.dem import Dem, read_dem
-from nnpp_edge.terrain.labels import label_queries, random_points
-from nnpp_edge.terrain.synthetic import synthetic_terrain
-from nnpp_edge.terrain.workloads import workload
+from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.shards import Recipe, read_terrain, shard_content
 
 FORMAT = "nnpp-edge-dataset-1"
 
-
-@dataclass(frozen=True)
-class Recipe:
-    """All that decides what a data set holds. The same recipe makes the same shards on any machine."""
-
-    terrain: tuple[str, ...]
-    """Elevation files; without any, all terrain is synthetic."""
-    maps: int = 4096
-    seed: int = 1
-    size: int = 256
-    """Side of the network's input, in cells."""
-    blocks: int = 64
-    """The labels' excess is given on blocks × blocks."""
-    points_per_map: int = 4
-    """Queries are all pairs of these."""
-    maps_per_shard: int = 64
-    synthetic_share: float = 0.25
-    obstacle_share: float = 0.3
-    """Share of maps with rectangles of cost 1."""
-    margin_share: float = 0.15
-    """Share of maps of which part is left outside, as maps that are not square are seen."""
-    workloads: tuple[tuple[str, float], ...] = (
-        ("soft", 0.45), ("limit25", 0.05), ("limit20", 0.2), ("limit15", 0.2), ("limit12", 0.1),
-    )  # fmt: skip
-    """Name and share."""
-    cell_sizes_m: tuple[float, ...] = (20.0, 10.0, 5.0, 2.0, 1.0)
-    """The terrain is taken as self-similar and rescaled to one of these."""
-    poolings: tuple[tuple[int, float], ...] = ((1, 0.6), (2, 0.32), (4, 0.08))
-    """How many map cells to an input cell's side, and the share of maps: large maps are seen averaged."""
-    least_distance: float = 0.125
-    """Between start and goal, as a share of the map's side."""
-    omega: float = PAPER_OMEGA
-
-    @property
-    def shards(self) -> int:
-        """Number of files."""
-        return math.ceil(self.maps / self.maps_per_shard)
+Shards = Generator[tuple[int, bytes], None, None]
+"""Numbers and contents of shards, in the order in which they are done."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +56,7 @@ def make_dataset(
     *,
     workers: int | None = None,
     part: tuple[int, int] = (1, 1),
+    make: Callable[[Recipe, Sequence[int]], Shards] | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, Any]:
     """Write what is missing of a data set.
@@ -108,9 +68,12 @@ def make_dataset(
     folder : Path
         Made if need be. A folder with another recipe is refused; shards that are there are kept.
     workers : int
-        Processes; by default one a core.
+        Processes on this machine; by default one a core.
     part : (k, n)
         Make only every n-th shard, from the k-th on; the union over k = 1…n is the whole set.
+    make : callable, optional
+        Makes shards elsewhere (`nnpp_edge.terrain.cluster`): from the recipe and the numbers of the missing
+        shards, yields each one's number and content as it is done. By default processes on this machine do.
     progress : callable
         Told how many shards of how many are done.
 
@@ -118,6 +81,15 @@ def make_dataset(
     -------
     dict
         Counts of shards, maps and queries in the folder.
+
+    Raises
+    ------
+    DataSetError
+        The folder holds another recipe, `part` makes no sense, or a terrain file is too small.
+    TerrainError
+        A terrain file cannot be read.
+    OutputError
+        The folder cannot be written to.
     """
     k, n = part
     if not 1 <= k <= n:
@@ -127,13 +99,11 @@ def make_dataset(
     wanted = [i for i in range(recipe.shards) if i % n == k - 1]
     missing = [i for i in wanted if not _shard_path(folder, i).exists()]
     progress(len(wanted) - len(missing), len(wanted))
-    context = multiprocessing.get_context("spawn")
-    workers = workers or len(os.sched_getaffinity(0))
-    with ProcessPoolExecutor(workers, context, _start_worker, (recipe,)) as pool:
-        jobs = [pool.submit(_write_shard, i, folder) for i in missing]
-        for done, job in enumerate(as_completed(jobs), 1):
-            job.result()
-            progress(len(wanted) - len(missing) + done, len(wanted))
+    made = make(recipe, missing) if make else _shards_here(recipe, missing, workers)
+    with closing(made):
+        for done, (index, content) in enumerate(made, len(wanted) - len(missing) + 1):
+            write_whole(_shard_path(folder, index), content)
+            progress(done, len(wanted))
     return describe(folder)
 
 
@@ -199,99 +169,22 @@ _recipe: Recipe
 _tiles: list[Dem]
 
 
+def _shards_here(recipe: Recipe, indices: Sequence[int], workers: int | None) -> Shards:
+    """Number and content of each shard as it is done, by processes on this machine."""
+    context = multiprocessing.get_context("spawn")
+    workers = workers or len(os.sched_getaffinity(0))
+    with ProcessPoolExecutor(workers, context, _start_worker, (recipe,)) as pool:
+        try:
+            for job in as_completed([pool.submit(_make_here, i) for i in indices]):
+                yield job.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
 def _start_worker(recipe: Recipe) -> None:
     global _recipe, _tiles
-    _recipe, _tiles = recipe, [read_dem(Path(name)) for name in recipe.terrain]
+    _recipe, _tiles = recipe, read_terrain(recipe)
 
 
-def _write_shard(index: int, folder: Path) -> None:
-    maps = min(_recipe.maps_per_shard, _recipe.maps - index * _recipe.maps_per_shard)
-    arrays = make_shard(_recipe, _tiles, np.random.default_rng([_recipe.seed, index]), maps)
-    content = io.BytesIO()
-    np.savez(content, **arrays)
-    write_whole(_shard_path(folder, index), content.getbuffer())
-
-
-def make_shard(recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, maps: int) -> dict[str, Any]:
-    """The arrays of one shard: those of `Samples`, and for each map its workload and its pooling."""
-    planes: list[Any] = []
-    names, poolings = [], []
-    index, start, goal, excess, on_path = [], [], [], [], []
-    while len(planes) < maps:
-        name = str(_pick(rng, recipe.workloads))
-        pooling = int(_pick(rng, recipe.poolings))
-        cost = _random_cost(recipe, tiles, rng, name, recipe.size * pooling)
-        points = random_points(rng, cost, recipe.points_per_map)
-        least = recipe.least_distance * cost.shape[0]
-        labelled = label_queries(cost, points, least, recipe.blocks, recipe.omega)
-        if not labelled:
-            continue
-        grid = Grid.of(cost, StepModel.of("paper", recipe.omega))
-        seen = np.empty((2, recipe.size, recipe.size), np.float32)
-        frame = Frame(cost.shape[0], cost.shape[1], recipe.size)
-        map_planes(grid.weights, grid.stride, frame, *grid.as_traversability(), seen)
-        for (a, b), _, path, block_excess in labelled:
-            crossed = np.zeros((recipe.blocks, recipe.blocks), bool)
-            crossed[tuple((path * recipe.blocks // cost.shape[0]).T)] = True
-            index.append(len(planes))
-            start.append(frame.place(a))
-            goal.append(frame.place(b))
-            excess.append(block_excess)
-            on_path.append(np.packbits(crossed, axis=-1))
-        planes.append(np.rint(seen * 255.0).astype(np.uint8))
-        names.append(name)
-        poolings.append(pooling)
-    return {
-        "planes": np.stack(planes),
-        "workload": np.array(names),
-        "pooling": np.array(poolings, np.int32),
-        "map_index": np.array(index, np.int32),
-        "start": np.array(start, np.float32),
-        "goal": np.array(goal, np.float32),
-        "excess": np.stack(excess),
-        "on_path": np.stack(on_path),
-    }
-
-
-def _pick(rng: np.random.Generator, shares: Sequence[tuple[Any, float]]) -> Any:
-    weights = np.array([share for _, share in shares])
-    return shares[rng.choice(len(shares), p=weights / weights.sum())][0]
-
-
-def _random_cost(
-    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, name: str, side: int
-) -> NDArray[np.float32]:
-    """A square cost map of some terrain, with obstacles and a margin on a share of the maps."""
-    cell_size_m = float(rng.choice(recipe.cell_sizes_m))
-    if not tiles or rng.random() < recipe.synthetic_share:
-        dem = synthetic_terrain(rng, side, cell_size_m)
-    else:
-        dem = _random_crop(tiles, rng, side, cell_size_m)
-    cost = traversability_cost(dem, cell_size_m, workload(name), warn=False)
-    if rng.random() < recipe.obstacle_share:
-        for _ in range(rng.integers(1, 9)):
-            rows, cols = np.exp(rng.uniform(np.log(max(side / 64, 1.0)), np.log(side / 3), 2)).astype(int)
-            row, col = rng.integers(-rows // 2, side - rows // 2), rng.integers(-cols // 2, side - cols // 2)
-            cost[max(row, 0) : row + rows, max(col, 0) : col + cols] = np.inf
-    if rng.random() < recipe.margin_share:
-        kept = int(side * rng.uniform(0.25, 0.95))
-        cost[kept:] = np.inf
-    return cost
-
-
-def _random_crop(
-    tiles: Sequence[Dem], rng: np.random.Generator, side: int, cell_size_m: float
-) -> NDArray[np.float32]:
-    """Part of a random tile, averaged where the tile allows it, rescaled with its slopes kept."""
-    areas = np.array([dem.elevation.size for dem in tiles], np.float64)
-    dem = tiles[int(rng.choice(len(tiles), p=areas / areas.sum()))]
-    fits = [f for f in (1, 2, 4) if side * f <= min(dem.elevation.shape)]
-    if not fits:
-        raise DataSetError(
-            f"{dem.source}: wanted at least {side} cells on the shorter side, got {dem.elevation.shape}"
-        )
-    factor = int(rng.choice(fits))
-    row, col = (int(rng.integers(0, n - side * factor + 1)) for n in dem.elevation.shape)
-    crop = dem.elevation[row : row + side * factor, col : col + side * factor]
-    crop = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
-    return crop * np.float32(cell_size_m / (dem.cell_size_m * factor))
+def _make_here(index: int) -> tuple[int, bytes]:
+    return index, shard_content(_recipe, _tiles, index)

@@ -31,7 +31,8 @@ class Batches:
     softness : float
         Excess at which a ``near`` target has fallen to 1/e.
     seed, rank, world : int
-        Every process draws the same order and takes every `world`-th query.
+        Every process draws the same order, symmetries and swaps, and takes every `world`-th query. So together
+        they see the same samples as one process would with a batch of `batch` × `world`.
     """
 
     def __init__(
@@ -62,8 +63,11 @@ class Batches:
         step = self.batch * self.world
 
         def make(at: int) -> Batch:
-            rng = np.random.default_rng([self.seed, number, at, self.rank])
-            return self._make(order[at * step + self.rank : (at + 1) * step : self.world], rng)
+            rng = np.random.default_rng([self.seed, number, at])
+            swapped = [rng.random() >= 0.5 for _ in range(step)]
+            turns = [(int(rng.integers(4)), bool(rng.integers(2))) for _ in range(step)]
+            ours = slice(self.rank, step, self.world)
+            return self._make(order[at * step : (at + 1) * step][ours], swapped[ours], turns[ours])
 
         with ThreadPoolExecutor(2) as pool:
             ahead = [pool.submit(make, at) for at in range(skip, min(skip + 3, len(self)))]
@@ -72,18 +76,18 @@ class Batches:
                 if at + 3 < len(self):
                     ahead.append(pool.submit(make, at + 3))
 
-    def _make(self, queries: NDArray[np.int64], rng: np.random.Generator) -> Batch:
-        s, n = self.samples, len(queries)
+    def _make(self, queries: NDArray[np.int64], swapped: list[bool], turns: list[tuple[int, bool]]) -> Batch:
+        """The batch of `queries`; those `swapped` go from goal to start, and each is turned and mirrored."""
+        s = self.samples
         targets = self._targets(queries)
         planes = s.planes[s.map_index[queries]]
         encoded = []
-        for i, query in enumerate(queries):
+        for query, swap in zip(queries, swapped, strict=True):
             ends = (s.start[query], s.goal[query])
-            a, b = ends if rng.random() < 0.5 else ends[::-1]
+            a, b = ends[::-1] if swap else ends
             encoded.append(encode(self.spec, a, b))
         turned: Batch = (planes, np.stack(encoded), targets)
-        for i in range(n):  # one of the square's eight symmetries
-            quarter_turns, mirrored = int(rng.integers(4)), bool(rng.integers(2))
+        for i, (quarter_turns, mirrored) in enumerate(turns):  # one of the square's eight symmetries
             for array in turned:
                 one = np.rot90(array[i], quarter_turns, axes=(-2, -1))
                 array[i] = one[..., ::-1] if mirrored else one

@@ -18,7 +18,7 @@ from torch import distributed as dist
 
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.model.registry import Network, Spec
-from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.validation import Judgement, Validator
@@ -88,12 +88,26 @@ def train(
     Path
         Of the checkpoint.
 
+    Raises
+    ------
+    InvalidQueryError
+        The batch cannot be shared out evenly over the processes.
+    ModelError
+        The folder's checkpoint is of another spec, or none of ours.
+    DataSetError
+        The training set does not fit the spec, or is smaller than a batch.
+
     Notes
     -----
     Under ``torchrun`` each process takes its share of every batch and gradients are averaged; only the first
-    validates and writes. On CUDA the network runs in bfloat16.
+    validates and writes, and the history's loss is the mean over all. The samples, their order and their
+    symmetries are those of one process, so the curves differ by rounding and by batch norm alone: each process
+    normalises its share by the share's own mean and variance, and the running statistics are the first
+    process's. On CUDA the network runs in bfloat16.
     """
     rank, world, device = _join_processes()
+    if settings.batch % world:
+        raise InvalidQueryError(f"batch must be a multiple of the {world} processes, got {settings.batch}")
     torch.manual_seed(settings.seed)
     network = Network(spec).to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
     average = Network(spec).to(device)
@@ -123,11 +137,12 @@ def train(
         return max(progress.step / total, progress.spent_s / settings.time_limit_s)
 
     def stand() -> None:
-        """Validate what was learned since the last time, and save (the first process alone)."""
+        """Validate what was learned since the last time, and save (all processes; the first does the work)."""
+        loss = _mean(float(np.mean(losses)), world, device) if losses else None
         if validator is not None:
-            if losses:
+            if loss is not None:
                 _copy_buffers(network, average)
-                progress.history.append(_row(progress, losses, validator.judge(average)))
+                progress.history.append(_row(progress, loss, validator.judge(average)))
             _save(path, spec, settings, network, average, optimiser, progress)
         losses.clear()
 
@@ -196,6 +211,15 @@ def _agree(seconds: float, world: int, device: torch.device) -> float:
     return float(shared.item())
 
 
+def _mean(value: float, world: int, device: torch.device) -> float:
+    """Mean over the processes."""
+    if world == 1:
+        return value
+    shared = torch.tensor([value], dtype=torch.float64, device=device)
+    dist.all_reduce(shared)
+    return float(shared.item()) / world
+
+
 def _rate(settings: TrainSettings, step: int, share: float) -> float:
     """Linear warm-up, then half a cosine down to a hundredth."""
     warm = min(1.0, (step + 1) / settings.warmup_steps)
@@ -239,10 +263,10 @@ def _copy_buffers(network: Network, average: Network) -> None:
         ours.copy_(theirs)
 
 
-def _row(progress: Progress, losses: list[float], judgements: list[Judgement]) -> dict[str, float]:
+def _row(progress: Progress, loss: float, judgements: list[Judgement]) -> dict[str, float]:
     row: dict[str, float] = {
         "step": progress.step, "epoch": progress.epoch, "spent_s": round(progress.spent_s, 1),
-        "loss": float(np.mean(losses)),
+        "loss": loss,
     }  # fmt: skip
     for j in judgements:
         row |= {f"{name}@{j.factor:g}": value for name, value in asdict(j).items() if name != "factor"}

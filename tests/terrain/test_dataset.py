@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
-from nnpp_edge.terrain.dataset import Recipe, make_dataset, make_shard, read_recipe, read_samples
+from nnpp_edge.terrain.dataset import make_dataset, read_recipe, read_samples
 from nnpp_edge.terrain.labels import EXCESS_STEP, label_queries
+from nnpp_edge.terrain.shards import Recipe, make_shard
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import workload
 from tests import oracles

@@ -1,0 +1,121 @@
+"""Making the shards of a data set on a Dask cluster; dask and distributed are imported only for that."""
+
+import logging
+import zlib
+from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from typing import Any
+
+from nnpp_edge import __version__
+from nnpp_edge.runtime.errors import MissingExtraError, NnppEdgeError
+from nnpp_edge.terrain.dataset import Shards
+from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.shards import Recipe, read_terrain, shard_content
+
+WORKER_WAIT_S = 60.0
+"""How long to wait for the cluster's first worker."""
+
+
+class ClusterError(NnppEdgeError, ConnectionError):
+    """A Dask cluster that cannot be reached, or whose workers cannot make a data set."""
+
+
+def shards_on_cluster(address: str, recipe: Recipe, indices: Sequence[int]) -> Shards:
+    """Make shards on the workers of a Dask cluster, and bring them here.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, such as ``tcp://10.0.0.5:8786``. TLS and timeouts are as Dask's configuration says.
+    recipe : Recipe
+        What to make. Its terrain files are read here; the workers need no file system shared with this machine.
+    indices : sequence of int
+        Numbers of the wanted shards. Without any, no connection is made.
+
+    Yields
+    ------
+    (int, bytes)
+        A shard's number and its file's content, in the order in which they are done.
+
+    Raises
+    ------
+    ClusterError
+        The address makes no sense, no scheduler answers there, no worker came within `WORKER_WAIT_S`, the
+        scheduler was lost, workers died under the same shard several times (Dask's `allowed-failures`), or
+        the workers have another version of nnpp-edge.
+    MissingExtraError
+        distributed is not installed.
+    TerrainError, DataSetError
+        As for shards made here.
+
+    Notes
+    -----
+    The elevation arrays are an argument of one task, on which all shards depend: they leave this machine once,
+    workers pass them on to one another, and if every worker that has them dies, the scheduler hands them out
+    again. It keeps them in memory meanwhile, and they are no scattered data because those would be lost then.
+    Shards travel compressed.
+    """
+    if not indices:
+        return
+    dask, distributed = _dask()
+    tiles = read_terrain(recipe)
+    with (
+        _one_line_error(address, distributed),
+        dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}),
+        distributed.Client(address, set_as_default=False) as client,
+    ):
+        terrain = client.submit(_receive, tiles, pure=False)
+        jobs = {client.submit(_make, __version__, recipe, terrain, i, pure=False): i for i in indices}
+        try:
+            client.wait_for_workers(1, timeout=WORKER_WAIT_S)
+        except TimeoutError as error:
+            got = f"none within {WORKER_WAIT_S:g} s (one that lacks nnpp-edge leaves at once, as its log tells)"
+            raise ClusterError(f"wanted a Dask scheduler with workers at {address!r}, got {got}") from error
+        for job in distributed.as_completed(list(jobs), loop=client.loop):
+            content = zlib.decompress(job.result())
+            yield jobs.pop(job), content
+
+
+def _receive(tiles: list[Dem]) -> list[Dem]:
+    """Put the terrain into a worker's memory."""
+    return tiles
+
+
+def _make(version: str, recipe: Recipe, tiles: list[Dem], index: int) -> bytes:
+    """One shard's file, compressed; refused on a worker of another version, which might draw other samples."""
+    if version != __version__:
+        raise ClusterError(f"wanted workers with nnpp-edge {version}, got one with {__version__}")
+    return zlib.compress(shard_content(recipe, tiles, index), 1)
+
+
+def _dask() -> tuple[Any, Any]:
+    """The modules dask and distributed, or the error that says how to get them."""
+    try:
+        import dask
+        import distributed
+    except ImportError as error:
+        raise MissingExtraError("a Dask cluster needs distributed: pip install 'nnpp-edge[cluster]'") from error
+    return dask, distributed
+
+
+@contextmanager
+def _one_line_error(address: str, distributed: Any) -> Iterator[None]:
+    """Turn what Dask raises into a ClusterError of one line, and keep its client from logging the same at length."""
+    log = logging.getLogger("distributed.client")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    except NnppEdgeError:
+        raise
+    except distributed.KilledWorker as error:
+        reason = f"{error.allowed_failures + 1} of the workers died under the same shard; their logs tell why"
+        raise ClusterError(f"{address}: {reason}") from error
+    except CancelledError as error:
+        raise ClusterError(f"{address}: the connection to the scheduler was lost") from error
+    except Exception as error:  # Dask's errors have no base class of their own
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ClusterError(f"wanted a Dask scheduler with workers at {address!r}, got: {reason}") from error
+    finally:
+        log.setLevel(level)
