@@ -26,7 +26,7 @@ from nnpp_edge.calibrate.compare import (
 from nnpp_edge.calibrate.quantizer import METHODS, Quantizer, with_facts
 from nnpp_edge.calibrate.sensitivity import exclude_worst, node_errors
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.terrain.dataset import Samples, read_recipe, read_samples
 
@@ -189,11 +189,8 @@ def quantize(
 
 def _queries(dataset: Path, validation: Path | None, count: int, seed: int, size: int) -> tuple[Samples, Samples]:
     """Queries to calibrate on and queries to judge on, from different maps."""
-    pool = read_samples(dataset, most_maps=2 * count)
-    calibration, held_out = (pool, read_samples(validation)) if validation else split(pool, seed)
-    for samples in (calibration, held_out):
-        if samples.planes.shape[-1] != size:
-            raise DataSetError(f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}")
+    pool = read_samples(dataset, most_maps=2 * count, size=size)
+    calibration, held_out = (pool, read_samples(validation, size=size)) if validation else split(pool, seed)
     return spread(calibration, count, seed), held_out
 
 

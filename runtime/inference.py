@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,19 @@ __all__ = ["METADATA_KEY", "OUTPUT", "ModelMetadata", "NetworkModel", "model_pat
 
 OUTPUT = "probability"
 DEFAULT_THREADS = 2
+_SIZE_FOR_TWO = 256
+"""Input from which on two threads are faster than one."""
+
+
+def _options(threads: int, spinning: bool) -> Any:
+    import onnxruntime as ort
+
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.enable_cpu_mem_arena = True
+    options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spinning else "0")
+    return options
 
 
 class NetworkModel:
@@ -24,7 +38,8 @@ class NetworkModel:
     model : str or Path
         Name of a shipped model, or an ONNX file with our metadata.
     threads : int
-        Of onnxruntime; by default two, or one where the process may use one core only.
+        Of onnxruntime; by default two for inputs of 256 and more (one where the process may use one core only),
+        and one for smaller ones, which two threads do not make faster.
     spinning : bool
         Whether onnxruntime's threads spin after a run. They would take the cores from the search.
 
@@ -35,17 +50,13 @@ class NetworkModel:
     """
 
     def __init__(self, model: str | Path = "edge", *, threads: int | None = None, spinning: bool = False) -> None:
-        import onnxruntime as ort
-
         self.path = model_path(model)
-        options = ort.SessionOptions()
-        options.intra_op_num_threads = threads or min(DEFAULT_THREADS, len(os.sched_getaffinity(0)))
-        options.inter_op_num_threads = 1
-        options.enable_cpu_mem_arena = True
-        options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spinning else "0")
-        self.session = open_session(self.path, options)
+        cores = min(DEFAULT_THREADS, len(os.sched_getaffinity(0)))
+        self.session = open_session(self.path, _options(threads or cores, spinning))
         text = self.session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
         self.metadata = ModelMetadata.from_json(text, str(self.path))
+        if threads is None and cores > 1 and self.metadata.input_size < _SIZE_FOR_TWO:
+            self.session = open_session(self.path, _options(1, spinning))
         self.owner: object = None
         """Whose map was taken over last; for planners that share a model."""
         self._bind()

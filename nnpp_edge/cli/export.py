@@ -37,8 +37,8 @@ def command(
     from nnpp_edge.training.train import load_checkpoint
 
     recipe = read_recipe(dataset) if dataset else None
-    samples = read_samples(dataset, most_maps=64) if dataset else None
     network, saved = load_checkpoint(checkpoint)
+    samples = read_samples(dataset, most_maps=64, size=network.spec.input_size) if dataset else None
     report = export_network(
         network, output, name=name or output.stem, region_factor=region_factor, opset=opset,
         omega=recipe.omega if recipe else PAPER_OMEGA,

@@ -67,8 +67,10 @@ def command(
         def report(progress: Progress, loss: float, share: float) -> None:
             advance(int(1000 * share))
 
+        spec = PRESETS[architecture]
+        samples, held_out = (read_samples(folder, size=spec.input_size) for folder in (dataset, validation))
         checkpoint = train(
-            PRESETS[architecture], settings, read_samples(dataset), read_samples(validation), output,
+            spec, settings, samples, held_out, output,
             omega=read_recipe(dataset).omega, report=report,
         )  # fmt: skip
     if not first:

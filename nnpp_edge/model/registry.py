@@ -49,8 +49,8 @@ PRESETS = {
     "nnpp": Spec("nnpp", options={"width": 64}),
     "nnpp-stdc2": Spec("nnpp", options={"width": 64, "depth": [4, 5, 3]}),
 }
-"""``edge-128`` sees the map at half ``edge``'s resolution; ``nnpp`` is the paper's network at full width, ``nnpp-w16``
-the same at a quarter of it."""
+"""``edge-128`` sees the map at half ``edge``'s resolution; ``nnpp`` is the paper's network at full width and
+``nnpp-w16`` the same at a quarter of it."""
 
 
 class Network(nn.Module):

@@ -129,21 +129,49 @@ def read_recipe(folder: Path) -> Recipe:
         raise DataSetError(f"{folder}: wanted a data set's folder with dataset.json, got {error}") from error
 
 
-def read_samples(folder: Path, most_maps: int | None = None) -> Samples:
-    """All samples of a data set (or of its first shards, up to `most_maps`)."""
-    read_recipe(folder)
+def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None = None) -> Samples:
+    """All samples of a data set (or of its first shards, up to `most_maps`).
+
+    Parameters
+    ----------
+    folder : Path
+        Of the data set.
+    most_maps : int
+        Read shards until there are so many maps.
+    size : int
+        Side of the network's input; maps that are larger by a whole factor are averaged down to it.
+
+    Raises
+    ------
+    DataSetError
+        It cannot be read, or has no maps of that size.
+    """
+    stored = read_recipe(folder).size
+    factor = stored // (size or stored)
+    if factor * (size or stored) != stored:
+        raise DataSetError(f"{folder}: wanted maps of {size} cells a side or a multiple of that, got {stored}")
     parts: list[dict[str, NDArray[Any]]] = []
     maps = 0
     for path in sorted(folder.glob("shard-*.npz")):
         if most_maps is not None and maps >= most_maps:
             break
         with np.load(path) as shard:
-            parts.append({name: shard[name] for name in Samples.__dataclass_fields__})
-        parts[-1]["map_index"] = parts[-1]["map_index"] + maps
-        maps += len(parts[-1]["planes"])
+            part = {name: shard[name] for name in Samples.__dataclass_fields__}
+        part["map_index"] = part["map_index"] + maps
+        maps += len(part["planes"])
+        parts.append(part if factor == 1 else _averaged(part, factor))
     if not parts:
         raise DataSetError(f"{folder}: wanted at least one shard, got none")
     return Samples(**{name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
+
+
+def _averaged(part: dict[str, NDArray[Any]], factor: int) -> dict[str, NDArray[Any]]:
+    """A shard's samples with maps smaller by a whole factor; the labels' blocks stay what they are."""
+    count, planes, side, _ = part["planes"].shape
+    small = side // factor
+    cells = part["planes"].reshape(count, planes, small, factor, small, factor)
+    ends = {name: (part[name] + np.float32(0.5)) / factor - np.float32(0.5) for name in ("start", "goal")}
+    return part | ends | {"planes": np.rint(cells.mean(axis=(3, 5), dtype=np.float32)).astype(np.uint8)}
 
 
 def _tuples(value: Any) -> Any:

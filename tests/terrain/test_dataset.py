@@ -52,6 +52,19 @@ def test_another_recipe_is_refused(tmp_path):
         read_samples(tmp_path / "nowhere")
 
 
+def test_samples_are_averaged_down_to_a_smaller_network(tmp_path):
+    make_dataset(RECIPE, tmp_path, workers=1)
+    whole, half = read_samples(tmp_path), read_samples(tmp_path, size=RECIPE.size // 2)
+    side = RECIPE.size // 2
+    assert half.planes.shape == (len(whole.planes), 2, side, side)
+    wanted = whole.planes[3, :, 4:6, 6:8].mean(axis=(1, 2))
+    np.testing.assert_allclose(half.planes[3, :, 2, 3], wanted, atol=0.51)
+    np.testing.assert_allclose(half.start, (whole.start - 0.5) / 2)
+    np.testing.assert_array_equal(half.excess, whole.excess)
+    with pytest.raises(DataSetError, match="a multiple of that"):
+        read_samples(tmp_path, size=RECIPE.size - 1)
+
+
 def test_labels_are_the_optimum_and_the_excess_of_every_block():
     rng = np.random.default_rng(0)
     cost = rng.random((16, 16)).astype(np.float32)

@@ -169,6 +169,7 @@ def test_a_batch_that_cannot_be_shared_out_is_refused(data, tmp_path, monkeypatc
 
 def test_only_the_first_process_prints_and_draws(nnpp_edge, data, tmp_path, monkeypatch):
     monkeypatch.setattr(training, "train", lambda *_, **__: tmp_path / "checkpoint.pt")
+    monkeypatch.setattr("nnpp_edge.terrain.dataset.read_samples", lambda *_, **__: None)
     (tmp_path / "history.json").write_text('[{"step": 1, "spent_s": 1.0, "loss": 0.5}]')
     words = ("train", data, "--validation", data, "-o", tmp_path, "--json")
     monkeypatch.setenv("RANK", "1")
