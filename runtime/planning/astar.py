@@ -184,11 +184,14 @@ def astar(
     expansions, refused = int(ws.counts[EXPANSIONS]), float(ws.reals[REFUSED])
     if code == EXHAUSTED:
         return Search(Status.NO_PATH, np.empty((0, 2), np.int32), expansions, refused)
-    if length > len(ws.path) or code == FULL:
-        ws.path = np.empty((max(length, len(ws.path)), 2), np.int32)
-        length = trace(ws.meta, last if code == FOUND else int(ws.counts[BEST_NODE]), grid.stride, ws.path)
+    end = last if code == FOUND else int(ws.counts[BEST_NODE])
+    if code == FULL:  # out of time just when the open list had to grow
+        length = trace(ws.meta, end, grid.stride, ws.path)
+    if length > len(ws.path):
+        ws.path = np.empty((length, 2), np.int32)
+        trace(ws.meta, end, grid.stride, ws.path)
     status = Status.OK if code == FOUND else Status.TIMEOUT
-    return Search(status, ws.path[length - 1 :: -1].copy() if length else ws.path[:0].copy(), expansions, refused)
+    return Search(status, ws.path[length - 1 :: -1].copy(), expansions, refused)
 
 
 def settle_all(

@@ -143,6 +143,23 @@ def test_the_open_list_grows_when_it_must():
     assert len(small.entries) > 32
 
 
+def test_a_path_longer_than_the_room_for_it_is_whole():
+    cost = np.full((41, 41), 0.1, np.float32)
+    cost[1::4, :-1] = np.inf
+    cost[3::4, 1:] = np.inf
+    grid, workspace = set_up(cost)
+    before = astar(grid, (0, 0), (40, 40), workspace)
+    assert len(before.path) > 700
+    workspace.path = np.empty((16, 2), np.int32)
+    np.testing.assert_array_equal(astar(grid, (0, 0), (40, 40), workspace).path, before.path)
+    small = Workspace(len(grid.weights))
+    small.entries, small.path = np.empty(2 * 12, np.int32), np.empty((4, 2), np.int32)
+    cut = astar(grid, (0, 0), (40, 40), small, cancelled=lambda: True)
+    assert cut.status in (Status.TIMEOUT, Status.OK)
+    assert tuple(cut.path[0]) == (0, 0)
+    assert np.isfinite(oracles.path_cost(cut.path, cost))
+
+
 def test_plain_python_gives_the_same_answer():
     from nnpp_edge.runtime.planning import astar as module
 
