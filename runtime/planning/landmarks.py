@@ -90,8 +90,10 @@ class Landmarks:
             settle_all(grid, middle, ws, links=self._links, corner_cutting=self._corner_cutting)
             connected = ws.meta[1::2] >> STAMP_SHIFT == ws.stamp
         for spot in _RIM:
+            if missing == 0:
+                return
             cell = _nearest(connected, grid, *spot)
-            if cell is not None and cell not in self.cells and missing > 0:
+            if cell is not None and cell not in self.cells:
                 self.add(cell)
                 missing -= 1
 
