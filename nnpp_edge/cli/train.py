@@ -1,5 +1,6 @@
 """`nnpp-edge train`: a network from a data set."""
 
+import dataclasses
 import json
 import math
 import os
@@ -18,6 +19,12 @@ ARCHITECTURES = ("edge", "edge-128", "nnpp-w16", "nnpp", "nnpp-stdc2")
 @click.option("-o", "--output", type=options.FOLDER, required=True, help="Folder of the run; resumed if begun.")
 @click.option("--architecture", type=click.Choice(ARCHITECTURES), default="edge", show_default=True,
               help="nnpp is the paper's network at full width, nnpp-w16 at a quarter.")  # fmt: skip
+@click.option("--input-size", type=click.IntRange(64), help="Side of the network's map, if not the architecture's own.")
+@click.option("--encoding", type=click.Choice(["pair", "gaussian", "euclidean", "pixel"]),
+              help="How start and goal are shown, if not the architecture's own way.")  # fmt: skip
+@click.option("--sigma", type=click.FloatRange(0.0, 1.0, min_open=True), default=0.25, show_default=True,
+              help="Of the Gaussians, as a share of the map's side.")  # fmt: skip
+@click.option("--begin-with", type=options.PATH, help="Checkpoint of another run whose weights to begin with.")
 @click.option("--epochs", type=click.IntRange(1), default=150, show_default=True)
 @click.option("--batch", type=click.IntRange(1), default=32, show_default=True, help="Over all processes.")
 @click.option("--learning-rate", type=float, default=1e-3, show_default=True)
@@ -25,14 +32,16 @@ ARCHITECTURES = ("edge", "edge-128", "nnpp-w16", "nnpp", "nnpp-stdc2")
 @click.option("--target", type=click.Choice(["near", "path"]), default="near", show_default=True,
               help="Nearness to the optimum, or the paper's single path.")  # fmt: skip
 @click.option("--softness", type=float, default=0.02, show_default=True, help="Excess at which nearness is 1/e.")
+@click.option("--loss", type=click.Choice(["bce", "focal", "dice"]), default="bce", show_default=True)
 @click.option("--time-limit", type=float, help="Minutes; the learning rate falls towards that end.")
 @click.option("--validate-every", type=float, default=5.0, show_default=True, help="Minutes.")
 @click.option("--threads", type=click.IntRange(1), help="Of torch on the CPU.")
 @options.seed
 @options.as_json
 def command(
-    dataset: Path, validation: Path, output: Path, architecture: str, epochs: int, batch: int,
-    learning_rate: float, weight_decay: float, target: str, softness: float, time_limit: float | None,
+    dataset: Path, validation: Path, output: Path, architecture: str, input_size: int | None,
+    encoding: str | None, sigma: float, begin_with: Path | None, epochs: int, batch: int, learning_rate: float,
+    weight_decay: float, target: str, softness: float, loss: str, time_limit: float | None,
     validate_every: float, threads: int | None, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Train a network on DATASET, with AdamW as in the paper.
@@ -58,20 +67,24 @@ def command(
         torch.set_num_threads(threads)
     settings = TrainSettings(
         epochs=epochs, batch=batch, learning_rate=learning_rate, weight_decay=weight_decay, target=target,
-        softness=softness, seed=seed, validate_every_s=60.0 * validate_every,
+        softness=softness, loss=loss, seed=seed, validate_every_s=60.0 * validate_every,
         time_limit_s=math.inf if time_limit is None else 60.0 * time_limit,
     )  # fmt: skip
     first = int(os.environ.get("RANK", "0")) == 0
     with bar("train", 1000) if first else nullcontext(lambda done: None) as advance:
 
-        def report(progress: Progress, loss: float, share: float) -> None:
+        def report(progress: Progress, mean_loss: float, share: float) -> None:
             advance(int(1000 * share))
 
-        spec = PRESETS[architecture]
+        spec = dataclasses.replace(PRESETS[architecture], sigma=sigma)
+        if input_size is not None:
+            spec = dataclasses.replace(spec, input_size=input_size)
+        if encoding is not None:
+            spec = dataclasses.replace(spec, encoding=encoding)
         samples, held_out = (read_samples(folder, size=spec.input_size) for folder in (dataset, validation))
         checkpoint = train(
             spec, settings, samples, held_out, output,
-            omega=read_recipe(dataset).omega, report=report,
+            omega=read_recipe(dataset).omega, begin_with=begin_with, report=report,
         )  # fmt: skip
     if not first:
         return

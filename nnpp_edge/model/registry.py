@@ -1,5 +1,6 @@
 """Networks by name, and what each is fed with."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -14,6 +15,11 @@ from nnpp_edge.runtime.encoding import GAUSSIAN_CHANNELS, PAIR_CHANNELS, encode_
 from nnpp_edge.runtime.errors import ModelError
 
 
+ENCODINGS = {"edge": ("pair",), "nnpp": ("gaussian", "euclidean", "pixel")}
+"""``euclidean`` and ``pixel`` are what the paper compares its Gaussians with (Fig. 13): training knows them, the
+runtime does not."""
+
+
 @dataclass(frozen=True)
 class Spec:
     """Architecture and input of a network: all that is needed to build it and to feed it."""
@@ -25,11 +31,18 @@ class Spec:
     """Of the Gaussian encoding, as a share of the map's side (the paper's best: 1/4)."""
     options: dict[str, Any] = field(default_factory=dict)
     """Arguments of the network's constructor."""
+    encoding: str = ""
+    """How start and goal are shown, one of `ENCODINGS`; by default the first of the architecture's."""
 
-    @property
-    def encoding(self) -> str:
-        """How start and goal are shown: ``pair`` to the edge network, ``gaussian`` to the paper's."""
-        return "pair" if self.architecture == "edge" else "gaussian"
+    def __post_init__(self) -> None:
+        """Fill in the default; ModelError for an encoding that the architecture is not built for."""
+        known = ENCODINGS.get(self.architecture)
+        if known is None:
+            raise ModelError(f"architecture must be one of {', '.join(ENCODINGS)}, got {self.architecture!r}")
+        if not self.encoding:
+            object.__setattr__(self, "encoding", known[0])
+        elif self.encoding not in known:
+            raise ModelError(f"encoding of {self.architecture} must be one of {', '.join(known)}, got {self.encoding!r}")
 
     @property
     def blocks(self) -> int:
@@ -62,10 +75,8 @@ class Network(nn.Module):
         options: dict[str, Any] = {k: tuple(v) if isinstance(v, Sequence) else v for k, v in spec.options.items()}
         if spec.architecture == "edge":
             self.body: nn.Module = edge.EdgeNet(spec.input_size, **options)
-        elif spec.architecture == "nnpp":
-            self.body = nnpp.NNPP(spec.input_size, **options)
         else:
-            raise ModelError(f"architecture must be 'edge' or 'nnpp', got {spec.architecture!r}")
+            self.body = nnpp.NNPP(spec.input_size, **options)
 
     def forward(self, planes: Tensor, query: Tensor) -> Tensor:
         """Logits on blocks × blocks.
@@ -95,7 +106,15 @@ def encode(spec: Spec, start: Sequence[float], goal: Sequence[float]) -> NDArray
         side = spec.input_size // edge.QUERY_STRIDE
         out = np.empty((PAIR_CHANNELS, side, side), np.float32)
         encode_pair(s, g, side, edge.QUERY_STRIDE, sigma, out)
-    else:
-        out = np.empty((GAUSSIAN_CHANNELS, spec.input_size, spec.input_size), np.float32)
+        return out
+    out = np.zeros((GAUSSIAN_CHANNELS, spec.input_size, spec.input_size), np.float32)
+    if spec.encoding == "gaussian":
         encode_gaussian(s, g, spec.input_size, 1, sigma, out)
+    elif spec.encoding == "pixel":
+        for plane, (row, col) in zip(out, (s, g), strict=True):
+            plane[round(row), round(col)] = 1.0
+    else:
+        axis = np.arange(spec.input_size, dtype=np.float32)
+        for plane, (row, col) in zip(out, (s, g), strict=True):
+            plane[:] = np.hypot(axis[:, None] - row, axis - col) / (math.sqrt(2.0) * spec.input_size)
     return out

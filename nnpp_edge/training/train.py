@@ -24,6 +24,9 @@ from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.validation import Judgement, Validator
 
 CHECKPOINT = "checkpoint.pt"
+LOSSES = ("bce", "focal", "dice")
+"""Binary cross-entropy; the same weighted by (target - p)², for targets between 0 and 1 too; one minus the soft
+overlap of target and answer, plus cross-entropy."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,8 @@ class TrainSettings:
     warmup_steps: int = 200
     target: str = "near"
     softness: float = 0.02
+    loss: str = "bce"
+    """One of `LOSSES`."""
     seed: int = 1
     time_limit_s: float = math.inf
     """Training ends when this has passed, over all resumed runs; the learning rate falls towards that end."""
@@ -65,6 +70,7 @@ def train(
     folder: Path,
     *,
     omega: float,
+    begin_with: Path | None = None,
     report: Callable[[Progress, float, float], None] = lambda progress, loss, share: None,
 ) -> Path:
     """Train a network, going on from the folder's checkpoint if there is one.
@@ -80,6 +86,9 @@ def train(
         ``history.json``.
     omega : float
         Weight of the traversability cost per grey level, for validation's searches.
+    begin_with : Path, optional
+        Checkpoint of another run whose averaged weights a new run begins with; its input may have been of
+        another size.
     report : callable
         Told the progress, the latest mean loss and the share of the training that is done.
 
@@ -93,7 +102,7 @@ def train(
     InvalidQueryError
         The batch cannot be shared out evenly over the processes.
     ModelError
-        The folder's checkpoint is of another spec, or none of ours.
+        The folder's checkpoint is of another spec, or none of ours; or `begin_with` is of another network.
     DataSetError
         The training set does not fit the spec, or is smaller than a batch.
 
@@ -118,6 +127,8 @@ def train(
     path = folder / CHECKPOINT
     if path.exists():
         progress = _resume(path, spec, network, average, optimiser, device)
+    elif begin_with is not None:
+        _begin_with(begin_with, network, average)
     batches = Batches(
         training, spec, settings.batch // world, target=settings.target, softness=settings.softness,
         seed=settings.seed, rank=rank, world=world,
@@ -150,7 +161,7 @@ def train(
         for planes, query, target in batches.epoch(progress.epoch, progress.step_in_epoch):
             for group in optimiser.param_groups:
                 group["lr"] = _rate(settings, progress.step, share())
-            losses.append(_step(wrapped, optimiser, planes, query, target, device))
+            losses.append(_step(wrapped, optimiser, planes, query, target, device, settings.loss))
             _follow(average, network, min(settings.average_decay, (1 + progress.step) / (10 + progress.step)))
             progress.step += 1
             progress.step_in_epoch += 1
@@ -233,6 +244,7 @@ def _step(
     query: Any,
     target: Any,
     device: torch.device,
+    loss_name: str,
 ) -> float:
     half = torch.autocast("cuda", torch.bfloat16) if device.type == "cuda" else contextlib.nullcontext()
     network.train()
@@ -242,14 +254,26 @@ def _step(
             x.contiguous(memory_format=torch.channels_last),
             torch.from_numpy(query).to(device, non_blocking=True),
         )
-    loss = nn.functional.binary_cross_entropy_with_logits(
-        logits.float(), torch.from_numpy(target).to(device, non_blocking=True)
-    )
+    loss = loss_of(loss_name, logits.float(), torch.from_numpy(target).to(device, non_blocking=True))
     optimiser.zero_grad(set_to_none=True)
     loss.backward()
     nn.utils.clip_grad_norm_(network.parameters(), 1.0)
     optimiser.step()
     return float(loss.detach())
+
+
+def loss_of(name: str, logits: Tensor, target: Tensor) -> Tensor:
+    """Mean loss of (N, B, B) logits against targets in [0, 1], by its name in `LOSSES`."""
+    each = nn.functional.binary_cross_entropy_with_logits(logits, target, reduction="none")
+    if name == "bce":
+        return each.mean()
+    if name not in LOSSES:
+        raise InvalidQueryError(f"loss must be one of {', '.join(LOSSES)}, got {name!r}")
+    p = torch.sigmoid(logits)
+    if name == "focal":
+        return ((target - p).square() * each).mean()
+    overlap = 2.0 * (p * target).sum((1, 2)) / (p.square() + target.square()).sum((1, 2)).clamp_min(1e-6)
+    return (1.0 - overlap).mean() + each.mean()
 
 
 @torch.no_grad()
@@ -302,3 +326,12 @@ def _resume(
     average.load_state_dict(saved["average"])
     optimiser.load_state_dict(saved["optimiser"])
     return Progress(**saved["progress"])
+
+
+def _begin_with(path: Path, network: Network, average: Network) -> None:
+    theirs, _ = load_checkpoint(path)
+    try:
+        network.load_state_dict(theirs.state_dict())
+    except RuntimeError as error:
+        raise ModelError(f"{path}: wanted weights for {network.spec}, got those of {theirs.spec}") from error
+    average.load_state_dict(network.state_dict())
