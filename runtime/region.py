@@ -3,12 +3,19 @@
 NNPP lowers a threshold td step by step until start and goal lie in one piece of {p >= td}
 (arXiv 2308.04792v3, section 4.3). That td is the width of the widest path between the two, and a single
 sweep over 256 levels, from the highest down, finds it exactly.
+
+What counts as one piece: for the paper, blocks that touch. A planner knows more, namely which cells of its map
+can be walked between, and asks for the td at which these join start and goal. So a region never ends at a wall
+that its blocks reach across.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime._jit import kernel
+from nnpp_edge.runtime.grid import Grid
+from nnpp_edge.runtime.planning.expansion import COL_STEP, ROW_STEP
+from nnpp_edge.runtime.planning.pyramid import linked
 
 LEVELS = 256
 
@@ -68,6 +75,54 @@ def adaptive_threshold(levels, start_row, start_col, goal_row, goal_col, heads, 
 
 
 @kernel
+def walkable_threshold(
+    levels, row_blocks, col_blocks, weights, links, stride, corner_cutting, start, goal, heads, following, seen, stamp
+):  # fmt: skip
+    """The largest level at which two nodes of a grid are joined by steps through cells whose blocks reach it.
+
+    Parameters
+    ----------
+    levels : (B, C) uint8
+        Level of each block.
+    row_blocks, col_blocks : (H,) int32, (W,) int32
+        Row and column of the block that a row and a column of the grid lie in.
+    weights, links, stride, corner_cutting
+        The grid, and which steps it allows.
+    start, goal : int
+        Nodes.
+    heads : (256,) int32, following, seen : (nodes,) int32, stamp : int
+        Scratch; `stamp` is none that `seen` holds.
+
+    Returns
+    -------
+    int
+        In 0…255; -1 where no steps lead from one to the other.
+    """
+    heads[:] = -1
+    width = np.int64(levels[row_blocks[start // stride - 1], col_blocks[start % stride - 1]])
+    seen[start] = stamp
+    following[start] = -1
+    heads[width] = start
+    while True:
+        while heads[width] == -1:
+            width -= 1
+            if width < 0:
+                return -1
+        node = np.int64(heads[width])
+        heads[width] = following[node]
+        if node == goal:
+            return width
+        for k in range(8):
+            there = node + ROW_STEP[k] * stride + COL_STEP[k]
+            if seen[there] != stamp and linked(weights, links, node, k, stride, corner_cutting):
+                seen[there] = stamp
+                level = np.int64(levels[row_blocks[there // stride - 1], col_blocks[there % stride - 1]])
+                bucket = min(width, level)
+                following[there] = heads[bucket]
+                heads[bucket] = there
+
+
+@kernel
 def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, stamp, radius, bitmap):
     """Number the blocks of {levels >= threshold}, and those within `radius` of them; start and goal always."""
     rows, cols = levels.shape
@@ -91,6 +146,8 @@ class RegionFinder:
         self._heads = np.empty(LEVELS, np.int32)
         self._following = np.empty(blocks * blocks, np.int32)
         self._done = np.empty(blocks * blocks, np.uint8)
+        self._on_grid: NDArray[np.int32] = np.zeros((2, 0), np.int32)
+        self._sweep = 0
 
     def read(self, probability: NDArray[np.float32]) -> None:
         """Take over a network's answer, (B, B) float32 in [0, 1]."""
@@ -99,6 +156,25 @@ class RegionFinder:
     def threshold(self, start: tuple[int, int], goal: tuple[int, int]) -> int:
         """The adaptive threshold td between two blocks, in 256ths."""
         return int(adaptive_threshold(self.levels, *start, *goal, self._heads, self._following, self._done))
+
+    def walkable(
+        self, grid: Grid, links: NDArray[np.uint8] | None, blocks: tuple[NDArray[np.int32], NDArray[np.int32]],
+        start: tuple[int, int], goal: tuple[int, int], corner_cutting: bool,
+    ) -> int:  # fmt: skip
+        """The threshold td between two cells of a grid, along steps that the grid allows, in 256ths.
+
+        -1 where there is no way. `blocks` says which block each of the grid's rows and columns lies in.
+        """
+        if self._on_grid.shape[1] != len(grid.weights):
+            self._on_grid = np.zeros((2, len(grid.weights)), np.int32)
+        self._sweep += 1
+        following, seen = self._on_grid
+        return int(
+            walkable_threshold(
+                self.levels, *blocks, grid.weights, links, grid.stride, corner_cutting, grid.node(*start),
+                grid.node(*goal), self._heads, following, seen, self._sweep,
+            )
+        )  # fmt: skip
 
     def mark(self, threshold: int, start: tuple[int, int], goal: tuple[int, int], radius: int = 0) -> int:
         """Number the blocks at or above a threshold in `bitmap`; the number."""

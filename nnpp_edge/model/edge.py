@@ -52,6 +52,11 @@ class Up(nn.Module):
         return self.merge(shallow + functional.interpolate(self.match(deep), scale_factor=2, mode="nearest"))
 
 
+def _down(inputs: int, outputs: int, residuals: int) -> nn.Sequential:
+    """Half the side, then so many residual blocks."""
+    return nn.Sequential(ConvBlock(inputs, outputs, stride=2), *(Residual(outputs) for _ in range(residuals)))
+
+
 class EdgeNet(nn.Module):
     """A convolutional pyramid with the query joined in at 1/8 resolution.
 
@@ -63,6 +68,9 @@ class EdgeNet(nn.Module):
         Channels at 1/8, 1/16, 1/32 and 1/64 resolution.
     stem : int
         Channels of the map's own features at 1/8.
+    depth : four ints
+        Residual blocks after each of the three reductions, and on the way up at 1/16 (0 or 1; 0 leaves one
+        convolution there).
 
     Notes
     -----
@@ -72,20 +80,26 @@ class EdgeNet(nn.Module):
     1/4 by four channels at 1/8, which costs nothing.
     """
 
-    def __init__(self, input_size: int = 256, widths: tuple[int, ...] = (48, 64, 96, 96), stem: int = 32) -> None:
+    def __init__(
+        self, input_size: int = 256, widths: tuple[int, ...] = (48, 64, 96, 96), stem: int = 32,
+        depth: tuple[int, ...] = (1, 2, 1, 1),
+    ) -> None:  # fmt: skip
         super().__init__()
         if input_size < SIZE_STEP or input_size % SIZE_STEP:
             raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {input_size}")
         if len(widths) != 4 or min(*widths, stem) < 1:
             raise ModelError(f"widths must be four positive numbers of channels, got {widths} and {stem}")
+        if len(depth) != 4 or min(depth) < 0 or depth[3] > 1:
+            raise ModelError(f"depth must be four numbers of at least 0, the last 0 or 1, got {depth}")
         w8, w16, w32, w64 = widths
+        d16, d32, d64, up16 = depth
         self.stem = ConvBlock(MAP_CHANNELS * UNSHUFFLE**2, stem, stride=2)
         self.join = ConvBlock(stem + PAIR_CHANNELS, w8)
-        self.down16 = nn.Sequential(ConvBlock(w8, w16, stride=2), Residual(w16))
-        self.down32 = nn.Sequential(ConvBlock(w16, w32, stride=2), Residual(w32), Residual(w32))
-        self.down64 = nn.Sequential(ConvBlock(w32, w64, stride=2), Residual(w64))
+        self.down16 = _down(w8, w16, d16)
+        self.down32 = _down(w16, w32, d32)
+        self.down64 = _down(w32, w64, d64)
         self.up32 = Up(w64, w32, residual=False)
-        self.up16 = Up(w32, w16, residual=True)
+        self.up16 = Up(w32, w16, residual=bool(up16))
         self.up8 = Up(w16, w8, residual=False)
         self.head = nn.Conv2d(w8, (QUERY_STRIDE // OUTPUT_STRIDE) ** 2, 1)
         for module in self.modules():

@@ -11,7 +11,7 @@ from nnpp_edge.runtime.encoding import Cell, Frame, map_planes
 from nnpp_edge.runtime.grid import GREY_LEVELS, Grid, StepCost
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import Region
-from nnpp_edge.runtime.planning.pyramid import FACTOR
+from nnpp_edge.runtime.planning.pyramid import FACTOR, Level
 from nnpp_edge.runtime.planning.query import Query
 from nnpp_edge.runtime.region import RegionFinder
 
@@ -88,8 +88,8 @@ class LearnedRegions:
         ]
         return corner[0], corner[1], min(side, whole[0]), min(side, whole[1])
 
-    def infer(self, query: Query) -> float:
-        """Ask the network; the adaptive threshold, in [0, 1]."""
+    def infer(self, query: Query, top: Level, number: int) -> float:
+        """Ask the network; the adaptive threshold, in [0, 1], along the steps that level `number`, `top`, allows."""
         if (window := self._window(query)) != self.window:
             self._look_at(window)
         if self.stale or self.model.owner is not self:
@@ -101,10 +101,12 @@ class LearnedRegions:
         probability = self.model.run()
         query.lap("inference")
         self.finder.read(probability)
-        td = self.finder.threshold(self._block(query.start), self._block(query.goal))
+        start, goal = ((row // FACTOR**number, col // FACTOR**number) for row, col in (query.start, query.goal))
+        blocks = self._lookup_at(top.grid, number)
+        td = self.finder.walkable(top.grid, top.links, blocks, start, goal, query.corner_cutting)
         self.at_td.levels[:] = self.finder.levels
         query.lap("threshold")
-        return td / 256.0
+        return max(td, 0) / 256.0
 
     def _place(self, cell: Cell) -> tuple[float, float]:
         return self.frame.place((cell[0] - self.window[0], cell[1] - self.window[1]))
@@ -120,11 +122,15 @@ class LearnedRegions:
         query.lap("threshold")
         return Region(finder.bitmap, *self.lookup, stamp)
 
-    def at_level(self, region: Region, grid: Grid, level: int) -> Region:
+    def at_level(self, region: Region, grid: Grid, number: int) -> Region:
         """The same region as a coarser level of the pyramid reads it."""
-        if level not in self._level_lookups:
-            factor = FACTOR**level
+        return Region(region.bitmap, *self._lookup_at(grid, number), region.stamp)
+
+    def _lookup_at(self, grid: Grid, number: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Row and column of the block that the middle of each row and column of a level's grid lies in."""
+        if number not in self._level_lookups:
+            factor = FACTOR**number
             rows = np.minimum(np.arange(grid.rows) * factor + factor // 2, self.grid.rows - 1)
             cols = np.minimum(np.arange(grid.cols) * factor + factor // 2, self.grid.cols - 1)
-            self._level_lookups[level] = (self.lookup[0][rows], self.lookup[1][cols])
-        return Region(region.bitmap, *self._level_lookups[level], region.stamp)
+            self._level_lookups[number] = (self.lookup[0][rows], self.lookup[1][cols])
+        return self._level_lookups[number]

@@ -324,10 +324,10 @@ class Planner:
         if self._learned is None:
             self._learned = LearnedRegions(self.grid, self._model)
         learned = self._learned
-        td = learned.infer(query)
-        network_region = learned.region(td, query)
         refine = max(self.shape) >= _REFINE_FROM
         top = len(self.pyramid.levels) - 1 if refine else 0
+        td = learned.infer(query, self.pyramid.levels[top], top)
+        network_region = learned.region(td, query)
         plan = None
         for threshold, dilation, source in (
             (td * learned.factor, 0, Source.REGION),

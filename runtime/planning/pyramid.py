@@ -36,7 +36,7 @@ _MOST_CELLS_FOR_LANDMARKS = 1 << 15
 
 
 @kernel
-def _linked(weights, links, node, k, stride, corner_cutting):
+def linked(weights, links, node, k, stride, corner_cutting):
     """Whether a step in direction k leads from a passable cell to another."""
     if links is not None:
         return (links[node] >> k) & 1 != 0
@@ -76,7 +76,7 @@ def _largest_piece(weights, links, rows, cols, row, col, corner_cutting):
                 if 0 <= i < FACTOR and 0 <= j < FACTOR:
                     other = 1 << (i * FACTOR + j)
                     fresh = other & passable and not other & (piece | frontier)
-                    if fresh and _linked(weights, links, node, k, stride, corner_cutting):
+                    if fresh and linked(weights, links, node, k, stride, corner_cutting):
                         frontier |= other
         passable &= ~piece
         if size > best_size:
@@ -137,7 +137,7 @@ def _link(
                     if (found >> towards) & 1:
                         continue
                     neighbour = pieces[here + up * coarse_stride + left]
-                    if (neighbour >> ((i - up * FACTOR) * FACTOR + j - left * FACTOR)) & 1 and _linked(
+                    if (neighbour >> ((i - up * FACTOR) * FACTOR + j - left * FACTOR)) & 1 and linked(
                         fine, fine_links, node, k, fine_stride, corner_cutting
                     ):
                         found |= 1 << towards

@@ -2,6 +2,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.grid import Grid, StepModel
+from nnpp_edge.runtime.planning.astar import Region, astar
+from nnpp_edge.runtime.planning.workspace import Workspace
 from nnpp_edge.runtime.region import RegionFinder
 from tests import oracles
 
@@ -28,3 +32,35 @@ def test_a_marked_region_holds_what_is_above_and_both_ends():
     second = finder.mark(129, (0, 0), (2, 4), radius=1)
     assert second != first
     assert (finder.bitmap == second).sum() == 4 + 6
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.integers(1, 5), st.integers(1, 4), st.integers(0, 2**32), st.booleans(), st.data())
+def test_the_walkable_threshold_is_the_highest_at_which_a_search_of_the_region_succeeds(
+    side, per_block, seed, corner_cutting, data
+):
+    rng = np.random.default_rng(seed)
+    rows, cols = side * per_block, max(side * per_block - data.draw(st.integers(0, per_block - 1)), 1)
+    cost = rng.random((rows, cols)).astype(np.float32) * 0.9
+    cost[rng.random((rows, cols)) < 0.35] = np.inf
+    start, goal = ((data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))) for _ in range(2))
+    cost[start] = cost[goal] = 0.1
+    grid = Grid.of(cost, StepModel.of("paper", 0.011))
+    blocks = (np.arange(rows, dtype=np.int32) // per_block, np.arange(cols, dtype=np.int32) // per_block)
+    finder = RegionFinder(side)
+    finder.read((rng.integers(0, 8, (side, side)) / 8).astype(np.float32))
+
+    def succeeds(threshold: int) -> bool:
+        stamp = finder.mark(threshold, *((int(blocks[0][r]), int(blocks[1][c])) for r, c in (start, goal)))
+        region = Region(finder.bitmap, *blocks, stamp)
+        found = astar(grid, start, goal, Workspace(len(grid.weights)), region=region, corner_cutting=corner_cutting)
+        return found.status is Status.OK
+
+    td = finder.walkable(grid, None, blocks, start, goal, corner_cutting)
+    assert td == finder.walkable(grid, None, blocks, start, goal, corner_cutting)
+    if td < 0:
+        assert not succeeds(0)
+    else:
+        assert succeeds(td)
+        ends = min(int(finder.levels[blocks[0][r], blocks[1][c]]) for r, c in (start, goal))
+        assert td >= ends or not succeeds(td + 1)
