@@ -3,11 +3,14 @@
 import json
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from nnpp_edge.cli import options
+
+if TYPE_CHECKING:
+    from nnpp_edge.profiling.suites import Size
 
 COLUMNS = {
     "workload": "workload", "size": "size", "method": "method", "n": "n", "success_raw": "success",
@@ -27,21 +30,24 @@ _GAPS = {"gap_mean", "gap_p99"}
 @click.option("--rescale", type=float, help="Rescale the terrain to cells of so many metres, slopes kept.")
 @click.option("--workload", "workloads", type=options.Names(), default="soft", show_default=True,
               help="soft, limit20, limit15 or any limitN.")  # fmt: skip
-@click.option("--sizes", type=options.Numbers(), default="256", show_default=True, help="Sides of the maps.")
+@click.option("--synthetic", is_flag=True, help="Judge by synthetic terrain instead.")
+@click.option("--sizes", type=options.Sizes(), default="256", show_default=True, help="Sides of the maps.")
 @click.option("--queries", type=click.IntRange(1), default=300, show_default=True, help="For each row.")
 @click.option("--min-distance", type=click.FloatRange(0.0, 1.0), default=0.35, show_default=True,
-              help="Between start and goal, as a share of the map's side.")  # fmt: skip
+              help="Between start and goal, as a share of the map's longer side.")  # fmt: skip
 @click.option("--methods", type=options.Names(), default="astar,corridor,nnpp", show_default=True)
 @click.option("--model", "models", multiple=True, default=("edge",), show_default=True,
               help="Shipped model or file for nnpp; several are set beside each other.")  # fmt: skip
 @click.option("--repeats", type=click.IntRange(1), default=3, show_default=True,
               help="Times each planner answers each query; its median time counts.")  # fmt: skip
+@click.option("--plot", type=options.NEW_FILE, help="PNG to draw: cost gap against time, every planner.")
 @options.seed
 @options.as_json
 def command(
     terrain: tuple[Path, ...], more_terrain: tuple[Path, ...], dataset: Path | None, cell_size: float | None,
-    rescale: float | None, workloads: tuple[str, ...], sizes: tuple[int, ...], queries: int, min_distance: float,
-    methods: tuple[str, ...], models: tuple[str, ...], repeats: int, seed: int, as_json: bool,
+    rescale: float | None, workloads: tuple[str, ...], synthetic: bool, sizes: "tuple[Size, ...]", queries: int,
+    min_distance: float, methods: tuple[str, ...], models: tuple[str, ...], repeats: int, plot: Path | None,
+    seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Compare planners on many queries, in one interleaved run.
 
@@ -53,18 +59,16 @@ def command(
     """
     from nnpp_edge.cli.progress import bar
     from nnpp_edge.profiling.evaluate import contenders, evaluate
-    from nnpp_edge.profiling.suites import TerrainSuite, dataset_cases
+    from nnpp_edge.profiling.suites import TerrainSuite, dataset_cases, name_of, synthetic_cases
     from nnpp_edge.runtime.inference import NetworkModel
     from nnpp_edge.runtime.planning.plan import Method
     from nnpp_edge.terrain.dataset import read_recipe
 
     files = (*terrain, *more_terrain)
-    if bool(files) == (dataset is not None):
-        raise click.UsageError("give either --terrain FILE or --dataset DIR")
+    if bool(files) + (dataset is not None) + synthetic != 1:
+        raise click.UsageError("give one of --terrain FILE, --dataset DIR and --synthetic")
     if unknown := set(methods) - set(Method):
         raise click.UsageError(f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}")
-    if min(sizes) < 2:
-        raise click.UsageError(f"--sizes must be at least 2, got {min(sizes)}")
     needed = models if {Method.NNPP, Method.AUTO} & set(methods) else ()
     loaded = {Path(name).stem: NetworkModel(name) for name in needed}
     planners = contenders(methods, loaded)
@@ -74,12 +78,21 @@ def command(
     rows: list[dict[str, Any]] = []
     with bar("evaluate", queries * len(runs)) as advance:
         for at, (name, size) in enumerate(runs):
-            cases = dataset_cases(dataset, name) if dataset else suite.cases(dems, name, size)
+            if dataset:
+                cases = dataset_cases(dataset, name)
+            elif synthetic:
+                cases = synthetic_cases(name, size, seed, min_distance)
+            else:
+                cases = suite.cases(dems, name, size)
             figures = evaluate(
                 cases, planners, queries, repeats=repeats,
                 progress=lambda done, at=at: advance(at * queries + done),  # type: ignore[misc]
             )  # fmt: skip
-            rows += [{"workload": name, "size": size, "method": m} | row for m, row in figures.items()]
+            rows += [{"workload": name, "size": name_of(size), "method": m} | row for m, row in figures.items()]
+    if plot is not None:
+        from nnpp_edge.viz.figures import pareto
+
+        pareto(rows, plot)
     click.echo(json.dumps(rows, indent=1) if as_json else table(rows))
 
 

@@ -47,6 +47,24 @@ class Numbers(click.ParamType):
             self.fail(f"wanted numbers joined by commas, got {value!r}", param, ctx)
 
 
+class Sizes(click.ParamType):
+    """Sides of square maps, or ROWSxCOLS, joined by commas."""
+
+    name = "N|RxC,…"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[Any, ...]:
+        """Parse to ints and pairs of ints, or fail with what came."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            parts = [tuple(int(side) for side in part.split("x")) for part in str(value).split(",")]
+        except ValueError:
+            parts = [()]
+        if not all(len(sides) in (1, 2) and min(sides) >= 2 for sides in parts):
+            self.fail(f"wanted sides of at least 2 cells, or ROWSxCOLS, joined by commas, got {value!r}", param, ctx)
+        return tuple(sides[0] if len(set(sides)) == 1 else sides for sides in parts)
+
+
 class Names(click.ParamType):
     """Names joined by commas."""
 

@@ -19,16 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainSuite
-from nnpp_edge.runtime.costmap import traversability_cost
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.profiling.evaluate import load_kernels
+from nnpp_edge.profiling.suites import QUERIES_PER_MAP, SYNTHETIC, Case, TerrainSuite, synthetic_cases
 from nnpp_edge.runtime.grid import GREY_LEVELS, PAPER_OMEGA
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.planner import Planner
 from nnpp_edge.terrain.dem import Dem, read_dem
-from nnpp_edge.terrain.labels import Query, random_query
-from nnpp_edge.terrain.synthetic import synthetic_terrain
-from nnpp_edge.terrain.workloads import SOFT, workload
+from nnpp_edge.terrain.labels import Query
+from nnpp_edge.terrain.workloads import SOFT
 
 Weights = NDArray[np.float32]
 Path2D = NDArray[np.integer]
@@ -36,10 +34,8 @@ Ask = Callable[[tuple[int, int], tuple[int, int]], Path2D | None]
 """From start to goal: the path's cells (N, 2), or None if there is none."""
 
 REFERENCE = "astar"
-SYNTHETIC = "synthetic"
 SAME_OPTIMUM = 1e-4
 """Costs that differ by no more than this share count as the same."""
-_SYNTHETIC_CELL_M = 20.0
 _LENGTH = "length × mean weight"
 
 
@@ -324,6 +320,7 @@ def run(
     Sizes that no terrain file is large enough for are run on synthetic terrain, and say so.
     """
     planners, missing = contenders()
+    load_kernels()
     dems = [read_dem(path, cell_size_m=cell_size) for path in terrain]
     dems = [dem if rescale is None else dem.rescaled(rescale) for dem in dems]
     rows: list[dict[str, Any]] = []
@@ -352,17 +349,4 @@ def _cases(dems: Sequence[Dem], size: int, seed: int, maps: int) -> tuple[str, I
         names = ", ".join(dict.fromkeys(dem.source.stem for dem in fitting))
         suite = TerrainSuite(tuple(dem.source for dem in fitting), sizes=(size,), seed=seed)
         return names, islice(suite.cases(fitting, SOFT, size), 4 * maps)
-    return SYNTHETIC, islice(_synthetic_cases(size, seed), 4 * maps)
-
-
-def _synthetic_cases(size: int, seed: int) -> Iterator[Case]:
-    rng = np.random.default_rng([seed, size])
-    least = TerrainSuite(()).least_distance * size
-    while True:
-        heights = synthetic_terrain(rng, size, _SYNTHETIC_CELL_M)
-        cost = traversability_cost(heights, _SYNTHETIC_CELL_M, workload(SOFT), warn=False)
-        wanted = (random_query(rng, cost, least) for _ in range(QUERIES_PER_MAP))
-        queries = tuple(query for query in wanted if query is not None)
-        if not queries:
-            raise InvalidQueryError(f"no two passable cells {least:.0f} apart on a map of {size} × {size}")
-        yield Case(SYNTHETIC, size, cost, queries)
+    return SYNTHETIC, islice(synthetic_cases(SOFT, size, seed), 4 * maps)

@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,38 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
         axes.set_title(title)
         axes.set_xlabel("step")
         axes.grid(alpha=0.3)
+    _save(figure, path)
+
+
+def pareto(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Mean cost gap against median time, a panel for each workload and size of `nnpp-edge evaluate`'s rows.
+
+    Planners that none is both faster and better than are joined by a line; bars reach to the gap's 95th percentile.
+    """
+    from matplotlib.figure import Figure
+
+    workloads, sizes = (list(dict.fromkeys(row[key] for row in rows)) for key in ("workload", "size"))
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    figure = Figure(figsize=(3.6 * len(sizes) + 0.4, 3.1 * len(workloads) + 0.6), layout="constrained")
+    panels = figure.subplots(len(workloads), len(sizes), squeeze=False)
+    for (i, name), (j, size) in product(enumerate(workloads), enumerate(sizes)):
+        axes = panels[i, j]
+        chosen = [row for row in rows if (row["workload"], row["size"]) == (name, size)]
+        for row in chosen:
+            color = f"C{methods.index(row['method'])}"
+            gap, high = 100.0 * row["gap_mean"], 100.0 * row["gap_p95"]
+            axes.plot(row["time_ms_median"], gap, "o", color=color, label=row["method"], markersize=8)
+            axes.vlines(row["time_ms_median"], gap, max(high, gap), color=color, alpha=0.5)
+        chosen.sort(key=lambda row: row["time_ms_median"])
+        front = [
+            (a["time_ms_median"], 100.0 * a["gap_mean"]) for a in chosen
+            if not any(b["time_ms_median"] < a["time_ms_median"] and b["gap_mean"] <= a["gap_mean"] for b in chosen)
+        ]  # fmt: skip
+        axes.plot(*zip(*front, strict=True), color="grey", linewidth=1, zorder=0)
+        axes.set(xscale="log", title=f"{name}, {size}", xlabel="ms, median", ylabel="cost gap, %: mean, to p95")
+        axes.grid(alpha=0.3, which="both")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     _save(figure, path)
 
 

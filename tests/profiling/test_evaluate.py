@@ -93,7 +93,7 @@ def test_a_data_set_can_be_judged_by(tmp_path, tiny_model, nnpp_edge):
 def test_wrong_use_is_one_line(nnpp_edge, terrain, tiny_model, bad_dem):
     assert nnpp_edge("evaluate").code == 2
     assert nnpp_edge("evaluate", terrain, "--methods", "best").code == 2
-    nnpp_edge("evaluate", terrain, "--sizes", 512, "--model", tiny_model).refused("at least 512 cells")
+    nnpp_edge("evaluate", terrain, "--sizes", 512, "--model", tiny_model).refused("at least 512 × 512 cells")
     nnpp_edge("evaluate", terrain, "--model", "nosuch").refused("nosuch")
     path, word = bad_dem
     nnpp_edge("evaluate", path, "--model", tiny_model).refused(word)
