@@ -28,6 +28,7 @@ from nnpp_edge.runtime.grid import Grid
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import Region, cost_field
 from nnpp_edge.runtime.planning.dstar_lite import DStarLite
+from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner
 from nnpp_edge.runtime.planning.landmarks import Landmarks
 from nnpp_edge.runtime.planning.planner import Planner
 
@@ -141,6 +142,7 @@ def _exercise_planner(shape: tuple[int, int], step_cost: str, corner_cutting: bo
     finest = planner.pyramid.levels[0]
     cost_field(finest.grid, start, finest.workspace, corner_cutting=corner_cutting)
     _exercise_replanning(planner.grid, corner_cutting)
+    _exercise_dynamic(cost, goal, step_cost, corner_cutting, network)
 
 
 def _exercise_landmarks(planner: Planner, start: tuple[int, int], goal: tuple[int, int]) -> None:
@@ -163,6 +165,21 @@ def _exercise_replanning(grid: Grid, corner_cutting: bool) -> None:
             search.plan(start, deadline=time.monotonic() + 60.0)
             grid.update(np.full((1, 2), 0.5, np.float32), (1, 4, 1, 2), (1, 4))
             search.cells_changed(1, 4, 1, 2)
+
+
+def _exercise_dynamic(
+    cost: Any, goal: tuple[int, int], step_cost: str, corner_cutting: bool, network: NetworkModel
+) -> None:
+    planner = DynamicPlanner(
+        cost, goal, also=tuple(DynamicMethod), step_cost=step_cost, corner_cutting=corner_cutting, model=network
+    )
+    planner.prepare()
+    for at, method in enumerate(DynamicMethod):
+        planner.move((1, 2 + at))
+        planner.replan(method=method)
+        planner.update(1, 4, np.full((1, 2), 0.3 + 0.02 * at, np.float32))
+        planner.standing()
+        planner.replan(method=method, time_limit_s=60.0)
 
 
 def _read_only(array: Any) -> Any:

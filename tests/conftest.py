@@ -1,5 +1,6 @@
 """What several tests share: a tiny network, and the command line run in this process."""
 
+import os
 import sys
 import warnings
 from collections.abc import Callable
@@ -8,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+os.environ["NNPP_EDGE_CHOICE"] = ""  # what was measured on this machine decides nothing in tests
 
 TINY_SIDE = 64
 TINY_UNSHUFFLE = 4

@@ -17,14 +17,16 @@ COMMANDS = {
     "export": "Write a trained network as an ONNX model.",
     "quantize": "Make an int8 model, and measure whether it pays.",
     "evaluate": "Compare the planners on many queries.",
-    "profile": "Measure the planners beside other libraries.",
+    "reproduce": "Repeat the paper's experiments, beside its figures.",
+    "profile": "Measure the planners against budgets, or beside other libraries.",
     "models": "List the shipped models, or show one in full.",
     "warmup": "Compile the kernels ahead of the first plan.",
 }
 """Name and one line each; the command itself is `command` in the module of that name."""
 
 
-_EXTRAS = {"torch": "train", "onnx": "train", "onnxscript": "train", "matplotlib": "viz", "rasterio": "geo"}
+_EXTRAS = {"torch": "train", "onnx": "train", "onnxscript": "train", "matplotlib": "viz", "rasterio": "geo",
+           "jinja2": "viz"}  # fmt: skip
 """Packages that the onboard install lacks, and the extra that brings each."""
 
 

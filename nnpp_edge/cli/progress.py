@@ -12,8 +12,11 @@ _LINES = 20
 
 
 @contextmanager
-def bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A progress bar on stderr; the value is a function that is told how much is done."""
+def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int], None]]:
+    """A progress bar on stderr; the value is a function that is told how much is done.
+
+    A quiet one is drawn only then: no thread of its own takes time from what is measured.
+    """
     if not sys.stderr.isatty():
         yield _Lines(what, total)
         return
@@ -21,9 +24,9 @@ def bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    with Progress(*columns, console=Console(stderr=True), auto_refresh=not quiet) as progress:
         task = progress.add_task(what, total=total)
-        yield lambda done: progress.update(task, completed=done)
+        yield lambda done: progress.update(task, completed=done, refresh=quiet)
 
 
 class _Lines:

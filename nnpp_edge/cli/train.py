@@ -10,7 +10,7 @@ import click
 
 from nnpp_edge.cli import options
 
-ARCHITECTURES = ("edge", "edge-128", "edge-lite", "nnpp-w16", "nnpp", "nnpp-stdc2")
+ARCHITECTURES = ("edge", "edge-256", "nnpp-w16", "nnpp", "nnpp-stdc2")
 
 
 @click.command(name="train")
@@ -19,13 +19,15 @@ ARCHITECTURES = ("edge", "edge-128", "edge-lite", "nnpp-w16", "nnpp", "nnpp-stdc
 @click.option("-o", "--output", type=options.FOLDER, required=True, help="Folder of the run; resumed if begun.")
 @click.option("--architecture", type=click.Choice(ARCHITECTURES), default="edge", show_default=True,
               help="nnpp is the paper's network at full width, nnpp-w16 at a quarter.")  # fmt: skip
-@click.option("--input-size", type=click.IntRange(64), help="Side of the network's map, if not the architecture's own.")
+@click.option("--input-size", type=click.IntRange(64),
+              help="Side of the network's map, if not the architecture's own.")  # fmt: skip
 @click.option("--encoding", type=click.Choice(["pair", "gaussian", "euclidean", "pixel"]),
               help="How start and goal are shown, if not the architecture's own way.")  # fmt: skip
 @click.option("--sigma", type=click.FloatRange(0.0, 1.0, min_open=True), default=0.25, show_default=True,
               help="Of the Gaussians, as a share of the map's side.")  # fmt: skip
 @click.option("--begin-with", type=options.PATH, help="Checkpoint of another run whose weights to begin with.")
 @click.option("--epochs", type=click.IntRange(1), default=150, show_default=True)
+@click.option("--steps", type=click.IntRange(1), help="Most steps, if its epochs do not end the training before.")
 @click.option("--batch", type=click.IntRange(1), default=32, show_default=True, help="Over all processes.")
 @click.option("--learning-rate", type=float, default=1e-3, show_default=True)
 @click.option("--weight-decay", type=float, default=1e-4, show_default=True)
@@ -40,8 +42,8 @@ ARCHITECTURES = ("edge", "edge-128", "edge-lite", "nnpp-w16", "nnpp", "nnpp-stdc
 @options.as_json
 def command(
     dataset: Path, validation: Path, output: Path, architecture: str, input_size: int | None,
-    encoding: str | None, sigma: float, begin_with: Path | None, epochs: int, batch: int, learning_rate: float,
-    weight_decay: float, target: str, softness: float, loss: str, time_limit: float | None,
+    encoding: str | None, sigma: float, begin_with: Path | None, epochs: int, steps: int | None, batch: int,
+    learning_rate: float, weight_decay: float, target: str, softness: float, loss: str, time_limit: float | None,
     validate_every: float, threads: int | None, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Train a network on DATASET, with AdamW as in the paper.
@@ -66,8 +68,8 @@ def command(
     if threads:
         torch.set_num_threads(threads)
     settings = TrainSettings(
-        epochs=epochs, batch=batch, learning_rate=learning_rate, weight_decay=weight_decay, target=target,
-        softness=softness, loss=loss, seed=seed, validate_every_s=60.0 * validate_every,
+        epochs=epochs, steps=steps, batch=batch, learning_rate=learning_rate, weight_decay=weight_decay,
+        target=target, softness=softness, loss=loss, seed=seed, validate_every_s=60.0 * validate_every,
         time_limit_s=math.inf if time_limit is None else 60.0 * time_limit,
     )  # fmt: skip
     first = int(os.environ.get("RANK", "0")) == 0

@@ -14,7 +14,6 @@ from nnpp_edge.model import edge, nnpp
 from nnpp_edge.runtime.encoding import GAUSSIAN_CHANNELS, PAIR_CHANNELS, encode_gaussian, encode_pair
 from nnpp_edge.runtime.errors import ModelError
 
-
 ENCODINGS = {"edge": ("pair",), "nnpp": ("gaussian", "euclidean", "pixel")}
 """``euclidean`` and ``pixel`` are what the paper compares its Gaussians with (Fig. 13): training knows them, the
 runtime does not."""
@@ -42,7 +41,8 @@ class Spec:
         if not self.encoding:
             object.__setattr__(self, "encoding", known[0])
         elif self.encoding not in known:
-            raise ModelError(f"encoding of {self.architecture} must be one of {', '.join(known)}, got {self.encoding!r}")
+            wanted = f"encoding of {self.architecture} must be one of {', '.join(known)}"
+            raise ModelError(f"{wanted}, got {self.encoding!r}")
 
     @property
     def blocks(self) -> int:
@@ -56,17 +56,14 @@ class Spec:
 
 
 PRESETS = {
-    "edge": Spec("edge"),
-    "edge-128": Spec("edge", input_size=128),
-    "edge-lite": Spec(
-        "edge", input_size=128, options={"widths": [16, 32, 64, 64], "stem": 16, "depth": [0, 1, 1, 0]}
-    ),
+    "edge": Spec("edge", input_size=128, options={"widths": [16, 32, 64, 64], "stem": 16, "depth": [0, 1, 1, 0]}),
+    "edge-256": Spec("edge"),
     "nnpp-w16": Spec("nnpp", options={"width": 16}),
     "nnpp": Spec("nnpp", options={"width": 64}),
     "nnpp-stdc2": Spec("nnpp", options={"width": 64, "depth": [4, 5, 3]}),
 }
-"""``edge-128`` sees the map at half ``edge``'s resolution, ``edge-lite`` too with a fifth of the work; ``nnpp`` is the paper's network at full width and
-``nnpp-w16`` the same at a quarter of it."""
+"""``edge-256`` sees the map at twice ``edge``'s resolution, with twenty times the work; ``nnpp`` is the paper's network
+at full width and ``nnpp-w16`` the same at a quarter of it."""
 
 
 class Network(nn.Module):

@@ -5,6 +5,7 @@ import io
 import json
 import math
 import os
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
@@ -38,6 +39,8 @@ class TrainSettings:
     """Queries in a step, over all processes."""
     learning_rate: float = 1e-3
     weight_decay: float = 1e-4
+    steps: int | None = None
+    """Training ends after so many, if its epochs have not ended it before."""
     warmup_steps: int = 200
     target: str = "near"
     softness: float = 0.02
@@ -140,7 +143,7 @@ def train(
             network, device_ids=[device.index] if device.type == "cuda" else None
         )
     began, before = time.monotonic(), progress.spent_s
-    total = settings.epochs * len(batches)
+    total = min(settings.epochs * len(batches), settings.steps or sys.maxsize)
     losses: list[float] = []
     validated = time.monotonic()
 
@@ -171,7 +174,7 @@ def train(
             if _agree(time.monotonic() - validated, world, device) > settings.validate_every_s:
                 stand()
                 validated = time.monotonic()
-            if progress.spent_s >= settings.time_limit_s:
+            if progress.spent_s >= settings.time_limit_s or progress.step >= total:
                 break
         else:
             progress.epoch += 1

@@ -79,6 +79,7 @@ def pareto(rows: Sequence[dict[str, Any]], path: Path) -> None:
     Planners that none is both faster and better than are joined by a line; bars reach to the gap's 95th percentile.
     """
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     workloads, sizes = (list(dict.fromkeys(row[key] for row in rows)) for key in ("workload", "size"))
     methods = list(dict.fromkeys(row["method"] for row in rows))
@@ -99,6 +100,9 @@ def pareto(rows: Sequence[dict[str, Any]], path: Path) -> None:
         ]  # fmt: skip
         axes.plot(*zip(*front, strict=True), color="grey", linewidth=1, zorder=0)
         axes.set(xscale="log", title=f"{name}, {size}", xlabel="ms, median", ylabel="cost gap, %: mean, to p95")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.3, which="both")
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))

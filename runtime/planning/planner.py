@@ -15,6 +15,7 @@ from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepModel
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import Region, Search, prices
+from nnpp_edge.runtime.planning.choice import MapChoice, choice_for
 from nnpp_edge.runtime.planning.expansion import LANES, octile
 from nnpp_edge.runtime.planning.landmarks import Landmarks
 from nnpp_edge.runtime.planning.learned import LearnedRegions
@@ -22,13 +23,13 @@ from nnpp_edge.runtime.planning.plan import Method, Plan, Source, measure
 from nnpp_edge.runtime.planning.pyramid import FACTOR, Pyramid
 from nnpp_edge.runtime.planning.query import Query, as_cell
 
-_NEAR = 48
-"""Cells; nearer goals `auto` leaves to plain A*, which is then faster than a network's answer."""
 _REFINE_FROM = 192
 """Cells on a map's longer side from which a learned region is searched coarsely first."""
 _CORRIDORS = ((1, 0.0015), (8, 0.02))
 """At first, and widened: the quarters of coarse cells within so many of the coarse path are searched, and the coarse
 cells on paths that cost at most so much more than the best."""
+_IN_LEARNED_REGION = (1, 0.0005)
+"""The same inside a learned region, which is searched for speed."""
 _BAND_NEARBY = 0.12
 """What the band of a short path is wider by, divided by the coarse cells between start and goal."""
 _COARSE_MARGIN, _COARSE_BAND = 2, 0.02
@@ -79,6 +80,7 @@ class Planner:
         """What `prepare` computed, for exact A*; None before, and after a cell has become cheaper."""
         self._model = model
         self._learned: LearnedRegions | None = None
+        self._auto: MapChoice | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -196,8 +198,8 @@ class Planner:
             Cells.
         method : str
             ``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the network's
-            region. ``auto``: whichever is soonest done by the figures in docs/decisions.md; the plan says which
-            and why.
+            region. ``auto``: whichever is soonest done, by what `nnpp-edge profile --save-choice` measured on
+            this machine, else by the figures in docs/decisions.md; the plan says which and why.
         epsilon : float
             Keep widening until the path is certain to cost at most (1 + epsilon) times the optimum; 0 gives
             the optimum itself. By default the first path found is taken.
@@ -243,9 +245,9 @@ class Planner:
             raise InvalidQueryError(f"method must be one of {', '.join(Method)}, got {method!r}") from None
         if asked is not Method.AUTO:
             return asked, ""
-        if max(abs(start[0] - goal[0]), abs(start[1] - goal[1])) < _NEAR:
-            return Method.ASTAR, f"the goal is less than {_NEAR} cells away"
-        return Method.CORRIDOR, "soonest done by the shipped figures"
+        if self._auto is None:
+            self._auto = choice_for(self.shape, self._model)
+        return self._auto.pick(max(abs(start[0] - goal[0]), abs(start[1] - goal[1])))
 
     def _problem(self, start: Cell, goal: Cell) -> Status | None:
         for cell, outside, blocked in (
@@ -340,7 +342,7 @@ class Planner:
                 region = learned.at_level(wanted, self.pyramid.levels[top].grid, top)
             elif not refine:
                 break  # the whole map at full resolution is the fallback's
-            found, searched = self._descend(query, top, region, _CORRIDORS[0])
+            found, searched = self._descend(query, top, region, _IN_LEARNED_REGION)
             if found is not None and found.status is not Status.NO_PATH:
                 plan = self._answer(query, Method.NNPP, source, found, searched)
                 if query.suffices(plan):

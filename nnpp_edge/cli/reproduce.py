@@ -1,0 +1,85 @@
+"""`nnpp-edge reproduce`: the paper's experiments, beside the paper's figures."""
+
+import json
+from dataclasses import asdict
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from nnpp_edge.cli import options
+
+if TYPE_CHECKING:
+    from nnpp_edge.reproduction.runner import Outcome
+
+_SAMPLE, _SAMPLE_RESCALE = "moon_highlands.npz", 20.0
+
+
+@click.command(name="reproduce")
+@click.argument("experiments", nargs=-1, metavar="[EXPERIMENT]...")
+@click.option("--terrain", multiple=True, type=options.PATH,
+              help="Elevation file, or several; by default the bundled sample at cells of 20 m.")  # fmt: skip
+@click.option("--cell-size", type=float, help="Side of a cell in metres, where the files do not say.")
+@click.option("--rescale", type=float, help="Rescale the terrain to cells of so many metres, slopes kept.")
+@click.option("--model", default="edge", show_default=True, help="Shipped model or file for the network.")
+@click.option("--dataset", type=options.FOLDER,
+              help="Training set for fig13; by default one is made from the terrain.")  # fmt: skip
+@click.option("--steps", type=click.IntRange(1), help="Training steps for each encoding of fig13; by default 1000.")
+@click.option("--quick", is_flag=True, help="A smoke run of less than a minute; its figures mean nothing.")
+@click.option("--again", is_flag=True, help="Run experiments that are complete, too.")
+@click.option("-o", "--output", type=options.FOLDER, default="reproduction", show_default=True,
+              help="Folder for the results; what is complete in it is kept.")  # fmt: skip
+@options.seed
+@options.as_json
+def command(
+    experiments: tuple[str, ...], terrain: tuple[Path, ...], cell_size: float | None, rescale: float | None,
+    model: str, dataset: Path | None, steps: int | None, quick: bool, again: bool, output: Path, seed: int,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Repeat the paper's experiments, each beside the paper's figures.
+
+    EXPERIMENT is one of table1, fig7, table2, fig9, fig11, fig12, table3, table4 and fig13; by default all.
+    Each gets a folder with a table (Markdown), its figures (CSV) and a picture (PNG); README.md puts them
+    together and says what agrees with the paper and what does not. A run that was interrupted goes on where
+    it stopped.
+
+    \b
+    nnpp-edge reproduce --terrain dem.tif --rescale 20 -o reproduction
+    nnpp-edge reproduce table2 fig7 --quick
+    """
+    from functools import partial
+
+    from nnpp_edge.cli.progress import bar
+    from nnpp_edge.reproduction.experiment import NAMES
+    from nnpp_edge.reproduction.runner import Request, reproduce
+
+    if unknown := [name for name in experiments if name not in NAMES]:
+        raise click.UsageError(f"EXPERIMENT must be of {', '.join(NAMES)}, got {', '.join(unknown)}")
+    if not terrain:
+        terrain = (Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE)),)
+        rescale = rescale or _SAMPLE_RESCALE
+    names = [name for name in NAMES if not experiments or name in experiments]
+    request = Request(names, terrain, output, rescale, cell_size, seed, model, quick, steps, dataset, again)
+    outcomes: list[Outcome] = []
+    for outcome in reproduce(request, bar=partial(bar, quiet=True)):
+        outcomes.append(outcome)
+        if not as_json:
+            click.echo(_line(outcome, output))
+    if as_json:
+        told = [{"experiment": o.name, "ended": o.how, "findings": [asdict(f) for f in o.findings]} for o in outcomes]
+        click.echo(json.dumps({"output": str(output), "experiments": told}, indent=1, ensure_ascii=False))
+    else:
+        click.echo(f"ours beside the paper's: {output / 'README.md'}")
+
+
+def _line(outcome: "Outcome", output: Path) -> str:
+    """What became of an experiment, in a line."""
+    from nnpp_edge.reproduction.report import Verdict
+
+    if outcome.how == "missing":
+        return f"{outcome.name}: not in this version of the toolkit"
+    verdicts = [finding.verdict for finding in outcome.findings]
+    counts = ", ".join(f"{verdicts.count(v)} {v}" for v in Verdict if v in verdicts)
+    kept = ", complete already (--again runs it anew)" if outcome.how == "skipped" else ""
+    return f"{outcome.name}: {counts}{kept}; {output / outcome.name}"

@@ -1,0 +1,119 @@
+"""From which map size and which distance on one planner is sooner done than another, by the measured queries."""
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+PAIRS = (("corridor", "astar"), ("nnpp", "astar"), ("nnpp", "corridor"))
+"""Who might pay over whom."""
+CHOICES = ("astar", "corridor", "nnpp")
+"""What `auto` may choose from."""
+_BINS_PER_DOUBLING = 2
+_FEWEST = 3
+"""Queries that a bin of distances must have; one with fewer is joined to another."""
+_CLEARLY = 0.95
+"""The choice changes where another method takes less than this share of the time."""
+
+
+@dataclass
+class Bin:
+    """Queries of similar distance on maps of one size."""
+
+    first: int
+    """Least distance, in cells; the next bin's is the end."""
+    times_ms: dict[str, list[float]]
+
+    def total(self, planner: str) -> float:
+        """Summed time."""
+        return sum(self.times_ms[planner])
+
+    def __len__(self) -> int:
+        return len(next(iter(self.times_ms.values())))
+
+
+def bins_by_size(results: Sequence[Mapping[str, Any]]) -> dict[int, list[Bin]]:
+    """For each size the queries of all workloads, near ones included, in bins of distance."""
+    pooled: dict[int, dict[str, list[tuple[int, float]]]] = defaultdict(lambda: defaultdict(list))
+    for row in results:
+        told = row["queries"]
+        pooled[row["size"]][row["planner"]] += zip(told["distance"], told["time_ms"], strict=True)
+    return {size: _bins(planners) for size, planners in sorted(pooled.items())}
+
+
+def _bins(planners: Mapping[str, list[tuple[int, float]]]) -> list[Bin]:
+    distances = sorted(distance for distance, _ in next(iter(planners.values())))
+    edges = [0]
+    for distance in distances:
+        edge = _edge(_number(distance))
+        enough = sum(edges[-1] <= each < edge for each in distances) >= _FEWEST
+        if enough and sum(each >= edge for each in distances) >= _FEWEST:
+            edges.append(edge)
+    return [
+        Bin(int(first), {
+            name: [ms for distance, ms in pairs if first <= distance < end] for name, pairs in planners.items()
+        })
+        for first, end in pairwise([*edges, math.inf])
+    ]  # fmt: skip
+
+
+def _number(distance: int) -> int:
+    return math.floor(_BINS_PER_DOUBLING * math.log2(max(distance, 1)) + 1e-9)
+
+
+def _edge(number: int) -> int:
+    return math.ceil(2.0 ** (number / _BINS_PER_DOUBLING) - 1e-9)
+
+
+def break_even(results: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """For each pair of planners where one starts to pay over the other, as ``break_even`` in docs/profile.md."""
+    told = []
+    by_size, sums = bins_by_size(results), _judged_totals(results)
+    for planner, over in PAIRS:
+        if not all(planner in totals and over in totals for totals in sums.values()):
+            continue
+        distances = {
+            str(size): _from_where([(each.first, each.total(planner) < each.total(over)) for each in bins])
+            for size, bins in by_size.items()
+        }
+        size_from = _from_where([(size, totals[planner] < totals[over]) for size, totals in sums.items()])
+        told.append({"planner": planner, "over": over, "size_from": size_from, "distance_from": distances})
+    return told
+
+
+def _judged_totals(results: Sequence[Mapping[str, Any]]) -> dict[int, dict[str, float]]:
+    """By size and planner, the summed time of the queries that budgets are judged by."""
+    sums: dict[int, dict[str, float]] = {}
+    for row in sorted(results, key=lambda row: row["size"]):
+        totals = sums.setdefault(row["size"], defaultdict(float))
+        totals[row["planner"]] += row["n"] * row["time_ms"]["mean"]
+    return sums
+
+
+def _from_where(wins: Sequence[tuple[int, bool]]) -> int | None:
+    """The first place from which on it wins everywhere; None where it does not win at the end."""
+    found = None
+    for place, won in reversed(wins):
+        if not won:
+            break
+        found = place
+    return found
+
+
+def rules(results: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Which method is soonest done, by size and distance: ``size``, ``from`` (cells) and ``method``.
+
+    Methods that are nearly as fast do not take turns: another is chosen where it is clearly sooner done.
+    """
+    told = []
+    for size, bins in bins_by_size(results).items():
+        chosen = None
+        for each in bins:
+            known = [method for method in CHOICES if method in each.times_ms]
+            best = min(known, key=each.total)
+            if chosen is None or (best != chosen and each.total(best) < _CLEARLY * each.total(chosen)):
+                chosen = best
+                told.append({"size": size, "from": each.first, "method": chosen})
+    return told

@@ -1,0 +1,115 @@
+"""Budgets against figures: passed, missed, noisy or not measured."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from nnpp_edge.profiling.figures import find
+from nnpp_edge.profiling.profile_file import Budget, Profile
+from nnpp_edge.profiling.quantities import BASIS_UNITS, QUANTITIES
+
+PASS, FAIL, NOISY, ABSENT = "pass", "fail", "noisy", "not measured"
+MET, MISSED, UNSURE = "met", "missed", "noisy"
+EXIT_CODES = {MET: 0, MISSED: 1, UNSURE: 3}
+_BEYOND_DOUBT = 1.25
+"""A budget is missed in a noisy run, too, where it would be by this factor with all the time back that noise took."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What others took while the run was made."""
+
+    words: str = ""
+    """Empty if that is little."""
+    share: float = 0.0
+    """Of the time."""
+
+
+def judged(
+    profile: Profile, results: list[dict[str, Any]], whole_run: Mapping[str, Mapping[str, float]], noise: Noise
+) -> list[dict[str, Any]]:  # fmt: skip
+    """A line for each budget, at each workload and size that it is set for.
+
+    Parameters
+    ----------
+    profile : Profile
+        With the budgets and the shares that still count as stable.
+    results : list of dict
+        Rows of `figures.rows`.
+    whole_run : mapping
+        By quantity and planner, what there is one figure of.
+    noise : Noise
+        What others took.
+    """
+    lines = []
+    for budget in profile.budgets:
+        for workload, size in _places(budget, profile):
+            if QUANTITIES[budget.quantity].whole_run:
+                value, halves = whole_run.get(budget.quantity, {}).get(budget.planner), None
+            else:
+                row = find(results, str(workload), int(size or 0), budget.planner) or {}
+                value = _value(row, budget.quantity)
+                halves = row.get("halves", {}).get(QUANTITIES[budget.quantity].basis)
+            lines.append(_line(budget, workload, size, value, halves, profile.stability.halves, noise))
+    return lines
+
+
+def verdict(lines: Sequence[Mapping[str, Any]], noise: Noise) -> str:
+    """Of the whole run: missed if any budget is, else noisy if any is or could not be measured, else met."""
+    states = {line["verdict"] for line in lines}
+    if FAIL in states:
+        return MISSED
+    return UNSURE if states & {NOISY, ABSENT} or (noise.words and not lines) else MET
+
+
+def _places(budget: Budget, profile: Profile) -> Iterator[tuple[str | None, int | None]]:
+    if QUANTITIES[budget.quantity].whole_run:
+        yield None, None
+        return
+    for workload in (budget.workload,) if budget.workload else profile.load.workloads:
+        for size in (budget.size,) if budget.size else profile.load.sizes:
+            yield workload, size
+
+
+def _value(row: Mapping[str, Any], quantity: str) -> float | None:
+    if quantity.startswith("time_ms_"):
+        return row.get("time_ms", {}).get(quantity.removeprefix("time_ms_"))
+    return row.get(quantity)
+
+
+def _line(
+    budget: Budget, workload: str | None, size: int | None, value: float | None,
+    halves: Sequence[float] | None, allowed: float, noise: Noise,
+) -> dict[str, Any]:  # fmt: skip
+    quantity = QUANTITIES[budget.quantity]
+    shown = None if value is None else quantity.scale * value
+    state, why = ABSENT, "this run did not measure it"
+    apart: float | None = None
+    if shown is not None:
+        state, why = (PASS, "") if _holds(budget, shown) else (FAIL, "")
+        if quantity.basis and halves is not None:
+            apart = abs(halves[0] - halves[1]) / min(halves)
+        words = noise.words if quantity.basis else ""
+        if apart is not None and apart > allowed:
+            words = f"the halves of the run differ by {100 * apart:.0f} %"
+        if words and state == FAIL and _beyond_doubt(budget, shown, noise.share, apart or 0.0):
+            why = f"{words}, which explains no such miss"
+        elif words:
+            state, why = NOISY, words
+    return {
+        "name": budget.name, "quantity": budget.quantity, "planner": budget.planner, "workload": workload,
+        "size": size, "direction": budget.direction, "limit": budget.limit, "unit": budget.unit, "value": shown,
+        "halves": list(halves) if apart is not None and halves is not None else None,
+        "halves_unit": BASIS_UNITS.get(quantity.basis), "halves_differ": apart,
+        "verdict": state, "why": why,
+    }  # fmt: skip
+
+
+def _holds(budget: Budget, value: float) -> bool:
+    return value >= budget.limit if budget.direction == "at least" else value <= budget.limit
+
+
+def _beyond_doubt(budget: Budget, value: float, lost: float, apart: float) -> bool:
+    """Whether the better half would miss the limit even if it had had the machine to itself."""
+    wanted, got = (budget.limit, value) if budget.direction == "at least" else (value, budget.limit)
+    return got <= 0.0 or (1.0 - lost) * wanted / (got * (1.0 + apart)) > _BEYOND_DOUBT

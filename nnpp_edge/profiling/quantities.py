@@ -1,0 +1,50 @@
+"""What a budget may be set on: the quantities of a profile, their units, and what makes them uncertain."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A figure of a planner at one workload and size, or of the machine."""
+
+    unit: str
+    meaning: str
+    basis: str = ""
+    """Of which medians the two halves of a run must agree: ``time``, ``inference``, ``ratio`` (exact A*'s time over
+    the planner's) or ``int8_ratio``. Empty where noise changes nothing."""
+    scale: float = 1.0
+    """From the figure in a report to the unit of budgets: shares are kept as such, budgets are set in percent."""
+    whole_run: bool = False
+    """There is one figure for the run, not one for each workload and size."""
+
+
+QUANTITIES: dict[str, Quantity] = {
+    "fps": Quantity("1/s", "plans a second: 1000 over the median time in ms", "time"),
+    "time_ms_median": Quantity("ms", "median time of a plan", "time"),
+    "time_ms_p90": Quantity("ms", "time that 90 % of the queries stay below", "time"),
+    "time_ms_p99": Quantity("ms", "time that 99 % of the queries stay below", "time"),
+    "time_ms_max": Quantity("ms", "time of the slowest query", "time"),
+    "inference_fps": Quantity("1/s", "runs of the network a second, by its median time", "inference"),
+    "inference_ms_median": Quantity("ms", "median time of a run of the network", "inference"),
+    "speedup_median": Quantity("x", "median over queries of exact A*'s time over the planner's", "ratio"),
+    "speedup_total": Quantity("x", "exact A*'s summed time over the planner's", "ratio"),
+    "int8_speedup": Quantity("x", "the fp32 network's median time over the int8 network's", "int8_ratio"),
+    "gap_mean": Quantity("%", "mean of path cost over the optimum, less 1", scale=100.0),
+    "gap_p99": Quantity("%", "gap that 99 % of the queries stay below", scale=100.0),
+    "gap_max": Quantity("%", "largest gap", scale=100.0),
+    "cc_excess": Quantity("%", "summed CC (Σ T along the path) over that of the optimal paths, less 1", scale=100.0),
+    "success_first": Quantity("%", "queries answered by the first region, before any widening", scale=100.0),
+    "success": Quantity("%", "queries answered, widening and whole-map search included", scale=100.0),
+    "expansions_median": Quantity("1", "cells expanded for a query, at all levels"),
+    "energy_mj": Quantity("mJ", "energy of the processor package for a plan, where the machine counts it", "time"),
+    "peak_memory_mb": Quantity("MB", "peak memory of a process that plans once on the largest map", whole_run=True),
+    "start_up_warm_s": Quantity(
+        "s", "import to first plan in a new process, kernels compiled", "time", whole_run=True
+    ),
+    "start_up_cold_s": Quantity("s", "the same, kernels compiled on the way", "time", whole_run=True),
+    "model_mb": Quantity("MB", "size of the model's file", whole_run=True),
+}
+BASIS_UNITS = {"time": "ms", "inference": "ms", "ratio": "x", "int8_ratio": "x"}
+DIRECTIONS = ("at least", "at most")
+STAGES = ("encode", "inference", "threshold", "coarse", "search", "path", "other")
+"""Of a plan, in the order of work."""

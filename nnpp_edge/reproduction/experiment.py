@@ -1,0 +1,107 @@
+"""What an experiment is, and what it is given."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from nnpp_edge.profiling.suites import Case, TerrainSuite
+from nnpp_edge.reproduction.report import Result
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.inference import NetworkModel
+from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.labels import Query
+from nnpp_edge.terrain.workloads import SOFT
+
+NAMES = ("table1", "fig7", "table2", "fig9", "fig11", "fig12", "table3", "table4", "fig13")
+"""All experiments, in the order in which they run. Each is the module of that name in this package."""
+_TRIES = 20
+"""Maps tried for each that is wanted, before giving up on finding one with a path."""
+
+
+@dataclass(frozen=True)
+class Context:
+    """What every experiment works with."""
+
+    terrain: Sequence[Dem]
+    seed: int
+    model: NetworkModel
+    work: Path
+    """Folder for what an experiment that is interrupted goes on from; removed once it is done."""
+    dataset: Path | None = None
+    """Training set for the experiments that train; without it they make one from the terrain."""
+
+    def fitting(self, sizes: Sequence[int]) -> tuple[tuple[int, ...], list[str]]:
+        """The sizes that the terrain is large enough for, and a note on the others.
+
+        Raises
+        ------
+        InvalidQueryError
+            It is too small for all of them.
+        """
+        largest = max(min(dem.elevation.shape) for dem in self.terrain)
+        fit = tuple(size for size in sizes if size <= largest)
+        if not fit:
+            raise InvalidQueryError(f"wanted terrain of at least {min(sizes)} cells a side, got {largest}")
+        left_out = [f"{size}²" for size in sizes if size > largest]
+        note = f"Left out, as the terrain is no more than {largest} cells a side: {', '.join(left_out)}."
+        return fit, [note] if left_out else []
+
+    def cases(self, size: int, least_distance: float = 0.35) -> Iterator[Case]:
+        """Random crops of the terrain with queries, the paper's cost without hard limits; without end."""
+        dems = [dem for dem in self.terrain if min(dem.elevation.shape) >= size]
+        suite = TerrainSuite((), (SOFT,), (size,), self.seed, least_distance=least_distance)
+        return suite.cases(dems, SOFT, size)
+
+    def maps(self, size: int, count: int) -> Iterator[tuple[Case, Query]]:
+        """`count` random crops, each with one query that has a path; InvalidQueryError if too few have."""
+        found = 0
+        for case in islice(self.cases(size), _TRIES * count):
+            planner = Planner(case.cost)
+            for query in case.queries:
+                if planner.plan(*query, method="astar").status is Status.OK:
+                    yield case, query
+                    found += 1
+                    break
+            if found == count:
+                return
+        raise InvalidQueryError(f"wanted {count} maps of {size} × {size} cells with a path, got {found}")
+
+
+Report = Callable[[float], None]
+"""Told the share of the work that is done."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """An experiment of the paper, as we repeat it. Its module holds one under the name ``EXPERIMENT``."""
+
+    where: str
+    """Where it stands in the paper."""
+    title: str
+    run: Callable[[Context, Any, Report], Result]
+    full: Any
+    """Its settings, a frozen dataclass."""
+    quick: Any
+    """The same for a smoke run."""
+
+
+def find_experiment(name: str) -> Experiment | None:
+    """The experiment of that name; None where this version of the toolkit lacks it.
+
+    Raises
+    ------
+    InvalidQueryError
+        There is no experiment of that name.
+    """
+    if name not in NAMES:
+        raise InvalidQueryError(f"experiment must be one of {', '.join(NAMES)}, got {name!r}")
+    module = f"{__package__}.{name}"
+    if find_spec(module) is None:
+        return None
+    found: Experiment = import_module(module).EXPERIMENT
+    return found

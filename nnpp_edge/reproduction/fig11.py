@@ -1,0 +1,135 @@
+"""Fig. 11: time of a query against the length of its path, with and without the network."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nnpp_edge.reproduction.contest import OURS, PLAIN, PLAIN_NN, PLANNERS, Round, contest
+from nnpp_edge.reproduction.experiment import Context, Experiment, Report
+from nnpp_edge.reproduction.pictures import COLOURS, new_figure, png, tidy
+from nnpp_edge.reproduction.report import Finding, Result, Table, judge, percent
+
+_LEAST_DISTANCE = 0.05
+"""Short paths too: start and goal at least so much of the map's side apart."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How much is measured."""
+
+    size: int = 256
+    queries: int = 300
+    repeats: int = 3
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight line through (cells of the path, seconds)."""
+
+    offset_s: float
+    slope_s: float
+    correlation: float
+
+
+def run(context: Context, settings: Settings, report: Report) -> Result:
+    """Random queries, near ones among them, each put to all planners."""
+    sizes, notes = context.fitting((settings.size, 128, 64))
+    size = max(sizes)
+    cases = context.cases(size, _LEAST_DISTANCE)
+    rounds = []
+    for answered in contest(cases, context.model, settings.queries, repeats=settings.repeats):
+        rounds.append(answered)
+        report(len(rounds) / settings.queries)
+    lines = {name: _fit(rounds, name) for name in PLANNERS}
+    notes = [note for note in notes if size < settings.size]
+    notes.append(
+        f"{settings.queries} queries on maps of {size}², start and goal at least {_LEAST_DISTANCE} of the side "
+        "apart. The paper gives this figure as a picture alone. Lines are fitted by least squares."
+    )
+    return Result(
+        _summary(rounds, lines), _data(rounds), _findings(rounds, lines), _picture(rounds, lines), notes
+    )  # fmt: skip
+
+
+def _cells(rounds: Sequence[Round]) -> Any:
+    return np.array([r.path_cells for r in rounds], np.float64)
+
+
+def _times(rounds: Sequence[Round], name: str) -> Any:
+    return np.array([r.answers[name].time_s for r in rounds])
+
+
+def _fit(rounds: Sequence[Round], name: str) -> Line:
+    cells, times = _cells(rounds), _times(rounds, name)
+    if len(set(cells)) < 2:
+        return Line(float(times.mean()), 0.0, 0.0)
+    slope, offset = np.polyfit(cells, times, 1)
+    return Line(float(offset), float(slope), float(np.corrcoef(cells, times)[0, 1]))
+
+
+def _summary(rounds: Sequence[Round], lines: dict[str, Line]) -> Table:
+    header = ("planner", "fitted time for 50 cells, ms", "for 200 cells, ms", "correlation", "faster than plain A*",
+              "faster than our exact A*")  # fmt: skip
+    rows = []
+    for name, line in lines.items():
+        at = [1e3 * (line.offset_s + line.slope_s * cells) for cells in (50, 200)]
+        wins = [
+            None if name == other else percent(float((_times(rounds, name) < _times(rounds, other)).mean()), 0)
+            for other in (PLAIN, "astar")
+        ]
+        label = f"`{name}`" if name in OURS else name
+        rows.append((label, f"{at[0]:.3g}", f"{at[1]:.3g}", f"{line.correlation:.2f}", *wins))
+    return Table(header, rows)
+
+
+def _data(rounds: Sequence[Round]) -> Table:
+    rows = [(r.path_cells, *(r.answers[name].time_s for name in PLANNERS)) for r in rounds]
+    return Table(("path_cells", *(f"{name} s" for name in PLANNERS)), rows)
+
+
+def _findings(rounds: Sequence[Round], lines: dict[str, Line]) -> Sequence[Finding]:
+    found = []
+    for slow, fast in ((PLAIN, PLAIN_NN), ("astar", "nnpp")):
+        a, b = lines[slow], lines[fast]
+        wins = float((_times(rounds, fast) < _times(rounds, slow)).mean())
+        found += [
+            judge(
+                f"time grows with the path's length ({slow})", "yes", f"{1e6 * a.slope_s:.3g} µs a cell, r = "
+                f"{a.correlation:.2f}", agrees=a.slope_s > 0.0 and a.correlation > 0.3, rule="correlation above 0.3",
+            ),
+            judge(
+                f"it grows more slowly with the network ({fast} against {slow})", "yes",
+                f"{1e6 * b.slope_s:.3g} µs a cell", agrees=b.slope_s < a.slope_s, rule="a smaller slope",
+            ),
+            judge(
+                f"the network's way is much the faster ({fast} against {slow})", "yes",
+                f"faster on {percent(wins, 0)} of the queries", agrees=wins >= 0.9, rule="on at least 90 %",
+            ),
+        ]  # fmt: skip
+    return found
+
+
+def _picture(rounds: Sequence[Round], lines: dict[str, Line]) -> bytes:
+    figure = new_figure(11.5, 4.6)
+    left, right = figure.subplots(1, 2)
+    cells = _cells(rounds)
+    ends = np.array([cells.min(), cells.max()])
+    for axes, names, title in (
+        (left, (PLAIN, PLAIN_NN), "Plain Python, a graph for each query"),
+        (right, OURS, "This toolkit's planners"),
+    ):
+        for name in names:
+            line = lines[name]
+            axes.scatter(cells, 1e3 * _times(rounds, name), s=12, alpha=0.6, color=COLOURS[name], linewidths=0)
+            axes.plot(ends, 1e3 * (line.offset_s + line.slope_s * ends), color=COLOURS[name], linewidth=2, label=name)
+        tidy(axes, title, "cells of the optimal path", "time of a query, ms")
+        axes.set_ylim(bottom=0.0)
+        axes.legend(fontsize="small", loc="upper left")
+    return png(figure)
+
+
+EXPERIMENT = Experiment(
+    "Fig. 11", "Time against the length of the path", run, Settings(), Settings(queries=10, repeats=2)
+)

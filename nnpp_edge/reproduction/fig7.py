@@ -1,0 +1,219 @@
+"""Fig. 7: path length and CC against ω, and the ω at which the sum of both, normalised, is least."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.profiling.suites import Case
+from nnpp_edge.reproduction import paper
+from nnpp_edge.reproduction.experiment import Context, Experiment, Report
+from nnpp_edge.reproduction.pictures import PAPER, new_figure, png, tidy
+from nnpp_edge.reproduction.report import Finding, Result, Table, judge
+from nnpp_edge.runtime.grid import SQRT2, Grid, StepModel
+from nnpp_edge.runtime.planning.astar import astar
+from nnpp_edge.runtime.planning.workspace import Workspace
+from nnpp_edge.terrain.labels import Query
+
+Floats = NDArray[np.float64]
+_LENGTH_COLOUR, _CC_COLOUR, _SUM_COLOUR, _TIME_COLOUR = "#0072b2", "#e69f00", "#7b3294", "#d76f9f"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How much is measured."""
+
+    maps: int = paper.OMEGA_MAPS
+    size: int = 256
+    fine: int = 50
+    """Values of ω up to 0.05, evenly spaced; 0 comes in addition."""
+    coarse: int = 30
+    """Values of ω from there to 0.2."""
+
+    def omegas(self) -> Floats:
+        """The values of ω, per grey level."""
+        fine = np.linspace(0.0, 0.05, self.fine + 1)
+        return np.concatenate([fine, np.linspace(0.05, paper.OMEGA_MOST, self.coarse + 1)[1:]])
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What the paths of several maps come to: (M, N) for M maps and N values of ω."""
+
+    omegas: Floats
+    length: Floats
+    cc: Floats
+    time_s: Floats
+
+    def normalised(self) -> tuple[Floats, Floats]:
+        """LEN and CC, each brought to [0, 1] on each map: least to 0, greatest to 1."""
+        return _unit(self.length), _unit(self.cc)
+
+    def best(self) -> Floats:
+        """(M,) the ω of each map at which LEN + CC is least; the middle one where several are."""
+        length, cc = self.normalised()
+        return _argmin(self.omegas, length + cc)
+
+    def both(self) -> dict[str, Floats]:
+        """The best ω of each map by both readings of "normalised"."""
+        return {"by range": self.best(), "by greatest": self.best_by_greatest()}
+
+    def best_by_greatest(self) -> Floats:
+        """The best ω of each map where LEN and CC are divided by their greatest values instead."""
+        length, cc = (x / np.maximum(x.max(axis=1, keepdims=True), 1e-12) for x in (self.length, self.cc))
+        return _argmin(self.omegas, length + cc)
+
+
+def run(context: Context, settings: Settings, report: Report) -> Result:
+    """Sweep ω on many maps, start and goal fixed on each, by exact A*."""
+    sizes, notes = context.fitting((settings.size, 128, 64))
+    size, omegas = max(sizes), settings.omegas()
+    measured = []
+    for case, query in context.maps(size, settings.maps):
+        measured.append(_sweep(case, query, omegas))
+        report(len(measured) / settings.maps)
+    sweep = Sweep(omegas, *np.array(measured).transpose(1, 0, 2))
+    notes = [note for note in notes if size < settings.size]
+    notes.append(
+        f"{settings.maps} maps of {size}², one query each, {len(omegas)} values of ω from 0 to {omegas[-1]:g}. The "
+        "paper does not say how LEN and CC are normalised, and the best ω depends on it. By range: each is brought "
+        "to [0, 1] on each map over the sweep, as in the picture. By greatest: each is divided by its greatest value."
+    )
+    notes.append("ω is per grey level of the cost map, T times 255: with T in [0, 1] it is 255 times as large.")
+    return Result(_summary(sweep), _data(sweep), _findings(sweep), _picture(sweep), notes)
+
+
+def _sweep(case: Case, query: Query, omegas: Floats) -> tuple[list[float], list[float], list[float]]:
+    workspace = Workspace((len(case.cost) + 2) ** 2)
+    lengths, ccs, times = [], [], []
+    for omega in omegas:
+        grid = Grid.of(case.cost, StepModel.of("paper", float(omega)))
+        began = time.perf_counter()
+        path = astar(grid, *query, workspace).path
+        times.append(time.perf_counter() - began)
+        diagonal = (np.abs(np.diff(path, axis=0)).sum(axis=1) == 2).sum()
+        lengths.append(float(len(path) - 1 + (SQRT2 - 1.0) * diagonal))
+        ccs.append(float(case.cost[path[:, 0], path[:, 1]].sum(dtype=np.float64)))
+    return lengths, ccs, times
+
+
+def _unit(values: Floats) -> Floats:
+    least, greatest = values.min(axis=1, keepdims=True), values.max(axis=1, keepdims=True)
+    unit: Floats = (values - least) / np.maximum(greatest - least, 1e-12)
+    return unit
+
+
+def _argmin(omegas: Floats, sums: Floats) -> Floats:
+    best = []
+    for row in sums:
+        least = np.flatnonzero(row <= row.min() + 1e-9)
+        best.append(omegas[least[len(least) // 2]])
+    return np.array(best)
+
+
+def _spread(values: Floats) -> str:
+    return f"{values.mean():.4f} ± {values.std():.4f}"
+
+
+def _summary(sweep: Sweep) -> Table:
+    rows: list[tuple[Any, ...]] = [
+        ("paper", paper.OMEGA_MAPS, f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}", None, None)
+    ]
+    for label, best in sweep.both().items():
+        low, middle, high = np.quantile(best, (0.25, 0.5, 0.75))
+        rows.append((f"ours, {label}", len(best), _spread(best), f"{middle:.4f}", f"{low:.4f} to {high:.4f}"))
+    return Table(("LEN and CC normalised", "maps", "best ω, mean ± deviation", "median", "quartiles"), rows)
+
+
+def _data(sweep: Sweep) -> Table:
+    length, cc = sweep.normalised()
+    header = ("omega", "len_mean", "len_sd", "cc_mean", "cc_sd", "sum_mean", "time_s_mean", "maps_with_best")
+    best = sweep.best()
+    columns = (length.mean(0), length.std(0), cc.mean(0), cc.std(0), (length + cc).mean(0), sweep.time_s.mean(0))
+    rows = [
+        (float(omega), *(float(column[at]) for column in columns), int((best == omega).sum()))
+        for at, omega in enumerate(sweep.omegas)
+    ]
+    return Table(header, rows)
+
+
+def _findings(sweep: Sweep) -> Sequence[Finding]:
+    length, cc = (values.mean(axis=0) for values in sweep.normalised())
+    sums = length + cc
+    inside = int(np.argmin(sums))
+    typical = np.median(sweep.time_s, axis=0)
+    settled = typical[sweep.omegas >= 0.25 * paper.OMEGA_MOST]
+    first, last = float(typical[0]), float(settled.mean())
+    knee = float(typical[sweep.omegas <= paper.OMEGA][-3:].mean())
+    return [
+        *(
+            judge(
+                f"best ω per grey level, LEN and CC normalised {label}",
+                f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}", _spread(best),
+                agrees=abs(float(best.mean()) - paper.OMEGA) <= paper.OMEGA_DEVIATION,
+                rule="our mean lies within the paper's deviation",
+            )
+            for label, best in sweep.both().items()
+        ),
+        judge(
+            "some ω between the ends makes LEN + CC least", "yes", f"ω = {sweep.omegas[inside]:.3f} on the mean",
+            agrees=0 < inside < len(sums) - 1, rule="neither the first nor the last ω",
+        ),
+        judge(
+            "the greater ω, the longer the path and the smaller its CC", "yes",
+            f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}",
+            agrees=bool((np.diff(length) > -0.02).all() and (np.diff(cc) < 0.02).all()),
+            rule="no step of the means goes the other way by over 0.02",
+        ),
+        judge(
+            "planning time rises at first and then stays", "yes",
+            f"{1e3 * first:.2f} ms at 0, {1e3 * knee:.2f} ms at {paper.OMEGA}, {1e3 * last:.2f} ms from "
+            f"{0.25 * paper.OMEGA_MOST:g} on",
+            agrees=bool(knee > 1.2 * first and np.ptp(settled) <= 0.35 * last),
+            rule=f"up by a fifth or more at ω = {paper.OMEGA}; beyond a quarter of the sweep within 35 %",
+        ),
+    ]  # fmt: skip
+
+
+def _picture(sweep: Sweep) -> bytes:
+    figure = new_figure(13, 4.2)
+    left, middle, right = figure.subplots(1, 3)
+    length, cc = sweep.normalised()
+    omegas = sweep.omegas
+    for values, label, colour in ((length, "LEN", _LENGTH_COLOUR), (cc, "CC", _CC_COLOUR)):
+        mean, deviation = values.mean(0), values.std(0)
+        left.plot(omegas, mean, color=colour, label=label)
+        left.fill_between(omegas, np.maximum(mean - deviation, 0), np.minimum(mean + deviation, 1), color=colour,
+                          alpha=0.18, linewidth=0)  # fmt: skip
+    tidy(left, "Length and CC of the path, normalised", "ω per grey level", "")
+    left.legend(title="mean ± deviation", title_fontsize="small", fontsize="small")
+    middle.plot(omegas, (length + cc).mean(0), color=_SUM_COLOUR)
+    tidy(middle, "LEN + CC (left) and planning time (right)", "ω per grey level", "LEN + CC")
+    middle.yaxis.label.set_color(_SUM_COLOUR)
+    clock = middle.twinx()
+    clock.plot(omegas, 1e3 * np.median(sweep.time_s, axis=0), color=_TIME_COLOUR, linewidth=1.0)
+    clock.set_ylabel("exact A*, median ms", color=_TIME_COLOUR)
+    clock.set_ylim(bottom=0.0)
+    clock.spines["top"].set_visible(False)
+    middle.axvline(paper.OMEGA, color=PAPER, linestyle="--", linewidth=1.0)
+    middle.annotate("paper's ω", (paper.OMEGA, 0.97), (4, 0), ("data", "axes fraction"), "offset points",
+                    color=PAPER, fontsize="small")  # fmt: skip
+    both = sweep.both()
+    edges = np.arange(0.0, max(float(best.max()) for best in both.values()) + 0.003, 0.002) - 0.001
+    right.axvspan(paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION, color=PAPER, alpha=0.25,
+                  linewidth=0, label=f"paper: {paper.OMEGA} ± {paper.OMEGA_DEVIATION}")  # fmt: skip
+    for (label, best), colour in zip(both.items(), (_SUM_COLOUR, "#009e73"), strict=True):
+        right.hist(best, edges, histtype="stepfilled", color=colour, alpha=0.45, label=f"{label}: {_spread(best)}")
+        right.axvline(float(best.mean()), color=colour, linewidth=1.8)
+    tidy(right, f"Best ω of {len(sweep.length)} maps, and the means", "ω per grey level", "maps")
+    right.locator_params(axis="x", nbins=6)
+    right.yaxis.get_major_locator().set_params(integer=True)
+    right.margins(y=0.25)
+    right.legend(fontsize="small")
+    return png(figure)
+
+
+EXPERIMENT = Experiment("Fig. 7", "The weight ω of the traversability cost", run, Settings(), Settings(8, 256, 25, 5))

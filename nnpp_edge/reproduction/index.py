@@ -1,0 +1,120 @@
+"""The pages: one for each experiment, and the index that says what agrees with the paper and what does not."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from nnpp_edge.reproduction.report import Finding, Table, Verdict, findings_table
+
+Stored = dict[str, Any]
+_HEADS = {
+    Verdict.DIFFERS: "What does not agree",
+    Verdict.BETTER: "What is better than in the paper",
+    Verdict.AGREES: "What agrees",
+}
+
+
+def experiment_page(facts: Stored) -> str:
+    """Markdown of one experiment: picture, ours beside the paper's, findings, how it was made."""
+    name = facts["name"]
+    return "\n".join([
+        f"# {facts['where']}: {facts['title']}", "", *_quick_warning([facts]), f"![{facts['title']}]({name}.png)", "",
+        facts["summary"], "## Findings", "", findings_table(_findings(facts)).markdown(), *_notes(facts),
+        "## How it was made", "", *_making(facts), *_own_making(facts), "",
+        f"The figures are in [{name}.csv]({name}.csv).", "",
+    ])  # fmt: skip
+
+
+def index_page(stored: Sequence[Stored], missing: Sequence[str]) -> str:
+    """Markdown of the folder: verdicts first, then each experiment with its table and picture."""
+    lines = [
+        "# The paper's experiments, repeated", "",
+        "NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain with this toolkit, each beside the "
+        "paper's figures. This page and all that it links to are written by `nnpp-edge reproduce`; the verdicts "
+        "follow from the measured figures by the rules named beside them.", "",
+    ]  # fmt: skip
+    lines += _quick_warning(stored)
+    lines += [_counts(stored).markdown()] if stored else ["No experiment has been run yet.", ""]
+    for verdict, head in _HEADS.items():
+        chosen = [(facts, f) for facts in stored for f in _findings(facts) if f.verdict is verdict]
+        if chosen:
+            rows = [(f"[{_short(x)}](#{_anchor(x)})", f.claim, f.paper, f.ours, f.rule) for x, f in chosen]
+            lines += [f"## {head}", "", Table(("", "claim", "paper", "ours", "rule"), rows).markdown()]
+    for facts in stored:
+        folder = f"{facts['name']}/{facts['name']}"
+        lines += [
+            f'<a id="{_anchor(facts)}"></a>', "", f"## {facts['where']}: {facts['title']}", "",
+            f"![{facts['title']}]({folder}.png)", "", facts["summary"], *_notes(facts),
+            f"[Page]({folder}.md), [figures]({folder}.csv)", "",
+        ]  # fmt: skip
+    if missing:
+        lines += [f"Not in this version of the toolkit: {', '.join(missing)}.", ""]
+    if stored:
+        lines += ["## How it was made", "", *_makings(stored), ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _findings(facts: Stored) -> list[Finding]:
+    return [Finding(**{**f, "verdict": Verdict(f["verdict"])}) for f in facts["findings"]]
+
+
+def _short(facts: Stored) -> str:
+    return str(facts["where"])
+
+
+def _anchor(facts: Stored) -> str:
+    return str(facts["name"])
+
+
+def _counts(stored: Sequence[Stored]) -> Table:
+    rows = []
+    for facts in stored:
+        verdicts = [f.verdict for f in _findings(facts)]
+        counts = [verdicts.count(verdict) or None for verdict in (Verdict.AGREES, Verdict.BETTER, Verdict.DIFFERS)]
+        rows.append((f"[{_short(facts)}](#{_anchor(facts)})", facts["title"], *counts))
+    return Table(("", "experiment", "agrees", "better", "does not agree"), rows)
+
+
+def _notes(facts: Stored) -> list[str]:
+    return [line for note in facts["notes"] for line in (note, "")]
+
+
+def _quick_warning(stored: Sequence[Stored]) -> list[str]:
+    quick = [_short(facts) for facts in stored if facts["made_with"]["quick"]]
+    if not quick:
+        return []
+    told = "This is" if len(stored) == len(quick) else f"{', '.join(quick)}:"
+    return [f"**{told} a smoke run (`--quick`): far too few maps and steps to conclude anything from.**", ""]
+
+
+def _making(facts: Stored) -> list[str]:
+    """What experiments of one run have in common."""
+    made = facts["made_with"]
+    terrain = ", ".join(f"`{t['name']}` (cells of {t['cell_size_m']:g} m)" for t in made["terrain"])
+    lines = [
+        f"- machine: {facts['machine']}",
+        f"- nnpp-edge {made['version']}, model `{made['model']['name']}`, seed {made['seed']}",
+        f"- terrain: {terrain}",
+    ]
+    if made["dataset"]:
+        lines.append(f"- data set for training: `{made['dataset']['name']}`")
+    return lines
+
+
+def _own_making(facts: Stored) -> list[str]:
+    """What is an experiment's own."""
+    return [
+        f"- load of the machine before (average over a minute): {facts['load']:.1f}",
+        f"- settings: `{json.dumps(facts['made_with']['settings'], ensure_ascii=False)}`",
+    ]
+
+
+def _makings(stored: Sequence[Stored]) -> list[str]:
+    """The same for all experiments, said once where it is the same."""
+    shared: dict[tuple[str, ...], list[Stored]] = {}
+    for facts in stored:
+        shared.setdefault(tuple(_making(facts)), []).append(facts)
+    lines: list[str] = []
+    for made, of in shared.items():
+        lines += [f"{', '.join(map(_short, of))}:", "", *made, ""]
+    return [*lines, "Each experiment's own settings stand on its page."]

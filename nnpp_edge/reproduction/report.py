@@ -1,0 +1,102 @@
+"""What an experiment comes to: tables, and the paper's claims beside what was measured, judged by plain rules."""
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+
+class Verdict(StrEnum):
+    """How a figure of ours stands to the paper's."""
+
+    AGREES = "agrees"
+    BETTER = "better than the paper's"
+    DIFFERS = "does not agree"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One claim of the paper, beside what was measured."""
+
+    claim: str
+    paper: str
+    ours: str
+    rule: str
+    """When it counts as agreeing."""
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under a header, for people as Markdown and for programs as CSV."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+
+    def markdown(self) -> str:
+        """A table in Markdown; None as a dash."""
+        lines = [self.header, ["---"] * len(self.header), *self.rows]
+        return "".join("| " + " | ".join(_escaped(cell) for cell in line) + " |\n" for line in lines)
+
+    def csv(self) -> str:
+        """Comma-separated values, floats in full; None, inf and NaN as nothing."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(self.header)
+        writer.writerows([_plain(cell) for cell in row] for row in self.rows)
+        return out.getvalue()
+
+
+@dataclass(frozen=True)
+class Result:
+    """All that an experiment hands back."""
+
+    summary: Table
+    """For people: ours beside the paper's."""
+    data: Table
+    """What was measured, for programs."""
+    findings: Sequence[Finding]
+    picture: bytes
+    """PNG."""
+    notes: Sequence[str] = ()
+    """Whole sentences."""
+
+
+def judge(claim: str, paper: str, ours: str, *, agrees: bool, rule: str, better: bool = False) -> Finding:
+    """A finding by a rule that was worked out: it agrees, or it is better, or neither."""
+    verdict = Verdict.AGREES if agrees else Verdict.BETTER if better else Verdict.DIFFERS
+    return Finding(claim, paper, ours, rule, verdict)
+
+
+def judge_ratio(claim: str, paper: float, ours: float, *, within: float = 0.25) -> Finding:
+    """A finding on a speed-up that should be the paper's within a share of it."""
+    near = abs(ours - paper) <= within * paper
+    rule = f"within {100 * within:.0f} % of the paper's"
+    return judge(claim, f"{paper:.1f}×", f"{ours:.3g}×", agrees=near, rule=rule, better=ours > paper)
+
+
+def findings_table(findings: Sequence[Finding]) -> Table:
+    """The findings, a row each."""
+    header = ("claim", "paper", "ours", "rule", "verdict")
+    return Table(header, [(f.claim, f.paper, f.ours, f.rule, f"**{f.verdict}**") for f in findings])
+
+
+def _escaped(cell: Any) -> str:
+    return "–" if cell is None else str(cell).replace("|", "\\|").replace("\n", " ")
+
+
+def _plain(cell: Any) -> Any:
+    return "" if cell is None or (isinstance(cell, float) and not math.isfinite(cell)) else cell
+
+
+def seconds(value: float) -> str:
+    """A time with its unit, three digits."""
+    return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"
+
+
+def percent(share: float, digits: int = 1) -> str:
+    """A share as so many per cent, never as -0."""
+    return f"{round(100.0 * share, digits) + 0.0:.{digits}f} %"

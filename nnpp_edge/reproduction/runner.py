@@ -1,0 +1,227 @@
+"""Running experiments into a folder: each is written whole or not at all, and not run again without need."""
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from nnpp_edge import __version__
+from nnpp_edge.files import make_folder, write_whole
+from nnpp_edge.profiling.machine import environment
+from nnpp_edge.reproduction.experiment import NAMES, Context, Experiment, Report, find_experiment
+from nnpp_edge.reproduction.index import experiment_page, index_page
+from nnpp_edge.reproduction.report import Finding, Result, Verdict
+from nnpp_edge.runtime.errors import DataSetError, OutputError
+from nnpp_edge.runtime.inference import NetworkModel
+from nnpp_edge.runtime.model_file import read_model_file
+from nnpp_edge.runtime.warmup import exercise
+from nnpp_edge.terrain.dem import read_dem
+
+FORMAT = "nnpp-edge-reproduction-1"
+_WORK = ".work"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked for."""
+
+    names: Sequence[str]
+    """Of `NAMES`."""
+    terrain: Sequence[Path]
+    output: Path
+    rescale: float | None = None
+    cell_size: float | None = None
+    seed: int = 1
+    model: str = "edge"
+    quick: bool = False
+    steps: int | None = None
+    """Training steps for each encoding of Fig. 13, where not the settings' own."""
+    dataset: Path | None = None
+    again: bool = False
+    """Run what is complete, too."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How an experiment ended."""
+
+    name: str
+    how: str
+    """``done``, ``skipped`` (complete already) or ``missing`` (not in this version)."""
+    findings: Sequence[Finding] = ()
+
+
+def reproduce(
+    request: Request, *, bar: Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+) -> Iterator[Outcome]:
+    """Run the experiments asked for, one at a time; the folder's index is brought up to date after each.
+
+    Parameters
+    ----------
+    request : Request
+        What to run, on what, and where to.
+    bar : callable
+        Opens a progress bar from a name and a total; inside, it is told how much is done.
+
+    Yields
+    ------
+    Outcome
+        As each ends.
+
+    Raises
+    ------
+    InvalidQueryError
+        There is no such experiment, or the terrain is too small for one.
+    TerrainError, ModelError, DataSetError
+        A file cannot be read.
+    OutputError
+        The folder cannot be written to.
+    """
+    wanted = [(name, find_experiment(name)) for name in request.names]
+    dems = [read_dem(path, cell_size_m=request.cell_size) for path in request.terrain]
+    dems = [dem if request.rescale is None else dem.rescaled(request.rescale) for dem in dems]
+    model = NetworkModel(request.model)
+    common = _made_with(request, [dem.cell_size_m for dem in dems])
+    make_folder(request.output)
+    ready = False
+    for name, experiment in wanted:
+        if experiment is None:
+            yield Outcome(name, "missing")
+            continue
+        settings = _settings(experiment, request)
+        made_with = json.loads(json.dumps({**common, "settings": asdict(settings)}))
+        stored = read_experiment(request.output / name)
+        if stored is not None and stored["made_with"] == made_with and not request.again:
+            yield Outcome(name, "skipped", _findings(stored))
+            continue
+        work = request.output / _WORK / f"{name}-{_digest(json.dumps(made_with, sort_keys=True).encode())[:12]}"
+        context = Context(dems, request.seed, model, work, request.dataset)
+        found_on = _machine()
+        if not ready:
+            exercise()  # no kernel is compiled or loaded while the clock runs
+            ready = True
+        with bar(name, 1000) as advance:
+            result = experiment.run(context, settings, _report(advance))
+        _store(request.output / name, _facts(name, experiment, found_on, made_with, result), result)
+        shutil.rmtree(work, ignore_errors=True)
+        _remove_if_empty(request.output / _WORK)
+        write_index(request.output)
+        yield Outcome(name, "done", result.findings)
+    write_index(request.output)
+
+
+def _report(advance: Callable[[int], None]) -> Report:
+    return lambda share: advance(int(1000 * share))
+
+
+def _settings(experiment: Experiment, request: Request) -> Any:
+    settings = experiment.quick if request.quick else experiment.full
+    if request.steps is not None and hasattr(settings, "steps"):
+        settings = replace(settings, steps=request.steps)
+    return settings
+
+
+def _made_with(request: Request, cell_sizes_m: list[float]) -> dict[str, Any]:
+    """All that decides the figures, except the machine: names and contents of files, never their places."""
+    model = read_model_file(request.model)
+    recipe = None
+    if request.dataset is not None:
+        try:
+            recipe = _digest((request.dataset / "dataset.json").read_bytes())
+        except OSError as error:
+            raise DataSetError(f"{request.dataset}: wanted a data set's folder with dataset.json") from error
+    return {
+        "version": __version__,
+        "quick": request.quick,
+        "seed": request.seed,
+        "terrain": [
+            {"name": path.name, "sha256": _digest(path.read_bytes()), "cell_size_m": side}
+            for path, side in zip(request.terrain, cell_sizes_m, strict=True)
+        ],
+        "model": {"name": model.name, "sha256": model.sha256},
+        "dataset": recipe and {"name": request.dataset.name, "sha256": recipe} if request.dataset else None,
+    }
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _facts(
+    name: str, experiment: Experiment, found_on: dict[str, Any], made_with: dict[str, Any], result: Result
+) -> dict[str, Any]:
+    """What NAME.json holds: all that the index needs."""
+    return {
+        "format": FORMAT,
+        "name": name,
+        "where": experiment.where,
+        "title": experiment.title,
+        **found_on,
+        "made_with": made_with,
+        "findings": [asdict(finding) for finding in result.findings],
+        "notes": list(result.notes),
+        "summary": result.summary.markdown(),
+    }
+
+
+def _store(folder: Path, facts: dict[str, Any], result: Result) -> None:
+    """Write an experiment's folder beside its place, then put it there."""
+    name = folder.name
+    fresh, old = folder.with_name(f".{name}.new"), folder.with_name(f".{name}.old")
+    files = {
+        f"{name}.csv": result.data.csv().encode(),
+        f"{name}.md": experiment_page(facts).encode(),
+        f"{name}.png": result.picture,
+        f"{name}.json": json.dumps(facts, indent=1, ensure_ascii=False).encode(),
+    }
+    try:
+        for path in (fresh, old):
+            shutil.rmtree(path, ignore_errors=True)
+        fresh.mkdir()
+        for file, content in files.items():
+            write_whole(fresh / file, content)
+        if folder.exists():
+            folder.replace(old)
+        fresh.replace(folder)
+        shutil.rmtree(old, ignore_errors=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: could not be written ({error.strerror or error})") from error
+
+
+def read_experiment(folder: Path) -> dict[str, Any] | None:
+    """What NAME.json in a finished experiment's folder holds; None where it is missing or not whole."""
+    name = folder.name
+    try:
+        stored: dict[str, Any] = json.loads((folder / f"{name}.json").read_text())
+    except (OSError, ValueError):
+        return None
+    whole = all((folder / f"{name}.{ending}").is_file() for ending in ("csv", "md", "png"))
+    return stored if whole and isinstance(stored, dict) and stored.get("format") == FORMAT else None
+
+
+def write_index(output: Path) -> None:
+    """Write README.md of a folder from the experiments that it holds."""
+    stored = [found for name in NAMES if (found := read_experiment(output / name)) is not None]
+    missing = [name for name in NAMES if find_experiment(name) is None]
+    write_whole(output / "README.md", index_page(stored, missing).encode())
+
+
+def _findings(stored: dict[str, Any]) -> list[Finding]:
+    return [Finding(**{**finding, "verdict": Verdict(finding["verdict"])}) for finding in stored["findings"]]
+
+
+def _remove_if_empty(folder: Path) -> None:
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _machine() -> dict[str, Any]:
+    """The processor's name, how many cores this process may use, and how busy the machine is."""
+    cores = sorted(os.sched_getaffinity(0))
+    found = environment(cores)
+    return {"machine": f"{found['cpu']}, {len(cores)} core(s)", "load": found["load_average"][0]}

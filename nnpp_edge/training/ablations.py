@@ -1,0 +1,113 @@
+"""What each choice is worth: short trainings that differ from a base in one thing each.
+
+``python -m nnpp_edge.training.ablations data/train --validation data/val -o runs/ablations --steps 1000``
+
+All see the same queries in the same order for the same number of steps, and are judged by searches in their
+regions (`Validator`). A short training tells which choice is learned sooner, not where each would end.
+"""
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import torch
+
+from nnpp_edge.cli import options
+from nnpp_edge.cli.progress import bar, render_table
+from nnpp_edge.files import make_folder, write_whole
+from nnpp_edge.model.registry import PRESETS, Spec
+from nnpp_edge.terrain.dataset import read_recipe, read_samples
+from nnpp_edge.training.train import Progress, TrainSettings, train
+
+BASE = "edge"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A training that differs from the base in one thing."""
+
+    name: str
+    spec: Spec
+    settings: TrainSettings
+
+
+def variants(steps: int) -> Iterator[Variant]:
+    """The base first, then each choice by itself."""
+    spec = PRESETS[BASE]
+    settings = TrainSettings(
+        batch=64, learning_rate=2e-3, steps=steps, warmup_steps=max(1, min(100, steps // 10)),
+        validate_every_s=math.inf, average_decay=0.99,
+    )  # fmt: skip
+    yield Variant("base", spec, settings)
+    widths = {"half": (8, 16, 32, 32), "triple": (48, 96, 192, 192)}
+    for name, of_stages in widths.items():
+        changed = spec.options | {"widths": list(of_stages), "stem": of_stages[0]}
+        yield Variant(f"width: {name}", dataclasses.replace(spec, options=changed), settings)
+    for size in (64, 256):
+        yield Variant(f"input: {size}", dataclasses.replace(spec, input_size=size), settings)
+    for sigma in (1 / 16, 1 / 8, 1 / 2):
+        yield Variant(f"sigma: 1/{1 / sigma:.0f}", dataclasses.replace(spec, sigma=sigma), settings)
+    yield Variant("target: one path", spec, dataclasses.replace(settings, target="path"))
+    for softness in (0.005, 0.05):
+        yield Variant(f"softness: {softness}", spec, dataclasses.replace(settings, softness=softness))
+    for loss in ("focal", "dice"):
+        yield Variant(f"loss: {loss}", spec, dataclasses.replace(settings, loss=loss))
+
+
+def table(found: Sequence[tuple[str, dict[str, Any]]]) -> str:
+    """Success and mean gap, and the region's share of the map, at three factors on td."""
+    factors = ("1", "0.5", "0.25")
+    head = ["variant", "loss", *(f"td × {f}\n{what}" for f in factors for what in ("success", "gap", "region"))]
+    body = [
+        [name, f"{row['loss']:.4f}"]
+        + [f"{100 * row[f'{key}@{f}']:.{2 if key == 'gap' else 1}f} %" for f in factors
+           for key in ("success", "gap", "region_share")]
+        for name, row in found
+    ]  # fmt: skip
+    return render_table(head, body)
+
+
+@click.command()
+@click.argument("dataset", type=options.FOLDER)
+@click.option("--validation", type=options.FOLDER, required=True, help="Data set of other terrain.")
+@click.option("-o", "--output", type=options.FOLDER, required=True, help="What is done there is not done again.")
+@click.option("--steps", type=click.IntRange(1), default=1000, show_default=True)
+@click.option("--only", type=options.Names(), help="Names of variants.")
+@click.option("--threads", type=click.IntRange(1), help="Of torch on the CPU.")
+@options.as_json
+def main(
+    dataset: Path, validation: Path, output: Path, steps: int, only: tuple[str, ...] | None, threads: int | None,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Train every variant for so many steps, and compare."""
+    if threads:
+        torch.set_num_threads(threads)
+    chosen = [variant for variant in variants(steps) if only is None or variant.name in only]
+    if not chosen:
+        raise click.UsageError(f"--only must be of: {', '.join(v.name for v in variants(steps))}")
+    make_folder(output)
+    found: list[tuple[str, dict[str, Any]]] = []
+    with bar("ablations", 1000 * len(chosen)) as advance:
+        for at, variant in enumerate(chosen):
+
+            def told(progress: Progress, loss: float, share: float, at: int = at) -> None:
+                advance(1000 * at + int(1000 * share))
+
+            folder = output / variant.name.replace(": ", "-").replace(" ", "-").replace("/", "-")
+            samples, held_out = (read_samples(of, size=variant.spec.input_size) for of in (dataset, validation))
+            train(
+                variant.spec, variant.settings, samples, held_out, folder, omega=read_recipe(dataset).omega,
+                report=told,
+            )  # fmt: skip
+            found.append((variant.name, json.loads((folder / "history.json").read_text())[-1]))
+            write_whole(output / "ablations.json", json.dumps(dict(found), indent=1).encode())
+    click.echo(json.dumps(dict(found), indent=1) if as_json else table(found))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""A profile's report as one page of HTML that needs nothing else: style, plots and pictures stand in it."""
+
+import base64
+from collections.abc import Iterator, Mapping
+from importlib.resources import files
+from itertools import islice
+from typing import Any
+
+import cv2
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from nnpp_edge.profiling.profile_cases import Ground
+from nnpp_edge.profiling.profile_file import Profile
+from nnpp_edge.runtime.inference import NetworkModel
+from nnpp_edge.runtime.planning.plan import Method, Plan
+from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.viz.picture import plan_picture
+from nnpp_edge.viz.profile_plots import plots
+from nnpp_edge.viz.sheet import Picture
+
+_TEMPLATE = "profile.html.j2"
+_EXAMPLES = 3
+_TRIES = 20
+_WIDTH = 640
+"""Pixels of an example's picture."""
+
+
+def page(report: Mapping[str, Any], profile: Profile) -> str:
+    """The page.
+
+    Parameters
+    ----------
+    report : mapping
+        From `profile_machine`.
+    profile : Profile
+        That it was made by: the example plans come from its terrain.
+    """
+    template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    template.filters |= {"number": _number, "percent": _percent}
+    text = (files("nnpp_edge.viz") / _TEMPLATE).read_text(encoding="utf-8")
+    return template.from_string(text).render(
+        report=report,
+        plots=[(title, words, Markup(svg)) for title, words, svg in plots(report)],
+        examples=[(words, _data_uri(picture)) for words, picture in example_plans(profile)],
+    )
+
+
+def example_plans(profile: Profile) -> Iterator[tuple[str, Picture]]:
+    """Up to three plans of the learned region beside the optimum, of each workload, and what they show."""
+    ground, size = Ground(profile.load), min(profile.load.sizes)
+    model = NetworkModel(profile.networks.int8, threads=profile.device.threads, spinning=profile.device.spinning)
+    names = profile.load.workloads[:_EXAMPLES]
+    per_workload = -(-_EXAMPLES // len(names)) if len(names) > 1 else _EXAMPLES
+    drawn = 0
+    for name in names:
+        of_workload = 0
+        for sheet in islice(ground.sheets(name, size), _TRIES):
+            if of_workload == per_workload or drawn == _EXAMPLES:
+                break
+            question = sheet.questions[0]
+            exact = Planner(sheet.cost).plan(question.start, question.goal, method=Method.ASTAR)
+            if not exact.ok:
+                continue
+            planner = Planner(sheet.cost, model=model)
+            plan = planner.plan(question.start, question.goal, method=Method.NNPP)
+            picture = plan_picture(
+                sheet.cost, plan, start=question.start, goal=question.goal, reference_path=exact.path
+            )  # fmt: skip
+            yield _words(name, size, plan, exact), picture
+            of_workload, drawn = of_workload + 1, drawn + 1
+
+
+def _words(name: str, size: int, plan: Plan, exact: Plan) -> str:
+    gap = 100.0 * (plan.cost / exact.cost - 1.0) if exact.cost else 0.0
+    return f"{name}, {size}²: nnpp, {gap:.2f} % above the optimum, {plan.expansions} of {exact.expansions} expansions"
+
+
+def _data_uri(picture: Picture) -> str:
+    factor = min(1.0, _WIDTH / picture.shape[1])
+    small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    # few colours, evenly spaced: half the size, and no difference to the eye
+    small = np.minimum(small.astype(np.int32) // 8 * 8 + 4, 255).astype(np.uint8)
+    done, content = cv2.imencode(".png", small, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    assert done
+    return "data:image/png;base64," + base64.b64encode(content.tobytes()).decode()
+
+
+def _number(value: float | None, unit: str = "") -> str:
+    if value is None:
+        return "–"
+    text = f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+    return text if unit in ("", "1") else f"{text} {unit}"
+
+
+def _percent(value: float | None, digits: int = 1) -> str:
+    return "–" if value is None else f"{100.0 * value + 0.0:.{digits}f} %"

@@ -1,0 +1,291 @@
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from nnpp_edge.profiling import report as report_module
+from nnpp_edge.runtime.planning import choice
+
+PROFILE = """
+title = "Tiny & <quick>"
+planner = "nnpp"
+budgets = [
+  { name = "plans a second", quantity = "fps", limit = LIMIT, direction = "at least", unit = "1/s" },
+  { name = "answered", quantity = "success", limit = 100.0, direction = "at least", unit = "%" },
+  { name = "model", quantity = "model_mb", limit = 1.0, direction = "at most", unit = "MB" },
+]
+[device]
+cores = [CORE]
+threads = 1
+[workload]
+terrain = "synthetic"
+workloads = ["soft", "limit20"]
+sizes = [64]
+queries = 10
+near = 6
+repeats = 1
+[model]
+int8 = "MODEL"
+fp32 = "MODEL"
+[stability]
+halves = 1000.0
+disturbance = DISTURBANCE
+"""
+HOG = "import os\nos.sched_setaffinity(0, [{core}])\nprint(flush=True)\nwhile True: pass"
+
+
+@pytest.fixture
+def core():
+    return min(os.sched_getaffinity(0))
+
+
+@pytest.fixture
+def profile(tmp_path, tiny_model, core, monkeypatch):
+    """Write a profile that stands any noise, unless told otherwise; peak memory has a test of its own."""
+    monkeypatch.setattr(report_module, "peak_memory_mb", lambda *words: 100.0)
+
+    def write(limit=1.0, disturbance=1.0, **changes):
+        text = PROFILE.replace("LIMIT", str(limit)).replace("CORE", str(core)).replace("MODEL", str(tiny_model))
+        text = text.replace("DISTURBANCE", str(disturbance))
+        for old, new in changes.items():
+            text = text.replace(old.replace("_", " "), new)
+        (tmp_path / "tiny.toml").write_text(text)
+        return tmp_path / "tiny.toml"
+
+    return write
+
+
+@pytest.fixture
+def no_saved_choice(monkeypatch, tmp_path):
+    monkeypatch.delenv("NNPP_EDGE_CHOICE", raising=False)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    choice._saved.cache_clear()
+    yield
+    choice._saved.cache_clear()
+
+
+KEYS = {
+    "schema", "version", "made", "profile", "verdict", "summary", "budgets", "results", "break_even", "rules",
+    "disturbance", "besides", "profiler_peak_memory_mb", "energy_problem", "cores", "environment", "notes",
+}  # fmt: skip
+
+
+def test_a_report_in_every_form(nnpp_edge, profile, tmp_path):
+    files = [tmp_path / "out" / name for name in ("report.json", "report.html")]
+    before = os.sched_getaffinity(0)
+    ended = nnpp_edge("profile", "--profile", profile(), "--json", files[0], "--html", files[1])
+    assert ended.code == 0, ended.err
+    assert os.sched_getaffinity(0) == before
+    for words in ("speed-up", "inference", "corridor pays over astar", "all budgets met: 5 of 5 pass"):
+        assert words in ended.out
+    told = json.loads(files[0].read_text())
+    assert set(told) == KEYS and told["schema"] == 1 and told["verdict"] == "met"
+    described = Path(__file__).parents[2].joinpath("docs", "profile.md").read_text()
+    for key in KEYS | set(told["budgets"][0]) | set(told["results"][0]) | set(told["disturbance"]["halves"][0]):
+        assert f"`{key}`" in described, key
+    page = files[1].read_text()
+    assert "Tiny &amp; &lt;quick&gt;" in page and "Tiny & <quick>" not in page
+    assert page.count("<svg") == 5 and page.count("data:image/png;base64,") == 3
+    assert "<script" not in page and 'src="http' not in page and "@import" not in page
+    assert "#010203" not in page and "currentColor" in page
+    assert not (tmp_path / "out" / ".report.json").exists() and len(list((tmp_path / "out").iterdir())) == 2
+
+
+def test_json_may_be_printed(nnpp_edge, profile):
+    ended = nnpp_edge("profile", "--profile", profile(), "--queries", 4, "--seed", 5, "--json")
+    told = json.loads(ended.out)
+    assert ended.code == 0 and told["profile"]["load"]["queries"] == 4 and told["profile"]["load"]["seed"] == 5
+    assert {row["n"] for row in told["results"]} == {4}
+    assert "profile: 100 %" in ended.err
+
+
+def test_an_impossible_budget_is_missed_and_named(nnpp_edge, profile):
+    ended = nnpp_edge("profile", "--profile", profile(limit=1e7))
+    assert ended.code == 1
+    assert ended.out.splitlines()[-1].startswith("budgets missed: 3 of 5 pass; not plans a second (soft 64²")
+
+
+def test_a_disturbed_run_is_noisy(nnpp_edge, profile, core):
+    """Another process on the one core, all the time: the halves agree, and yet nothing may pass."""
+    hog = subprocess.Popen([sys.executable, "-c", HOG.format(core=core)], stdout=subprocess.PIPE)
+    try:
+        hog.stdout.readline()
+        changes = {"sizes = [64]": "sizes = [192]", "repeats = 1": "repeats = 4", '["soft", "limit20"]': '["soft"]'}
+        file = profile(disturbance=0.1)
+        text = file.read_text()
+        for old, new in changes.items():
+            text = text.replace(old, new)
+        file.write_text(text)
+        ended = nnpp_edge("profile", "--profile", file, "--json")
+    finally:
+        hog.kill()
+        hog.wait()
+    assert ended.code == 3, ended.out
+    told = json.loads(ended.out)
+    assert told["verdict"] == "noisy" and told["disturbance"]["words"]
+    assert [line["verdict"] for line in told["budgets"]] == ["noisy", "pass", "pass"]
+    assert max(half["waited_share"] for half in told["disturbance"]["halves"]) > 0.1
+    assert "before the run begins" in ended.err
+
+
+def test_a_run_disturbed_in_one_half_is_noisy(nnpp_edge, profile, core, monkeypatch):
+    """The same with a kernel that counts no core's time: the planners stand still."""
+    from nnpp_edge.profiling import machine, measure
+
+    monkeypatch.setattr(machine, "_core_seconds", lambda cores: None)
+    hogs = []
+
+    def asked_before(*words, real=measure._asked_before):
+        if not hogs:
+            hogs.append(subprocess.Popen([sys.executable, "-c", HOG.format(core=core)], stdout=subprocess.PIPE))
+            hogs[0].stdout.readline()
+        return real(*words)
+
+    monkeypatch.setattr(measure, "_asked_before", asked_before)
+    file = profile(disturbance=0.1)
+    file.write_text(file.read_text().replace("sizes = [64]", "sizes = [192]").replace("repeats = 1", "repeats = 4"))
+    try:
+        ended = nnpp_edge("profile", "--profile", file, "--json")
+    finally:
+        for hog in hogs:
+            hog.kill()
+            hog.wait()
+    told = json.loads(ended.out)
+    assert ended.code == 3 and told["verdict"] == "noisy"
+    halves = told["disturbance"]["halves"]
+    assert halves[1]["others_share"] is None and halves[1]["waited_share"] > 0.1
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"unit = \"1/s\"": "unit = \"FPS\""}, ["budgets[0].unit", "'1/s'", "'FPS'"]),
+        ({"queries = 10": "querys = 10"}, ["workload.querys is unknown"]),
+        ({"terrain = \"synthetic\"": "terrain = \"none.tif\""}, ["none.tif"]),
+    ],
+)  # fmt: skip
+def test_a_bad_profile_ends_in_one_line(nnpp_edge, profile, changes, words):
+    file = profile()
+    for old, new in changes.items():
+        assert old in file.read_text()
+        file.write_text(file.read_text().replace(old, new))
+    nnpp_edge("profile", "--profile", file).refused(*words)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--profile", "quick", "--peers"], ["--profile", "quick", "--limit", 3], ["--peers", "--html", "a.html"],
+        ["--peers", "--start-up"], ["--queries", 5, "compare", "a.json", "b.json"], [],
+    ],
+)  # fmt: skip
+def test_options_that_do_not_go_together_are_wrong_use(nnpp_edge, words):
+    ended = nnpp_edge("profile", *words)
+    assert ended.code == 2 and "Error: " in ended.err
+
+
+def test_an_unknown_profile_is_refused(nnpp_edge):
+    nnpp_edge("profile", "--profile", "slow").refused("'slow'", "quick")
+
+
+def test_auto_goes_by_what_was_saved(nnpp_edge, profile, tmp_path, no_saved_choice):
+    ended = nnpp_edge("profile", "--profile", profile(), "--save-choice")
+    assert ended.code == 0, ended.err
+    path = tmp_path / "config" / "nnpp-edge" / "choice.json"
+    stored = json.loads(path.read_text())
+    assert stored["model"] == "tiny" and {rule["size"] for rule in stored["rules"]} == {64}
+    choice._saved.cache_clear()
+    picked, reason = choice.choice_for((64, 64), "tiny").pick(0)
+    assert picked == stored["rules"][0]["method"]
+    assert reason.startswith(f"measured on this machine {stored['measured']}: {picked} soonest from 0 cells at 64²")
+    assert nnpp_edge("profile", "--profile", profile(), "--save-choice", tmp_path / "mine.json").code == 0
+    assert json.loads((tmp_path / "mine.json").read_text())["format"] == stored["format"]
+
+
+def changed(told, path, **changes):
+    for row in told["results"]:
+        if row["planner"] == "nnpp":
+            for key, factor in changes.items():
+                if key == "time_ms":
+                    row[key] = {name: factor * value for name, value in row[key].items()}
+                else:
+                    row[key] = factor * row[key] if factor > 0 else 0.5
+    path.write_text(json.dumps(told))
+    return path
+
+
+def test_regressions_between_two_reports(nnpp_edge, profile, tmp_path):
+    first = tmp_path / "first.json"
+    assert nnpp_edge("profile", "--profile", profile(), "--json", first).code == 0
+    read = lambda: json.loads(first.read_text())  # noqa: E731
+    same = nnpp_edge("profile", "compare", first, first)
+    assert same.code == 0 and same.out.startswith("0 of ")
+    slower = changed(read(), tmp_path / "slower.json", time_ms=1.3, speedup_total=1 / 1.3)
+    ended = nnpp_edge("profile", "compare", first, slower)
+    assert ended.code == 1 and "time_ms median" in ended.out and "+30.0 %" in ended.out and "WORSE" in ended.out
+    assert nnpp_edge("profile", "compare", first, slower, "--tolerance", 0.4).code == 0
+    assert nnpp_edge("profile", "compare", slower, first).code == 0
+    told = json.loads(nnpp_edge("profile", "compare", first, slower, "--json").out)
+    worse = [line for line in told["lines"] if line["verdict"] == "worse"]
+    assert {line["planner"] for line in worse} == {"nnpp"} and told["verdict"] == "worse"
+    assert all(line["change"] == pytest.approx(0.3) for line in worse)
+    failing = changed(read(), tmp_path / "failing.json", success=-1.0)
+    assert nnpp_edge("profile", "compare", first, failing, "--tolerance", 0.4).code == 1
+    disturbed = read()
+    disturbed["disturbance"]["words"] = "others took 50 % of the cores' time"
+    noisy = nnpp_edge("profile", "compare", first, changed(disturbed, tmp_path / "noisy.json", time_ms=2.0))
+    assert noisy.code == 3 and "disturbed" in noisy.out
+    elsewhere = read()
+    elsewhere["environment"]["cpu"] = "another"
+    ended = nnpp_edge("profile", "compare", first, changed(elsewhere, tmp_path / "elsewhere.json"))
+    assert ended.code == 0 and "the CPU differs" in ended.out
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"schema": 2, "results": []}', '{"schema": 1}', None])
+def test_what_is_no_report_is_refused(nnpp_edge, tmp_path, content):
+    path = tmp_path / "other.json"
+    if content is not None:
+        path.write_text(content)
+    nnpp_edge("profile", "compare", path, path).refused("other.json", "wanted a report of nnpp-edge profile")
+
+
+def test_peak_memory_is_that_of_another_process(tiny_model):
+    import numpy as np
+
+    from nnpp_edge.profiling.memory import peak_memory_mb
+    from nnpp_edge.profiling.profile_cases import Question
+
+    mine = np.ones(200_000_000, np.uint8)  # must not count
+    question = Question((0, 0), (90, 90), True)
+    small = peak_memory_mb(np.full((96, 96), 0.2, np.float32), question, "astar", str(tiny_model))
+    large = peak_memory_mb(np.full((1600, 1600), 0.2, np.float32), question, "astar", str(tiny_model))
+    assert mine.nbytes == 200_000_000
+    assert 30.0 < small < 0.9 * large
+    assert large - small > 1e-6 * 1600 * 1600 * 8
+
+
+def test_start_up_is_measured_where_a_budget_asks_for_it(nnpp_edge, profile, monkeypatch):
+    asked = []
+
+    def cold_start(method):
+        asked.append(method)
+        return {"method": method, "cold_s": 5.0, "warm_s": 0.5, "ratio": 10.0}
+
+    monkeypatch.setattr(report_module, "cold_start", cold_start)
+    file = profile()
+    text = file.read_text()
+    budget = '{ name = "first plan", quantity = "start_up_warm_s", limit = 1, direction = "at most", unit = "s" },\n]'
+    file.write_text(
+        text.replace("]", budget, 1)
+        if "]\n[device]" not in text
+        else text.replace("]\n[device]", f"{budget}\n[device]")
+    )
+    ended = nnpp_edge("profile", "--profile", file, "--json")
+    told = json.loads(ended.out)
+    assert asked == ["nnpp"] and told["besides"]["start_up_warm_s"] == {"nnpp": 0.5}
+    assert told["budgets"][-1]["verdict"] == "pass"
+    assert nnpp_edge("profile", "--profile", profile(), "--start-up").code == 0
+    assert asked[1:] == ["astar", "corridor", "nnpp", "auto"]

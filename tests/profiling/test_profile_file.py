@@ -1,0 +1,106 @@
+import pytest
+
+from nnpp_edge.profiling.profile_file import ProfileError, overridden, read_profile, shipped_profiles
+
+GOOD = """
+planner = "corridor"
+budgets = [
+  { name = "fast", quantity = "fps", limit = 10, direction = "at least", unit = "1/s" },
+  { name = "gap", quantity = "gap_mean", limit = 1, direction = "at most", unit = "%", planner = "nnpp", size = 128 },
+]
+[device]
+cores = [0, 1]
+threads = 1
+[workload]
+sizes = [64, 128]
+workloads = "soft"
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text):
+        (tmp_path / "mine.toml").write_text(text)
+        return tmp_path / "mine.toml"
+
+    return write
+
+
+def test_what_is_shipped_can_be_read_and_has_budgets():
+    assert shipped_profiles() == ["edge-2core", "paper", "quick", "single-core"]
+    for name in shipped_profiles():
+        profile = read_profile(name)
+        assert profile.name == name and profile.budgets and profile.title != name
+
+
+def test_a_profile_says_what_stands_in_it(write):
+    profile = read_profile(write(GOOD))
+    assert (profile.name, profile.planner) == ("mine", "corridor")
+    assert (profile.device.cores, profile.device.threads, profile.device.spinning) == ((0, 1), 1, False)
+    assert (profile.load.sizes, profile.load.workloads, profile.load.terrain) == ((64, 128), ("soft",), ("sample",))
+    fast, gap = profile.budgets
+    assert (fast.planner, fast.size, fast.limit) == ("corridor", None, 10.0)
+    assert (gap.planner, gap.size, gap.direction) == ("nnpp", 128, "at most")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('planner = "corridor"', 'planner = "dijkstra"', ["planner: wanted one of astar,", "'dijkstra'"]),
+        ('planner = "corridor"', "planner = 3", ["planner: ", "got 3"]),
+        ('planner = "corridor"', 'plan = "corridor"', ["plan is unknown", "budgets"]),
+        ("[device]", "[devices]", ["devices is unknown"]),
+        ("threads = 1", "threads = 0", ["device.threads", "at least 1", "got 0"]),
+        ("threads = 1", "threads = true", ["device.threads", "True"]),
+        ("cores = [0, 1]", "cores = [0, 0]", ["device.cores", "different"]),
+        ("cores = [0, 1]", "cores = [-1]", ["device.cores"]),
+        ("cores = [0, 1]", "cores = []", ["device.cores"]),
+        ("cores = [0, 1]", 'cores = "0"', ["device.cores"]),
+        ("sizes = [64, 128]", "sizes = [4, 128]", ["workload.sizes", "at least 16"]),
+        ("sizes = [64, 128]", "sizes = [64.5, 128]", ["workload.sizes"]),
+        ('workloads = "soft"', 'workloads = "hard"', ["workload.workloads", "'hard'"]),
+        ('workloads = "soft"', "queries = 0", ["workload.queries", "at least 1"]),
+        ('workloads = "soft"', "rescale = -1.0", ["workload.rescale", "-1.0"]),
+        ('workloads = "soft"', "rescale = nan", ["workload.rescale"]),
+        ('workloads = "soft"', "min_distance = 1.5", ["workload.min_distance"]),
+        ('workloads = "soft"', 'terrain = ["synthetic", "a.tif"]', ["workload.terrain"]),
+        ('workloads = "soft"', "[stability]\nhalves = 0", ["stability.halves", "above 0"]),
+        ('workloads = "soft"', "[model]\nint8 = 8", ["model.int8", "got 8"]),
+        ('name = "fast"', 'name = "gap"', ["budgets[1].name", "'gap'"]),
+        ('name = "fast", ', "", ["budgets[0].name is missing"]),
+        ('"fps"', '"frames"', ["budgets[0].quantity", "'frames'", "speedup_total"]),
+        ('"1/s"', '"ms"', ["budgets[0].unit", "'1/s'", "'ms'"]),
+        ('"at least"', '"over"', ["budgets[0].direction", "'over'"]),
+        ("limit = 10,", 'limit = "10",', ["budgets[0].limit", "'10'"]),
+        ("limit = 10,", "limit = inf,", ["budgets[0].limit"]),
+        ("size = 128 }", "size = 256 }", ["budgets[1].size", "64, 128", "256"]),
+        ("size = 128 }", 'workload = "limit20" }', ["budgets[1].workload", "'limit20'"]),
+        ("size = 128 }", "colour = 1 }", ["budgets[1].colour is unknown"]),
+        ('planner = "nnpp", size', 'planner = "nnpp-fp32", size', ["budgets[1].planner"]),
+        ('"gap_mean", limit = 1, direction = "at most", unit = "%"',
+         '"int8_speedup", limit = 1.0, direction = "at most", unit = "x"', ["budgets[1].quantity", "model.fp32"]),
+        ("budgets = [", 'budgets = ["all",', ["budgets[0]", "'all'"]),
+        ("budgets = [", "budgets = [[", ["mine.toml"]),
+    ],
+)  # fmt: skip
+def test_a_bad_profile_is_refused_with_the_key(write, old, new, words):
+    assert old in GOOD
+    with pytest.raises(ProfileError) as refused:
+        read_profile(write(GOOD.replace(old, new, 1)))
+    told = str(refused.value)
+    assert "\n" not in told and "mine.toml" in told
+    for word in words:
+        assert word in told
+
+
+def test_an_unknown_name_lists_the_shipped_ones():
+    with pytest.raises(ProfileError, match=r"edge-2core, paper, quick, single-core.*'fast'"):
+        read_profile("fast")
+
+
+def test_another_load_leaves_out_budgets_of_sizes_that_are_gone(write):
+    profile, dropped = overridden(read_profile(write(GOOD)), sizes=(64,), queries=None, seed=4)
+    assert dropped == ["gap"] and [budget.name for budget in profile.budgets] == ["fast"]
+    assert (profile.load.sizes, profile.load.seed, profile.load.queries) == ((64,), 4, 60)
+    with pytest.raises(ProfileError, match="sizes"):
+        overridden(profile, sizes=(64, 64))

@@ -1,0 +1,94 @@
+import pytest
+
+from nnpp_edge.profiling.judge import Noise, judged, verdict
+from nnpp_edge.profiling.profile_file import Budget, Device, Load, Profile
+
+QUIET, DISTURBED = Noise(), Noise("others took 40 % of the cores' time", 0.4)
+
+
+def profile(*budgets, sizes=(64,)):
+    return Profile("p", "p", "auto", Device((0,)), Load(sizes=sizes), budgets=budgets)
+
+
+def budget(quantity, limit, direction, unit, **changes):
+    return Budget("b", quantity, limit, direction, unit, **{"planner": "nnpp", **changes})
+
+
+def row(size=64, **figures):
+    told = {"workload": "soft", "size": size, "planner": "nnpp", "time_ms": {"p99": 4.0}, "fps": 500.0}
+    return told | {"gap_mean": 0.012, "halves": {"time": [1.0, 1.05], "ratio": [1.0, 1.05]}} | figures
+
+
+FPS = budget("fps", 100.0, "at least", "1/s")
+GAP = budget("gap_mean", 1.0, "at most", "%")
+
+
+@pytest.mark.parametrize(
+    ("wanted", "figures", "disturbed", "state"),
+    [
+        (FPS, {}, QUIET, "pass"),
+        (FPS, {"fps": 99.0}, QUIET, "fail"),
+        (FPS, {"fps": 100.0}, QUIET, "pass"),
+        (budget("time_ms_p99", 4.0, "at most", "ms"), {}, QUIET, "pass"),
+        (budget("time_ms_p99", 3.9, "at most", "ms"), {}, QUIET, "fail"),
+        # noise: never a pass, and a miss only where it is beyond doubt
+        (FPS, {"halves": {"time": [1.0, 1.2]}}, QUIET, "noisy"),
+        (FPS, {"halves": {"time": [1.2, 1.0]}, "fps": 90.0}, QUIET, "noisy"),
+        (FPS, {}, DISTURBED, "noisy"),
+        (FPS, {"fps": 90.0}, DISTURBED, "noisy"),
+        (FPS, {"fps": 45.0}, DISTURBED, "fail"),
+        (FPS, {"fps": 47.0}, DISTURBED, "noisy"),
+        (FPS, {"fps": 41.0, "halves": {"time": [1.0, 2.0]}}, QUIET, "noisy"),
+        (FPS, {"fps": 39.0, "halves": {"time": [1.0, 2.0]}}, QUIET, "fail"),
+        (budget("time_ms_p99", 1.8, "at most", "ms"), {}, DISTURBED, "fail"),
+        (budget("time_ms_p99", 2.0, "at most", "ms"), {}, DISTURBED, "noisy"),
+        # path costs do not depend on the clock; budgets are set in percent
+        (GAP, {"halves": {"time": [1.0, 9.0]}}, DISTURBED, "fail"),
+        (GAP, {"gap_mean": 0.0099}, DISTURBED, "pass"),
+        (GAP, {"gap_mean": None}, QUIET, "not measured"),
+        (budget("energy_mj", 1.0, "at most", "mJ"), {"energy_mj": None}, QUIET, "not measured"),
+        (budget("fps", 1.0, "at least", "1/s", planner="corridor"), {}, QUIET, "not measured"),
+    ],
+)
+def test_a_budgets_verdict(wanted, figures, disturbed, state):
+    (line,) = judged(profile(wanted), [row(**figures)], {}, disturbed)
+    assert line["verdict"] == state
+    assert bool(line["why"]) == (state in ("noisy", "not measured") or "explains no such miss" in line["why"])
+    assert state != "pass" or not line["why"]
+
+
+def test_a_ratio_is_stable_where_the_ratios_are():
+    halves = {"time": [1.0, 2.0], "ratio": [3.0, 3.1]}
+    wanted = budget("speedup_total", 2.0, "at least", "x")
+    (line,) = judged(profile(wanted), [row(halves=halves, speedup_total=3.0)], {}, QUIET)
+    assert line["verdict"] == "pass" and line["halves"] == [3.0, 3.1]
+
+
+def test_a_budget_without_a_size_is_judged_at_each():
+    lines = judged(profile(FPS, sizes=(64, 128)), [row(), row(128, fps=1.0)], {}, QUIET)
+    assert [(line["size"], line["verdict"]) for line in lines] == [(64, "pass"), (128, "fail")]
+
+
+def test_what_the_run_has_one_figure_of_is_judged_once():
+    memory = budget("peak_memory_mb", 300.0, "at most", "MB")
+    lines = judged(profile(memory, sizes=(64, 128)), [row()], {"peak_memory_mb": {"nnpp": 280.0}}, DISTURBED)
+    assert [(line["size"], line["value"], line["verdict"]) for line in lines] == [(None, 280.0, "pass")]
+
+
+def test_start_up_in_a_disturbed_run_is_noisy():
+    wanted = budget("start_up_warm_s", 1.0, "at most", "s")
+    for noise, state in ((QUIET, "pass"), (DISTURBED, "noisy")):
+        (line,) = judged(profile(wanted), [row()], {"start_up_warm_s": {"nnpp": 0.9}}, noise)
+        assert line["verdict"] == state
+
+
+@pytest.mark.parametrize(
+    ("states", "disturbed", "whole"),
+    [
+        (["pass", "pass"], QUIET, "met"), (["pass", "noisy"], QUIET, "noisy"), (["noisy", "fail"], QUIET, "missed"),
+        (["pass", "not measured"], QUIET, "noisy"), ([], QUIET, "met"), ([], DISTURBED, "noisy"),
+        (["pass"], DISTURBED, "met"),
+    ],
+)  # fmt: skip
+def test_the_whole_runs_verdict(states, disturbed, whole):
+    assert verdict([{"verdict": state} for state in states], disturbed) == whole

@@ -1,0 +1,135 @@
+import os
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from nnpp_edge.profiling import machine
+from nnpp_edge.profiling.machine import CoreTimes, EnergyMeter, environment, pinned
+
+
+@contextmanager
+def busy_core(core):
+    """Another process that keeps a core busy."""
+    code = f"import os\nos.sched_setaffinity(0, [{core}])\nprint(flush=True)\nwhile True: pass"
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
+    try:
+        process.stdout.readline()
+        yield
+    finally:
+        process.kill()
+        process.wait()
+
+
+def work(seconds):
+    began = time.process_time()
+    while time.process_time() - began < seconds:
+        pass
+
+
+def test_another_process_on_the_core_is_seen():
+    core = min(os.sched_getaffinity(0))
+    watch = CoreTimes([core])
+    if machine._core_seconds([core]) is None:
+        pytest.skip("this kernel does not count the cores' time")
+    with busy_core(core), pinned([core]):
+        watch.start()
+        work(0.3)
+        watch.stop()
+    assert watch.others_share() > 0.25
+
+
+def test_own_work_is_not_that_of_others(monkeypatch):
+    """With the kernel's counter made to agree with our own use."""
+    monkeypatch.setattr(machine, "_core_seconds", lambda cores: (time.process_time(), 0.0))
+    watch = CoreTimes([0])
+    for _ in range(3):
+        watch.start()
+        work(0.02)
+        watch.stop()
+        work(0.02)  # not watched
+    assert watch.others_share() < 0.05 and watch.stolen_share() == 0.0
+    assert 0.05 < watch.own < 0.1
+
+
+def test_a_kernel_that_does_not_count_is_not_taken_for_an_idle_one(monkeypatch, tmp_path):
+    (tmp_path / "stat").write_text("cpu  0 0 0 0 0 0 0 0 0 0\ncpu0 0 0 0 0 0 0 0 0 0 0\n")
+    monkeypatch.setattr(machine, "_PROC", tmp_path)
+    watch = CoreTimes([0])
+    watch.start()
+    watch.stop()
+    assert watch.others_share() is None and watch.stolen_share() is None
+
+
+def test_threads_are_pinned_and_set_free_again():
+    before = os.sched_getaffinity(0)
+    seen, wait, done = [], threading.Event(), threading.Event()
+
+    def look():
+        wait.wait()
+        seen.append(os.sched_getaffinity(0))
+        done.wait()
+        seen.append(os.sched_getaffinity(0))
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    with pinned([min(before)]) as (cores, said):
+        assert (cores, said) == ([min(before)], [])
+        assert os.sched_getaffinity(0) == {min(before)}
+        wait.set()
+        while not seen:
+            time.sleep(0.001)
+    done.set()
+    thread.join()
+    assert seen == [{min(before)}, before] and os.sched_getaffinity(0) == before
+
+
+def test_cores_that_are_missing_are_said():
+    have = os.sched_getaffinity(0)
+    with pinned([*have, 4000]) as (cores, said):
+        assert set(cores) == have
+    assert len(said) == 1 and "4000" in said[0] and "1 fewer" in said[0]
+    with pinned([4000]) as (cores, said):
+        assert cores == [min(have)] and "4000" in said[0]
+
+
+def test_energy_is_summed_over_packages_and_a_counter_may_wrap(tmp_path):
+    for name, counted in (("intel-rapl:0", 900), ("intel-rapl:1", 100), ("intel-rapl:0:0", 5)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "energy_uj").write_text(f"{counted}\n")
+        (tmp_path / name / "max_energy_range_uj").write_text("999\n")
+    meter = EnergyMeter(tmp_path)
+    before = meter.read()
+    (tmp_path / "intel-rapl:0" / "energy_uj").write_text("50\n")
+    (tmp_path / "intel-rapl:1" / "energy_uj").write_text("160\n")
+    assert meter.problem == "" and before == [900, 100]
+    assert meter.joules(before, meter.read()) == pytest.approx(1e-6 * (150 + 60))
+
+
+def test_without_a_counter_there_is_no_energy(tmp_path):
+    meter = EnergyMeter(tmp_path)
+    assert meter.read() == [] and "no energy counter" in meter.problem
+    (tmp_path / "intel-rapl:0").mkdir()
+    assert "cannot be read" in EnergyMeter(tmp_path).problem
+
+
+@pytest.mark.parametrize(
+    ("cpuinfo", "cpu", "flags"),
+    [
+        ("processor\t: 0\nmodel name\t: A CPU\nflags\t\t: fpu avx2 avx512_vnni\n", "A CPU", ["avx2", "avx512_vnni"]),
+        ("processor\t: 0\nFeatures\t: fp asimd asimddp\nHardware\t: A board\n", "A board", ["asimd", "asimddp"]),
+    ],
+)
+def test_the_cpu_and_its_flags_on_x86_and_arm(monkeypatch, tmp_path, cpuinfo, cpu, flags):
+    (tmp_path / "cpuinfo").write_text(cpuinfo)
+    governor = tmp_path / "devices/system/cpu/cpu0/cpufreq"
+    governor.mkdir(parents=True)
+    (governor / "scaling_governor").write_text("powersave\n")
+    monkeypatch.setattr(machine, "_PROC", tmp_path)
+    monkeypatch.setattr(machine, "_SYS", tmp_path)
+    facts = environment([0, 1])
+    assert (facts["cpu"], facts["flags"], facts["governor"]) == (cpu, flags, ["powersave"])
+    assert facts["packages"]["numpy"] and len(facts["load_average"]) == 3
