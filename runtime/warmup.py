@@ -31,6 +31,7 @@ from nnpp_edge.runtime.planning.dstar_lite import DStarLite
 from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner
 from nnpp_edge.runtime.planning.landmarks import Landmarks
 from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.region import RegionFinder
 
 _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
 _STILL_IN_USE_S = 3600.0
@@ -111,6 +112,7 @@ def exercise() -> None:
                 _exercise_planner(shape, step_cost, corner_cutting, network)
     size = 16
     encode_gaussian((1.0, 2.0), (9.0, 3.0), size, 1, 4.0, np.empty((GAUSSIAN_CHANNELS, size, size), np.float32))
+    RegionFinder(size).threshold((1, 2), (9, 3))
 
 
 def _exercise_cost_maps() -> None:

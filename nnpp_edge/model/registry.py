@@ -56,7 +56,8 @@ class Spec:
 
 
 PRESETS = {
-    "edge": Spec("edge", input_size=128, options={"widths": [16, 32, 64, 64], "stem": 16, "depth": [0, 1, 1, 0]}),
+    "edge": Spec("edge", input_size=64, options={"widths": [32, 64, 64, 64], "stem": 32, "depth": [0, 1, 0, 0]}),
+    "edge-128": Spec("edge", input_size=128, options={"widths": [16, 32, 64, 64], "stem": 16, "depth": [0, 1, 1, 0]}),
     "edge-256": Spec("edge"),
     "nnpp-w16": Spec("nnpp", options={"width": 16}),
     "nnpp": Spec("nnpp", options={"width": 64}),

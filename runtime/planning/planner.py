@@ -32,7 +32,7 @@ _IN_LEARNED_REGION = (1, 0.0005)
 """The same inside a learned region, which is searched for speed."""
 _BAND_NEARBY = 0.12
 """What the band of a short path is wider by, divided by the coarse cells between start and goal."""
-_COARSE_MARGIN, _COARSE_BAND = 2, 0.02
+_COARSE_MARGIN, _COARSE_BAND = 2, 0.04
 """What is added between two coarse levels: room costs little there."""
 _CELLS_APART = 16
 """The coarsest level that is searched is the last on which start and goal are so many cells apart."""

@@ -1,0 +1,417 @@
+"""The paper's dynamic scene (NNPP, section 5.5, Tables 3 and 4) as a benchmark.
+
+A path is planned; the robot follows it for 45 cells; rectangles of cost 1 appear across what is left of it, move on
+or vanish; the rest is planned anew, until the goal is near. All methods answer the same queries on the same maps: the
+robot follows exact A*'s path. ``python -m nnpp_edge.profiling.dynamic_scene --terrain FILE`` prints both tables.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.profiling.suites import TerrainSuite
+from nnpp_edge.runtime.encoding import Cell
+from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, Status
+from nnpp_edge.runtime.inference import NetworkModel
+from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner, Replan
+
+STRIDE = 45
+"""Cells that the robot walks between two plans (the paper's)."""
+OBSTACLE = 1.0
+"""Traversability cost of the rectangles (the paper's)."""
+LEAST_DISTANCE = 0.7
+"""Between start and goal, as a share of the map's side: four plans or more at 256²."""
+_SIDES = (1 / 20, 1 / 8)
+"""Sides of a rectangle, as shares of the map's."""
+_ON_PATH = (0.15, 0.85)
+"""Where on what is left of the path a rectangle appears, as a share of it."""
+_CLEAR = 3
+"""Cells around robot and goal that no rectangle covers."""
+_VANISHES, _MOVES = 0.25, 0.35
+"""Chances of a rectangle at each step."""
+_TRIES = 20
+
+Patch = tuple[int, int, NDArray[np.float32]]
+Block = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True)
+class Step:
+    """What happens before a plan, and where from it is made."""
+
+    start: Cell
+    patches: tuple[Patch, ...]
+    """(row, col, new costs), to be put into the map in this order."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A robot's way to its goal over a map that changes."""
+
+    cost: NDArray[np.float32]
+    """(H, W) traversability cost at the first plan."""
+    goal: Cell
+    steps: tuple[Step, ...]
+    """The first without patches."""
+
+
+@dataclass(frozen=True)
+class SceneRow:
+    """One method's answer at one step of an episode."""
+
+    episode: int
+    step: int
+    method: str
+    used: str
+    """The method that answered; for ``auto`` the one it picked."""
+    status: str
+    source: str
+    time_ms: float
+    """Map update and plan: the median over the repeats."""
+    cost: float
+    cc: float
+    optimal_cost: float
+    """Exact A*'s on the same query."""
+    optimal_cc: float
+    driven_cc: float
+    """CC of the cells that the robot walks before the next plan, of this method's own path."""
+    expansions: int
+    region_share: float
+    """Of the map's cells, of the region searched at full resolution; 1 for the whole map."""
+
+
+@dataclass(frozen=True)
+class SceneTotal:
+    """One method over whole episodes, or over their first plans."""
+
+    method: str
+    plans: int
+    solved: float
+    """Share of plans that found a path."""
+    time_ms: float
+    """Summed."""
+    speedup_astar: float
+    """Summed time of exact A* over this."""
+    speedup_dstar: float | None
+    """The same for whole-map D* Lite; None where it did not take part."""
+    cc: float
+    """Summed over all plans."""
+    cc_excess: float
+    """By how much, relatively, exact A*'s sum is exceeded."""
+    cost_excess: float
+    """The same for the path's cost, which is what the searches minimise."""
+    driven_cc: float
+    expansions: int
+
+
+def make_episode(cost: NDArray[np.float32], start: Cell, goal: Cell, seed: int, stride: int = STRIDE) -> Episode:
+    """An episode on a map, the same for the same seed.
+
+    Parameters
+    ----------
+    cost : (H, W) float
+        Traversability cost; left as it is.
+    start, goal : (row, col)
+        Passable cells that are connected.
+    seed : int
+        Of where rectangles appear, how large they are, and what becomes of them.
+    stride : int
+        Cells that the robot walks between two plans, at least 1.
+
+    Raises
+    ------
+    InvalidQueryError
+        The goal cannot be reached from the start, or the stride is less than 1.
+    """
+    if stride < 1:
+        raise InvalidQueryError(f"the stride must be at least 1 cell, got {stride}")
+    rng, base = np.random.default_rng(seed), np.ascontiguousarray(cost, np.float32)
+    planner, steps, blocks = DynamicPlanner(base, goal, DynamicMethod.ASTAR), [Step(start, ())], list[Block]()
+    path = _exact(planner, start)
+    if path is None:
+        raise InvalidQueryError(f"an episode needs a goal that can be reached, got {start} to {goal}")
+    while len(path) > stride + 1:
+        rest = path[stride:]
+        here = (int(rest[0, 0]), int(rest[0, 1]))
+        for _ in range(_TRIES):
+            wanted = _next_blocks(rng, blocks, rest, base.shape, (here, goal))
+            patches = _patches(base, blocks, wanted)
+            for row, col, patch in patches:
+                planner.update(row, col, patch)
+            if (found := _exact(planner, here)) is not None:
+                break
+            for row, col, patch in _patches(base, wanted, blocks):  # no way is left: take it back, try another
+                planner.update(row, col, patch)
+        else:
+            wanted, patches, found = blocks, (), _exact(planner, here)
+            assert found is not None
+        steps.append(Step(here, patches))
+        blocks, path = wanted, found
+    return Episode(base, goal, tuple(steps))
+
+
+def terrain_episodes(
+    suite: TerrainSuite, name: str, size: int, count: int, stride: int = STRIDE
+) -> Iterator[Episode]:
+    """Episodes on random crops of terrain, one a crop; `suite.least_distance` decides how long they are."""
+    made = 0
+    for at, case in enumerate(suite.cases(suite.load(), name, size)):
+        if made == count:
+            return
+        start, goal = case.queries[0]
+        try:
+            episode = make_episode(case.cost, start, goal, seed=suite.seed + at, stride=stride)
+        except InvalidQueryError:
+            continue
+        made += 1
+        yield episode
+
+
+def run_scene(
+    episodes: Iterable[Episode],
+    methods: Sequence[str],
+    *,
+    model: NetworkModel | str = "edge",
+    repeats: int = 3,
+    stride: int = STRIDE,
+    progress: Callable[[int], None] = lambda done: None,
+) -> list[SceneRow]:
+    """Have every method live through the same episodes, in turns at each step.
+
+    Parameters
+    ----------
+    episodes : iterable of Episode
+        Made with the same `stride`.
+    methods : sequence of str
+        Of `DynamicMethod`; exact A* always takes part.
+    model : NetworkModel or str
+        For the methods that ask a network.
+    repeats : int
+        So often every episode is lived through by new planners, after once without the clock; a step's median
+        time counts.
+    progress : callable
+        Told how many episodes are done.
+
+    Returns
+    -------
+    list of SceneRow
+        By episode, step and method.
+
+    Notes
+    -----
+    A step's time is the map's update, the network's view of it, and the plan with every widening and fallback.
+    What depends on the first map alone is made before the clock starts, for all methods alike.
+    """
+    names = list(dict.fromkeys((DynamicMethod.ASTAR, *map(DynamicMethod, methods))))
+    if DynamicMethod.NNPP in names or DynamicMethod.NNPP_DSTAR in names:
+        model = model if isinstance(model, NetworkModel) else NetworkModel(model)
+    rows: list[SceneRow] = []
+    for at, episode in enumerate(episodes):
+        times = np.empty((repeats + 1, len(episode.steps), len(names)))
+        for turn in range(repeats + 1):
+            answers = _live_through(episode, names, model, turn, times[turn])
+        medians = np.median(times[1:], axis=0) if repeats else times[0]
+        for step, plans in enumerate(answers):
+            walked = stride if step + 1 < len(answers) else None
+            for number, name in enumerate(names):
+                plan, share, walk = plans[name], *_figures(plans[name], episode, step, walked)
+                exact = plans[DynamicMethod.ASTAR]
+                rows.append(
+                    SceneRow(
+                        at, step, str(name), str(plan.by), str(plan.status), str(plan.source or ""),
+                        float(medians[step, number]), plan.cost, plan.traverse_cost, exact.cost, exact.traverse_cost,
+                        walk, plan.expansions, share,
+                    )
+                )  # fmt: skip
+        progress(at + 1)
+    return rows
+
+
+def totals(rows: Sequence[SceneRow], *, static: bool = False) -> list[SceneTotal]:
+    """A line for each method: over whole episodes, or with `static` over the first plans alone (Table 4, ``-s``)."""
+    chosen = [row for row in rows if row.step == 0 or not static]
+    out = []
+    spent = {m: sum(r.time_ms for r in chosen if r.method == m) for m in dict.fromkeys(r.method for r in chosen)}
+    for method, ms in spent.items():
+        own = [row for row in chosen if row.method == method]
+        solved = [row for row in own if row.status == Status.OK]
+        cc, best_cc = sum(row.cc for row in solved), sum(row.optimal_cc for row in solved)
+        cost, best = sum(row.cost for row in solved), sum(row.optimal_cost for row in solved)
+        dstar = spent.get(str(DynamicMethod.DSTAR))
+        out.append(
+            SceneTotal(
+                method, len(own), len(solved) / len(own), ms, spent[str(DynamicMethod.ASTAR)] / ms,
+                None if dstar is None else dstar / ms, cc, cc / best_cc - 1.0 if best_cc else 0.0,
+                cost / best - 1.0 if best else 0.0, sum(row.driven_cc for row in solved),
+                sum(row.expansions for row in own),
+            )
+        )  # fmt: skip
+    return out
+
+
+def _live_through(
+    episode: Episode, names: Sequence[DynamicMethod], model: NetworkModel | str, turn: int, times: NDArray[np.float64]
+) -> list[dict[DynamicMethod, Replan]]:
+    """One life of new planners: milliseconds into `times` (steps, methods), and the answers of each step."""
+    planners = {name: DynamicPlanner(episode.cost, episode.goal, name, model=model) for name in names}
+    for planner in planners.values():
+        planner.prepare()
+    answers = []
+    for at, step in enumerate(episode.steps):
+        plans: dict[DynamicMethod, Replan] = {}
+        for n in range(len(names)):
+            number = (n + turn + at) % len(names)
+            planner = planners[names[number]]
+            began = time.perf_counter()
+            for row, col, patch in step.patches:
+                planner.update(row, col, patch)
+            planner.move(step.start)
+            plans[names[number]] = planner.replan()
+            times[at, number] = 1e3 * (time.perf_counter() - began)
+            if (region := plans[names[number]].region) is not None:  # read now: it lives in the planner's memory
+                plans[names[number]].timings_ms["region_cells"] = float(region.area())
+        answers.append(plans)
+    return answers
+
+
+def _figures(plan: Replan, episode: Episode, step: int, walked: int | None) -> tuple[float, float]:
+    """Share of the map that was searched, and CC of the cells that the robot walks on this path."""
+    share = plan.timings_ms.get("region_cells", float(episode.cost.size)) / episode.cost.size
+    if not plan.ok:
+        return share, 0.0
+    cost = _map_at(episode, step)
+    part = plan.path[:walked]
+    return share, float(cost[part[:, 0], part[:, 1]].astype(np.float64).sum())
+
+
+def _map_at(episode: Episode, step: int) -> NDArray[np.float32]:
+    cost = episode.cost.copy()
+    for earlier in episode.steps[: step + 1]:
+        for row, col, patch in earlier.patches:
+            cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
+    return cost
+
+
+def _exact(planner: DynamicPlanner, start: Cell) -> NDArray[np.int32] | None:
+    planner.move(start)
+    plan = planner.replan()
+    return plan.path if plan.ok else None
+
+
+def _next_blocks(
+    rng: np.random.Generator, blocks: Sequence[Block], rest: NDArray[np.int32], shape: tuple[int, ...],
+    free: tuple[Cell, Cell],
+) -> list[Block]:  # fmt: skip
+    """The rectangles of the next step: some gone, some moved on, and one more across the path."""
+    out = []
+    for row, col, rows, cols in blocks:
+        fate = rng.random()
+        if fate < _VANISHES:
+            continue
+        if fate < _VANISHES + _MOVES:
+            row = int(np.clip(row + rng.integers(-rows, rows + 1), 0, shape[0] - rows))
+            col = int(np.clip(col + rng.integers(-cols, cols + 1), 0, shape[1] - cols))
+        out.append((row, col, rows, cols))
+    side = max(shape)
+    rows, cols = (min(max(int(rng.uniform(*_SIDES) * side), 2), n) for n in shape)
+    at = rest[int(rng.uniform(*_ON_PATH) * (len(rest) - 1))]
+    row, col = (int(np.clip(c - n // 2, 0, m - n)) for c, n, m in zip(at, (rows, cols), shape, strict=True))
+    out.append((row, col, rows, cols))
+    return [block for block in out if not any(_covers(block, cell) for cell in free)]
+
+
+def _covers(block: Block, cell: Cell) -> bool:
+    """Whether a rectangle comes nearer to a cell than may be."""
+    row, col, rows, cols = block
+    return row - _CLEAR <= cell[0] < row + rows + _CLEAR and col - _CLEAR <= cell[1] < col + cols + _CLEAR
+
+
+def _patches(base: NDArray[np.float32], before: Sequence[Block], after: Sequence[Block]) -> tuple[Patch, ...]:
+    """What to put into the map where its rectangles become others: those that left, then those that came."""
+    now = base.copy()
+    for row, col, rows, cols in after:
+        now[row : row + rows, col : col + cols] = np.maximum(now[row : row + rows, col : col + cols], OBSTACLE)
+    changed = [block for block in before if block not in after] + [block for block in after if block not in before]
+    return tuple((r, c, now[r : r + rows, c : c + cols].copy()) for r, c, rows, cols in changed)
+
+
+def render(rows: Sequence[SceneRow]) -> str:
+    """Table 3 (by step, means over the episodes) and Table 4 (static and dynamic totals) for people."""
+    from nnpp_edge.cli.progress import render_table
+
+    methods = list(dict.fromkeys(row.method for row in rows))
+    body = []
+    for step in range(max(row.step for row in rows) + 1):
+        line = [f"T + {step}Δt" if step else "T", str(sum(r.step == step and r.method == methods[0] for r in rows))]
+        for method in methods:
+            own = [row for row in rows if row.step == step and row.method == method and row.status == Status.OK]
+            empty = ["–", "–"]
+            line += (
+                [f"{np.mean([r.time_ms for r in own]):.2f}", f"{np.mean([r.cc for r in own]):.2f}"] if own else empty
+            )
+        body.append(line)
+    header = ["frame", "n", *(f"{name}\n{what}" for name in methods for what in ("ms", "CC"))]
+    tables = [render_table(header, body)]
+    lines = [
+        [kind, t.method, str(t.plans), f"{100 * t.solved:.0f} %", f"{t.time_ms:.2f}", f"{t.speedup_astar:.2f}",
+         "–" if t.speedup_dstar is None else f"{t.speedup_dstar:.2f}", f"{t.cc:.2f}", f"{100 * t.cc_excess:+.2f} %",
+         f"{100 * t.cost_excess:+.2f} %", f"{t.driven_cc:.2f}", str(t.expansions)]
+        for kind, static in (("static", True), ("dynamic", False)) for t in totals(rows, static=static)
+    ]  # fmt: skip
+    header = ["scene", "method", "plans", "solved", "ms", "over A*", "over D*", "CC", "CC\nexcess", "cost\nexcess",
+              "CC\ndriven", "expansions"]  # fmt: skip
+    return "\n".join([*tables, render_table(header, lines, sections=[line[1] == "astar" for line in lines])])
+
+
+def as_json(rows: Sequence[SceneRow]) -> dict[str, Any]:
+    """Every row, and the totals, for programs."""
+    return {
+        "static": [asdict(total) for total in totals(rows, static=True)],
+        "dynamic": [asdict(total) for total in totals(rows)],
+        "rows": [asdict(row) for row in rows],
+    }
+
+
+@click.command()
+@click.option("--terrain", multiple=True, required=True, type=click.Path(path_type=Path), help="Elevation file.")
+@click.option("--rescale", type=float, help="Rescale the terrain to cells of so many metres, slopes kept.")
+@click.option("--cell-size", type=float, help="Side of a cell in metres, where the files do not say.")
+@click.option("--workload", default="soft", show_default=True, help="soft, limit20, limit15 or any limitN.")
+@click.option("--size", type=click.IntRange(64), default=256, show_default=True, help="Side of the maps.")
+@click.option("--episodes", type=click.IntRange(1), default=5, show_default=True)
+@click.option("--methods", default=",".join(DynamicMethod), show_default=True)
+@click.option("--model", default="edge", show_default=True, help="Shipped model or file.")
+@click.option("--repeats", type=click.IntRange(1), default=3, show_default=True)
+@click.option("--seed", type=int, default=1, show_default=True)
+@click.option("--json", "json_wanted", is_flag=True, help="Print JSON for programs.")
+def main(
+    terrain: tuple[Path, ...], rescale: float | None, cell_size: float | None, workload: str, size: int,
+    episodes: int, methods: str, model: str, repeats: int, seed: int, json_wanted: bool,
+) -> None:  # fmt: skip
+    """The paper's dynamic scene on terrain: every method through the same episodes."""
+    from nnpp_edge.cli.progress import bar
+
+    suite = TerrainSuite(terrain, (workload,), (size,), seed, rescale, cell_size, LEAST_DISTANCE)
+    names = [name.strip() for name in methods.split(",")]
+    if unknown := set(names) - set(DynamicMethod):
+        raise click.UsageError(f"--methods must be of {', '.join(DynamicMethod)}, got {', '.join(sorted(unknown))}")
+    with bar("dynamic scene", episodes) as advance:
+        scenes = terrain_episodes(suite, workload, size, episodes)
+        rows = run_scene(scenes, names, model=model, repeats=repeats, progress=advance)
+    click.echo(json.dumps(as_json(rows), indent=1) if json_wanted else render(rows))
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except NnppEdgeError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(2)

@@ -1,0 +1,1 @@
+"""The onboard loop: inputs in, a checked path out, at a fixed rate. See docs/onboard.md."""

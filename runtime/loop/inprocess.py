@@ -1,0 +1,68 @@
+"""A source and a sink for Python programs and tests."""
+
+import threading
+from collections import deque
+from collections.abc import Iterable
+
+from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Output, PathMessage, Pose
+
+
+class InProcessSource:
+    """Messages put by any thread. Of poses and goals the newest counts; patches keep their order.
+
+    Parameters
+    ----------
+    most_patches : int
+        That wait at most; then `put` refuses the next, so that the sender knows.
+    """
+
+    def __init__(self, most_patches: int = 256) -> None:
+        self._lock = threading.Lock()
+        self._patches: deque[MapPatch] = deque()
+        self._most = most_patches
+        self._pose: Pose | None = None
+        self._goal: Goal | None = None
+        self.refused = 0
+        """Patches that were not taken."""
+
+    def put(self, message: Input) -> bool:
+        """Hand a message over; False if it is a patch and too many are waiting."""
+        with self._lock:
+            if isinstance(message, Pose):
+                self._pose = message
+            elif isinstance(message, Goal):
+                self._goal = message
+            elif len(self._patches) >= self._most:
+                self.refused += 1
+                return False
+            else:
+                self._patches.append(message)
+            return True
+
+    def poll(self) -> Iterable[Input]:
+        """What has come since the last call."""
+        with self._lock:
+            taken: list[Input] = [*self._patches]
+            taken += [message for message in (self._pose, self._goal) if message is not None]
+            self._patches.clear()
+            self._pose = self._goal = None
+        return taken
+
+
+class InProcessSink:
+    """Keeps the newest messages for whoever asks."""
+
+    name = "in-process"
+
+    def __init__(self, most: int = 1) -> None:
+        self.messages: deque[Output] = deque(maxlen=most)
+        """Newest last."""
+
+    def publish(self, message: Output) -> None:
+        """Keep it."""
+        self.messages.append(message)
+
+    @property
+    def path(self) -> PathMessage | None:
+        """The newest path message."""
+        return next((m for m in reversed(self.messages) if isinstance(m, PathMessage)), None)

@@ -1,0 +1,267 @@
+"""What goes into the onboard loop and what comes out of it."""
+
+import math
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.encoding import Cell
+from nnpp_edge.runtime.errors import NnppEdgeError, Status
+
+
+class InvalidMessageError(NnppEdgeError, ValueError):
+    """A message that cannot be taken in."""
+
+
+class Outcome(StrEnum):
+    """How a tick ended: the planner's words (`Status`), and those of the loop alone."""
+
+    OK = "OK"
+    START_OUTSIDE_MAP = "START_OUTSIDE_MAP"
+    GOAL_OUTSIDE_MAP = "GOAL_OUTSIDE_MAP"
+    START_BLOCKED = "START_BLOCKED"
+    GOAL_BLOCKED = "GOAL_BLOCKED"
+    NO_PATH = "NO_PATH"
+    TIMEOUT = "TIMEOUT"
+    INVALID_MAP = "INVALID_MAP"
+    NO_POSE = "NO_POSE"
+    """No pose has come yet."""
+    NO_GOAL = "NO_GOAL"
+    """No goal has come yet."""
+    UNKNOWN = "UNKNOWN"
+    """Every way of planning raised an error."""
+
+    @classmethod
+    def of(cls, status: Status) -> "Outcome":
+        """The same word."""
+        return cls(str(status))
+
+
+class Origin(StrEnum):
+    """Which rung of the ladder a path comes from."""
+
+    FULL = "full"
+    """Planned in this tick by the method that was asked for."""
+    CORRIDOR = "corridor"
+    """Planned in this tick by the corridor planner, as the full method failed or would have been late."""
+    STANDING = "standing"
+    """The path of an earlier tick, checked against the newest map."""
+    NONE = "none"
+    """There is no path."""
+
+
+@dataclass(frozen=True, eq=False)
+class MapPatch:
+    """New heights, or new costs, of a rectangle of the map. The array is copied.
+
+    Raises
+    ------
+    InvalidMessageError
+        Not exactly one of the two arrays is given, it is not (h, w) numbers, a cost is below 0, or origin or stamp
+        are no numbers.
+    """
+
+    row: int
+    """Of the patch's first cell; the patch may stick out of the map."""
+    col: int
+    elevation: NDArray[np.float32] | None = None
+    """(h, w) metres; NaN or infinite where the cell was not seen."""
+    cost: NDArray[np.float32] | None = None
+    """(h, w) traversability cost or weight, as the planner takes it; NaN where the cell was not seen."""
+    keep_known: bool = False
+    """Whether cells that were not seen stay as the map has them; else they become impassable."""
+    stamp: float = 0.0
+    """When it was measured, by the sender's clock; passed on, never reckoned with."""
+
+    def __post_init__(self) -> None:
+        """Check and copy."""
+        if (self.elevation is None) == (self.cost is None):
+            raise InvalidMessageError("a patch must hold either elevation or cost, got both or neither")
+        name = "cost" if self.elevation is None else "elevation"
+        given = np.asarray(getattr(self, name))
+        if given.ndim != 2 or given.size == 0 or given.dtype.kind not in "fiu":
+            raise InvalidMessageError(f"a patch's {name} must be (h, w) numbers, got {given.shape} {given.dtype}")
+        values = np.array(given, np.float32, order="C")
+        if name == "cost" and (values < 0.0).any():
+            raise InvalidMessageError(f"a patch's cost must be at least 0, got one of {np.nanmin(values):g}")
+        object.__setattr__(self, name, values)
+        for word in ("row", "col"):
+            object.__setattr__(self, word, _whole(f"a patch's {word}", getattr(self, word)))
+        _finite("a patch's stamp", self.stamp)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        values = self.cost if self.elevation is None else self.elevation
+        assert values is not None
+        return values.shape[0], values.shape[1]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the robot is, in cells; fractions lie within a cell. InvalidMessageError unless both are finite."""
+
+    row: float
+    col: float
+    stamp: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check."""
+        for word in ("row", "col", "stamp"):
+            _finite(f"a pose's {word}", getattr(self, word))
+
+    @property
+    def cell(self) -> Cell:
+        """The cell it lies in."""
+        return math.floor(self.row), math.floor(self.col)
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Where to go, in cells. InvalidMessageError unless both are whole numbers."""
+
+    row: int
+    col: int
+    stamp: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check."""
+        for word in ("row", "col"):
+            object.__setattr__(self, word, _whole(f"a goal's {word}", getattr(self, word)))
+        _finite("a goal's stamp", self.stamp)
+
+    @property
+    def cell(self) -> Cell:
+        """As (row, col)."""
+        return self.row, self.col
+
+
+Input = MapPatch | Pose | Goal
+
+
+@dataclass(frozen=True, eq=False)
+class PathMessage:
+    """What a tick came to. The path is empty exactly where the outcome is not OK.
+
+    Raises
+    ------
+    InvalidMessageError
+        An outcome of OK without a path, or another one with a path.
+    """
+
+    tick: int
+    outcome: Outcome
+    origin: Origin
+    path: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    """(N, 2) cells (row, col) from the robot to the goal, passable on the newest map that the loop had."""
+    start: Cell | None = None
+    """Where the path starts."""
+    goal: Cell | None = None
+    start_moved: bool = False
+    """The robot stands in an impassable cell, and the path starts at the nearest passable one."""
+    degraded: bool = False
+    """The answer is less than was asked for; `reason` says why."""
+    cost: float = math.inf
+    lower_bound: float = 0.0
+    """No path costs less."""
+    method: str = ""
+    """By which the path was planned."""
+    reason: str = ""
+    """Why planned so, kept, or failed; for people."""
+    map_version: int = 0
+    """Number of changes to the map that the answer knows of."""
+    planning_ms: float = 0.0
+    """From the tick's begin to this answer."""
+
+    def __post_init__(self) -> None:
+        """A path with success, none without."""
+        if (self.outcome is Outcome.OK) != bool(len(self.path)):
+            raise InvalidMessageError(
+                f"only an outcome of OK comes with a path, got {self.outcome} with {len(self.path)} cells"
+            )
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a path to follow."""
+        return self.outcome is Outcome.OK
+
+    def summary(self) -> dict[str, Any]:
+        """Ready for JSON, the path as a list of [row, col]; inf as None."""
+        told = {f: getattr(self, f) for f in self.__dataclass_fields__}
+        told |= {"outcome": str(self.outcome), "origin": str(self.origin), "path": self.path.tolist()}
+        told["cost"] = self.cost if math.isfinite(self.cost) else None
+        return told
+
+
+@dataclass(frozen=True)
+class Counters:
+    """What a loop has done since it began."""
+
+    ticks: int = 0
+    planned: int = 0
+    """Ticks that planned a new path."""
+    kept: int = 0
+    """Ticks whose path stood."""
+    failed: int = 0
+    """Ticks without a path, though there were pose and goal."""
+    overruns: int = 0
+    """Ticks that took longer than the period."""
+    skipped: int = 0
+    """Deadlines that passed unused because of them."""
+    degraded: dict[str, int] = field(default_factory=dict)
+    """Answers that were less than asked for, by their kind."""
+    errors: dict[str, int] = field(default_factory=dict)
+    """Errors that were caught, by where."""
+    patches: int = 0
+    cells_changed: int = 0
+    patches_clipped: int = 0
+    patches_rejected: int = 0
+    patches_merged: int = 0
+    """Changed rectangles that were taken together because too many were waiting; nothing of them is lost."""
+    starts_moved: int = 0
+    reloads: int = 0
+    drops: dict[str, int] = field(default_factory=dict)
+    """Messages that a sink was too slow for, by sink."""
+    tick_ms: dict[str, float] = field(default_factory=dict)
+    """Work of a tick: ``p50``, ``p90``, ``p99``, ``max``, ``mean``."""
+    rss_bytes: int = 0
+    """Memory of the process; 0 where the system does not say."""
+
+
+@dataclass(frozen=True)
+class StatusMessage:
+    """How the loop is, now and then."""
+
+    tick: int
+    outcome: Outcome
+    """Of the last tick."""
+    text: str
+    counters: Counters
+
+    def summary(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        return {"tick": self.tick, "outcome": str(self.outcome), "text": self.text, "counters": asdict(self.counters)}
+
+
+Output = PathMessage | StatusMessage
+
+
+def _finite(name: str, value: Any) -> None:
+    try:
+        if math.isfinite(value):
+            return
+    except TypeError:
+        pass
+    raise InvalidMessageError(f"{name} must be a finite number, got {value!r}")
+
+
+def _whole(name: str, value: Any) -> int:
+    try:
+        if int(value) == value:
+            return int(value)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InvalidMessageError(f"{name} must be a whole number, got {value!r}")

@@ -1,0 +1,388 @@
+"""Planning towards one goal on a map that changes, from a start that moves.
+
+NNPP, section 5.5, Tables 3 and 4: a path is planned, the robot follows it, the map changes, and the rest is planned
+anew. Every method answers on the newest map; they differ in what they keep from one answer to the next.
+"""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nnpp_edge.runtime.costmap import Float2D, Rectangle, as_map
+from nnpp_edge.runtime.encoding import Cell
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
+from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepCost, StepModel
+from nnpp_edge.runtime.inference import NetworkModel
+from nnpp_edge.runtime.planning.astar import astar
+from nnpp_edge.runtime.planning.dstar_lite import DStarLite
+from nnpp_edge.runtime.planning.incremental import DStarPlanner
+from nnpp_edge.runtime.planning.plan import Method, Plan, Source, measure
+from nnpp_edge.runtime.planning.query import Query, as_cell
+from nnpp_edge.runtime.planning.validity import Standing, StandingPath
+from nnpp_edge.runtime.planning.workspace import Workspace
+
+_MOST_CHANGES = 64
+"""Rectangles that are kept apart; one more and they are taken for the one that holds them all."""
+_NEAR = 48
+"""Cells; nearer goals `auto` leaves to exact A*."""
+_MEND_FROM = 192
+"""Cells to the goal from which on `auto` mends; a shorter corridor is as soon made anew."""
+_NEAR_START = 0.25
+"""`auto` mends its search where all changes lie nearer to the start than this share of the way to the goal."""
+_FEW_CHANGES = 1.0 / 1024.0
+"""Share of the map's cells that may have changed for that."""
+_DRIFT = 1.02
+"""Mended paths are taken until they may cost so many times what paths of a new corridor would."""
+
+
+class DynamicMethod(StrEnum):
+    """How to plan anew."""
+
+    AUTO = "auto"
+    ASTAR = "astar"
+    """Exact A* over the whole map, afresh each time."""
+    DSTAR = "dstar"
+    """D* Lite over the whole map: exact, and mended rather than searched anew."""
+    CORRIDOR = "corridor"
+    """Coarse to fine, afresh each time."""
+    CORRIDOR_DSTAR = "corridor-dstar"
+    """The corridor of the present start, and D* Lite inside it."""
+    NNPP = "nnpp"
+    """The network's region of the present start, and A* inside it."""
+    NNPP_DSTAR = "nnpp-dstar"
+    """The network's region of the present start, and D* Lite inside it."""
+
+
+_BASE = {
+    DynamicMethod.AUTO: Method.AUTO,
+    DynamicMethod.ASTAR: Method.ASTAR,
+    DynamicMethod.DSTAR: Method.ASTAR,
+    DynamicMethod.CORRIDOR: Method.CORRIDOR,
+    DynamicMethod.CORRIDOR_DSTAR: Method.CORRIDOR,
+    DynamicMethod.NNPP: Method.NNPP,
+    DynamicMethod.NNPP_DSTAR: Method.NNPP,
+}
+_WHOLE_MAP = frozenset((DynamicMethod.ASTAR, DynamicMethod.DSTAR))
+_INCREMENTAL = frozenset((DynamicMethod.CORRIDOR_DSTAR, DynamicMethod.NNPP_DSTAR))
+_LEARNED = frozenset((DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR))
+
+
+@dataclass(frozen=True)
+class Replan(Plan):
+    """A plan, and by which dynamic method it was made."""
+
+    by: DynamicMethod = DynamicMethod.AUTO
+    """The method that was used; for ``auto`` the one it picked."""
+
+    def summary(self) -> dict[str, Any]:
+        """The plan without its arrays, ready for JSON; ``method`` is the dynamic method's name."""
+        return super().summary() | {"method": str(self.by)}
+
+    @classmethod
+    def of(cls, plan: Plan, by: DynamicMethod) -> "Replan":
+        """A plan under its dynamic method's name."""
+        return cls(**{f.name: getattr(plan, f.name) for f in fields(Plan)}, by=by)
+
+
+class DynamicPlanner:
+    """Plans towards a goal, again and again, while the map changes and the start moves. Serves one thread at a time.
+
+    Parameters
+    ----------
+    cost, step_cost, omega, corner_cutting, model
+        As for `Planner`.
+    goal : (row, col)
+        A cell of the map.
+    method : str
+        One of `DynamicMethod`. ``auto`` picks at each step what is soonest done, and says why: exact A* for a goal
+        nearby; D* Lite in the corridor that stands, if little has changed and that lies near the start; else a
+        new corridor.
+    also : sequence of str
+        Other methods that `replan` may be asked for. What none of them needs is not kept.
+
+    Raises
+    ------
+    InvalidMapError, InvalidQueryError
+        As for `Planner`; or there is no such method; or the goal is outside the map.
+    """
+
+    def __init__(
+        self,
+        cost: Float2D,
+        goal: Cell,
+        method: str = DynamicMethod.AUTO,
+        *,
+        also: Sequence[str] = (),
+        step_cost: str = "paper",
+        omega: float = PAPER_OMEGA,
+        corner_cutting: bool = True,
+        model: str | Path | NetworkModel = "edge",
+    ) -> None:
+        self.method = _method(method)
+        self.methods = frozenset((self.method, *map(_method, also)))
+        self.corner_cutting = corner_cutting
+        self._planner: DStarPlanner | None = None
+        self._dstar: DStarLite | None = None
+        """Of the whole map."""
+        if self.methods <= _WHOLE_MAP:
+            self.grid = Grid.of(cost, StepModel.of(step_cost, omega))
+            self._workspace = Workspace(len(self.grid.weights))
+        else:
+            self._planner = DStarPlanner(
+                cost, step_cost=step_cost, omega=omega, corner_cutting=corner_cutting, model=model
+            )
+            self.grid, self._workspace = self._planner.grid, self._planner.pyramid.levels[0].workspace
+        self.path = StandingPath(self.grid, corner_cutting=corner_cutting)
+        """The path of the last answer that had one, and what has changed since."""
+        self._changes: list[Rectangle] = []
+        self._changed = 0
+        self._start: Cell | None = None
+        self._drift = 1.0
+        """What mended paths may cost, in times of what a new corridor's would."""
+        self.set_goal(goal)
+
+    @property
+    def goal(self) -> Cell:
+        """The cell that paths lead to."""
+        return self._goal
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the map."""
+        return self.grid.rows, self.grid.cols
+
+    def set_goal(self, goal: Cell) -> None:
+        """Another goal; the standing path is forgotten. InvalidQueryError if it is outside the map."""
+        cell = as_cell(goal, "goal")
+        if not (0 <= cell[0] < self.grid.rows and 0 <= cell[1] < self.grid.cols):
+            raise InvalidQueryError(f"goal must lie inside the map of {self.shape}, got {cell}")
+        self._goal = cell
+        self.path.forget()
+        if self._dstar is not None:
+            self._dstar.set_goal(cell)
+
+    def update(self, row: int, col: int, patch: Float2D) -> int:
+        """Put new costs into the map; those that are there already cost next to nothing.
+
+        Parameters
+        ----------
+        row, col : int
+            Where the patch's first cell goes.
+        patch : (h, w) float
+            New costs, as `Planner` takes them.
+
+        Returns
+        -------
+        int
+            Number of cells that are other ones now.
+
+        Raises
+        ------
+        InvalidMapError
+            The patch does not lie inside the map, or holds a cost out of range. The map is as it was.
+        """
+        patch, row, col = as_map(patch, "patch"), int(row), int(col)
+        part = (row, col, *patch.shape)
+        if row < 0 or col < 0 or row + part[2] > self.grid.rows or col + part[3] > self.grid.cols:
+            raise InvalidMapError(f"a patch must lie inside the map of {self.shape}, got {part}")
+        model = self.grid.model
+        lengths = model.kind is StepCost.LENGTH
+        ceiling = np.float32(np.inf if lengths else 1.0)
+        if ((patch <= 0.0) if lengths else (patch < 0.0)).any():
+            wanted = "greater than 0" if lengths else "at least 0"
+            raise InvalidMapError(f"every cost of a patch must be {wanted}, got one of {np.nanmin(patch):g}")
+        weights = np.where(patch < ceiling, patch * np.float32(model.scale), np.float32(np.inf))
+        differs = weights != self.grid.map()[row : row + part[2], col : col + part[3]]
+        if not (changed := int(np.count_nonzero(differs))):
+            return 0
+        rows, cols = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
+        top, left, bottom, right = int(rows[0]), int(cols[0]), int(rows[-1]) + 1, int(cols[-1]) + 1
+        part = (row + top, col + left, bottom - top, right - left)
+        patch = np.ascontiguousarray(patch[top:bottom, left:right])
+        self.path.about_to_change(part)
+        if self._planner is not None:
+            self._planner.update(*part[:2], patch)
+        else:
+            self.grid.update(patch, part, part[:2])
+        if self._dstar is not None:
+            self._dstar.cells_changed(*part)
+        self._changed += changed
+        self._changes.append(part)
+        if len(self._changes) > _MOST_CHANGES:
+            self._changes = [enclosing(self._changes)]
+        return changed
+
+    def move(self, start: Cell) -> None:
+        """The robot is in this cell now; InvalidQueryError if it is not a cell."""
+        self._start = as_cell(start, "start")
+
+    def standing(self) -> Standing:
+        """How the last path stands on the map as it is now, for the robot where it is now."""
+        return self.path.check(self._where())
+
+    def use_model(self, model: NetworkModel) -> None:
+        """Ask this network from now on."""
+        if self._planner is not None:
+            self._planner._model, self._planner._learned = model, None
+
+    def prepare(self) -> None:
+        """Do now what the first answer would else do: set D* Lite up, load the network and show it the map."""
+        if DynamicMethod.DSTAR in self.methods and self._dstar is None:
+            self._dstar = DStarLite(self.grid, self._goal, corner_cutting=self.corner_cutting)
+        if self._planner is None:
+            return
+        if self.methods & (_INCREMENTAL | {DynamicMethod.AUTO}):
+            self._planner.expect(self._goal)
+        if self.methods & _LEARNED:
+            self._planner.plan(self._goal, self._goal, method=Method.NNPP)
+
+    def replan(
+        self,
+        *,
+        method: str | None = None,
+        time_limit_s: float = math.inf,
+        cancelled: Callable[[], bool] | None = None,
+    ) -> Replan:
+        """A path from where the robot is to the goal, on the map as it is now.
+
+        Parameters
+        ----------
+        method : str
+            Instead of the planner's own; one of those that it was made for.
+        time_limit_s : float
+            After this the status is TIMEOUT. A network's answer is waited for.
+        cancelled : callable
+            Asked now and then; True ends the planning as a time limit does.
+
+        Returns
+        -------
+        Replan
+            Its path, where the status is OK, leads over passable cells of the newest map. Regions that fail are
+            widened, then the whole map is searched: NO_PATH means that there is none.
+
+        Raises
+        ------
+        InvalidQueryError
+            There is no such method, or the start is not known (`move`).
+        ModelError
+            The network is needed and cannot be loaded.
+        """
+        began = time.perf_counter()
+        wanted = self.method if method is None else _method(method)
+        if wanted not in self.methods:
+            raise InvalidQueryError(
+                f"method must be one that the planner was made for ({', '.join(sorted(self.methods))}), got {wanted}"
+            )
+        deadline = time.monotonic() + time_limit_s
+        plan = self._auto(deadline, cancelled) if wanted is DynamicMethod.AUTO else None
+        plan = plan or self._plan(wanted, "", deadline, cancelled)
+        plan.timings_ms["total"] = 1e3 * (time.perf_counter() - began)
+        if plan.ok:
+            self.path.set(plan)
+            self._changes.clear()
+            self._changed = 0
+        return plan
+
+    def _auto(self, deadline: float, cancelled: Callable[[], bool] | None) -> Replan:
+        """By what is soonest done from here."""
+        start, goal = self._where(), self._goal
+        if _apart((*start, 1, 1), goal) < _NEAR:
+            return self._plan(DynamicMethod.ASTAR, f"the goal is less than {_NEAR} cells away", deadline, cancelled)
+        if self.path.plan is None or not self._worth_mending(start):
+            return self._plan(DynamicMethod.CORRIDOR, "much may be another", deadline, cancelled)
+        assert self._planner is not None
+        reason = "little has changed, near the start"
+        if self._problem(start) is None and self._planner.mends(goal):
+            drift, plan = self._drift, self._planner.mend(self._query(start, reason, deadline, cancelled))
+            floor = self.path.check(start).floor
+            if plan.ok and floor > 0.0 and (drift := drift * max(plan.cost / floor, 1.0)) <= _DRIFT:
+                self._drift = drift
+                return Replan.of(plan, DynamicMethod.CORRIDOR_DSTAR)
+            reason = "the corridor that stands has become too dear"
+        return self._plan(DynamicMethod.CORRIDOR_DSTAR, reason, deadline, cancelled)
+
+    def _worth_mending(self, start: Cell) -> bool:
+        """Whether the goal is far, and little has changed since the last answer, near the start."""
+        apart = _apart((*start, 1, 1), self._goal)
+        if apart < _MEND_FROM or self._changed > _FEW_CHANGES * self.grid.cells:
+            return False
+        reach = _NEAR_START * apart
+        return all(_apart(part, start) + max(part[2:]) <= reach for part in self._changes)
+
+    def _plan(
+        self, method: DynamicMethod, reason: str, deadline: float, cancelled: Callable[[], bool] | None
+    ) -> Replan:
+        start = self._where()
+        if (problem := self._problem(start)) is not None:
+            return Replan(problem, _BASE[method], reason=reason, by=method)
+        if method in _WHOLE_MAP:
+            query = self._query(start, reason, deadline, cancelled)
+            return Replan.of(self._whole_map(method, query), method)
+        assert self._planner is not None
+        self._planner.incremental, self._drift = method in _INCREMENTAL, 1.0
+        left = deadline - time.monotonic()
+        plan = self._planner.plan(start, self._goal, method=_BASE[method], time_limit_s=left, cancelled=cancelled)
+        return replace(Replan.of(plan, method), reason=reason)
+
+    def _whole_map(self, method: DynamicMethod, query: Query) -> Plan:
+        if method is DynamicMethod.ASTAR:
+            found = astar(
+                self.grid, query.start, query.goal, self._workspace, corner_cutting=self.corner_cutting,
+                deadline=query.deadline, cancelled=query.cancelled,
+            )  # fmt: skip
+            status, path, expansions = found.status, found.path, found.expansions
+        else:
+            if self._dstar is None:
+                self._dstar = DStarLite(self.grid, query.goal, corner_cutting=self.corner_cutting)
+            again = self._dstar.plan(query.start, deadline=query.deadline, cancelled=query.cancelled)
+            status, path, expansions = again.status, again.path, again.expansions
+        query.lap("search")
+        cost = length = traverse_cost = math.inf
+        if len(path):
+            cost, length, traverse_cost = measure(self.grid, path)
+        bound = cost if status is Status.OK else 0.0
+        return Plan(
+            status, Method.ASTAR, Source.MAP, path, cost, length, traverse_cost, bound, expansions,
+            reason=query.reason, timings_ms=query.timings,
+        )  # fmt: skip
+
+    def _where(self) -> Cell:
+        if self._start is None:
+            raise InvalidQueryError("wanted a start (move) before the first plan, got none")
+        return self._start
+
+    def _problem(self, start: Cell) -> Status | None:
+        if not (0 <= start[0] < self.grid.rows and 0 <= start[1] < self.grid.cols):
+            return Status.START_OUTSIDE_MAP
+        if not self.grid.is_passable(*start):
+            return Status.START_BLOCKED
+        return None if self.grid.is_passable(*self._goal) else Status.GOAL_BLOCKED
+
+    def _query(self, start: Cell, reason: str, deadline: float, cancelled: Callable[[], bool] | None) -> Query:
+        return Query(start, self._goal, self.corner_cutting, deadline, cancelled, math.inf, reason)
+
+
+def enclosing(parts: Sequence[Rectangle]) -> Rectangle:
+    """The least rectangle that holds all of these, of which there is at least one."""
+    row, col = min(part[0] for part in parts), min(part[1] for part in parts)
+    bottom, right = max(part[0] + part[2] for part in parts), max(part[1] + part[3] for part in parts)
+    return row, col, bottom - row, right - col
+
+
+def _apart(part: Rectangle, cell: Cell) -> int:
+    """Cells between a rectangle and a cell, as the king moves; 0 inside."""
+    row, col, rows, cols = part
+    return max(row - cell[0], cell[0] - (row + rows - 1), col - cell[1], cell[1] - (col + cols - 1), 0)
+
+
+def _method(name: str) -> DynamicMethod:
+    try:
+        return DynamicMethod(name)
+    except ValueError:
+        raise InvalidQueryError(f"method must be one of {', '.join(DynamicMethod)}, got {name!r}") from None

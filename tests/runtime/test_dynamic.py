@@ -1,0 +1,195 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.profiling.dynamic_scene import make_episode, run_scene, totals
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
+from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner, enclosing
+from tests import oracles
+from tests.runtime.test_validity import random_patch, walkable
+from tests.strategies import cases
+
+EXACT = ("astar", "dstar")
+
+
+def free(shape=(30, 40)):
+    return np.full(shape, 0.2, np.float32)
+
+
+@settings(deadline=None, max_examples=70)
+@given(cases(24), st.integers(0, 2**32), st.sampled_from(list(DynamicMethod)))
+def test_every_answer_is_walkable_on_the_newest_map(network, case, seed, method):
+    rng, cost = np.random.default_rng(seed), np.where(np.isnan(case.cost), np.inf, case.cost).astype(np.float32)
+    planner = DynamicPlanner(
+        cost, case.goal, method, step_cost=case.step_cost, corner_cutting=case.corner_cutting, model=network
+    )
+    start = case.start
+    for step in range(5):
+        if step == 3:
+            goal = tuple(int(rng.integers(n)) for n in cost.shape)
+            planner.set_goal(goal)
+        planner.move(start)
+        plan = planner.replan()
+        passable = np.isfinite(cost[start]) and np.isfinite(cost[planner.goal])
+        optimum = (
+            oracles.dijkstra(cost, start, case.step_cost, case.corner_cutting)[planner.goal] if passable else np.inf
+        )
+        if np.isinf(optimum):
+            assert plan.status in (Status.NO_PATH, Status.START_BLOCKED, Status.GOAL_BLOCKED)
+            assert not len(plan.path)
+        else:
+            assert plan.ok
+            assert (tuple(plan.path[0]), tuple(plan.path[-1])) == (start, planner.goal)
+            assert walkable(plan.path, cost, case.corner_cutting)
+            tolerance = {"rel": 1e-5, "abs": 1e-5}
+            assert plan.cost == pytest.approx(oracles.path_cost(plan.path, cost, case.step_cost), **tolerance)
+            assert plan.lower_bound <= optimum * (1 + 1e-5) + 1e-5
+            assert plan.cost >= optimum * (1 - 1e-5) - 1e-5
+            if method in EXACT:
+                assert plan.cost == pytest.approx(optimum, **tolerance)
+            start = tuple(int(x) for x in plan.path[int(rng.integers(len(plan.path)))])
+        for _ in range(rng.integers(0, 3)):
+            row, col, patch = random_patch(rng, cost, case.step_cost)
+            planner.update(row, col, patch)
+            cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
+
+
+@pytest.mark.parametrize("method", list(DynamicMethod))
+def test_a_way_through_a_large_map_that_changes(network, method):
+    rng = np.random.default_rng(3)
+    cost = (rng.random((260, 300)) * 0.6).astype(np.float32)
+    start, goal = (10, 10), (250, 290)
+    planner, exact = DynamicPlanner(cost, goal, method, model=network), DynamicPlanner(cost, goal, "astar")
+    planner.prepare()
+    for step in range(6):
+        for each in (planner, exact):
+            each.move(start)
+        plan, best = planner.replan(), exact.replan()
+        assert plan.ok
+        assert best.cost * (1 - 1e-5) <= plan.cost <= 1.1 * best.cost
+        assert walkable(plan.path, np.where(cost < 1.0, cost, np.inf), True)
+        start = tuple(int(x) for x in best.path[40])
+        row, col = (int(x) for x in best.path[60 if step % 2 else 140] - 8)
+        patch = np.full((16, 16), 1.0, np.float32)
+        cost[row : row + 16, col : col + 16] = patch
+        for each in (planner, exact):
+            assert each.update(row, col, patch) > 0
+
+
+def test_auto_says_what_it_picked_and_why():
+    cost = free((400, 400))
+    planner = DynamicPlanner(cost, (380, 380))
+    planner.move((5, 5))
+    first = planner.replan()
+    assert first.by is DynamicMethod.CORRIDOR
+    seen = []
+    for step in range(1, 4):  # small changes just ahead
+        start = tuple(int(x) for x in first.path[5 * step])
+        planner.update(start[0] + 3, start[1] + 3, np.full((2, 2), 1.0, np.float32))
+        planner.move(start)
+        seen.append(planner.replan())
+        assert seen[-1].ok
+    assert {plan.by for plan in seen} == {DynamicMethod.CORRIDOR_DSTAR}
+    assert "near the start" in seen[-1].reason
+    assert seen[-1].expansions < first.expansions
+    planner.move((350, 350))
+    near = planner.replan()
+    assert near.by is DynamicMethod.ASTAR
+    assert "less than" in near.reason
+    assert near.summary()["method"] == "astar"
+
+
+def test_what_is_there_already_changes_nothing():
+    planner = DynamicPlanner(free(), (20, 30), "astar")
+    assert planner.update(3, 4, np.full((5, 6), 0.2)) == 0
+    patch = np.full((5, 6), 0.2)
+    patch[2, 3] = np.nan
+    assert planner.update(3, 4, patch) == 1
+    assert not planner.grid.is_passable(5, 7)
+
+
+@pytest.mark.parametrize("method", ["astar", "corridor-dstar"])
+def test_a_refused_patch_leaves_the_map_as_it_was(method):
+    planner = DynamicPlanner(free(), (20, 30), method)
+    before = planner.grid.weights.copy()
+    bad = np.full((3, 3), 0.5)
+    bad[1, 1] = -0.1
+    with pytest.raises(InvalidMapError, match=r"at least 0, got one of -0\.1"):
+        planner.update(2, 2, bad)
+    for row, col in ((-1, 0), (28, 0), (0, 39)):
+        with pytest.raises(InvalidMapError, match="inside the map"):
+            planner.update(row, col, np.zeros((3, 3)))
+    np.testing.assert_array_equal(planner.grid.weights, before)
+
+
+def test_wrong_use_is_told():
+    with pytest.raises(InvalidQueryError, match="method must be one of"):
+        DynamicPlanner(free(), (1, 1), "dijkstra")
+    with pytest.raises(InvalidQueryError, match="goal must lie inside"):
+        DynamicPlanner(free(), (30, 1))
+    planner = DynamicPlanner(free(), (1, 1), "astar")
+    with pytest.raises(InvalidQueryError, match="wanted a start"):
+        planner.replan()
+    planner.move((3, 3))
+    with pytest.raises(InvalidQueryError, match="made for"):
+        planner.replan(method="corridor")
+
+
+@pytest.mark.parametrize("method", ["astar", "dstar", "corridor-dstar"])
+def test_out_of_time_is_a_timeout(method):
+    cost = np.random.default_rng(0).random((700, 700)).astype(np.float32) * 0.9
+    planner = DynamicPlanner(cost, (690, 690), method)
+    planner.move((5, 5))
+    assert planner.replan(time_limit_s=0.0).status is Status.TIMEOUT
+    assert planner.replan(cancelled=lambda: True).status is Status.TIMEOUT
+    assert planner.replan().ok
+
+
+def test_enclosing():
+    assert enclosing([(2, 3, 1, 1), (0, 5, 4, 2)]) == (0, 3, 4, 4)
+
+
+def test_an_episode_is_the_same_for_the_same_seed_and_can_always_be_walked():
+    cost = (np.random.default_rng(1).random((128, 128)) * 0.5).astype(np.float32)
+    one, two, other = (make_episode(cost, (5, 5), (120, 120), seed) for seed in (4, 4, 5))
+    assert [s.start for s in one.steps] == [s.start for s in two.steps]
+    for a, b in zip(one.steps, two.steps, strict=True):
+        assert all(p[:2] == q[:2] and np.array_equal(p[2], q[2]) for p, q in zip(a.patches, b.patches, strict=True))
+    assert any(
+        [p[:2] for p in a.patches] != [p[:2] for p in b.patches] for a, b in zip(one.steps, other.steps, strict=False)
+    )
+    now = cost.copy()
+    for step in one.steps:
+        for row, col, patch in step.patches:
+            now[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
+        assert np.isfinite(oracles.dijkstra(np.where(now < 1, now, np.inf), step.start)[one.goal])
+    assert len(one.steps) >= 3
+    assert any((patch >= 1.0).any() for step in one.steps for *_, patch in step.patches)
+
+
+def test_the_scene_asks_every_method_the_same(network):
+    cost = (np.random.default_rng(1).random((128, 128)) * 0.5).astype(np.float32)
+    episodes = [make_episode(cost, (5, 5), (120, 120), seed) for seed in (1, 2)]
+    rows = run_scene(episodes, list(DynamicMethod), model=network, repeats=1)
+    assert len(rows) == sum(len(e.steps) for e in episodes) * len(DynamicMethod)
+    assert {row.status for row in rows} == {"OK"}
+    for row in rows:
+        assert row.cost >= row.optimal_cost * (1 - 1e-5)
+        assert row.time_ms > 0.0
+        if row.method in EXACT:
+            assert row.cost == pytest.approx(row.optimal_cost, rel=1e-5)
+    by_method = {total.method: total for total in totals(rows)}
+    assert by_method["astar"].speedup_astar == 1.0
+    assert by_method["dstar"].speedup_dstar == 1.0
+    assert all(total.solved == 1.0 and 0.0 <= total.cost_excess + 1e-6 < 0.05 for total in by_method.values())
+    assert {t.plans for t in totals(rows, static=True)} == {2}
+
+
+def test_an_episode_needs_a_way():
+    cost = free((60, 60))
+    cost[30] = 1.0
+    with pytest.raises(InvalidQueryError, match="can be reached"):
+        make_episode(cost, (5, 5), (50, 50), 1)
+    with pytest.raises(InvalidQueryError, match="stride"):
+        make_episode(free(), (5, 5), (20, 20), 1, stride=0)

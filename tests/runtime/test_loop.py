@@ -1,0 +1,700 @@
+import gc
+import math
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.runtime import NetworkModel, traversability_cost
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError, Status
+from nnpp_edge.runtime.loop.histogram import Histogram
+from nnpp_edge.runtime.loop.inprocess import InProcessSink, InProcessSource
+from nnpp_edge.runtime.loop.messages import (
+    Goal,
+    InvalidMessageError,
+    MapPatch,
+    Origin,
+    Outcome,
+    PathMessage,
+    Pose,
+    StatusMessage,
+)
+from nnpp_edge.runtime.loop.navigator import Navigator, Settings
+from nnpp_edge.runtime.loop.runner import Loop, handling_signals, rss_bytes
+from nnpp_edge.runtime.loop.ticker import Ticker
+from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.planning.dynamic import Replan
+from nnpp_edge.runtime.planning.plan import Method
+from tests.conftest import write_tiny_model
+
+
+class Clock:
+    """Time that passes only when told; sleeping wakes `late` seconds late."""
+
+    def __init__(self):
+        self.now, self.late, self.slept = 100.0, 0.0, []
+
+    def __call__(self):
+        return self.now
+
+    def sleep(self, seconds):
+        assert seconds > 0.0
+        self.slept.append(seconds)
+        self.now += seconds + self.late
+
+
+def free(shape=(40, 60)):
+    return np.full(shape, 0.2, np.float32)
+
+
+def navigator(cost=None, start=(5, 5), goal=(35, 55), **settings):
+    nav = Navigator(World(free() if cost is None else cost), Settings(**settings))
+    nav.offer(Pose(*start))
+    nav.offer(Goal(*goal))
+    return nav
+
+
+def check(message, cost):
+    """Cell by cell, by the definition: what is published as a path can be walked."""
+    if not message.ok:
+        assert len(message.path) == 0
+        return
+    assert len(message.path) >= 1
+    assert (tuple(message.path[0]), tuple(message.path[-1])) == (message.start, message.goal)
+    before = None
+    for row, col in message.path:
+        assert cost[row, col] < 1.0
+        assert before is None or max(abs(row - before[0]), abs(col - before[1])) == 1
+        before = row, col
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """Kernels are there before anything is timed."""
+    nav = navigator()
+    for col in (10, 55):
+        nav.tick()
+        nav.offer(MapPatch(10, col, cost=free((2, 2)) + 0.1))
+
+
+# --- time
+
+
+def test_a_late_tick_does_not_move_the_next():
+    clock = Clock()
+    ticker = Ticker(0.1, clock=clock, sleep=clock.sleep)
+    starts = []
+    for work in (0.03, 0.0999, 0.12, 0.01, 0.35, 0.02):
+        starts.append(clock.now)
+        clock.now += work
+        ticker.wait()
+    at = np.array([*starts[1:], clock.now]) - 100.0
+    # 0.12 beyond its deadline begins at once; 0.35 skips what passed; then the old rhythm again
+    np.testing.assert_allclose(at, [0.1, 0.2, 0.32, 0.4, 0.75, 0.8], atol=1e-9)
+    assert (ticker.overruns, ticker.skipped) == (2, 2)
+    assert min(clock.slept) > 0.0
+
+
+def test_rounding_does_not_add_up_over_a_long_time():
+    clock = Clock()
+    ticker = Ticker(0.01, clock=clock, sleep=clock.sleep)
+    for _ in range(100_000):
+        ticker.wait()
+    assert clock.now == pytest.approx(1100.0, abs=1e-6)
+    assert ticker.overruns == 0
+
+
+def test_sleeps_that_end_early_or_late_are_made_good():
+    clock = Clock()
+    ticker = Ticker(0.1, clock=clock, sleep=lambda s: clock.sleep(min(s, 0.03)))
+    ticker.wait()
+    assert clock.now == pytest.approx(100.1)
+    clock.late = 0.02
+    ticker._sleep = clock.sleep
+    for _ in range(5):
+        ticker.wait()
+    assert clock.now == pytest.approx(100.62)
+
+
+def test_a_clock_that_is_set_back_does_not_stop_the_loop():
+    clock = Clock()
+    ticker = Ticker(0.1, clock=clock, sleep=clock.sleep)
+    clock.now -= 3600.0
+    began = clock.now
+    for _ in range(3):
+        ticker.wait()
+    assert clock.now - began == pytest.approx(0.3)
+    assert ticker.restarts == 1
+
+
+@pytest.mark.parametrize("period", [0.0, -1.0, math.inf, math.nan])
+def test_a_period_must_be_positive(period):
+    with pytest.raises(InvalidQueryError, match="period"):
+        Ticker(period)
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(1e-6, 100.0), min_size=1, max_size=300), st.sampled_from([0.5, 0.9, 0.99, 1.0]))
+def test_quantiles_are_right_to_a_bucket(values, share):
+    histogram = Histogram()
+    for value in values:
+        histogram.add(value)
+    exact = sorted(values)[math.ceil(share * len(values)) - 1]
+    assert exact * (1 - 1e-9) <= histogram.quantile(share) <= exact * 2 ** (1 / 16) * (1 + 1e-9)
+    assert histogram.max_s == max(values)
+    assert histogram.mean_s == pytest.approx(np.mean(values))
+
+
+def test_a_histogram_takes_any_duration():
+    histogram = Histogram()
+    assert histogram.quantile(0.5) == histogram.mean_s == 0.0
+    for value in (0.0, -1.0, 1e9):
+        histogram.add(value)
+    assert histogram.count == 3
+    assert histogram.summary_ms()["max"] == 1e12
+
+
+# --- messages
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: MapPatch(0, 0), "either elevation or cost"),
+        (lambda: MapPatch(0, 0, elevation=free(), cost=free()), "either elevation or cost"),
+        (lambda: MapPatch(0, 0, cost=np.zeros(3)), r"\(h, w\) numbers, got \(3,\)"),
+        (lambda: MapPatch(0, 0, cost=np.zeros((0, 3))), "numbers"),
+        (lambda: MapPatch(0, 0, cost=np.array([["a"]])), "numbers"),
+        (lambda: MapPatch(0, 0, cost=np.array([[0.5, -2.0]])), "at least 0, got one of -2"),
+        (lambda: MapPatch(0, 0, cost=np.array([[-np.inf]])), "at least 0"),
+        (lambda: MapPatch(0.5, 0, cost=free()), "whole number, got 0.5"),
+        (lambda: MapPatch(0, math.inf, cost=free()), "whole number"),
+        (lambda: MapPatch(0, 0, cost=free(), stamp=math.nan), "finite"),
+        (lambda: Pose(math.nan, 0.0), "finite number, got nan"),
+        (lambda: Pose("a", 0.0), "finite number"),
+        (lambda: Goal(1.5, 0), "whole number, got 1.5"),
+        (lambda: Goal(None, 0), "whole number"),
+        (lambda: PathMessage(1, Outcome.OK, Origin.FULL), "comes with a path"),
+        (lambda: PathMessage(1, Outcome.NO_PATH, Origin.FULL, np.zeros((1, 2), np.int32)), "comes with a path"),
+    ],
+)
+def test_a_message_that_makes_no_sense_is_refused(make, words):
+    with pytest.raises(InvalidMessageError, match=words):
+        make()
+
+
+def test_a_patch_is_a_copy():
+    values = free((3, 3))
+    patch = MapPatch(0, 0, cost=values)
+    values[:] = 0.9
+    assert (patch.cost == np.float32(0.2)).all()
+    assert Pose(3.99, -0.5).cell == (3, -1)
+
+
+def test_the_outcomes_hold_every_status():
+    assert {str(status) for status in Status} <= {str(outcome) for outcome in Outcome}
+
+
+# --- the world
+
+
+def test_heights_are_turned_into_costs_as_if_they_had_always_been_there():
+    rng = np.random.default_rng(0)
+    heights = np.cumsum(rng.normal(0, 0.1, (40, 50)), axis=1).astype(np.float32)
+    world = World.of_elevation(heights, 0.5)
+    for _ in range(20):
+        row, col = int(rng.integers(-5, 40)), int(rng.integers(-5, 50))
+        new = rng.normal(0, 0.2, (9, 7)).astype(np.float32)
+        new[rng.random(new.shape) < 0.2] = rng.choice([np.nan, np.inf, -np.inf])
+        if not world.put(MapPatch(row, col, elevation=new)):
+            continue
+        for i in range(9):
+            for j in range(7):
+                if 0 <= row + i < 40 and 0 <= col + j < 50:
+                    heights[row + i, col + j] = new[i, j] if np.isfinite(new[i, j]) else np.nan
+    np.testing.assert_array_equal(world.cost(), traversability_cost(heights, 0.5, warn=False))
+    assert world.clipped > 0
+
+
+def test_cells_that_were_not_seen_are_impassable_or_stay():
+    for elevation in (False, True):
+        heights = np.zeros((20, 20), np.float32)
+        world = World.of_elevation(heights, 1.0) if elevation else World(free((20, 20)))
+        new = np.zeros((4, 4), np.float32)
+        new[1, 1] = np.nan
+        name = "elevation" if elevation else "cost"
+        world.put(MapPatch(5, 5, keep_known=True, **{name: new}))
+        assert (world.cost() < 1.0).all()
+        world.put(MapPatch(5, 5, **{name: new}))
+        assert not np.isfinite(world.cost()[6, 6])
+        assert (world.cost() < 1.0).sum() == 399
+
+
+def test_patches_off_the_map_and_of_the_wrong_kind_are_counted():
+    world = World(free())
+    assert not world.put(MapPatch(100, 0, cost=free((3, 3))))
+    assert not world.put(MapPatch(-3, 0, cost=free((3, 3))))
+    assert not world.put(MapPatch(0, 0, elevation=free((3, 3))))
+    assert world.put(MapPatch(-1, -1, cost=free((3, 3)) + 0.1))
+    assert (world.rejected, world.clipped, world.version) == (3, 1, 1)
+    assert not World(free(), step_cost="length").put(MapPatch(0, 0, cost=np.zeros((1, 1))))
+    with pytest.raises(InvalidMapError, match="together"):
+        World(free(), elevation=free())
+
+
+def test_a_flood_of_patches_is_merged_and_none_is_lost():
+    rng = np.random.default_rng(0)
+    cost, nav = free(), navigator()
+    threads = []
+
+    def flood(seed):
+        own = np.random.default_rng(seed)
+        for _ in range(500):
+            nav.offer(MapPatch(int(own.integers(0, 40)), int(own.integers(0, 60)), cost=free((2, 2)) + 0.3))
+
+    threads = [threading.Thread(target=flood, args=(seed,)) for seed in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for _ in range(300):
+        row, col = int(rng.integers(0, 39)), int(rng.integers(0, 59))
+        value = float(rng.random() * 0.9)
+        nav.offer(MapPatch(row, col, cost=np.full((2, 2), value)))
+        cost[row : row + 2, col : col + 2] = value
+    message = nav.tick()
+    assert message.ok
+    seen = nav._planner.grid.map() / nav._planner.grid.model.scale
+    np.testing.assert_allclose(seen, nav.world.cost(), rtol=1e-6)
+    written = cost != free()
+    np.testing.assert_array_equal(nav.world.cost()[written], cost[written])
+    counters = nav.counters()
+    assert counters.patches == 2300
+    assert counters.patches_merged > 0
+    assert len(nav.world._dirty) == 0
+
+
+# --- the navigator
+
+
+def test_it_waits_for_pose_and_goal():
+    nav = Navigator(World(free()))
+    assert nav.tick().outcome is Outcome.NO_POSE
+    nav.offer(Pose(1, 1))
+    assert nav.tick().outcome is Outcome.NO_GOAL
+    nav.offer(Goal(30, 30))
+    assert nav.tick().ok
+    assert nav.counters().failed == 0
+
+
+def test_a_path_is_kept_while_it_holds_and_planned_anew_when_it_does_not():
+    nav = navigator()
+    first = nav.tick()
+    assert (first.origin, first.degraded) == (Origin.FULL, False)
+    nav.offer(Pose(*first.path[7]))
+    kept = nav.tick()
+    assert (kept.origin, kept.degraded) == (Origin.STANDING, False)
+    np.testing.assert_array_equal(kept.path, first.path[7:])
+    row, col = (int(x) for x in first.path[25])
+    nav.offer(MapPatch(row, col, cost=np.full((1, 1), np.inf)))
+    new = nav.tick()
+    assert new.origin is Origin.FULL
+    check(new, nav.world.cost())
+    nav.offer(Goal(3, 50))
+    assert nav.tick().goal == (3, 50)
+    counters = nav.counters()
+    assert (counters.ticks, counters.planned, counters.kept, counters.failed) == (4, 3, 1, 0)
+
+
+def test_a_shortcut_that_opens_is_taken():
+    cost = free()
+    cost[20, :58] = 1.0
+    nav = navigator(cost, start=(5, 5), goal=(35, 5))
+    long = nav.tick()
+    nav.offer(MapPatch(20, 5, cost=free((1, 2))))
+    short = nav.tick()
+    assert short.origin is Origin.FULL
+    assert short.cost < 0.6 * long.cost
+    lazy = navigator(cost, start=(5, 5), goal=(35, 5), tolerance=10.0)
+    lazy.tick()
+    lazy.offer(MapPatch(20, 5, cost=free((1, 2))))
+    assert lazy.tick().origin is Origin.STANDING
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "outcome"),
+    [
+        ((-1, 3), (30, 30), Outcome.START_OUTSIDE_MAP),
+        ((3, 3), (30, 60), Outcome.GOAL_OUTSIDE_MAP),
+        ((12, 12), (30, 30), Outcome.START_BLOCKED),
+        ((3, 3), (12, 12), Outcome.GOAL_BLOCKED),
+        ((3, 3), (30, 30), Outcome.OK),
+        ((3, 3), (3, 3), Outcome.OK),
+        ((3, 3), (37, 57), Outcome.NO_PATH),
+    ],
+)
+def test_what_fails_is_said(start, goal, outcome):
+    cost = free()
+    cost[8:17, 8:17] = 1.0
+    cost[35, 55:] = cost[35:, 55] = 1.0
+    message = navigator(cost, start, goal).tick()
+    assert message.outcome is outcome
+    assert message.origin is (Origin.FULL if outcome is Outcome.OK else Origin.NONE)
+    check(message, cost)
+    assert message.ok or message.reason
+
+
+def test_a_robot_in_an_obstacle_starts_at_the_nearest_free_cell():
+    cost = free()
+    cost[8:17, 8:17] = 1.0
+    message = navigator(cost, start=(9, 12)).tick()
+    assert message.ok
+    assert message.start_moved
+    assert message.start == (7, 12)
+    check(message, cost)
+    assert navigator(cost, start=(9, 12), snap_radius=1).tick().outcome is Outcome.START_BLOCKED
+
+
+def raising(*_, **__):
+    raise RuntimeError("inference\nfailed")
+
+
+def test_a_network_that_raises_leaves_the_corridor(network, monkeypatch):
+    nav = navigator(method="nnpp", model=network)
+    monkeypatch.setattr(network, "run", raising)
+    message = nav.tick()
+    assert (message.outcome, message.origin, message.method, message.degraded) == (
+        Outcome.OK, Origin.CORRIDOR, "corridor", True,
+    )  # fmt: skip
+    assert message.reason == "RuntimeError: inference failed"
+    counters = nav.counters()
+    assert counters.degraded == {"raised": 1}
+    assert counters.errors == {"full": 1}
+    monkeypatch.undo()
+    nav.offer(Goal(3, 50))
+    assert nav.tick().origin is Origin.FULL
+
+
+def test_when_all_planning_raises_the_standing_path_serves_while_it_holds(monkeypatch):
+    nav = navigator(tolerance=0.0)
+    first = nav.tick()
+    monkeypatch.setattr(nav._planner, "replan", raising)
+    nav.offer(MapPatch(0, 0, cost=np.full((30, 60), 0.19)))
+    message = nav.tick()
+    assert (message.outcome, message.origin, message.degraded) == (Outcome.OK, Origin.STANDING, True)
+    np.testing.assert_array_equal(message.path, first.path)
+    row, col = (int(x) for x in first.path[20])
+    nav.offer(MapPatch(row, col, cost=np.full((1, 1), np.nan)))
+    message = nav.tick()
+    assert (message.outcome, message.origin) == (Outcome.UNKNOWN, Origin.NONE)
+    assert "inference failed" in message.reason
+    assert nav.counters().errors == {"full": 2, "corridor": 2}
+
+
+def test_out_of_time_is_a_timeout_and_the_standing_path_bridges_it(monkeypatch):
+    nav = navigator(tolerance=0.0)
+    partial = Replan(Status.TIMEOUT, Method.ASTAR, path=np.array([[5, 5], [6, 6]], np.int32))
+    monkeypatch.setattr(nav._planner, "replan", lambda **options: partial)
+    message = nav.tick()
+    assert (message.outcome, message.origin, len(message.path)) == (Outcome.TIMEOUT, Origin.NONE, 0)
+    monkeypatch.undo()
+    whole = nav.tick()
+    monkeypatch.setattr(nav._planner, "replan", lambda **options: partial)
+    nav.offer(MapPatch(30, 5, cost=np.full((3, 3), 0.001)))
+    late = nav.tick()
+    assert (late.outcome, late.origin, late.degraded) == (Outcome.OK, Origin.STANDING, True)
+    np.testing.assert_array_equal(late.path, whole.path)
+    assert nav.counters().degraded == {"timeout": 2}
+
+
+def test_a_search_is_ended_at_the_deadline():
+    cost = np.random.default_rng(0).random((1500, 1500)).astype(np.float32) * 0.9
+    nav = navigator(cost, (5, 5), (1490, 1490), method="astar")
+    message = nav.tick(time.monotonic() + 0.02)
+    assert message.origin is not Origin.FULL
+    assert nav.counters().degraded == {"timeout": 1}
+    check(message, cost)
+
+
+def test_a_method_that_would_be_late_is_passed_over_for_a_while(network):
+    nav = navigator(method="nnpp", model=network)
+    nav._expected_s = 0.3
+    origins = []
+    for n in range(40):
+        nav.offer(Goal(30, 10 + n))
+        message = nav.tick(time.monotonic() + 0.1)
+        origins.append(message.origin)
+        assert message.ok
+    assert origins[0] is Origin.CORRIDOR
+    assert origins[-1] is Origin.FULL
+    assert nav.counters().degraded["late"] == origins.count(Origin.CORRIDOR)
+
+
+def test_a_map_that_changes_while_planning_holds_the_path_back(monkeypatch):
+    nav = navigator()
+    replan = nav._planner.replan
+
+    def and_then_a_wall(**options):
+        plan = replan(**options)
+        nav.offer(MapPatch(0, 30, cost=np.full((40, 1), np.inf)))
+        return plan
+
+    monkeypatch.setattr(nav._planner, "replan", and_then_a_wall)
+    message = nav.tick()
+    assert not message.ok
+    assert "changed while planning" in message.reason
+    monkeypatch.undo()
+    assert nav.tick().outcome is Outcome.NO_PATH
+
+
+def test_a_map_update_that_raises_makes_the_planner_anew(monkeypatch):
+    nav = navigator()
+    nav.tick()
+    monkeypatch.setattr(nav._planner, "update", raising)
+    nav.offer(MapPatch(10, 0, cost=np.full((1, 59), np.inf)))
+    message = nav.tick()
+    check(message, nav.world.cost())
+    assert message.ok
+    assert nav.counters().errors == {"map": 1}
+
+
+def test_anything_else_that_raises_is_an_outcome(monkeypatch):
+    nav = navigator()
+    monkeypatch.setattr(nav._planner, "standing", raising)
+    assert nav.tick().outcome is Outcome.UNKNOWN
+    assert nav.counters().errors == {"tick": 1}
+
+
+def test_a_model_is_reloaded_whole_or_not_at_all(tmp_path):
+    path = write_tiny_model(tmp_path / "net.onnx")
+    nav = navigator(method="nnpp", model=path)
+    assert nav.tick().ok
+    before = nav._planner._planner._learned.model
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ModelError):
+        nav.reload()
+    nav.offer(Goal(3, 50))
+    assert nav.tick().method == "nnpp"
+    assert nav._planner._planner._learned.model is before
+    path.write_bytes(whole)
+    nav.reload()
+    nav.offer(Goal(30, 50))
+    assert nav.tick().method == "nnpp"
+    assert nav._planner._planner._learned.model is not before
+    assert (nav.counters().reloads, nav.counters().errors) == (1, {"reload": 1})
+
+
+@pytest.mark.parametrize("method", ["auto", "nnpp", "nnpp-dstar", "dstar"])
+def test_no_invalid_path_is_ever_published_and_memory_stays(method, network):
+    rng = np.random.default_rng(5)
+    size, ticks = 128, {"auto": 1500}.get(method, 400)
+    base = (rng.random((size, size)) * 0.8).astype(np.float32)
+    cost = base.copy()
+    nav = navigator(base, (5, 5), (120, 120), method=method, model=network)
+    outcomes, rss = [], 0
+    at = np.array([5, 5])
+    for n in range(ticks):
+        if n == ticks // 3:
+            gc.collect()
+            rss = rss_bytes()
+        h, w = (int(x) for x in rng.integers(1, 16, 2))
+        row, col = (int(x) for x in rng.integers(-10, size + 5, 2))
+        kind = rng.integers(6)
+        patch = np.full((h, w), {0: 1.0, 1: np.nan}.get(int(kind), 0.3), np.float32)
+        if kind >= 3:  # what stood there is gone
+            view = base[max(row, 0) : max(row + h, 0), max(col, 0) : max(col + w, 0)]
+            if view.size:
+                patch, row, col = view.copy(), max(row, 0), max(col, 0)
+        nav.offer(MapPatch(row, col, cost=patch))
+        top, left = max(row, 0), max(col, 0)
+        cut = patch[top - row :, left - col :]
+        part = cost[top : top + cut.shape[0], left : left + cut.shape[1]]
+        part[:] = np.where(np.isnan(cut), np.inf, cut)[: part.shape[0], : part.shape[1]]
+        if n % 40 == 0:
+            nav.offer(Goal(*(int(x) for x in rng.choice(np.argwhere(cost < 1.0)))))
+        nav.offer(Pose(*at))
+        message = nav.tick(time.monotonic() + 0.5)
+        check(message, cost)
+        outcomes.append(message.outcome)
+        if message.ok:
+            at = message.path[min(2, len(message.path) - 1)]
+    assert outcomes.count(Outcome.OK) > 0.3 * ticks
+    assert nav.counters().errors == {}
+    assert nav.counters().kept > 0
+    gc.collect()
+    assert rss_bytes() - rss < 8e6
+
+
+# --- the runner
+
+
+def run_with(source, sinks, nav=None, ticks=20, **options):
+    loop = Loop(nav or navigator(), source, sinks, rate_hz=500.0, **options)
+    return loop, loop.run(ticks)
+
+
+def test_it_runs_at_its_rate_and_tells():
+    source, sink = InProcessSource(), InProcessSink(1000)
+    for n in range(5):
+        assert source.put(Pose(3 + n, 3))
+    source.put(Goal(30, 50))
+    source.put(MapPatch(10, 10, cost=free((3, 3)) + 0.5))
+    loop = Loop(Navigator(World(free())), source, [sink], rate_hz=200.0, status_every_s=0.05, queue=100)
+    began = time.monotonic()
+    counters = loop.run(41)
+    took = time.monotonic() - began
+    assert took >= (40 - counters.skipped) / 200.0 - 1e-3
+    paths = [m for m in sink.messages if isinstance(m, PathMessage)]
+    assert [m.tick for m in paths] == list(range(1, 42))
+    assert paths[0].start == (7, 3)
+    assert counters.ticks == 41
+    assert counters.patches == 1
+    assert counters.tick_ms["max"] >= counters.tick_ms["p50"] > 0.0
+    assert counters.rss_bytes > 1e6
+    status = [m for m in sink.messages if isinstance(m, StatusMessage)]
+    assert 1 <= len(status) <= took / 0.05 + 1
+    assert status[-1].summary()["counters"]["ticks"] > 0
+    assert paths[-1].summary()["outcome"] == "OK"
+    assert gc.isenabled()
+
+
+def test_a_full_source_says_so():
+    source = InProcessSource(2)
+    assert [source.put(MapPatch(0, 0, cost=free((1, 1)))) for _ in range(3)] == [True, True, False]
+    assert source.refused == 1
+    assert len(list(source.poll())) == 2
+    assert not list(source.poll())
+    assert source.put(MapPatch(0, 0, cost=free((1, 1))))
+
+
+class Stuck:
+    name = "stuck"
+
+    def __init__(self):
+        self.free = threading.Event()
+
+    def publish(self, message):
+        self.free.wait(20.0)
+
+
+class Broken:
+    name = "broken"
+
+    def publish(self, message):
+        raise OSError("no such socket")
+
+    def poll(self):
+        raise OSError("no such socket")
+
+
+def test_sinks_that_hang_or_raise_do_not_stop_the_loop():
+    stuck, good = Stuck(), InProcessSink(1000)
+    loop = Loop(navigator(), InProcessSource(), [stuck, Broken(), good], rate_hz=500.0, queue=4)
+    result = {}
+    thread = threading.Thread(target=lambda: result.update(counters=loop.run(50)))
+    thread.start()
+    thread.join(10.0)
+    stuck.free.set()
+    counters = result["counters"]
+    assert counters.ticks == 50
+    assert counters.drops["stuck"] >= 40
+    assert counters.errors["sink broken"] > 0
+    assert good.path.ok
+
+
+def test_a_source_that_raises_is_counted():
+    _, counters = run_with(Broken(), [], ticks=5)
+    assert counters.errors == {"source": 5}
+    assert counters.kept == 4
+
+
+class Flood:
+    """Poses without end, faster than any loop can take them in."""
+
+    def poll(self):
+        row = 0
+        while True:
+            row += 1
+            yield Pose(row % 40, 3)
+
+
+def test_a_flood_of_inputs_leaves_time_to_plan():
+    sink = InProcessSink(100)
+    began = time.monotonic()
+    loop = Loop(navigator(), Flood(), [sink], rate_hz=50.0)
+    counters = loop.run(10)
+    assert time.monotonic() - began < 5.0
+    assert counters.ticks == 10
+    assert counters.failed == 0
+    assert sink.path.ok
+
+
+def test_signals_stop_it_and_reload_its_model(tmp_path):
+    path = write_tiny_model(tmp_path / "net.onnx")
+    nav = navigator(method="nnpp", model=NetworkModel(path))
+    sink = InProcessSink(1000)
+    loop = Loop(nav, InProcessSource(), [sink], rate_hz=100.0)
+    me = os.getpid()
+
+    def send():
+        time.sleep(0.1)
+        os.kill(me, signal.SIGHUP)
+        until = time.monotonic() + 10.0
+        while nav.counters().reloads == 0 and time.monotonic() < until:
+            time.sleep(0.02)
+        os.kill(me, signal.SIGTERM)
+
+    before = signal.getsignal(signal.SIGTERM)
+    thread = threading.Thread(target=send)
+    thread.start()
+    with handling_signals(loop):
+        counters = loop.run()
+    thread.join()
+    assert counters.reloads == 1
+    assert len([m for m in sink.messages if isinstance(m, PathMessage)]) == counters.ticks
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_stop_ends_a_long_sleep():
+    class Stops:
+        name = "stops"
+
+        def publish(self, message):
+            threading.Timer(0.1, loop.stop).start()
+
+    loop = Loop(navigator(), InProcessSource(), [Stops()], rate_hz=0.01)
+    began = time.monotonic()
+    assert loop.run().ticks == 1
+    assert time.monotonic() - began < 20.0  # of the 100 that a tick has
+
+
+def test_cores_and_priority_are_taken_as_far_as_allowed_and_given_back():
+    before = os.sched_getaffinity(0)
+    seen = []
+
+    class Spy:
+        def poll(self):
+            seen.append(os.sched_getaffinity(0))
+            return ()
+
+    core = min(before)
+    run_with(Spy(), [], ticks=2, cores=[core], priority=1)
+    assert seen == [{core}] * 2
+    assert os.sched_getaffinity(0) == before
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+    run_with(Spy(), [], ticks=1, cores=[9999])
+    assert seen[-1] == before
+
+
+def test_a_rate_must_be_positive():
+    with pytest.raises(InvalidQueryError, match="rate"):
+        Loop(navigator(), InProcessSource(), rate_hz=0.0)
+    for wrong in ({"tolerance": -1.0}, {"snap_radius": -1}):
+        with pytest.raises(InvalidQueryError):
+            Settings(**wrong)

@@ -1,0 +1,175 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.planning.validity import Footing, StandingPath, first_blocked
+from tests import oracles
+from tests.strategies import cases
+
+
+def random_patch(rng, cost, step_cost):
+    """Where, and new costs: others, dearer, cheaper, walls or openings."""
+    h, w = (int(rng.integers(1, min(n, 6) + 1)) for n in cost.shape)
+    row, col = (int(rng.integers(n - k + 1)) for n, k in zip(cost.shape, (h, w), strict=True))
+    old = cost[row : row + h, col : col + w]
+    new = (rng.random((h, w)) * 0.9 + (0.01 if step_cost == "length" else 0.0)).astype(np.float32)
+    what = rng.integers(5)
+    if what == 0:
+        new = np.where(np.isfinite(old), np.maximum(old, new), old)
+    elif what == 1:
+        new = np.where(np.isfinite(old), np.minimum(old, new), old)
+    elif what == 2:
+        new = np.where(rng.random((h, w)) < 0.3, np.float32(np.inf), old)
+    elif what == 3:
+        new = np.where(np.isfinite(old), old, new)
+    return row, col, new
+
+
+def walkable(path, cost, corner_cutting):
+    free = np.isfinite(cost) & (cost < np.inf)
+    for n, (row, col) in enumerate(path):
+        if not free[row, col]:
+            return False
+        if n and not corner_cutting and not (free[path[n - 1][0], col] and free[row, path[n - 1][1]]):
+            return False
+    return True
+
+
+@settings(deadline=None, max_examples=120)
+@given(cases(20), st.integers(0, 2**32), st.sampled_from(["astar", "corridor"]))
+def test_its_bounds_hold_after_any_changes_and_moves(case, seed, method):
+    rng, cost = np.random.default_rng(seed), np.where(np.isnan(case.cost), np.inf, case.cost).astype(np.float32)
+    planner = Planner(cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting)
+    plan = planner.plan(case.start, case.goal, method=method)
+    if not plan.ok:
+        return
+    excess = plan.cost - oracles.dijkstra(cost, case.start, case.step_cost, case.corner_cutting)[case.goal]
+    path = StandingPath(planner.grid, corner_cutting=case.corner_cutting)
+    path.set(plan)
+    for _ in range(4):
+        for _ in range(rng.integers(1, 3)):
+            row, col, patch = random_patch(rng, cost, case.step_cost)
+            path.about_to_change((row, col, *patch.shape))
+            planner.update(row, col, patch)
+            cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
+        index = int(rng.integers(len(plan.path)))
+        rest = plan.path[index:]
+        at = (int(rest[0, 0]), int(rest[0, 1]))
+        found = path.check(at)
+        assert found.index == index
+        assert found.valid == walkable(rest, cost, case.corner_cutting)
+        optimum = oracles.dijkstra(cost, at, case.step_cost, case.corner_cutting)[case.goal]
+        if not np.isfinite(cost[at]):
+            continue
+        slack = 2e-5 * (plan.cost + 1.0)
+        if np.isfinite(optimum):
+            assert found.lower_bound <= optimum + slack
+            assert found.floor - excess <= optimum + slack
+        if found.valid:
+            assert found.cost == pytest.approx(oracles.path_cost(rest, cost, case.step_cost), rel=1e-5, abs=1e-5)
+            assert found.cost - optimum <= excess + found.added + slack
+            assert found.cost <= found.bound * optimum + slack
+        else:
+            assert found.cost == np.inf
+            assert found.blocked_at is not None
+
+
+def corridor_of_ones(**options):
+    """A free map of 20 × 60 cells, a straight path along its middle, and the planner."""
+    cost = np.full((20, 60), 0.2, np.float32)
+    planner = Planner(cost, **options)
+    path = StandingPath(planner.grid, corner_cutting=options.get("corner_cutting", True))
+    plan = planner.plan((10, 0), (10, 59), method="astar")
+    path.set(plan)
+
+    def put(row, col, patch):
+        patch = np.array(patch, np.float32, ndmin=2)
+        path.about_to_change((row, col, *patch.shape))
+        planner.update(row, col, patch)
+
+    return path, plan, put
+
+
+def test_changes_behind_the_robot_do_not_matter():
+    path, plan, put = corridor_of_ones()
+    put(10, 5, np.inf)
+    assert path.check((10, 0)).footing is Footing.BLOCKED
+    assert path.check((10, 0)).blocked_at == (10, 5)
+    later = path.check((10, 20))
+    assert later.valid
+    assert later.index == 20
+    assert later.cost == pytest.approx(plan.cost * 39 / 59)
+    assert later.bound == pytest.approx(1.0, rel=1e-5)
+    assert later.added == pytest.approx(0.0, abs=1e-4)
+
+
+def test_costs_that_rise_leave_the_bound():
+    path, plan, put = corridor_of_ones()
+    put(5, 0, np.full((10, 60), 0.3))  # other rows stay cheap, as the octile distance goes by the cheapest cell
+    found = path.check((10, 0))
+    assert found.lower_bound == pytest.approx(plan.cost, rel=1e-5)
+    assert found.added == pytest.approx(0.1 * 2 * 2.805 * 59, rel=1e-4)
+
+
+def test_a_cell_far_off_the_way_cannot_save_anything():
+    path, plan, put = corridor_of_ones()
+    put(0, 30, 0.15)
+    assert path.check((10, 0)).added < 0.1 * plan.cost  # one cell's saving at most
+    put(0, 30, 0.2)  # what was is what counts, not the order of changes
+    assert path.check((10, 0)).added == pytest.approx(0.0, abs=1e-3)
+
+
+def test_an_opened_cell_is_bounded_by_the_way_over_it():
+    cost = np.full((30, 60), 0.2, np.float32)
+    cost[29, 0] = np.inf
+    planner = Planner(cost)
+    path = StandingPath(planner.grid)
+    path.set(planner.plan((0, 0), (0, 59), method="astar"))
+    path.about_to_change((29, 0, 1, 1))
+    planner.update(29, 0, np.array([[0.2]], np.float32))
+    assert path.check((0, 0)).added == 0.0
+
+
+def test_a_corner_that_may_not_be_cut_any_more_blocks():
+    cost = np.full((6, 6), 0.2, np.float32)
+    for corner_cutting, footing in ((True, Footing.VALID), (False, Footing.BLOCKED)):
+        planner = Planner(cost, corner_cutting=corner_cutting)
+        path = StandingPath(planner.grid, corner_cutting=corner_cutting)
+        plan = planner.plan((0, 0), (5, 5), method="astar")
+        path.set(plan)
+        path.about_to_change((2, 3, 1, 1))
+        planner.update(2, 3, np.array([[np.inf]], np.float32))
+        assert path.check((0, 0)).footing is footing
+        assert (first_blocked(planner.grid, plan.path, corner_cutting) >= 0) == (footing is Footing.BLOCKED)
+
+
+def test_off_the_path_and_without_one():
+    path, plan, _ = corridor_of_ones()
+    assert path.check((3, 3)).footing is Footing.OFF_PATH
+    path.forget()
+    found = path.check((10, 0))
+    assert (found.footing, found.valid, found.lower_bound) == (Footing.NONE, False, 0.0)
+
+
+def test_only_a_path_to_the_goal_can_stand():
+    cost = np.full((5, 5), 0.2, np.float32)
+    cost[:, 2] = np.inf
+    planner = Planner(cost)
+    path = StandingPath(planner.grid)
+    with pytest.raises(InvalidQueryError, match="NO_PATH"):
+        path.set(planner.plan((0, 0), (4, 4), method="astar"))
+    plan = planner.plan((0, 0), (4, 0), method="astar")
+    planner.update(2, 0, np.full((1, 2), np.inf, np.float32))
+    with pytest.raises(InvalidQueryError, match="walkable"):
+        path.set(plan)
+
+
+def test_a_new_plan_forgets_what_changed_before_it():
+    path, plan, put = corridor_of_ones()
+    put(9, 20, np.full((1, 20), 0.01))
+    assert path.check((10, 0)).added > 0.0
+    path.set(plan)
+    assert path.check((10, 0)).added == pytest.approx(0.0, abs=1e-6)
