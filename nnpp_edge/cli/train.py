@@ -10,7 +10,7 @@ import click
 
 from nnpp_edge.cli import options
 
-ARCHITECTURES = ("edge", "edge-256", "nnpp-w16", "nnpp", "nnpp-stdc2")
+ARCHITECTURES = ("edge", "edge-128", "edge-256", "nnpp-w16", "nnpp", "nnpp-stdc2")
 
 
 @click.command(name="train")

@@ -40,15 +40,15 @@ def variants(steps: int) -> Iterator[Variant]:
     """The base first, then each choice by itself."""
     spec = PRESETS[BASE]
     settings = TrainSettings(
-        batch=64, learning_rate=2e-3, steps=steps, warmup_steps=max(1, min(100, steps // 10)),
+        batch=128, learning_rate=2e-3, steps=steps, warmup_steps=max(1, min(100, steps // 10)),
         validate_every_s=math.inf, average_decay=0.99,
     )  # fmt: skip
     yield Variant("base", spec, settings)
-    widths = {"half": (8, 16, 32, 32), "triple": (48, 96, 192, 192)}
+    widths = {"half": (16, 32, 32, 32), "double": (64, 128, 128, 128)}
     for name, of_stages in widths.items():
         changed = spec.options | {"widths": list(of_stages), "stem": of_stages[0]}
         yield Variant(f"width: {name}", dataclasses.replace(spec, options=changed), settings)
-    for size in (64, 256):
+    for size in (128, 256):
         yield Variant(f"input: {size}", dataclasses.replace(spec, input_size=size), settings)
     for sigma in (1 / 16, 1 / 8, 1 / 2):
         yield Variant(f"sigma: 1/{1 / sigma:.0f}", dataclasses.replace(spec, sigma=sigma), settings)
