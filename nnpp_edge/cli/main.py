@@ -19,6 +19,8 @@ COMMANDS = {
     "evaluate": "Compare the planners on many queries.",
     "reproduce": "Repeat the paper's experiments, beside its figures.",
     "profile": "Measure the planners against budgets, or beside other libraries.",
+    "simulate": "Drive a simulated robot through the onboard loop.",
+    "run": "Plan at a fixed rate, from messages to messages.",
     "models": "List the shipped models, or show one in full.",
     "warmup": "Compile the kernels ahead of the first plan.",
 }
@@ -26,7 +28,8 @@ COMMANDS = {
 
 
 _EXTRAS = {"torch": "train", "onnx": "train", "onnxscript": "train", "matplotlib": "viz", "rasterio": "geo",
-           "jinja2": "viz"}  # fmt: skip
+           "jinja2": "viz", "PIL": "viz", "rerun": "viz", "mcap": "robot",
+           "zenoh": "robot"}  # fmt: skip
 """Packages that the onboard install lacks, and the extra that brings each."""
 
 

@@ -12,9 +12,11 @@ from nnpp_edge.profiling.quantities import DIRECTIONS, QUANTITIES
 from nnpp_edge.runtime.errors import InvalidQueryError
 
 PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
+LOOP_METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
 SAMPLE, SYNTHETIC = "sample", "synthetic"
 _SHIPPED = Path(str(files("nnpp_edge.profiles")))
 _LEAST_SIDE = 16
+_FASTEST_HZ = 1000.0
 
 
 class ProfileError(InvalidQueryError):
@@ -76,6 +78,24 @@ class Stability:
 
 
 @dataclass(frozen=True)
+class OnboardLoop:
+    """How `nnpp-edge run` plans on this device."""
+
+    rate_hz: float = 17.0
+    method: str = "auto"
+    """As `DynamicPlanner` takes it."""
+    model: str = "edge"
+    """By default the profile's int8 model."""
+    cores: tuple[int, ...] = ()
+    """To pin the loop's thread to; by default the device's, and without a profile none."""
+    priority: int = 0
+    """Under SCHED_FIFO; 0 for the usual scheduler."""
+    tolerance: float = 0.02
+    """A standing path is kept while it cannot cost more than this share above what a new plan might."""
+    corner_cutting: bool = True
+
+
+@dataclass(frozen=True)
 class Budget:
     """One line of the table of budgets."""
 
@@ -103,10 +123,12 @@ class Profile:
     networks: Networks = field(default_factory=Networks)
     stability: Stability = field(default_factory=Stability)
     budgets: tuple[Budget, ...] = ()
+    loop: OnboardLoop = field(default_factory=OnboardLoop)
 
     def facts(self) -> dict[str, Any]:
-        """For JSON: terrain by name only."""
+        """For JSON: terrain by name only; without the loop, which is not measured."""
         told = asdict(self)
+        del told["loop"]
         told["load"]["terrain"] = [Path(each).name for each in self.load.terrain]
         return told
 
@@ -149,6 +171,13 @@ def overridden(profile: Profile, **changes: Any) -> tuple[Profile, list[str]]:
     kept = tuple(budget for budget in profile.budgets if budget.size is None or budget.size in load.sizes)
     dropped = [budget.name for budget in profile.budgets if budget not in kept]
     return replace(profile, load=load, budgets=kept), dropped
+
+
+def overridden_loop(loop: OnboardLoop, **changes: Any) -> OnboardLoop:
+    """The loop as options on the command line ask for; None changes nothing. ProfileError if out of range."""
+    changed = replace(loop, **{key: value for key, value in changes.items() if value is not None})
+    _check_loop(changed, lambda key, wanted, got: ProfileError(f"{key}: wanted {wanted}, got {got!r}"))
+    return changed
 
 
 class _Table:
@@ -214,6 +243,7 @@ def _profile(top: _Table, name: str) -> Profile:
     )
     table.finish()
     stability = _stability(top.table("stability"))
+    loop = _loop(top.table("loop"), device, networks)
     lines = top.take("budgets", list, "a list of tables", [])
     top.finish()
     budgets: list[Budget] = []
@@ -225,7 +255,7 @@ def _profile(top: _Table, name: str) -> Profile:
             raise top.error(f"budgets[{at}].name", "a name of its own", budgets[-1].name)
     if planner == "nnpp-fp32" and networks.fp32 is None:
         raise top.error("planner", "a planner that is measured (model.fp32 is not set)", planner)
-    return Profile(name, title, planner, device, load, networks, stability, tuple(budgets))
+    return Profile(name, title, planner, device, load, networks, stability, tuple(budgets), loop)
 
 
 def _device(table: _Table) -> Device:
@@ -292,6 +322,35 @@ def _stability(table: _Table) -> Stability:
         if getattr(found, key) <= 0.0:
             raise table.error(key, "a share above 0", getattr(found, key))
     return found
+
+
+def _loop(table: _Table, device: Device, networks: Networks) -> OnboardLoop:
+    loop = OnboardLoop(
+        rate_hz=float(table.take("rate_hz", float, "ticks a second", OnboardLoop.rate_hz)),
+        method=table.take("method", str, "a planner's name", OnboardLoop.method),
+        model=table.take("model", str, "a model's name or file", networks.int8),
+        cores=table.many("cores", int, "the number of a core", device.cores),
+        priority=table.take("priority", int, "a whole number", OnboardLoop.priority),
+        tolerance=float(table.take("tolerance", float, "a share", OnboardLoop.tolerance)),
+        corner_cutting=table.take("corner_cutting", bool, "true or false", OnboardLoop.corner_cutting),
+    )
+    table.finish()
+    _check_loop(loop, table.error)
+    return loop
+
+
+def _check_loop(loop: OnboardLoop, error: Callable[[str, str, Any], ProfileError]) -> None:
+    """What every loop must fulfil, whether from a file or from the command line."""
+    if loop.method not in LOOP_METHODS:
+        raise error("method", f"one of {', '.join(LOOP_METHODS)}", loop.method)
+    if not 0.0 < loop.rate_hz <= _FASTEST_HZ:
+        raise error("rate_hz", f"ticks a second, above 0 and at most {_FASTEST_HZ:g}", loop.rate_hz)
+    if min(loop.cores, default=0) < 0:
+        raise error("cores", "numbers of cores from 0", list(loop.cores))
+    if not 0 <= loop.priority <= 99:
+        raise error("priority", "0, or 1 to 99 for SCHED_FIFO", loop.priority)
+    if not 0.0 <= loop.tolerance < math.inf:
+        raise error("tolerance", "a share of at least 0", loop.tolerance)
 
 
 def _budget(table: _Table, planner: str, load: Load, networks: Networks) -> Budget:

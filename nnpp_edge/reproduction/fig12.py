@@ -11,14 +11,11 @@ from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round, contest, increase
 from nnpp_edge.reproduction.experiment import Context, Experiment, Report
-from nnpp_edge.reproduction.pictures import new_figure, png
+from nnpp_edge.reproduction.pictures import OPTIMUM, PATH, REGION, new_figure, png, tinted
 from nnpp_edge.reproduction.plain_astar import build_graph, search
 from nnpp_edge.reproduction.report import Finding, Result, Table, judge, judge_ratio, percent, seconds
 from nnpp_edge.runtime.planning.planner import Planner
 from nnpp_edge.terrain.labels import Query
-
-_CYAN = np.array([0.0, 0.9, 1.0])
-_OPTIMUM, _PATH = "#e0218a", "#ffe100"
 
 
 @dataclass(frozen=True)
@@ -143,9 +140,9 @@ def _picture(scenes: Sequence[_Scene]) -> bytes:
     for at, scene in enumerate(scenes):
         for row, (name, region, path) in enumerate(scene.drawn):
             axes = grid[row, at]
-            axes.imshow(_tinted(scene.case.cost, region), interpolation="nearest")
-            axes.plot(scene.optimum[:, 1], scene.optimum[:, 0], color=_OPTIMUM, linewidth=3.2, label="optimal path")
-            axes.plot(path[:, 1], path[:, 0], color=_PATH, linewidth=1.3, label="path in the region")
+            axes.imshow(tinted(scene.case.cost, region), interpolation="nearest")
+            axes.plot(scene.optimum[:, 1], scene.optimum[:, 0], color=OPTIMUM, linewidth=3.2, label="optimal path")
+            axes.plot(path[:, 1], path[:, 0], color=PATH, linewidth=1.3, label="path in the region")
             (r, c), (i, j) = scene.query
             ends: dict[str, Any] = {"markeredgecolor": "black", "linestyle": "none", "clip_on": False, "zorder": 5}
             axes.plot(c, r, "s", color="gold", markersize=7, label="start", **ends)
@@ -159,18 +156,10 @@ def _picture(scenes: Sequence[_Scene]) -> bytes:
     grid[0, 0].set_ylabel("plain A*NN: region at td")
     grid[1, 0].set_ylabel("nnpp: region searched")
     handles, labels = grid[1, 0].get_legend_handles_labels()
-    handles.append(Patch(facecolor=tuple(0.55 * np.full(3, 0.35) + 0.45 * _CYAN)))
+    handles.append(Patch(facecolor=REGION))
     labels.append("region")
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize="small", frameon=False)
     return png(figure)
-
-
-def _tinted(cost: NDArray[np.float32], region: NDArray[np.bool_]) -> Any:
-    passable = cost < 1.0
-    grey = np.repeat(np.where(passable, cost, 0.0)[..., None].astype(np.float64), 3, axis=2)
-    picture = np.where(passable[..., None], grey, [0.38, 0.17, 0.13])
-    tint = 0.45 * (region & passable)[..., None]
-    return np.clip(picture * (1.0 - tint) + _CYAN * tint, 0.0, 1.0)
 
 
 EXPERIMENT = Experiment(

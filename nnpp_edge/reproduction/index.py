@@ -19,6 +19,7 @@ def experiment_page(facts: Stored) -> str:
     name = facts["name"]
     return "\n".join([
         f"# {facts['where']}: {facts['title']}", "", *_quick_warning([facts]), f"![{facts['title']}]({name}.png)", "",
+        *([f"![{facts['title']}, animated]({name}.gif)", ""] if facts.get("animated") else []),
         facts["summary"], "## Findings", "", findings_table(_findings(facts)).markdown(), *_notes(facts),
         "## How it was made", "", *_making(facts), *_own_making(facts), "",
         f"The figures are in [{name}.csv]({name}.csv).", "",

@@ -3,6 +3,9 @@
 import io
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 PAPER, OURS = "#7f7f7f", "#0072b2"
 COLOURS = {
     "plain A*": "#d55e00", "plain A*NN": "#0072b2", "astar": "#e69f00", "corridor": "#009e73", "nnpp": "#56b4e9",
@@ -10,6 +13,13 @@ COLOURS = {
 }  # fmt: skip
 """Of the planners, told apart by the colour-blind too (Okabe and Ito)."""
 MARKERS = {"plain A*": "o", "plain A*NN": "s", "astar": "^", "corridor": "D", "nnpp": "v", "inference": "x"}
+
+OPTIMUM, PATH = "#e0218a", "#ffe100"
+"""The optimal path, and a path in a region."""
+_CYAN = np.array([0.0, 0.9, 1.0])
+_TINT = 0.45
+REGION = tuple((1.0 - _TINT) * np.full(3, 0.35) + _TINT * _CYAN)
+"""A region on ground of middling cost, for legends."""
 
 
 def new_figure(width: float, height: float) -> Any:
@@ -42,3 +52,14 @@ def sides_axis(axes: Any, sizes: Any) -> None:
     axes.set_xscale("log", base=2)
     axes.set_xticks(list(sizes), [f"{size}²" for size in sizes])
     axes.minorticks_off()
+
+
+def tinted(cost: NDArray[np.float32], region: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+    """A cost map in grey, the whiter the dearer, brown where impassable, and cyan inside a region: (H, W, 3)."""
+    passable = cost < 1.0
+    grey = np.repeat(np.where(passable, cost, 0.0)[..., None].astype(np.float64), 3, axis=2)
+    picture = np.where(passable[..., None], grey, [0.38, 0.17, 0.13])
+    if region is not None:
+        tint = _TINT * (region & passable)[..., None]
+        picture = picture * (1.0 - tint) + _CYAN * tint
+    return np.clip(picture, 0.0, 1.0)

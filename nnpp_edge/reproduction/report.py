@@ -63,6 +63,8 @@ class Result:
     """PNG."""
     notes: Sequence[str] = ()
     """Whole sentences."""
+    animation: bytes | None = None
+    """GIF."""
 
 
 def judge(claim: str, paper: str, ours: str, *, agrees: bool, rule: str, better: bool = False) -> Finding:

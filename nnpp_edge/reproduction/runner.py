@@ -165,6 +165,7 @@ def _facts(
         "made_with": made_with,
         "findings": [asdict(finding) for finding in result.findings],
         "notes": list(result.notes),
+        "animated": result.animation is not None,
         "summary": result.summary.markdown(),
     }
 
@@ -179,6 +180,8 @@ def _store(folder: Path, facts: dict[str, Any], result: Result) -> None:
         f"{name}.png": result.picture,
         f"{name}.json": json.dumps(facts, indent=1, ensure_ascii=False).encode(),
     }
+    if result.animation is not None:
+        files[f"{name}.gif"] = result.animation
     try:
         for path in (fresh, old):
             shutil.rmtree(path, ignore_errors=True)
@@ -200,8 +203,10 @@ def read_experiment(folder: Path) -> dict[str, Any] | None:
         stored: dict[str, Any] = json.loads((folder / f"{name}.json").read_text())
     except (OSError, ValueError):
         return None
-    whole = all((folder / f"{name}.{ending}").is_file() for ending in ("csv", "md", "png"))
-    return stored if whole and isinstance(stored, dict) and stored.get("format") == FORMAT else None
+    if not isinstance(stored, dict) or stored.get("format") != FORMAT:
+        return None
+    endings = ("csv", "md", "png", "gif") if stored.get("animated") else ("csv", "md", "png")
+    return stored if all((folder / f"{name}.{ending}").is_file() for ending in endings) else None
 
 
 def write_index(output: Path) -> None:

@@ -177,6 +177,33 @@ class DStarLite:
             self._start, self._goal, ws.costs, ws.walls, ws.inside, ws.changed, ws.is_changed, self._pending,
         )  # fmt: skip
 
+    @property
+    def noted(self) -> int:
+        """How many nodes were put down as changed and wait for the next plan."""
+        return self._pending
+
+    def reach(self, since: int = 0) -> float:
+        """How far changes reach: the share of the way, by cost, that lies between the start and the farthest of them.
+
+        Parameters
+        ----------
+        since : int
+            Of the changes noted, those after so many count.
+
+        Returns
+        -------
+        float
+            From 0 (none matters: it lies behind the start, or where no search has come) to 1 (at the goal, or the
+            start lies where no search has come). What was found on that part of the way may have to be mended.
+        """
+        nodes = self._ws.changed[since : max(self._pending, since)]
+        known = self._ws.state[2 * nodes[self._ws.inside[nodes] != 0]]
+        nearest = float(np.min(known, initial=math.inf))
+        whole = float(np.min(self._ws.state[2 * self._start : 2 * self._start + 2]))
+        if not math.isfinite(nearest):
+            return 0.0
+        return min(max(1.0 - nearest / whole, 0.0), 1.0) if 0.0 < whole < math.inf else 1.0
+
     def plan(
         self,
         start: tuple[int, int],

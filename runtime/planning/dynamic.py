@@ -21,7 +21,7 @@ from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepCost, StepModel
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import astar
 from nnpp_edge.runtime.planning.dstar_lite import DStarLite
-from nnpp_edge.runtime.planning.incremental import DStarPlanner
+from nnpp_edge.runtime.planning.incremental import DStarPlanner, Mending
 from nnpp_edge.runtime.planning.plan import Method, Plan, Source, measure
 from nnpp_edge.runtime.planning.query import Query, as_cell
 from nnpp_edge.runtime.planning.validity import Standing, StandingPath
@@ -52,11 +52,11 @@ class DynamicMethod(StrEnum):
     CORRIDOR = "corridor"
     """Coarse to fine, afresh each time."""
     CORRIDOR_DSTAR = "corridor-dstar"
-    """The corridor of the present start, and D* Lite inside it."""
+    """The corridor of the present start, and inside it D* Lite, or A* where that is expected to be less work."""
     NNPP = "nnpp"
     """The network's region of the present start, and A* inside it."""
     NNPP_DSTAR = "nnpp-dstar"
-    """The network's region of the present start, and D* Lite inside it."""
+    """The network's region of the present start, and inside it the same."""
 
 
 _BASE = {
@@ -226,10 +226,10 @@ class DynamicPlanner:
         """How the last path stands on the map as it is now, for the robot where it is now."""
         return self.path.check(self._where())
 
-    def use_model(self, model: NetworkModel) -> None:
-        """Ask this network from now on."""
+    def use_model(self, model: str | Path | NetworkModel) -> None:
+        """As `Planner.use_model`; without effect where no method but ``astar`` and ``dstar`` is kept."""
         if self._planner is not None:
-            self._planner._model, self._planner._learned = model, None
+            self._planner.use_model(model)
 
     def prepare(self) -> None:
         """Do now what the first answer would else do: set D* Lite up, load the network and show it the map."""
@@ -305,7 +305,7 @@ class DynamicPlanner:
                 self._drift = drift
                 return Replan.of(plan, DynamicMethod.CORRIDOR_DSTAR)
             reason = "the corridor that stands has become too dear"
-        return self._plan(DynamicMethod.CORRIDOR_DSTAR, reason, deadline, cancelled)
+        return self._plan(DynamicMethod.CORRIDOR_DSTAR, reason, deadline, cancelled, Mending.ALWAYS)
 
     def _worth_mending(self, start: Cell) -> bool:
         """Whether the goal is far, and little has changed since the last answer, near the start."""
@@ -316,8 +316,9 @@ class DynamicPlanner:
         return all(_apart(part, start) + max(part[2:]) <= reach for part in self._changes)
 
     def _plan(
-        self, method: DynamicMethod, reason: str, deadline: float, cancelled: Callable[[], bool] | None
-    ) -> Replan:
+        self, method: DynamicMethod, reason: str, deadline: float, cancelled: Callable[[], bool] | None,
+        mending: Mending = Mending.WHERE_LESS_WORK,
+    ) -> Replan:  # fmt: skip
         start = self._where()
         if (problem := self._problem(start)) is not None:
             return Replan(problem, _BASE[method], reason=reason, by=method)
@@ -325,10 +326,10 @@ class DynamicPlanner:
             query = self._query(start, reason, deadline, cancelled)
             return Replan.of(self._whole_map(method, query), method)
         assert self._planner is not None
-        self._planner.incremental, self._drift = method in _INCREMENTAL, 1.0
+        self._planner.mending, self._drift = mending if method in _INCREMENTAL else Mending.NEVER, 1.0
         left = deadline - time.monotonic()
         plan = self._planner.plan(start, self._goal, method=_BASE[method], time_limit_s=left, cancelled=cancelled)
-        return replace(Replan.of(plan, method), reason=reason)
+        return replace(Replan.of(plan, method), reason=reason or self._planner.account)
 
     def _whole_map(self, method: DynamicMethod, query: Query) -> Plan:
         if method is DynamicMethod.ASTAR:

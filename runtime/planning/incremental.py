@@ -1,6 +1,7 @@
 """A planner whose regions are searched by D* Lite, mended from one query to the next."""
 
 import math
+from enum import Enum, auto
 
 import numpy as np
 
@@ -16,18 +17,37 @@ from nnpp_edge.runtime.planning.query import Query
 
 _MOST_JOINED = 3
 """Regions are joined as long as they hold at most so many times the blocks of the newest."""
+_MENDED_TWICE = 2.0
+"""Cells that became dearer, and all whose path led over them, are expanded twice: first to be given up."""
+
+
+class Mending(Enum):
+    """How regions are searched."""
+
+    NEVER = auto()
+    """By A*, afresh."""
+    ALWAYS = auto()
+    """By D* Lite."""
+    WHERE_LESS_WORK = auto()
+    """By whichever is expected to expand fewer cells."""
 
 
 class DStarPlanner(Planner):
     """A planner that can search its regions by D* Lite, which it keeps from one query to the next.
 
-    Coarse levels and the whole map are searched afresh. Worth it for queries towards one goal: another goal
-    starts D* Lite afresh.
+    D* Lite takes note of every change, and works only when it is asked. Coarse levels and the whole map are searched
+    afresh. Worth it for queries towards one goal: another goal starts D* Lite afresh.
     """
 
-    incremental = False
-    """Whether regions are searched by D* Lite; else by A*."""
+    mending = Mending.NEVER
+    """How the next queries' regions are searched."""
+    account = ""
+    """Which way the last region was searched, and why; empty where there was no choice."""
     _dstar: DStarLite | None = None
+    _seen = 0
+    """Changes that D* Lite had noted at the last query."""
+    _missed = 0.0
+    """What mending would have saved since it was last done, had it been done each time, in fresh searches."""
 
     def update(self, row: int, col: int, patch: Float2D) -> None:
         """As `Planner.update`; D* Lite takes note."""
@@ -42,9 +62,10 @@ class DStarPlanner(Planner):
         elif self._dstar.goal != goal:
             self._dstar.set_goal(goal)
         corridor = (2 * math.ceil(self.grid.rows / FACTOR), 2 * math.ceil(self.grid.cols / FACTOR))
-        self._known = Region(np.zeros(corridor, np.int32), *self.pyramid.levels[0].quarters)
+        self._known = self._last = Region(np.zeros(corridor, np.int32), *self.pyramid.levels[0].quarters)
         self._dstar.set_region(self._known)
         self._dstar.plan(goal)  # so that the cells left out are dealt with now
+        self._seen, self._missed = 0, 0.0
 
     def mends(self, goal: Cell) -> bool:
         """Whether there is a search to be mended, for this goal."""
@@ -55,21 +76,47 @@ class DStarPlanner(Planner):
         return self._answer(query, Method.CORRIDOR, Source.REGION, self._in_region(query), None)
 
     def _search(self, query: Query, level: int, region: Region | None, band: float = 0.0) -> Search:
-        if level or region is None or not self.incremental or query.start == query.goal:
+        if level == 0:
+            self.account = ""
+        if level or region is None or self.mending is Mending.NEVER or query.start == query.goal:
             return super()._search(query, level, region, band)
         if self._dstar is None or self._dstar.goal != query.goal:
             self.expect(query.goal)
         assert self._dstar is not None
         self._dstar.move_start(query.start)
-        self._known = self._joined(region)
+        if self.mending is Mending.WHERE_LESS_WORK and not self._worth_mending(region):
+            return super()._search(query, level, region, band)
+        self._known = self._last = self._joined(region)
         self._dstar.set_region(self._known)
         return self._in_region(query)
+
+    def _worth_mending(self, region: Region) -> bool:
+        """Whether D* Lite is expected to search a region with less work than A*, now or before long.
+
+        A fresh search expands most of a region. D* Lite expands the cells that are new to it, and twice those
+        that lie between the start and a change. What a fresh search leaves unmended is to be mended later: once
+        steps that D* Lite would have made cheaply sum to what that is dearer by, it is mended after all.
+        """
+        assert self._dstar is not None
+        inside = region.bitmap == region.stamp
+        blocks = max(int(np.count_nonzero(inside)), 1)
+        mended, step = (
+            _new_blocks(region, known) / blocks + _MENDED_TWICE * self._dstar.reach(since)
+            for known, since in ((self._known, 0), (self._last, self._seen))
+        )
+        self._last = Region(inside.astype(np.int32), region.row_block, region.col_block)
+        self._seen = self._dstar.noted
+        worth = mended <= 1.0 + self._missed
+        if not worth:
+            self._missed += max(1.0 - step, 0.0)
+        did = "mended" if worth else "searched afresh"
+        self.account = f"{did}: mending was put at {mended:.2f} times the work of a fresh search"
+        return worth
 
     def _joined(self, region: Region) -> Region:
         """The region together with the last one: to D* Lite, cells that leave are much work, and stay for nothing."""
         wanted, known = region.bitmap == region.stamp, self._known
-        same = wanted.shape == known.bitmap.shape and region.row_block is known.row_block
-        both = wanted | (known.bitmap != 0) if same else wanted
+        both = wanted | (known.bitmap != 0) if _comparable(region, known) else wanted
         if np.count_nonzero(both) > _MOST_JOINED * np.count_nonzero(wanted):
             both = wanted
         return Region(both.astype(np.int32), region.row_block, region.col_block)
@@ -78,7 +125,19 @@ class DStarPlanner(Planner):
         assert self._dstar is not None
         found = self._dstar.plan(query.start, deadline=query.deadline, cancelled=query.cancelled)
         query.expansions += found.expansions
+        self._seen, self._missed = 0, 0.0
         query.lap("search")
         # D* Lite does not say what it refused: the octile distance is the bound
         straight = octile.py_func(*query.start, *query.goal, *prices(self.grid))
         return Search(found.status, found.path, found.expansions, straight)
+
+
+def _comparable(one: Region, other: Region) -> bool:
+    """Whether their bitmaps have the same blocks."""
+    return one.bitmap.shape == other.bitmap.shape and one.row_block is other.row_block
+
+
+def _new_blocks(region: Region, known: Region) -> int:
+    """How many blocks of a region are outside another, which is stamped 1."""
+    inside = region.bitmap == region.stamp
+    return int(np.count_nonzero(inside & (known.bitmap == 0) if _comparable(region, known) else inside))

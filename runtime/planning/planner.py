@@ -62,6 +62,10 @@ class Planner:
     ------
     InvalidMapError
         The map is not two-dimensional, is empty, or holds a cost out of range.
+
+    Notes
+    -----
+    A subclass may search regions in another way: it overrides `_search`, and has `_answer` make the plan.
     """
 
     def __init__(
@@ -86,6 +90,19 @@ class Planner:
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the map."""
         return self.grid.rows, self.grid.cols
+
+    def use_model(self, model: str | Path | NetworkModel) -> None:
+        """Ask this network from now on. A name or a file is loaded and tried now; on an error the old one stays.
+
+        Raises
+        ------
+        ModelError
+            The model cannot be loaded.
+        """
+        if not isinstance(model, NetworkModel):
+            model = NetworkModel(model)
+            model.run()
+        self._model, self._learned, self._auto = model, None, None
 
     def update(self, row: int, col: int, patch: Float2D) -> None:
         """Put new costs into the map, with the pyramid and the network's view kept up to date.
@@ -261,7 +278,12 @@ class Planner:
         return None
 
     def _search(self, query: Query, level: int, region: Region | None, band: float = 0.0) -> Search:
-        """Search one level of the pyramid between the cells that hold start and goal; coarse ones from the goal."""
+        """Search one level of the pyramid between the cells that hold start and goal; coarse ones from the goal.
+
+        For subclasses to override. Level 0 is the map itself; without a region all of it is searched. `band` is how
+        far beyond the optimum, as a share of it, a coarse search goes on. What was expanded and the time it took
+        are booked in the query.
+        """
         factor = FACTOR**level
         start, goal = ((row // factor, col // factor) for row, col in (query.start, query.goal))
         if level:
@@ -352,6 +374,7 @@ class Planner:
         return replace(plan, threshold=td, network_region=network_region)
 
     def _answer(self, query: Query, method: Method, source: Source, found: Search, region: Region | None) -> Plan:
+        """The plan that a search of the map or a region of it comes to. For subclasses to call."""
         cost = length = traverse_cost = math.inf
         if len(found.path):
             cost, length, traverse_cost = measure(self.grid, found.path)

@@ -1,5 +1,7 @@
 import csv
+import io
 import json
+import shutil
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
@@ -7,10 +9,15 @@ from importlib import import_module
 import cv2
 import numpy as np
 import pytest
+from PIL import Image, ImageSequence
 
+from nnpp_edge.profiling.dynamic_episode import make_episode
 from nnpp_edge.profiling.suites import Case
-from nnpp_edge.reproduction import experiment, fig7, fig13, paper, runner, table1, table2
-from nnpp_edge.reproduction.contest import OURS, PLAIN, PLAIN_NN, PLANNERS, Means, contest, means
+from nnpp_edge.reproduction import experiment, fig7, fig13, paper, runner, table1, table2, table3, table4
+from nnpp_edge.reproduction.animation import animate, view_episode
+from nnpp_edge.reproduction.animation import driven as driven_way
+from nnpp_edge.reproduction.contest import OURS, PLAIN, PLAIN_NN, PLANNERS, Answer, Means, Round, contest, means
+from nnpp_edge.reproduction.dynamic_contest import Drive, drive, stride_on
 from nnpp_edge.reproduction.report import Table, Verdict
 from nnpp_edge.reproduction.runner import Request, reproduce
 from nnpp_edge.runtime import NetworkModel
@@ -27,6 +34,8 @@ TINY = {
     "fig9": {"sizes": (64, 96), "queries": 2, "repeats": 1},
     "fig11": {"size": 64, "queries": 4, "repeats": 1},
     "fig12": {"size": 64, "maps": 2, "repeats": 1},
+    "table3": {"size": 64, "episodes": 2, "cells_a_frame": 20},
+    "table4": {"size": 64, "maps": 2},
     "fig13": {"steps": 1, "batch": 4, "maps": 3, "validation_maps": 2},
 }
 """What each experiment's quick settings are replaced by here."""
@@ -68,7 +77,8 @@ def made(terrain, tiny_model, tmp_path_factory):
 def test_every_experiment_writes_its_tables_picture_and_findings(made, name):
     folder, outcomes = made
     assert {o.name: o.how for o in outcomes}[name] == "done"
-    assert {p.name for p in (folder / name).iterdir()} == {f"{name}.{end}" for end in ("csv", "md", "png", "json")}
+    endings = {"csv", "md", "png", "json"} | ({"gif"} if name == "table3" else set())
+    assert {p.name for p in (folder / name).iterdir()} == {f"{name}.{end}" for end in endings}
     with (folder / name / f"{name}.csv").open() as file:
         header, *rows = csv.reader(file)
     assert rows and len(set(header)) == len(header) and all(len(row) == len(header) for row in rows)
@@ -149,7 +159,7 @@ def test_an_experiment_that_fails_leaves_what_was_there(terrain, tiny_model, tmp
 def test_level_ground_is_no_trouble(tiny_model, tmp_path, monkeypatch):
     shrink(monkeypatch)
     np.savez(tmp_path / "flat.npz", elevation_m=np.zeros((128, 128)), cell_size_m=1.0)
-    names = ["table1", "fig7", "table2", "fig9", "fig11", "fig12"]
+    names = ["table1", "fig7", "table2", "fig9", "fig11", "fig12", "table3", "table4"]
     request = Request(names, [tmp_path / "flat.npz"], tmp_path / "out", model=str(tiny_model), quick=True)
     assert {outcome.how for outcome in reproduce(request, bar=no_bar)} == {"done"}
     assert "nan" not in (tmp_path / "out" / "README.md").read_text()
@@ -217,6 +227,88 @@ def test_table_2_is_judged_by_the_figures(tiny_model):
     assert set(verdicts(table2._findings(worse, context))) == {Verdict.DIFFERS}
     better = {size: scale_of(row, gain=50.0, cc_increase=0.0, success=1.0) for size, row in paper.TABLE_2.items()}
     assert verdicts(table2._findings(better, context))[:2] == [Verdict.BETTER, Verdict.BETTER]
+
+
+def plan_of(astar, nn, dstar, dstar_nn):
+    """A plan: time and CC of each of the paper's methods, plain and compiled alike."""
+    by_name = {
+        PLAIN: astar, "astar": astar, PLAIN_NN: nn, "nnpp": nn, "dstar": dstar, "nnpp-dstar": dstar_nn,
+    }  # fmt: skip
+    return Round(256, 100, {name: Answer(time_s, True, cc, 0.0) for name, (time_s, cc) in by_name.items()})
+
+
+def test_table_3_is_judged_by_the_figures():
+    same = [plan_of(*line) for line in zip(*paper.TABLE_3.values(), strict=True)]
+    assert set(verdicts(table3._findings(same))) == {Verdict.AGREES}
+    assert table3._summary(same).rows[4][1] == "3.04 s"
+    worse = [plan_of((1.0, 10.0), (2.0, 12.0), (3.0, 10.0), (9.0, 12.0))]
+    assert verdicts(table3._findings(worse)) == [Verdict.DIFFERS] * 6 + [Verdict.AGREES]
+    better = [plan_of((9.0, 10.0), (1.0, 10.0), (3.0, 10.0), (0.1, 9.0))]
+    assert verdicts(table3._findings(better)) == [Verdict.BETTER] * 7
+
+
+def test_table_4_is_judged_by_the_figures():
+    def drives(change=lambda row: row):
+        out = []
+        for s, d in zip(paper.TABLE_4_STATIC.values(), paper.TABLE_4_DYNAMIC.values(), strict=True):
+            first = plan_of((s.astar_s, s.astar_cc), (s.nn_s, s.nn_cc), *[(s.astar_s, s.astar_cc)] * 2)
+            rest = plan_of(
+                (d.astar_s - s.astar_s, d.astar_cc - s.astar_cc), (d.nn_s - s.nn_s, d.nn_cc - s.nn_cc),
+                (d.dstar_s - s.astar_s, d.astar_cc - s.astar_cc),
+                (d.dstar_nn_s - s.astar_s, d.dstar_nn_cc - s.astar_cc),
+            )  # fmt: skip
+            out.append(Drive(None, (change(first), rest)))
+        return out
+
+    assert set(verdicts(table4._findings(drives()))) == {Verdict.AGREES}
+
+    def slow(first):
+        late = {name: replace(a, time_s=50.0, traverse_cost=300.0) for name, a in first.answers.items()
+                if name in (PLAIN_NN, "nnpp", "nnpp-dstar")}  # fmt: skip
+        return replace(first, answers={**first.answers, **late})
+
+    found = table4._findings(drives(slow))
+    assert [f.claim for f in found if f.verdict is Verdict.AGREES] == ["speed-up of D* over A*, dynamic, both ours"]
+
+
+def test_an_episodes_plans_are_the_same_for_all(tiny_model):
+    cost = np.random.default_rng(3).uniform(0.0, 0.8, (96, 96)).astype(np.float32)
+    episode = make_episode(cost, (5, 5), (90, 88), seed=2, stride=stride_on(96))
+    assert (stride_on(96), stride_on(256), stride_on(1024)) == (16, 45, 45)
+    driven = drive(episode, NetworkModel(tiny_model), 1)
+    assert len(driven.rounds) == len(episode.steps) > 2
+    for answered in driven.rounds:
+        exact = answered.answers["astar"]
+        assert answered.answers[PLAIN].traverse_cost == pytest.approx(exact.traverse_cost, rel=1e-2)
+        assert all(a.excess >= -1e-5 and a.time_s > 0.0 for a in answered.answers.values())
+        assert answered.answers["dstar"].excess == pytest.approx(0.0, abs=1e-5)
+    views = view_episode(episode, NetworkModel(tiny_model))
+    way = driven_way(views, stride_on(96))
+    assert tuple(way[0]) == (5, 5) and tuple(way[-1]) == (90, 88)
+    assert np.abs(np.diff(way, axis=0)).max() == 1
+
+
+def test_the_animation_shows_what_changes(tiny_model):
+    cost = np.random.default_rng(3).uniform(0.0, 0.8, (64, 64)).astype(np.float32)
+    episode = make_episode(cost, (5, 5), (60, 58), seed=2, stride=stride_on(64))
+    views = view_episode(episode, NetworkModel(tiny_model))
+    with Image.open(io.BytesIO(animate(views, stride_on(64), 10))) as gif:
+        frames = [np.asarray(frame.convert("RGB"), int) for frame in ImageSequence.Iterator(gif)]
+        assert gif.info["loop"] == 0
+    assert len(frames) >= 3 * len(views) - 1
+    moved = [np.abs(b - a).max(axis=2) > 40 for a, b in zip(frames, frames[1:], strict=False)]
+    assert all(m.any() for m in moved[:-1])
+    red = (frames[0] == (255, 0, 0)).all(axis=2)
+    assert red.any()  # the goal keeps its colour
+
+
+def test_an_animation_that_is_missing_is_noticed(made, tmp_path):
+    folder = tmp_path / "table3"
+    shutil.copytree(made[0] / "table3", folder)
+    assert runner.read_experiment(folder)["animated"]
+    assert "table3.gif" in (folder / "table3.md").read_text()
+    (folder / "table3.gif").unlink()
+    assert runner.read_experiment(folder) is None
 
 
 def test_the_best_omega_is_where_length_and_cc_together_are_least():

@@ -3,8 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.profiling.dynamic_scene import make_episode, run_scene, totals
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
+from nnpp_edge.profiling.dynamic_episode import make_episode
+from nnpp_edge.profiling.dynamic_scene import run_scene, totals
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError, Status
 from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner, enclosing
 from tests import oracles
 from tests.runtime.test_validity import random_patch, walkable
@@ -98,6 +99,44 @@ def test_auto_says_what_it_picked_and_why():
     assert near.by is DynamicMethod.ASTAR
     assert "less than" in near.reason
     assert near.summary()["method"] == "astar"
+
+
+@pytest.mark.parametrize(("method", "base"), [("corridor-dstar", "corridor"), ("nnpp-dstar", "nnpp")])
+def test_a_region_is_mended_or_searched_afresh_whichever_is_less_work(network, method, base):
+    cost = (np.random.default_rng(3).random((300, 300)) * 0.2 + 0.3).astype(np.float32)
+    planner, fresh = (DynamicPlanner(cost, (280, 280), m, model=network) for m in (method, base))
+    start, put = (10, 10), [(12, 12), (16, 16), (250, 250), *((20 + 4 * k, 20 + 4 * k) for k in range(6))]
+    said, plans = [], []
+    for step, at in enumerate(put):
+        for each in (planner, fresh):
+            each.move((start[0] + 4 * step, start[1] + 4 * step))
+            if step:
+                each.update(at[0] + 4, at[1] + 4, np.full((4, 4), 0.9, np.float32))
+        plans.append((planner.replan(), fresh.replan()))
+        said.append(plans[-1][0].reason.split(":")[0])
+        assert plans[-1][0].ok
+        assert plans[-1][0].cost <= plans[-1][1].cost * (1 + 1e-5)
+        assert plans[-1][1].reason == ""
+    # a change near the goal costs D* Lite more than it saves at once; later changes ahead of the robot are why
+    # it is made up for in the end
+    assert said[:3] == ["mended", "mended", "searched afresh"]
+    assert plans[1][0].expansions < plans[1][1].expansions
+    assert plans[2][0].expansions == plans[2][1].expansions
+    assert said[-2:] == ["mended", "mended"]
+    assert plans[-1][0].expansions < plans[-1][1].expansions
+    assert "times the work of a fresh search" in plans[-1][0].reason
+
+
+def test_another_network_is_for_methods_that_ask_one(network, tmp_path):
+    for method, asks in (("nnpp", True), ("astar", False)):
+        planner = DynamicPlanner(free((80, 80)), (60, 70), method, model=network)
+        planner.move((5, 5))
+        if asks:
+            with pytest.raises(ModelError, match="none"):
+                planner.use_model(tmp_path / "none.onnx")
+        else:
+            planner.use_model(tmp_path / "none.onnx")
+        assert planner.replan().ok
 
 
 def test_what_is_there_already_changes_nothing():

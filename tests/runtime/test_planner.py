@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import Planner, Source, Status, plan_path
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime import NetworkModel, Planner, Source, Status, plan_path
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError
 from tests import oracles
 from tests.strategies import cases
 
@@ -268,3 +268,23 @@ def test_ten_thousand_bounds_lie_below_the_optimum_and_epsilon_zero_finds_it():
                 assert first.lower_bound <= exact.cost * (1 + 1e-6)
                 assert first.cost >= exact.cost * (1 - 1e-6)
                 assert certain.cost == pytest.approx(exact.cost, rel=1e-6, abs=1e-9)
+
+
+def test_another_network_is_used_whole_or_not_at_all(network, tiny_model, tmp_path):
+    cost = np.random.default_rng(2).random((100, 100)).astype(np.float32) * 0.5
+    query, method = ((5, 5), (90, 80)), "nnpp"
+    planner = Planner(cost, model=network)
+    before = planner.plan(*query, method=method)
+    torn = tmp_path / "torn.onnx"
+    torn.write_bytes(tiny_model.read_bytes()[:500])
+    for bad in (torn, tmp_path / "none.onnx", "no-such-model"):
+        with pytest.raises(ModelError):
+            planner.use_model(bad)
+    assert planner.plan(*query, method=method).threshold == before.threshold
+    assert planner._learned.model is network
+    other = NetworkModel(tiny_model)
+    for model in (other, tiny_model, str(tiny_model)):
+        planner.use_model(model)
+        np.testing.assert_array_equal(planner.plan(*query, method=method).path, before.path)
+        assert planner._learned.model is not network
+        assert (planner._learned.model is other) == (model is other)

@@ -1,0 +1,1 @@
+"""The onboard loop on a robot: transports, logs, views, operations."""

@@ -1,0 +1,109 @@
+"""Between a transport's thread and the loop: what waits, and what was refused."""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+
+from nnpp_edge.robot.wire import Fault
+from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Pose
+
+_LOG = logging.getLogger(__name__)
+_MOST_PATCHES = 256
+_MOST_CELLS = 1 << 24
+_TOLD = 5
+
+
+class Mailbox:
+    """Inputs that wait for the loop. Of poses and goals the newest is kept; patches keep their order.
+
+    Parameters
+    ----------
+    most_patches, most_cells : int
+        That may wait; a single patch is taken whatever its size.
+    """
+
+    def __init__(self, most_patches: int = _MOST_PATCHES, most_cells: int = _MOST_CELLS) -> None:
+        self._most_patches, self._most_cells = most_patches, most_cells
+        self._changed = threading.Condition()
+        self._newest: dict[type, Pose | Goal] = {}
+        self._patches: deque[MapPatch] = deque()
+        self._cells = 0
+        self._closed = False
+        self.drops = 0
+        """Patches that had to make room for later ones."""
+
+    def put(self, message: Input, *, wait: bool) -> int:
+        """Add a message; where there is no room, wait for it, or drop the oldest patches. How many were dropped."""
+        with self._changed:
+            if not isinstance(message, MapPatch):
+                self._newest[type(message)] = message
+                return 0
+            cells, dropped = message.shape[0] * message.shape[1], 0
+            while self._patches and (
+                len(self._patches) >= self._most_patches or self._cells + cells > self._most_cells
+            ):
+                if wait:
+                    self._changed.wait()
+                else:
+                    self._oldest()
+                    dropped += 1
+            self._patches.append(message)
+            self._cells += cells
+            self.drops += dropped
+            return dropped
+
+    def take(self) -> Iterator[Input]:
+        """What waits, one by one, until nothing does; pose and goal first, so that patches cannot hold them up."""
+        while True:
+            with self._changed:
+                if self._newest:
+                    message: Input = self._newest.pop(next(iter(self._newest)))
+                elif self._patches:
+                    message = self._oldest()
+                    self._changed.notify()
+                else:
+                    return
+            yield message
+
+    def close(self) -> None:
+        """Nothing more will come."""
+        with self._changed:
+            self._closed = True
+
+    @property
+    def ended(self) -> bool:
+        """Nothing waits, and nothing more will come."""
+        with self._changed:
+            return self._closed and not self._patches and not self._newest
+
+    def _oldest(self) -> MapPatch:
+        patch = self._patches.popleft()
+        self._cells -= patch.shape[0] * patch.shape[1]
+        return patch
+
+
+class Refusals:
+    """Counts inputs that make no sense, answers each, and logs the first few.
+
+    Parameters
+    ----------
+    count_error : callable
+        Told ``input`` for each, as `Navigator.count_error`.
+    answer : callable
+        Sends the fault to whoever may have sent the input; None where there is no way back.
+    """
+
+    def __init__(self, count_error: Callable[[str], None], answer: Callable[[Fault], None] | None = None) -> None:
+        self._count_error, self._answer = count_error, answer
+        self.count = 0
+
+    def add(self, error: Exception) -> None:
+        """Book one."""
+        self.count += 1
+        self._count_error("input")
+        if self.count <= _TOLD:
+            more = "" if self.count < _TOLD else " (further ones are only counted)"
+            _LOG.warning("an input was refused: %s%s", error, more)
+        if self._answer is not None:
+            self._answer(Fault(str(error), self.count))

@@ -1,0 +1,244 @@
+"""A log of what the loop was given and what it answered, as MCAP with ROS 2 messages: Foxglove and rosbag2 read it.
+
+====================  ==========================  ==================================================================
+topic                 message                     when
+====================  ==========================  ==================================================================
+``/map``              nav_msgs/OccupancyGrid      where the world is known: at the begin of each file, and every ten
+                                                  seconds while heights come, which it has as costs
+``/map_patch``        nav_msgs/OccupancyGrid      each patch of costs
+``/elevation_patch``  grid_map_msgs/GridMap       each patch of heights, in metres
+``/pose``, ``/goal``  geometry_msgs/PoseStamped   each
+``/path``             nav_msgs/Path               each that is not a rest of the one before; empty where there is none
+``/answer``           std_msgs/String             each tick: the answer as JSON, without its path
+``/status``           std_msgs/String             each status message as JSON
+====================  ==========================  ==================================================================
+"""
+
+import json
+import logging
+import math
+import threading
+import time
+from collections import deque
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.robot.ros_messages import (
+    definition,
+    grid_message,
+    heights_message,
+    path_message,
+    pose_message,
+    string_message,
+)
+from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
+from nnpp_edge.runtime.loop.messages import Goal, Input, Output, PathMessage, Pose
+from nnpp_edge.runtime.loop.world import World
+
+_LOG = logging.getLogger(__name__)
+
+TOPICS = {
+    "/map": "nav_msgs/OccupancyGrid", "/map_patch": "nav_msgs/OccupancyGrid",
+    "/elevation_patch": "grid_map_msgs/GridMap", "/pose": "geometry_msgs/PoseStamped",
+    "/goal": "geometry_msgs/PoseStamped", "/path": "nav_msgs/Path", "/answer": "std_msgs/String",
+    "/status": "std_msgs/String",
+}  # fmt: skip
+_CHUNK_BYTES = 1 << 16
+_FLUSH_EVERY_S = 1.0
+_MAP_EVERY_S = 10.0
+_MOST_WAITING = 256
+_LEAST_LIMIT_MB = 0.1
+
+
+class McapLog:
+    """A sink that writes what it is told to a file. Any thread may call any method.
+
+    What is older than a second, or 64 kB, is in the hands of the system: it survives the end of the process however
+    that comes, and readers that take an unfinished file (the ``mcap`` tool's ``recover``, Foxglove) find it. Where
+    nothing more can be written, a warning says so once, what follows is counted in `lost`, and the loop goes on.
+
+    Parameters
+    ----------
+    path : Path
+        ``.mcap``; what stands there is replaced.
+    limit_mb : float
+        Megabytes on disk at most, but for a second's messages; inf for no limit. At half of it the file is finished
+        and becomes ``NAME.1.mcap``, in place of the one before, and a new one is begun: the newest part is kept.
+    world : World
+        Whose map is written.
+    cell_size_m : float
+        Side of a cell; 1 shows the map in cells.
+
+    Raises
+    ------
+    MissingExtraError
+        ``mcap`` is not installed.
+    OutputError
+        The file cannot be begun.
+    InvalidQueryError
+        The limit is too small: below 0.1, or below four bytes for each cell of the world.
+    """
+
+    name = "mcap"
+
+    def __init__(
+        self, path: Path, *, limit_mb: float = 512.0, world: World | None = None, cell_size_m: float = 1.0
+    ) -> None:
+        try:
+            import mcap.writer
+        except ModuleNotFoundError as error:
+            raise MissingExtraError(f"a log needs {error.name}: pip install 'nnpp-edge[robot]'") from error
+        least = max(_LEAST_LIMIT_MB, 4e-6 * math.prod(world.shape)) if world else _LEAST_LIMIT_MB
+        if not limit_mb >= least:
+            raise InvalidQueryError(f"the log's limit must be at least {least:.3g} MB here, got {limit_mb:g}")
+        if not 0.0 < cell_size_m < math.inf:
+            raise InvalidQueryError(f"the side of a cell must be above 0 m, got {cell_size_m}")
+        self._mcap = mcap.writer
+        self._path, self._limit = Path(path), 0.5e6 * limit_mb
+        self._world, self._cell = world, cell_size_m
+        self._lock = threading.Lock()
+        self._waiting: deque[tuple[int, Input]] = deque()
+        self._last_path: NDArray[np.int32] | None = None
+        self._stream: IO[bytes] | None = None
+        self._heights_came = False
+        self.written = 0
+        """Messages."""
+        self.lost = 0
+        """Messages that were not written, as the log had stopped or too many waited."""
+        try:
+            self._begin()
+        except OSError as error:
+            raise OutputError(f"{path}: could not be written ({error.strerror or error})") from error
+
+    def record(self, message: Input) -> None:
+        """Keep an input; it is written with the next answer, by the thread that brings that. Waits for no disk."""
+        if len(self._waiting) >= _MOST_WAITING:
+            self._waiting.popleft()
+            self.lost += 1
+        self._waiting.append((time.time_ns(), message))
+
+    def publish(self, message: Output) -> None:
+        """Write the inputs that wait, and this answer. Never raises an OSError."""
+        now = time.time_ns()
+        with self._lock:
+            self._write_waiting()
+            if isinstance(message, PathMessage):
+                told = {**message.summary(), "path": len(message.path)}
+                self._write("/answer", now, string_message(json.dumps(told)))
+                if not _is_rest(message.path, self._last_path):
+                    self._write("/path", now, path_message(message.path, self._cell, now))
+                self._last_path = message.path
+            else:
+                self._write("/status", now, string_message(json.dumps(message.summary())))
+            self._tidy()
+
+    def close(self) -> None:
+        """Write what waits and finish the file; nothing is written after it."""
+        with self._lock:
+            self._write_waiting()
+            self._guarded(self._finish)
+            self._stream = None
+
+    def __enter__(self) -> "McapLog":
+        """The log."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
+
+    def _write_waiting(self) -> None:
+        while self._waiting:
+            stamp, message = self._waiting.popleft()
+            for topic, data in self._encoded(message, stamp):
+                self._write(topic, stamp, data)
+
+    def _encoded(self, message: Input, stamp: int) -> list[tuple[str, bytes]]:
+        if isinstance(message, Pose):
+            return [("/pose", pose_message(message.row, message.col, self._cell, stamp))]
+        if isinstance(message, Goal):
+            return [("/goal", pose_message(message.row + 0.5, message.col + 0.5, self._cell, stamp))]
+        corner = (message.row, message.col)
+        if message.cost is not None:
+            return [("/map_patch", grid_message(message.cost, corner, self._cell, stamp))]
+        assert message.elevation is not None
+        self._heights_came = True
+        return [("/elevation_patch", heights_message(message.elevation, corner, self._cell, stamp))]
+
+    def _begin(self) -> None:
+        """A new file with schemas, and the map."""
+        self._stream = self._path.open("wb")
+        self._writer = self._mcap.Writer(self._stream, chunk_size=_CHUNK_BYTES)
+        self._writer.start(profile="ros2")
+        schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        for topic, kind in TOPICS.items():
+            if kind not in schemas:
+                full = kind.replace("/", "/msg/")
+                schemas[kind] = self._writer.register_schema(full, "ros2msg", definition(kind).encode())
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", schemas[kind])
+        self._last_path = None
+        self._flushed = time.monotonic()
+        self._add_map()
+        self._writer.flush()
+
+    def _add_map(self) -> None:
+        self._mapped, self._heights_came = time.monotonic(), False
+        if self._world is not None:
+            now = time.time_ns()
+            self._add("/map", now, grid_message(self._world.cost(), (0, 0), self._cell, now))
+
+    def _add(self, topic: str, stamp: int, data: bytes) -> None:
+        self._writer.add_message(self._channels[topic], log_time=stamp, publish_time=stamp, data=data)
+        self.written += 1
+
+    def _write(self, topic: str, stamp: int, data: bytes) -> None:
+        if self._stream is None:
+            self.lost += 1
+        else:
+            self._guarded(self._add, topic, stamp, data)
+
+    def _tidy(self) -> None:
+        """Show the map, flush, and begin another file, each when it is time."""
+        now = time.monotonic()
+        if self._stream is not None and self._heights_came and now - self._mapped >= _MAP_EVERY_S:
+            self._guarded(self._add_map)
+        if self._stream is None or now - self._flushed < _FLUSH_EVERY_S:
+            return
+        self._flushed = now
+        self._guarded(self._writer.flush)
+        if self._stream is not None and self._stream.tell() > self._limit:
+            self._guarded(self._rotate)
+
+    def _rotate(self) -> None:
+        self._finish()
+        self._path.replace(self._path.with_suffix(f".1{self._path.suffix}"))
+        self._begin()
+
+    def _finish(self) -> None:
+        if self._stream is not None:
+            self._writer.finish()
+            self._stream.close()
+
+    def _guarded(self, step: Any, *arguments: Any) -> None:
+        """Do it; the first error of the system ends the log, and what was written stays."""
+        try:
+            step(*arguments)
+        except OSError as error:
+            _LOG.warning("the log %s stops: %s", self._path, " ".join(str(error).split()))
+            self.lost += 1
+            stream, self._stream = self._stream, None
+            with suppress(OSError):
+                if stream is not None:
+                    stream.close()
+
+
+def _is_rest(path: NDArray[np.int32], before: NDArray[np.int32] | None) -> bool:
+    """Whether a path is the end of the one before, so that whoever has that one knows it."""
+    if before is None or len(path) > len(before):
+        return False
+    return np.array_equal(path, before[-len(path) :]) if len(path) else len(before) == 0

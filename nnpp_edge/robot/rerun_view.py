@@ -1,0 +1,153 @@
+"""The loop in the rerun viewer, live or as a recording: map, path, pose, goal, latencies."""
+
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
+from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Output, PathMessage, Pose
+from nnpp_edge.runtime.loop.world import World
+
+_PATH = (255, 120, 20)
+_DEGRADED = (235, 60, 200)
+_ROBOT = (255, 215, 0)
+_GOAL = (225, 20, 30)
+_PATCH = (0, 200, 230)
+_SECONDS = "time"
+_TICKS = "tick"
+
+
+class RerunSink:
+    """A sink for rerun. Columns run to the right and rows down; the map's picture is the cost picture of the toolkit.
+
+    Parameters
+    ----------
+    path : Path
+        Write a recording (``.rrd``) there, in place of what stands there.
+    address : str
+        Show it in a viewer that listens there (``rerun+http://HOST:9876/proxy``). Without a path and an address, a
+        viewer is started on this machine.
+    world : World
+        Whose map is shown, anew when it has changed, but not more often than `map_every_s`.
+    map_every_s : float
+        Seconds.
+
+    Raises
+    ------
+    MissingExtraError
+        rerun is not installed.
+    OutputError
+        The recording cannot be begun, or no viewer can be started.
+    InvalidQueryError
+        Both a path and an address were given.
+    """
+
+    name = "rerun"
+
+    def __init__(
+        self, path: Path | None = None, *, address: str | None = None, world: World | None = None,
+        map_every_s: float = 1.0,
+    ) -> None:  # fmt: skip
+        if path is not None and address is not None:
+            raise InvalidQueryError("give rerun either a file or an address, got both")
+        try:
+            import rerun
+        except ModuleNotFoundError as error:
+            raise MissingExtraError(f"a view needs {error.name}: pip install 'nnpp-edge[viz]'") from error
+        self._rr: Any = rerun
+        self._world, self._map_every_s = world, map_every_s
+        self._version, self._mapped = -1, -math.inf
+        self._began = time.monotonic()
+        self._outcome = ""
+        self._stream = rerun.RecordingStream("nnpp-edge")
+        try:
+            if path is not None:
+                Path(path).open("wb").close()  # rerun would tell of a folder that is missing only in its log
+                self._stream.save(path)
+            elif address is not None:
+                self._stream.connect_grpc(address)
+            else:
+                self._stream.spawn()
+        except (OSError, RuntimeError, ValueError) as error:
+            where = path or address or "a viewer"
+            reason = " ".join(str(getattr(error, "strerror", None) or error).split())
+            raise OutputError(f"{where}: rerun cannot write there ({reason})") from error
+
+    def record(self, message: Input) -> None:
+        """Show an input: the robot, its goal, or where the map is said to have changed."""
+        self._set_time()
+        rr = self._rr
+        if isinstance(message, MapPatch):
+            rows, cols = message.shape
+            box = rr.Boxes2D(array=[message.col, message.row, cols, rows], array_format=rr.Box2DFormat.XYWH,
+                             colors=_PATCH)  # fmt: skip
+            self._stream.log("map/patch", box)
+        elif isinstance(message, Goal):
+            self._point("map/goal", (message.row + 0.5, message.col + 0.5), _GOAL)
+        elif isinstance(message, Pose):
+            self._point("map/robot", (message.row, message.col), _ROBOT)
+
+    def publish(self, message: Output) -> None:
+        """Show an answer, or how the loop is."""
+        self._set_time()
+        rr = self._rr
+        if not isinstance(message, PathMessage):
+            self._stream.log("status", rr.TextLog(message.text))
+            for name, value in (("p50", "p50"), ("p99", "p99"), ("max", "max")):
+                self._scalar(f"tick_ms/{name}", message.counters.tick_ms.get(value))
+            self._scalar("memory_mb", 1e-6 * message.counters.rss_bytes)
+            return
+        self._stream.set_time(_TICKS, sequence=message.tick)
+        self._show_map()
+        colour = _DEGRADED if message.degraded else _PATH
+        strips = [_points(message.path)] if len(message.path) else []
+        self._stream.log("map/path", rr.LineStrips2D(strips, colors=colour, radii=0.4, draw_order=10.0))
+        self._scalar("planning_ms", message.planning_ms)
+        self._scalar("cost", message.cost if message.ok else None)
+        said = f"{message.outcome} by {message.origin}" + (" (degraded)" if message.degraded else "")
+        if said != self._outcome:
+            self._outcome = said
+            self._stream.log("status", rr.TextLog(f"{said}: {message.reason}" if message.reason else said))
+
+    def close(self) -> None:
+        """Write what is left and let go."""
+        self._stream.flush()
+        self._stream.disconnect()
+
+    def __enter__(self) -> "RerunSink":
+        """The sink."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
+
+    def _set_time(self) -> None:
+        self._stream.set_time(_SECONDS, duration=time.monotonic() - self._began)
+
+    def _show_map(self) -> None:
+        now = time.monotonic()
+        if self._world is None or self._world.version == self._version or now - self._mapped < self._map_every_s:
+            return
+        from nnpp_edge.viz.picture import cost_picture
+
+        self._version, self._mapped = self._world.version, now
+        picture = np.ascontiguousarray(cost_picture(self._world.cost())[..., ::-1])
+        self._stream.log("map/cost", self._rr.Image(picture))
+
+    def _point(self, place: str, cell: tuple[float, float], colour: tuple[int, int, int]) -> None:
+        point = self._rr.Points2D([(cell[1], cell[0])], colors=colour, radii=1.2, draw_order=20.0)
+        self._stream.log(place, point)
+
+    def _scalar(self, place: str, value: float | None) -> None:
+        if value is not None and math.isfinite(value):
+            self._stream.log(place, self._rr.Scalars(value))
+
+
+def _points(path: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Middles of cells as (x, y)."""
+    return (path[:, ::-1] + 0.5).astype(np.float32)

@@ -1,0 +1,174 @@
+"""A few ROS 2 messages as their definitions and as CDR bytes, without ROS.
+
+Cells become metres as x = (column + ½) · cell size and y = (row + ½) · cell size in the frame ``map``, z = 0.
+Arrays are written by NumPy, so that encoding a map or a long path does not keep the interpreter from planning.
+"""
+
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+FRAME = "map"
+
+_RULE = "=" * 80
+_PARTS = {
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Quaternion": "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1",
+    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
+    "geometry_msgs/PoseStamped": "std_msgs/Header header\ngeometry_msgs/Pose pose",
+    "nav_msgs/MapMetaData": (
+        "builtin_interfaces/Time map_load_time\nfloat32 resolution\nuint32 width\nuint32 height\n"
+        "geometry_msgs/Pose origin"
+    ),
+    "nav_msgs/OccupancyGrid": "std_msgs/Header header\nnav_msgs/MapMetaData info\nint8[] data",
+    "nav_msgs/Path": "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses",
+    "std_msgs/String": "string data",
+    "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride",
+    "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
+    "std_msgs/Float32MultiArray": "std_msgs/MultiArrayLayout layout\nfloat32[] data",
+    "grid_map_msgs/GridMapInfo": "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose",
+    "grid_map_msgs/GridMap": (
+        "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\nstring[] layers\nstring[] basic_layers\n"
+        "std_msgs/Float32MultiArray[] data\nuint16 outer_start_index\nuint16 inner_start_index"
+    ),
+}
+
+
+def definition(name: str) -> str:
+    """A message's definition and those of all it holds, as ROS 2 bags keep them. `name` as in ``nav_msgs/Path``."""
+    found = [name]
+    for part in found:  # grows while it is walked
+        types = (line.split()[0].removesuffix("[]") for line in _PARTS[part].splitlines())
+        found += [kind for kind in dict.fromkeys(types) if kind in _PARTS and kind not in found]
+    rest = (f"{_RULE}\nMSG: {part}\n{_PARTS[part]}" for part in found[1:])
+    return "\n".join([_PARTS[name], *rest]) + "\n"
+
+
+def path_message(cells: NDArray[np.int32], cell_size_m: float, stamp_ns: int) -> bytes:
+    """nav_msgs/Path of (N, 2) cells."""
+    cdr = _Cdr()
+    cdr.header(stamp_ns)
+    cdr.number("I", len(cells))
+    if len(cells):
+        first, x, y = cells[0], (cells[:, 1] + 0.5) * cell_size_m, (cells[:, 0] + 0.5) * cell_size_m
+        cdr.header(stamp_ns)
+        cdr.pose((first[1] + 0.5) * cell_size_m, (first[0] + 0.5) * cell_size_m)
+        # each further pose begins at a multiple of eight bytes, so all of them are laid out alike
+        head = _header(stamp_ns)
+        offset = -(-len(head) // 8) * 8
+        poses = np.zeros(
+            len(cells) - 1, np.dtype({"names": ["head", "pose"], "formats": [f"V{len(head)}", "(7,)<f8"],
+                                      "offsets": [0, offset], "itemsize": offset + 56}),
+        )  # fmt: skip
+        poses["head"] = np.void(head)
+        poses["pose"][:, 0], poses["pose"][:, 1], poses["pose"][:, 6] = x[1:], y[1:], 1.0
+        cdr.data += poses.tobytes()
+    return bytes(cdr.data)
+
+
+def pose_message(row: float, col: float, cell_size_m: float, stamp_ns: int) -> bytes:
+    """geometry_msgs/PoseStamped of a place in cells; (0.5, 0.5) is the middle of the first."""
+    cdr = _Cdr()
+    cdr.header(stamp_ns)
+    cdr.pose(col * cell_size_m, row * cell_size_m)
+    return bytes(cdr.data)
+
+
+def grid_message(cost: NDArray[np.float32], corner: tuple[int, int], cell_size_m: float, stamp_ns: int) -> bytes:
+    """nav_msgs/OccupancyGrid of a part of the map.
+
+    Parameters
+    ----------
+    cost : (h, w) float32
+        0 … 1 becomes 0 … 99; 1 and more, and inf, 100; NaN -1.
+    corner : (row, col)
+        Of the part's first cell.
+    """
+    scaled = np.where(cost < 1.0, np.minimum(np.floor(100.0 * np.where(cost < 1.0, cost, 0.0)), 99.0), 100.0)
+    values = np.where(np.isnan(cost), -1.0, scaled).astype(np.int8)
+    cdr = _Cdr()
+    cdr.header(stamp_ns)
+    cdr.time(stamp_ns)
+    cdr.number("f", cell_size_m)
+    cdr.number("I", cost.shape[1])
+    cdr.number("I", cost.shape[0])
+    cdr.pose(corner[1] * cell_size_m, corner[0] * cell_size_m)
+    cdr.number("I", values.size)
+    cdr.data += values.tobytes()
+    return bytes(cdr.data)
+
+
+def heights_message(
+    heights: NDArray[np.float32], corner: tuple[int, int], cell_size_m: float, stamp_ns: int
+) -> bytes:
+    """grid_map_msgs/GridMap with the layer ``elevation``, in metres, NaN where unknown.
+
+    grid_map counts its cells from the corner of largest x and y, x first, and stores columns one after another.
+    """
+    rows, cols = heights.shape
+    cdr = _Cdr()
+    cdr.header(stamp_ns)
+    cdr.number("d", cell_size_m)
+    cdr.number("d", cols * cell_size_m)
+    cdr.number("d", rows * cell_size_m)
+    cdr.pose((corner[1] + cols / 2) * cell_size_m, (corner[0] + rows / 2) * cell_size_m)
+    for _ in range(2):  # layers, basic layers
+        cdr.number("I", 1)
+        cdr.string("elevation")
+    cdr.number("I", 1)
+    cdr.number("I", 2)
+    for label, size, stride in (("column_index", rows, rows * cols), ("row_index", cols, cols)):
+        cdr.string(label)
+        cdr.number("I", size)
+        cdr.number("I", stride)
+    cdr.number("I", 0)
+    cdr.number("I", heights.size)
+    cdr.data += np.ascontiguousarray(heights[::-1, ::-1], "<f4").tobytes()
+    cdr.number("H", 0)
+    cdr.number("H", 0)
+    return bytes(cdr.data)
+
+
+def string_message(text: str) -> bytes:
+    """std_msgs/String."""
+    cdr = _Cdr()
+    cdr.string(text)
+    return bytes(cdr.data)
+
+
+class _Cdr:
+    """Little-endian CDR: numbers stand at multiples of their own size, counted after the four bytes of the head."""
+
+    def __init__(self) -> None:
+        self.data = bytearray(b"\x00\x01\x00\x00")
+
+    def number(self, form: str, value: float) -> None:
+        size = struct.calcsize(form)
+        self.data += bytes(-(len(self.data) - 4) % size)
+        self.data += struct.pack("<" + form, value)
+
+    def string(self, text: str) -> None:
+        encoded = text.encode() + b"\x00"
+        self.number("I", len(encoded))
+        self.data += encoded
+
+    def time(self, stamp_ns: int) -> None:
+        self.number("i", stamp_ns // 1_000_000_000)
+        self.number("I", stamp_ns % 1_000_000_000)
+
+    def header(self, stamp_ns: int) -> None:
+        self.time(stamp_ns)
+        self.string(FRAME)
+
+    def pose(self, x: float, y: float) -> None:
+        for value in (x, y, 0.0, 0.0, 0.0, 0.0, 1.0):
+            self.number("d", value)
+
+
+def _header(stamp_ns: int) -> bytes:
+    cdr = _Cdr()
+    cdr.header(stamp_ns)
+    return bytes(cdr.data[4:])

@@ -1,0 +1,105 @@
+"""Word to systemd (sd_notify): ready, alive, how it is, stopping. By the standard library alone."""
+
+import logging
+import math
+import os
+import socket
+import time
+from collections.abc import Callable, Mapping
+
+_LOG = logging.getLogger(__name__)
+_LONGEST_STATUS = 200
+
+
+class Notifier:
+    """Tells the service manager how the process is; without one, every call does nothing and returns False.
+
+    No call raises or waits: a word that cannot be sent is dropped, with a warning the first time.
+
+    Parameters
+    ----------
+    environment : mapping
+        ``NOTIFY_SOCKET`` (a path, or ``@`` and an abstract name), ``WATCHDOG_USEC``, ``WATCHDOG_PID``.
+    clock : callable
+        Monotonic seconds.
+    """
+
+    def __init__(
+        self, environment: Mapping[str, str] | None = None, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        environment = os.environ if environment is None else environment
+        self._clock = clock
+        self._address = self._socket_address(environment.get("NOTIFY_SOCKET", ""))
+        self._socket: socket.socket | None = None
+        self._warned = False
+        self._last = -math.inf
+        self.watchdog_s = _watchdog_s(environment) if self._address else None
+        """After so many seconds without `alive` the manager acts; None where it does not watch this process."""
+
+    @property
+    def enabled(self) -> bool:
+        """Whether there is a manager to tell."""
+        return self._address is not None
+
+    def ready(self) -> bool:
+        """Start-up is done."""
+        return self._send("READY=1")
+
+    def alive(self) -> bool:
+        """The planning loop has ended a tick. True if that was sent on: at most every half of the watchdog's time."""
+        now = self._clock()
+        if self.watchdog_s is None or now - self._last < 0.5 * self.watchdog_s:
+            return False
+        self._last = now
+        return self._send("WATCHDOG=1")
+
+    def status(self, text: str) -> bool:
+        """One line for ``systemctl status``; what is not printable becomes a blank, what is too long is cut."""
+        line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+        return self._send("STATUS=" + line[:_LONGEST_STATUS])
+
+    def stopping(self) -> bool:
+        """The process is about to end."""
+        return self._send("STOPPING=1")
+
+    def close(self) -> None:
+        """Give the socket back; the next call opens another."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _send(self, word: str) -> bool:
+        if self._address is None:
+            return False
+        try:
+            if self._socket is None:
+                self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+                self._socket.setblocking(False)
+            self._socket.sendto(word.encode(errors="replace"), self._address)
+        except OSError as error:
+            if not self._warned:
+                _LOG.warning("the service manager does not hear: %s", error.strerror or error)
+            self._warned = True
+            return False
+        return True
+
+    @staticmethod
+    def _socket_address(name: str) -> bytes | None:
+        if not name:
+            return None
+        if name[0] not in "/@" or len(name) < 2:
+            _LOG.warning("NOTIFY_SOCKET must be a path or @name, got %r", name)
+            return None
+        return os.fsencode("\0" + name[1:] if name[0] == "@" else name)
+
+
+def _watchdog_s(environment: Mapping[str, str]) -> float | None:
+    """The watchdog's time; None if there is none, or it watches another process."""
+    try:
+        if environment.get("WATCHDOG_PID") and int(environment["WATCHDOG_PID"]) != os.getpid():
+            return None
+        microseconds = int(environment.get("WATCHDOG_USEC") or 0)
+    except ValueError:
+        _LOG.warning("WATCHDOG_USEC and WATCHDOG_PID must be whole numbers")
+        return None
+    return 1e-6 * microseconds if microseconds > 0 else None

@@ -1,0 +1,57 @@
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime.loop.inprocess import InProcessSink
+from nnpp_edge.runtime.loop.messages import Goal, PathMessage, Pose
+from nnpp_edge.runtime.loop.navigator import Navigator, Settings
+from nnpp_edge.runtime.loop.runner import Loop
+from nnpp_edge.runtime.loop.world import World
+
+
+def free(shape=(40, 60)):
+    """A map without obstacles."""
+    return np.full(shape, 0.2, np.float32)
+
+
+def wait_until(holds, patience_s=10.0):
+    """Wait for something that another thread or process does."""
+    until = time.monotonic() + patience_s
+    while not holds():
+        assert time.monotonic() < until, "it did not come about"
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def navigator():
+    """Exact planning on a free map, without pose and goal."""
+    return Navigator(World(free()), Settings(method="astar"))
+
+
+@pytest.fixture
+def drive():
+    """Run a loop over a source until the source ends, or for so many ticks; what came out."""
+
+    def run(navigator, source, sinks=(), *, rate_hz=200.0, ticks=None, **options):
+        kept = InProcessSink(100_000)
+
+        def after_tick(message):
+            if source.ended:
+                loop.stop()
+
+        loop = Loop(
+            navigator, source, [*sinks, kept], rate_hz=rate_hz, queue=10_000, after_tick=after_tick, **options
+        )
+        counters = loop.run(ticks)
+        paths = [m for m in kept.messages if isinstance(m, PathMessage)]
+        return SimpleNamespace(counters=counters, paths=paths)
+
+    return run
+
+
+@pytest.fixture
+def ends():
+    """A pose and a goal on the free map."""
+    return Pose(5, 5), Goal(35, 55)

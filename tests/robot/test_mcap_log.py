@@ -1,0 +1,304 @@
+import json
+import logging
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mcap_ros2")
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader, make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from nnpp_edge.robot import mcap_log
+from nnpp_edge.robot.mcap_log import TOPICS, McapLog
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
+from nnpp_edge.runtime.loop.inprocess import InProcessSource
+from nnpp_edge.runtime.loop.messages import (
+    Counters,
+    Goal,
+    MapPatch,
+    Origin,
+    Outcome,
+    PathMessage,
+    Pose,
+    StatusMessage,
+)
+from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.loop.runner import Loop
+from nnpp_edge.runtime.loop.world import World
+
+
+def answer(cells, tick=1):
+    path = np.array(cells, np.int32).reshape(-1, 2)
+    if not len(path):
+        return PathMessage(tick, Outcome.NO_PATH, Origin.NONE, reason="walled in")
+    return PathMessage(tick, Outcome.OK, Origin.FULL, path, (1, 1), (2, 2), cost=3.5)
+
+
+def read(path):
+    """Everything in a finished file, by topic, decoded with the schemas that the file itself holds."""
+    found = {}
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for schema, channel, raw, message in reader.iter_decoded_messages():
+            assert channel.message_encoding == "cdr"
+            found.setdefault(channel.topic, []).append(SimpleNamespace(schema=schema, raw=raw, message=message))
+    return found
+
+
+def read_unfinished(path):
+    """What can be read of a file that just ends somewhere."""
+    found = {}
+    with path.open("rb") as file:
+        messages = NonSeekingReader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        try:
+            for _, channel, _, message in messages.iter_decoded_messages(log_time_order=False):
+                found.setdefault(channel.topic, []).append(message)
+        except McapError:
+            pass
+    return found
+
+
+def grid_of(message):
+    return np.array(message.data, np.int8).reshape(message.info.height, message.info.width)
+
+
+def xy(pose):
+    return pose.position.x, pose.position.y
+
+
+def test_everything_comes_back_through_the_public_reader(tmp_path):
+    cost = np.linspace(0.0, 0.99, 20 * 31, dtype=np.float32).reshape(20, 31)
+    cost[3, 4], cost[3, 5], cost[19, 30] = 1.0, np.inf, np.nan
+    heights = np.arange(6, dtype=np.float32).reshape(2, 3)
+    heights[0, 1] = np.nan
+    with McapLog(tmp_path / "log.mcap", world=World(cost), cell_size_m=0.5) as log:
+        log.record(Pose(2.25, 3.5, stamp=7.0))
+        log.record(Goal(18, 29))
+        log.record(MapPatch(4, 5, cost=np.array([[0.5, np.nan, 2.0]])))
+        log.record(MapPatch(-1, 7, elevation=heights))
+        for number in (1, 2, 5):
+            log.publish(answer([(2 + n, 3 + n // 2) for n in range(number)], tick=number))
+        log.publish(StatusMessage(3, Outcome.OK, "OK by full", Counters(ticks=3)))
+    found = read(tmp_path / "log.mcap")
+    assert set(found) == set(TOPICS)
+    for topic, kind in TOPICS.items():
+        assert {m.schema.name for m in found[topic]} == {kind.replace("/", "/msg/")}
+        assert found[topic][0].schema.encoding == "ros2msg"
+    (whole,) = (m.message for m in found["/map"])
+    expected = np.where(cost < 1.0, np.floor(cost * np.float32(100.0)), 100.0)
+    expected[19, 30] = -1
+    np.testing.assert_array_equal(grid_of(whole), expected.astype(np.int8))
+    assert (whole.info.resolution, whole.header.frame_id) == (0.5, "map")
+    (patch,) = (m.message for m in found["/map_patch"])
+    assert grid_of(patch).tolist() == [[50, -1, 100]]
+    assert xy(patch.info.origin) == (2.5, 2.0)
+    (pose,), (goal,) = found["/pose"], found["/goal"]
+    assert xy(pose.message.pose) == (1.75, 1.125)
+    assert xy(goal.message.pose) == (14.75, 9.25)
+    assert abs(time.time() - pose.message.header.stamp.sec) < 60.0
+    (elevation,) = (m.message for m in found["/elevation_patch"])
+    layer = elevation.data[0]
+    assert elevation.layers == ["elevation"]
+    assert [(d.label, d.size) for d in layer.layout.dim] == [("column_index", 2), ("row_index", 3)]
+    assert (elevation.info.length_x, elevation.info.length_y) == (1.5, 1.0)
+    assert xy(elevation.info.pose) == (4.25, 0.0)
+    np.testing.assert_array_equal(layer.data, heights[::-1, ::-1].ravel())
+    for cells, m in zip((1, 2, 5), found["/path"], strict=True):
+        got = [(*xy(p.pose), p.pose.orientation.w, p.header.frame_id) for p in m.message.poses]
+        wanted = [((3 + n // 2 + 0.5) * 0.5, (2 + n + 0.5) * 0.5, 1.0, "map") for n in range(cells)]
+        assert got == wanted
+        assert all(p.header.stamp.sec == m.message.header.stamp.sec for p in m.message.poses)
+    told = [json.loads(m.message.data) for m in found["/answer"]]
+    assert [(t["tick"], t["outcome"], t["path"]) for t in told] == [(1, "OK", 1), (2, "OK", 2), (5, "OK", 5)]
+    assert json.loads(found["/status"][0].message.data)["counters"]["ticks"] == 3
+    assert (log.written, log.lost) == (sum(map(len, found.values())), 0)
+
+
+def test_a_path_that_only_shrank_is_not_written_again_and_a_lost_one_is(tmp_path):
+    cells = [(n, n) for n in range(9)]
+    with McapLog(tmp_path / "log.mcap") as log:
+        for path in ([], [], cells, cells[1:], cells[5:], cells[4:], [], cells):
+            log.publish(answer(path))
+    lengths = [len(m.message.poses) for m in read(tmp_path / "log.mcap")["/path"]]
+    assert lengths == [0, 9, 5, 0, 9]
+
+
+def test_a_log_fills_at_most_its_limit_and_keeps_the_newest(tmp_path, monkeypatch):
+    monkeypatch.setattr(mcap_log, "_FLUSH_EVERY_S", 0.0)
+    rng, world = np.random.default_rng(0), World(np.full((20, 20), 0.2, np.float32))
+    with McapLog(tmp_path / "log.mcap", limit_mb=0.2, world=world) as log:
+        for tick in range(400):
+            log.publish(answer(rng.integers(0, 1000, (50, 2)), tick))
+    files = sorted(tmp_path.iterdir())
+    assert [f.name for f in files] == ["log.1.mcap", "log.mcap"]
+    assert sum(f.stat().st_size for f in files) < 1.1 * 0.2e6
+    ticks = [[json.loads(m.message.data)["tick"] for m in read(f)["/answer"]] for f in files]
+    assert ticks[0][0] > 0
+    assert [*ticks[0], *ticks[1]] == list(range(ticks[0][0], 400))
+    assert all(len(read(f)["/map"]) == 1 for f in files)
+    assert log.lost == 0
+
+
+WRITER = """
+import sys, time
+from pathlib import Path
+import numpy as np
+from nnpp_edge.robot.mcap_log import McapLog
+from nnpp_edge.runtime.loop.messages import Origin, Outcome, PathMessage, Pose
+log = McapLog(Path(sys.argv[1]))
+for tick in range(10**9):
+    log.record(Pose(tick % 7, 2))
+    path = np.random.default_rng(tick).integers(0, 99, (40, 2)).astype(np.int32)
+    log.publish(PathMessage(tick, Outcome.OK, Origin.FULL, path))
+    print(tick, time.monotonic(), flush=True)
+    time.sleep(0.005)
+"""
+
+
+def test_what_was_written_before_a_kill_can_be_read(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(tmp_path / "log.mcap")], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    began, told = time.monotonic(), []
+    while not told or float(told[-1][1]) - float(told[0][1]) < 2.5:
+        told.append(process.stdout.readline().split())
+        assert time.monotonic() - began < 60.0
+    process.send_signal(signal.SIGKILL)
+    rest = process.stdout.read().splitlines()
+    process.wait()
+    told += [line.split() for line in rest if len(line.split()) == 2]
+    found = read_unfinished(tmp_path / "log.mcap")
+    ticks = [json.loads(m.data)["tick"] for m in found["/answer"]]
+    assert ticks == list(range(len(ticks)))
+    assert len(found["/pose"]) >= len(ticks) - 1
+    died = float(told[-1][1])
+    older = [int(tick) for tick, at in told if float(at) < died - 1.5]
+    assert older and ticks[-1] >= older[-1], "what is older than a flush must be there"
+
+
+class FullDisk:
+    """A file that has room for so many bytes."""
+
+    def __init__(self, file, room):
+        self.file, self.room = file, room
+
+    def write(self, data):
+        if self.file.tell() + len(data) > self.room:
+            raise OSError(28, "No space left on device")
+        return self.file.write(data)
+
+    def __getattr__(self, name):
+        return getattr(self.file, name)
+
+
+def test_a_full_disk_ends_the_log_with_one_warning_and_not_the_loop(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(mcap_log, "_FLUSH_EVERY_S", 0.0)
+    log = McapLog(tmp_path / "log.mcap")
+    disk = FullDisk(log._stream, 9000)
+    log._stream = log._writer._Writer__stream = disk
+    nav = Navigator(World(np.full((60, 60), 0.2, np.float32)))
+    source = InProcessSource()
+    source.put(Pose(3, 3))
+    goals = iter(range(40))
+    monkeypatch.setattr(source, "poll", lambda: [Pose(3, 3), Goal(50, next(goals))])
+    with caplog.at_level(logging.WARNING):
+        counters = Loop(nav, source, [log], rate_hz=200, queue=1000).run(40)
+    assert (counters.ticks, counters.failed, counters.errors, counters.drops["mcap"]) == (40, 0, {}, 0)
+    warned = [r.getMessage() for r in caplog.records if "log" in r.getMessage()]
+    assert len(warned) == 1 and "No space left" in warned[0]
+    assert 0 < log.lost < 80
+    lost = log.lost
+    log.record(Pose(1, 1))
+    log.close()
+    log.publish(answer([(1, 1)]))
+    assert log.lost > lost
+    assert len(read_unfinished(tmp_path / "log.mcap")["/answer"]) > 3
+    assert len([r for r in caplog.records if "log" in r.getMessage()]) == 1
+
+
+LIMITED = """
+import logging, resource, sys
+from pathlib import Path
+import numpy as np
+from nnpp_edge.robot import mcap_log
+from nnpp_edge.runtime.loop.messages import Origin, Outcome, PathMessage
+logging.basicConfig(format="%(message)s")
+mcap_log._FLUSH_EVERY_S = 0.0
+log = mcap_log.McapLog(Path(sys.argv[1]))
+resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
+for tick in range(300):
+    path = np.random.default_rng(tick).integers(0, 999, (40, 2)).astype(np.int32)
+    log.publish(PathMessage(tick, Outcome.OK, Origin.FULL, path))
+log.close()
+print(log.written, log.lost)
+"""
+
+
+@pytest.mark.skipif(not hasattr(resource, "RLIMIT_FSIZE"), reason="needs a limit on the size of files")
+def test_a_real_limit_of_the_system_does_the_same(tmp_path):
+    path = tmp_path / "log.mcap"
+    ended = subprocess.run([sys.executable, "-c", LIMITED, str(path)], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stderr.count("the log") == 1 == ended.stderr.count("\n")
+    written, lost = map(int, ended.stdout.split())
+    assert lost > 100
+    found = read_unfinished(path)
+    assert 3 < len(found["/answer"]) <= written
+    assert path.stat().st_size <= 20000
+
+
+def test_inputs_that_nobody_writes_are_bounded(tmp_path):
+    with McapLog(tmp_path / "log.mcap") as log:
+        for n in range(1000):
+            log.record(Pose(n, n))
+    assert len(read(tmp_path / "log.mcap")["/pose"]) + log.lost == 1000
+    assert log.lost > 0
+
+
+def test_the_map_is_shown_again_while_heights_come(tmp_path, monkeypatch):
+    monkeypatch.setattr(mcap_log, "_MAP_EVERY_S", 0.0)
+    world = World.of_elevation(np.zeros((20, 20), np.float32), 1.0)
+    patch = MapPatch(5, 5, elevation=np.array([[3.0]]))
+    with McapLog(tmp_path / "log.mcap", world=world) as log:
+        log.publish(answer([]))
+        world.put(patch)
+        log.record(patch)
+        log.publish(answer([]))
+        log.publish(answer([]))
+    before, after = (grid_of(m.message) for m in read(tmp_path / "log.mcap")["/map"])
+    assert (before == 0).all()
+    assert after[5, 5] > 0
+    np.testing.assert_array_equal(np.argwhere(after != before).min(axis=0), [4, 4])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"limit_mb": 0.01}, "at least 0.1 MB here, got 0.01"),
+        ({"limit_mb": float("nan")}, "got nan"),
+        ({"limit_mb": 1.0, "world": World(np.zeros((600, 600), np.float32))}, "at least 1.44 MB"),
+        ({"cell_size_m": 0.0}, "above 0 m"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(tmp_path, options, words):
+    with pytest.raises(InvalidQueryError, match=words):
+        McapLog(tmp_path / "log.mcap", **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_cannot_be_begun_is_one_line(tmp_path):
+    with pytest.raises(OutputError, match="could not be written"):
+        McapLog(tmp_path / "missing" / "log.mcap")
+    if os.geteuid():
+        tmp_path.chmod(0o500)
+        with pytest.raises(OutputError, match="could not be written"):
+            McapLog(tmp_path / "log.mcap")

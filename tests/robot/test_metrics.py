@@ -1,0 +1,139 @@
+import re
+import socket
+import time
+import urllib.error
+import urllib.request
+from dataclasses import fields, replace
+
+import pytest
+
+from nnpp_edge.robot.metrics import CONTENT_TYPE, MetricsServer, metrics_text, write_metrics
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
+from nnpp_edge.runtime.loop.messages import Counters
+
+COUNTERS = Counters(
+    ticks=1000, planned=700, kept=290, failed=10, overruns=3, skipped=1, degraded={"late": 2, "timeout": 5},
+    errors={'sink "a\\b"\nc': 4}, patches=77, cells_changed=12345, drops={"zenoh": 6}, rss_bytes=123_456_789,
+    tick_ms={"p50": 1.5, "p90": 3.0, "p99": 12.25, "max": 80.0, "mean": 2.0},
+)  # fmt: skip
+
+_SAMPLE = re.compile(r'([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{((?:[a-zA-Z_]\w*="(?:[^"\\\n]|\\[\\"n])*",?)*)\})? (\S+)')
+_LABEL = re.compile(r'([a-zA-Z_]\w*)="((?:[^"\\]|\\.)*)"')
+
+
+def parse(text):
+    """By the format's grammar: {(name, labels): value}, and {family: type}; samples stand below their family."""
+    assert text.endswith("\n")
+    samples, types, helped = {}, {}, set()
+    for line in text[:-1].split("\n"):
+        if line.startswith("# HELP "):
+            name = line.split(" ")[2]
+            assert name not in helped and len(line.split(" ", 3)[3]) > 5
+            helped.add(name)
+            continue
+        if line.startswith("# TYPE "):
+            _, _, name, kind = line.split(" ")
+            assert name in helped and name not in types
+            types[name] = last = kind
+            family = name
+            continue
+        found = _SAMPLE.fullmatch(line)
+        assert found, line
+        name, labels, value = found.groups()
+        suffixes = ("", "_sum", "_count") if last == "summary" else ("",)
+        assert name in {family + suffix for suffix in suffixes}, line
+        read = tuple(
+            (key, re.sub(r"\\(.)", lambda m: "\n" if m[1] == "n" else m[1], text))
+            for key, text in _LABEL.findall(labels or "")
+        )
+        assert (name, read) not in samples
+        samples[name, read] = float(value)
+    assert set(types) == helped
+    return samples, types
+
+
+def test_every_counter_is_told_with_help_and_type():
+    samples, types = parse(metrics_text(COUNTERS))
+    for field in fields(Counters):
+        value = getattr(COUNTERS, field.name)
+        if isinstance(value, int) and field.name != "rss_bytes":
+            assert samples[f"nnpp_edge_{field.name}_total", ()] == value
+            assert types[f"nnpp_edge_{field.name}_total"] == "counter"
+    assert samples["nnpp_edge_degraded_total", (("kind", "timeout"),)] == 5
+    assert samples["nnpp_edge_drops_total", (("sink", "zenoh"),)] == 6
+    assert samples["nnpp_edge_errors_total", (("place", 'sink "a\\b"\nc'),)] == 4
+    assert samples["nnpp_edge_resident_memory_bytes", ()] == 123_456_789
+    assert types["nnpp_edge_tick_seconds"] == "summary"
+    assert samples["nnpp_edge_tick_seconds", (("quantile", "0.99"),)] == pytest.approx(0.01225)
+    assert samples["nnpp_edge_tick_seconds_sum", ()] == pytest.approx(2.0)
+    assert samples["nnpp_edge_tick_seconds_count", ()] == 1000
+    assert samples["nnpp_edge_tick_seconds_max", ()] == pytest.approx(0.08)
+
+
+def test_counters_of_a_loop_that_has_not_begun_are_told():
+    samples, _ = parse(metrics_text(Counters()))
+    assert samples["nnpp_edge_ticks_total", ()] == 0
+
+
+def test_the_file_is_written_whole(tmp_path):
+    path = tmp_path / "nnpp_edge.prom"
+    write_metrics(path, Counters(ticks=1))
+    write_metrics(path, COUNTERS)
+    assert parse(path.read_text())[0]["nnpp_edge_ticks_total", ()] == 1000
+    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(OutputError, match="could not be written"):
+        write_metrics(tmp_path / "missing" / "file", COUNTERS)
+
+
+def get(server, path, method="GET"):
+    request = urllib.request.Request(f"http://{server.host}:{server.port}{path}", method=method)
+    try:
+        with urllib.request.urlopen(request, timeout=5.0) as answer:
+            return answer.status, answer.headers["Content-Type"], answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.headers["Content-Type"], error.read().decode()
+
+
+def test_metrics_are_served():
+    with MetricsServer(0, lambda: COUNTERS) as server:
+        assert get(server, "/metrics") == (200, CONTENT_TYPE, metrics_text(COUNTERS))
+        assert get(server, "/metrics?name[]=x")[0] == 200
+        assert get(server, "/metrics", "HEAD") == (200, CONTENT_TYPE, "")
+        assert get(server, "/")[0] == 404
+        assert get(server, "/metrics", "POST")[0] == 501
+        idle = socket.create_connection((server.host, server.port))  # says nothing, holds nobody up
+        assert get(server, "/health")[0] == 200
+        idle.close()
+    with pytest.raises(OSError):
+        get(server, "/metrics")
+
+
+def test_health_follows_the_ticks():
+    counters = [Counters()]
+    with MetricsServer(0, lambda: counters[0], stale_s=0.15) as server:
+        assert get(server, "/health")[0] == 200
+        time.sleep(0.2)
+        status, _, body = get(server, "/health")
+        assert status == 503 and body.startswith("stalled: no tick for 0.") and body.count("\n") == 1
+        counters[0] = replace(counters[0], ticks=7)
+        assert get(server, "/health")[::2] == (200, "ok: 7 ticks\n")
+
+
+def test_counters_that_cannot_be_had_are_no_health():
+    def raising():
+        raise RuntimeError("gone\nfor good")
+
+    with MetricsServer(0, raising) as server:
+        assert get(server, "/health")[::2] == (503, "no counters: gone for good\n")
+        assert get(server, "/metrics")[0] == 503
+
+
+def test_an_address_that_is_taken_or_makes_no_sense_is_one_line():
+    with (
+        MetricsServer(0, lambda: COUNTERS) as server,
+        pytest.raises(InvalidQueryError, match=f"127.0.0.1:{server.port}"),
+    ):
+        MetricsServer(server.port, lambda: COUNTERS)
+    for address in ((70000, "127.0.0.1"), (0, "256.1.1.1.1")):
+        with pytest.raises(InvalidQueryError, match="metrics cannot be served at"):
+            MetricsServer(address[0], lambda: COUNTERS, host=address[1])

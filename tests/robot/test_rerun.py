@@ -1,0 +1,86 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+rerun = pytest.importorskip("rerun")
+
+from nnpp_edge.robot.rerun_view import RerunSink  # noqa: E402
+from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError  # noqa: E402
+from nnpp_edge.runtime.loop.messages import (  # noqa: E402
+    Counters,
+    Goal,
+    MapPatch,
+    Origin,
+    Outcome,
+    PathMessage,
+    Pose,
+    StatusMessage,
+)
+from nnpp_edge.runtime.loop.world import World  # noqa: E402
+from nnpp_edge.viz.picture import cost_picture  # noqa: E402
+
+PATH = np.array([[3, 4], [4, 5], [4, 6]], np.int32)
+
+
+def read(path):
+    """By rerun's own reader: {entity: {column: values}}."""
+    chunks = pytest.importorskip("rerun.chunk").RrdReader(str(path)).stream()
+    found = {}
+    for chunk in chunks:
+        columns = found.setdefault(chunk.entity_path, {})
+        batch = chunk.to_record_batch()
+        for name in set(batch.schema.names) - {"log_time", "time"}:  # nanoseconds, too fine for datetime
+            columns.setdefault(name.rpartition(":")[2], []).extend(batch.column(name).to_pylist())
+    return found
+
+
+def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
+    cost = np.linspace(0.0, 0.9, 20 * 30, dtype=np.float32).reshape(20, 30)
+    cost[4, 4] = np.inf
+    world = World(cost)
+    with RerunSink(tmp_path / "loop.rrd", world=world, map_every_s=0.0) as sink:
+        sink.record(Pose(3.25, 4.5))
+        sink.record(Goal(7, 8))
+        sink.record(MapPatch(2, 3, cost=np.zeros((4, 5))))
+        for tick in (1, 2):
+            sink.publish(PathMessage(tick, Outcome.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
+        world.put(MapPatch(0, 0, cost=np.array([[1.0]])))
+        sink.publish(PathMessage(3, Outcome.NO_PATH, Origin.NONE, reason="walled in", planning_ms=4.0))
+        sink.publish(StatusMessage(3, Outcome.NO_PATH, "how it is", Counters(tick_ms={"p99": 2.5}, rss_bytes=10**7)))
+    found = read(tmp_path / "loop.rrd")
+    assert found["/map/path"]["tick"] == [1, 2, 3]
+    first, second, none = found["/map/path"]["strips"]
+    assert first == second == [[[4.5, 3.5], [5.5, 4.5], [6.5, 4.5]]] and not none
+    assert found["/map/robot"]["positions"] == [[[4.5, 3.25]]]
+    assert found["/map/goal"]["positions"] == [[[8.5, 7.5]]]
+    assert found["/planning_ms"]["scalars"] == [[1.5], [1.5], [4.0]]
+    assert found["/cost"]["scalars"] == [[2.0], [2.0]]
+    assert found["/tick_ms/p99"]["scalars"] == [[2.5]]
+    assert found["/memory_mb"]["scalars"] == [[10.0]]
+    assert found["/status"]["text"] == [["OK by full"], ["NO_PATH by none: walled in"], ["how it is"]]
+    pictures = [np.frombuffer(bytes(p[0]), np.uint8).reshape(20, 30, 3) for p in found["/map/cost"]["buffer"]]
+    assert len(pictures) == 2, "anew only where it has changed"
+    np.testing.assert_array_equal(pictures[0], cost_picture(cost)[..., ::-1])
+    np.testing.assert_array_equal(pictures[1], cost_picture(world.cost())[..., ::-1])
+
+
+def test_where_nothing_can_be_written_it_is_one_line(tmp_path):
+    with pytest.raises(OutputError, match="No such file"):
+        RerunSink(tmp_path / "missing" / "loop.rrd")
+    with pytest.raises(InvalidQueryError, match="got both"):
+        RerunSink(tmp_path / "loop.rrd", address="rerun+http://127.0.0.1:9876/proxy")
+    with pytest.raises(OutputError, match="cannot write there"):
+        RerunSink(address="no address")
+
+
+def test_without_rerun_the_error_names_the_extra(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(MissingExtraError, match=r"nnpp-edge\[viz\]"):
+        RerunSink(tmp_path / "loop.rrd")
+
+
+def test_the_module_imports_rerun_only_when_it_is_used():
+    code = "import sys, nnpp_edge.robot.rerun_view; print('rerun' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"

@@ -1,0 +1,275 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nnpp_edge.robot.scene import Ground, Obstacles, Scene, walkable
+from nnpp_edge.robot.simulate import SimulationSettings, random_drive, simulate
+from nnpp_edge.runtime.costmap import Traversability, traversability_cost
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, Outcome, PathMessage, Pose
+from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.terrain.synthetic import synthetic_terrain
+
+LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
+
+
+@pytest.fixture(scope="module")
+def ground():
+    heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
+    return Ground.of(heights, 20.0, LIMITS, 6)
+
+
+def flat(shape=(30, 40)):
+    cost = np.full(shape, 0.2, np.float32)
+    return Ground(cost, cost.copy())
+
+
+def answer(cells, goal):
+    return PathMessage(1, Outcome.OK, Origin.FULL, np.array(cells, np.int32), cells[0], goal)
+
+
+# --- the scene
+
+
+def test_the_survey_is_the_terrain_blurred(ground):
+    heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
+    np.testing.assert_array_equal(ground.true, traversability_cost(heights, 20.0, LIMITS, warn=False))
+    known = np.isfinite(ground.true) & np.isfinite(ground.surveyed)
+    assert known.mean() > 0.5
+    assert ground.surveyed[known].mean() < ground.true[known].mean()
+    rough = [np.abs(np.diff(np.where(known, cost, np.nan), axis=1)) for cost in (ground.surveyed, ground.true)]
+    assert np.nanmedian(rough[0]) < 0.7 * np.nanmedian(rough[1])
+    all_known = Ground.of(heights, 20.0, LIMITS, 1)
+    np.testing.assert_array_equal(all_known.true, all_known.surveyed)
+    heights[10:20, 30:40] = np.nan
+    holed = Ground.of(heights, 20.0, LIMITS, 6)
+    np.testing.assert_array_equal(np.isinf(holed.surveyed[10:20, 30:40]), True)
+
+
+def test_obstacles_come_move_and_go_and_stay_away_from_robot_and_goal():
+    rng = np.random.default_rng(0)
+    obstacles = Obstacles((40, 50), rng)
+    base = np.full((40, 50), 0.2, np.float32)
+    robot, goal, path = (5, 5), (30, 40), np.array([(5 + n, 5 + n) for n in range(25)], np.int32)
+    shown, kinds, across = base.copy(), set(), 0
+    for _ in range(600):
+        before = list(obstacles.blocks)
+        for row, col, rows, cols in obstacles.step(robot, goal, path):
+            shown[row : row + rows, col : col + cols] = obstacles.lay(base, (row, col, rows, cols))
+        kinds.add(len(obstacles.blocks) - len(before) if obstacles.blocks != before else "none")
+        kinds |= {"moved"} if len(before) == len(obstacles.blocks) and before != obstacles.blocks else set()
+        expected = base.copy()
+        for row, col, rows, cols in obstacles.blocks:
+            assert row >= 0 and col >= 0 and row + rows <= 40 and col + cols <= 50
+            expected[row : row + rows, col : col + cols] = 1.0
+        np.testing.assert_array_equal(shown, expected)
+        for cell in (robot, goal):
+            near = expected[max(cell[0] - 3, 0) : cell[0] + 4, max(cell[1] - 3, 0) : cell[1] + 4]
+            assert (near < 1.0).all()
+        across += (expected[path[:, 0], path[:, 1]] >= 1.0).any()
+    assert {1, -1, "moved"} <= kinds
+    assert 60 < across < 600
+
+
+def test_the_robot_sees_what_is_around_it_and_tells_no_more():
+    true = np.full((30, 40), 0.2, np.float32)
+    true[:, 20] = 1.0
+    true[29, 20] = 0.2
+    scene = Scene(Ground(true, np.full((30, 40), 0.1, np.float32)), (15, 12), (15, 35), np.random.default_rng(0),
+                  sight=4, changes=0)  # fmt: skip
+    messages = list(scene.poll())
+    assert [type(m) for m in messages] == [Goal, MapPatch, Pose]
+    assert messages[0].cell == (15, 35) and messages[2].cell == (15, 12)
+    np.testing.assert_array_equal(messages[1].cost, true[11:20, 8:17])
+    assert (scene.told[:, 17:30] == np.float32(0.1)).all(), "the wall is out of sight"
+    line = [(15, 12 + n) for n in range(24)]
+    for _ in range(20):
+        scene.heard(answer(line, (15, 35)))
+        list(scene.poll())
+    assert scene.robot == (15, 19), "it stops before what it cannot cross"
+    assert scene.waited == 13
+    assert scene.driven == line[:8]
+    assert scene.forbidden == sum(n >= 4 for n in range(20))
+
+
+def test_a_scene_moves_only_along_its_path():
+    scene = Scene(flat(), (5, 5), (20, 30), np.random.default_rng(0), speed=3, changes=0)
+    list(scene.poll())
+    list(scene.poll())
+    assert scene.robot == (5, 5) and scene.waited == 1
+    scene.heard(answer([(9, 9), (10, 10)], (20, 30)))
+    list(scene.poll())
+    assert scene.robot == (5, 5), "a path that begins elsewhere"
+    assert scene.forbidden == 1, "and does not lead to the goal"
+    scene.heard(answer([(5, 5), (5, 6), (5, 7), (6, 8), (6, 9)], (6, 9)))
+    list(scene.poll())
+    assert scene.robot == (6, 8)
+    assert scene.driven == [(5, 5), (5, 6), (5, 7), (6, 8)]
+
+
+@pytest.mark.parametrize(
+    ("path", "right"),
+    [
+        ([(1, 1), (2, 2), (3, 2)], True),
+        ([(3, 2)], True),
+        ([(1, 1), (2, 2)], False),
+        ([(1, 1), (1, 1), (2, 2), (3, 2)], False),
+        ([(1, 0), (3, 2)], False),
+        ([(4, 1), (4, 2), (3, 2)], False),
+        ([(-1, 1), (0, 1), (1, 1), (2, 2), (3, 2)], False),
+        ([], False),
+    ],
+)
+def test_what_can_be_walked_is_checked_by_the_definition(path, right):
+    cost = np.full((5, 5), 0.3, np.float32)
+    cost[4, 2], cost[4, 1] = np.nan, 1.0
+    assert walkable(np.array(path, np.int32).reshape(-1, 2), cost, (3, 2)) is right
+
+
+# --- the drive
+
+
+@pytest.mark.parametrize("method", ["auto", "astar", "nnpp-dstar"])
+def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(ground, method, tiny_model):
+    start, goal = random_drive(ground, 1)
+    seen = []
+    settings = SimulationSettings(method, str(tiny_model), ticks=1500, changes=2)
+    drive = simulate(ground, start, goal, settings, watch=lambda scene, m: seen.append(m))
+    assert drive.reached and drive.forbidden == 0 and drive.errors == {}
+    assert len(seen) == drive.ticks == drive.planned + drive.kept + drive.failed
+    assert drive.planned > 5
+    steps = np.abs(np.diff(drive.driven, axis=0)).max(axis=1)
+    assert (steps == 1).all()
+    assert (tuple(drive.driven[0]), tuple(drive.driven[-1])) == (start, goal)
+    assert (ground.true[drive.driven[:, 0], drive.driven[:, 1]] < 1.0).all()
+    best = Planner(ground.true).plan(start, goal, method="astar").cost
+    assert drive.optimal_cost == pytest.approx(best)
+    assert drive.driven_cost >= best * (1 - 1e-6)
+    assert drive.excess == pytest.approx(drive.driven_cost / best - 1.0)
+    json.dumps(drive.summary())
+
+
+def test_who_knows_all_and_meets_nothing_drives_the_optimum(ground):
+    start, goal = random_drive(ground, 2)
+    known = Ground(ground.true, ground.true.copy())
+    drive = simulate(known, start, goal, SimulationSettings("astar", changes=0))
+    assert drive.reached
+    assert drive.driven_cost == pytest.approx(drive.optimal_cost)
+    assert (drive.planned, drive.excess) == (1, pytest.approx(0.0, abs=1e-9))
+
+
+def test_the_same_seed_gives_the_same_drive(ground):
+    start, goal = random_drive(ground, 1)
+    first, again, other = (
+        simulate(ground, start, goal, SimulationSettings("astar", seed=seed, changes=3)) for seed in (4, 4, 5)
+    )
+    np.testing.assert_array_equal(first.driven, again.driven)
+    assert (first.planned, first.driven_cost) == (again.planned, again.driven_cost)
+    assert first.planned != other.planned or not np.array_equal(first.driven, other.driven)
+
+
+class Sink:
+    name = "test"
+
+    def __init__(self, fails=False):
+        self.answers, self.inputs, self.fails = [], [], fails
+
+    def publish(self, message):
+        self.answers.append(message)
+        if self.fails:
+            raise RuntimeError("no")
+
+    def record(self, message):
+        self.inputs.append(message)
+
+
+@pytest.mark.parametrize("rate", [None, 400.0])
+def test_at_a_rate_or_not_the_loop_drives_and_sinks_get_everything(rate):
+    sink = Sink()
+    settings = SimulationSettings("astar", rate_hz=rate, changes=1)
+    drive = simulate(flat(), (5, 5), (20, 30), settings, make_sinks=lambda world: [sink])
+    assert drive.reached and drive.forbidden == 0
+    paths = [m for m in sink.answers if isinstance(m, PathMessage)]
+    assert len(paths) + drive.drops.get("test", 0) == drive.ticks
+    assert sum(isinstance(m, Pose) for m in sink.inputs) == drive.ticks
+    assert sum(isinstance(m, Goal) for m in sink.inputs) == 1
+
+
+def test_a_sink_that_raises_is_counted():
+    drive = simulate(flat(), (5, 5), (9, 9), make_sinks=lambda world: [Sink(fails=True)])
+    assert drive.reached and drive.errors == {"sink test": drive.ticks}
+
+
+def test_a_drive_ends_after_its_ticks():
+    drive = simulate(flat(), (5, 5), (20, 30), SimulationSettings("astar", ticks=7))
+    assert (drive.reached, drive.ticks, drive.excess) == (False, 7, None)
+
+
+def test_what_makes_no_sense_is_refused(ground):
+    wall = flat()
+    wall.true[:, 20] = 1.0
+    with pytest.raises(InvalidQueryError, match="cannot be reached"):
+        simulate(wall, (5, 5), (20, 30))
+    for start, words in (((5, 20), "impassable"), ((5, 40), "outside the map of 30 × 40")):
+        with pytest.raises(InvalidQueryError, match=words):
+            simulate(wall, start, (20, 30))
+    for bad in ({"rate_hz": 0.0}, {"rate_hz": float("inf")}, {"ticks": 0}):
+        with pytest.raises(InvalidQueryError, match="must be"):
+            replace(SimulationSettings(), **bad)
+    for bad in ({"sight": 0}, {"speed": 0}, {"changes": -1}):
+        with pytest.raises(InvalidQueryError, match="must be at least"):
+            simulate(flat(), (5, 5), (9, 9), SimulationSettings(**bad))
+    with pytest.raises(InvalidQueryError, match="blocks"):
+        Ground.of(np.zeros((9, 9), np.float32), 1.0, LIMITS, 0)
+    islands = flat((40, 40))
+    islands.true[:, 3::4] = islands.true[3::4] = 1.0
+    with pytest.raises(InvalidQueryError, match="give start and goal"):
+        random_drive(islands, 1)
+
+
+# --- the command
+
+
+def test_the_command_drives_writes_and_tells(nnpp_edge, tmp_path):
+    pytest.importorskip("mcap")
+    image = pytest.importorskip("PIL.Image")
+    words = ("simulate", "--size", 64, "--workload", "limit20", "--method", "corridor", "--changes", 2)
+    log, film, still = tmp_path / "new" / "drive.mcap", tmp_path / "drive.gif", tmp_path / "drive.png"
+    ended = nnpp_edge(*words, "--json", "--log", log, "--picture", film)
+    assert ended.code == 0, ended.err
+    told = json.loads(ended.out)
+    assert told["reached"] and told["forbidden"] == 0
+    assert (told["rows"], told["cols"], told["files"]) == (64, 64, [str(log), str(film)])
+    from mcap.reader import make_reader
+
+    with log.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    counts = {summary.channels[n].topic: count for n, count in summary.statistics.channel_message_counts.items()}
+    assert counts["/answer"] == counts["/pose"] == told["ticks"]
+    with image.open(film) as frames:
+        assert 1 < frames.n_frames <= 81
+    start, goal = (",".join(map(str, told[end])) for end in ("start", "goal"))
+    ended = nnpp_edge(*words, "--start", start, "--goal", goal, "--ticks", 9, "--picture", still)
+    assert ended.code == 1
+    assert "GOAL NOT REACHED" in ended.out and "9:" in ended.out
+    with image.open(still) as picture:
+        assert min(picture.size) > 300
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--start", "3,3"), "both --start and --goal"),
+        (("--picture", "drive.jpg"), ".png or .gif file, got drive.jpg"),
+        (("--map", "missing.tif"), "no such file"),
+        (("--start", "3,3", "--goal", "900,3", "--size", "32"), "outside the map"),
+        (("--model", "missing.onnx", "--method", "nnpp", "--size", "32"), "missing.onnx"),
+        (("--rate", "0"), "--rate"),
+    ],
+)
+def test_wrong_use_of_the_command_ends_in_one_line(nnpp_edge, words, said):
+    ended = nnpp_edge("simulate", *words)
+    assert ended.code == 2
+    assert said in ended.err.splitlines()[-1]

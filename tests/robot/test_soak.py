@@ -1,0 +1,70 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from nnpp_edge.profiling import soak as soaking
+from nnpp_edge.profiling.soak import render, soak
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.navigator import Navigator
+
+
+def test_eight_hundred_ticks_leave_time_memory_and_paths_as_they_should_be():
+    told = []
+    row = soak("auto", ticks=800, size=128, changes=1, progress=told.append)
+    assert (row.ticks, row.invalid, row.errors) == (800, 0, {})
+    assert row.planned + row.kept + row.without_path == 800
+    assert row.planned > 100
+    assert row.reached >= 3
+    assert row.without_path < 200
+    assert row.rss_end_mb - row.rss_warm_mb < 20.0
+    assert row.ticks_per_s == pytest.approx(1e3 / row.tick_ms["mean"])
+    assert row.tick_ms["p50"] <= row.tick_ms["p99"] <= row.tick_ms["max"]
+    assert told[-1] == 800
+    assert "auto" in render([row])
+
+
+@pytest.mark.parametrize("method", ["astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar"])
+def test_every_method_keeps_its_word(method, tiny_model):
+    row = soak(method, ticks=60, size=48, changes=2, seed=2, model=str(tiny_model))
+    assert (row.invalid, row.errors) == (0, {})
+    assert row.planned > 3
+
+
+def test_a_path_through_an_obstacle_would_be_seen(monkeypatch):
+    tick = Navigator.tick
+
+    def blind(self, deadline):
+        """Answers with the first path for ever, moved to where the robot is."""
+        if not hasattr(self, "first"):
+            self.first = tick(self, deadline)
+        return self.first
+
+    monkeypatch.setattr(Navigator, "tick", blind)
+    assert soak("astar", ticks=200, size=64, changes=3).invalid > 0
+
+
+def test_late_ticks_are_counted(monkeypatch):
+    monkeypatch.setattr(soaking, "RATE_HZ", 1e9)
+    assert soak("astar", ticks=20, size=48).overruns == 20
+
+
+def test_numbers_out_of_range_are_refused():
+    for bad in ({"ticks": 0, "size": 64}, {"ticks": 5, "size": 8}):
+        with pytest.raises(InvalidQueryError, match="soak needs"):
+            soak("auto", **bad)
+    with pytest.raises(InvalidQueryError, match="method"):
+        soak("fastest", ticks=5, size=64)
+
+
+def test_the_command_prints_a_row_for_each_method():
+    words = ["--ticks", "30", "--size", "48", "--methods", "astar, dstar", "--json"]
+    ended = subprocess.run(
+        [sys.executable, "-m", "nnpp_edge.profiling.soak", *words], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    rows = json.loads(ended.stdout)
+    assert [row["method"] for row in rows] == ["astar", "dstar"]
+    assert all(np.isfinite(row["tick_ms"]["p99"]) and row["invalid"] == 0 for row in rows)
