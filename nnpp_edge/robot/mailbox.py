@@ -84,7 +84,7 @@ class Mailbox:
 
 
 class Refusals:
-    """Counts inputs that make no sense, answers each, and logs the first few.
+    """Counts inputs that make no sense, answers each, and logs the first few. For any thread.
 
     Parameters
     ----------
@@ -96,14 +96,17 @@ class Refusals:
 
     def __init__(self, count_error: Callable[[str], None], answer: Callable[[Fault], None] | None = None) -> None:
         self._count_error, self._answer = count_error, answer
+        self._lock = threading.Lock()
         self.count = 0
 
     def add(self, error: Exception) -> None:
         """Book one."""
-        self.count += 1
+        with self._lock:
+            self.count += 1
+            fault = Fault(str(error), self.count)
+            if self._answer is not None:
+                self._answer(fault)
         self._count_error("input")
-        if self.count <= _TOLD:
-            more = "" if self.count < _TOLD else " (further ones are only counted)"
+        if fault.count <= _TOLD:
+            more = "" if fault.count < _TOLD else " (further ones are only counted)"
             _LOG.warning("an input was refused: %s%s", error, more)
-        if self._answer is not None:
-            self._answer(Fault(str(error), self.count))

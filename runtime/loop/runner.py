@@ -65,6 +65,12 @@ class Loop:
     priority : int
         Run it under SCHED_FIFO with this priority, 1 to 99; 0 for the usual scheduler. Where the system does not
         allow it, a warning is logged.
+    paced : bool
+        Whether a tick waits for its deadline. Else the next begins at once, with a whole period to itself; for
+        replays that shall not last as long as what they repeat.
+    after_tick : callable
+        Called with each answer, in the loop's thread, once the tick's work is done. For what must stand still when
+        the planning does, such as a watchdog; it must not wait. If it raises, that is counted.
     """
 
     def __init__(
@@ -78,6 +84,8 @@ class Loop:
         queue: int = 8,
         cores: Sequence[int] = (),
         priority: int = 0,
+        paced: bool = True,
+        after_tick: Callable[[PathMessage], None] | None = None,
     ) -> None:
         if not rate_hz > 0.0:
             raise InvalidQueryError(f"the rate must be a positive number of ticks a second, got {rate_hz}")
@@ -87,6 +95,7 @@ class Loop:
         self._writers = [_Writer(sink, queue, self.navigator.count_error) for sink in sinks]
         self._status_every_s = status_every_s
         self._cores, self._priority = tuple(cores), priority
+        self._paced, self._after_tick = paced, after_tick
         self._histogram = Histogram()
         self._stopping = False
         self._reload_wanted = False
@@ -124,9 +133,10 @@ class Loop:
                 if time.monotonic() - reported >= self._status_every_s:
                     reported = time.monotonic()
                     self._publish(self._status(message))
+                self._finish(message)
                 self._collect(done)
                 if not self._stopping and (ticks is None or done < ticks):
-                    self._ticker.wait()
+                    self._ticker.wait() if self._paced else self._ticker.start()
         finally:
             gc.unfreeze()
             if collecting:
@@ -191,6 +201,15 @@ class Loop:
         counters = self.counters()
         text = f"{last.outcome} by {last.origin}" if last.outcome is Outcome.OK else f"{last.outcome}: {last.reason}"
         return StatusMessage(last.tick, last.outcome, text, counters)
+
+    def _finish(self, message: PathMessage) -> None:
+        if self._after_tick is None:
+            return
+        try:
+            self._after_tick(message)
+        except Exception:
+            _LOG.warning("what follows a tick failed", exc_info=True)
+            self.navigator.count_error("after_tick")
 
     def _collect(self, done: int) -> None:
         """Collect garbage where the idle time is enough for it."""

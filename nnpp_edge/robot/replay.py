@@ -1,0 +1,244 @@
+"""Inputs of the loop in a file: recorded as they come, and played again.
+
+A line holds one message in JSON, as on the wire, with ``at``: seconds since the recording began. Inputs that were
+taken in the same tick have the same time. The first line may tell the size of the map.
+"""
+
+import json
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from nnpp_edge.robot.wire import LIMIT_BYTES, VERSION, WireError, encode, input_of, parse
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
+from nnpp_edge.runtime.loop.messages import Input
+
+_LOG = logging.getLogger(__name__)
+_MOST_WAITING = 1024
+
+
+class ReplayError(InvalidQueryError):
+    """A recording that cannot be played; the message names the file and the line."""
+
+
+class ReplaySource:
+    """Plays a recording. It is read through once at the begin, so that what is wrong with it is told then.
+
+    Parameters
+    ----------
+    path : Path
+        The recording. A last line that was cut off, as by a crash, is left out.
+    shape : (int, int)
+        Of the map that it is played on; None leaves unchecked whether it is the one recorded on.
+    fast : bool
+        Hand over what one tick was given with each call, however early, in place of the recorded pace.
+    clock : callable
+        Monotonic seconds.
+
+    Raises
+    ------
+    ReplayError
+        It cannot be read, a line is no input, times go back, or it was recorded on a map of another size.
+    """
+
+    def __init__(
+        self, path: Path, *, shape: tuple[int, int] | None = None, fast: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:  # fmt: skip
+        self._fast, self._clock = fast, clock
+        self.messages = sum(1 for _ in read_recording(path, shape))
+        """In the recording."""
+        self._rest = read_recording(path, shape)
+        self._next = next(self._rest, None)
+        self._began: float | None = None
+
+    @property
+    def ended(self) -> bool:
+        """All was handed over."""
+        return self._next is None
+
+    def poll(self) -> Iterator[Input]:
+        """What is due, or with `fast` the next tick's."""
+        now = self._clock()
+        if self._began is None:
+            self._began = now
+        if self._next is not None:
+            yield from self._until(self._next[0] if self._fast else now - self._began)
+
+    def _until(self, at_s: float) -> Iterator[Input]:
+        while self._next is not None and self._next[0] <= at_s:
+            message = self._next[1]
+            self._next = next(self._rest, None)
+            yield message
+
+
+def read_recording(path: Path, shape: tuple[int, int] | None = None) -> Iterator[tuple[float, Input]]:
+    """Times and inputs of a recording, one by one; ReplayError as for `ReplaySource`."""
+    latest = 0.0
+    try:
+        with Path(path).open("rb") as file:
+            for number, line in enumerate(file, 1):
+                if not line.strip():
+                    continue
+                try:
+                    found = _read_line(line, shape)
+                    if found is not None and found[0] < latest:
+                        raise WireError(f"at: wanted times that do not go back, got {found[0]} after {latest}")
+                except WireError as error:
+                    if line.endswith(b"\n"):
+                        raise ReplayError(f"{path}: line {number}: {error}") from None
+                    _LOG.warning("%s: line %d was cut off, and is left out", path, number)
+                    return
+                if found is not None:
+                    latest = found[0]
+                    yield found
+    except OSError as error:
+        raise ReplayError(f"{path}: wanted a recording, got a file that cannot be read ({error.strerror})") from error
+
+
+def _read_line(line: bytes, shape: tuple[int, int] | None) -> tuple[float, Input] | None:
+    """Time and input of a line; None for the head."""
+    told = parse(line, LIMIT_BYTES + 64)
+    if told.get("type") == "recording":
+        if shape is not None and (recorded := told.get("map")) not in (None, list(shape)):
+            raise WireError(f"wanted a recording on a map of {list(shape)} cells, got one of {recorded}")
+        return None
+    at = told.pop("at", None)
+    if isinstance(at, bool) or not isinstance(at, int | float) or not 0.0 <= at <= 1e9:
+        raise WireError(f"at: wanted seconds since the recording began, got {at!r}")
+    return float(at), input_of(told)
+
+
+class Recorder:
+    """Writes inputs to a new file, line by line: what was written survives the end of the process, however it ends.
+
+    Parameters
+    ----------
+    path : Path
+        Where to write. What stands there is left alone: ``scene.jsonl`` becomes ``scene-2.jsonl``, and so on.
+    shape : (int, int)
+        Of the map.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+
+    def __init__(self, path: Path, shape: tuple[int, int]) -> None:
+        self.path = Path(path)
+        self._full = False
+        """A line could not be written whole: none may follow it."""
+        for number in range(2, 100_000):
+            try:
+                self._file = self.path.open("xb", buffering=0)
+                break
+            except FileExistsError:
+                self.path = path.with_name(f"{path.stem}-{number}{path.suffix}")
+            except OSError as error:
+                raise OutputError(f"{path}: could not be written ({error.strerror})") from error
+        self._file.write(json.dumps({"v": VERSION, "type": "recording", "map": list(shape)}).encode() + b"\n")
+
+    def record(self, message: Input, at_s: float) -> None:
+        """Write an input that came so many seconds after the begin; OSError where the disk is full."""
+        line = b'{"at":%.6f,' % at_s + encode(message)[1:] + b"\n"
+        if self._full:
+            raise OSError(f"{self.path} could not be written to before")
+        self._full = True
+        if self._file.write(line) < len(line):
+            raise OSError(f"{self.path} is cut off: no space is left")
+        self._full = False
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._file.close()
+
+
+class EndingSource(Protocol):
+    """A source that may come to its end."""
+
+    @property
+    def ended(self) -> bool:
+        """Nothing more will come, and all was handed over."""
+
+    def poll(self) -> Iterable[Input]:
+        """As `Source.poll`."""
+
+
+class RecordedSource:
+    """A source that passes on what another one gives, and shows it to recorders from a thread of its own.
+
+    The loop never waits for a recorder: where more than a thousand inputs are not yet recorded, the next are left
+    out, and counted.
+
+    Parameters
+    ----------
+    source : Source
+        Asked for inputs.
+    recorders : sequence of callables
+        Called with an input and the seconds since the first call of `poll` until the one that brought it.
+    count_error : callable
+        Told ``record`` for each input that a recorder failed on, or that was left out.
+    """
+
+    def __init__(
+        self,
+        source: EndingSource,
+        recorders: Sequence[Callable[[Input, float], None]],
+        count_error: Callable[[str], None],
+    ) -> None:
+        self._source, self._recorders, self._count_error = source, recorders, count_error
+        self._began: float | None = None
+        self._waiting: deque[tuple[Input, float]] = deque()
+        self._news = threading.Condition()
+        self._closing = False
+        self._thread = threading.Thread(target=self._work, name="nnpp-edge record", daemon=True)
+        self._thread.start()
+
+    @property
+    def ended(self) -> bool:
+        """As the source says."""
+        return self._source.ended
+
+    def poll(self) -> Iterator[Input]:
+        """What the source gives."""
+        now = time.monotonic()
+        if self._began is None:
+            self._began = now
+        for message in self._source.poll():
+            self._put(message, now - self._began)
+            yield message
+
+    def close(self, patience_s: float = 2.0) -> None:
+        """Let what waits be recorded, for so long."""
+        with self._news:
+            self._closing = True
+            self._news.notify()
+        self._thread.join(patience_s)
+
+    def _put(self, message: Input, at_s: float) -> None:
+        with self._news:
+            if len(self._waiting) < _MOST_WAITING:
+                self._waiting.append((message, at_s))
+                self._news.notify()
+                return
+        self._count_error("record")
+
+    def _work(self) -> None:
+        while True:
+            with self._news:
+                while not self._waiting and not self._closing:
+                    self._news.wait()
+                if not self._waiting:
+                    return
+                message, at_s = self._waiting.popleft()
+            for record in self._recorders:
+                try:
+                    record(message, at_s)
+                except Exception as error:
+                    _LOG.warning("an input could not be recorded: %s", error)
+                    self._count_error("record")

@@ -1,0 +1,124 @@
+"""Messages over standard input and output: for shell scripts, and for programs that start the loop themselves."""
+
+import os
+import select
+import threading
+from collections import deque
+from collections.abc import Iterator
+
+from nnpp_edge.robot.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.wire import LIMIT_BYTES, Fault, Framer, WireError, decode, encode, framed
+from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.loop.messages import Input, Output
+
+_CHUNK = 1 << 16
+_MOST_FAULTS = 64
+
+
+class StdioSource:
+    """Reads messages from a file descriptor in a thread of its own.
+
+    Where patches come faster than the loop takes them, reading pauses: the sender feels it, and none is lost.
+
+    Parameters
+    ----------
+    refusals : Refusals
+        Told of each message that makes no sense; the next is read nevertheless.
+    descriptor : int
+        To read from.
+    framing : str
+        ``lines`` or ``length``, as for `Framer`.
+    limit : int
+        Bytes of a message.
+    mailbox : Mailbox
+        What waits at most.
+    """
+
+    def __init__(
+        self, refusals: Refusals, *, descriptor: int = 0, framing: str = "lines", limit: int = LIMIT_BYTES,
+        mailbox: Mailbox | None = None,
+    ) -> None:  # fmt: skip
+        self._refusals, self._descriptor, self._limit = refusals, descriptor, limit
+        self._framer = Framer(framing, limit)
+        self._mailbox = mailbox or Mailbox()
+        self._thread = threading.Thread(target=self._read, name="nnpp-edge stdin", daemon=True)
+        self._thread.start()
+
+    def poll(self) -> Iterator[Input]:
+        """What has come since the last call."""
+        return self._mailbox.take()
+
+    @property
+    def ended(self) -> bool:
+        """The sender has closed the stream, and all of it was taken."""
+        return self._mailbox.ended
+
+    def _read(self) -> None:
+        try:
+            while chunk := self._chunk():
+                for found in self._framer.feed(chunk):
+                    self._put(found)
+            for found in self._framer.end():
+                self._put(found)
+        except OSError as error:
+            self._refusals.add(WireError(f"standard input cannot be read ({error.strerror})"))
+        finally:
+            self._mailbox.close()
+
+    def _chunk(self) -> bytes:
+        while True:
+            try:
+                return os.read(self._descriptor, _CHUNK)
+            except BlockingIOError:  # whoever started us has made the descriptor so
+                select.select([self._descriptor], [], [])
+
+    def _put(self, found: bytes | WireError) -> None:
+        try:
+            if isinstance(found, WireError):
+                raise found
+            self._mailbox.put(decode(found, self._limit), wait=True)
+        except WireError as error:
+            self._refusals.add(error)
+
+
+class StdioSink:
+    """Writes each answer to a file descriptor. Faults wait for the next answer, and are written before it.
+
+    Parameters
+    ----------
+    descriptor : int
+        To write to.
+    framing : str
+        ``lines`` or ``length``.
+    """
+
+    name = "stdout"
+
+    def __init__(self, *, descriptor: int = 1, framing: str = "lines") -> None:
+        self._descriptor, self._framing = descriptor, framing
+        self._faults: deque[Fault] = deque(maxlen=_MOST_FAULTS)
+        self._broken = False
+
+    def answer(self, fault: Fault) -> None:
+        """Send a fault with the next answer; does not wait. Of many the newest are kept: `Fault.count` tells."""
+        self._faults.append(fault)
+
+    def publish(self, message: Output) -> None:
+        """Write the faults that wait, and the answer; OutputError, once, where the reader has gone."""
+        if self._broken:
+            return
+        while self._faults:
+            self._write(encode(self._faults.popleft()))
+        self._write(encode(message))
+
+    def _write(self, payload: bytes) -> None:
+        content = memoryview(framed(payload, self._framing))
+        try:
+            while content:
+                try:
+                    content = content[os.write(self._descriptor, content) :]
+                except BlockingIOError:
+                    select.select([], [self._descriptor], [])
+        except BrokenPipeError as error:
+            self._broken = True
+            raise OutputError("standard output was closed by its reader: nothing more is written to it") from error

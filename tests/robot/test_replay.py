@@ -1,0 +1,180 @@
+"""Recordings: what goes in comes out, at its pace or as fast as can be, and a crash costs a line at most."""
+
+import json
+
+import numpy as np
+import pytest
+
+from nnpp_edge.robot.replay import RecordedSource, Recorder, ReplayError, ReplaySource, read_recording
+from nnpp_edge.robot.wire import encode
+from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
+from nnpp_edge.runtime.loop.navigator import Navigator, Settings
+from nnpp_edge.runtime.loop.world import World
+from tests.robot.conftest import free
+
+SHAPE = (40, 60)
+
+
+def scene(path, ticks=40, seed=0):
+    """A drive with obstacles that come and go, recorded at 10 Hz."""
+    rng = np.random.default_rng(seed)
+    recorder = Recorder(path, SHAPE)
+    recorder.record(Goal(35, 55), 0.0)
+    for n in range(ticks):
+        at_s = 0.1 * n
+        recorder.record(Pose(5 + 0.5 * n, 5 + n), at_s)
+        row, col = (int(x) for x in rng.integers(0, 38, 2))
+        recorder.record(MapPatch(row, col, cost=np.full((6, 4), rng.choice([0.1, 0.9, np.inf]))), at_s)
+    recorder.close()
+    return recorder.path
+
+
+def told(paths):
+    """What a run came to, without its times."""
+    return [(m.tick, m.outcome, m.origin, m.path.tolist(), m.cost, m.method, m.map_version) for m in paths]
+
+
+@pytest.mark.parametrize("method", ["astar", "auto"])
+def test_a_fast_replay_gives_the_same_answers_each_time(tmp_path, drive, method):
+    path = scene(tmp_path / "scene.jsonl")
+    runs = []
+    for _ in range(2):
+        navigator = Navigator(World(free()), Settings(method=method))
+        source = ReplaySource(path, shape=SHAPE, fast=True)
+        runs.append(drive(navigator, source, rate_hz=0.5, paced=False))
+    assert told(runs[0].paths) == told(runs[1].paths)
+    assert runs[0].counters.ticks == 40
+    assert runs[0].counters.patches == 40
+    assert len({m.map_version for m in runs[0].paths}) == 40
+    assert sum(m.ok for m in runs[0].paths) > 20
+
+
+def test_inputs_come_at_the_recorded_pace(tmp_path):
+    now = [50.0]
+    source = ReplaySource(scene(tmp_path / "scene.jsonl", ticks=3), clock=lambda: now[0])
+    assert source.messages == 7
+    assert [type(m) for m in source.poll()] == [Goal, Pose, MapPatch]
+    now[0] += 0.05
+    assert not list(source.poll())
+    now[0] += 0.06
+    assert [type(m) for m in source.poll()] == [Pose, MapPatch]
+    assert not source.ended
+    now[0] += 10.0
+    assert len(list(source.poll())) == 2
+    assert source.ended
+    assert not list(source.poll())
+
+
+def test_a_recording_of_a_replay_is_the_replay(tmp_path, drive, navigator):
+    first = scene(tmp_path / "scene.jsonl", ticks=10)
+    recorder = Recorder(tmp_path / "again.jsonl", SHAPE)
+    source = RecordedSource(ReplaySource(first, fast=True), [recorder.record], navigator.count_error)
+    drive(navigator, source, rate_hz=1.0, paced=False)
+    source.close()
+    recorder.close()
+    was, now = (list(read_recording(path, SHAPE)) for path in (first, recorder.path))
+    assert [encode(message) for _, message in now] == [encode(message) for _, message in was]
+    batches = [sorted({at for at, _ in messages}) for messages in (was, now)]
+    assert len(batches[0]) == len(batches[1]) == 10
+
+
+def test_a_line_that_was_cut_off_is_left_out(tmp_path, caplog):
+    path = scene(tmp_path / "scene.jsonl", ticks=5)
+    whole = path.read_bytes()
+    for cut in (1, 10, 60):
+        path.write_bytes(whole[:-cut])
+        assert ReplaySource(path).messages == (11 if cut == 1 else 10)
+    assert "was cut off" in caplog.text
+
+
+def test_what_stands_there_is_left_alone(tmp_path):
+    names = []
+    for _ in range(3):
+        recorder = Recorder(tmp_path / "scene.jsonl", SHAPE)
+        recorder.record(Pose(1, 2), 0.5)
+        recorder.close()
+        names.append(recorder.path.name)
+    assert names == ["scene.jsonl", "scene-2.jsonl", "scene-3.jsonl"]
+    assert all(list(read_recording(tmp_path / name)) == [(0.5, Pose(1, 2))] for name in names)
+
+
+POSE = '{"at":1,"type":"pose","row":1,"col":2}\n'
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("garbage\n", "line 1: wanted a JSON object"),
+        (
+            POSE + '{"at":0.5,"type":"goal","row":1,"col":1}\n',
+            r"line 2: at: wanted times that do not go back, got 0.5",
+        ),
+        ('{"type":"pose","row":1,"col":2}\n', "line 1: at: wanted seconds"),
+        ('{"at":true,"type":"pose","row":1,"col":2}\n', "at: wanted seconds"),
+        ('{"at":-1,"type":"pose","row":1,"col":2}\n', "at: wanted seconds"),
+        (POSE + "\n\n" + '{"at":2,"type":"pose","row":1}\n', "line 4: pose.col"),
+        ('{"type":"recording","map":[1,2]}\n' + POSE, r"map of \[40, 60\] cells, got one of \[1, 2\]"),
+        ('{"v":9,"type":"recording"}\n', "version 1"),
+    ],
+)
+def test_what_is_no_recording_is_refused_at_the_begin(tmp_path, content, words):
+    path = tmp_path / "scene.jsonl"
+    path.write_text(content)
+    with pytest.raises(ReplayError, match=words) as raised:
+        ReplaySource(path, shape=SHAPE)
+    assert str(path) in str(raised.value)
+
+
+def test_files_that_cannot_be_read_or_written_are_told(tmp_path):
+    for path in (tmp_path / "none.jsonl", tmp_path):
+        with pytest.raises(ReplayError, match="cannot be read"):
+            ReplaySource(path)
+    with pytest.raises(OutputError, match="could not be written"):
+        Recorder(tmp_path / "no" / "folder.jsonl", SHAPE)
+
+
+def test_an_empty_recording_is_over_at_once(tmp_path):
+    (tmp_path / "scene.jsonl").write_text("")
+    source = ReplaySource(tmp_path / "scene.jsonl", fast=True)
+    assert source.ended
+    assert not list(source.poll())
+
+
+def test_a_recorder_that_fails_is_counted_and_the_inputs_come_nevertheless(tmp_path):
+    def full(message, at_s):
+        raise OSError("no space left")
+
+    counted, seen = [], []
+    source = ReplaySource(scene(tmp_path / "scene.jsonl", ticks=4), fast=True)
+    recorded = RecordedSource(source, [full, lambda message, at_s: seen.append(message)], counted.append)
+    taken = []
+    while not recorded.ended:
+        taken += recorded.poll()
+    recorded.close()
+    assert len(taken) == len(seen) == 9
+    assert counted == ["record"] * 9
+
+
+def test_after_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path):
+    recorder = Recorder(tmp_path / "scene.jsonl", SHAPE)
+    recorder.record(Pose(1, 2), 0.0)
+    whole = recorder._file
+
+    class Full:
+        def write(self, line):
+            return whole.write(line[:10])
+
+    recorder._file = Full()
+    for _ in range(2):
+        with pytest.raises(OSError, match=r"space|before"):
+            recorder.record(Pose(3, 4), 0.1)
+    recorder._file = whole
+    recorder.close()
+    assert list(read_recording(recorder.path)) == [(0.0, Pose(1, 2))]
+
+
+def test_a_recording_is_plain_json(tmp_path):
+    lines = scene(tmp_path / "scene.jsonl", ticks=1).read_text().splitlines()
+    assert json.loads(lines[0]) == {"v": 1, "type": "recording", "map": [40, 60]}
+    assert json.loads(lines[1]) == {"at": 0.0, "v": 1, "type": "goal", "row": 35, "col": 55, "stamp": 0.0}

@@ -1,0 +1,168 @@
+"""Maps in ROS' layouts: small examples by hand, and there and back."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.robot.ros_maps import GridMap, MapFrame, OccupancyGrid, grid_map_patch, occupancy_patch, path_poses
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.loop.world import World
+
+NAN = np.nan
+
+
+def occupancy(**changes):
+    """Three columns along x, two rows along y, cells of half a metre, corner at (10, 20)."""
+    data = np.array([0, 50, -1, 98, 99, 100], np.int8)
+    return OccupancyGrid(**{"resolution": 0.5, "width": 3, "height": 2, "data": data, "origin_x": 10.0,
+                            "origin_y": 20.0, **changes})  # fmt: skip
+
+
+def grid_map(start=(0, 0), **changes):
+    """Two rows against x, three columns against y, cells of 1 m, middle at (5, 7); the ring begins at `start`."""
+    unrolled = np.array([[1, 2, 3], [4, 5, 6]], np.float32)
+    flat = np.empty(6, np.float32)
+    for i in range(2):
+        for j in range(3):
+            row, col = (i + start[0]) % 2, (j + start[1]) % 3
+            flat[col * 2 + row] = unrolled[i, j]
+    return GridMap(**{"resolution": 1.0, "length_x": 2.0, "length_y": 3.0, "layers": {"elevation": flat}, "x": 5.0,
+                      "y": 7.0, "outer_start_index": start[0], "inner_start_index": start[1], **changes})  # fmt: skip
+
+
+def test_an_occupancy_grid_is_read_row_by_row_along_y():
+    grid = occupancy()
+    np.testing.assert_array_equal(grid.cost(), np.array([[0, 0.5, NAN], [0.98, np.inf, np.inf]], np.float32))
+    np.testing.assert_array_equal(grid.cost(50)[0], np.array([0, np.inf, NAN], np.float32))
+    np.testing.assert_allclose(grid.frame.metres([[0, 0], [1, 2]]), [[10.25, 20.25], [11.25, 20.75]])
+    assert grid.frame.cell(11.4, 20.6) == (1, 2)
+    assert grid.frame.cell(9.9, 20.6) == (1, -1)
+
+
+def test_an_occupancy_grid_comes_back_as_it_was():
+    data = np.concatenate([np.arange(-1, 99), np.full(4, 100)]).astype(np.int8)
+    grid = OccupancyGrid(0.1, 13, 8, data, -3.0, 4.0)
+    back = OccupancyGrid.of_cost(grid.cost(), grid.frame)
+    np.testing.assert_array_equal(back.data, data)
+    assert (back.width, back.height, back.origin_x, back.origin_y, back.resolution) == (13, 8, -3.0, 4.0, 0.1)
+    assert OccupancyGrid.of_cost([[0.999, 1.0, 7.0, np.inf]], grid.frame).data.tolist() == [98, 100, 100, 100]
+
+
+def test_a_grid_map_is_read_column_by_column_and_its_ring_unrolled():
+    first = grid_map()
+    np.testing.assert_array_equal(first.layers["elevation"], [1, 4, 2, 5, 3, 6])
+    for start in [(0, 0), (1, 0), (0, 2), (1, 1)]:
+        np.testing.assert_array_equal(grid_map(start).layer(), [[1, 2, 3], [4, 5, 6]])
+    # rows run against x, columns against y: the first cell is the farthest along both
+    np.testing.assert_allclose(first.frame.metres([[0, 0], [1, 2]]), [[5.5, 8.0], [4.5, 6.0]])
+    assert first.frame.cell(5.9, 8.4) == (0, 0)
+    assert first.frame.cell(4.1, 5.6) == (1, 2)
+
+
+@settings(deadline=None)
+@given(st.integers(1, 7), st.integers(1, 7), st.data())
+def test_a_grid_map_comes_back_as_it_was(rows, cols, data):
+    start = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
+    values = np.arange(rows * cols, dtype=np.float32).reshape(rows, cols)
+    values[data.draw(st.integers(0, rows - 1)), 0] = NAN
+    frame = MapFrame(0.25, 3.0, -2.0, rows_along_x=True)
+    grid = GridMap.of_layers({"elevation": values, "cost": values + 1}, frame, start=start)
+    assert (grid.outer_start_index, grid.inner_start_index) == start
+    np.testing.assert_array_equal(grid.layer(), values)
+    np.testing.assert_array_equal(grid.layer("cost"), values + 1)
+    assert grid.frame.x == pytest.approx(3.0)
+    assert grid.frame.y == pytest.approx(-2.0)
+
+
+@pytest.mark.parametrize("rows_along_x", [False, True])
+def test_every_cell_of_a_patch_lands_where_it_lay(rows_along_x):
+    target = MapFrame(1.0, 11.0 if rows_along_x else -3.0, 13.0 if rows_along_x else -2.0, rows_along_x=rows_along_x)
+    world = np.full((14, 15), NAN, np.float32)
+    occupied = OccupancyGrid(1.0, 3, 2, np.arange(6), 4.0, 5.0)
+    for source, name in ((grid_map((1, 2), y=7.5), "elevation"), (occupied, "cost")):
+        if name == "elevation":
+            patch, values = grid_map_patch(source, target, stamp=3.0), source.layer()
+        else:
+            patch, values = occupancy_patch(source, target, stamp=3.0), source.cost()
+        got = getattr(patch, name)
+        world[:] = NAN
+        world[patch.row : patch.row + got.shape[0], patch.col : patch.col + got.shape[1]] = got
+        for (row, col), value in np.ndenumerate(values):
+            assert world[target.cell(*source.frame.metres([[row, col]])[0])] == value
+        assert np.isfinite(world).sum() == values.size
+        assert patch.stamp == 3.0
+
+
+def test_a_patch_is_moved_to_the_nearest_cells_but_never_resampled():
+    source = OccupancyGrid(1.0, 3, 2, np.zeros(6, np.int8), 4.4, 5.6)
+    patch = occupancy_patch(source, MapFrame(1.0))
+    assert (patch.row, patch.col) == (6, 4)
+    with pytest.raises(InvalidMapError, match=r"cells of 0.5 m, got 1.0 m"):
+        occupancy_patch(source, MapFrame(0.5))
+
+
+def test_cells_that_were_not_seen_stay_as_the_world_has_them():
+    world = World(np.full((4, 5), 0.3, np.float32))
+    grid = OccupancyGrid(1.0, 2, 1, np.array([-1, 100]), 1.0, 2.0)
+    assert world.put(occupancy_patch(grid, MapFrame(1.0)))
+    assert world.cost()[2].tolist() == pytest.approx([0.3, 0.3, math.inf, 0.3, 0.3])
+    assert world.put(occupancy_patch(grid, MapFrame(1.0), keep_known=False))
+    assert world.cost()[2, 1] == math.inf
+
+
+def test_a_layer_may_hold_costs():
+    patch = grid_map_patch(grid_map(layers={"cost": np.full(6, 0.5)}), grid_map().frame, "cost", cost=True)
+    assert patch.elevation is None
+    assert (patch.row, patch.col, patch.shape) == (0, 0, (2, 3))
+
+
+def test_a_path_becomes_poses_in_metres():
+    path = np.array([[0, 0], [1, 1], [1, 2]], np.int32)
+    poses = path_poses(path, MapFrame(2.0, 10.0, 20.0))
+    np.testing.assert_allclose(poses, [[11, 21, math.pi / 4], [13, 23, 0], [15, 23, 0]])
+    against = path_poses(path, MapFrame(2.0, 10.0, 20.0, rows_along_x=True))
+    np.testing.assert_allclose(against, [[9, 19, -0.75 * math.pi], [7, 17, -math.pi / 2], [7, 15, -math.pi / 2]])
+    assert path_poses(path[:1], MapFrame(1.0)).tolist() == [[0.5, 0.5, 0.0]]
+    assert path_poses(np.empty((0, 2), np.int32), MapFrame(1.0)).shape == (0, 3)
+
+
+@settings(deadline=None)
+@given(st.floats(-50, 50), st.floats(-50, 50), st.booleans(), st.sampled_from([0.05, 0.2, 1.0, 3.0]))
+def test_places_and_metres_are_inverse(row, col, rows_along_x, resolution):
+    frame = MapFrame(resolution, 12.5, -4.0, rows_along_x=rows_along_x)
+    np.testing.assert_allclose(frame.places(frame.metres([[row, col]])), [[row, col]], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: occupancy(width=4), r"2 × 4 whole numbers, got \(6,\) int8"),
+        (lambda: occupancy(data=np.zeros(6)), "whole numbers"),
+        (lambda: occupancy(data=np.full(6, 101)), r"\[-1, 100\], got \[101, 101\]"),
+        (lambda: occupancy(data=np.full(6, -2, np.int8)), r"\[-1, 100\]"),
+        (lambda: occupancy(resolution=0.0).frame, "resolution"),
+        (lambda: occupancy(origin_x=math.nan).frame, "finite"),
+        (lambda: OccupancyGrid.of_cost(np.zeros((2, 2)), grid_map().frame), "rows must run with y"),
+        (lambda: OccupancyGrid.of_cost(np.zeros(3), MapFrame(1.0)), r"\(h, w\) numbers, got \(3,\)"),
+        (lambda: grid_map(resolution=0.0), "resolution"),
+        (lambda: grid_map(length_x=2.5), "multiples of 1.0 m"),
+        (lambda: grid_map(length_y=math.inf), "above 0 m"),
+        (lambda: grid_map(layers={"a": np.zeros(5)}), "2 × 3 numbers, got 5"),
+        (lambda: grid_map(outer_start_index=2), "within 2 × 3 cells"),
+        (lambda: grid_map().layer("cost"), "has elevation"),
+        (lambda: GridMap.of_layers({"a": np.zeros((2, 2))}, MapFrame(1.0)), "against x"),
+        (lambda: GridMap.of_layers({}, grid_map().frame), "got none"),
+        (lambda: GridMap.of_layers({"a": np.zeros((2, 2)), "b": np.zeros((1, 2))}, grid_map().frame), "one shape"),
+    ],
+)
+def test_what_makes_no_map_is_refused(make, words):
+    with pytest.raises(InvalidMapError, match=words):
+        make()
+
+
+def test_points_must_be_finite():
+    with pytest.raises(InvalidQueryError):
+        MapFrame(1.0).cell(math.nan, 0.0)

@@ -1,0 +1,332 @@
+"""`nnpp-edge run`: the whole program, from the outside."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, overridden_loop, read_profile
+from nnpp_edge.robot.build import Wiring
+from nnpp_edge.robot.replay import Recorder, read_recording
+from nnpp_edge.robot.wire import decode_output, encode
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.inprocess import InProcessSource
+from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
+from nnpp_edge.runtime.loop.runner import Loop
+from tests.robot.conftest import wait_until
+
+DOCS = Path(__file__).parents[2] / "docs" / "run.md"
+SHAPE = (80, 90)
+QUICK = ("--rate", "100", "--method", "astar")
+
+
+@pytest.fixture
+def dem(tmp_path):
+    """Gentle hills."""
+    row, col = np.mgrid[0:80, 0:90]
+    heights = (0.8 * np.sin(row / 9.0) * np.cos(col / 11.0)).astype(np.float32)
+    np.savez(tmp_path / "hills.npz", elevation_m=heights, cell_size_m=2.0)
+    return tmp_path / "hills.npz"
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """Three ticks: a way, an obstacle on it, a new goal."""
+    recorder = Recorder(tmp_path / "drive.jsonl", SHAPE)
+    for message in (Pose(5, 5), Goal(60, 70)):
+        recorder.record(message, 0.0)
+    recorder.record(MapPatch(20, 0, cost=np.full((1, 85), np.inf)), 0.1)
+    recorder.record(Goal(60, 10), 0.2)
+    recorder.close()
+    return recorder.path
+
+
+@pytest.fixture(autouse=True)
+def no_manager(monkeypatch):
+    """Tests that want a service manager set one up."""
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+
+
+class Program:
+    """`nnpp-edge run` as a process of its own."""
+
+    def __init__(self, *words, **environment):
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "nnpp_edge.cli.main", "run", *map(str, words)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env={**os.environ, **environment},
+        )  # fmt: skip
+
+    def send(self, *messages):
+        self.process.stdin.write(b"".join(encode(message) + b"\n" for message in messages))
+        self.process.stdin.flush()
+
+    def await_path(self):
+        for line in self.process.stdout:
+            answer = decode_output(line)
+            if isinstance(answer, PathMessage) and answer.ok:
+                return answer
+        raise AssertionError(self.process.stderr.read().decode())
+
+    def end(self, number):
+        self.process.send_signal(number)
+        out, err = self.process.communicate(timeout=30.0)
+        return self.process.returncode, out, err.decode()
+
+
+# --- in processes of their own
+
+
+def test_the_script_in_the_documentation_runs_as_it_stands(dem, tmp_path):
+    script = re.search(r"```sh\n(mkfifo.*?)```", DOCS.read_text(), re.DOTALL).group(1)
+    folder = tmp_path / "script"
+    folder.mkdir()
+    command = folder / "nnpp-edge"
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m nnpp_edge.cli.main "$@"\n')
+    command.chmod(0o755)
+    root = str(Path(__file__).parents[2])
+    environment = {**os.environ, "DEM": str(dem), "PATH": f"{folder}:{os.environ['PATH']}", "PYTHONPATH": root}
+    ended = subprocess.run(
+        [shutil.which("sh"), "-e", "-c", script], cwd=folder, env=environment, capture_output=True, text=True,
+        timeout=120, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr + (folder / "loop.log").read_text()
+    first, second = (decode_output((folder / f"{name}.json").read_bytes()) for name in ("first", "second"))
+    assert (tuple(first.path[0]), tuple(first.path[-1])) == ((5, 5), (60, 70))
+    assert second.map_version == 1
+    assert not {(30, 30), (30, 31), (30, 32)} & set(map(tuple, second.path.tolist()))
+    assert "ticks" in (folder / "loop.log").read_text()
+
+
+def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem, tmp_path):
+    record = tmp_path / "inputs.jsonl"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(60.0)
+        words = ("--map", dem, *QUICK, "--record", record, "--framing", "lines")
+        told = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000", "WATCHDOG_PID": ""}
+        program = Program(*words, **told)
+        assert manager.recv(4096) == b"READY=1"
+        program.send(Pose(5, 5), Goal(60, 70))
+        assert program.await_path().path[-1].tolist() == [60, 70]
+        program.process.send_signal(signal.SIGHUP)
+        for _ in range(3):
+            assert manager.recv(4096) in (b"WATCHDOG=1", b"STATUS=OK by standing")
+        code, _, err = program.end(signal.SIGTERM)
+        assert (code, "Traceback" in err) == (0, False), err
+        words = []
+        while not words or words[-1] != b"STOPPING=1":
+            words.append(manager.recv(4096))
+    assert [message for _, message in read_recording(record, SHAPE)] == [Pose(5, 5), Goal(60, 70)]
+
+
+def test_after_a_kill_the_recording_can_be_played_and_the_next_has_a_file_of_its_own(dem, tmp_path):
+    record = tmp_path / "inputs.jsonl"
+    inputs = [Pose(5.0, 5.0), Goal(60, 70), *(MapPatch(n % 70, 3, cost=np.full((2, 2), 0.5)) for n in range(1000))]
+    program = Program("--map", dem, *QUICK, "--record", record)
+    program.send(*inputs)
+    wait_until(lambda: record.exists() and record.read_bytes().count(b"\n") > 100, 60.0)
+    code, _, _ = program.end(signal.SIGKILL)
+    assert code == -signal.SIGKILL
+    kept = [encode(message) for _, message in read_recording(record, SHAPE)]
+    assert len(kept) >= 100
+    assert kept == [encode(message) for message in inputs[: len(kept)]]
+    before = record.read_bytes()
+    again = Program("--map", dem, *QUICK, "--record", record, "--input", f"replay:{record}", "--fast", "--json",
+                    "--output", "none")  # fmt: skip
+    out, err = again.process.communicate(timeout=60.0)
+    assert again.process.returncode == 0, err.decode()
+    assert json.loads(out)["patches"] == len(kept) - 2
+    assert record.read_bytes() == before
+    assert len(list(read_recording(tmp_path / "inputs-2.jsonl"))) == len(kept)
+
+
+def test_it_may_be_stopped_while_it_starts(dem):
+    program = Program("--map", dem, *QUICK)
+    maps = Path(f"/proc/{program.process.pid}/maps")
+    wait_until(lambda: b"llvmlite" in maps.read_bytes() and handles(program.process.pid, signal.SIGTERM), 60.0)
+    code, out, err = program.end(signal.SIGTERM)
+    assert (code, "Traceback" in err) == (0, False), err
+
+
+def handles(pid, number):
+    """Whether a process has a handler for a signal."""
+    caught = re.search(r"^SigCgt:\s*([0-9a-f]+)$", Path(f"/proc/{pid}/status").read_text(), re.MULTILINE).group(1)
+    return bool(int(caught, 16) >> (number - 1) & 1)
+
+
+# --- in this process
+
+
+def test_what_follows_a_tick_may_fail(navigator):
+    seen = []
+
+    def after_tick(message):
+        seen.append(message.tick)
+        raise OSError("no manager")
+
+    source = InProcessSource()
+    counters = Loop(navigator, source, rate_hz=500.0, after_tick=after_tick).run(3)
+    assert seen == [1, 2, 3]
+    assert counters.errors == {"after_tick": 3}
+
+
+def test_ticks_that_are_not_paced_follow_at_once_each_with_a_period_of_its_own(navigator):
+    left = []
+    tick = navigator.tick
+    navigator.tick = lambda deadline: left.append(deadline - time.monotonic()) or tick(deadline)
+    began = time.monotonic()
+    counters = Loop(navigator, InProcessSource(), rate_hz=0.1, paced=False).run(5)
+    assert time.monotonic() - began < 5.0
+    assert (counters.ticks, counters.overruns, counters.skipped) == (5, 0, 0)
+    assert min(left) > 8.0
+
+
+def test_a_replay_ends_with_its_counters(nnpp_edge, dem, recording, tmp_path):
+    metrics = tmp_path / "metrics.prom"
+    ended = nnpp_edge(
+        "run", "--map", dem, *QUICK, "--rate", "2", "--input", f"replay:{recording}", "--fast", "--output", "none",
+        "--json", "--metrics-file", metrics, "--metrics-port", "0",
+    )  # fmt: skip
+    assert ended.code == 0
+    told = json.loads(ended.out)
+    assert (told["ticks"], told["planned"], told["failed"], told["patches"]) == (3, 3, 0, 1)
+    assert told["errors"] == {}
+    assert "ready: astar at 2 Hz, 80 × 90 cells" in ended.err
+    assert re.search(r"metrics: http://127.0.0.1:\d+/metrics", ended.err)
+    assert re.search(r"^nnpp_edge_ticks_total 3(\.0)?$", metrics.read_text(), re.MULTILINE)
+
+
+def test_a_log_holds_inputs_and_answers(nnpp_edge, dem, recording, tmp_path):
+    reader = pytest.importorskip("mcap.reader")
+    ended = nnpp_edge("run", "--map", dem, *QUICK, "--input", f"replay:{recording}", "--fast", "--output", "none",
+                      "--log", tmp_path / "drive.mcap")  # fmt: skip
+    assert ended.code == 0
+    assert "ticks     3: 3 planned" in ended.err
+    with (tmp_path / "drive.mcap").open("rb") as file:
+        topics = [channel.topic for _, channel, _ in reader.make_reader(file).iter_messages()]
+    assert {"/pose", "/goal", "/path"} <= set(topics)
+
+
+def test_a_cost_map_is_understood_as_one(nnpp_edge, dem, recording, tmp_path):
+    cost = np.full(SHAPE, 0.3, np.float32)
+    np.savez(tmp_path / "cost.npz", cost=cost, cell_size_m=2.0)
+    words = ("--input", f"replay:{recording}", "--fast", "--output", "none", "--json")
+    ended = nnpp_edge("run", "--map", tmp_path / "cost.npz", *QUICK, *words)
+    assert json.loads(ended.out)["planned"] == 3
+    ended = nnpp_edge("run", "--map", tmp_path / "cost.npz", "--workload", "limit20", *words)
+    assert ended.code == 2
+    assert "cost.npz holds costs: --workload does not go with it" in ended.err
+
+
+def test_ticks_end_it_and_the_profile_and_its_model_count(nnpp_edge, dem, recording, tmp_path, tiny_model):
+    profile = tmp_path / "robot.toml"
+    profile.write_text(f'[loop]\nrate_hz = 50\nmethod = "nnpp"\nmodel = "{tiny_model}"\ncores = [0]\n')
+    words = ("--map", dem, "--profile", profile, "--input", f"replay:{recording}", "--stay", "--ticks", "20",
+             "--output", "none", "--json")  # fmt: skip
+    ended = nnpp_edge("run", *words)
+    assert "ready: nnpp at 50 Hz" in ended.err
+    assert json.loads(ended.out)["ticks"] == 20
+    assert "ready: dstar at 80 Hz" in nnpp_edge("run", *words, "--method", "dstar", "--rate", "80").err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--input", "nonsense"), "input must be stdin, replay:FILE or zenoh"),
+        (("--input", "replay"), "input must be"),
+        (("--input", "stdin:x"), "input must be"),
+        (("--input", "replay:none.jsonl"), "none.jsonl: wanted a recording"),
+        (("--fast",), "only a replay can be fast"),
+        (("--output", "paper"), "outputs must be"),
+        (("--output", "none", "--output", "stdout"), "none goes with no other"),
+        (("--output", "stdout", "--output", "stdout"), "different ones"),
+        (("--input", "zenoh:tcp/a:1", "--output", "zenoh:tcp/b:1"), "one endpoint"),
+        (("--rate", "0"), "rate_hz: wanted ticks a second"),
+        (("--rate", "nan"), "rate_hz"),
+        (("--method", "magic"), "method: wanted one of auto, astar"),
+        (("--priority", "100"), "priority"),
+        (("--tolerance", "-1"), "tolerance"),
+        (("--cores", "-1"), "cores"),
+        (("--profile", "none"), "profile"),
+        (("--record", "no/such/folder.jsonl"), "could not be written"),
+        (("--metrics-file", "no/such/file"), "could not be written"),
+        (("--model", "none.onnx", "--method", "nnpp"), "none.onnx"),
+    ],
+)
+def test_wrong_use_ends_in_one_line_before_the_first_tick(nnpp_edge, dem, monkeypatch, words, told):
+    monkeypatch.setattr("nnpp_edge.robot.build.exercise", lambda: None)
+    nnpp_edge("run", "--map", dem, *words, "--ticks", "1").refused(told)
+
+
+def test_json_does_not_go_with_answers_on_stdout(nnpp_edge, dem):
+    ended = nnpp_edge("run", "--map", dem, "--json")
+    assert ended.code == 2
+    assert "--json prints on stdout" in ended.err
+
+
+def test_a_map_that_cannot_be_read_is_told(nnpp_edge, bad_dem):
+    path, words = bad_dem
+    nnpp_edge("run", "--map", path, "--ticks", "1").refused(words)
+
+
+def test_answers_go_back_to_where_inputs_come_from():
+    assert Wiring().output_kinds == ("stdout",)
+    assert Wiring(input="replay:x").output_kinds == ("stdout",)
+    assert Wiring(input="zenoh:tcp/a:1").output_kinds == ("zenoh",)
+    both = Wiring(outputs=("stdout", "zenoh:tcp/a:1"))
+    assert (both.output_kinds, both.endpoint) == (("stdout", "zenoh"), "tcp/a:1")
+    with pytest.raises(InvalidQueryError):
+        replace(both, input="zenoh:tcp/b:1")
+
+
+# --- the table [loop]
+
+
+def test_the_table_loop_of_a_profile(tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text("[device]\ncores = [1, 0]\n[model]\nint8 = 'mine.onnx'\n")
+    assert read_profile(path).loop == OnboardLoop(model="mine.onnx", cores=(1, 0))
+    path.write_text("[loop]\nrate_hz = 5\nmethod = 'dstar'\npriority = 10\ntolerance = 0\ncorner_cutting = false\n")
+    expected = OnboardLoop(5.0, "dstar", "edge", (0,), 10, 0.0, False)
+    assert read_profile(path).loop == expected
+    assert "loop" not in read_profile(path).facts()
+    assert overridden_loop(expected, rate_hz=None, cores=(3,), method="astar") == replace(
+        expected, cores=(3,), method="astar"
+    )
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("rate_hz = 0", "loop.rate_hz: wanted ticks a second, above 0 and at most 1000, got 0"),
+        ("rate_hz = 'fast'", "loop.rate_hz"),
+        ("method = 'magic'", "loop.method: wanted one of auto"),
+        ("cores = [-1]", "loop.cores"),
+        ("priority = 100", "loop.priority"),
+        ("tolerance = -0.1", "loop.tolerance"),
+        ("corner_cutting = 1", "loop.corner_cutting: wanted true or false"),
+        ("speed = 1", "loop.speed is unknown"),
+    ],
+)
+def test_a_table_loop_that_makes_no_sense_is_refused(tmp_path, line, words):
+    path = tmp_path / "robot.toml"
+    path.write_text(f"[loop]\n{line}\n")
+    with pytest.raises(ProfileError, match=words):
+        read_profile(path)
+
+
+def test_every_method_of_the_planner_may_be_named():
+    from nnpp_edge.profiling.profile_file import LOOP_METHODS
+    from nnpp_edge.runtime.planning.dynamic import DynamicMethod
+
+    assert set(LOOP_METHODS) == {str(method) for method in DynamicMethod}

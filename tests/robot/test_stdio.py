@@ -1,0 +1,192 @@
+"""Standard input and output: nothing that comes or does not come stops the loop."""
+
+import json
+import os
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from nnpp_edge.robot.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.stdio import StdioSink, StdioSource
+from nnpp_edge.robot.wire import Fault, Framer, decode_output, encode, framed
+from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.loop.inprocess import InProcessSource
+from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, Outcome, PathMessage, Pose
+from nnpp_edge.runtime.loop.runner import Loop
+from tests.robot.conftest import free, wait_until
+
+POSE, GOAL = encode(Pose(5, 5)), encode(Goal(35, 55))
+
+
+class Pipe:
+    """Both ends, each closed once."""
+
+    def __init__(self):
+        self.read, self.write = os.pipe()
+        self._open = {self.read, self.write}
+
+    def close(self, *ends):
+        for end in ends or (self.read, self.write):
+            if end in self._open:
+                self._open.remove(end)
+                os.close(end)
+
+
+@pytest.fixture
+def incoming():
+    """To the loop."""
+    pipe = Pipe()
+    yield pipe
+    pipe.close(pipe.write)  # the reading end stays: a thread may still wait at it
+
+
+@pytest.fixture
+def outgoing():
+    """From the loop."""
+    pipe = Pipe()
+    yield pipe
+    pipe.close()
+
+
+def send(pipe, *messages, framing="lines"):
+    """Write and close from a thread of its own, as another process would; the thread."""
+
+    def write():
+        for message in messages:
+            content = memoryview(framed(message, framing))
+            while content:
+                content = content[os.write(pipe.write, content) :]
+        pipe.close(pipe.write)
+
+    thread = threading.Thread(target=write, daemon=True)
+    thread.start()
+    return thread
+
+
+def received(pipe, framing="lines"):
+    """What was written to a pipe that nobody writes to any more."""
+    pipe.close(pipe.write)
+    chunks = []
+    while chunk := os.read(pipe.read, 1 << 16):
+        chunks.append(chunk)
+    framer = Framer(framing)
+    return [decode_output(message) for message in [*framer.feed(b"".join(chunks)), *framer.end()]]
+
+
+@pytest.mark.parametrize("framing", ["lines", "length"])
+def test_paths_come_back_and_the_end_of_input_ends_the_run(incoming, outgoing, navigator, drive, framing):
+    wall = encode(MapPatch(10, 0, cost=np.full((1, 59), np.inf)))
+    send(incoming, POSE, wall, GOAL, framing=framing)
+    sink = StdioSink(descriptor=outgoing.write, framing=framing)
+    source = StdioSource(Refusals(navigator.count_error, sink.answer), descriptor=incoming.read, framing=framing)
+    ended = drive(navigator, source, [sink])
+    answers = received(outgoing, framing)
+    last = [m for m in answers if isinstance(m, PathMessage)][-1]
+    assert last.ok
+    assert last.map_version == 1
+    assert [col for row, col in last.path.tolist() if row == 10] == [59]
+    assert ended.counters.errors == {}
+
+
+def test_the_loop_goes_on_while_nothing_comes(incoming, navigator, drive):
+    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read)
+    assert drive(navigator, source, ticks=10).counters.ticks == 10
+    assert not source.ended
+
+
+def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, navigator, drive):
+    sink = StdioSink(descriptor=outgoing.write)
+    source = StdioSource(Refusals(navigator.count_error, sink.answer), descriptor=incoming.read, limit=2000)
+    send(incoming, POSE, b"\x00\xff garbage", b'{"type":"pose"}', b"x" * 300_000, b'{"type":"goal","row":', GOAL)
+    ended = drive(navigator, source, [sink])
+    answers = received(outgoing)
+    faults = [m for m in answers if isinstance(m, Fault)]
+    assert [fault.count for fault in faults] == [1, 2, 3, 4]
+    for fault, words in zip(faults, ("JSON object", "pose.row", "at most 2000 bytes", "JSON object"), strict=True):
+        assert words in fault.error
+    assert ended.counters.errors == {"input": 4}
+    assert ended.paths[-1].ok
+
+
+def test_a_flood_of_patches_is_taken_in_whole_and_in_order(incoming, navigator, drive):
+    patches = [encode(MapPatch(n % 40, n % 60, cost=np.full((1, 1), 0.1 + n / 2000))) for n in range(1000)]
+    send(incoming, POSE, *patches, GOAL)
+    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Mailbox(most_patches=16))
+    ended = drive(navigator, source)
+    assert ended.counters.patches == 1000
+    assert ended.paths[-1].ok
+    cost = free()
+    for n in range(1000):
+        cost[n % 40, n % 60] = 0.1 + n / 2000
+    np.testing.assert_array_equal(navigator.world.cost(), cost)
+
+
+def test_a_sender_that_is_too_fast_waits(incoming, navigator):
+    patch = encode(MapPatch(0, 0, cost=np.zeros((40, 40))))
+    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Mailbox(most_patches=4))
+    thread = send(incoming, *[patch] * 100)
+    thread.join(0.2)
+    assert thread.is_alive()
+    taken = []
+    wait_until(lambda: taken.extend(source.poll()) or source.ended)
+    assert len(taken) == 100
+
+
+def test_a_reader_that_never_reads_costs_answers_and_nothing_else(outgoing, navigator, ends):
+    source = InProcessSource()
+    for message in ends:
+        source.put(message)
+    loop = Loop(navigator, source, [StdioSink(descriptor=outgoing.write)], rate_hz=1000.0, queue=4)
+    began = time.monotonic()
+    counters = loop.run(400)
+    assert time.monotonic() - began < 10.0
+    assert counters.ticks == 400
+    assert counters.drops["stdout"] > 0
+
+
+def test_a_reader_that_has_gone_is_told_once(outgoing):
+    sink = StdioSink(descriptor=outgoing.write)
+    outgoing.close(outgoing.read)
+    message = PathMessage(1, Outcome.NO_POSE, Origin.NONE)
+    with pytest.raises(OutputError, match="closed by its reader"):
+        sink.publish(message)
+    sink.publish(message)
+
+
+def test_faults_wait_for_the_next_answer_and_the_newest_are_kept(outgoing):
+    sink = StdioSink(descriptor=outgoing.write)
+    for n in range(1000):
+        sink.answer(Fault("no", n))
+    sink.publish(PathMessage(1, Outcome.NO_POSE, Origin.NONE))
+    answers = received(outgoing)
+    assert len(answers) == 65
+    assert answers[-2] == Fault("no", 999)
+    assert answers[-1].outcome is Outcome.NO_POSE
+
+
+def test_descriptors_that_do_not_block_are_waited_for(incoming, outgoing, navigator):
+    os.set_blocking(incoming.read, False)
+    os.set_blocking(outgoing.write, False)
+    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read)
+    time.sleep(0.05)
+    send(incoming, POSE)
+    wait_until(lambda: source._mailbox._closed)
+    assert list(source.poll()) == [Pose(5, 5)]
+    path = np.zeros((20_000, 2), np.int32)
+    message = PathMessage(1, Outcome.OK, Origin.FULL, path)
+    writer = threading.Thread(target=StdioSink(descriptor=outgoing.write).publish, args=(message,))
+    writer.start()
+    with os.fdopen(os.dup(outgoing.read), "rb") as file:
+        assert len(json.loads(file.readline())["path"]) == 20_000
+    writer.join(5.0)
+
+
+def test_an_input_that_cannot_be_read_is_told_and_is_over(navigator, tmp_path):
+    faults = []
+    folder = os.open(tmp_path, os.O_RDONLY)
+    source = StdioSource(Refusals(navigator.count_error, faults.append), descriptor=folder)
+    wait_until(lambda: source.ended)
+    assert "cannot be read" in faults[0].error
+    os.close(folder)

@@ -1,0 +1,259 @@
+"""The wire: what is taken, what is refused and with which words, and where a stream is cut."""
+
+import base64
+import json
+import math
+import struct
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.robot.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.wire import Fault, Framer, WireError, decode, decode_output, encode, framed
+from nnpp_edge.runtime.loop.messages import (
+    Counters,
+    Goal,
+    MapPatch,
+    Origin,
+    Outcome,
+    PathMessage,
+    Pose,
+    StatusMessage,
+)
+
+
+def same(a, b):
+    """Two patches, cell by cell and bit by bit."""
+    for name in ("elevation", "cost"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    assert (a.row, a.col, a.keep_known, a.stamp) == (b.row, b.col, b.keep_known, b.stamp)
+
+
+def test_inputs_come_back_as_they_were():
+    for message in (Pose(3.25, -7.5, 12.5), Goal(3, 400), Goal(-1, 0, 1e9)):
+        assert decode(encode(message)) == message
+    values = np.array([[0.1, np.nan, np.inf], [1e-40, 3.4e38, 0.0]], np.float32)
+    same(decode(encode(patch := MapPatch(-4, 9, cost=values, keep_known=True, stamp=2.5))), patch)
+    same(decode(encode(patch := MapPatch(0, 0, elevation=-values))), patch)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(1, 9), st.integers(1, 9), st.integers(0, 2**32 - 1))
+def test_any_bits_of_a_patch_survive(rows, cols, seed):
+    bits = np.random.default_rng(seed).integers(0, 2**32, (rows, cols), np.uint32)
+    patch = MapPatch(1, 2, elevation=bits.view(np.float32))
+    same(decode(encode(patch)), patch)
+
+
+def test_answers_come_back_as_they_were():
+    path = np.array([[1, 2], [2, 3]], np.int32)
+    whole = PathMessage(
+        7, Outcome.OK, Origin.FULL, path, (1, 2), (2, 3), False, True, 1.5, 1.25, "auto", "why", 4, 0.5
+    )
+    back = decode_output(encode(whole))
+    np.testing.assert_array_equal(back.path, path)
+    assert back.path.dtype == np.int32
+    assert replace(back, path=path).summary() == whole.summary()
+    failed = PathMessage(8, Outcome.NO_PATH, Origin.NONE)
+    assert json.loads(encode(failed))["cost"] is None
+    assert decode_output(encode(failed)).summary() == failed.summary()
+    assert decode_output(encode(failed)).cost == math.inf
+    status = StatusMessage(9, Outcome.OK, "fine", Counters(ticks=9, drops={"x": 1}, tick_ms={"p50": 0.25}))
+    assert decode_output(encode(status)) == status
+    assert decode_output(encode(Fault("no", 3))) == Fault("no", 3)
+
+
+def test_a_message_is_one_line():
+    assert b"\n" not in encode(Fault("two\nlines"))
+    assert b"\n" not in encode(MapPatch(0, 0, cost=np.zeros((50, 50))))
+
+
+def test_patches_may_be_written_by_hand():
+    patch = decode(b'{"v":1,"type":"patch","row":2,"col":3,"elevation":[[1,2.5],[null,-4]]}')
+    np.testing.assert_array_equal(patch.elevation, np.array([[1, 2.5], [np.nan, -4]], np.float32))
+    assert patch.cost is None
+
+
+def packed(shape, content):
+    return {"shape": shape, "float32": base64.b64encode(content).decode()}
+
+
+PATCH = {"type": "patch", "row": 0, "col": 0}
+POSE = {"type": "pose", "row": 0, "col": 0}
+
+
+@pytest.mark.parametrize(
+    ("payload", "words"),
+    [
+        (b"", "JSON object"),
+        (b"garbage", "JSON object, got 'garbage'"),
+        (b"[1,2]", r"JSON object, got \[1, 2\]"),
+        (b"\xff\xfe{}", "JSON object"),
+        (b"[" * 100_000, "JSON object"),
+        (b'{"type":"pose","row":NaN,"col":0}', "got NaN"),
+        (b'{"type":"pose","row":1e999,"col":0}', r"pose.row: wanted a number within ±2.14748e\+09, got inf"),
+        (b'{"type":"pose","row":' + b"9" * 400 + b',"col":0}', "pose.row"),
+        (b'{"type":"pose","row":' + b"9" * 9000 + b',"col":0}', "JSON object"),
+        ({"row": 1, "col": 1}, "type: wanted one of pose, goal, patch, got None"),
+        ({"type": ["pose"]}, "type"),
+        ({"type": "path"}, "type"),
+        (POSE | {"v": 2}, "version 1 of the messages, got 2"),
+        (POSE | {"v": True}, "version"),
+        (POSE | {"col": "1"}, "pose.col: wanted a number within .*, got '1'"),
+        (POSE | {"col": True}, "pose.col"),
+        (POSE | {"stamp": None}, "pose.stamp"),
+        (POSE | {"yaw": 1}, "pose: wanted no words but col, row, stamp, type, v, got 'yaw'"),
+        ({"type": "pose", "row": 1}, "pose.col: .* got None"),
+        ({"type": "goal", "row": 1.5, "col": 0}, "goal: a goal's row must be a whole number"),
+        (PATCH, "either elevation or cost"),
+        (PATCH | {"row": 0.5, "cost": [[1]]}, "whole number"),
+        (PATCH | {"cost": [[1]], "elevation": [[1]]}, "either elevation or cost"),
+        (PATCH | {"cost": [[1]], "keep_known": 1}, "keep_known: wanted true or false, got 1"),
+        (PATCH | {"cost": [[-1]]}, "at least 0"),
+        (PATCH | {"cost": []}, "rows of numbers"),
+        (PATCH | {"cost": [[]]}, "rows of numbers"),
+        (PATCH | {"cost": [1, 2]}, "rows of numbers"),
+        (PATCH | {"cost": 5}, "rows of numbers"),
+        (PATCH | {"cost": [[1, 2], [3]]}, "of one length, got lengths"),
+        (PATCH | {"cost": [[1, "2"]]}, "got str"),
+        (PATCH | {"cost": [[1, True]]}, "got bool"),
+        (PATCH | {"cost": [[[1]]]}, "got list"),
+        (PATCH | {"cost": [[10**400]]}, "beyond a float's range"),
+        (PATCH | {"cost": {"shape": [1, 1], "float32": "AAAA!AA="}}, "not base64"),
+        (PATCH | {"cost": packed([2, 2], b"1234")}, "4 bytes for 2 × 2 cells"),
+        (PATCH | {"cost": packed([0, 2], b"")}, "shape"),
+        (PATCH | {"cost": packed([True, 1], b"1234")}, "shape"),
+        (PATCH | {"cost": packed([10**9, 10**9], b"1234")}, "4 bytes for"),
+        (PATCH | {"cost": {"shape": [1, 1]}}, "base64"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_one_line(payload, words):
+    if isinstance(payload, dict):
+        payload = json.dumps(payload).encode()
+    with pytest.raises(WireError, match=words) as raised:
+        decode(payload)
+    assert len(str(raised.value)) < 400
+    assert "\n" not in str(raised.value)
+
+
+def test_a_message_that_is_too_long_is_not_even_looked_at():
+    with pytest.raises(WireError, match="at most 100 bytes, got 200"):
+        decode(b"x" * 200, 100)
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.binary(max_size=60) | st.text(max_size=40).map(str.encode))
+def test_no_bytes_raise_anything_else(payload):
+    for read in (decode, decode_output):
+        with pytest.raises(WireError):
+            read(payload)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"path": [[1]]}, {"path": "x"}, {"outcome": "FINE"}, {"start": 5}, {"cost": "x"}, {"path": []}, {"tick": None}],
+)
+def test_an_answer_that_is_none_is_refused(change):
+    message = PathMessage(7, Outcome.OK, Origin.FULL, np.array([[1, 2]], np.int32), (1, 2), (1, 2))
+    with pytest.raises(WireError, match="path: wanted an answer of the loop"):
+        decode_output(json.dumps(json.loads(encode(message)) | change).encode())
+    with pytest.raises(WireError, match="'counters' is missing"):
+        decode_output(b'{"type":"status","tick":1,"outcome":"OK","text":""}')
+
+
+# --- framing
+
+
+def cut(framer, stream, chunk):
+    found = []
+    for at in range(0, len(stream), chunk):
+        found += framer.feed(stream[at : at + chunk])
+    return [*found, *framer.end()]
+
+
+@pytest.mark.parametrize("framing", ["lines", "length"])
+@pytest.mark.parametrize("chunk", [1, 3, 7, 1000])
+def test_a_stream_is_cut_the_same_however_it_arrives(framing, chunk):
+    messages = [b"one", b"t" * 50, b'{"three": 3}', b"4" * 20]
+    stream = b"".join(framed(message, framing) for message in messages)
+    assert cut(Framer(framing), stream, chunk) == messages
+
+
+@pytest.mark.parametrize("framing", ["lines", "length"])
+@pytest.mark.parametrize("chunk", [1, 8, 1000])
+def test_what_is_too_long_is_skipped_and_the_next_is_read(framing, chunk):
+    stream = b"".join(framed(message, framing) for message in (b"a", b"b" * 500, b"c", b"d" * 21, b"e"))
+    found = cut(Framer(framing, 20), stream, chunk)
+    assert [x for x in found if isinstance(x, bytes)] == [b"a", b"c", b"e"]
+    assert ["at most 20 bytes" in str(x) for x in found if isinstance(x, WireError)] == [True, True]
+
+
+def test_skipping_keeps_no_bytes():
+    framer = Framer("lines", 1000)
+    for _ in range(100):
+        list(framer.feed(b"x" * 5000))
+    assert len(framer._buffer) <= 6000
+    framer = Framer("length", 1000)
+    list(framer.feed(struct.pack(">I", 2**32 - 1)))
+    for _ in range(100):
+        assert not list(framer.feed(b"x" * 5000))
+    assert len(framer._buffer) == 0
+
+
+def test_empty_lines_and_foreign_ends_of_lines_do_not_matter():
+    assert cut(Framer(), b"\n\r\n  a \r\n\nb", 4) == [b"a", b"b"]
+    (fault,) = cut(Framer("length"), struct.pack(">I", 10) + b"abc", 4)
+    assert "end of the stream" in str(fault)
+    with pytest.raises(WireError, match="lines, length"):
+        Framer("words")
+
+
+# --- the mailbox
+
+
+def patch(value, side=2):
+    return MapPatch(0, 0, cost=np.full((side, side), value))
+
+
+def test_a_full_mailbox_drops_the_oldest_patches_and_counts_them():
+    box = Mailbox(most_patches=3)
+    assert [box.put(patch(n), wait=False) for n in range(5)] == [0, 0, 0, 1, 1]
+    for col in range(4):
+        box.put(Pose(0, col), wait=False)
+    box.put(Goal(5, 5), wait=False)
+    first, second, *rest = box.take()
+    assert (first, second) == (Pose(0, 3), Goal(5, 5))
+    assert [float(p.cost[0, 0]) for p in rest] == [2.0, 3.0, 4.0]
+    assert box.drops == 2
+    assert not list(box.take())
+
+
+def test_room_is_counted_in_cells_too_and_one_patch_always_fits():
+    box = Mailbox(most_cells=100)
+    assert box.put(patch(1, 20), wait=True) == 0
+    assert box.put(patch(2, 10), wait=False) == 1
+    assert box.put(patch(3, 1), wait=False) == 1
+    assert [p.shape for p in box.take()] == [(1, 1)]
+
+
+def test_a_mailbox_ends_when_it_is_closed_and_empty():
+    box = Mailbox()
+    box.put(patch(1), wait=True)
+    assert not box.ended
+    box.close()
+    assert not box.ended
+    list(box.take())
+    assert box.ended
+
+
+def test_refusals_are_counted_answered_and_logged_a_few_times(caplog):
+    counted, answers = [], []
+    refusals = Refusals(counted.append, answers.append)
+    for n in range(1000):
+        refusals.add(WireError(f"bad {n}"))
+    assert counted == ["input"] * 1000
+    assert answers[-1] == Fault("bad 999", 1000)
+    assert len(caplog.records) == 5

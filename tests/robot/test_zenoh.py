@@ -1,0 +1,236 @@
+"""Zenoh: another process sends and listens; garbage, floods and listeners that sleep change nothing for the loop."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+pytest.importorskip("zenoh")
+
+from nnpp_edge.robot.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.wire import decode_output, encode
+from nnpp_edge.robot.zenoh_io import ZenohLink, ZenohSink, ZenohSource
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
+from tests.robot.conftest import wait_until
+
+PEER = """
+import json, sys, threading, zenoh
+
+config = zenoh.Config()
+config.insert_json5("mode", '"peer"')
+config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
+config.insert_json5("scouting/multicast/enabled", "false")
+lock = threading.Lock()
+
+def heard(sample):
+    with lock:
+        print(sample.key_expr, sample.payload.to_string(), flush=True)
+
+with zenoh.open(config) as session:
+    subscriber = session.declare_subscriber("robot/7/**", heard)
+    print("listening", flush=True)
+    for line in sys.stdin:
+        key, _, payload = line.rstrip("\\n").partition(" ")
+        session.put("robot/7/" + key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+"""
+
+
+def free_endpoint():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture
+def link():
+    """A session that another process can reach."""
+    link = ZenohLink(endpoint := free_endpoint(), prefix="robot/7")
+    link.endpoint = endpoint
+    yield link
+    link.close()
+
+
+class Peer:
+    """The other process: `send` has it publish, `heard` is what it received."""
+
+    def __init__(self, endpoint):
+        self.heard = []
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", PEER, endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout.readline() == "listening\n"
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def send(self, key, payload):
+        text = payload if isinstance(payload, str) else payload.decode()
+        self.process.stdin.write(f"{key} {text}\n")
+        self.process.stdin.flush()
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+        self._thread.join(5.0)
+        self.process.stdin.close()
+        self.process.stdout.close()
+
+    def of(self, topic):
+        return [decode_output(text.encode()) for key, text in list(self.heard) if key == f"robot/7/{topic}"]
+
+    def _listen(self):
+        for line in self.process.stdout:
+            key, _, text = line.rstrip("\n").partition(" ")
+            self.heard.append((key, text))
+
+
+@pytest.fixture
+def peer(link):
+    """Connected to the session."""
+    peer = Peer(link.endpoint)
+    yield peer
+    peer.close()
+
+
+class Running:
+    """A loop in a thread of its own."""
+
+    def __init__(self, navigator, drive, link, **options):
+        self.sink = ZenohSink(link)
+        refusals = Refusals(navigator.count_error, self.sink.answer)
+        self.source = ZenohSource(link, refusals, navigator.count_error, **options)
+        self._thread = threading.Thread(
+            target=lambda: setattr(self, "ended", drive(navigator, self.source, [self.sink]))
+        )
+        self._thread.start()
+
+    def stop(self):
+        self.source.ended = True
+        self._thread.join(10.0)
+        return self.ended
+
+
+@pytest.fixture
+def running(link, navigator, drive):
+    """Start a loop; it is stopped at the end, however the test ends."""
+    started = []
+
+    def start(**options):
+        started.append(Running(navigator, drive, link, **options))
+        return started[-1]
+
+    yield start
+    for each in started:
+        each.stop()
+
+
+def test_a_path_goes_to_and_fro_between_two_processes(peer, running):
+    loop = running()
+    wait_until(lambda: peer.of("path"))
+    peer.send("pose", encode(Pose(5, 5)))
+    peer.send("goal", encode(Goal(35, 55)))
+    wait_until(lambda: peer.of("path")[-1].ok)
+    peer.send("patch", encode(MapPatch(10, 0, cost=np.full((1, 59), np.inf))))
+    wait_until(lambda: peer.of("path")[-1].map_version == 1)
+    last = peer.of("path")[-1]
+    assert [col for row, col in last.path.tolist() if row == 10] == [59]
+    ended = loop.stop()
+    assert ended.counters.errors == {}
+    assert ended.counters.drops == {"zenoh": 0, "in-process": 0}
+
+
+def test_what_makes_no_sense_is_answered_and_ends_nothing(peer, running):
+    loop = running(limit=1000)
+    wait_until(lambda: peer.of("path"))
+    bad = [
+        ("pose", "garbage", "JSON object"),
+        ("pose", encode(Goal(1, 1)).decode(), "type: wanted 'pose', as the topic is, got 'goal'"),
+        ("goal", '{"row":1.5,"col":2}', "whole number"),
+        ("patch", '{"row":0,"col":0,"cost":[[-1]]}', "at least 0"),
+        ("patch", "x" * 2000, "at most 1000 bytes, got 2000"),
+    ]
+    for topic, payload, _ in bad:
+        peer.send(topic, payload)
+    wait_until(lambda: len(peer.of("error")) == len(bad))
+    faults = peer.of("error")
+    assert [fault.count for fault in faults] == [1, 2, 3, 4, 5]  # topics are heard in no certain order
+    for _, _, words in bad:
+        assert sum(words in fault.error for fault in faults) == 1
+    peer.send("pose", '{"row":5,"col":5}')
+    peer.send("goal", '{"row":35,"col":55}')
+    wait_until(lambda: peer.of("path")[-1].ok)
+    assert loop.stop().counters.errors == {"input": 5}
+
+
+def test_of_a_flood_the_newest_are_kept_and_the_rest_is_counted(link, peer, navigator):
+    source = ZenohSource(
+        link, Refusals(navigator.count_error), navigator.count_error, mailbox=Mailbox(most_patches=10)
+    )
+
+    def known():  # to the peer, which is told of the topics when they are listened to
+        peer.send("goal", encode(Goal(0, 0)))
+        return list(source.poll())
+
+    wait_until(known)
+    for n in range(1000):
+        peer.send("patch", encode(MapPatch(0, 0, cost=np.full((1, 1), n))))
+    peer.send("goal", encode(Goal(1, 1)))
+    wait_until(lambda: navigator.counters().errors.get("input dropped", 0) == 990)
+    goal, *patches = source.poll()
+    assert goal == Goal(1, 1)
+    assert [float(p.cost[0, 0]) for p in patches] == list(range(990, 1000))
+
+
+def test_a_listener_that_sleeps_holds_nobody_up(link, peer, navigator, drive):
+    navigator.offer(Pose(5, 5))
+    navigator.offer(Goal(35, 55))
+    sink = ZenohSink(link)
+    os.kill(peer.process.pid, signal.SIGSTOP)
+
+    class Quiet:
+        ended = False
+
+        def poll(self):
+            return ()
+
+    ended = drive(navigator, Quiet(), [sink], rate_hz=1000.0, ticks=2000)
+    assert ended.counters.ticks == 2000
+    assert ended.counters.skipped < 1000
+    assert "sink zenoh" not in ended.counters.errors
+
+
+def test_a_session_that_cannot_be_opened_is_told_in_one_line(link):
+    with pytest.raises(InvalidQueryError, match="could not listen at 'tcp") as raised:
+        ZenohLink(link.endpoint)
+    assert "\n" not in str(raised.value)
+    with pytest.raises(InvalidQueryError, match="could not listen"):
+        ZenohLink("nonsense")
+    for prefix in ("", "/a", "a/*", "a//b", "a b"):
+        with pytest.raises(InvalidQueryError, match="prefix"):
+            ZenohLink(prefix=prefix)
+
+
+def test_it_may_go_to_another_instead_of_listening(link, navigator):
+    heard = []
+    subscriber = link.session.declare_subscriber("robot/7/path", lambda s: heard.append(s.payload.to_bytes()))
+    other = ZenohLink(connect=link.endpoint, prefix="robot/7")
+    try:
+        sink = ZenohSink(other)
+        message = navigator.tick()
+
+        def came():
+            sink.publish(message)
+            return bool(heard)
+
+        wait_until(came)
+        assert isinstance(decode_output(heard[0]), PathMessage)
+        assert json.loads(heard[0])["outcome"] == "NO_POSE"
+    finally:
+        other.close()
+        subscriber.undeclare()
