@@ -63,8 +63,8 @@ PRESETS = {
     "nnpp": Spec("nnpp", options={"width": 64}),
     "nnpp-stdc2": Spec("nnpp", options={"width": 64, "depth": [4, 5, 3]}),
 }
-"""``edge-128`` and ``edge-256`` see the map at twice and four times ``edge``'s resolution, with twice and 37 times the
-work; ``nnpp`` is the paper's network at full width and ``nnpp-w16`` the same at a quarter of it."""
+"""``edge-128`` and ``edge-256`` see the map at twice and four times ``edge``'s resolution, with twice and 37 times
+the work; ``nnpp`` is the paper's network at full width and ``nnpp-w16`` the same at a quarter of it."""
 
 
 class Network(nn.Module):
