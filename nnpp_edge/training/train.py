@@ -174,7 +174,7 @@ def train(
             if _agree(time.monotonic() - validated, world, device) > settings.validate_every_s:
                 stand()
                 validated = time.monotonic()
-            if progress.spent_s >= settings.time_limit_s or progress.step >= total:
+            if progress.spent_s >= settings.time_limit_s or progress.step == settings.steps:
                 break
         else:
             progress.epoch += 1

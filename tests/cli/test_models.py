@@ -75,7 +75,9 @@ def test_a_shipped_model_is_shown_with_its_metadata_figures_and_card(nnpp_edge):
     ended = nnpp_edge("models", "edge")
     assert (ended.code, ended.err) == (0, "")
     found = read_model_file("edge")
-    facts = (found.sha256, "map (1, 32, 64, 64)", "probability (1, 4, 32, 32)", found.producer)
+    side = found.metadata.input_size
+    shapes = f"map (1, 32, {side // 4}, {side // 4})", f"probability (1, 4, {side // 8}, {side // 8})"
+    facts = (found.sha256, *shapes, found.producer)
     figures = (
         "training.dataset.maps",
         "corridor",
