@@ -15,7 +15,7 @@ from nnpp_edge.calibrate.calibration_set import answers, feed, pick
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.encoding import Frame
 from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.region import RegionFinder, quantise
+from nnpp_edge.runtime.region import RegionFinder, lowered, quantise
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.training.validation import Judgement, Validator
 
@@ -81,7 +81,7 @@ def agreement(fp32: NDArray[np.float32], int8: NDArray[np.float32], samples: Sam
     for query in range(len(samples)):
         (r0, c0), (r1, c1) = (lookup[np.rint(p[query]).astype(int)].tolist() for p in (samples.start, samples.goal))
         finder.read(fp32[query])
-        threshold = max(int(finder.threshold((r0, c0), (r1, c1)) * factor), 1)
+        threshold = lowered(finder.threshold((r0, c0), (r1, c1)), factor)
         quantise(int8[query], levels)
         same.append(((finder.levels >= threshold) == (levels >= threshold)).mean())
     difference = np.abs(fp32 - int8)

@@ -14,7 +14,7 @@ from onnxruntime.quantization import CalibrationMethod, QDQQuantizer, QuantType
 
 from nnpp_edge.calibrate.calibration_set import QueryReader, pick
 from nnpp_edge.runtime.errors import DataSetError, ModelError
-from nnpp_edge.runtime.inference import METADATA_KEY, OUTPUT, ModelMetadata, NetworkModel
+from nnpp_edge.runtime.inference import METADATA_KEY, ModelMetadata, NetworkModel
 from nnpp_edge.terrain.dataset import Samples
 
 METHODS = {
@@ -48,7 +48,7 @@ class Quantizer:
 
     Notes
     -----
-    The head (the last convolution and the sigmoid after it) stays float: it costs next to nothing, and
+    The head (the last convolution and what does not lead to it) stays float: it costs next to nothing, and
     its error would be the answer's.
     """
 
@@ -122,6 +122,7 @@ class Quantizer:
             quantizer.quantize_model()
             quantizer.model.topological_sort()
         built = quantizer.model.model
+        built.graph.node.sort(key=lambda node: node.op_type == "If")  # the sort overlooks what branches read
         metadata = self.model.metadata
         metadata = replace(
             metadata, precision="int8", training=metadata.training | ({"calibration": facts} if facts else {})
@@ -162,16 +163,19 @@ def _prepare(source: Path, target: Path) -> Path:
 
 
 def _head(graph: onnx.GraphProto) -> tuple[str, ...]:
-    """Names of the last convolution and of what follows it."""
+    """Names of the last convolution and of all nodes that do not lead to it."""
     makers = {name: node for node in graph.node for name in node.output}
-    node = makers[OUTPUT]
-    names = [node.name]
-    while node.op_type != "Conv":
-        if not node.input or node.input[0] not in makers:
-            raise ModelError("wanted a network that ends in a convolution, got one without")
-        node = makers[node.input[0]]
-        names.append(node.name)
-    return tuple(names)
+    convolutions = [node for node in graph.node if node.op_type == "Conv"]
+    if not convolutions:
+        raise ModelError("wanted a network with convolutions, got one without")
+    before: set[str] = set()
+    waiting = [makers[name] for name in convolutions[-1].input if name in makers]
+    while waiting:
+        node = waiting.pop()
+        if node.name not in before:
+            before.add(node.name)
+            waiting += [makers[name] for name in node.input if name in makers]
+    return tuple(node.name for node in graph.node if node.name not in before)
 
 
 @contextlib.contextmanager

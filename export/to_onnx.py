@@ -19,15 +19,17 @@ from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from nnpp_edge import __version__
+from nnpp_edge.export.in_parts import ask_for_the_head
 from nnpp_edge.files import write_whole
 from nnpp_edge.model import edge
 from nnpp_edge.model.macs import count_macs
 from nnpp_edge.model.registry import Network, Spec
+from nnpp_edge.model.split import SplitNet
 from nnpp_edge.runtime.costmap import Traversability
-from nnpp_edge.runtime.encoding import PAIR_CHANNELS
+from nnpp_edge.runtime.encoding import ENDS_CHANNELS, PAIR_CHANNELS
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.grid import PAPER_OMEGA
-from nnpp_edge.runtime.inference import METADATA_KEY, OUTPUT, ModelMetadata
+from nnpp_edge.runtime.inference import HEAD, METADATA_KEY, OUTPUT, PLACES, ModelMetadata
 from nnpp_edge.terrain.dataset import Recipe
 from nnpp_edge.training.train import load_checkpoint
 
@@ -112,20 +114,21 @@ def export_network(
         The file cannot be written.
     """
     spec = network.spec
-    paired = spec.encoding == "pair"
+    apart = spec.architecture != "nnpp"
     facts = ModelMetadata(
         name=name,
         architecture=spec.architecture,
         input_size=spec.input_size,
         blocks=spec.blocks,
         encoding=spec.encoding,
-        channels=("cost", "blocked", "pair") if paired else ("cost", "start_map", "goal_map"),
+        channels=("cost", "blocked", spec.encoding) if apart else ("cost", "start_map", "goal_map"),
         sigma=spec.sigma,
         omega=omega,
         cost_limits={k: v for k, v in asdict(Traversability()).items() if math.isfinite(v)},
         region_factor=region_factor,
-        map_unshuffle=edge.UNSHUFFLE if paired else 1,
-        output_shuffle=edge.QUERY_STRIDE // edge.OUTPUT_STRIDE if paired else 1,
+        map_unshuffle=edge.UNSHUFFLE if apart else 1,
+        output_shuffle=edge.QUERY_STRIDE // edge.OUTPUT_STRIDE if apart else 1,
+        head=network.body.head.sizes if isinstance(network.body, SplitNet) else (),
         training=training or {},
         version=__version__,
     )
@@ -142,12 +145,14 @@ def to_onnx(network: Network, opset: int = OPSET) -> onnx.ModelProto:
     if opset < OPSET:
         raise ModelError(f"opset must be at least {OPSET}, got {opset}")
     inputs = example_inputs(network.spec)
+    split = network.spec.architecture == "split"
+    wrapped, outputs = (_InParts, [OUTPUT, PLACES, HEAD]) if split else (_Answer, [OUTPUT])
     with _quiet():
         program = torch.onnx.export(
-            _Answer(fold_norms(network)),
+            wrapped(fold_norms(network)),
             tuple(inputs.values()),
             input_names=list(inputs),
-            output_names=[OUTPUT],
+            output_names=outputs,
             opset_version=opset,
             dynamo=True,
             external_data=False,
@@ -156,6 +161,8 @@ def to_onnx(network: Network, opset: int = OPSET) -> onnx.ModelProto:
     assert program is not None
     model = program.model_proto
     _tidy(model.graph)
+    if split:
+        ask_for_the_head(model)
     return model
 
 
@@ -177,9 +184,10 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
     if spec.architecture == "nnpp":
         return {"input": torch.zeros(1, 3, size, size)}
     map_side, query_side = size // edge.UNSHUFFLE, size // edge.QUERY_STRIDE
+    channels = ENDS_CHANNELS if spec.architecture == "split" else PAIR_CHANNELS
     return {
         "map": torch.zeros(1, edge.MAP_CHANNELS * edge.UNSHUFFLE**2, map_side, map_side),
-        "query": torch.zeros(1, PAIR_CHANNELS, query_side, query_side),
+        "query": torch.zeros(1, channels, query_side, query_side),
     }
 
 
@@ -234,6 +242,19 @@ class _Answer(nn.Module):
         return torch.sigmoid(self.body(*inputs))
 
 
+class _InParts(nn.Module):
+    """A network in two parts, whose outputs are all that the runtime needs of it."""
+
+    def __init__(self, body: nn.Module) -> None:
+        super().__init__()
+        assert isinstance(body, SplitNet)
+        self.body = body
+
+    def forward(self, planes: Tensor, query: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        places = self.body.encoder(planes)
+        return torch.sigmoid(self.body.head(places, query)), places, self.body.head.parameters_in_order()
+
+
 def _tidy(graph: onnx.GraphProto) -> None:
     """Name each node by the module it comes from, and drop the exporter's traces, which hold local paths."""
     taken: Counter[str] = Counter()
@@ -254,12 +275,14 @@ def _tidy(graph: onnx.GraphProto) -> None:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep the exporter's notes, none of which is for the user, off stderr."""
-    logger = logging.getLogger("torch.onnx")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
+    loggers = [logging.getLogger(name) for name in ("torch.onnx", "onnxscript", "onnx_ir")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
     finally:
-        logger.setLevel(level)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -16,6 +16,8 @@ Cell = tuple[int, int]
 
 GAUSSIAN_CHANNELS = 2
 PAIR_CHANNELS = 3
+END_CHANNELS = 6
+ENDS_CHANNELS = 2 * END_CHANNELS + PAIR_CHANNELS
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,50 @@ def _pair(out, row_a, col_a, row_b, col_b, spacing, sigma, sharp_sigma, slack):
             out[2, i, j] = math.exp(-detour / (slack * apart))
 
 
+@kernel
+def _end(out, row, col, spacing, sigma):
+    """Where one end lies: the share that each point has in it, and the way to it from each."""
+    size = out.shape[1]
+    offset, side = (spacing - 1.0) / 2.0, size * spacing
+    y, x = (row - offset) / spacing, (col - offset) / spacing  # in points
+    y, x = min(max(y, 0.0), size - 1.0), min(max(x, 0.0), size - 1.0)
+    wide, sharp = -0.5 / sigma**2, -8.0 / sigma**2
+    for i in range(size):
+        over_rows = max(1.0 - abs(i - y), 0.0)
+        down = row - (i * spacing + offset)
+        for j in range(size):
+            right = col - (j * spacing + offset)
+            square = down * down + right * right
+            out[0, i, j] = over_rows * max(1.0 - abs(j - x), 0.0)
+            out[1, i, j] = down / side
+            out[2, i, j] = right / side
+            out[3, i, j] = math.sqrt(square) / side
+            out[4, i, j] = math.exp(wide * square)
+            out[5, i, j] = math.exp(sharp * square)
+
+
+@kernel
+def _between(out, row_a, col_a, row_b, col_b, spacing):
+    """How much of a detour each point is from the straight way between the two ends."""
+    size = out.shape[1]
+    offset, side = (spacing - 1.0) / 2.0, size * spacing
+    apart = max(math.hypot(row_a - row_b, col_a - col_b), spacing)
+    for i in range(size):
+        for j in range(size):
+            y, x = i * spacing + offset, j * spacing + offset
+            detour = max(math.hypot(y - row_a, x - col_a) + math.hypot(y - row_b, x - col_b) - apart, 0.0)
+            out[0, i, j] = math.exp(-detour / (0.25 * apart))
+            out[1, i, j] = detour / side
+            out[2, i, j] = apart / side
+
+
+@kernel
+def _ends(out, row_a, col_a, row_b, col_b, spacing, sigma):
+    _end(out[:END_CHANNELS], row_a, col_a, spacing, sigma)
+    _end(out[END_CHANNELS : 2 * END_CHANNELS], row_b, col_b, spacing, sigma)
+    _between(out[2 * END_CHANNELS :], row_a, col_a, row_b, col_b, spacing)
+
+
 def encode_gaussian(
     start: tuple[float, float], goal: tuple[float, float], size: int, spacing: int, sigma: float,
     out: NDArray[np.float32],
@@ -200,3 +246,24 @@ def encode_pair(
     if out.shape != (PAIR_CHANNELS, size, size):
         raise InvalidQueryError(f"out must be (3, {size}, {size}) float32, got {out.shape} {out.dtype}")
     _pair(out, *start, *goal, float(spacing), sigma, sigma / 4.0, 0.25)
+
+
+def encode_ends(
+    start: tuple[float, float], goal: tuple[float, float], size: int, spacing: int, sigma: float,
+    out: NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Start and goal, each by the way to it, for a network that looks at the map before it knows the two.
+
+    Parameters
+    ----------
+    start, goal, size, spacing, sigma
+        As for `encode_gaussian`.
+    out : (15, size, size) float32
+        Written. Six for the start, then six for the goal: the weights of the bilinear interpolation that reads
+        a value there off the points, rows and columns from a point to it and the distance, as shares of the
+        side, and two Gaussians around it, of σ and of σ / 4. Then three for both: exp(-(a + b - d) / (0.25 d))
+        for distances a and b to the two, which lie d apart, and a + b - d and d as shares of the side.
+    """
+    if out.shape != (ENDS_CHANNELS, size, size):
+        raise InvalidQueryError(f"out must be ({ENDS_CHANNELS}, {size}, {size}) float32, got {out.shape} {out.dtype}")
+    _ends(out, start[0], start[1], goal[0], goal[1], float(spacing), sigma)

@@ -17,7 +17,11 @@ FIGURE_NAMES = ("workload", "size", "method", "n", "success_raw", "success", "ga
                 "time_ms_median", "time_ms_p99", "speedup_median", "speedup_total", "mm_mean")  # fmt: skip
 """The keys that every row of figures has, as `nnpp-edge evaluate --json` prints them."""
 
-_CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "pair": ("cost", "blocked", "pair")}
+_CHANNELS = {
+    "gaussian": ("cost", "start_map", "goal_map"),
+    "pair": ("cost", "blocked", "pair"),
+    "ends": ("cost", "blocked", "ends"),
+}
 _MODELS = Path(str(files("nnpp_edge.models")))
 
 
@@ -32,7 +36,8 @@ class ModelMetadata:
     blocks: int
     """The answer comes on blocks × blocks."""
     encoding: str
-    """``gaussian`` (the paper's: one input of cost, start and goal map) or ``pair`` (map and query apart)."""
+    """``gaussian`` (the paper's: one input of cost, start and goal map), or map and query apart: ``pair``, or
+    ``ends`` where an encoder sees the map alone."""
     channels: tuple[str, ...]
     """Their order in the input."""
     sigma: float
@@ -47,6 +52,8 @@ class ModelMetadata:
     """The map's input has this many cells, squared, to a pixel, as channels."""
     output_shuffle: int = 1
     """The output has this many blocks, squared, to a pixel, as channels."""
+    head: tuple[int, ...] = ()
+    """With ``ends``: the numbers that relate a place to an end, and the units of the head's two hidden layers."""
     precision: str = "fp32"
     training: dict[str, Any] = field(default_factory=dict)
     version: str = ""
@@ -70,6 +77,7 @@ class ModelMetadata:
             if stored.get("format") != FORMAT:
                 raise ModelError(f"{source}: wanted metadata of format {FORMAT}, got {stored.get('format')!r}")
             stored["channels"] = tuple(stored["channels"])
+            stored["head"] = tuple(stored.get("head", ()))
             found = cls(**stored)
             wanted = _CHANNELS.get(found.encoding)
             numbers_fit = (
@@ -77,6 +85,8 @@ class ModelMetadata:
                 and found.input_size % found.blocks == 0
                 and 0.0 < found.region_factor <= 1.0
                 and found.sigma > 0.0
+                and len(found.head) == (3 if found.encoding == "ends" else 0)
+                and all(isinstance(n, int) and n > 0 for n in found.head)
             )
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             if isinstance(error, ModelError):

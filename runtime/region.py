@@ -9,6 +9,8 @@ can be walked between, and asks for the td at which these join start and goal. S
 that its blocks reach across.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,15 +20,28 @@ from nnpp_edge.runtime.planning.expansion import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.planning.pyramid import linked
 
 LEVELS = 256
+"""Level n stands for the probability (n / 256)⁴. So what is unlikely has levels too: where slope limits leave only a
+long way round, td is often below 1/1000."""
 
 
 @kernel
 def quantise(probability, levels):
-    """Level ⌊256 p⌋ of each block, at most 255: (B, B) float32 in [0, 1] to (B, B) uint8."""
+    """Level ⌊256 p^(1/4)⌋ of each block, at most 255: (B, B) float32 in [0, 1] to (B, B) uint8."""
     for i in range(probability.shape[0]):
         for j in range(probability.shape[1]):
-            p = probability[i, j]
-            levels[i, j] = np.uint8(min(max(p * LEVELS, 0.0), LEVELS - 1.0))
+            root = math.sqrt(math.sqrt(max(probability[i, j], np.float32(0.0))))
+            levels[i, j] = np.uint8(min(root * LEVELS, LEVELS - 1.0))
+
+
+@kernel
+def lowered(level, factor):
+    """The level, at least 1, of a probability that is `factor` times another one's."""
+    return max(int(level * math.sqrt(math.sqrt(factor))), 1)
+
+
+def probability_of(level: int) -> float:
+    """What a level stands for; below 0, which stands for no way, nothing."""
+    return (max(level, 0) / LEVELS) ** 4
 
 
 @kernel
@@ -135,6 +150,26 @@ def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, sta
                         bitmap[i, j] = stamp
 
 
+@kernel
+def first_regions(
+    probability, row_blocks, col_blocks, weights, links, stride, corner_cutting, start, goal, start_row, start_col,
+    goal_row, goal_col, factor, stamp, levels, heads, following, seen, at_td, bitmap,
+):  # fmt: skip
+    """What a plan needs of a network's answer, in one call: td and the blocks at it and at `factor` times it.
+
+    `quantise`, then `walkable_threshold`, then `fill_region` twice; the result is the second's.
+    """
+    quantise(probability, levels)
+    td = walkable_threshold(
+        levels, row_blocks, col_blocks, weights, links, stride, corner_cutting, start, goal, heads, following, seen,
+        stamp,
+    )  # fmt: skip
+    fill_region(levels, max(td, 0), start_row, start_col, goal_row, goal_col, stamp, 0, at_td)
+    if td > 0:
+        fill_region(levels, lowered(td, factor), start_row, start_col, goal_row, goal_col, stamp, 0, bitmap)
+    return td
+
+
 class RegionFinder:
     """Turns probabilities into regions; holds the scratch memory for one size."""
 
@@ -142,37 +177,58 @@ class RegionFinder:
         self.levels: NDArray[np.uint8] = np.zeros((blocks, blocks), np.uint8)
         self.bitmap: NDArray[np.int32] = np.zeros((blocks + 1, blocks + 1), np.int32)
         """The last row and column belong to no region: cells that the network is not shown lie there."""
+        self.at_td: NDArray[np.int32] = np.zeros((blocks + 1, blocks + 1), np.int32)
+        """The region at td itself, by `first`; it stays while wider ones are searched."""
         self.stamp = 0
         self._heads = np.empty(LEVELS, np.int32)
         self._following = np.empty(blocks * blocks, np.int32)
         self._done = np.empty(blocks * blocks, np.uint8)
         self._on_grid: NDArray[np.int32] = np.zeros((2, 0), np.int32)
-        self._sweep = 0
 
     def read(self, probability: NDArray[np.float32]) -> None:
         """Take over a network's answer, (B, B) float32 in [0, 1]."""
         quantise(probability, self.levels)
 
     def threshold(self, start: tuple[int, int], goal: tuple[int, int]) -> int:
-        """The adaptive threshold td between two blocks, in 256ths."""
+        """The adaptive threshold td between two blocks, as a level."""
         return int(adaptive_threshold(self.levels, *start, *goal, self._heads, self._following, self._done))
 
-    def walkable(
-        self, grid: Grid, links: NDArray[np.uint8] | None, blocks: tuple[NDArray[np.int32], NDArray[np.int32]],
-        start: tuple[int, int], goal: tuple[int, int], corner_cutting: bool,
+    def first(
+        self, probability: NDArray[np.float32], grid: Grid, links: NDArray[np.uint8] | None,
+        lookup: tuple[NDArray[np.int32], NDArray[np.int32]], cells: tuple[tuple[int, int], tuple[int, int]],
+        blocks: tuple[tuple[int, int], tuple[int, int]], corner_cutting: bool, factor: float,
     ) -> int:  # fmt: skip
-        """The threshold td between two cells of a grid, along steps that the grid allows, in 256ths.
+        """Take over an answer, find td, and number the blocks at it in `at_td` and at `factor` of it in `bitmap`.
 
-        -1 where there is no way. `blocks` says which block each of the grid's rows and columns lies in.
+        Parameters
+        ----------
+        probability : (B, B) float32
+            In [0, 1].
+        grid, links
+            What is walked on, and which steps it allows.
+        lookup
+            The block that each of the grid's rows and columns lies in.
+        cells, blocks
+            Start and goal on the grid, and the blocks that belong to any region.
+        corner_cutting : bool
+            Whether a step may cut corners where there are no links.
+        factor : float
+            In (0, 1].
+
+        Returns
+        -------
+        int
+            td as a level, along steps that the grid allows; -1 where there is no way. Where it is not above 0,
+            `at_td` is everywhere and `bitmap` is left alone. The number is `stamp`.
         """
         if self._on_grid.shape[1] != len(grid.weights):
             self._on_grid = np.zeros((2, len(grid.weights)), np.int32)
-        self._sweep += 1
-        following, seen = self._on_grid
+        self.stamp += 1
         return int(
-            walkable_threshold(
-                self.levels, *blocks, grid.weights, links, grid.stride, corner_cutting, grid.node(*start),
-                grid.node(*goal), self._heads, following, seen, self._sweep,
+            first_regions(
+                probability, *lookup, grid.weights, links, grid.stride, corner_cutting, grid.node(*cells[0]),
+                grid.node(*cells[1]), *blocks[0], *blocks[1], factor, self.stamp, self.levels, self._heads,
+                self._on_grid[0], self._on_grid[1], self.at_td, self.bitmap,
             )
         )  # fmt: skip
 

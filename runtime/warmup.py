@@ -22,7 +22,7 @@ import numpy as np
 import nnpp_edge.runtime
 from nnpp_edge.runtime import _jit, _kernel_cache
 from nnpp_edge.runtime.costmap import Traversability, terrain_terms, traversability_cost, update_cost
-from nnpp_edge.runtime.encoding import GAUSSIAN_CHANNELS, encode_gaussian
+from nnpp_edge.runtime.encoding import GAUSSIAN_CHANNELS, PAIR_CHANNELS, encode_gaussian, encode_pair
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.grid import Grid
 from nnpp_edge.runtime.inference import NetworkModel
@@ -112,6 +112,7 @@ def exercise() -> None:
                 _exercise_planner(shape, step_cost, corner_cutting, network)
     size = 16
     encode_gaussian((1.0, 2.0), (9.0, 3.0), size, 1, 4.0, np.empty((GAUSSIAN_CHANNELS, size, size), np.float32))
+    encode_pair((1.0, 2.0), (9.0, 3.0), size, 1, 4.0, np.empty((PAIR_CHANNELS, size, size), np.float32))
     RegionFinder(size).threshold((1, 2), (9, 3))
 
 

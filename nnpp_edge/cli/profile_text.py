@@ -36,7 +36,7 @@ def _measured(report: Mapping[str, Any]) -> Iterator[str]:
     yield from map(break_even_line, report["break_even"])
     if int8 := [row for row in results if row["int8_speedup"] is not None]:
         told = ", ".join(f"{row['int8_speedup']:.2f} ({row['workload']} {row['size']}²)" for row in int8)
-        yield f"int8 over fp32, inference alone: {told}"
+        yield f"int8 over fp32, the whole network alone: {told}"
 
 
 def _machine(report: Mapping[str, Any]) -> Iterator[str]:

@@ -10,7 +10,7 @@ import click
 
 from nnpp_edge.cli import options
 
-ARCHITECTURES = ("edge", "edge-128", "edge-256", "nnpp-w16", "nnpp", "nnpp-stdc2")
+ARCHITECTURES = ("edge", "edge-joint", "edge-128", "edge-256", "nnpp-w16", "nnpp", "nnpp-stdc2")
 
 
 @click.command(name="train")
@@ -21,7 +21,7 @@ ARCHITECTURES = ("edge", "edge-128", "edge-256", "nnpp-w16", "nnpp", "nnpp-stdc2
               help="nnpp is the paper's network at full width, nnpp-w16 at a quarter.")  # fmt: skip
 @click.option("--input-size", type=click.IntRange(64),
               help="Side of the network's map, if not the architecture's own.")  # fmt: skip
-@click.option("--encoding", type=click.Choice(["pair", "gaussian", "euclidean", "pixel"]),
+@click.option("--encoding", type=click.Choice(["ends", "pair", "gaussian", "euclidean", "pixel"]),
               help="How start and goal are shown, if not the architecture's own way.")  # fmt: skip
 @click.option("--sigma", type=click.FloatRange(0.0, 1.0, min_open=True), default=0.25, show_default=True,
               help="Of the Gaussians, as a share of the map's side.")  # fmt: skip

@@ -57,6 +57,47 @@ def _down(inputs: int, outputs: int, residuals: int) -> nn.Sequential:
     return nn.Sequential(ConvBlock(inputs, outputs, stride=2), *(Residual(outputs) for _ in range(residuals)))
 
 
+class Pyramid(nn.Module):
+    """Down from 1/8 resolution to 1/64, and up again.
+
+    Parameters
+    ----------
+    widths : four ints
+        Channels at 1/8, 1/16, 1/32 and 1/64 resolution.
+    depth : four ints
+        Residual blocks after each of the three reductions, and on the way up at 1/16 (0 or 1; 0 leaves one
+        convolution there).
+    """
+
+    def __init__(self, widths: tuple[int, ...], depth: tuple[int, ...]) -> None:
+        super().__init__()
+        if len(widths) != 4 or min(widths) < 1:
+            raise ModelError(f"widths must be four positive numbers of channels, got {widths}")
+        if len(depth) != 4 or min(depth) < 0 or depth[3] > 1:
+            raise ModelError(f"depth must be four numbers of at least 0, the last 0 or 1, got {depth}")
+        w8, w16, w32, w64 = widths
+        d16, d32, d64, up16 = depth
+        self.down16 = _down(w8, w16, d16)
+        self.down32 = _down(w16, w32, d32)
+        self.down64 = _down(w32, w64, d64)
+        self.up32 = Up(w64, w32, residual=False)
+        self.up16 = Up(w32, w16, residual=bool(up16))
+        self.up8 = Up(w16, w8, residual=False)
+
+    def forward(self, at8: Tensor) -> Tensor:
+        """(N, W, S/8, S/8) to the same."""
+        at16 = self.down16(at8)
+        at32 = self.down32(at16)
+        at32 = self.up32(self.down64(at32), at32)
+        return self.up8(self.up16(at32, at16), at8)
+
+
+def check_input(size: int) -> None:
+    """ModelError where the pyramid does not divide a map of this side."""
+    if size < SIZE_STEP or size % SIZE_STEP:
+        raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {size}")
+
+
 class EdgeNet(nn.Module):
     """A convolutional pyramid with the query joined in at 1/8 resolution.
 
@@ -64,13 +105,10 @@ class EdgeNet(nn.Module):
     ----------
     input_size : int
         Side S of the map; a multiple of 64.
-    widths : four ints
-        Channels at 1/8, 1/16, 1/32 and 1/64 resolution.
+    widths, depth
+        Of the `Pyramid`.
     stem : int
         Channels of the map's own features at 1/8.
-    depth : four ints
-        Residual blocks after each of the three reductions, and on the way up at 1/16 (0 or 1; 0 leaves one
-        convolution there).
 
     Notes
     -----
@@ -85,23 +123,13 @@ class EdgeNet(nn.Module):
         depth: tuple[int, ...] = (1, 2, 1, 1),
     ) -> None:  # fmt: skip
         super().__init__()
-        if input_size < SIZE_STEP or input_size % SIZE_STEP:
-            raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {input_size}")
-        if len(widths) != 4 or min(*widths, stem) < 1:
-            raise ModelError(f"widths must be four positive numbers of channels, got {widths} and {stem}")
-        if len(depth) != 4 or min(depth) < 0 or depth[3] > 1:
-            raise ModelError(f"depth must be four numbers of at least 0, the last 0 or 1, got {depth}")
-        w8, w16, w32, w64 = widths
-        d16, d32, d64, up16 = depth
+        check_input(input_size)
+        if stem < 1:
+            raise ModelError(f"stem must be a positive number of channels, got {stem}")
+        self.pyramid = Pyramid(widths, depth)
         self.stem = ConvBlock(MAP_CHANNELS * UNSHUFFLE**2, stem, stride=2)
-        self.join = ConvBlock(stem + PAIR_CHANNELS, w8)
-        self.down16 = _down(w8, w16, d16)
-        self.down32 = _down(w16, w32, d32)
-        self.down64 = _down(w32, w64, d64)
-        self.up32 = Up(w64, w32, residual=False)
-        self.up16 = Up(w32, w16, residual=bool(up16))
-        self.up8 = Up(w16, w8, residual=False)
-        self.head = nn.Conv2d(w8, (QUERY_STRIDE // OUTPUT_STRIDE) ** 2, 1)
+        self.join = ConvBlock(stem + PAIR_CHANNELS, widths[0])
+        self.head = nn.Conv2d(widths[0], (QUERY_STRIDE // OUTPUT_STRIDE) ** 2, 1)
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
@@ -123,9 +151,4 @@ class EdgeNet(nn.Module):
         (N, 4, S/8, S/8) float
             Four blocks of a quarter's resolution to a pixel (`torch.pixel_shuffle` puts them in place).
         """
-        at8 = self.join(torch.cat((self.stem(planes), query), 1))
-        at16 = self.down16(at8)
-        at32 = self.down32(at16)
-        at32 = self.up32(self.down64(at32), at32)
-        at16 = self.up16(at32, at16)
-        return self.head(self.up8(at16, at8))
+        return self.head(self.pyramid(self.join(torch.cat((self.stem(planes), query), 1))))

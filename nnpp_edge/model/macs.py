@@ -1,4 +1,4 @@
-"""What a network costs, counted and not timed: multiply-accumulates of its convolutions."""
+"""What a network costs, counted and not timed: multiply-accumulates of its convolutions and linear layers."""
 
 from copy import deepcopy
 
@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 
 def count_macs(model: nn.Module, example_inputs: Tensor | tuple[Tensor, ...]) -> int:
-    """Multiply-accumulates that the Conv2d layers spend on one forward pass over `example_inputs`.
+    """Multiply-accumulates that the Conv2d and Linear layers spend on one forward pass over `example_inputs`.
 
     Parameters
     ----------
@@ -25,14 +25,14 @@ def count_macs(model: nn.Module, example_inputs: Tensor | tuple[Tensor, ...]) ->
     inputs = example_inputs if isinstance(example_inputs, tuple) else (example_inputs,)
     counted = 0
 
-    def count(conv: nn.Module, _: tuple[Tensor, ...], output: Tensor) -> None:
+    def count(layer: nn.Module, _: tuple[Tensor, ...], output: Tensor) -> None:
         nonlocal counted
-        assert isinstance(conv, nn.Conv2d)
-        counted += output.numel() * conv.weight[0].numel()
+        assert isinstance(layer, nn.Conv2d | nn.Linear)
+        counted += output.numel() * layer.weight[0].numel()
 
     copy = deepcopy(model).eval()
     for module in copy.modules():
-        if isinstance(module, nn.Conv2d):
+        if isinstance(module, nn.Conv2d | nn.Linear):
             module.register_forward_hook(count)
     with torch.no_grad():
         copy(*inputs)

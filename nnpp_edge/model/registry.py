@@ -10,11 +10,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from nnpp_edge.model import edge, nnpp
-from nnpp_edge.runtime.encoding import GAUSSIAN_CHANNELS, PAIR_CHANNELS, encode_gaussian, encode_pair
+from nnpp_edge.model import edge, nnpp, split
+from nnpp_edge.runtime.encoding import (
+    ENDS_CHANNELS,
+    GAUSSIAN_CHANNELS,
+    PAIR_CHANNELS,
+    encode_ends,
+    encode_gaussian,
+    encode_pair,
+)
 from nnpp_edge.runtime.errors import ModelError
 
-ENCODINGS = {"edge": ("pair",), "nnpp": ("gaussian", "euclidean", "pixel")}
+ENCODINGS = {"edge": ("pair",), "split": ("ends",), "nnpp": ("gaussian", "euclidean", "pixel")}
 """``euclidean`` and ``pixel`` are what the paper compares its Gaussians with (Fig. 13): training knows them, the
 runtime does not."""
 
@@ -24,7 +31,7 @@ class Spec:
     """Architecture and input of a network: all that is needed to build it and to feed it."""
 
     architecture: str
-    """``edge`` or ``nnpp``."""
+    """``edge``, ``split`` or ``nnpp``."""
     input_size: int = 256
     sigma: float = 0.25
     """Of the Gaussian encoding, as a share of the map's side (the paper's best: 1/4)."""
@@ -47,7 +54,7 @@ class Spec:
     @property
     def blocks(self) -> int:
         """The answer comes on blocks × blocks."""
-        stride = edge.OUTPUT_STRIDE if self.architecture == "edge" else nnpp.OUTPUT_STRIDE
+        stride = nnpp.OUTPUT_STRIDE if self.architecture == "nnpp" else edge.OUTPUT_STRIDE
         return self.input_size // stride
 
     def as_dict(self) -> dict[str, Any]:
@@ -56,15 +63,19 @@ class Spec:
 
 
 PRESETS = {
-    "edge": Spec("edge", input_size=64, options={"widths": [32, 64, 64, 64], "stem": 32, "depth": [0, 1, 0, 0]}),
+    "edge": Spec("split", input_size=64),
+    "edge-joint": Spec(
+        "edge", input_size=64, options={"widths": [32, 64, 64, 64], "stem": 32, "depth": [0, 1, 0, 0]}
+    ),
     "edge-128": Spec("edge", input_size=128, options={"widths": [16, 32, 64, 64], "stem": 16, "depth": [0, 1, 1, 0]}),
     "edge-256": Spec("edge"),
     "nnpp-w16": Spec("nnpp", options={"width": 16}),
     "nnpp": Spec("nnpp", options={"width": 64}),
     "nnpp-stdc2": Spec("nnpp", options={"width": 64, "depth": [4, 5, 3]}),
 }
-"""``edge-128`` and ``edge-256`` see the map at twice and four times ``edge``'s resolution, with twice and 37 times
-the work; ``nnpp`` is the paper's network at full width and ``nnpp-w16`` the same at a quarter of it."""
+"""``edge`` sees the map once, and each query with a small head; ``edge-joint`` sees both together at each query,
+``edge-128`` and ``edge-256`` do so at twice and four times the resolution, with twice and 37 times the work; ``nnpp``
+is the paper's network at full width and ``nnpp-w16`` the same at a quarter of it."""
 
 
 class Network(nn.Module):
@@ -76,6 +87,8 @@ class Network(nn.Module):
         options: dict[str, Any] = {k: tuple(v) if isinstance(v, Sequence) else v for k, v in spec.options.items()}
         if spec.architecture == "edge":
             self.body: nn.Module = edge.EdgeNet(spec.input_size, **options)
+        elif spec.architecture == "split":
+            self.body = split.SplitNet(spec.input_size, **options)
         else:
             self.body = nnpp.NNPP(spec.input_size, **options)
 
@@ -103,10 +116,11 @@ def encode(spec: Spec, start: Sequence[float], goal: Sequence[float]) -> NDArray
     """Start and goal as this network is shown them: (C, E, E) float32."""
     sigma = spec.sigma * spec.input_size
     s, g = (float(start[0]), float(start[1])), (float(goal[0]), float(goal[1]))
-    if spec.encoding == "pair":
+    if spec.encoding in ("pair", "ends"):
         side = spec.input_size // edge.QUERY_STRIDE
-        out = np.empty((PAIR_CHANNELS, side, side), np.float32)
-        encode_pair(s, g, side, edge.QUERY_STRIDE, sigma, out)
+        channels, write = (PAIR_CHANNELS, encode_pair) if spec.encoding == "pair" else (ENDS_CHANNELS, encode_ends)
+        out = np.empty((channels, side, side), np.float32)
+        write(s, g, side, edge.QUERY_STRIDE, sigma, out)
         return out
     out = np.zeros((GAUSSIAN_CHANNELS, spec.input_size, spec.input_size), np.float32)
     if spec.encoding == "gaussian":

@@ -44,11 +44,11 @@ def _row(block: Block, name: str, energy_problem: str) -> dict[str, Any]:
     }  # fmt: skip
     whole = row["time_ms"]["mean"]
     row["stages_share"] = {stage: spread["mean"] / whole for stage, spread in row["stages_ms"].items()}
-    if "inference" in row["stages_ms"] and name.startswith("nnpp"):
-        row["inference_ms_median"] = row["stages_ms"]["inference"]["median"]
+    if answers.network_ms[0]:
+        row["inference_ms_median"] = _median_network(answers, judged)
         row["inference_fps"] = 1e3 / row["inference_ms_median"]
     if name == "nnpp" and "nnpp-fp32" in block.answers:
-        row["int8_speedup"] = _median_inference(block.answers["nnpp-fp32"], judged) / row["inference_ms_median"]
+        row["int8_speedup"] = _median_network(block.answers["nnpp-fp32"], judged) / row["inference_ms_median"]
     row["halves"] = _halves(block, name, judged)
     row["queries"] = {
         "time_ms": [round(float(each), 4) for each in times],
@@ -67,11 +67,11 @@ def _halves(block: Block, name: str, judged: NDArray[np.bool_]) -> dict[str, lis
         "time": [float(np.median(each)) for each in times],
         "ratio": [float(np.median(e / each)) for e, each in zip(exact_times, times, strict=True)],
     }
-    if name.startswith("nnpp"):
-        found["inference"] = [_median_inference(answers, judged, half) for half in range(HALVES)]
+    if answers.network_ms[0]:
+        found["inference"] = [_median_network(answers, judged, half) for half in range(HALVES)]
     if name == "nnpp" and (fp32 := block.answers.get("nnpp-fp32")) is not None:
         found["int8_ratio"] = [
-            _median_inference(fp32, judged, half) / _median_inference(answers, judged, half) for half in range(HALVES)
+            _median_network(fp32, judged, half) / _median_network(answers, judged, half) for half in range(HALVES)
         ]
     return found
 
@@ -91,18 +91,9 @@ def _stages(answers: Answers, judged: NDArray[np.bool_]) -> dict[str, dict[str, 
     return {stage: _spread(np.array([stages.get(stage, 0.0) for stages in plans])) for stage in ordered}
 
 
-def _median_inference(answers: Answers, judged: NDArray[np.bool_], half: int | None = None) -> float:
+def _median_network(answers: Answers, judged: NDArray[np.bool_], half: int | None = None) -> float:
     halves = range(HALVES) if half is None else (half,)
-    return float(
-        np.median(
-            [
-                stages.get("inference", 0.0)
-                for at in halves
-                for stages, counts in zip(answers.stages_ms[at], judged, strict=True)
-                if counts
-            ]
-        )
-    )
+    return float(np.median([np.array(answers.network_ms[at])[judged] for at in halves]))
 
 
 def _share(answers: Answers, judged: NDArray[np.bool_]) -> float:

@@ -42,6 +42,8 @@ class Answers:
     """The slowest call of all."""
     stages_ms: list[list[dict[str, float]]] = field(default_factory=lambda: [[] for _ in range(HALVES)])
     """For each half, for each query, the stages of its middle call, and ``other``: what no stage counts."""
+    network_ms: list[list[float]] = field(default_factory=lambda: [[] for _ in range(HALVES)])
+    """For each half, for each query, the middle time of the whole network on map and query; where there is one."""
     cost: list[float] = field(default_factory=list)
     traverse_cost: list[float] = field(default_factory=list)
     expansions: list[int] = field(default_factory=list)
@@ -232,13 +234,18 @@ class _Session:
         disturbance.start()
         for question in questions:
             calls: dict[str, list[tuple[float, Plan]]] = defaultdict(list)
+            networks: dict[str, list[float]] = defaultdict(list)
             for _ in range(self.load.repeats):
                 self.turn += 1
                 shift = self.turn % len(self.planners)
                 for p in [*self.planners[shift:], *self.planners[:shift]]:
                     calls[p.name].append(self._call(on_map[p.name], p, question, block, disturbance))
+                    if p.method is Method.NNPP and p.model is not None:
+                        networks[p.name].append(self._network(p.model, disturbance))
             for name, answered in calls.items():
                 _book(block.answers[name], answered, half)
+            for name, times in networks.items():
+                block.answers[name].network_ms[half].append(sorted(times)[(len(times) - 1) // 2])
         disturbance.stop()
 
     def _call(
@@ -255,6 +262,16 @@ class _Session:
         if plan.method is Method.NNPP:
             disturbance.leave_out(seconds, worked)
         return 1e3 * seconds, plan
+
+    @staticmethod
+    def _network(model: NetworkModel, disturbance: Disturbance) -> float:
+        """Milliseconds of the network on the map and the query that it was shown last, both seen anew."""
+        worked = time.thread_time()
+        began = time.perf_counter()
+        model.run(anew=True)
+        seconds = time.perf_counter() - began
+        disturbance.leave_out(seconds, time.thread_time() - worked)
+        return 1e3 * seconds
 
 
 def _book(answers: Answers, calls: list[tuple[float, Plan]], half: int) -> None:

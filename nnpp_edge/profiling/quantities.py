@@ -24,8 +24,10 @@ QUANTITIES: dict[str, Quantity] = {
     "time_ms_p90": Quantity("ms", "time that 90 % of the queries stay below", "time"),
     "time_ms_p99": Quantity("ms", "time that 99 % of the queries stay below", "time"),
     "time_ms_max": Quantity("ms", "time of the slowest query", "time"),
-    "inference_fps": Quantity("1/s", "runs of the network a second, by its median time", "inference"),
-    "inference_ms_median": Quantity("ms", "median time of a run of the network", "inference"),
+    "inference_fps": Quantity(
+        "1/s", "runs of the whole network, on map and query, a second, by its median time", "inference"
+    ),
+    "inference_ms_median": Quantity("ms", "median time of the whole network on a map and a query", "inference"),
     "speedup_median": Quantity("x", "median over queries of exact A*'s time over the planner's", "ratio"),
     "speedup_total": Quantity("x", "exact A*'s summed time over the planner's", "ratio"),
     "int8_speedup": Quantity("x", "the fp32 network's median time over the int8 network's", "int8_ratio"),

@@ -24,7 +24,7 @@ from nnpp_edge.model.registry import PRESETS, Spec
 from nnpp_edge.terrain.dataset import read_recipe, read_samples
 from nnpp_edge.training.train import Progress, TrainSettings, train
 
-BASE = "edge"
+BASE = "edge-joint"
 
 
 @dataclass(frozen=True)

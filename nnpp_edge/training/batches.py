@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.labels import EXCESS_STEP
 
+Turn = tuple[int, bool]
+"""One of the square's eight symmetries: quarter turns, then mirrored or not."""
 Batch = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]
 
 
@@ -76,22 +79,18 @@ class Batches:
                 if at + 3 < len(self):
                     ahead.append(pool.submit(make, at + 3))
 
-    def _make(self, queries: NDArray[np.int64], swapped: list[bool], turns: list[tuple[int, bool]]) -> Batch:
+    def _make(self, queries: NDArray[np.int64], swapped: list[bool], turns: list[Turn]) -> Batch:
         """The batch of `queries`; those `swapped` go from goal to start, and each is turned and mirrored."""
         s = self.samples
         targets = self._targets(queries)
         planes = s.planes[s.map_index[queries]]
         encoded = []
-        for query, swap in zip(queries, swapped, strict=True):
-            ends = (s.start[query], s.goal[query])
-            a, b = ends[::-1] if swap else ends
-            encoded.append(encode(self.spec, a, b))
-        turned: Batch = (planes, np.stack(encoded), targets)
-        for i, (quarter_turns, mirrored) in enumerate(turns):  # one of the square's eight symmetries
-            for array in turned:
-                one = np.rot90(array[i], quarter_turns, axes=(-2, -1))
-                array[i] = one[..., ::-1] if mirrored else one
-        return turned
+        for at, (query, swap, turn) in enumerate(zip(queries, swapped, turns, strict=True)):
+            ends = [_turned_point(end, turn, planes.shape[-1]) for end in (s.start[query], s.goal[query])]
+            encoded.append(encode(self.spec, *(ends[::-1] if swap else ends)))
+            for array in (planes, targets):
+                array[at] = _turned(array[at], turn)
+        return planes, np.stack(encoded), targets
 
     def _targets(self, queries: NDArray[np.int64]) -> NDArray[np.float32]:
         s, blocks = self.samples, self.spec.blocks
@@ -101,3 +100,18 @@ class Batches:
             masks = np.unpackbits(s.on_path[queries], axis=-1)
             return masks.reshape(shape).max(axis=(2, 4)).astype(np.float32)
         return self.nearness[s.excess[queries].reshape(shape).min(axis=(2, 4))]
+
+
+def _turned(array: NDArray[Any], turn: Turn) -> NDArray[Any]:
+    """(…, S, S) after so many quarter turns, then mirrored or not."""
+    quarters, mirrored = turn
+    one = np.rot90(array, quarters, axes=(-2, -1))
+    return one[..., ::-1] if mirrored else one
+
+
+def _turned_point(point: NDArray[np.float32], turn: Turn, size: int) -> tuple[float, float]:
+    """Where a point of an array of this size comes to lie by `_turned`."""
+    row, col = float(point[0]), float(point[1])
+    for _ in range(turn[0]):
+        row, col = size - 1 - col, row
+    return row, size - 1 - col if turn[1] else col

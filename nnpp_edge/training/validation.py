@@ -13,7 +13,7 @@ from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.grid import Grid, StepModel
 from nnpp_edge.runtime.planning.astar import Region, astar
 from nnpp_edge.runtime.planning.workspace import Workspace
-from nnpp_edge.runtime.region import RegionFinder
+from nnpp_edge.runtime.region import RegionFinder, lowered
 from nnpp_edge.terrain.dataset import Samples
 
 
@@ -107,7 +107,7 @@ class Validator:
                 start, goal = self._ends(query)
                 a, b = ((int(self.lookup[0][r]), int(self.lookup[1][c])) for r, c in (start, goal))
                 self.finder.read(probabilities[at])
-                threshold = max(int(self.finder.threshold(a, b) * factor), 1)
+                threshold = lowered(self.finder.threshold(a, b), factor)
                 region = Region(self.finder.bitmap, *self.lookup, self.finder.mark(threshold, a, b))
                 cost, _ = self._search(query, region)
                 optimum, cells = self.optima[at]

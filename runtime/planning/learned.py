@@ -1,6 +1,7 @@
 """The network's side of a planner: its view of the map, and regions from its answers."""
 
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +12,17 @@ from nnpp_edge.runtime.encoding import Cell, Frame, map_planes
 from nnpp_edge.runtime.grid import GREY_LEVELS, Grid, StepCost
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import Region
+from nnpp_edge.runtime.planning.plan import Source
 from nnpp_edge.runtime.planning.pyramid import FACTOR, Level
 from nnpp_edge.runtime.planning.query import Query
-from nnpp_edge.runtime.region import RegionFinder
+from nnpp_edge.runtime.region import RegionFinder, lowered, probability_of
 
 _ROUNDED = 32
 """A window's corner and side are multiples of so many cells."""
 _WORTH_A_WINDOW = 0.6
 """Share of the map's longer side from which on the network is shown the whole map instead of a window."""
+_WIDENED_FACTOR, _WIDENED_BLOCKS = 0.25, 1
+"""To widen a region, the threshold is multiplied by the first and so many blocks are added all around."""
 
 
 class LearnedRegions:
@@ -37,8 +41,7 @@ class LearnedRegions:
         self.grid = grid
         self.size, self.blocks, self.factor = size, blocks, self.model.metadata.region_factor
         self.planes: NDArray[np.float32] = np.empty((2, size, size), np.float32)
-        # two finders, so that the region at td itself stays while wider ones are searched
-        self.finder, self.at_td = RegionFinder(blocks), RegionFinder(blocks)
+        self.finder = RegionFinder(blocks)
         self._look_at((0, 0, grid.rows, grid.cols))
 
     def update(self, changed: Rectangle) -> None:
@@ -88,8 +91,32 @@ class LearnedRegions:
         ]
         return corner[0], corner[1], min(side, whole[0]), min(side, whole[1])
 
-    def infer(self, query: Query, top: Level, number: int) -> float:
-        """Ask the network; the adaptive threshold, in [0, 1], along the steps that level `number`, `top`, allows."""
+    def regions(self, query: Query, level: Level, number: int) -> Iterator[tuple[Region | None, Source]]:
+        """Regions of `level`, the pyramid's of that number, to search one after another until one suffices.
+
+        td is found along the steps that the level allows; it and the region at it are noted in the query. None
+        stands for all of a level; of the map itself that is left to the caller.
+        """
+        probability = self._ask(query)
+        start, goal = ((row // FACTOR**number, col // FACTOR**number) for row, col in (query.start, query.goal))
+        ends = self._block(query.start), self._block(query.goal)
+        lookup, finder = self._lookup_at(level.grid, number), self.finder
+        td = finder.first(
+            probability, level.grid, level.links, lookup, (start, goal), ends, query.corner_cutting, self.factor
+        )  # fmt: skip
+        query.threshold = probability_of(td)
+        query.network_region = Region(finder.at_td, *self.lookup, finder.stamp)
+        query.lap("threshold")
+        if td > 0:
+            yield Region(finder.bitmap, *lookup, finder.stamp), Source.REGION
+            stamp = finder.mark(lowered(td, self.factor * _WIDENED_FACTOR), *ends, _WIDENED_BLOCKS)
+            query.lap("threshold")
+            yield Region(finder.bitmap, *lookup, stamp), Source.WIDENED
+        if number:
+            yield None, Source.WIDENED if td > 0 else Source.REGION
+
+    def _ask(self, query: Query) -> NDArray[np.float32]:
+        """The network's answer."""
         if (window := self._window(query)) != self.window:
             self._look_at(window)
         if self.stale or self.model.owner is not self:
@@ -100,13 +127,7 @@ class LearnedRegions:
         query.lap("encode")
         probability = self.model.run()
         query.lap("inference")
-        self.finder.read(probability)
-        start, goal = ((row // FACTOR**number, col // FACTOR**number) for row, col in (query.start, query.goal))
-        blocks = self._lookup_at(top.grid, number)
-        td = self.finder.walkable(top.grid, top.links, blocks, start, goal, query.corner_cutting)
-        self.at_td.levels[:] = self.finder.levels
-        query.lap("threshold")
-        return max(td, 0) / 256.0
+        return probability
 
     def _place(self, cell: Cell) -> tuple[float, float]:
         return self.frame.place((cell[0] - self.window[0], cell[1] - self.window[1]))
@@ -114,17 +135,12 @@ class LearnedRegions:
     def _block(self, cell: Cell) -> Cell:
         return int(self.lookup[0][cell[0]]), int(self.lookup[1][cell[1]])
 
-    def region(self, threshold: float, query: Query, radius: int | None = None) -> Region:
-        """The region at a threshold in [0, 1]; without a radius, the one kept for the figures."""
-        finder = self.at_td if radius is None else self.finder
-        level = max(int(threshold * 256.0), 1)
-        stamp = finder.mark(level, self._block(query.start), self._block(query.goal), radius or 0)
+    def widened(self, query: Query, factor: float, radius: int) -> Region:
+        """The region at `factor` times the first one's threshold, and `radius` blocks around."""
+        level = max(int(query.threshold * self.factor * factor * 256.0), 1)
+        stamp = self.finder.mark(level, self._block(query.start), self._block(query.goal), radius)
         query.lap("threshold")
-        return Region(finder.bitmap, *self.lookup, stamp)
-
-    def at_level(self, region: Region, grid: Grid, number: int) -> Region:
-        """The same region as a coarser level of the pyramid reads it."""
-        return Region(region.bitmap, *self._lookup_at(grid, number), region.stamp)
+        return Region(self.finder.bitmap, *self.lookup, stamp)
 
     def _lookup_at(self, grid: Grid, number: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Row and column of the block that the middle of each row and column of a level's grid lies in."""

@@ -3,9 +3,8 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,19 +24,29 @@ from nnpp_edge.runtime.planning.query import Query, as_cell
 
 _REFINE_FROM = 192
 """Cells on a map's longer side from which a learned region is searched coarsely first."""
-_CORRIDORS = ((1, 0.0015), (8, 0.02))
-"""At first, and widened: the quarters of coarse cells within so many of the coarse path are searched, and the coarse
-cells on paths that cost at most so much more than the best."""
-_IN_LEARNED_REGION = (1, 0.0005)
+
+
+class _Corridor(NamedTuple):
+    """How much around a coarse path is searched on the next finer level."""
+
+    radius: int
+    """The quarters of cells within so many of the path's."""
+    band: float
+    """So are the cells on paths that cost at most so much more than the best, as a share,"""
+    nearby: float = 0.12
+    """and this much more for short paths, divided by the coarse cells between start and goal."""
+    coarse_radius: int = 2
+    """What is added to `radius` between two coarse levels: room costs little there."""
+    coarse_band: float = 0.04
+    """And to `band`."""
+
+
+_CORRIDORS = _Corridor(1, 0.0015), _Corridor(8, 0.02)
+"""At first, and widened."""
+_IN_LEARNED_REGION = _Corridor(1, 0.0005, nearby=0.08, coarse_band=0.02)
 """The same inside a learned region, which is searched for speed."""
-_BAND_NEARBY = 0.12
-"""What the band of a short path is wider by, divided by the coarse cells between start and goal."""
-_COARSE_MARGIN, _COARSE_BAND = 2, 0.04
-"""What is added between two coarse levels: room costs little there."""
 _CELLS_APART = 16
 """The coarsest level that is searched is the last on which start and goal are so many cells apart."""
-_WIDENED_FACTOR = 0.25
-"""What the threshold is multiplied by to widen a learned region."""
 
 
 class Planner:
@@ -303,16 +312,17 @@ class Planner:
         return found
 
     def _descend(
-        self, query: Query, top: int, region: Region | None, corridor: tuple[int, float]
+        self, query: Query, top: int, region: Region | None, corridor: _Corridor
     ) -> tuple[Search | None, Region | None]:
         """From level `top` down, each level inside a corridor around the path on the one above.
 
         The search at full resolution and its region; None where a coarse level found no way.
         """
-        radius, band = corridor
-        band += FACTOR * _BAND_NEARBY / max(query.apart, FACTOR)
+        nearby = FACTOR * corridor.nearby / max(query.apart, FACTOR)
         for level in range(top, 0, -1):
-            spread, slack = (radius, band) if level == 1 else (radius + _COARSE_MARGIN, band + _COARSE_BAND)
+            spread, slack = corridor.radius, corridor.band + nearby
+            if level > 1:
+                spread, slack = spread + corridor.coarse_radius, slack + corridor.coarse_band
             at, finer = self.pyramid.levels[level], self.pyramid.levels[level - 1]
             found = self._search(query, level, region, slack)
             if found.status is Status.NO_PATH:
@@ -347,31 +357,14 @@ class Planner:
     def _plan_nnpp(self, query: Query) -> Plan:
         if self._learned is None:
             self._learned = LearnedRegions(self.grid, self._model)
-        learned = self._learned
-        refine = max(self.shape) >= _REFINE_FROM
-        top = len(self.pyramid.levels) - 1 if refine else 0
-        td = learned.infer(query, self.pyramid.levels[top], top)
-        network_region = learned.region(td, query)
-        plan = None
-        for threshold, dilation, source in (
-            (td * learned.factor, 0, Source.REGION),
-            (td * learned.factor * _WIDENED_FACTOR, 1, Source.WIDENED),
-            (0.0, 0, Source.WIDENED),
-        ):
-            region = None
-            if threshold:
-                wanted = learned.region(threshold, query, dilation)
-                region = learned.at_level(wanted, self.pyramid.levels[top].grid, top)
-            elif not refine:
-                break  # the whole map at full resolution is the fallback's
+        top = len(self.pyramid.levels) - 1 if max(self.shape) >= _REFINE_FROM else 0
+        for region, source in self._learned.regions(query, self.pyramid.levels[top], top):
             found, searched = self._descend(query, top, region, _IN_LEARNED_REGION)
             if found is not None and found.status is not Status.NO_PATH:
                 plan = self._answer(query, Method.NNPP, source, found, searched)
                 if query.suffices(plan):
-                    break
-                plan = None
-        plan = plan or self._plan_map(query, Method.NNPP, Source.FALLBACK)
-        return replace(plan, threshold=td, network_region=network_region)
+                    return plan
+        return self._plan_map(query, Method.NNPP, Source.FALLBACK)
 
     def _answer(self, query: Query, method: Method, source: Source, found: Search, region: Region | None) -> Plan:
         """The plan that a search of the map or a region of it comes to. For subclasses to call."""
@@ -385,7 +378,7 @@ class Planner:
         query.lap("path")
         return Plan(
             found.status, method, source, found.path, cost, length, traverse_cost, bound, query.expansions,
-            region, reason=query.reason, timings_ms=query.timings,
+            region, query.network_region, query.threshold, query.reason, query.timings,
         )  # fmt: skip
 
 

@@ -1,11 +1,13 @@
 """One query on its way through a planner's stages."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from nnpp_edge.runtime.encoding import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.planning.astar import Region
 from nnpp_edge.runtime.planning.plan import Plan
 
 
@@ -21,6 +23,10 @@ class Query:
     epsilon: float
     reason: str
     expansions: int = 0
+    threshold: float = math.nan
+    """The adaptive threshold, once the network was asked."""
+    network_region: Region | None = None
+    """The network's region at it."""
     timings: dict[str, float] = field(default_factory=dict)
     _mark: float = field(default_factory=time.perf_counter)
 

@@ -10,12 +10,12 @@ import pytest
 import torch
 
 from nnpp_edge.calibrate.calibration_set import QueryReader, answers, split, spread
-from nnpp_edge.calibrate.compare import Latency, Searches, agreement, judge_both, recommend
+from nnpp_edge.calibrate.compare import Latency, Searches, agreement, judge_both, operators_left, recommend
 from nnpp_edge.calibrate.quantize import quantize
 from nnpp_edge.calibrate.quantizer import METHODS, Quantizer
 from nnpp_edge.calibrate.sensitivity import exclude_worst, node_errors, snr_db
-from nnpp_edge.export.to_onnx import export_onnx
-from nnpp_edge.model.registry import Spec
+from nnpp_edge.export.to_onnx import export_network, export_onnx
+from nnpp_edge.model.registry import Network, Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.terrain.dataset import Recipe, make_dataset, read_samples
@@ -135,6 +135,25 @@ def test_weights_have_seven_bits_and_a_scale_for_each_channel(made, quantizer):
 def test_the_head_stays_float(made, quantizer):
     assert "head/Conv" in quantizer.head
     assert "body.head.weight" in {t.name for t in onnx.load(made.output).graph.initializer}
+
+
+def test_of_a_network_in_two_parts_the_encoder_alone_is_quantised(samples, tmp_path):
+    torch.manual_seed(0)
+    network = Network(Spec("split", 64, options={"widths": [8, 8, 8, 8], "stem": 8, "relation": 8, "hidden": [8, 8]}))
+    torch.nn.init.normal_(network.body.head.answer.weight, std=0.5)
+    export_network(network, tmp_path / "split.onnx", name="split")
+    fp32 = NetworkModel(tmp_path / "split.onnx")
+    quantizer = Quantizer(fp32, tmp_path)
+    assert {name.split(".")[0] for name in quantizer.nodes} == {"encoder"}
+    assert any("describe" in name for name in quantizer.head)
+    quantizer.calibrate(spread(samples, 16, 1))
+    path = quantizer.build("int8")
+    left = operators_left(path)
+    assert left["QLinearConv"] == len(quantizer.nodes)
+    assert left["QuantizeLinear"] + left["DequantizeLinear"] == 2
+    wanted = answers(fp32, samples)
+    assert wanted.std() > 0.02
+    assert np.abs(answers(NetworkModel(path), samples) - wanted).mean() < 0.01
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -5,6 +5,7 @@ from dataclasses import asdict
 
 import numpy as np
 import onnx
+import onnxruntime
 import pytest
 import torch
 from torch import nn
@@ -19,6 +20,7 @@ from nnpp_edge.runtime.inference import METADATA_KEY, NetworkModel
 from nnpp_edge.terrain.dataset import Recipe, Samples
 
 EDGE = Spec("edge", 64, options={"widths": [8, 8, 8, 8], "stem": 8})
+SPLIT = Spec("split", 64, options={"widths": [8, 8, 8, 8], "stem": 8, "relation": 12, "hidden": [9, 7]})
 NNPP = Spec("nnpp", 128, options={"width": 2})
 FACTS = {"progress": {"step": 7, "epoch": 2, "spent_s": 1.5}}
 
@@ -42,9 +44,13 @@ def lived_in(spec: Spec) -> Network:
             nn.init.uniform_(module.running_var, 0.5, 1.5)
             nn.init.uniform_(module.weight, 0.5, 1.5)
             nn.init.normal_(module.bias, std=0.2)
-    last = [module for module in network.modules() if isinstance(module, nn.Conv2d)][-1]
-    nn.init.normal_(last.weight, std=0.3)
+    nn.init.normal_(last_layer(network).weight, std=0.3)
     return network.eval()
+
+
+def last_layer(network: Network) -> nn.Module:
+    """The one that the answer comes from."""
+    return [module for module in network.modules() if isinstance(module, nn.Conv2d | nn.Linear)][-1]
 
 
 def checkpoint(path, network):
@@ -54,7 +60,7 @@ def checkpoint(path, network):
     return path
 
 
-@pytest.fixture(scope="module", params=[EDGE, NNPP], ids=lambda spec: spec.architecture)
+@pytest.fixture(scope="module", params=[EDGE, SPLIT, NNPP], ids=lambda spec: spec.architecture)
 def exported(request, tmp_path_factory):
     """A network, its ONNX file, and the report of the export."""
     folder = tmp_path_factory.mktemp("export")
@@ -98,6 +104,62 @@ def test_the_runtime_answers_what_the_network_answers(exported):
     np.testing.assert_allclose(got, wanted, atol=1e-4)
 
 
+class Counting:
+    """A session that counts its runs."""
+
+    def __init__(self, session):
+        self.session, self.runs = session, 0
+
+    def run_with_iobinding(self, *words):
+        self.runs += 1
+        return self.session.run_with_iobinding(*words)
+
+
+@pytest.fixture(scope="module")
+def in_two_parts(tmp_path_factory):
+    file = tmp_path_factory.mktemp("split") / "model.onnx"
+    export_network(lived_in(SPLIT), file, name="split")
+    return file
+
+
+def test_an_encoder_runs_once_for_each_map(in_two_parts):
+    model = NetworkModel(in_two_parts)
+    model.session = counting = Counting(model.session)
+    whole = onnxruntime.InferenceSession(in_two_parts)
+    rng = np.random.default_rng(2)
+    for maps in (1, 2):
+        model.set_map(rng.random((2, 64, 64), np.float32))
+        for _ in range(3):
+            model.set_query(*((float(r), float(c)) for r, c in rng.uniform(0, 63, (2, 2))))
+            got = model.run()
+            wanted = (
+                whole.run(["probability"], model.inputs | {"ask": np.array([True])})[0]
+                .reshape(2, 2, 8, 8)
+                .transpose(2, 0, 3, 1)
+            )
+            assert got.std() > 0.01
+            np.testing.assert_allclose(got, wanted.reshape(16, 16), atol=1e-5)
+        assert counting.runs == maps + (maps - 1)
+        again = model.run(anew=True).copy()
+        np.testing.assert_array_equal(again, got)
+        assert counting.runs == 2 * maps
+
+
+def test_a_head_that_is_not_its_graphs_is_refused(in_two_parts, tmp_path):
+    model = onnx.load(in_two_parts)
+    count = next(
+        value.type.tensor_type.shape.dim[0].dim_value for value in model.graph.output if value.name == "head"
+    )
+    held = [t for t in model.graph.initializer if list(t.dims) == [count]]
+    assert len(held) == 1
+    numbers = onnx.numpy_helper.to_array(held[0]).copy()
+    numbers[-1] += 0.1
+    held[0].CopyFrom(onnx.numpy_helper.from_array(numbers, held[0].name))
+    onnx.save(model, tmp_path / "other.onnx")
+    with pytest.raises(ModelError, match="not those of its graph"):
+        NetworkModel(tmp_path / "other.onnx")
+
+
 @pytest.mark.parametrize("drawn", [True, False], ids=["dataset", "random"])
 def test_parity_passes_for_what_was_exported(exported, drawn):
     network, file, _ = exported
@@ -110,8 +172,7 @@ def test_parity_passes_for_what_was_exported(exported, drawn):
 def test_parity_fails_for_another_network(exported):
     network, file, _ = exported
     other = lived_in(network.spec)
-    last = [module for module in other.modules() if isinstance(module, nn.Conv2d)][-1]
-    nn.init.constant_(last.bias, 0.5)
+    nn.init.constant_(last_layer(other).bias, 0.5)
     assert not parity(other, file, n=2)["passed"]
 
 
@@ -127,7 +188,8 @@ def test_metadata_comes_back_from_the_file(exported):
     assert (m.name, m.architecture, m.precision, m.version) == ("small", spec.architecture, "fp32", __version__)
     assert (m.input_size, m.blocks, m.encoding) == (spec.input_size, spec.blocks, spec.encoding)
     assert (m.sigma, m.omega, m.region_factor) == (0.25, 0.011, 0.4)
-    assert (m.map_unshuffle, m.output_shuffle) == ((4, 2) if spec.architecture == "edge" else (1, 1))
+    assert (m.map_unshuffle, m.output_shuffle) == ((1, 1) if spec.architecture == "nnpp" else (4, 2))
+    assert m.head == ((12, 9, 7) if spec.architecture == "split" else ())
     assert Traversability(**m.cost_limits) == Traversability()
     assert m.training["steps"] == 7
     assert m.training["seconds"] == 1.5
@@ -141,7 +203,7 @@ def test_the_report_tells_what_is_in_the_file(exported):
     assert report.opset == 18 == model.opset_import[0].version
     assert report.size_bytes == file.stat().st_size
     assert report.nodes == len(model.graph.node) == sum(report.operators.values())
-    assert report.output == (1, 4, 8, 8) if network.spec.architecture == "edge" else (1, 1, 16, 16)
+    assert report.output == ((1, 1, 16, 16) if network.spec.architecture == "nnpp" else (1, 4, 8, 8))
     assert report.macs > 10_000
     assert json.loads(report.to_json())["inputs"] == {name: list(shape) for name, shape in report.inputs.items()}
 
@@ -154,7 +216,10 @@ def test_the_file_is_whole_folded_and_free_of_local_paths(exported):
     names = [node.name for node in model.graph.node]
     assert len(set(names)) == len(names)
     if network.spec.architecture == "edge":
-        assert {"stem.0/Conv", "head/Conv", "down64.1.second.0/Conv"} <= set(names)
+        assert {"stem.0/Conv", "head/Conv", "pyramid.down64.1.second.0/Conv"} <= set(names)
+    if network.spec.architecture == "split":
+        assert {"encoder.stem.0/Conv", "encoder.describe/Conv", "head/If"} <= set(names)
+        assert all(name.startswith(("encoder.", "head/")) for name in names)
     assert b".py" not in file.read_bytes()
 
 

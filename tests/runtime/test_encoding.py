@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime.encoding import Frame, encode_gaussian, encode_pair, map_planes
+from nnpp_edge.runtime.encoding import Frame, encode_ends, encode_gaussian, encode_pair, map_planes
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.grid import Grid, StepModel
 
 
@@ -76,6 +77,36 @@ def test_the_pair_does_not_tell_start_from_goal_and_peaks_on_both():
         assert there[2, r // 8, c // 8] > 0.8
     assert there.min() >= 0
     assert there.max() <= 1
+
+
+@given(st.floats(0.0, 63.0), st.floats(0.0, 63.0), st.floats(0.0, 63.0), st.floats(0.0, 63.0))
+def test_an_end_is_read_off_the_points_and_the_way_leads_there(row_a, col_a, row_b, col_b):
+    out = np.empty((15, 8, 8), np.float32)
+    encode_ends((row_a, col_a), (row_b, col_b), 8, 8, 16.0, out)
+    centres = 8.0 * np.arange(8) + 3.5
+    for planes, row, col in ((out[:6], row_a, col_a), (out[6:12], row_b, col_b)):
+        share = planes[0].astype(float)
+        assert share.min() >= 0.0
+        assert share.sum() == pytest.approx(1.0, abs=1e-5)
+        inside = np.clip((row, col), 3.5, 59.5)  # what lies beyond the outermost points is read off them
+        assert ((share.sum(1) * centres).sum(), (share.sum(0) * centres).sum()) == pytest.approx(inside, abs=1e-3)
+        down, right = row - centres[:, None], col - centres
+        apart = np.hypot(down, right)
+        wanted = (down + 0 * right, right + 0 * down, apart)
+        np.testing.assert_allclose(planes[1:4], np.array(wanted) / 64.0, atol=1e-6)
+        np.testing.assert_allclose(planes[4], np.exp(-(apart**2) / (2 * 16.0**2)), atol=1e-6)
+        np.testing.assert_allclose(planes[5], np.exp(-(apart**2) / (2 * 4.0**2)), atol=1e-6)
+    length = np.hypot(row_a - row_b, col_a - col_b)
+    np.testing.assert_allclose(out[14], max(length, 8.0) / 64.0, atol=1e-6)
+    back = np.empty_like(out)
+    encode_ends((row_b, col_b), (row_a, col_a), 8, 8, 16.0, back)
+    np.testing.assert_allclose(back, out[[*range(6, 12), *range(6), 12, 13, 14]], atol=1e-6)
+
+
+def test_what_is_to_be_written_must_have_the_right_shape():
+    for write, channels in ((encode_gaussian, 2), (encode_pair, 3), (encode_ends, 15)):
+        with pytest.raises(InvalidQueryError, match=rf"out must be \({channels}, 8, 8\)"):
+            write((1.0, 1.0), (5.0, 5.0), 8, 8, 16.0, np.empty((channels + 1, 8, 8), np.float32))
 
 
 def test_a_place_is_the_centre_of_the_map_cell():

@@ -6,7 +6,7 @@ from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.grid import Grid, StepModel
 from nnpp_edge.runtime.planning.astar import Region, astar
 from nnpp_edge.runtime.planning.workspace import Workspace
-from nnpp_edge.runtime.region import RegionFinder
+from nnpp_edge.runtime.region import RegionFinder, lowered, probability_of
 from tests import oracles
 
 
@@ -18,7 +18,8 @@ def test_the_threshold_equals_the_loop_over_thresholds(side, seed, levels, data)
     probability = (rng.integers(0, levels, (side, side)) / levels).astype(np.float32)
     start, goal = ((data.draw(st.integers(0, side - 1)), data.draw(st.integers(0, side - 1))) for _ in range(2))
     finder.read(probability)
-    np.testing.assert_array_equal(finder.levels, np.minimum(probability * 256, 255).astype(np.uint8))
+    roots = np.sqrt(np.sqrt(probability))
+    np.testing.assert_array_equal(finder.levels, np.minimum(roots * 256, 255).astype(np.uint8))
     assert finder.threshold(start, goal) == oracles.threshold_by_loop(finder.levels, start, goal)
 
 
@@ -27,9 +28,10 @@ def test_a_marked_region_holds_what_is_above_and_both_ends():
     probability = np.zeros((5, 5), np.float32)
     probability[2] = 0.5
     finder.read(probability)
-    first = finder.mark(128, (0, 0), (2, 4))
+    level = int(256 * 0.5**0.25)
+    first = finder.mark(level, (0, 0), (2, 4))
     assert (finder.bitmap == first).sum() == 6
-    second = finder.mark(129, (0, 0), (2, 4), radius=1)
+    second = finder.mark(level + 1, (0, 0), (2, 4), radius=1)
     assert second != first
     assert (finder.bitmap == second).sum() == 4 + 6
 
@@ -48,19 +50,37 @@ def test_the_walkable_threshold_is_the_highest_at_which_a_search_of_the_region_s
     grid = Grid.of(cost, StepModel.of("paper", 0.011))
     blocks = (np.arange(rows, dtype=np.int32) // per_block, np.arange(cols, dtype=np.int32) // per_block)
     finder = RegionFinder(side)
-    finder.read((rng.integers(0, 8, (side, side)) / 8).astype(np.float32))
+    probability = (rng.integers(0, 8, (side, side)) / 8).astype(np.float32)
+    ends = tuple((int(blocks[0][r]), int(blocks[1][c])) for r, c in (start, goal))
 
     def succeeds(threshold: int) -> bool:
-        stamp = finder.mark(threshold, *((int(blocks[0][r]), int(blocks[1][c])) for r, c in (start, goal)))
+        stamp = finder.mark(threshold, *ends)
         region = Region(finder.bitmap, *blocks, stamp)
         found = astar(grid, start, goal, Workspace(len(grid.weights)), region=region, corner_cutting=corner_cutting)
         return found.status is Status.OK
 
-    td = finder.walkable(grid, None, blocks, start, goal, corner_cutting)
-    assert td == finder.walkable(grid, None, blocks, start, goal, corner_cutting)
+    td = finder.first(probability, grid, None, blocks, (start, goal), ends, corner_cutting, 0.0625)
     if td < 0:
         assert not succeeds(0)
     else:
+        at_td, wider, stamp = finder.at_td == finder.stamp, finder.bitmap == finder.stamp, finder.stamp
+        finder.mark(td, *ends)
+        np.testing.assert_array_equal(at_td, finder.bitmap == stamp + 1)
+        if td:
+            finder.mark(lowered(td, 0.0625), *ends)
+            np.testing.assert_array_equal(wider, finder.bitmap == stamp + 2)
         assert succeeds(td)
-        ends = min(int(finder.levels[blocks[0][r], blocks[1][c]]) for r, c in (start, goal))
-        assert td >= ends or not succeeds(td + 1)
+        lower = min(int(finder.levels[end]) for end in ends)
+        assert td >= lower or not succeeds(td + 1)
+    assert td == finder.first(probability, grid, None, blocks, (start, goal), ends, corner_cutting, 0.0625)
+
+
+def test_levels_reach_far_down_and_factors_are_those_of_probabilities():
+    assert probability_of(-1) == probability_of(0) == 0.0
+    assert probability_of(1) < 1e-9
+    assert probability_of(256) == 1.0
+    for level in (40, 100, 255):
+        for factor in (1.0, 0.5, 0.2):
+            found = probability_of(lowered(level, factor))
+            assert found <= factor * probability_of(level) * (1 + 1e-12) < probability_of(lowered(level, factor) + 1)
+    assert lowered(1, 0.01) == 1

@@ -183,4 +183,5 @@ def test_only_the_first_process_prints_and_draws(nnpp_edge, data, tmp_path, monk
 def test_the_presets_can_be_built():
     assert (PRESETS["edge"].blocks, PRESETS["edge-256"].blocks) == (16, 64)
     assert PRESETS["nnpp"].blocks == 32
+    assert PRESETS["edge"].encoding == "ends"
     assert PRESETS["nnpp"].encoding == "gaussian"
