@@ -93,10 +93,10 @@ class NetworkModel:
         if got != shapes:
             raise ModelError(f"{self.path}: wanted inputs {shapes} by its metadata, got {got}")
         side = m.blocks // shuffle
-        wanted = {OUTPUT: (1, shuffle**2, side, side)}
+        wanted: dict[str, tuple[int, ...]] = {OUTPUT: (1, shuffle**2, side, side)}
         if m.encoding == "ends":
             wanted[PLACES] = (1, 2 * m.head[0], self._query_side, self._query_side)
-            wanted[HEAD] = (count_parameters(*m.head),)
+            wanted[HEAD] = (count_parameters(m.head),)
         outputs = {o.name: tuple(o.shape) for o in self.session.get_outputs()}
         if outputs != wanted:
             raise ModelError(f"{self.path}: wanted outputs {wanted} by its metadata, got {outputs}")
@@ -121,7 +121,7 @@ class NetworkModel:
         self.session.run_with_iobinding(self._binding)
         wanted = self._in_place()
         self.inputs[ASK][:] = False
-        self._head = PlaceHead(self._outputs[HEAD], *self.metadata.head, self._query_side)
+        self._head = PlaceHead(self._outputs[HEAD], self.metadata.head, self._query_side)
         self._answer = np.empty_like(wanted)
         if not np.abs(self.run(anew=True) - wanted).max() <= _ROUNDING:
             raise ModelError(f"{self.path}: the head's parameters are not those of its graph")

@@ -17,8 +17,12 @@ ANSWERS = 4
 """Blocks to a place, two by two."""
 
 
-def parameter_shapes(relation: int, first: int, second: int) -> dict[str, tuple[int, ...]]:
-    """Names and shapes of the head's parameters in their order; matrices are (inputs, outputs)."""
+def parameter_shapes(sizes: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the head's parameters in their order; matrices are (inputs, outputs).
+
+    `sizes` are the numbers that relate a place to an end, and the units of the two hidden layers.
+    """
+    relation, first, second = sizes
     return {
         "way": (END_CHANNELS - 1, relation),
         "way_bias": (relation,),
@@ -33,9 +37,9 @@ def parameter_shapes(relation: int, first: int, second: int) -> dict[str, tuple[
     }
 
 
-def count_parameters(relation: int, first: int, second: int) -> int:
-    """How many numbers the head has in all."""
-    return sum(math.prod(shape) for shape in parameter_shapes(relation, first, second).values())
+def count_parameters(sizes: tuple[int, ...]) -> int:
+    """How many numbers a head of these sizes has in all."""
+    return sum(math.prod(shape) for shape in parameter_shapes(sizes).values())
 
 
 @kernel
@@ -156,13 +160,14 @@ class PlaceHead:
     ----------
     parameters : (N,) float32
         `count_parameters` numbers, in the order of `parameter_shapes`.
-    relation, first, second : int
-        Numbers that relate a place to an end, and units of the two hidden layers.
+    sizes : (int, int, int)
+        As for `parameter_shapes`.
     side : int
         Places to a side of the map.
     """
 
-    def __init__(self, parameters: NDArray[np.float32], relation: int, first: int, second: int, side: int) -> None:
+    def __init__(self, parameters: NDArray[np.float32], sizes: tuple[int, ...], side: int) -> None:
+        relation, first, second = sizes
         self.places: NDArray[np.float32] = np.zeros((side * side, 2 * relation), np.float32)
         """What the encoder said of the map."""
         self._parameters = np.array(parameters, np.float32)
