@@ -3,6 +3,7 @@
 Training takes these from here too, so that what runs is what was trained.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -37,7 +38,7 @@ class Frame:
         """Network cells to a map cell."""
         return self.size / max(self.rows, self.cols)
 
-    @property
+    @functools.cached_property
     def inner(self) -> tuple[int, int]:
         """Rows and columns of the square that the map fills; at least 1."""
         return (
@@ -200,7 +201,8 @@ def _between(out, row_a, col_a, row_b, col_b, spacing):
 
 
 @kernel
-def _ends(out, row_a, col_a, row_b, col_b, spacing, sigma):
+def fill_ends(out, row_a, col_a, row_b, col_b, spacing, sigma):
+    """What `encode_ends` writes, for other kernels to call."""
     _end(out[:END_CHANNELS], row_a, col_a, spacing, sigma)
     _end(out[END_CHANNELS : 2 * END_CHANNELS], row_b, col_b, spacing, sigma)
     _between(out[2 * END_CHANNELS :], row_a, col_a, row_b, col_b, spacing)
@@ -266,4 +268,4 @@ def encode_ends(
     """
     if out.shape != (ENDS_CHANNELS, size, size):
         raise InvalidQueryError(f"out must be ({ENDS_CHANNELS}, {size}, {size}) float32, got {out.shape} {out.dtype}")
-    _ends(out, start[0], start[1], goal[0], goal[1], float(spacing), sigma)
+    fill_ends(out, start[0], start[1], goal[0], goal[1], float(spacing), sigma)

@@ -61,15 +61,14 @@ class StepModel:
 def _pad(cost, scale, ceiling, first, stride, weights, extremes):
     """Weights of a rectangle into the padded map, from node `first` on; extremes = least, greatest.
 
-    The number of costs below 0, and by how many there are more impassable cells than before.
+    The number of costs below 0.
     """
-    bad, blocked = 0, 0
+    bad = 0
     least, greatest = extremes[0], extremes[1]
     for row in range(cost.shape[0]):
         base = first + row * stride
         for col in range(cost.shape[1]):
             t = cost[row, col]
-            blocked -= weights[base + col] == np.inf
             if t < ceiling:
                 w = np.float64(np.float32(t * scale))
                 if t < 0.0:
@@ -79,9 +78,8 @@ def _pad(cost, scale, ceiling, first, stride, weights, extremes):
                 greatest = max(greatest, w)
             else:  # NaN comes here too
                 weights[base + col] = np.inf
-                blocked += 1
     extremes[0], extremes[1] = least, greatest
-    return bad, blocked
+    return bad
 
 
 @dataclass
@@ -99,8 +97,6 @@ class Grid:
     """No passable cell weighs less; inf as long as there is none."""
     greatest: float = 0.0
     """No passable cell weighs more."""
-    blocked: int = 0
-    """Number of impassable cells."""
 
     @property
     def cells(self) -> int:
@@ -115,7 +111,7 @@ class Grid:
     @classmethod
     def empty(cls, rows: int, cols: int, model: StepModel) -> "Grid":
         """A grid whose cells are all impassable."""
-        return cls(rows, cols, model, np.full((rows + 2) * (cols + 2), np.inf, np.float32), blocked=rows * cols)
+        return cls(rows, cols, model, np.full((rows + 2) * (cols + 2), np.inf, np.float32))
 
     @classmethod
     def of(cls, cost: Float2D, model: StepModel) -> "Grid":
@@ -148,7 +144,7 @@ class Grid:
         whole = (rows, cols) == (self.rows, self.cols)
         extremes = np.array([np.inf, -np.inf] if whole else [self.least, self.greatest])
         seen = cost[row - origin[0] : row - origin[0] + rows, col - origin[1] : col - origin[1] + cols]
-        bad, blocked = _pad(
+        bad = _pad(
             seen,
             np.float32(self.model.scale),
             ceiling,
@@ -157,7 +153,6 @@ class Grid:
             self.weights,
             extremes,
         )
-        self.blocked += int(blocked)
         if bad or (self.model.kind is StepCost.LENGTH and extremes[0] == 0.0):
             wanted = "at least 0" if self.model.kind is StepCost.PAPER else "greater than 0"
             raise InvalidMapError(f"every passable cost must be {wanted}, got one of {extremes[0]:g}")

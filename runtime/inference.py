@@ -155,12 +155,30 @@ class NetworkModel:
         if self._head is None:
             self.session.run_with_iobinding(self._binding)
             return self._in_place()
-        if anew or not self._encoded:
-            self.session.run_with_iobinding(self._binding)
-            self._head.places[:] = self._outputs[PLACES].reshape(self._head.places.shape[1], -1).T
-            self._encoded = True
+        self._encode(self._head, anew)
         self._head.answer(self._query, self._answer)
         return self._answer
+
+    def ask(self, start: tuple[float, float], goal: tuple[float, float]) -> NDArray[np.float32]:
+        """`set_query` and `run`; for a network in two parts one call of compiled code, which is soonest done."""
+        if self._head is None:
+            self.set_query(start, goal)
+            return self.run()
+        self._encode(self._head)
+        sigma = self.metadata.sigma * self.metadata.input_size
+        self._head.answer_ends(start, goal, float(QUERY_SPACING), sigma, self._query, self._answer)
+        return self._answer
+
+    @property
+    def in_parts(self) -> bool:
+        """Whether the network looks at the map by itself, before it knows the query."""
+        return self._head is not None
+
+    def _encode(self, head: PlaceHead, anew: bool = False) -> None:
+        if anew or not self._encoded:
+            self.session.run_with_iobinding(self._binding)
+            head.places[:] = self._outputs[PLACES].reshape(head.places.shape[1], -1).T
+            self._encoded = True
 
     def _in_place(self) -> NDArray[np.float32]:
         """The session's answer with each block where it lies."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime._jit import kernel
-from nnpp_edge.runtime.encoding import END_CHANNELS, PAIR_CHANNELS
+from nnpp_edge.runtime.encoding import END_CHANNELS, PAIR_CHANNELS, fill_ends
 
 ANSWERS = 4
 """Blocks to a place, two by two."""
@@ -153,6 +153,15 @@ def answer_query(places, query, parameters, first_units, second_units, scratch, 
             out[i, j] = np.float32(1.0) / (np.float32(1.0) + math.exp(-out[i, j]))
 
 
+@kernel
+def answer_ends(
+    row_a, col_a, row_b, col_b, spacing, sigma, places, query, parameters, first_units, second_units, scratch, out
+):  # fmt: skip
+    """Encode start and goal into `query` (`encoding.encode_ends`), and answer: one call instead of two."""
+    fill_ends(query, row_a, col_a, row_b, col_b, spacing, sigma)
+    answer_query(places, query, parameters, first_units, second_units, scratch, out)
+
+
 class PlaceHead:
     """The head's parameters and scratch memory, for places in a square of `side`.
 
@@ -177,3 +186,12 @@ class PlaceHead:
     def answer(self, query: NDArray[np.float32], out: NDArray[np.float32]) -> None:
         """Probabilities for an encoded query, (15, side, side) float32, into (2 · side, 2 · side) float32."""
         answer_query(self.places, query, self._parameters, *self._units, self._scratch, out)
+
+    def answer_ends(
+        self, start: tuple[float, float], goal: tuple[float, float], spacing: float, sigma: float,
+        query: NDArray[np.float32], out: NDArray[np.float32],
+    ) -> None:  # fmt: skip
+        """Encode start and goal as `encoding.encode_ends` does, into `query`, and answer."""
+        answer_ends(
+            *start, *goal, spacing, sigma, self.places, query, self._parameters, *self._units, self._scratch, out
+        )  # fmt: skip

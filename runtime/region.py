@@ -18,10 +18,17 @@ from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.grid import Grid
 from nnpp_edge.runtime.planning.expansion import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.planning.pyramid import linked
+from nnpp_edge.runtime.planning.workspace import STAMP_SHIFT, Workspace
 
 LEVELS = 256
 """Level n stands for the probability (n / 256)⁴. So what is unlikely has levels too: where slope limits leave only a
 long way round, td is often below 1/1000."""
+
+TOWARDS = np.array(
+    [sorted(range(8), key=lambda k: ROW_STEP[k] * (n // 3 - 1) + COL_STEP[k] * (n % 3 - 1)) for n in range(9)],
+    np.int8,
+)
+"""The eight directions, those that lead most towards row n // 3 - 1 and column n % 3 - 1 last."""
 
 
 @kernel
@@ -51,7 +58,7 @@ def adaptive_threshold(levels, start_row, start_col, goal_row, goal_col, heads, 
     Parameters
     ----------
     levels : (B, C) uint8
-        Level of each block.
+        Level of each block, and 0 in the last row and column.
     start_row, start_col, goal_row, goal_col : int
         Blocks.
     heads : (256,) int32, following : (B·C,) int32, done : (B·C,) uint8
@@ -91,9 +98,11 @@ def adaptive_threshold(levels, start_row, start_col, goal_row, goal_col, heads, 
 
 @kernel
 def walkable_threshold(
-    levels, row_blocks, col_blocks, weights, links, stride, corner_cutting, start, goal, heads, following, seen, stamp
+    levels, row_blocks, col_blocks, weights, links, stride, corner_cutting, start, goal, most, heads, state, stamp
 ):  # fmt: skip
     """The largest level at which two nodes of a grid are joined by steps through cells whose blocks reach it.
+
+    Among cells that serve alike, those towards the goal come first: where the way is free, few others are looked at.
 
     Parameters
     ----------
@@ -105,8 +114,12 @@ def walkable_threshold(
         The grid, and which steps it allows.
     start, goal : int
         Nodes.
-    heads : (256,) int32, following, seen : (nodes,) int32, stamp : int
-        Scratch; `stamp` is none that `seen` holds.
+    most : int
+        A level that the result is known not to exceed; the nearer to it, the less is looked at.
+    heads : (256,) int32
+        Scratch.
+    state : (2 · nodes,) int32, stamp : int
+        A workspace's memory, which the search that follows will touch too, and the number of a new search in it.
 
     Returns
     -------
@@ -114,9 +127,11 @@ def walkable_threshold(
         In 0…255; -1 where no steps lead from one to the other.
     """
     heads[:] = -1
-    width = np.int64(levels[row_blocks[start // stride - 1], col_blocks[start % stride - 1]])
-    seen[start] = stamp
-    following[start] = -1
+    goal_row, goal_col = goal // stride, goal % stride
+    width = min(most, np.int64(levels[row_blocks[start // stride - 1], col_blocks[start % stride - 1]]))
+    width = min(width, np.int64(levels[row_blocks[goal_row - 1], col_blocks[goal_col - 1]]))
+    seen = stamp << STAMP_SHIFT
+    state[2 * start], state[2 * start + 1] = -1, seen
     heads[width] = start
     while True:
         while heads[width] == -1:
@@ -124,23 +139,28 @@ def walkable_threshold(
             if width < 0:
                 return -1
         node = np.int64(heads[width])
-        heads[width] = following[node]
+        heads[width] = state[2 * node]
         if node == goal:
             return width
-        for k in range(8):
+        row, col = node // stride, node % stride
+        ahead = 3 * ((goal_row > row) - (goal_row < row)) + (goal_col > col) - (goal_col < col) + 4
+        for nth in range(8):
+            k = TOWARDS[ahead, nth]
             there = node + ROW_STEP[k] * stride + COL_STEP[k]
-            if seen[there] != stamp and linked(weights, links, node, k, stride, corner_cutting):
-                seen[there] = stamp
+            if state[2 * there + 1] != seen and linked(weights, links, node, k, stride, corner_cutting):
                 level = np.int64(levels[row_blocks[there // stride - 1], col_blocks[there % stride - 1]])
                 bucket = min(width, level)
-                following[there] = heads[bucket]
+                state[2 * there], state[2 * there + 1] = heads[bucket], seen
                 heads[bucket] = there
 
 
 @kernel
 def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, stamp, radius, bitmap):
-    """Number the blocks of {levels >= threshold}, and those within `radius` of them; start and goal always."""
-    rows, cols = levels.shape
+    """Number the blocks of {levels >= threshold}, and those within `radius` of them; start and goal always.
+
+    The last row and column of `levels` are left out.
+    """
+    rows, cols = levels.shape[0] - 1, levels.shape[1] - 1
     for row in range(rows):
         for col in range(cols):
             ends = (row == start_row and col == start_col) or (row == goal_row and col == goal_col)
@@ -153,16 +173,20 @@ def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, sta
 @kernel
 def first_regions(
     probability, row_blocks, col_blocks, weights, links, stride, corner_cutting, start, goal, start_row, start_col,
-    goal_row, goal_col, factor, stamp, levels, heads, following, seen, at_td, bitmap,
+    goal_row, goal_col, touching, factor, stamp, levels, heads, following, done, state, search, at_td, bitmap,
 ):  # fmt: skip
     """What a plan needs of a network's answer, in one call: td and the blocks at it and at `factor` times it.
 
-    `quantise`, then `walkable_threshold`, then `fill_region` twice; the result is the second's.
+    `quantise`, then `walkable_threshold`, then `fill_region` twice; the result is the second's. With `touching`, a
+    step of the grid leads to the same block or one that touches it: then blocks joined bound what cells are.
     """
     quantise(probability, levels)
+    most = LEVELS - 1
+    if touching:
+        most = adaptive_threshold(levels, start_row, start_col, goal_row, goal_col, heads, following, done)
     td = walkable_threshold(
-        levels, row_blocks, col_blocks, weights, links, stride, corner_cutting, start, goal, heads, following, seen,
-        stamp,
+        levels, row_blocks, col_blocks, weights, links, stride, corner_cutting, start, goal, most, heads, state,
+        search,
     )  # fmt: skip
     fill_region(levels, max(td, 0), start_row, start_col, goal_row, goal_col, stamp, 0, at_td)
     if td > 0:
@@ -174,29 +198,35 @@ class RegionFinder:
     """Turns probabilities into regions; holds the scratch memory for one size."""
 
     def __init__(self, blocks: int) -> None:
-        self.levels: NDArray[np.uint8] = np.zeros((blocks, blocks), np.uint8)
-        self.bitmap: NDArray[np.int32] = np.zeros((blocks + 1, blocks + 1), np.int32)
+        padded = (blocks + 1, blocks + 1)
+        self._levels: NDArray[np.uint8] = np.zeros(padded, np.uint8)
+        self.bitmap: NDArray[np.int32] = np.zeros(padded, np.int32)
         """The last row and column belong to no region: cells that the network is not shown lie there."""
-        self.at_td: NDArray[np.int32] = np.zeros((blocks + 1, blocks + 1), np.int32)
+        self.at_td: NDArray[np.int32] = np.zeros(padded, np.int32)
         """The region at td itself, by `first`; it stays while wider ones are searched."""
         self.stamp = 0
         self._heads = np.empty(LEVELS, np.int32)
-        self._following = np.empty(blocks * blocks, np.int32)
-        self._done = np.empty(blocks * blocks, np.uint8)
-        self._on_grid: NDArray[np.int32] = np.zeros((2, 0), np.int32)
+        self._following = np.empty(self._levels.size, np.int32)
+        self._done = np.empty(self._levels.size, np.uint8)
+
+    @property
+    def levels(self) -> NDArray[np.uint8]:
+        """Level of each block: (B, B) uint8."""
+        return self._levels[:-1, :-1]
 
     def read(self, probability: NDArray[np.float32]) -> None:
         """Take over a network's answer, (B, B) float32 in [0, 1]."""
-        quantise(probability, self.levels)
+        quantise(probability, self._levels)
 
     def threshold(self, start: tuple[int, int], goal: tuple[int, int]) -> int:
         """The adaptive threshold td between two blocks, as a level."""
-        return int(adaptive_threshold(self.levels, *start, *goal, self._heads, self._following, self._done))
+        return int(adaptive_threshold(self._levels, *start, *goal, self._heads, self._following, self._done))
 
     def first(
-        self, probability: NDArray[np.float32], grid: Grid, links: NDArray[np.uint8] | None,
+        self, probability: NDArray[np.float32], grid: Grid, links: NDArray[np.uint8] | None, workspace: Workspace,
         lookup: tuple[NDArray[np.int32], NDArray[np.int32]], cells: tuple[tuple[int, int], tuple[int, int]],
-        blocks: tuple[tuple[int, int], tuple[int, int]], corner_cutting: bool, factor: float,
+        blocks: tuple[tuple[int, int], tuple[int, int]], corner_cutting: bool, factor: float, *,
+        touching: bool = False,
     ) -> int:  # fmt: skip
         """Take over an answer, find td, and number the blocks at it in `at_td` and at `factor` of it in `bitmap`.
 
@@ -206,6 +236,8 @@ class RegionFinder:
             In [0, 1].
         grid, links
             What is walked on, and which steps it allows.
+        workspace : Workspace
+            Of the grid.
         lookup
             The block that each of the grid's rows and columns lies in.
         cells, blocks
@@ -214,6 +246,8 @@ class RegionFinder:
             Whether a step may cut corners where there are no links.
         factor : float
             In (0, 1].
+        touching : bool
+            Whether each step on the grid leads to the same block or one that touches it; saves time.
 
         Returns
         -------
@@ -221,19 +255,18 @@ class RegionFinder:
             td as a level, along steps that the grid allows; -1 where there is no way. Where it is not above 0,
             `at_td` is everywhere and `bitmap` is left alone. The number is `stamp`.
         """
-        if self._on_grid.shape[1] != len(grid.weights):
-            self._on_grid = np.zeros((2, len(grid.weights)), np.int32)
         self.stamp += 1
         return int(
             first_regions(
                 probability, *lookup, grid.weights, links, grid.stride, corner_cutting, grid.node(*cells[0]),
-                grid.node(*cells[1]), *blocks[0], *blocks[1], factor, self.stamp, self.levels, self._heads,
-                self._on_grid[0], self._on_grid[1], self.at_td, self.bitmap,
+                grid.node(*cells[1]), *blocks[0], *blocks[1], touching, factor, self.stamp, self._levels,
+                self._heads, self._following, self._done, workspace.meta, workspace.next_stamp(), self.at_td,
+                self.bitmap,
             )
         )  # fmt: skip
 
     def mark(self, threshold: int, start: tuple[int, int], goal: tuple[int, int], radius: int = 0) -> int:
         """Number the blocks at or above a threshold in `bitmap`; the number."""
         self.stamp += 1
-        fill_region(self.levels, threshold, *start, *goal, self.stamp, radius, self.bitmap)
+        fill_region(self._levels, threshold, *start, *goal, self.stamp, radius, self.bitmap)
         return self.stamp

@@ -7,7 +7,7 @@ All methods answer the same queries on the same maps, those of an `Episode`.
 import json
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -76,7 +76,7 @@ def run_scene(
     episodes: Iterable[Episode],
     methods: Sequence[str],
     *,
-    model: NetworkModel | str = "edge",
+    model: str | Path = "edge",
     repeats: int = 3,
     stride: int = STRIDE,
     progress: Callable[[int], None] = lambda done: None,
@@ -89,8 +89,8 @@ def run_scene(
         Made with the same `stride`.
     methods : sequence of str
         Of `DynamicMethod`; exact A* always takes part.
-    model : NetworkModel or str
-        For the methods that ask a network.
+    model : str or Path
+        For the methods that ask a network: a shipped model's name, or a file.
     repeats : int
         So often every episode is lived through by new planners, after once without the clock; a step's median
         time counts.
@@ -108,13 +108,13 @@ def run_scene(
     What depends on the first map alone is made before the clock starts, for all methods alike.
     """
     names = list(dict.fromkeys((DynamicMethod.ASTAR, *map(DynamicMethod, methods))))
-    if DynamicMethod.NNPP in names or DynamicMethod.NNPP_DSTAR in names:
-        model = model if isinstance(model, NetworkModel) else NetworkModel(model)
+    # a model each: a planner whose model has just seen another's map would show it its own again
+    models = {name: NetworkModel(model) for name in names if name in (DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR)}
     rows: list[SceneRow] = []
     for at, episode in enumerate(episodes):
         times = np.empty((repeats + 1, len(episode.steps), len(names)))
         for turn in range(repeats + 1):
-            answers = _live_through(episode, names, model, turn, times[turn])
+            answers = _live_through(episode, names, models, turn, times[turn])
         medians = np.median(times[1:], axis=0) if repeats else times[0]
         for step, plans in enumerate(answers):
             walked = stride if step + 1 < len(answers) else None
@@ -155,10 +155,16 @@ def totals(rows: Sequence[SceneRow], *, static: bool = False) -> list[SceneTotal
 
 
 def _live_through(
-    episode: Episode, names: Sequence[DynamicMethod], model: NetworkModel | str, turn: int, times: NDArray[np.float64]
+    episode: Episode,
+    names: Sequence[DynamicMethod],
+    models: Mapping[DynamicMethod, NetworkModel],
+    turn: int,
+    times: NDArray[np.float64],
 ) -> list[dict[DynamicMethod, Replan]]:
     """One life of new planners: milliseconds into `times` (steps, methods), and the answers of each step."""
-    planners = {name: DynamicPlanner(episode.cost, episode.goal, name, model=model) for name in names}
+    planners = {
+        name: DynamicPlanner(episode.cost, episode.goal, name, model=models.get(name, "edge")) for name in names
+    }
     for planner in planners.values():
         planner.prepare()
     answers = []

@@ -53,7 +53,7 @@ def find_episodes(context: Context, size: int, count: int) -> list[Episode]:
 def drive(episode: Episode, model: NetworkModel, repeats: int) -> Drive:
     """Put every plan of an episode to all of `PLANNERS`; of ours the median of `repeats` lives counts."""
     size = max(episode.cost.shape)
-    rows = run_scene([episode], OURS, model=model, repeats=repeats, stride=stride_on(size))
+    rows = run_scene([episode], OURS, model=model.path, repeats=repeats, stride=stride_on(size))
     rounds = []
     for at, step in enumerate(episode.steps):
         case = Case(SOFT, size, episode.map_at(at), ((step.start, episode.goal),))

@@ -1,7 +1,6 @@
 """The loop's counters for Prometheus: over HTTP, or as a file for the node exporter's textfile collector.
 
-One family for each counter of `Counters`, named ``nnpp_edge_…``. The work of a tick is a summary: the quantiles are
-those of the whole run. See https://prometheus.io/docs/instrumenting/exposition_formats/.
+One family for each counter of `Counters`, named ``nnpp_edge_…``. The work of a tick is a histogram. See https://prometheus.io/docs/instrumenting/exposition_formats/.
 """
 
 import threading
@@ -36,8 +35,8 @@ _LABELLED = {
     "degraded": ("kind", "Answers that were less than asked for."),
     "errors": ("place", "Errors that were caught."),
     "drops": ("sink", "Messages that a sink was too slow for."),
+    "lost": ("sink", "Messages that a sink took and could not keep."),
 }
-_QUANTILES = {"p50": "0.5", "p90": "0.9", "p99": "0.99"}
 
 
 def metrics_text(counters: Counters) -> str:
@@ -167,10 +166,10 @@ class _Handler(BaseHTTPRequestHandler):
 def _tick_seconds(counters: Counters) -> Iterable[str]:
     name, told = "nnpp_edge_tick_seconds", counters.tick_ms
     yield f"# HELP {name} Work of a tick."
-    yield f"# TYPE {name} summary"
-    for key, quantile in _QUANTILES.items():
-        if key in told:
-            yield f'{name}{{quantile="{quantile}"}} {_number(1e-3 * told[key])}'
+    yield f"# TYPE {name} histogram"
+    for bound, count in counters.tick_histogram.items():
+        yield f'{name}_bucket{{le="{_number(1e-3 * float(bound))}"}} {count}'
+    yield f'{name}_bucket{{le="+Inf"}} {counters.ticks if told else 0}'
     yield f"{name}_sum {_number(1e-3 * told.get('mean', 0.0) * counters.ticks)}"
     yield f"{name}_count {counters.ticks if told else 0}"
 

@@ -33,6 +33,10 @@ class Histogram:
         at = int(np.searchsorted(np.cumsum(self._counts), max(math.ceil(share * self.count), 1)))
         return min(_LEAST_S * 2.0 ** ((at + 1) / _PER_OCTAVE), self.max_s)
 
+    def within(self, octaves: int) -> int:
+        """How many durations were shorter than 1 µs × 2^octaves, exactly."""
+        return int(self._counts[: _PER_OCTAVE * octaves].sum())
+
     @property
     def mean_s(self) -> float:
         """Seconds; 0 without any."""

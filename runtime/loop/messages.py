@@ -227,6 +227,10 @@ class Counters:
     """Messages that a sink was too slow for, by sink."""
     tick_ms: dict[str, float] = field(default_factory=dict)
     """Work of a tick: ``p50``, ``p90``, ``p99``, ``max``, ``mean``."""
+    tick_histogram: dict[str, int] = field(default_factory=dict)
+    """How many ticks' work took less than so many milliseconds."""
+    lost: dict[str, int] = field(default_factory=dict)
+    """Messages that a sink took and could not keep, by sink; those without a count of their own are left out."""
     rss_bytes: int = 0
     """Memory of the process; 0 where the system does not say."""
 

@@ -23,6 +23,8 @@ from nnpp_edge.runtime.loop.ticker import Ticker
 _LOG = logging.getLogger(__name__)
 _SHARE_FOR_INPUTS = 0.5
 """Of a period; inputs that come faster than they can be taken in wait for the next tick."""
+_OCTAVES_TOLD = range(8, 20)
+"""Bounds of the histogram that is told, in powers of two of a microsecond: 0.256 to 524 ms."""
 _GC_EVERY = 64
 """Ticks between two looks at whether there is time to collect garbage."""
 
@@ -35,7 +37,10 @@ class Source(Protocol):
 
 
 class Sink(Protocol):
-    """Where answers go. Each sink is served by a thread of its own and may take its time."""
+    """Where answers go. Each sink is served by a thread of its own and may take its time.
+
+    A sink that has an attribute ``lost``, a count of what it could not keep, has it told with the counters.
+    """
 
     name: str
 
@@ -96,6 +101,7 @@ class Loop:
         self._status_every_s = status_every_s
         self._cores, self._priority = tuple(cores), priority
         self._paced, self._after_tick = paced, after_tick
+        self._source_trouble, self._after_tick_trouble = _Trouble("the source"), _Trouble("what follows a tick")
         self._histogram = Histogram()
         self._stopping = False
         self._reload_wanted = False
@@ -151,6 +157,8 @@ class Loop:
         return replace(
             self.navigator.counters(), overruns=self._ticker.overruns, skipped=self._ticker.skipped,
             drops={writer.name: writer.drops for writer in self._writers}, tick_ms=self._histogram.summary_ms(),
+            tick_histogram={f"{1e-3 * 2**n:g}": self._histogram.within(n) for n in _OCTAVES_TOLD},
+            lost={writer.name: lost for writer in self._writers if (lost := writer.lost) is not None},
             rss_bytes=rss_bytes(),
         )  # fmt: skip
 
@@ -178,11 +186,13 @@ class Loop:
             for message in self._waiting:
                 self.navigator.offer(message)
                 if time.monotonic() > until:
-                    return
+                    break
         except Exception:
-            _LOG.warning("the source failed", exc_info=True)
+            self._source_trouble.began()
             self.navigator.count_error("source")
             self._waiting = iter(())
+        else:
+            self._source_trouble.ended()
 
     def _reload(self) -> None:
         with suppress(OSError):  # this thread, and the network's, must not inherit the loop's core and priority
@@ -208,8 +218,10 @@ class Loop:
         try:
             self._after_tick(message)
         except Exception:
-            _LOG.warning("what follows a tick failed", exc_info=True)
+            self._after_tick_trouble.began()
             self.navigator.count_error("after_tick")
+        else:
+            self._after_tick_trouble.ended()
 
     def _collect(self, done: int) -> None:
         """Collect garbage where the idle time is enough for it."""
@@ -228,6 +240,7 @@ class _Writer:
         self.name = sink.name
         self.drops = 0
         self._sink, self._failed, self._most = sink, failed, most
+        self._trouble = _Trouble(f"the sink {self.name}")
         self._queue: deque[Output] = deque()
         self._news = threading.Condition()
         self._closing = False
@@ -235,6 +248,11 @@ class _Writer:
 
     def start(self) -> None:
         self._thread.start()
+
+    @property
+    def lost(self) -> int | None:
+        """Messages that the sink took and could not keep, if it counts them."""
+        return getattr(self._sink, "lost", None)
 
     def put(self, message: Output) -> None:
         with self._news:
@@ -262,8 +280,30 @@ class _Writer:
             try:
                 self._sink.publish(message)
             except Exception:
-                _LOG.warning("the sink %s failed", self.name, exc_info=True)
+                self._trouble.began()
                 self._failed(f"sink {self.name}")
+            else:
+                self._trouble.ended()
+
+
+class _Trouble:
+    """Logs the first of failures in a row, with its traceback, and that they have ended; the rest is in a counter."""
+
+    def __init__(self, who: str) -> None:
+        self._who = who
+        self._times = 0
+
+    def began(self) -> None:
+        """It failed; to be called where the exception is handled."""
+        if not self._times:
+            _LOG.warning("%s failed; more of the same is counted, not logged", self._who, exc_info=True)
+        self._times += 1
+
+    def ended(self) -> None:
+        """It did what it should."""
+        if self._times:
+            _LOG.warning("%s works again, after %d failures", self._who, self._times)
+        self._times = 0
 
 
 class _Wake:

@@ -23,7 +23,7 @@ from nnpp_edge.runtime.planning.astar import astar
 from nnpp_edge.runtime.planning.dstar_lite import DStarLite
 from nnpp_edge.runtime.planning.incremental import DStarPlanner, Mending
 from nnpp_edge.runtime.planning.plan import Method, Plan, Source, measure
-from nnpp_edge.runtime.planning.query import Query, as_cell
+from nnpp_edge.runtime.planning.query import Query, as_cell, problem_with
 from nnpp_edge.runtime.planning.validity import Standing, StandingPath
 from nnpp_edge.runtime.planning.workspace import Workspace
 
@@ -298,7 +298,7 @@ class DynamicPlanner:
             return self._plan(DynamicMethod.CORRIDOR, "much may be another", deadline, cancelled)
         assert self._planner is not None
         reason = "little has changed, near the start"
-        if self._problem(start) is None and self._planner.mends(goal):
+        if problem_with(self.grid, start, goal) is None and self._planner.mends(goal):
             drift, plan = self._drift, self._planner.mend(self._query(start, reason, deadline, cancelled))
             floor = self.path.check(start).floor
             if plan.ok and floor > 0.0 and (drift := drift * max(plan.cost / floor, 1.0)) <= _DRIFT:
@@ -320,7 +320,7 @@ class DynamicPlanner:
         mending: Mending = Mending.WHERE_LESS_WORK,
     ) -> Replan:  # fmt: skip
         start = self._where()
-        if (problem := self._problem(start)) is not None:
+        if (problem := problem_with(self.grid, start, self._goal)) is not None:
             return Replan(problem, _BASE[method], reason=reason, by=method)
         if method in _WHOLE_MAP:
             query = self._query(start, reason, deadline, cancelled)
@@ -357,13 +357,6 @@ class DynamicPlanner:
         if self._start is None:
             raise InvalidQueryError("wanted a start (move) before the first plan, got none")
         return self._start
-
-    def _problem(self, start: Cell) -> Status | None:
-        if not (0 <= start[0] < self.grid.rows and 0 <= start[1] < self.grid.cols):
-            return Status.START_OUTSIDE_MAP
-        if not self.grid.is_passable(*start):
-            return Status.START_BLOCKED
-        return None if self.grid.is_passable(*self._goal) else Status.GOAL_BLOCKED
 
     def _query(self, start: Cell, reason: str, deadline: float, cancelled: Callable[[], bool] | None) -> Query:
         return Query(start, self._goal, self.corner_cutting, deadline, cancelled, math.inf, reason)

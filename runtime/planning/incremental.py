@@ -39,6 +39,9 @@ class DStarPlanner(Planner):
     afresh. Worth it for queries towards one goal: another goal starts D* Lite afresh.
     """
 
+    overlooked = 0.02
+    """As for `Planner`: what is passable is read from the newest map in any case, and a look takes as long as a short
+    search."""
     mending = Mending.NEVER
     """How the next queries' regions are searched."""
     account = ""

@@ -17,6 +17,8 @@ from nnpp_edge.runtime.planning.pyramid import FACTOR, Level
 from nnpp_edge.runtime.planning.query import Query
 from nnpp_edge.runtime.region import RegionFinder, lowered, probability_of
 
+Lookup = tuple[NDArray[np.int32], NDArray[np.int32]]
+
 _ROUNDED = 32
 """A window's corner and side are multiples of so many cells."""
 _WORTH_A_WINDOW = 0.6
@@ -26,9 +28,26 @@ _WIDENED_FACTOR, _WIDENED_BLOCKS = 0.25, 1
 
 
 class LearnedRegions:
-    """The network's side of a planner: its view of the map, and regions from its answers."""
+    """The network's side of a planner: its view of the map, and regions from its answers.
 
-    def __init__(self, grid: Grid, model: str | Path | NetworkModel) -> None:
+    Parameters
+    ----------
+    grid : Grid
+        The map; `update` is to be called after each change.
+    model : str, Path or NetworkModel
+        A shipped model's name, a file, or a model already loaded.
+    overlooked : float
+        A network in two parts looks at a changed map again once its view differs by more than this from what it
+        saw last: the mean difference of a cell's cost, and of its share of impassable cells, in [0, 1]. With 0
+        regions depend on the map alone, and not on what it was before.
+
+    Raises
+    ------
+    ModelError
+        The model cannot be loaded.
+    """
+
+    def __init__(self, grid: Grid, model: str | Path | NetworkModel, overlooked: float = 0.0) -> None:
         self.model = model if isinstance(model, NetworkModel) else NetworkModel(model)
         size, blocks = self.model.metadata.input_size, self.model.metadata.blocks
         scale, trained = grid.model.scale, GREY_LEVELS * self.model.metadata.omega
@@ -41,6 +60,9 @@ class LearnedRegions:
         self.grid = grid
         self.size, self.blocks, self.factor = size, blocks, self.model.metadata.region_factor
         self.planes: NDArray[np.float32] = np.empty((2, size, size), np.float32)
+        self.overlooked = overlooked if self.model.in_parts else 0.0
+        self._shown = np.full_like(self.planes, np.inf)
+        """What the network saw last."""
         self.finder = RegionFinder(blocks)
         self._look_at((0, 0, grid.rows, grid.cols))
 
@@ -65,7 +87,8 @@ class LearnedRegions:
             whole[first : first + len(seen)] = seen
             lookup.append(whole)
         self.lookup = lookup[0], lookup[1]
-        self._level_lookups = {0: self.lookup}
+        self._level_lookups: dict[int, tuple[Lookup, bool]] = {}
+        self._shown[:] = np.inf
         self._read_map(None)
 
     def _read_map(self, part: Rectangle | None) -> None:
@@ -73,7 +96,7 @@ class LearnedRegions:
         grid = self.grid
         first = grid.weights[row0 * grid.stride + col0 :]
         map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self.planes, part)
-        self.stale = True
+        self._changed = True
 
     def _window(self, query: Query) -> Rectangle:
         """What to show the network: a square around start and goal where it shows the query finer than the map does.
@@ -100,9 +123,10 @@ class LearnedRegions:
         probability = self._ask(query)
         start, goal = ((row // FACTOR**number, col // FACTOR**number) for row, col in (query.start, query.goal))
         ends = self._block(query.start), self._block(query.goal)
-        lookup, finder = self._lookup_at(level.grid, number), self.finder
+        (lookup, touching), finder = self._lookup_at(level.grid, number), self.finder
         td = finder.first(
-            probability, level.grid, level.links, lookup, (start, goal), ends, query.corner_cutting, self.factor
+            probability, level.grid, level.links, level.workspace, lookup, (start, goal), ends, query.corner_cutting,
+            self.factor, touching=touching,
         )  # fmt: skip
         query.threshold = probability_of(td)
         query.network_region = Region(finder.at_td, *self.lookup, finder.stamp)
@@ -119,15 +143,25 @@ class LearnedRegions:
         """The network's answer."""
         if (window := self._window(query)) != self.window:
             self._look_at(window)
-        if self.stale or self.model.owner is not self:
+        if self.model.owner is not self or (self._changed and self._differs()):
             self.model.set_map(self.planes)
             self.model.owner = self
-            self.stale = False
-        self.model.set_query(self._place(query.start), self._place(query.goal))
-        query.lap("encode")
-        probability = self.model.run()
+            self._shown[:] = self.planes
+        self._changed = False
+        ends = self._place(query.start), self._place(query.goal)
+        if self.model.in_parts:
+            query.lap("encode")
+            probability = self.model.ask(*ends)
+        else:
+            self.model.set_query(*ends)
+            query.lap("encode")
+            probability = self.model.run()
         query.lap("inference")
         return probability
+
+    def _differs(self) -> bool:
+        """Whether the network should look at the map again."""
+        return self.overlooked == 0.0 or float(np.abs(self.planes - self._shown).mean()) > self.overlooked
 
     def _place(self, cell: Cell) -> tuple[float, float]:
         return self.frame.place((cell[0] - self.window[0], cell[1] - self.window[1]))
@@ -135,18 +169,13 @@ class LearnedRegions:
     def _block(self, cell: Cell) -> Cell:
         return int(self.lookup[0][cell[0]]), int(self.lookup[1][cell[1]])
 
-    def widened(self, query: Query, factor: float, radius: int) -> Region:
-        """The region at `factor` times the first one's threshold, and `radius` blocks around."""
-        level = max(int(query.threshold * self.factor * factor * 256.0), 1)
-        stamp = self.finder.mark(level, self._block(query.start), self._block(query.goal), radius)
-        query.lap("threshold")
-        return Region(self.finder.bitmap, *self.lookup, stamp)
-
-    def _lookup_at(self, grid: Grid, number: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Row and column of the block that the middle of each row and column of a level's grid lies in."""
+    def _lookup_at(self, grid: Grid, number: int) -> tuple[Lookup, bool]:
+        """The block that the middle of each row and column of a grid lies in, and whether steps leave out none."""
         if number not in self._level_lookups:
             factor = FACTOR**number
             rows = np.minimum(np.arange(grid.rows) * factor + factor // 2, self.grid.rows - 1)
             cols = np.minimum(np.arange(grid.cols) * factor + factor // 2, self.grid.cols - 1)
-            self._level_lookups[number] = (self.lookup[0][rows], self.lookup[1][cols])
+            lookup = self.lookup[0][rows], self.lookup[1][cols]
+            inside = (each[each < self.blocks] for each in lookup)
+            self._level_lookups[number] = lookup, all((np.diff(each) <= 1).all() for each in inside)
         return self._level_lookups[number]

@@ -20,7 +20,7 @@ from nnpp_edge.runtime.planning.landmarks import Landmarks
 from nnpp_edge.runtime.planning.learned import LearnedRegions
 from nnpp_edge.runtime.planning.plan import Method, Plan, Source, measure
 from nnpp_edge.runtime.planning.pyramid import FACTOR, Pyramid
-from nnpp_edge.runtime.planning.query import Query, as_cell
+from nnpp_edge.runtime.planning.query import Query, as_cell, problem_with
 
 _REFINE_FROM = 192
 """Cells on a map's longer side from which a learned region is searched coarsely first."""
@@ -76,6 +76,9 @@ class Planner:
     -----
     A subclass may search regions in another way: it overrides `_search`, and has `_answer` make the plan.
     """
+
+    overlooked = 0.0
+    """Change of the map that the network need not see (`LearnedRegions`)."""
 
     def __init__(
         self,
@@ -161,7 +164,7 @@ class Planner:
         self.landmarks = Landmarks(self.grid, self.pyramid.levels[0].workspace, corner_cutting=self.corner_cutting)
         for goal in goals:
             cell = as_cell(goal, "goal")
-            if problem := self._problem(cell, cell):
+            if problem := problem_with(self.grid, cell, cell):
                 raise InvalidQueryError(f"goal {cell}: {problem.removeprefix('START_').lower().replace('_', ' ')}")
             self.landmarks.add(cell)
         self.landmarks.spread(landmarks + len(goals))
@@ -252,7 +255,7 @@ class Planner:
             raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
         start, goal = as_cell(start, "start"), as_cell(goal, "goal")
         chosen, reason = self._choose(method, start, goal)
-        if problem := self._problem(start, goal):
+        if problem := problem_with(self.grid, start, goal):
             return Plan(problem, chosen, reason=reason)
         query = Query(start, goal, self.corner_cutting, time.monotonic() + time_limit_s, cancelled, epsilon, reason)
         if chosen is Method.NNPP:
@@ -274,17 +277,6 @@ class Planner:
         if self._auto is None:
             self._auto = choice_for(self.shape, self._model)
         return self._auto.pick(max(abs(start[0] - goal[0]), abs(start[1] - goal[1])))
-
-    def _problem(self, start: Cell, goal: Cell) -> Status | None:
-        for cell, outside, blocked in (
-            (start, Status.START_OUTSIDE_MAP, Status.START_BLOCKED),
-            (goal, Status.GOAL_OUTSIDE_MAP, Status.GOAL_BLOCKED),
-        ):
-            if not (0 <= cell[0] < self.grid.rows and 0 <= cell[1] < self.grid.cols):
-                return outside
-            if not self.grid.is_passable(*cell):
-                return blocked
-        return None
 
     def _search(self, query: Query, level: int, region: Region | None, band: float = 0.0) -> Search:
         """Search one level of the pyramid between the cells that hold start and goal; coarse ones from the goal.
@@ -356,7 +348,7 @@ class Planner:
 
     def _plan_nnpp(self, query: Query) -> Plan:
         if self._learned is None:
-            self._learned = LearnedRegions(self.grid, self._model)
+            self._learned = LearnedRegions(self.grid, self._model, self.overlooked)
         top = len(self.pyramid.levels) - 1 if max(self.shape) >= _REFINE_FROM else 0
         for region, source in self._learned.regions(query, self.pyramid.levels[top], top):
             found, searched = self._descend(query, top, region, _IN_LEARNED_REGION)

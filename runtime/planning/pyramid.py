@@ -201,6 +201,41 @@ def _flood(weights, links, stride, steps, start, g, meta, search, limit, reached
                 tail += 1
 
 
+@kernel
+def _read_ahead(path, weights, meta, stride, rows, cols):
+    """Read what the next finer search will, along a path of cells: in any order, memory answers many times as soon.
+
+    Returns a number that means nothing, so that the compiler leaves the reading in.
+    """
+    seen = np.int64(0)
+    for n in range(len(path)):
+        first = max(FACTOR * path[n, 1] - FACTOR // 2, 0)
+        last = min(FACTOR * path[n, 1] + FACTOR + FACTOR // 2, cols) - 1
+        for i in range(FACTOR * path[n, 0], min(FACTOR * path[n, 0] + FACTOR, rows)):
+            row = (i + 1) * stride + 1
+            seen += np.int64(weights[row + first] > weights[row + last])
+            seen += meta[2 * (row + first)] ^ meta[2 * (row + last)]
+    return seen
+
+
+@kernel
+def _surround(
+    grid, start, g, meta, search, band, reached, queued, queue, path, radius, stamp, bitmap, finer, finer_meta
+):  # fmt: skip
+    """Number the quarters of what lies around a path, and on paths that cost at most 1 + `band` times as much.
+
+    `grid` is (weights, links, stride, steps), `finer` (weights, stride, rows, cols) of the next finer level.
+    """
+    weights, links, stride, steps = grid
+    if band > 0.0 and len(path) > 1:
+        limit = (1.0 + band) * g[2 * start]
+        _flood(
+            weights, links, stride, steps, start, g, meta, search, limit, reached, queued, queue, stamp, bitmap
+        )  # fmt: skip
+    _mark(path, radius, stamp, bitmap)  # last: the flood goes by the numbers that it wrote
+    return _read_ahead(path, finer[0], finer_meta, *finer[1:])
+
+
 class Level:
     """A grid, its scratch memory, and a bitmap of its cells' quarters that marks a region for the level below."""
 
@@ -273,15 +308,13 @@ class Level:
             The next finer level.
         """
         self._stamp += 1
-        grid, ws = self.grid, self.workspace
-        if band and len(found.path) > 1:
-            node = grid.node(*start)
-            _flood(
-                grid.weights, self.links, grid.stride, (*grid.model.length_term, *grid.model.weight_term), node, ws.g,
-                ws.meta, ws.stamp, (1.0 + band) * float(ws.g[2 * node]), self._reached, self._queued, self._queue,
-                self._stamp, self._bitmap,
-            )  # fmt: skip
-        _mark(found.path, radius, self._stamp, self._bitmap)  # last: the flood goes by the numbers that it wrote
+        grid, ws, below = self.grid, self.workspace, finer.grid
+        steps = (*grid.model.length_term, *grid.model.weight_term)
+        _surround(
+            (grid.weights, self.links, grid.stride, steps), grid.node(*start), ws.g, ws.meta, ws.stamp, band,
+            self._reached, self._queued, self._queue, found.path, radius, self._stamp, self._bitmap,
+            (below.weights, below.stride, below.rows, below.cols), finer.workspace.meta,
+        )  # fmt: skip
         return Region(self._bitmap, *finer.quarters, self._stamp)
 
 

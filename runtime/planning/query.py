@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from nnpp_edge.runtime.encoding import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.grid import Grid
 from nnpp_edge.runtime.planning.astar import Region
 from nnpp_edge.runtime.planning.plan import Plan
 
@@ -55,3 +56,16 @@ def as_cell(cell: Cell, name: str) -> Cell:
     except (TypeError, ValueError):
         pass
     raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {cell!r}")
+
+
+def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
+    """What forbids planning between two cells, if anything does: one lies outside the map, or is impassable."""
+    for cell, outside, blocked in (
+        (start, Status.START_OUTSIDE_MAP, Status.START_BLOCKED),
+        (goal, Status.GOAL_OUTSIDE_MAP, Status.GOAL_BLOCKED),
+    ):
+        if not (0 <= cell[0] < grid.rows and 0 <= cell[1] < grid.cols):
+            return outside
+        if not grid.is_passable(*cell):
+            return blocked
+    return None

@@ -14,7 +14,8 @@ from nnpp_edge.runtime.loop.messages import Counters
 COUNTERS = Counters(
     ticks=1000, planned=700, kept=290, failed=10, overruns=3, skipped=1, degraded={"late": 2, "timeout": 5},
     errors={'sink "a\\b"\nc': 4}, patches=77, cells_changed=12345, drops={"zenoh": 6}, rss_bytes=123_456_789,
-    tick_ms={"p50": 1.5, "p90": 3.0, "p99": 12.25, "max": 80.0, "mean": 2.0},
+    tick_ms={"p50": 1.5, "p90": 3.0, "p99": 12.25, "max": 80.0, "mean": 2.0}, lost={"mcap": 8},
+    tick_histogram={"1.024": 100, "16.384": 995},
 )  # fmt: skip
 
 _SAMPLE = re.compile(r'([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{((?:[a-zA-Z_]\w*="(?:[^"\\\n]|\\[\\"n])*",?)*)\})? (\S+)')
@@ -40,7 +41,7 @@ def parse(text):
         found = _SAMPLE.fullmatch(line)
         assert found, line
         name, labels, value = found.groups()
-        suffixes = ("", "_sum", "_count") if last == "summary" else ("",)
+        suffixes = ("_bucket", "_sum", "_count") if last == "histogram" else ("",)
         assert name in {family + suffix for suffix in suffixes}, line
         read = tuple(
             (key, re.sub(r"\\(.)", lambda m: "\n" if m[1] == "n" else m[1], text))
@@ -63,8 +64,10 @@ def test_every_counter_is_told_with_help_and_type():
     assert samples["nnpp_edge_drops_total", (("sink", "zenoh"),)] == 6
     assert samples["nnpp_edge_errors_total", (("place", 'sink "a\\b"\nc'),)] == 4
     assert samples["nnpp_edge_resident_memory_bytes", ()] == 123_456_789
-    assert types["nnpp_edge_tick_seconds"] == "summary"
-    assert samples["nnpp_edge_tick_seconds", (("quantile", "0.99"),)] == pytest.approx(0.01225)
+    assert samples["nnpp_edge_lost_total", (("sink", "mcap"),)] == 8
+    assert types["nnpp_edge_tick_seconds"] == "histogram"
+    buckets = {dict(labels)["le"]: n for (name, labels), n in samples.items() if name.endswith("_bucket")}
+    assert buckets == {"0.001024": 100, "0.016384": 995, "+Inf": 1000}
     assert samples["nnpp_edge_tick_seconds_sum", ()] == pytest.approx(2.0)
     assert samples["nnpp_edge_tick_seconds_count", ()] == 1000
     assert samples["nnpp_edge_tick_seconds_max", ()] == pytest.approx(0.08)

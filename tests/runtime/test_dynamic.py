@@ -6,7 +6,9 @@ from hypothesis import strategies as st
 from nnpp_edge.profiling.dynamic_episode import make_episode
 from nnpp_edge.profiling.dynamic_scene import run_scene, totals
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError, Status
+from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner, enclosing
+from nnpp_edge.runtime.planning.planner import Planner
 from tests import oracles
 from tests.runtime.test_validity import random_patch, walkable
 from tests.strategies import cases
@@ -189,6 +191,35 @@ def test_enclosing():
     assert enclosing([(2, 3, 1, 1), (0, 5, 4, 2)]) == (0, 3, 4, 4)
 
 
+class Watched(NetworkModel):
+    """Counts how often it is shown a map."""
+
+    shown = 0
+
+    def set_map(self, planes):
+        self.shown += 1
+        super().set_map(planes)
+
+
+def test_a_network_in_two_parts_looks_again_once_enough_has_changed():
+    rng = np.random.default_rng(4)
+    cost = (rng.random((256, 256)) * 0.4).astype(np.float32)
+    dynamic, static = Watched("edge"), Watched("edge")
+    planners = DynamicPlanner(cost, (240, 240), "nnpp", model=dynamic), Planner(cost, model=static)
+    seen = []
+    for row, side in ((None, 0), (100, 4), (110, 16), (20, 120), (20, 120)):
+        if row is not None:
+            patch = np.full((side, side), 0.9, np.float32)
+            for planner in planners:
+                planner.update(row, row, patch)
+        planners[0].move((10, 10))
+        assert planners[0].replan().ok
+        assert planners[1].plan((10, 10), (240, 240), method="nnpp").ok
+        seen.append((dynamic.shown, static.shown))
+    assert [shown - seen[0][0] for shown, _ in seen] == [0, 0, 0, 1, 1]
+    assert [shown - seen[0][1] for _, shown in seen] == [0, 1, 2, 3, 4]
+
+
 def test_an_episode_is_the_same_for_the_same_seed_and_can_always_be_walked():
     cost = (np.random.default_rng(1).random((128, 128)) * 0.5).astype(np.float32)
     one, two, other = (make_episode(cost, (5, 5), (120, 120), seed) for seed in (4, 4, 5))
@@ -210,7 +241,7 @@ def test_an_episode_is_the_same_for_the_same_seed_and_can_always_be_walked():
 def test_the_scene_asks_every_method_the_same(network):
     cost = (np.random.default_rng(1).random((128, 128)) * 0.5).astype(np.float32)
     episodes = [make_episode(cost, (5, 5), (120, 120), seed) for seed in (1, 2)]
-    rows = run_scene(episodes, list(DynamicMethod), model=network, repeats=1)
+    rows = run_scene(episodes, list(DynamicMethod), model=network.path, repeats=1)
     assert len(rows) == sum(len(e.steps) for e in episodes) * len(DynamicMethod)
     assert {row.status for row in rows} == {"OK"}
     for row in rows:

@@ -150,6 +150,13 @@ def test_quantiles_are_right_to_a_bucket(values, share):
     assert histogram.mean_s == pytest.approx(np.mean(values))
 
 
+def test_a_histogram_says_how_many_were_shorter_exactly():
+    histogram = Histogram()
+    for value in (0.9e-3, 1.023e-3, 1.024e-3, 1.1e-3, 2.1e-3):
+        histogram.add(value)
+    assert [histogram.within(n) for n in (9, 10, 11, 12)] == [0, 2, 4, 5]
+
+
 def test_a_histogram_takes_any_duration():
     histogram = Histogram()
     assert histogram.quantile(0.5) == histogram.mean_s == 0.0
@@ -556,6 +563,9 @@ def test_it_runs_at_its_rate_and_tells():
     assert counters.ticks == 41
     assert counters.patches == 1
     assert counters.tick_ms["max"] >= counters.tick_ms["p50"] > 0.0
+    shorter = list(counters.tick_histogram.values())
+    assert shorter == sorted(shorter)
+    assert shorter[-1] <= 41
     assert counters.rss_bytes > 1e6
     status = [m for m in sink.messages if isinstance(m, StatusMessage)]
     assert 1 <= len(status) <= took / 0.05 + 1
@@ -593,7 +603,7 @@ class Broken:
         raise OSError("no such socket")
 
 
-def test_sinks_that_hang_or_raise_do_not_stop_the_loop():
+def test_sinks_that_hang_or_raise_do_not_stop_the_loop(caplog):
     stuck, good = Stuck(), InProcessSink(1000)
     loop = Loop(navigator(), InProcessSource(), [stuck, Broken(), good], rate_hz=500.0, queue=4)
     result = {}
@@ -606,6 +616,30 @@ def test_sinks_that_hang_or_raise_do_not_stop_the_loop():
     assert counters.drops["stuck"] >= 40
     assert counters.errors["sink broken"] > 0
     assert good.path.ok
+    assert sum("the sink broken failed" in record.message for record in caplog.records) == 1
+
+
+class Ailing(InProcessSink):
+    """Fails twice, and then works."""
+
+    name, lost = "ailing", 3
+
+    def publish(self, message):
+        if message.tick <= 2:
+            raise OSError("not yet")
+        super().publish(message)
+
+
+def test_what_fails_and_works_again_is_logged_once_each(caplog):
+    with caplog.at_level("WARNING"):
+        counters = Loop(navigator(), InProcessSource(), [Ailing(100)], rate_hz=500.0, queue=100).run(6)
+    assert counters.errors["sink ailing"] == 2
+    assert counters.lost == {"ailing": 3}
+    said = [record.message for record in caplog.records if "sink ailing" in record.message]
+    assert said == [
+        "the sink ailing failed; more of the same is counted, not logged",
+        "the sink ailing works again, after 2 failures",
+    ]
 
 
 def test_a_source_that_raises_is_counted():

@@ -162,17 +162,6 @@ def test_a_query_that_makes_no_sense_is_refused(wrong):
         plan_path(np.zeros((3, 3)), **query)
 
 
-def test_the_impassable_cells_are_counted_through_updates():
-    cost = np.zeros((20, 30), np.float32)
-    cost[3, 4:9] = np.nan
-    planner = Planner(cost)
-    assert planner.grid.blocked == 5
-    patch = np.zeros((4, 6))
-    patch[0, 0] = 1.0
-    planner.update(2, 2, patch)
-    assert planner.grid.blocked == 2
-
-
 @settings(deadline=None, max_examples=150)
 @given(cases(40), st.sampled_from(["corridor", "nnpp"]), st.sampled_from([0.0, 0.02, 0.3]))
 def test_a_certified_path_is_as_close_to_the_optimum_as_asked(network, case, method, epsilon):

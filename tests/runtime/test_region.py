@@ -49,7 +49,7 @@ def test_the_walkable_threshold_is_the_highest_at_which_a_search_of_the_region_s
     cost[start] = cost[goal] = 0.1
     grid = Grid.of(cost, StepModel.of("paper", 0.011))
     blocks = (np.arange(rows, dtype=np.int32) // per_block, np.arange(cols, dtype=np.int32) // per_block)
-    finder = RegionFinder(side)
+    finder, workspace = RegionFinder(side), Workspace(len(grid.weights))
     probability = (rng.integers(0, 8, (side, side)) / 8).astype(np.float32)
     ends = tuple((int(blocks[0][r]), int(blocks[1][c])) for r, c in (start, goal))
 
@@ -59,7 +59,7 @@ def test_the_walkable_threshold_is_the_highest_at_which_a_search_of_the_region_s
         found = astar(grid, start, goal, Workspace(len(grid.weights)), region=region, corner_cutting=corner_cutting)
         return found.status is Status.OK
 
-    td = finder.first(probability, grid, None, blocks, (start, goal), ends, corner_cutting, 0.0625)
+    td = finder.first(probability, grid, None, workspace, blocks, (start, goal), ends, corner_cutting, 0.0625)
     if td < 0:
         assert not succeeds(0)
     else:
@@ -72,7 +72,41 @@ def test_the_walkable_threshold_is_the_highest_at_which_a_search_of_the_region_s
         assert succeeds(td)
         lower = min(int(finder.levels[end]) for end in ends)
         assert td >= lower or not succeeds(td + 1)
-    assert td == finder.first(probability, grid, None, blocks, (start, goal), ends, corner_cutting, 0.0625)
+    for touching in (False, True):
+        again = finder.first(
+            probability, grid, None, workspace, blocks, (start, goal), ends, corner_cutting, 0.0625, touching=touching
+        )
+        assert again == td
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(2, 5), st.integers(0, 3), st.integers(0, 3), st.integers(0, 2**32))
+def test_cells_that_the_network_is_not_shown_belong_to_no_region(side, above, left, seed):
+    rng, inside = np.random.default_rng(seed), 3 * side
+    shape = (above + inside + 2, left + inside + 2)
+    cost = rng.random(shape) * 0.5
+    lookup = tuple(np.full(cells, side, np.int32) for cells in shape)
+    for blocks, first in zip(lookup, (above, left), strict=True):
+        blocks[first : first + inside] = np.arange(inside) // 3
+    shown = (slice(above, above + inside), slice(left, left + inside))
+    cost[shown][rng.random((inside, inside)) < 0.3] = np.inf
+    start, goal = (above, left), (above + inside - 1, left + inside - 1)
+    cost[start] = cost[goal] = 0.1
+    probability = (rng.random((side, side)) ** 2).astype(np.float32)
+    finder, ends = RegionFinder(side), ((0, 0), (side - 1, side - 1))
+
+    def first(cost: np.ndarray, lookup: tuple, cells: tuple) -> int:
+        grid = Grid.of(cost, StepModel.of("paper", 0.011))
+        workspace = Workspace(len(grid.weights))
+        return finder.first(probability, grid, None, workspace, lookup, cells, ends, True, 0.1, touching=True)
+
+    corner = inside - 1
+    alone = np.arange(inside, dtype=np.int32) // 3
+    td = first(np.ascontiguousarray(cost[shown]), (alone, alone), ((0, 0), (corner, corner)))
+    assert max(td, 0) == max(first(cost, lookup, (start, goal)), 0)
+    if td > 0:
+        assert not (finder.bitmap[-1] == finder.stamp).any()
+        assert not (finder.bitmap[:, -1] == finder.stamp).any()
 
 
 def test_levels_reach_far_down_and_factors_are_those_of_probabilities():
