@@ -93,6 +93,17 @@ def _pool_rows(
             planes[1, row, col] = blocked / cells
 
 
+@kernel
+def mean_difference(planes, others):
+    """Mean absolute difference of two (C, S, S) float32 arrays."""
+    total = np.float32(0.0)
+    for c in range(planes.shape[0]):
+        for i in range(planes.shape[1]):
+            for j in range(planes.shape[2]):
+                total += abs(planes[c, i, j] - others[c, i, j])
+    return total / planes.size
+
+
 def map_planes(
     weights: NDArray[np.float32],
     stride: int,

@@ -82,6 +82,27 @@ def _pad(cost, scale, ceiling, first, stride, weights, extremes):
     return bad
 
 
+@kernel
+def _compare(cost, scale, ceiling, first, stride, weights, bounds):
+    """How many cells of a rectangle these costs would change, and the least cost.
+
+    bounds = first row and column of those cells, and one past the last.
+    """
+    changed, least = 0, np.float32(np.inf)
+    top, left, bottom, right = cost.shape[0], cost.shape[1], 0, 0
+    for row in range(cost.shape[0]):
+        for col in range(cost.shape[1]):
+            t = cost[row, col]
+            w = np.float32(t * scale) if t < ceiling else np.float32(np.inf)
+            least = min(least, t) if t < np.inf else least  # no NaN comes here
+            if w != weights[first + row * stride + col]:
+                changed += 1
+                top, bottom = min(top, row), row + 1
+                left, right = min(left, col), max(right, col + 1)
+    bounds[0], bounds[1], bounds[2], bounds[3] = top, left, bottom, right
+    return changed, least
+
+
 @dataclass
 class Grid:
     """A map of weights with a border of impassable cells, so that no search need check the map's edge.
@@ -129,6 +150,37 @@ class Grid:
         grid.update(cost, (0, 0, rows, cols))
         return grid
 
+    def difference(self, cost: Float2D, origin: tuple[int, int]) -> tuple[int, Rectangle]:
+        """How many cells `update` would change, and the least rectangle that holds them.
+
+        Parameters
+        ----------
+        cost : (h, w) float32
+            New costs; must lie inside the map.
+        origin : (row, col)
+            Where the first goes.
+
+        Raises
+        ------
+        InvalidMapError
+            As for `update`; the map is as it was.
+        """
+        bounds = np.empty(4, np.int64)
+        changed, least = _compare(
+            cost, np.float32(self.model.scale), self._ceiling, self.node(*origin), self.stride, self.weights, bounds
+        )
+        lengths = self.model.kind is StepCost.LENGTH
+        if least < 0.0 or (lengths and least == 0.0):
+            wanted = "greater than 0" if lengths else "at least 0"
+            raise InvalidMapError(f"every cost of a patch must be {wanted}, got one of {least:g}")
+        top, left, bottom, right = bounds.tolist()
+        return int(changed), (origin[0] + top, origin[1] + left, bottom - top, right - left)
+
+    @property
+    def _ceiling(self) -> np.float32:
+        """Costs from here up are impassable."""
+        return np.float32(1.0 if self.model.kind is StepCost.PAPER else np.inf)
+
     def update(self, cost: Float2D, part: Rectangle, origin: tuple[int, int] = (0, 0)) -> None:
         """Take over a rectangle of the map from `cost`, whose first cell lies at `origin` on the map.
 
@@ -140,14 +192,13 @@ class Grid:
             A cost below 0, or for ``length`` a weight of 0.
         """
         row, col, rows, cols = part
-        ceiling = np.float32(1.0 if self.model.kind is StepCost.PAPER else np.inf)
         whole = (rows, cols) == (self.rows, self.cols)
         extremes = np.array([np.inf, -np.inf] if whole else [self.least, self.greatest])
         seen = cost[row - origin[0] : row - origin[0] + rows, col - origin[1] : col - origin[1] + cols]
         bad = _pad(
             seen,
             np.float32(self.model.scale),
-            ceiling,
+            self._ceiling,
             self.node(row, col),
             self.stride,
             self.weights,

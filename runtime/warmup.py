@@ -180,7 +180,8 @@ def _exercise_dynamic(
     for at, method in enumerate(DynamicMethod):
         planner.move((1, 2 + at))
         planner.replan(method=method)
-        planner.update(1, 4, np.full((1, 2), 0.3 + 0.02 * at, np.float32))
+        for patch in (np.full((1, 2), 0.3 + 0.02 * at, np.float32), _read_only(np.full((1, 2), 0.31, np.float32))):
+            planner.update(1, 4, patch)
         planner.standing()
         planner.replan(method=method, time_limit_s=60.0)
 

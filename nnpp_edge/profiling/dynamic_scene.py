@@ -109,7 +109,7 @@ def run_scene(
     """
     names = list(dict.fromkeys((DynamicMethod.ASTAR, *map(DynamicMethod, methods))))
     # a model each: a planner whose model has just seen another's map would show it its own again
-    models = {name: NetworkModel(model) for name in names if name in (DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR)}
+    models = {DynamicMethod(name): NetworkModel(model) for name in names if str(name).startswith("nnpp")}
     rows: list[SceneRow] = []
     for at, episode in enumerate(episodes):
         times = np.empty((repeats + 1, len(episode.steps), len(names)))

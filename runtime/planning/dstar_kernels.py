@@ -234,6 +234,17 @@ def clear(goal, state, position, firsts, seconds, nodes):
 
 
 @kernel
+def least_known(changed, first, last, inside, state):
+    """The least g of changed nodes, from number `first` up to `last`, that the region holds; inf without any."""
+    least = np.inf
+    for n in range(first, last):
+        node = changed[n]
+        if inside[node]:
+            least = min(least, state[2 * node])
+    return least
+
+
+@kernel
 def mend(
     pending, stride, start, goal, corner_cutting, steps, prices, km,
     costs, walls, state, position, firsts, seconds, nodes, size, changed, is_changed,

@@ -25,6 +25,7 @@ from nnpp_edge.runtime.planning.dstar_kernels import (
     clear,
     descend,
     expand,
+    least_known,
     mend,
     octile,
     read_map,
@@ -196,10 +197,9 @@ class DStarLite:
             From 0 (none matters: it lies behind the start, or where no search has come) to 1 (at the goal, or the
             start lies where no search has come). What was found on that part of the way may have to be mended.
         """
-        nodes = self._ws.changed[since : max(self._pending, since)]
-        known = self._ws.state[2 * nodes[self._ws.inside[nodes] != 0]]
-        nearest = float(np.min(known, initial=math.inf))
-        whole = float(np.min(self._ws.state[2 * self._start : 2 * self._start + 2]))
+        ws = self._ws
+        nearest = least_known(ws.changed, since, self._pending, ws.inside, ws.state)
+        whole = min(ws.state[2 * self._start : 2 * self._start + 2].tolist())
         if not math.isfinite(nearest):
             return 0.0
         return min(max(1.0 - nearest / whole, 0.0), 1.0) if 0.0 < whole < math.inf else 1.0

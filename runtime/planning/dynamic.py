@@ -17,7 +17,7 @@ import numpy as np
 from nnpp_edge.runtime.costmap import Float2D, Rectangle, as_map
 from nnpp_edge.runtime.encoding import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
-from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepCost, StepModel
+from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepModel
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import astar
 from nnpp_edge.runtime.planning.dstar_lite import DStarLite
@@ -191,20 +191,11 @@ class DynamicPlanner:
         part = (row, col, *patch.shape)
         if row < 0 or col < 0 or row + part[2] > self.grid.rows or col + part[3] > self.grid.cols:
             raise InvalidMapError(f"a patch must lie inside the map of {self.shape}, got {part}")
-        model = self.grid.model
-        lengths = model.kind is StepCost.LENGTH
-        ceiling = np.float32(np.inf if lengths else 1.0)
-        if ((patch <= 0.0) if lengths else (patch < 0.0)).any():
-            wanted = "greater than 0" if lengths else "at least 0"
-            raise InvalidMapError(f"every cost of a patch must be {wanted}, got one of {np.nanmin(patch):g}")
-        weights = np.where(patch < ceiling, patch * np.float32(model.scale), np.float32(np.inf))
-        differs = weights != self.grid.map()[row : row + part[2], col : col + part[3]]
-        if not (changed := int(np.count_nonzero(differs))):
+        changed, part = self.grid.difference(patch, (row, col))
+        if not changed:
             return 0
-        rows, cols = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
-        top, left, bottom, right = int(rows[0]), int(cols[0]), int(rows[-1]) + 1, int(cols[-1]) + 1
-        part = (row + top, col + left, bottom - top, right - left)
-        patch = np.ascontiguousarray(patch[top:bottom, left:right])
+        top, left = part[0] - row, part[1] - col
+        patch = np.ascontiguousarray(patch[top : top + part[2], left : left + part[3]])
         self.path.about_to_change(part)
         if self._planner is not None:
             self._planner.update(*part[:2], patch)
@@ -240,7 +231,7 @@ class DynamicPlanner:
         if self.methods & (_INCREMENTAL | {DynamicMethod.AUTO}):
             self._planner.expect(self._goal)
         if self.methods & _LEARNED:
-            self._planner.plan(self._goal, self._goal, method=Method.NNPP)
+            self._planner.load_network()
 
     def replan(
         self,

@@ -5,6 +5,7 @@ from enum import Enum, auto
 
 import numpy as np
 
+from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.costmap import Float2D
 from nnpp_edge.runtime.encoding import Cell
 from nnpp_edge.runtime.planning.astar import Region, Search, prices
@@ -17,6 +18,8 @@ from nnpp_edge.runtime.planning.query import Query
 
 _MOST_JOINED = 3
 """Regions are joined as long as they hold at most so many times the blocks of the newest."""
+_DEARER = 2.5
+"""Time that D* Lite takes to expand a cell, over what A* takes."""
 _MENDED_TWICE = 2.0
 """Cells that became dearer, and all whose path led over them, are expanded twice: first to be given up."""
 
@@ -29,7 +32,7 @@ class Mending(Enum):
     ALWAYS = auto()
     """By D* Lite."""
     WHERE_LESS_WORK = auto()
-    """By whichever is expected to expand fewer cells."""
+    """By whichever is expected to take less time."""
 
 
 class DStarPlanner(Planner):
@@ -97,17 +100,17 @@ class DStarPlanner(Planner):
         """Whether D* Lite is expected to search a region with less work than A*, now or before long.
 
         A fresh search expands most of a region. D* Lite expands the cells that are new to it, and twice those
-        that lie between the start and a change. What a fresh search leaves unmended is to be mended later: once
-        steps that D* Lite would have made cheaply sum to what that is dearer by, it is mended after all.
+        that lie between the start and a change, and takes longer for each. What a fresh search leaves unmended is to
+        be mended later: once steps that D* Lite would have made cheaply sum to what that is dearer by, it is mended
+        after all.
         """
         assert self._dstar is not None
-        inside = region.bitmap == region.stamp
-        blocks = max(int(np.count_nonzero(inside)), 1)
         mended, step = (
-            _new_blocks(region, known) / blocks + _MENDED_TWICE * self._dstar.reach(since)
+            _DEARER * (_new_share(region, known) + _MENDED_TWICE * self._dstar.reach(since))
             for known, since in ((self._known, 0), (self._last, self._seen))
         )
-        self._last = Region(inside.astype(np.int32), region.row_block, region.col_block)
+        inside = (region.bitmap == region.stamp).astype(np.int32)
+        self._last = Region(inside, region.row_block, region.col_block)
         self._seen = self._dstar.noted
         worth = mended <= 1.0 + self._missed
         if not worth:
@@ -140,7 +143,21 @@ def _comparable(one: Region, other: Region) -> bool:
     return one.bitmap.shape == other.bitmap.shape and one.row_block is other.row_block
 
 
-def _new_blocks(region: Region, known: Region) -> int:
-    """How many blocks of a region are outside another, which is stamped 1."""
-    inside = region.bitmap == region.stamp
-    return int(np.count_nonzero(inside & (known.bitmap == 0) if _comparable(region, known) else inside))
+def _new_share(region: Region, known: Region) -> float:
+    """The share of a region's blocks that are outside another, which is stamped 1."""
+    if not _comparable(region, known):
+        return 1.0
+    blocks, new = _count(region.bitmap, region.stamp, known.bitmap)
+    return new / blocks if blocks else 0.0
+
+
+@kernel
+def _count(bitmap, stamp, known):
+    """How many blocks a region has, and how many of them are 0 in another."""
+    blocks, new = 0, 0
+    for i in range(bitmap.shape[0]):
+        for j in range(bitmap.shape[1]):
+            inside = bitmap[i, j] == stamp
+            blocks += inside
+            new += inside and known[i, j] == 0
+    return blocks, new

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.costmap import Rectangle
-from nnpp_edge.runtime.encoding import Cell, Frame, map_planes
+from nnpp_edge.runtime.encoding import Cell, Frame, map_planes, mean_difference
 from nnpp_edge.runtime.grid import GREY_LEVELS, Grid, StepCost
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import Region
@@ -37,9 +37,10 @@ class LearnedRegions:
     model : str, Path or NetworkModel
         A shipped model's name, a file, or a model already loaded.
     overlooked : float
-        A network in two parts looks at a changed map again once its view differs by more than this from what it
-        saw last: the mean difference of a cell's cost, and of its share of impassable cells, in [0, 1]. With 0
-        regions depend on the map alone, and not on what it was before.
+        With 0, regions depend on the map and the query alone. Else on what was before, too: a network in two parts
+        looks at a changed map again once its view differs by more than this from what it saw last (the mean
+        difference of a cell's cost, and of its share of impassable cells, in [0, 1]), and is shown another window
+        only where the standing one does not hold start and goal, or is over four times as wide as need be.
 
     Raises
     ------
@@ -106,6 +107,8 @@ class LearnedRegions:
         """
         whole = (self.grid.rows, self.grid.cols)
         side = max((2 * query.apart // _ROUNDED + 2) * _ROUNDED, self.size)
+        if self.overlooked and max(self.window[2:]) <= 4 * side and self._holds(query.start, query.goal):
+            return self.window
         if side > _WORTH_A_WINDOW * max(whole):
             return (0, 0, *whole)
         corner = [
@@ -113,6 +116,18 @@ class LearnedRegions:
             for a, b, cells in zip(query.start, query.goal, whole, strict=True)
         ]
         return corner[0], corner[1], min(side, whole[0]), min(side, whole[1])
+
+    def _holds(self, *cells: Cell) -> bool:
+        """Whether the window holds these cells, and an eighth of its side around them where the map goes on."""
+        for first, seen, cells_of_map, at in zip(
+            self.window[:2], self.window[2:], (self.grid.rows, self.grid.cols), zip(*cells, strict=True), strict=True
+        ):
+            margin = seen // 8
+            low = first + margin if first else 0
+            high = first + seen - margin if first + seen < cells_of_map else cells_of_map
+            if min(at) < low or max(at) >= high:
+                return False
+        return True
 
     def regions(self, query: Query, level: Level, number: int) -> Iterator[tuple[Region | None, Source]]:
         """Regions of `level`, the pyramid's of that number, to search one after another until one suffices.
@@ -144,9 +159,7 @@ class LearnedRegions:
         if (window := self._window(query)) != self.window:
             self._look_at(window)
         if self.model.owner is not self or (self._changed and self._differs()):
-            self.model.set_map(self.planes)
-            self.model.owner = self
-            self._shown[:] = self.planes
+            self._show()
         self._changed = False
         ends = self._place(query.start), self._place(query.goal)
         if self.model.in_parts:
@@ -159,9 +172,20 @@ class LearnedRegions:
         query.lap("inference")
         return probability
 
+    def look(self) -> None:
+        """Let the network look at the map now, if it does that by itself."""
+        self._show()
+        if self.model.in_parts:
+            self.model.run()
+
+    def _show(self) -> None:
+        self.model.set_map(self.planes)
+        self.model.owner = self
+        self._shown[:] = self.planes
+
     def _differs(self) -> bool:
         """Whether the network should look at the map again."""
-        return self.overlooked == 0.0 or float(np.abs(self.planes - self._shown).mean()) > self.overlooked
+        return self.overlooked == 0.0 or mean_difference(self.planes, self._shown) > self.overlooked
 
     def _place(self, cell: Cell) -> tuple[float, float]:
         return self.frame.place((cell[0] - self.window[0], cell[1] - self.window[1]))

@@ -116,6 +116,18 @@ class Planner:
             model.run()
         self._model, self._learned, self._auto = model, None, None
 
+    def load_network(self) -> None:
+        """Do now what the first query of ``nnpp`` would: load the network and show it the map.
+
+        Raises
+        ------
+        ModelError
+            The model cannot be loaded.
+        """
+        if self._learned is None:
+            self._learned = LearnedRegions(self.grid, self._model, self.overlooked)
+            self._learned.look()
+
     def update(self, row: int, col: int, patch: Float2D) -> None:
         """Put new costs into the map, with the pyramid and the network's view kept up to date.
 
@@ -348,7 +360,8 @@ class Planner:
 
     def _plan_nnpp(self, query: Query) -> Plan:
         if self._learned is None:
-            self._learned = LearnedRegions(self.grid, self._model, self.overlooked)
+            self.load_network()
+            assert self._learned is not None
         top = len(self.pyramid.levels) - 1 if max(self.shape) >= _REFINE_FROM else 0
         for region, source in self._learned.regions(query, self.pyramid.levels[top], top):
             found, searched = self._descend(query, top, region, _IN_LEARNED_REGION)
