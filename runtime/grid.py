@@ -11,6 +11,7 @@ Both step-cost models have one form, so that the searches need not know which is
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ SQRT2 = math.sqrt(2.0)
 PAPER_OMEGA = 0.011
 """Weight of the traversability cost per grey level (NNPP, section 4.2)."""
 GREY_LEVELS = 255.0
+_LEAST_ABOVE_0 = np.nextafter(np.float32(0.0), np.float32(1.0))
 
 
 class StepCost(StrEnum):
@@ -58,49 +60,54 @@ class StepModel:
 
 
 @kernel
-def _pad(cost, scale, ceiling, first, stride, weights, extremes):
-    """Weights of a rectangle into the padded map, from node `first` on; extremes = least, greatest.
+def _exchange(cost, floor, scale, ceiling, first, stride, weights, extremes, bounds, was):
+    """Put the weights of a rectangle's costs into the padded map, from node `first` on, unless a cost is too low.
 
-    The number of costs below 0.
+    The least cost, how many weights differ from those that stood there, and whether one of them fell.
+    bounds = first row and column of those, and one past the last; `was` gets what stood within, if it has room;
+    extremes = least and greatest weight of a passable cell, widened by those that come.
     """
-    bad = 0
+    changed, fell, lowest = 0, False, np.float32(np.inf)
     least, greatest = extremes[0], extremes[1]
-    for row in range(cost.shape[0]):
-        base = first + row * stride
-        for col in range(cost.shape[1]):
-            t = cost[row, col]
-            if t < ceiling:
-                w = np.float64(np.float32(t * scale))
-                if t < 0.0:
-                    bad += 1
-                weights[base + col] = w
-                least = min(least, w)
-                greatest = max(greatest, w)
-            else:  # NaN comes here too
-                weights[base + col] = np.inf
-    extremes[0], extremes[1] = least, greatest
-    return bad
-
-
-@kernel
-def _compare(cost, scale, ceiling, first, stride, weights, bounds):
-    """How many cells of a rectangle these costs would change, and the least cost.
-
-    bounds = first row and column of those cells, and one past the last.
-    """
-    changed, least = 0, np.float32(np.inf)
     top, left, bottom, right = cost.shape[0], cost.shape[1], 0, 0
     for row in range(cost.shape[0]):
         for col in range(cost.shape[1]):
-            t = cost[row, col]
-            w = np.float32(t * scale) if t < ceiling else np.float32(np.inf)
-            least = min(least, t) if t < np.inf else least  # no NaN comes here
-            if w != weights[first + row * stride + col]:
+            t, w = cost[row, col], np.float32(np.inf)
+            if t < ceiling:  # no NaN comes here
+                w = np.float32(t * scale)
+                lowest = min(lowest, t)
+                least = min(least, np.float64(w))
+                greatest = max(greatest, np.float64(w))
+            before = weights[first + row * stride + col]
+            if w != before:
                 changed += 1
+                fell = fell or w < before
                 top, bottom = min(top, row), row + 1
                 left, right = min(left, col), max(right, col + 1)
+    if lowest < floor:
+        return lowest, 0, False
+    for row in range(top, bottom):
+        for col in range(left, right):
+            node, t = first + row * stride + col, cost[row, col]
+            if len(was):
+                was[(row - top) * (right - left) + col - left] = weights[node]
+            weights[node] = np.float32(t * scale) if t < ceiling else np.float32(np.inf)
+    extremes[0], extremes[1] = least, greatest
     bounds[0], bounds[1], bounds[2], bounds[3] = top, left, bottom, right
-    return changed, least
+    return lowest, changed, fell
+
+
+class Change(NamedTuple):
+    """What an update has changed."""
+
+    cells: int
+    """How many have another weight now."""
+    part: Rectangle
+    """The least rectangle that holds them."""
+    cheaper: bool
+    """Whether one of them weighs less."""
+    was: NDArray[np.float32]
+    """Weights that stood in `part`, row by row; empty unless asked for."""
 
 
 @dataclass
@@ -147,68 +154,52 @@ class Grid:
         cost = as_map(cost, "cost")
         rows, cols = cost.shape
         grid = cls.empty(rows, cols, model)
-        grid.update(cost, (0, 0, rows, cols))
+        grid.update(cost)
         return grid
 
-    def difference(self, cost: Float2D, origin: tuple[int, int]) -> tuple[int, Rectangle]:
-        """How many cells `update` would change, and the least rectangle that holds them.
-
-        Parameters
-        ----------
-        cost : (h, w) float32
-            New costs; must lie inside the map.
-        origin : (row, col)
-            Where the first goes.
-
-        Raises
-        ------
-        InvalidMapError
-            As for `update`; the map is as it was.
-        """
-        bounds = np.empty(4, np.int64)
-        changed, least = _compare(
-            cost, np.float32(self.model.scale), self._ceiling, self.node(*origin), self.stride, self.weights, bounds
-        )
-        lengths = self.model.kind is StepCost.LENGTH
-        if least < 0.0 or (lengths and least == 0.0):
-            wanted = "greater than 0" if lengths else "at least 0"
-            raise InvalidMapError(f"every cost of a patch must be {wanted}, got one of {least:g}")
-        top, left, bottom, right = bounds.tolist()
-        return int(changed), (origin[0] + top, origin[1] + left, bottom - top, right - left)
-
-    @property
-    def _ceiling(self) -> np.float32:
-        """Costs from here up are impassable."""
-        return np.float32(1.0 if self.model.kind is StepCost.PAPER else np.inf)
-
-    def update(self, cost: Float2D, part: Rectangle, origin: tuple[int, int] = (0, 0)) -> None:
-        """Take over a rectangle of the map from `cost`, whose first cell lies at `origin` on the map.
+    def update(self, cost: Float2D, origin: tuple[int, int] = (0, 0), *, keep: bool = False) -> Change:
+        """Take over a rectangle of the map.
 
         The bounds on the weights only ever widen, unless the whole map is taken over.
 
+        Parameters
+        ----------
+        cost : (h, w) float
+            As for `of`; must lie inside the map.
+        origin : (row, col)
+            Where its first cell goes.
+        keep : bool
+            Whether to tell what stood there.
+
         Raises
         ------
         InvalidMapError
-            A cost below 0, or for ``length`` a weight of 0.
+            The rectangle does not lie inside the map; or a cost is below 0, or for ``length`` not above. The map is
+            as it was.
         """
-        row, col, rows, cols = part
+        cost, row, col = as_map(cost, "patch"), int(origin[0]), int(origin[1])
+        rows, cols = cost.shape
+        if row < 0 or col < 0 or row + rows > self.rows or col + cols > self.cols:
+            raise InvalidMapError(
+                f"a patch must lie inside the map of {(self.rows, self.cols)}, got {(row, col, rows, cols)}"
+            )
+        lengths = self.model.kind is StepCost.LENGTH
         whole = (rows, cols) == (self.rows, self.cols)
         extremes = np.array([np.inf, -np.inf] if whole else [self.least, self.greatest])
-        seen = cost[row - origin[0] : row - origin[0] + rows, col - origin[1] : col - origin[1] + cols]
-        bad = _pad(
-            seen,
-            np.float32(self.model.scale),
-            self._ceiling,
-            self.node(row, col),
-            self.stride,
-            self.weights,
-            extremes,
-        )
-        if bad or (self.model.kind is StepCost.LENGTH and extremes[0] == 0.0):
-            wanted = "at least 0" if self.model.kind is StepCost.PAPER else "greater than 0"
-            raise InvalidMapError(f"every passable cost must be {wanted}, got one of {extremes[0]:g}")
+        bounds, was = np.empty(4, np.int64), np.empty(rows * cols if keep else 0, np.float32)
+        lowest, changed, fell = _exchange(
+            cost, _LEAST_ABOVE_0 if lengths else np.float32(0.0), np.float32(self.model.scale),
+            np.float32(np.inf if lengths else 1.0), self.node(row, col), self.stride, self.weights, extremes, bounds,
+            was,
+        )  # fmt: skip
+        if lowest < 0.0 or (lengths and lowest == 0.0):
+            wanted = "greater than 0" if lengths else "at least 0"
+            raise InvalidMapError(f"every passable cost must be {wanted}, got one of {lowest:g}")
         if math.isfinite(extremes[0]):
-            self.least, self.greatest = float(extremes[0]), float(extremes[1])
+            self.least, self.greatest = extremes.tolist()
+        top, left, bottom, right = bounds.tolist() if changed else (0, 0, 0, 0)
+        part = (row + top, col + left, bottom - top, right - left)
+        return Change(int(changed), part, bool(fell), was[: part[2] * part[3]])
 
     def as_traversability(self) -> tuple[float, float]:
         """Scale and offset from a weight to a traversability cost T in [0, 1].

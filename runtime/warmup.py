@@ -166,7 +166,7 @@ def _exercise_replanning(grid: Grid, corner_cutting: bool) -> None:
         for start in ((1, 2), (2, 2)):
             search.plan(start)
             search.plan(start, deadline=time.monotonic() + 60.0)
-            grid.update(np.full((1, 2), 0.5, np.float32), (1, 4, 1, 2), (1, 4))
+            grid.update(np.full((1, 2), 0.5, np.float32), (1, 4))
             search.cells_changed(1, 4, 1, 2)
 
 

@@ -39,7 +39,7 @@ def command(
 ) -> None:  # fmt: skip
     """Repeat the paper's experiments, each beside the paper's figures.
 
-    EXPERIMENT is one of table1, fig7, table2, fig9, fig11, fig12, table3, table4 and fig13; by default all.
+    EXPERIMENT is one of table1, fig7, table2, fig9, fig11, fig12, fig14, table3, table4 and fig13; by default all.
     Each gets a folder with a table (Markdown), its figures (CSV) and a picture (PNG); README.md puts them
     together and says what agrees with the paper and what does not. A run that was interrupted goes on where
     it stopped.

@@ -17,7 +17,7 @@ from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.labels import Query
 from nnpp_edge.terrain.workloads import SOFT
 
-NAMES = ("table1", "fig7", "table2", "fig9", "fig11", "fig12", "table3", "table4", "fig13")
+NAMES = ("table1", "fig7", "table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4", "fig13")
 """All experiments, in the order in which they run. Each is the module of that name in this package."""
 _TRIES = 20
 """Maps tried for each that is wanted, before giving up on finding one with a path."""

@@ -19,6 +19,10 @@ FORMAT = "nnpp-edge-choice-1"
 VARIABLE = "NNPP_EDGE_CHOICE"
 _NEAR = 48
 """Cells; nearer goals are left to plain A* by the shipped figures."""
+_LARGE, _FAR = 1536, 512
+"""Cells of a map's longer side, and to a goal, from which the learned region is clearly sooner done by them."""
+_MEASURED = "edge"
+"""The network that they were measured with."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +43,15 @@ SHIPPED = MapChoice(
     (0, _NEAR),
     (
         (Method.ASTAR, f"the goal is less than {_NEAR} cells away"),
-        (Method.CORRIDOR, "soonest done by the shipped figures"),
+        (
+            Method.CORRIDOR,
+            "by the shipped figures about as soon done as the learned region, and nearer to the optimum",
+        ),
     ),
+)
+SHIPPED_FOR_LARGE = MapChoice(
+    (*SHIPPED.starts, _FAR),
+    (*SHIPPED.picks, (Method.NNPP, f"by the shipped figures soonest done from {_FAR} cells on a large map")),
 )
 
 
@@ -125,8 +136,10 @@ def choice_path() -> Path | None:
 
 def choice_for(shape: tuple[int, int], model: Any) -> MapChoice:
     """What `auto` picks on a map of this shape with this model (a name, a path or a NetworkModel)."""
-    saved = _saved(choice_path())
-    return SHIPPED if saved is None else saved.for_map(shape, Path(getattr(model, "path", model)).stem)
+    saved, name = _saved(choice_path()), Path(getattr(model, "path", model)).stem
+    if saved is not None:
+        return saved.for_map(shape, name)
+    return SHIPPED_FOR_LARGE if max(shape) >= _LARGE and name == _MEASURED else SHIPPED
 
 
 @functools.lru_cache(maxsize=8)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.grid import Grid, StepCost
+from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planning.astar import Region
 from nnpp_edge.runtime.planning.dstar_kernels import (
     EXACT,
@@ -110,6 +111,10 @@ class DStarLite:
         self._least = grid.least if math.isfinite(grid.least) else 0.0
         self._pending, self._size, self._km = 0, 0, 0.0
         self.set_goal(goal)
+
+    def touch(self) -> None:
+        """Have the system back all arrays with memory now."""
+        touch(self._ws)
 
     @property
     def goal(self) -> tuple[int, int]:

@@ -12,13 +12,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from nnpp_edge.runtime.costmap import Float2D, Rectangle, as_map
+from nnpp_edge.runtime.costmap import Float2D, Rectangle
 from nnpp_edge.runtime.encoding import Cell
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepModel
 from nnpp_edge.runtime.inference import NetworkModel
+from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planning.astar import astar
 from nnpp_edge.runtime.planning.dstar_lite import DStarLite
 from nnpp_edge.runtime.planning.incremental import DStarPlanner, Mending
@@ -187,27 +186,20 @@ class DynamicPlanner:
         InvalidMapError
             The patch does not lie inside the map, or holds a cost out of range. The map is as it was.
         """
-        patch, row, col = as_map(patch, "patch"), int(row), int(col)
-        part = (row, col, *patch.shape)
-        if row < 0 or col < 0 or row + part[2] > self.grid.rows or col + part[3] > self.grid.cols:
-            raise InvalidMapError(f"a patch must lie inside the map of {self.shape}, got {part}")
-        changed, part = self.grid.difference(patch, (row, col))
-        if not changed:
-            return 0
-        top, left = part[0] - row, part[1] - col
-        patch = np.ascontiguousarray(patch[top : top + part[2], left : left + part[3]])
-        self.path.about_to_change(part)
         if self._planner is not None:
-            self._planner.update(*part[:2], patch)
+            change = self._planner.take(row, col, patch, keep=True)
         else:
-            self.grid.update(patch, part, part[:2])
+            change = self.grid.update(patch, (row, col), keep=True)
+        if not change.cells:
+            return 0
+        self.path.changed(change.part, change.was)
         if self._dstar is not None:
-            self._dstar.cells_changed(*part)
-        self._changed += changed
-        self._changes.append(part)
+            self._dstar.cells_changed(*change.part)
+        self._changed += change.cells
+        self._changes.append(change.part)
         if len(self._changes) > _MOST_CHANGES:
             self._changes = [enclosing(self._changes)]
-        return changed
+        return change.cells
 
     def move(self, start: Cell) -> None:
         """The robot is in this cell now; InvalidQueryError if it is not a cell."""
@@ -223,11 +215,19 @@ class DynamicPlanner:
             self._planner.use_model(model)
 
     def prepare(self) -> None:
-        """Do now what the first answer would else do: set D* Lite up, load the network and show it the map."""
+        """Do now what the first answer would else do: set D* Lite up, load the network and show it the map.
+
+        The system is made to back all of the planner's arrays with memory, so that no later answer waits for that.
+        """
+        touch(self._workspace, self.path)
         if DynamicMethod.DSTAR in self.methods and self._dstar is None:
             self._dstar = DStarLite(self.grid, self._goal, corner_cutting=self.corner_cutting)
+        if self._dstar is not None:
+            self._dstar.touch()
         if self._planner is None:
             return
+        for level in self._planner.pyramid.levels:
+            touch(level, level.grid, level.workspace)
         if self.methods & (_INCREMENTAL | {DynamicMethod.AUTO}):
             self._planner.expect(self._goal)
         if self.methods & _LEARNED:

@@ -8,6 +8,7 @@ import numpy as np
 from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.costmap import Float2D
 from nnpp_edge.runtime.encoding import Cell
+from nnpp_edge.runtime.grid import Change
 from nnpp_edge.runtime.planning.astar import Region, Search, prices
 from nnpp_edge.runtime.planning.dstar_lite import DStarLite
 from nnpp_edge.runtime.planning.expansion import octile
@@ -55,16 +56,18 @@ class DStarPlanner(Planner):
     _missed = 0.0
     """What mending would have saved since it was last done, had it been done each time, in fresh searches."""
 
-    def update(self, row: int, col: int, patch: Float2D) -> None:
-        """As `Planner.update`; D* Lite takes note."""
-        super().update(row, col, patch)
-        if self._dstar is not None:
-            self._dstar.cells_changed(row, col, *patch.shape)
+    def take(self, row: int, col: int, patch: Float2D, *, keep: bool = False) -> Change:
+        """As `Planner.take`; D* Lite takes note."""
+        change = super().take(row, col, patch, keep=keep)
+        if self._dstar is not None and change.cells:
+            self._dstar.cells_changed(*change.part)
+        return change
 
     def expect(self, goal: Cell) -> None:
         """Set D* Lite up for queries to this goal, in a region that holds nothing yet."""
         if self._dstar is None:
             self._dstar = DStarLite(self.grid, goal, corner_cutting=self.corner_cutting)
+            self._dstar.touch()
         elif self._dstar.goal != goal:
             self._dstar.set_goal(goal)
         corridor = (2 * math.ceil(self.grid.rows / FACTOR), 2 * math.ceil(self.grid.cols / FACTOR))

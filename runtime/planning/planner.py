@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from nnpp_edge.runtime.costmap import Float2D, as_map
+from nnpp_edge.runtime.costmap import Float2D
 from nnpp_edge.runtime.encoding import Cell
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
-from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepModel
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.grid import PAPER_OMEGA, Change, Grid, StepModel
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import Region, Search, prices
 from nnpp_edge.runtime.planning.choice import MapChoice, choice_for
@@ -128,7 +128,7 @@ class Planner:
             self._learned = LearnedRegions(self.grid, self._model, self.overlooked)
             self._learned.look()
 
-    def update(self, row: int, col: int, patch: Float2D) -> None:
+    def update(self, row: int, col: int, patch: Float2D) -> int:
         """Put new costs into the map, with the pyramid and the network's view kept up to date.
 
         Parameters
@@ -137,20 +137,29 @@ class Planner:
             Where the patch's first cell goes.
         patch : (h, w) float
             New costs; must lie inside the map.
+
+        Returns
+        -------
+        int
+            Number of cells that are other ones now.
+
+        Raises
+        ------
+        InvalidMapError
+            The patch does not lie inside the map, or holds a cost out of range. The map is as it was.
         """
-        patch = as_map(patch, "patch")
-        row, col = int(row), int(col)
-        part = (row, col, *patch.shape)
-        if row < 0 or col < 0 or row + patch.shape[0] > self.grid.rows or col + patch.shape[1] > self.grid.cols:
-            raise InvalidMapError(f"a patch must lie inside the map of {self.shape}, got {part}")
-        seen = self.grid.map()[row : row + part[2], col : col + part[3]]
-        before = seen.copy() if self.landmarks else None
-        self.grid.update(patch, part, (row, col))
-        if before is not None and (seen < before).any():
-            self.landmarks = None
-        self.pyramid.update(part)
-        if self._learned is not None:
-            self._learned.update(part)
+        return self.take(row, col, patch).cells
+
+    def take(self, row: int, col: int, patch: Float2D, *, keep: bool = False) -> Change:
+        """As `update`; what has changed, and with `keep` what stood there. For subclasses to override."""
+        change = self.grid.update(patch, (row, col), keep=keep)
+        if change.cells:
+            if change.cheaper:
+                self.landmarks = None
+            self.pyramid.update(change.part)
+            if self._learned is not None:
+                self._learned.update(change.part)
+        return change
 
     def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:
         """Compute costs once for this map, so that ``astar`` expands a fraction of the cells, for the same optimum.
@@ -239,7 +248,7 @@ class Planner:
             Cells.
         method : str
             ``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the network's
-            region. ``auto``: whichever is soonest done, by what `nnpp-edge profile --save-choice` measured on
+            region. ``auto``: one of them, by what `nnpp-edge profile --save-choice` measured on
             this machine, else by the figures in docs/decisions.md; the plan says which and why.
         epsilon : float
             Keep widening until the path is certain to cost at most (1 + epsilon) times the optimum; 0 gives

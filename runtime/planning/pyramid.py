@@ -145,6 +145,23 @@ def _link(
 
 
 @kernel
+def _pool_and_link(
+    fine, fine_links, fine_rows, fine_cols, corner_cutting, obstacle, row0, row1, col0, col1, rows, cols, coarse,
+    pieces, links, stride,
+):  # fmt: skip
+    """`_pool` a rectangle of the rows × cols coarse cells, then `_link` it and its rim, whose links change too."""
+    least = _pool(
+        fine, fine_links, fine_rows, fine_cols, corner_cutting, obstacle, row0, row1, col0, col1, coarse, pieces,
+        stride,
+    )  # fmt: skip
+    _link(
+        fine, fine_links, fine_cols, corner_cutting, max(row0 - 1, 0), min(row1 + 1, rows), max(col0 - 1, 0),
+        min(col1 + 1, cols), pieces, links, stride,
+    )  # fmt: skip
+    return least
+
+
+@kernel
 def _mark(path, radius, stamp, bitmap):
     """Number the quarters of a path's cells, and those within `radius` (as the king moves) of them."""
     rows, cols = bitmap.shape
@@ -338,21 +355,17 @@ class Pyramid:
             row0, col0 = row0 // FACTOR, col0 // FACTOR
             row1, col1 = math.ceil(row1 / FACTOR), math.ceil(col1 / FACTOR)
             finest = self.levels[0].grid
-            least = _pool(
+            least = _pool_and_link(
                 fine.grid.weights, fine.links, fine.grid.rows, fine.grid.cols, self.corner_cutting,
-                self.obstacle_weight, row0, row1, col0, col1, coarse.grid.weights, coarse.pieces,
-                coarse.grid.stride,
+                self.obstacle_weight, row0, row1, col0, col1, coarse.grid.rows, coarse.grid.cols,
+                coarse.grid.weights, coarse.pieces, coarse.links, coarse.grid.stride,
             )  # fmt: skip
             # means lie above the least of what they average, which makes a coarse search's heuristic the better
             whole = (row1 - row0, col1 - col0) == (coarse.grid.rows, coarse.grid.cols)
             coarse.grid.least = least if whole else min(least, coarse.grid.least)
-            # a neighbour's links change too, and with them what is connected under the level above
+            # what is connected under the level above changes with the links on the rim
             row0, row1 = max(row0 - 1, 0), min(row1 + 1, coarse.grid.rows)
             col0, col1 = max(col0 - 1, 0), min(col1 + 1, coarse.grid.cols)
-            _link(
-                fine.grid.weights, fine.links, fine.grid.cols, self.corner_cutting, row0, row1, col0, col1,
-                coarse.pieces, coarse.links, coarse.grid.stride,
-            )  # fmt: skip
             coarse.grid.greatest = max(finest.greatest, self.obstacle_weight)
             coarse.changed()
 

@@ -80,13 +80,13 @@ class Standing:
 
 @kernel
 def _remember(weights, first, stride, rows, cols, was, noted, stamp, touched, count):
-    """Note the weights of a rectangle's nodes that are not noted yet; how many are now."""
+    """Note what the weights of a rectangle's nodes were, unless that is noted; how many nodes are now."""
     for row in range(rows):
         for col in range(cols):
             node = first + row * stride + col
             if noted[node] != stamp:
                 noted[node] = stamp
-                was[node] = weights[node]
+                was[node] = weights[row * cols + col]
                 touched[count] = node
                 count += 1
     return count
@@ -152,7 +152,7 @@ def first_blocked(grid: Grid, path: NDArray[np.int32], corner_cutting: bool = Tr
 class StandingPath:
     """The path that a robot follows, on a map that changes under it. Serves one thread at a time.
 
-    Say what will change before it does (`about_to_change`), as the old weights are needed, and `check` whenever
+    Say what has changed, with the weights that stood there (`changed`, `Grid.update`), and `check` whenever
     wanted: that takes time by the cells of the path and those that changed, not by the map.
 
     Parameters
@@ -201,14 +201,14 @@ class StandingPath:
         """There is no path to follow."""
         self._plan, self._count = None, 0
 
-    def about_to_change(self, part: Rectangle) -> None:
-        """The grid's weights in this rectangle, which lies inside the map, will be other ones."""
+    def changed(self, part: Rectangle, was: NDArray[np.float32]) -> None:
+        """The grid's weights in this rectangle are other ones; `was` are those that stood there, row by row."""
         if self._plan is None:
             return
         grid, (row, col, rows, cols) = self._grid, part
         self._count = _remember(
-            grid.weights, grid.node(row, col), grid.stride, rows, cols, self._was, self._noted, self._stamp,
-            self._touched, self._count,
+            was, grid.node(row, col), grid.stride, rows, cols, self._was, self._noted, self._stamp, self._touched,
+            self._count,
         )  # fmt: skip
 
     def check(self, at: Cell) -> Standing:

@@ -6,7 +6,7 @@ import pytest
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.planning import choice
-from nnpp_edge.runtime.planning.choice import FORMAT, SHIPPED, Choice, choice_for, choice_path
+from nnpp_edge.runtime.planning.choice import FORMAT, SHIPPED, SHIPPED_FOR_LARGE, Choice, choice_for, choice_path
 
 GOOD = {
     "format": FORMAT, "measured": "2026-05-04", "machine": "board", "model": "edge",
@@ -41,7 +41,15 @@ def save(monkeypatch, tmp_path):
 
 def test_without_figures_the_shipped_ones_hold():
     assert choice_for((256, 256), "edge") is SHIPPED
-    assert SHIPPED.pick(47)[0] == "astar" and SHIPPED.pick(48)[0] == "corridor"
+    assert SHIPPED.pick(47)[0] == "astar" and SHIPPED.pick(48)[0] == SHIPPED.pick(5000)[0] == "corridor"
+    assert choice_for((300, 2048), "edge") is SHIPPED_FOR_LARGE
+    assert [SHIPPED_FOR_LARGE.pick(apart)[0] for apart in (47, 48, 511, 512)] == [
+        "astar",
+        "corridor",
+        "corridor",
+        "nnpp",
+    ]
+    assert choice_for((2048, 2048), "edge-joint") is SHIPPED
 
 
 def test_a_planner_goes_by_the_figures_and_says_so(save):

@@ -34,6 +34,7 @@ TINY = {
     "fig9": {"sizes": (64, 96), "queries": 2, "repeats": 1},
     "fig11": {"size": 64, "queries": 4, "repeats": 1},
     "fig12": {"size": 64, "maps": 2, "repeats": 1},
+    "fig14": {"size": 64, "goals": 3},
     "table3": {"size": 64, "episodes": 2, "cells_a_frame": 20},
     "table4": {"size": 64, "maps": 2},
     "fig13": {"steps": 1, "batch": 4, "maps": 3, "validation_maps": 2},
@@ -159,7 +160,7 @@ def test_an_experiment_that_fails_leaves_what_was_there(terrain, tiny_model, tmp
 def test_level_ground_is_no_trouble(tiny_model, tmp_path, monkeypatch):
     shrink(monkeypatch)
     np.savez(tmp_path / "flat.npz", elevation_m=np.zeros((128, 128)), cell_size_m=1.0)
-    names = ["table1", "fig7", "table2", "fig9", "fig11", "fig12", "table3", "table4"]
+    names = ["table1", "fig7", "table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4"]
     request = Request(names, [tmp_path / "flat.npz"], tmp_path / "out", model=str(tiny_model), quick=True)
     assert {outcome.how for outcome in reproduce(request, bar=no_bar)} == {"done"}
     assert "nan" not in (tmp_path / "out" / "README.md").read_text()

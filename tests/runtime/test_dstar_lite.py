@@ -31,7 +31,7 @@ class Changing:
         patch = np.array(patch, np.float32, ndmin=2)
         part = (row, col, *patch.shape)
         self.cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
-        self.grid.update(patch, part, (row, col))
+        self.grid.update(patch, (row, col))
         self.search.cells_changed(*part)
 
     def set_region(self, region):

@@ -224,7 +224,7 @@ def test_a_network_in_two_parts_looks_again_once_enough_has_changed():
         assert planners[1].plan((10, 10), (240, 240), method="nnpp").ok
         seen.append((dynamic.shown, static.shown))
     assert [shown - seen[0][0] for shown, _ in seen] == [0, 0, 0, 1, 1]
-    assert [shown - seen[0][1] for _, shown in seen] == [0, 1, 2, 3, 4]
+    assert [shown - seen[0][1] for _, shown in seen] == [0, 1, 2, 3, 3]  # the last patch says nothing new
 
 
 def test_an_episode_is_the_same_for_the_same_seed_and_can_always_be_walked():

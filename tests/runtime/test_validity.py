@@ -52,8 +52,7 @@ def test_its_bounds_hold_after_any_changes_and_moves(case, seed, method):
     for _ in range(4):
         for _ in range(rng.integers(1, 3)):
             row, col, patch = random_patch(rng, cost, case.step_cost)
-            path.about_to_change((row, col, *patch.shape))
-            planner.update(row, col, patch)
+            tell(planner, path, row, col, patch)
             cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
         index = int(rng.integers(len(plan.path)))
         rest = plan.path[index:]
@@ -77,6 +76,12 @@ def test_its_bounds_hold_after_any_changes_and_moves(case, seed, method):
             assert found.blocked_at is not None
 
 
+def tell(planner, path, row, col, patch):
+    """Put a patch into the map, and tell the path."""
+    change = planner.take(row, col, patch, keep=True)
+    path.changed(change.part, change.was)
+
+
 def corridor_of_ones(**options):
     """A free map of 20 × 60 cells, a straight path along its middle, and the planner."""
     cost = np.full((20, 60), 0.2, np.float32)
@@ -87,8 +92,7 @@ def corridor_of_ones(**options):
 
     def put(row, col, patch):
         patch = np.array(patch, np.float32, ndmin=2)
-        path.about_to_change((row, col, *patch.shape))
-        planner.update(row, col, patch)
+        tell(planner, path, row, col, patch)
 
     return path, plan, put
 
@@ -128,8 +132,7 @@ def test_an_opened_cell_is_bounded_by_the_way_over_it():
     planner = Planner(cost)
     path = StandingPath(planner.grid)
     path.set(planner.plan((0, 0), (0, 59), method="astar"))
-    path.about_to_change((29, 0, 1, 1))
-    planner.update(29, 0, np.array([[0.2]], np.float32))
+    tell(planner, path, 29, 0, np.array([[0.2]], np.float32))
     assert path.check((0, 0)).added == 0.0
 
 
@@ -140,8 +143,7 @@ def test_a_corner_that_may_not_be_cut_any_more_blocks():
         path = StandingPath(planner.grid, corner_cutting=corner_cutting)
         plan = planner.plan((0, 0), (5, 5), method="astar")
         path.set(plan)
-        path.about_to_change((2, 3, 1, 1))
-        planner.update(2, 3, np.array([[np.inf]], np.float32))
+        tell(planner, path, 2, 3, np.array([[np.inf]], np.float32))
         assert path.check((0, 0)).footing is footing
         assert (first_blocked(planner.grid, plan.path, corner_cutting) >= 0) == (footing is Footing.BLOCKED)
 

@@ -1,0 +1,31 @@
+from types import SimpleNamespace
+
+import numpy as np
+
+from nnpp_edge.runtime.loop.runner import rss_bytes
+from nnpp_edge.runtime.memory import touch
+
+
+def test_memory_is_there_and_values_stay():
+    rng = np.random.default_rng(0)
+    values = {
+        "floats": rng.random((300, 70)), "small": np.array([np.nan, -0.0, np.inf], np.float32),
+        "flags": rng.random(5000) < 0.5, "none": np.zeros(0), "words": rng.integers(-9, 9, 3000).astype(np.int16),
+    }  # fmt: skip
+    owner = SimpleNamespace(**{name: value.copy() for name, value in values.items()}, other="text")
+    touch(owner, SimpleNamespace())
+    for name, value in values.items():
+        np.testing.assert_array_equal(getattr(owner, name), value)
+    before = rss_bytes()
+    owner.large = np.zeros(1 << 22)
+    touch(owner)
+    assert rss_bytes() - before > 0.9 * owner.large.nbytes
+    assert not owner.large.any()
+
+
+def test_what_may_not_be_written_is_left_alone():
+    fixed, base = np.arange(9000.0), np.arange(20000.0)
+    fixed.flags.writeable = False
+    owner = SimpleNamespace(fixed=fixed, strided=base[::2])
+    touch(owner)
+    np.testing.assert_array_equal(base, np.arange(20000.0))
