@@ -13,6 +13,7 @@ from onnxruntime import quantization
 from onnxruntime.quantization import CalibrationMethod, QDQQuantizer, QuantType
 
 from nnpp_edge.calibrate.calibration_set import QueryReader, pick
+from nnpp_edge.export.in_parts import leading_to
 from nnpp_edge.runtime.errors import DataSetError, ModelError
 from nnpp_edge.runtime.inference import METADATA_KEY, ModelMetadata, NetworkModel
 from nnpp_edge.terrain.dataset import Samples
@@ -168,13 +169,7 @@ def _head(graph: onnx.GraphProto) -> tuple[str, ...]:
     convolutions = [node for node in graph.node if node.op_type == "Conv"]
     if not convolutions:
         raise ModelError("wanted a network with convolutions, got one without")
-    before: set[str] = set()
-    waiting = [makers[name] for name in convolutions[-1].input if name in makers]
-    while waiting:
-        node = waiting.pop()
-        if node.name not in before:
-            before.add(node.name)
-            waiting += [makers[name] for name in node.input if name in makers]
+    before = leading_to(convolutions[-1].input, makers)
     return tuple(node.name for node in graph.node if node.name not in before)
 
 

@@ -1,5 +1,7 @@
 """A network in two parts as one graph, whose head runs only when it is asked for."""
 
+from collections.abc import Iterable
+
 import onnx
 from onnx import TensorProto, helper
 
@@ -14,7 +16,7 @@ def ask_for_the_head(model: onnx.ModelProto) -> None:
     """
     graph = model.graph
     makers = {name: node for node in graph.node for name in node.output}
-    kept = _leading_to((PLACES, HEAD), makers)
+    kept = leading_to((PLACES, HEAD), makers)
     inside = [node for node in graph.node if node.name not in kept]
     outside = [node for node in graph.node if node.name in kept]
     needed = {name for node in outside for name in node.input} | {value.name for value in graph.output}
@@ -51,7 +53,7 @@ def ask_for_the_head(model: onnx.ModelProto) -> None:
     graph.input.append(helper.make_tensor_value_info(ASK, TensorProto.BOOL, [1]))
 
 
-def _leading_to(names: tuple[str, ...], makers: dict[str, onnx.NodeProto]) -> set[str]:
+def leading_to(names: Iterable[str], makers: dict[str, onnx.NodeProto]) -> set[str]:
     """Names of the nodes that these values are made from."""
     found: set[str] = set()
     waiting = [makers[name] for name in names if name in makers]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.encoding import ENDS_CHANNELS, PAIR_CHANNELS, encode_ends, encode_gaussian, encode_pair
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.model_file import METADATA_KEY, ModelMetadata, model_path, open_session
-from nnpp_edge.runtime.place_head import PlaceHead, count_parameters
+from nnpp_edge.runtime.place_head import ANSWERS, PlaceHead, count_parameters
 
 __all__ = ["METADATA_KEY", "OUTPUT", "ModelMetadata", "NetworkModel", "model_path"]
 
@@ -95,6 +95,11 @@ class NetworkModel:
         side = m.blocks // shuffle
         wanted: dict[str, tuple[int, ...]] = {OUTPUT: (1, shuffle**2, side, side)}
         if m.encoding == "ends":
+            if shuffle**2 != ANSWERS or side != self._query_side:
+                raise ModelError(
+                    f"{self.path}: wanted two by two blocks to each of {self._query_side} × {self._query_side} "
+                    f"places, got {m.blocks} to a side, {shuffle} by {shuffle}"
+                )
             wanted[PLACES] = (1, 2 * m.head[0], self._query_side, self._query_side)
             wanted[HEAD] = (count_parameters(m.head),)
         outputs = {o.name: tuple(o.shape) for o in self.session.get_outputs()}
@@ -129,7 +134,7 @@ class NetworkModel:
     def set_map(self, planes: NDArray[np.float32]) -> None:
         """Take over a map: (2, S, S) float32, mean cost and share of impassable cells, both in [0, 1]."""
         m = self.metadata
-        self._encoded = False
+        self._encoded, self.owner = False, None
         if m.encoding == "gaussian":
             self.inputs["input"][0, 0] = planes[0]
             return

@@ -182,8 +182,11 @@ def first_regions(
     """
     quantise(probability, levels)
     most = LEVELS - 1
-    if touching:
-        most = adaptive_threshold(levels, start_row, start_col, goal_row, goal_col, heads, following, done)
+    if touching:  # by the cells' own blocks: those of `start_row` to `goal_col` may be their neighbours
+        most = adaptive_threshold(
+            levels, row_blocks[start // stride - 1], col_blocks[start % stride - 1], row_blocks[goal // stride - 1],
+            col_blocks[goal % stride - 1], heads, following, done,
+        )  # fmt: skip
     td = walkable_threshold(
         levels, row_blocks, col_blocks, weights, links, stride, corner_cutting, start, goal, most, heads, state,
         search,
@@ -253,7 +256,7 @@ class RegionFinder:
         -------
         int
             td as a level, along steps that the grid allows; -1 where there is no way. Where it is not above 0,
-            `at_td` is everywhere and `bitmap` is left alone. The number is `stamp`.
+            `at_td` is every block and `bitmap` is left alone. The number is `stamp`.
         """
         self.stamp += 1
         return int(

@@ -31,7 +31,7 @@ from nnpp_edge.runtime.planning.dstar_lite import DStarLite
 from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner
 from nnpp_edge.runtime.planning.landmarks import Landmarks
 from nnpp_edge.runtime.planning.planner import Planner
-from nnpp_edge.runtime.region import RegionFinder
+from nnpp_edge.runtime.region import RegionFinder, lowered
 
 _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
 _STILL_IN_USE_S = 3600.0
@@ -113,7 +113,9 @@ def exercise() -> None:
     size = 16
     encode_gaussian((1.0, 2.0), (9.0, 3.0), size, 1, 4.0, np.empty((GAUSSIAN_CHANNELS, size, size), np.float32))
     encode_pair((1.0, 2.0), (9.0, 3.0), size, 1, 4.0, np.empty((PAIR_CHANNELS, size, size), np.float32))
-    RegionFinder(size).threshold((1, 2), (9, 3))
+    finder = RegionFinder(size)
+    finder.threshold((1, 2), (9, 3))
+    finder.mark(lowered(3, 0.5), (1, 2), (9, 3), 1)
 
 
 def _exercise_cost_maps() -> None:
@@ -139,7 +141,7 @@ def _exercise_planner(shape: tuple[int, int], step_cost: str, corner_cutting: bo
         for patch in (cost[:5, :6].copy(), _read_only(cost[:5, :6])):
             planner.update(3, 4, patch)
         _exercise_landmarks(planner, start, goal)
-        planner.update(shape[0] // 2, 0, np.full((1, shape[1]), np.inf, np.float32))  # a wall: no path, all widening
+        planner.update(shape[0] // 2, 0, np.full((1, shape[1]), np.inf, np.float32))  # a wall: no path
         for method in ("astar", "corridor", "nnpp"):
             planner.plan(start, goal, method=method)
     finest = planner.pyramid.levels[0]

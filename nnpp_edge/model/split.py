@@ -20,8 +20,9 @@ from nnpp_edge.model.edge import (
     check_input,
 )
 from nnpp_edge.runtime.encoding import END_CHANNELS, PAIR_CHANNELS
+from nnpp_edge.runtime.place_head import ANSWERS
 
-ANSWERS = (QUERY_STRIDE // OUTPUT_STRIDE) ** 2
+assert ANSWERS == (QUERY_STRIDE // OUTPUT_STRIDE) ** 2
 
 
 class Encoder(nn.Module):

@@ -150,6 +150,7 @@ class _Course:
     def __init__(self, ground: Ground, rng: np.random.Generator, changes: int) -> None:
         self._ground, self._rng, self._changes = ground, rng, changes
         self._planner = Planner(ground.true)
+        self._planner.pyramid.touch()  # what the course needs is not to look like growth of the loop
         self.goals, self.reached, self._stuck = 1, 0, 0
         start, goal = self._query(None)
         self.scene = Scene(ground, start, goal, rng, changes=changes)

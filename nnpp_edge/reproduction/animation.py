@@ -77,13 +77,16 @@ def draw_driven(axes: Any, views: Sequence[View], stride: int) -> None:
     _ends(axes, way[0], way[-1])
 
 
-def legend(figure: Any, axes: Any) -> None:
-    """Below the figure, of what was drawn on `axes`, and of regions and changes."""
+def legend(figure: Any, axes: Any, *, changes: bool = True) -> None:
+    """Below the figure, of what was drawn on `axes`, and of regions and, if wanted, changes."""
     from matplotlib.patches import Patch as Swatch
 
     handles, labels = axes.get_legend_handles_labels()
-    handles += [Swatch(facecolor=REGION), Swatch(facecolor="none", edgecolor=_CHANGED)]
-    labels += ["network's region at td", "changed"]
+    handles.append(Swatch(facecolor=REGION))
+    labels.append("network's region at td")
+    if changes:
+        handles.append(Swatch(facecolor="none", edgecolor=_CHANGED))
+        labels.append("changed")
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize="small", frameon=False)
 
 

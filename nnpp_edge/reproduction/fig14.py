@@ -181,7 +181,7 @@ def _picture(several: Sequence[_Scene], moving: Sequence[_Scene]) -> bytes:
             axes.set_title(f"{scenes[at].name}: cost +{percent(abs(scenes[at].gap), 2)}", fontsize="small")
     grid[0, 0].set_ylabel("Fig. 14: other goals")
     grid[1, 0].set_ylabel("Fig. 15: moving obstacles")
-    legend(figure, grid[0, 0])
+    legend(figure, grid[0, 0], changes=False)
     return png(figure)
 
 

@@ -47,7 +47,7 @@ def run(context: Context, settings: Settings, report: Report) -> Result:
             rounds.append(answered)
             done += size**2
             report(done / work)
-        inference = [r.answers["nnpp"].stages_s["inference"] for r in rounds]
+        inference = [r.answers[PLAIN_NN].stages_s["inference"] for r in rounds]  # the whole network, map and query
         figures[size] = _Scale(
             {name: means(rounds, name) for name in PLANNERS}, float(np.mean(inference)), float(np.std(inference))
         )

@@ -290,7 +290,7 @@ def summary(counters: Counters) -> str:
         lines["tick"] = ", ".join(f"{name} {ms:.2f} ms" for name, ms in c.tick_ms.items())
     if c.overruns or c.skipped:
         lines["late"] = f"{c.overruns} overruns, {c.skipped} deadlines skipped"
-    for name, counts in (("degraded", c.degraded), ("errors", c.errors), ("dropped", c.drops)):
+    for name, counts in (("degraded", c.degraded), ("errors", c.errors), ("dropped", c.drops), ("lost", c.lost)):
         if shown := [f"{where} {count}" for where, count in counts.items() if count]:
             lines[name] = ", ".join(shown)
     if c.patches:

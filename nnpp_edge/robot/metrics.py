@@ -164,14 +164,14 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _tick_seconds(counters: Counters) -> Iterable[str]:
-    name, told = "nnpp_edge_tick_seconds", counters.tick_ms
+    name = "nnpp_edge_tick_seconds"
     yield f"# HELP {name} Work of a tick."
     yield f"# TYPE {name} histogram"
     for bound, count in counters.tick_histogram.items():
-        yield f'{name}_bucket{{le="{_number(1e-3 * float(bound))}"}} {count}'
-    yield f'{name}_bucket{{le="+Inf"}} {counters.ticks if told else 0}'
-    yield f"{name}_sum {_number(1e-3 * told.get('mean', 0.0) * counters.ticks)}"
-    yield f"{name}_count {counters.ticks if told else 0}"
+        le = _number(1e-3 * float(bound)) if bound != "inf" else "+Inf"
+        yield f'{name}_bucket{{le="{le}"}} {count}'
+    yield f"{name}_sum {_number(counters.tick_sum_s)}"
+    yield f"{name}_count {counters.tick_histogram.get('inf', 0)}"
 
 
 def _family(name: str, kind: str, words: str, samples: Iterable[tuple[Mapping[str, str], float]]) -> Iterable[str]:

@@ -1,6 +1,7 @@
 """Latencies in fixed memory."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -17,13 +18,13 @@ class Histogram:
         self._counts = np.zeros(_PER_OCTAVE * _OCTAVES, np.int64)
         self.count = 0
         self.max_s = 0.0
-        self._sum = 0.0
+        self.sum_s = 0.0
 
     def add(self, seconds: float) -> None:
         """Book a duration; below 1 µs it counts as that."""
         self._counts[self._bucket(seconds)] += 1
         self.count += 1
-        self._sum += seconds
+        self.sum_s += seconds
         self.max_s = max(self.max_s, seconds)
 
     def quantile(self, share: float) -> float:
@@ -33,14 +34,15 @@ class Histogram:
         at = int(np.searchsorted(np.cumsum(self._counts), max(math.ceil(share * self.count), 1)))
         return min(_LEAST_S * 2.0 ** ((at + 1) / _PER_OCTAVE), self.max_s)
 
-    def within(self, octaves: int) -> int:
-        """How many durations were shorter than 1 µs × 2^octaves, exactly."""
-        return int(self._counts[: _PER_OCTAVE * octaves].sum())
+    def shorter(self, octaves: Iterable[int]) -> list[int]:
+        """How many durations were shorter than 1 µs × 2^n, exactly, for each of these n; last, how many in all."""
+        counts = self._counts.copy()  # of one moment, whichever thread asks
+        return [*(int(counts[: _PER_OCTAVE * n].sum()) for n in octaves), int(counts.sum())]
 
     @property
     def mean_s(self) -> float:
         """Seconds; 0 without any."""
-        return self._sum / self.count if self.count else 0.0
+        return self.sum_s / self.count if self.count else 0.0
 
     def summary_ms(self) -> dict[str, float]:
         """``p50``, ``p90``, ``p99``, ``max`` and ``mean`` in milliseconds."""

@@ -228,7 +228,9 @@ class Counters:
     tick_ms: dict[str, float] = field(default_factory=dict)
     """Work of a tick: ``p50``, ``p90``, ``p99``, ``max``, ``mean``."""
     tick_histogram: dict[str, int] = field(default_factory=dict)
-    """How many ticks' work took less than so many milliseconds."""
+    """How many ticks' work took less than so many milliseconds; ``inf``: how many were measured."""
+    tick_sum_s: float = 0.0
+    """Their work in all, s."""
     lost: dict[str, int] = field(default_factory=dict)
     """Messages that a sink took and could not keep, by sink; those without a count of their own are left out."""
     rss_bytes: int = 0

@@ -25,6 +25,9 @@ _SHARE_FOR_INPUTS = 0.5
 """Of a period; inputs that come faster than they can be taken in wait for the next tick."""
 _OCTAVES_TOLD = range(8, 20)
 """Bounds of the histogram that is told, in powers of two of a microsecond: 0.256 to 524 ms."""
+_BOUNDS_TOLD = (*(f"{1e-3 * 2**n:g}" for n in _OCTAVES_TOLD), "inf")
+_CALM_S = 10.0
+"""What has failed counts as working again once it has for so long."""
 _GC_EVERY = 64
 """Ticks between two looks at whether there is time to collect garbage."""
 
@@ -157,7 +160,8 @@ class Loop:
         return replace(
             self.navigator.counters(), overruns=self._ticker.overruns, skipped=self._ticker.skipped,
             drops={writer.name: writer.drops for writer in self._writers}, tick_ms=self._histogram.summary_ms(),
-            tick_histogram={f"{1e-3 * 2**n:g}": self._histogram.within(n) for n in _OCTAVES_TOLD},
+            tick_histogram=dict(zip(_BOUNDS_TOLD, self._histogram.shorter(_OCTAVES_TOLD), strict=True)),
+            tick_sum_s=self._histogram.sum_s,
             lost={writer.name: lost for writer in self._writers if (lost := writer.lost) is not None},
             rss_bytes=rss_bytes(),
         )  # fmt: skip
@@ -287,23 +291,23 @@ class _Writer:
 
 
 class _Trouble:
-    """Logs the first of failures in a row, with its traceback, and that they have ended; the rest is in a counter."""
+    """Logs the first of failures, with its traceback, and when there were no more for a while."""
 
     def __init__(self, who: str) -> None:
         self._who = who
-        self._times = 0
+        self._times, self._last = 0, 0.0
 
     def began(self) -> None:
         """It failed; to be called where the exception is handled."""
         if not self._times:
             _LOG.warning("%s failed; more of the same is counted, not logged", self._who, exc_info=True)
-        self._times += 1
+        self._times, self._last = self._times + 1, time.monotonic()
 
     def ended(self) -> None:
         """It did what it should."""
-        if self._times:
+        if self._times and time.monotonic() - self._last >= _CALM_S:
             _LOG.warning("%s works again, after %d failures", self._who, self._times)
-        self._times = 0
+            self._times = 0
 
 
 class _Wake:

@@ -110,6 +110,8 @@ class DStarLite:
         self._ws.inside[:] = 1
         self._least = grid.least if math.isfinite(grid.least) else 0.0
         self._pending, self._size, self._km = 0, 0, 0.0
+        self.beginnings = 0
+        """How often all that was found has been forgotten: with a new goal, or as cells became too cheap."""
         self.set_goal(goal)
 
     def touch(self) -> None:
@@ -199,8 +201,9 @@ class DStarLite:
         Returns
         -------
         float
-            From 0 (none matters: it lies behind the start, or where no search has come) to 1 (at the goal, or the
-            start lies where no search has come). What was found on that part of the way may have to be mended.
+            From 0 (none matters: all lie behind the start, or where no search has come) to 1 (at the goal, or the
+            start lies where no search has come, and a change does not). What was found on that part of the way may
+            have to be mended.
         """
         ws = self._ws
         nearest = least_known(ws.changed, since, self._pending, ws.inside, ws.state)
@@ -262,6 +265,7 @@ class DStarLite:
 
     def _begin(self) -> None:
         """Forget the search, and take the whole map over at the present prices."""
+        self.beginnings += 1
         model = self._grid.model
         straight = model.step(0, 2.0 * self._least)
         scale = _UNITS / straight if straight > 0.0 else _UNITS

@@ -226,8 +226,7 @@ class DynamicPlanner:
             self._dstar.touch()
         if self._planner is None:
             return
-        for level in self._planner.pyramid.levels:
-            touch(level, level.grid, level.workspace)
+        self._planner.pyramid.touch()
         if self.methods & (_INCREMENTAL | {DynamicMethod.AUTO}):
             self._planner.expect(self._goal)
         if self.methods & _LEARNED:

@@ -53,6 +53,8 @@ class DStarPlanner(Planner):
     _dstar: DStarLite | None = None
     _seen = 0
     """Changes that D* Lite had noted at the last query."""
+    _beginnings = 0
+    """How often D* Lite had forgotten all by its last search."""
     _missed = 0.0
     """What mending would have saved since it was last done, had it been done each time, in fresh searches."""
 
@@ -74,7 +76,7 @@ class DStarPlanner(Planner):
         self._known = self._last = Region(np.zeros(corridor, np.int32), *self.pyramid.levels[0].quarters)
         self._dstar.set_region(self._known)
         self._dstar.plan(goal)  # so that the cells left out are dealt with now
-        self._seen, self._missed = 0, 0.0
+        self._seen, self._missed, self._beginnings = 0, 0.0, self._dstar.beginnings
 
     def mends(self, goal: Cell) -> bool:
         """Whether there is a search to be mended, for this goal."""
@@ -108,9 +110,11 @@ class DStarPlanner(Planner):
         after all.
         """
         assert self._dstar is not None
+        if self._dstar.beginnings != self._beginnings:
+            self._known = Region(np.zeros((0, 0), np.int32), region.row_block, region.col_block)
         mended, step = (
             _DEARER * (_new_share(region, known) + _MENDED_TWICE * self._dstar.reach(since))
-            for known, since in ((self._known, 0), (self._last, self._seen))
+            for known, since in ((self._known, 0), (self._last, min(self._seen, self._dstar.noted)))
         )
         inside = (region.bitmap == region.stamp).astype(np.int32)
         self._last = Region(inside, region.row_block, region.col_block)
@@ -134,7 +138,7 @@ class DStarPlanner(Planner):
         assert self._dstar is not None
         found = self._dstar.plan(query.start, deadline=query.deadline, cancelled=query.cancelled)
         query.expansions += found.expansions
-        self._seen, self._missed = 0, 0.0
+        self._seen, self._missed, self._beginnings = 0, 0.0, self._dstar.beginnings
         query.lap("search")
         # D* Lite does not say what it refused: the octile distance is the bound
         straight = octile.py_func(*query.start, *query.goal, *prices(self.grid))

@@ -56,7 +56,7 @@ class LearnedRegions:
             warnings.warn(
                 f"the network {self.model.metadata.name} was trained for omega = {self.model.metadata.omega:g}, "
                 f"the planner uses {scale / GREY_LEVELS:g}: its regions may miss the optimum by more than stated",
-                stacklevel=4,
+                stacklevel=5,
             )
         self.grid = grid
         self.size, self.blocks, self.factor = size, blocks, self.model.metadata.region_factor
@@ -160,7 +160,7 @@ class LearnedRegions:
             self._look_at(window)
         if self.model.owner is not self or (self._changed and self._differs()):
             self._show()
-        self._changed = False
+        self._changed = False  # or by too little
         ends = self._place(query.start), self._place(query.goal)
         if self.model.in_parts:
             query.lap("encode")
@@ -182,6 +182,7 @@ class LearnedRegions:
         self.model.set_map(self.planes)
         self.model.owner = self
         self._shown[:] = self.planes
+        self._changed = False
 
     def _differs(self) -> bool:
         """Whether the network should look at the map again."""

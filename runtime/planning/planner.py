@@ -11,7 +11,7 @@ import numpy as np
 from nnpp_edge.runtime.costmap import Float2D
 from nnpp_edge.runtime.encoding import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.grid import PAPER_OMEGA, Change, Grid, StepModel
+from nnpp_edge.runtime.grid import PAPER_OMEGA, Change, Grid, StepCost, StepModel
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import Region, Search, prices
 from nnpp_edge.runtime.planning.choice import MapChoice, choice_for
@@ -124,9 +124,7 @@ class Planner:
         ModelError
             The model cannot be loaded.
         """
-        if self._learned is None:
-            self._learned = LearnedRegions(self.grid, self._model, self.overlooked)
-            self._learned.look()
+        self._regions().look()
 
     def update(self, row: int, col: int, patch: Float2D) -> int:
         """Put new costs into the map, with the pyramid and the network's view kept up to date.
@@ -152,13 +150,19 @@ class Planner:
 
     def take(self, row: int, col: int, patch: Float2D, *, keep: bool = False) -> Change:
         """As `update`; what has changed, and with `keep` what stood there. For subclasses to override."""
-        change = self.grid.update(patch, (row, col), keep=keep)
-        if change.cells:
-            if change.cheaper:
-                self.landmarks = None
-            self.pyramid.update(change.part)
-            if self._learned is not None:
-                self._learned.update(change.part)
+        grid = self.grid
+        before = grid.least, grid.greatest
+        change = grid.update(patch, (row, col), keep=keep)
+        if not change.cells:
+            return change
+        if change.cheaper:
+            self.landmarks = None
+        part = change.part
+        if grid.model.kind is StepCost.LENGTH and before != (grid.least, grid.greatest):
+            part = (0, 0, grid.rows, grid.cols)  # coarse cells and the network's view go by the extremes
+        self.pyramid.update(part)
+        if self._learned is not None:
+            self._learned.update(part)
         return change
 
     def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:
@@ -368,17 +372,20 @@ class Planner:
         return self._plan_map(query, Method.CORRIDOR, Source.FALLBACK)
 
     def _plan_nnpp(self, query: Query) -> Plan:
-        if self._learned is None:
-            self.load_network()
-            assert self._learned is not None
+        learned = self._regions()
         top = len(self.pyramid.levels) - 1 if max(self.shape) >= _REFINE_FROM else 0
-        for region, source in self._learned.regions(query, self.pyramid.levels[top], top):
+        for region, source in learned.regions(query, self.pyramid.levels[top], top):
             found, searched = self._descend(query, top, region, _IN_LEARNED_REGION)
             if found is not None and found.status is not Status.NO_PATH:
                 plan = self._answer(query, Method.NNPP, source, found, searched)
                 if query.suffices(plan):
                     return plan
         return self._plan_map(query, Method.NNPP, Source.FALLBACK)
+
+    def _regions(self) -> LearnedRegions:
+        if self._learned is None:
+            self._learned = LearnedRegions(self.grid, self._model, self.overlooked)
+        return self._learned
 
     def _answer(self, query: Query, method: Method, source: Source, found: Search, region: Region | None) -> Plan:
         """The plan that a search of the map or a region of it comes to. For subclasses to call."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.costmap import Rectangle
 from nnpp_edge.runtime.grid import Grid, StepCost
+from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planning.astar import Region, Search, astar
 from nnpp_edge.runtime.planning.expansion import COL_STEP, DIRECTION, ROW_STEP
 from nnpp_edge.runtime.planning.landmarks import Landmarks
@@ -368,6 +369,11 @@ class Pyramid:
             col0, col1 = max(col0 - 1, 0), min(col1 + 1, coarse.grid.cols)
             coarse.grid.greatest = max(finest.greatest, self.obstacle_weight)
             coarse.changed()
+
+    def touch(self) -> None:
+        """Have the system back all arrays with memory now."""
+        for level in self.levels:
+            touch(level, level.grid, level.workspace)
 
     @property
     def obstacle_weight(self) -> float:

@@ -161,6 +161,16 @@ def test_a_head_that_is_not_its_graphs_is_refused(in_two_parts, tmp_path):
         NetworkModel(tmp_path / "other.onnx")
 
 
+def test_blocks_that_do_not_fit_the_places_are_refused(in_two_parts, tmp_path):
+    model = onnx.load(in_two_parts)
+    facts = json.loads(next(p.value for p in model.metadata_props if p.key == METADATA_KEY))
+    facts |= {"blocks": 8, "output_shuffle": 1}
+    onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(facts)})
+    onnx.save(model, tmp_path / "other.onnx")
+    with pytest.raises(ModelError, match="two by two blocks to each of 8 × 8 places, got 8 to a side, 1 by 1"):
+        NetworkModel(tmp_path / "other.onnx")
+
+
 @pytest.mark.parametrize("drawn", [True, False], ids=["dataset", "random"])
 def test_parity_passes_for_what_was_exported(exported, drawn):
     network, file, _ = exported

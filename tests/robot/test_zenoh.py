@@ -169,9 +169,8 @@ def test_what_makes_no_sense_is_answered_and_ends_nothing(peer, running):
 
 
 def test_of_a_flood_the_newest_are_kept_and_the_rest_is_counted(link, peer, navigator):
-    source = ZenohSource(
-        link, Refusals(navigator.count_error), navigator.count_error, mailbox=Mailbox(most_patches=10)
-    )
+    mailbox = Mailbox(most_patches=10)
+    source = ZenohSource(link, Refusals(navigator.count_error), navigator.count_error, mailbox=mailbox)
 
     def known():  # to the peer, which is told of the topics when they are listened to
         peer.send("goal", encode(Goal(0, 0)))
@@ -182,15 +181,11 @@ def test_of_a_flood_the_newest_are_kept_and_the_rest_is_counted(link, peer, navi
         peer.send("patch", encode(MapPatch(0, 0, cost=np.full((1, 1), n))))
     peer.send("goal", encode(Goal(1, 1)))
     wait_until(lambda: navigator.counters().errors.get("input dropped", 0) == 990)
-    taken = []
-
-    def came():  # topics are heard in no certain order, and earlier goals may still be on their way
-        taken.extend(source.poll())
-        return Goal(1, 1) in taken
-
-    wait_until(came)
-    assert isinstance(taken[0], Goal)  # nothing that waited held it up
-    assert [float(m.cost[0, 0]) for m in taken if isinstance(m, MapPatch)] == list(range(990, 1000))
+    # topics are heard in no certain order
+    wait_until(lambda: (mailbox._newest.get(Goal), len(mailbox._patches)) == (Goal(1, 1), 10))
+    first, *patches = source.poll()
+    assert first == Goal(1, 1)  # nothing that waited held it up
+    assert [float(m.cost[0, 0]) for m in patches] == list(range(990, 1000))
 
 
 def test_a_listener_that_sleeps_holds_nobody_up(link, peer, navigator, drive):

@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -21,9 +23,16 @@ def free(shape=(30, 40)):
     return np.full(shape, 0.2, np.float32)
 
 
+@pytest.fixture(scope="module", params=["joint", "in parts"])
+def either(network, request):
+    """A network that sees map and query at once, and one that sees the map first."""
+    return network if request.param == "joint" else NetworkModel("edge")
+
+
 @settings(deadline=None, max_examples=70)
 @given(cases(24), st.integers(0, 2**32), st.sampled_from(list(DynamicMethod)))
-def test_every_answer_is_walkable_on_the_newest_map(network, case, seed, method):
+def test_every_answer_is_walkable_on_the_newest_map(either, case, seed, method):
+    network = either
     rng, cost = np.random.default_rng(seed), np.where(np.isnan(case.cost), np.inf, case.cost).astype(np.float32)
     planner = DynamicPlanner(
         cost, case.goal, method, step_cost=case.step_cost, corner_cutting=case.corner_cutting, model=network
@@ -223,8 +232,34 @@ def test_a_network_in_two_parts_looks_again_once_enough_has_changed():
         assert planners[0].replan().ok
         assert planners[1].plan((10, 10), (240, 240), method="nnpp").ok
         seen.append((dynamic.shown, static.shown))
-    assert [shown - seen[0][0] for shown, _ in seen] == [0, 0, 0, 1, 1]
-    assert [shown - seen[0][1] for _, shown in seen] == [0, 1, 2, 3, 3]  # the last patch says nothing new
+    assert [shown for shown, _ in seen] == [1, 1, 1, 2, 2]
+    assert [shown for _, shown in seen] == [1, 2, 3, 4, 4]  # the last patch says nothing new
+
+
+@pytest.mark.parametrize("shape", [(300, 1300), (1100, 700)])
+def test_a_robot_on_its_way_keeps_its_window_while_that_serves(shape):
+    rng = np.random.default_rng(6)
+    planner = DynamicPlanner((rng.random(shape) * 0.5).astype(np.float32), tuple(x - 20 for x in shape), "nnpp")
+    planner.prepare()
+    windows, start = [], (8, 9)
+    for step in range(40):
+        planner.move(start)
+        plan = planner.replan()
+        assert plan.ok
+        row, col, rows, cols = planner._planner._learned.window
+        for end in (start, planner.goal):
+            assert row <= end[0] < row + rows
+            assert col <= end[1] < col + cols
+        apart = max(abs(a - b) for a, b in zip(start, planner.goal, strict=True))
+        assert max(rows, cols) <= max(4 * (2 * apart + 64), 256)
+        windows.append((row, col, rows, cols))
+        if len(plan.path) <= 32:
+            break
+        start = tuple(int(x) for x in plan.path[30])
+        planner.update(*(int(x) for x in plan.path[-20]), np.full((3, 3), rng.random() * 0.9, np.float32))
+    assert windows[0] == (0, 0, *shape)
+    changes = sum(a != b for a, b in itertools.pairwise(windows))
+    assert 1 <= changes <= 4 < step
 
 
 def test_an_episode_is_the_same_for_the_same_seed_and_can_always_be_walked():

@@ -205,8 +205,39 @@ def test_the_nearest_of_several_goals_comes_first(case, goals, count, data):
         assert not plan.ok or tuple(plan.path[-1]) == chosen[at]
 
 
+@settings(deadline=None, max_examples=60)
+@given(st.sampled_from(["paper", "length"]), st.integers(0, 2**32))
+def test_after_patches_a_planner_sees_what_a_new_one_would(network, step_cost, seed):
+    rng = np.random.default_rng(seed)
+    cost = (rng.random((40, 70)) ** 4 * (0.9 if step_cost == "paper" else 50.0) + 0.01).astype(np.float32)
+    cost[rng.random(cost.shape) < 0.1] = np.inf
+    planner = Planner(cost, step_cost=step_cost, model=network)
+    planner.load_network()
+    for _ in range(4):
+        row, col = int(rng.integers(0, 40)), int(rng.integers(0, 70))
+        part = np.s_[row : row + int(rng.integers(1, 41)), col : col + int(rng.integers(1, 71))]
+        part = np.s_[:, :] if rng.random() < 0.3 else part
+        patch = np.clip(cost[part], 0.1 * rng.random(), rng.random() * (0.9 if step_cost == "paper" else 60.0) + 0.2)
+        cost[part] = patch
+        planner.update(*((row, col) if part != np.s_[:, :] else (0, 0)), patch)
+    new = Planner(cost, step_cost=step_cost, model=network)
+    new.load_network()
+    new.grid.least, new.grid.greatest = planner.grid.least, planner.grid.greatest  # bounds may be wider than need be
+    new.pyramid.update((0, 0, 40, 70))
+    new._learned.update((0, 0, 40, 70))
+    np.testing.assert_array_equal(planner.grid.weights, new.grid.weights)
+    for ours, wanted in zip(planner.pyramid.levels[1:], new.pyramid.levels[1:], strict=True):
+        np.testing.assert_allclose(ours.grid.weights, wanted.grid.weights, rtol=1e-6)
+        np.testing.assert_array_equal(ours.links, wanted.links)
+        passable = ours.grid.weights[np.isfinite(ours.grid.weights)]
+        assert passable.size == 0 or ours.grid.least <= passable.min() <= passable.max() <= ours.grid.greatest
+    np.testing.assert_allclose(planner._learned.planes, new._learned.planes, atol=1e-6)
+
+
+@pytest.mark.parametrize("edge", [False, True])
 @pytest.mark.parametrize("shape", [(700, 900), (1024, 300), (90, 1500)])
-def test_near_ends_on_a_large_map_are_planned_in_a_window(network, shape):
+def test_near_ends_on_a_large_map_are_planned_in_a_window(network, shape, edge):
+    network = NetworkModel("edge") if edge else network
     rng = np.random.default_rng(2)
     cost = rng.random(shape).astype(np.float32) * 0.9
     planner = Planner(cost, model=network)

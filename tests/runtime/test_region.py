@@ -2,9 +2,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nnpp_edge.runtime.encoding import Frame
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.grid import Grid, StepModel
 from nnpp_edge.runtime.planning.astar import Region, astar
+from nnpp_edge.runtime.planning.planner import Planner
 from nnpp_edge.runtime.planning.workspace import Workspace
 from nnpp_edge.runtime.region import RegionFinder, lowered, probability_of
 from tests import oracles
@@ -107,6 +109,30 @@ def test_cells_that_the_network_is_not_shown_belong_to_no_region(side, above, le
     if td > 0:
         assert not (finder.bitmap[-1] == finder.stamp).any()
         assert not (finder.bitmap[:, -1] == finder.stamp).any()
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(70, 400), st.integers(70, 400), st.integers(0, 2**32))
+def test_on_coarse_cells_the_bound_by_blocks_changes_nothing(rows, cols, seed):
+    rng = np.random.default_rng(seed)
+    planner = Planner((rng.random((rows, cols)) * 0.5).astype(np.float32))
+    level = planner.pyramid.levels[1]
+    lookup, coarse = Frame(rows, cols, 64).lookup(16), []
+    for blocks, cells in zip(lookup, (level.grid.rows, level.grid.cols), strict=True):
+        coarse.append(blocks[np.minimum(np.arange(cells) * 4 + 2, len(blocks) - 1)])
+    probability = rng.random((16, 16)).astype(np.float32)
+    ends = [(int(rng.integers(0, rows)), int(rng.integers(0, cols))) for _ in range(2)]
+    cells = tuple((row // 4, col // 4) for row, col in ends)
+    blocks = tuple((int(lookup[0][row]), int(lookup[1][col])) for row, col in ends)
+    finder = RegionFinder(16)
+    found = {
+        finder.first(
+            probability, level.grid, level.links, level.workspace, tuple(coarse), cells, blocks, True, 0.2,
+            touching=touching,
+        )
+        for touching in (False, True)
+    }  # fmt: skip
+    assert len(found) == 1
 
 
 def test_levels_reach_far_down_and_factors_are_those_of_probabilities():
