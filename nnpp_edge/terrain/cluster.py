@@ -1,5 +1,6 @@
 """Making the shards of a data set on a Dask cluster; dask and distributed are imported only for that."""
 
+import asyncio
 import logging
 import zlib
 from collections.abc import Iterator, Sequence
@@ -60,6 +61,8 @@ def shards_on_cluster(address: str, recipe: Recipe, indices: Sequence[int]) -> S
         return
     dask, distributed = _dask()
     tiles = read_terrain(recipe)
+    with _one_line_error(address, distributed):
+        asyncio.run(_try(address, distributed))
     with (
         _one_line_error(address, distributed),
         dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}),
@@ -97,6 +100,16 @@ def _dask() -> tuple[Any, Any]:
     except ImportError as error:
         raise MissingExtraError("a Dask cluster needs distributed: pip install 'nnpp-edge[cluster]'") from error
     return dask, distributed
+
+
+async def _try(address: str, distributed: Any) -> None:
+    """Connect, and hang up.
+
+    A `Client` that cannot connect is no way to find out: collected as garbage while another is being made, it waits
+    for a lock that the other holds.
+    """
+    comm = await distributed.comm.connect(address)
+    await comm.close()
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """A data set made by a real Dask cluster of two worker processes, some of which are killed."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -7,6 +8,7 @@ import sys
 from functools import partial
 
 import dask
+import distributed
 import numpy as np
 import pytest
 from distributed import LocalCluster
@@ -99,6 +101,8 @@ def test_an_address_without_a_scheduler_is_refused_in_one_line(nnpp_edge, tmp_pa
         ended = nnpp_edge("dataset", "-o", tmp_path / "set", "--maps", 2, "--scheduler", address)
     ended.refused("wanted a Dask scheduler", word)
     assert ended.err.count("\n") == 1
+    left = [one for one in gc.get_objects() if type(one) is distributed.Client and one.status != "closed"]
+    assert not left  # collected as garbage while another is made, they would wait for each other for ever
 
 
 def test_without_distributed_the_extra_is_named(nnpp_edge, tmp_path, monkeypatch):
