@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.rectangle import Rectangle
 
 Float2D = NDArray[np.float32]
-Rectangle = tuple[int, int, int, int]
-"""(row, col, rows, cols) of a part of a map."""
 
 TERMS = ("slope", "roughness", "elevation difference")
 _ROWS_PER_BAND = 64

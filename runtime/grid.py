@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime._jit import kernel
-from nnpp_edge.runtime.costmap import Float2D, Rectangle, as_map
+from nnpp_edge.runtime.costmap import Float2D, as_map
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.rectangle import Rectangle
 
 SQRT2 = math.sqrt(2.0)
 PAPER_OMEGA = 0.011
@@ -60,41 +61,39 @@ class StepModel:
 
 
 @kernel
-def _exchange(cost, floor, scale, ceiling, first, stride, weights, extremes, bounds, was):
+def _exchange(cost, floor, scale, ceiling, first, stride, weights, least, greatest, was):
     """Put the weights of a rectangle's costs into the padded map, from node `first` on, unless a cost is too low.
 
-    The least cost, how many weights differ from those that stood there, and whether one of them fell.
-    bounds = first row and column of those, and one past the last; `was` gets what stood within, if it has room;
-    extremes = least and greatest weight of a passable cell, widened by those that come.
+    The least cost; how many weights differ from those that stood there, and whether one of them fell; first row and
+    column of those, and one past the last; `least` and `greatest`, bounds on the weights of passable cells, widened
+    by those that come. `was` gets what stood within, if it has room.
     """
     changed, fell, lowest = 0, False, np.float32(np.inf)
-    least, greatest = extremes[0], extremes[1]
     top, left, bottom, right = cost.shape[0], cost.shape[1], 0, 0
+    low, high = np.float32(np.inf), np.float32(-np.inf)
     for row in range(cost.shape[0]):
         for col in range(cost.shape[1]):
             t, w = cost[row, col], np.float32(np.inf)
             if t < ceiling:  # no NaN comes here
                 w = np.float32(t * scale)
                 lowest = min(lowest, t)
-                least = min(least, np.float64(w))
-                greatest = max(greatest, np.float64(w))
+                low, high = min(low, w), max(high, w)
             before = weights[first + row * stride + col]
             if w != before:
                 changed += 1
                 fell = fell or w < before
                 top, bottom = min(top, row), row + 1
                 left, right = min(left, col), max(right, col + 1)
-    if lowest < floor:
-        return lowest, 0, False
+    least, greatest = min(least, np.float64(low)), max(greatest, np.float64(high))
+    if changed == 0 or lowest < floor:
+        return lowest, 0, False, 0, 0, 0, 0, least, greatest
     for row in range(top, bottom):
         for col in range(left, right):
             node, t = first + row * stride + col, cost[row, col]
             if len(was):
                 was[(row - top) * (right - left) + col - left] = weights[node]
             weights[node] = np.float32(t * scale) if t < ceiling else np.float32(np.inf)
-    extremes[0], extremes[1] = least, greatest
-    bounds[0], bounds[1], bounds[2], bounds[3] = top, left, bottom, right
-    return lowest, changed, fell
+    return lowest, changed, fell, top, left, bottom, right, least, greatest
 
 
 class Change(NamedTuple):
@@ -185,21 +184,20 @@ class Grid:
             )
         lengths = self.model.kind is StepCost.LENGTH
         whole = (rows, cols) == (self.rows, self.cols)
-        extremes = np.array([np.inf, -np.inf] if whole else [self.least, self.greatest])
-        bounds, was = np.empty(4, np.int64), np.empty(rows * cols if keep else 0, np.float32)
-        lowest, changed, fell = _exchange(
+        least, greatest = (math.inf, -math.inf) if whole else (self.least, self.greatest)
+        was = np.empty(rows * cols if keep else 0, np.float32)
+        lowest, changed, fell, top, left, bottom, right, least, greatest = _exchange(
             cost, _LEAST_ABOVE_0 if lengths else np.float32(0.0), np.float32(self.model.scale),
-            np.float32(np.inf if lengths else 1.0), self.node(row, col), self.stride, self.weights, extremes, bounds,
+            np.float32(np.inf if lengths else 1.0), self.node(row, col), self.stride, self.weights, least, greatest,
             was,
         )  # fmt: skip
         if lowest < 0.0 or (lengths and lowest == 0.0):
             wanted = "greater than 0" if lengths else "at least 0"
             raise InvalidMapError(f"every passable cost must be {wanted}, got one of {lowest:g}")
-        if math.isfinite(extremes[0]):
-            self.least, self.greatest = extremes.tolist()
-        top, left, bottom, right = bounds.tolist() if changed else (0, 0, 0, 0)
+        if math.isfinite(least):
+            self.least, self.greatest = least, greatest
         part = (row + top, col + left, bottom - top, right - left)
-        return Change(int(changed), part, bool(fell), was[: part[2] * part[3]])
+        return Change(changed, part, fell, was[: part[2] * part[3]])
 
     def as_traversability(self) -> tuple[float, float]:
         """Scale and offset from a weight to a traversability cost T in [0, 1].

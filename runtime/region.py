@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.grid import Grid
+from nnpp_edge.runtime.planning.astar import Region
 from nnpp_edge.runtime.planning.expansion import COL_STEP, ROW_STEP
-from nnpp_edge.runtime.planning.pyramid import linked
 from nnpp_edge.runtime.planning.workspace import STAMP_SHIFT, Workspace
 
 LEVELS = 256
@@ -94,6 +94,19 @@ def adaptive_threshold(levels, start_row, start_col, goal_row, goal_col, heads, 
                     bucket = min(width, np.int64(levels[i, j]))
                     following[there] = heads[bucket]
                     heads[bucket] = there
+
+
+@kernel
+def linked(weights, links, node, k, stride, corner_cutting):
+    """Whether a step in direction k leads from a passable cell to another."""
+    if links is not None:
+        return (links[node] >> k) & 1 != 0
+    there = node + ROW_STEP[k] * stride + COL_STEP[k]
+    if weights[there] == np.inf:
+        return False
+    if k < 4 or corner_cutting:
+        return True
+    return weights[node + ROW_STEP[k] * stride] != np.inf and weights[node + COL_STEP[k]] != np.inf
 
 
 @kernel
@@ -203,14 +216,21 @@ class RegionFinder:
     def __init__(self, blocks: int) -> None:
         padded = (blocks + 1, blocks + 1)
         self._levels: NDArray[np.uint8] = np.zeros(padded, np.uint8)
-        self.bitmap: NDArray[np.int32] = np.zeros(padded, np.int32)
-        """The last row and column belong to no region: cells that the network is not shown lie there."""
+        self._bitmaps: NDArray[np.int32] = np.zeros((2, *padded), np.int32)
         self.at_td: NDArray[np.int32] = np.zeros(padded, np.int32)
         """The region at td itself, by `first`; it stays while wider ones are searched."""
         self.stamp = 0
         self._heads = np.empty(LEVELS, np.int32)
         self._following = np.empty(self._levels.size, np.int32)
         self._done = np.empty(self._levels.size, np.uint8)
+
+    @property
+    def bitmap(self) -> NDArray[np.int32]:
+        """(B + 1, B + 1) int32, where the blocks of `stamp` were marked; it holds until the marking after the next.
+
+        The last row and column belong to no region: cells that the network is not shown lie there.
+        """
+        return self._bitmaps[self.stamp % 2]
 
     @property
     def levels(self) -> NDArray[np.uint8]:
@@ -268,8 +288,11 @@ class RegionFinder:
             )
         )  # fmt: skip
 
-    def mark(self, threshold: int, start: tuple[int, int], goal: tuple[int, int], radius: int = 0) -> int:
-        """Number the blocks at or above a threshold in `bitmap`; the number."""
+    def mark(self, threshold: int, start: tuple[int, int], goal: tuple[int, int], radius: int = 0) -> None:
+        """Number the blocks at or above a threshold in `bitmap`; the number is `stamp`."""
         self.stamp += 1
         fill_region(self._levels, threshold, *start, *goal, self.stamp, radius, self.bitmap)
-        return self.stamp
+
+    def region(self, lookup: tuple[NDArray[np.int32], NDArray[np.int32]]) -> Region:
+        """The blocks marked last, as a region of the grid whose rows and columns lie in the blocks of `lookup`."""
+        return Region(self.bitmap, *lookup, self.stamp)

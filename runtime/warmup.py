@@ -36,7 +36,7 @@ from nnpp_edge.runtime.region import RegionFinder, lowered
 _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
 _STILL_IN_USE_S = 3600.0
 """A folder written to within this time may belong to a process that is still running: it is left alone."""
-_SHAPES = ((40, 56), (200, 130), (520, 96))
+_SHAPES = ((40, 56), (200, 130), (520, 96), (1030, 24))
 """Below and above every size at which the planner changes its ways."""
 
 
@@ -170,6 +170,7 @@ def _exercise_replanning(grid: Grid, corner_cutting: bool) -> None:
             search.plan(start, deadline=time.monotonic() + 60.0)
             grid.update(np.full((1, 2), 0.5, np.float32), (1, 4))
             search.cells_changed(1, 4, 1, 2)
+            search.reach()
 
 
 def _exercise_dynamic(
@@ -179,10 +180,12 @@ def _exercise_dynamic(
         cost, goal, also=tuple(DynamicMethod), step_cost=step_cost, corner_cutting=corner_cutting, model=network
     )
     planner.prepare()
+    shape = planner.shape
     for at, method in enumerate(DynamicMethod):
         planner.move((1, 2 + at))
         planner.replan(method=method)
-        for patch in (np.full((1, 2), 0.3 + 0.02 * at, np.float32), _read_only(np.full((1, 2), 0.31, np.float32))):
+        part = (shape[0] // 4, shape[1] // 4)  # enough that the network's view is compared with what it saw
+        for patch in (np.full(part, 0.3 + 0.02 * at, np.float32), _read_only(np.full((1, 2), 0.31, np.float32))):
             planner.update(1, 4, patch)
         planner.standing()
         planner.replan(method=method, time_limit_s=60.0)

@@ -81,7 +81,7 @@ def run_scene(
     stride: int = STRIDE,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[SceneRow]:
-    """Have every method live through the same episodes, in turns at each step.
+    """Have every method live through the same episodes, one after another at each step, in an order drawn anew.
 
     Parameters
     ----------
@@ -167,11 +167,10 @@ def _live_through(
     }
     for planner in planners.values():
         planner.prepare()
-    answers = []
+    answers, order = [], np.random.default_rng(turn)
     for at, step in enumerate(episode.steps):
         plans: dict[DynamicMethod, Replan] = {}
-        for n in range(len(names)):
-            number = (n + turn + at) % len(names)
+        for number in order.permutation(len(names)):  # so that none always finds its code warmed by the same other
             planner = planners[names[number]]
             began = time.perf_counter()
             for row, col, patch in step.patches:

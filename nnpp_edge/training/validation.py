@@ -108,7 +108,8 @@ class Validator:
                 a, b = ((int(self.lookup[0][r]), int(self.lookup[1][c])) for r, c in (start, goal))
                 self.finder.read(probabilities[at])
                 threshold = lowered(self.finder.threshold(a, b), factor)
-                region = Region(self.finder.bitmap, *self.lookup, self.finder.mark(threshold, a, b))
+                self.finder.mark(threshold, a, b)
+                region = self.finder.region(self.lookup)
                 cost, _ = self._search(query, region)
                 optimum, cells = self.optima[at]
                 if cost < float("inf"):

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.costmap import Float2D, Rectangle, Traversability, as_map, traversability_cost, update_cost
+from nnpp_edge.runtime.costmap import Float2D, Traversability, as_map, traversability_cost, update_cost
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.grid import StepCost
 from nnpp_edge.runtime.loop.messages import MapPatch
-from nnpp_edge.runtime.planning.dynamic import enclosing
+from nnpp_edge.runtime.rectangle import Rectangle, enclosing
 
 
 @dataclass(frozen=True)

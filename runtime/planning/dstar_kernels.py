@@ -234,10 +234,10 @@ def clear(goal, state, position, firsts, seconds, nodes):
 
 
 @kernel
-def least_known(changed, first, last, inside, state):
-    """The least g of changed nodes, from number `first` up to `last`, that the region holds; inf without any."""
+def least_known(changed, count, inside, state):
+    """The least g of changed nodes that the region holds; inf without any."""
     least = np.inf
-    for n in range(first, last):
+    for n in range(count):
         node = changed[n]
         if inside[node]:
             least = min(least, state[2 * node])

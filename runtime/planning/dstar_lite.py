@@ -34,10 +34,12 @@ from nnpp_edge.runtime.planning.dstar_kernels import (
     read_region,
 )
 from nnpp_edge.runtime.planning.plan import measure
+from nnpp_edge.runtime.rectangle import Rectangle
 
 _UNITS = float(1 << 20)
 """Units in the cheapest straight step: a step is rounded by at most 2 of them."""
 _EXPANSIONS_BETWEEN_CHECKS = 4096
+_MOST_UNREAD = 64
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ class DStarLite:
     Parameters
     ----------
     grid : Grid
-        The map; read when its cells are said to have changed, not otherwise.
+        The map; read where its cells are said to have changed, not otherwise.
     goal : (row, col)
         A cell of the map.
     corner_cutting : bool
@@ -110,6 +112,8 @@ class DStarLite:
         self._ws.inside[:] = 1
         self._least = grid.least if math.isfinite(grid.least) else 0.0
         self._pending, self._size, self._km = 0, 0, 0.0
+        self._unread: list[Rectangle] = []
+        """Parts of the grid that may have changed since they were read; that is done when somebody asks."""
         self.beginnings = 0
         """How often all that was found has been forgotten: with a new goal, or as cells became too cheap."""
         self.set_goal(goal)
@@ -138,7 +142,7 @@ class DStarLite:
         self._km += float(octile(to_row - row, to_col - col, self._prices))
         if self._region is not self._everywhere:  # start and goal count as inside it
             for end in (left, node):
-                self._revise((*self._cell(end), 1, 1))
+                self._note((*self._cell(end), 1, 1))
 
     def cells_changed(self, row: int, col: int, rows: int, cols: int) -> None:
         """The grid's weights may have changed in this rectangle.
@@ -162,13 +166,14 @@ class DStarLite:
             self._least = grid.least
             self._begin()
         else:
-            self._revise((row, col, rows, cols))
+            self._note((row, col, rows, cols))
 
     def set_region(self, region: Region | None) -> None:
         """Search only there from now on; None for the whole map.
 
         Start and goal count as inside. The bitmap is read now and may be changed afterwards.
         """
+        self._read()
         region = region or self._everywhere
         mask = region.bitmap == region.stamp
         known = self._region
@@ -185,18 +190,8 @@ class DStarLite:
             self._start, self._goal, ws.costs, ws.walls, ws.inside, ws.changed, ws.is_changed, self._pending,
         )  # fmt: skip
 
-    @property
-    def noted(self) -> int:
-        """How many nodes were put down as changed and wait for the next plan."""
-        return self._pending
-
-    def reach(self, since: int = 0) -> float:
+    def reach(self) -> float:
         """How far changes reach: the share of the way, by cost, that lies between the start and the farthest of them.
-
-        Parameters
-        ----------
-        since : int
-            Of the changes noted, those after so many count.
 
         Returns
         -------
@@ -205,8 +200,9 @@ class DStarLite:
             start lies where no search has come, and a change does not). What was found on that part of the way may
             have to be mended.
         """
+        self._read()
         ws = self._ws
-        nearest = least_known(ws.changed, since, self._pending, ws.inside, ws.state)
+        nearest = least_known(ws.changed, self._pending, ws.inside, ws.state)
         whole = min(ws.state[2 * self._start : 2 * self._start + 2].tolist())
         if not math.isfinite(nearest):
             return 0.0
@@ -236,6 +232,7 @@ class DStarLite:
             What a fresh search would find, and where several paths cost the same perhaps another of them.
         """
         self.move_start(start)
+        self._read()
         expansions = 0
         if math.isfinite(self._ws.costs[self._start]) and math.isfinite(self._ws.costs[self._goal]):
             for fresh in (False, True):
@@ -278,6 +275,7 @@ class DStarLite:
         self._prices = (straight, min(diagonal, 2.0 * straight))
         ws, grid = self._ws, self._grid
         ws.is_changed[:] = 0
+        self._unread.clear()
         self._pending, self._km = 0, 0.0
         read_map(
             grid.rows, grid.cols, grid.weights, self._factor, grid.stride, self._start, self._goal,
@@ -285,12 +283,20 @@ class DStarLite:
         )  # fmt: skip
         self._size = clear(self._goal, ws.state, ws.position, ws.firsts, ws.seconds, ws.heap_nodes)
 
-    def _revise(self, part: tuple[int, int, int, int]) -> None:
+    def _note(self, part: Rectangle) -> None:
+        self._unread.append(part)
+        if len(self._unread) > _MOST_UNREAD:
+            self._read()
+
+    def _read(self) -> None:
+        """Take over what the grid says now of the parts noted."""
         ws, grid = self._ws, self._grid
-        self._pending = read_rectangle(
-            *part, grid.weights, self._factor, grid.stride, self._start, self._goal,
-            ws.costs, ws.walls, ws.inside, ws.changed, ws.is_changed, self._pending,
-        )  # fmt: skip
+        for part in self._unread:
+            self._pending = read_rectangle(
+                *part, grid.weights, self._factor, grid.stride, self._start, self._goal,
+                ws.costs, ws.walls, ws.inside, ws.changed, ws.is_changed, self._pending,
+            )  # fmt: skip
+        self._unread.clear()
 
     def _search(self, deadline: float, cancelled: Callable[[], bool] | None) -> tuple[bool, int]:
         """Mend the search until the start is settled: whether it is, and the number of expansions."""

@@ -7,12 +7,12 @@ anew. Every method answers on the newest map; they differ in what they keep from
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from nnpp_edge.runtime.costmap import Float2D, Rectangle
+from nnpp_edge.runtime.costmap import Float2D
 from nnpp_edge.runtime.encoding import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepModel
@@ -25,6 +25,7 @@ from nnpp_edge.runtime.planning.plan import Method, Plan, Source, measure
 from nnpp_edge.runtime.planning.query import Query, as_cell, problem_with
 from nnpp_edge.runtime.planning.validity import Standing, StandingPath
 from nnpp_edge.runtime.planning.workspace import Workspace
+from nnpp_edge.runtime.rectangle import Rectangle, apart, enclosing
 
 _MOST_CHANGES = 64
 """Rectangles that are kept apart; one more and they are taken for the one that holds them all."""
@@ -84,9 +85,9 @@ class Replan(Plan):
         return super().summary() | {"method": str(self.by)}
 
     @classmethod
-    def of(cls, plan: Plan, by: DynamicMethod) -> "Replan":
-        """A plan under its dynamic method's name."""
-        return cls(**{f.name: getattr(plan, f.name) for f in fields(Plan)}, by=by)
+    def of(cls, plan: Plan, by: DynamicMethod, reason: str = "") -> "Replan":
+        """A plan under its dynamic method's name, with the reason given, if one is."""
+        return cls(**vars(plan) | {"by": by, "reason": reason or plan.reason})
 
 
 class DynamicPlanner:
@@ -282,7 +283,7 @@ class DynamicPlanner:
     def _auto(self, deadline: float, cancelled: Callable[[], bool] | None) -> Replan:
         """By what is soonest done from here."""
         start, goal = self._where(), self._goal
-        if _apart((*start, 1, 1), goal) < _NEAR:
+        if apart((*start, 1, 1), goal) < _NEAR:
             return self._plan(DynamicMethod.ASTAR, f"the goal is less than {_NEAR} cells away", deadline, cancelled)
         if self.path.plan is None or not self._worth_mending(start):
             return self._plan(DynamicMethod.CORRIDOR, "much may be another", deadline, cancelled)
@@ -299,11 +300,11 @@ class DynamicPlanner:
 
     def _worth_mending(self, start: Cell) -> bool:
         """Whether the goal is far, and little has changed since the last answer, near the start."""
-        apart = _apart((*start, 1, 1), self._goal)
-        if apart < _MEND_FROM or self._changed > _FEW_CHANGES * self.grid.cells:
+        distance = apart((*start, 1, 1), self._goal)
+        if distance < _MEND_FROM or self._changed > _FEW_CHANGES * self.grid.cells:
             return False
-        reach = _NEAR_START * apart
-        return all(_apart(part, start) + max(part[2:]) <= reach for part in self._changes)
+        reach = _NEAR_START * distance
+        return all(apart(part, start) + max(part[2:]) <= reach for part in self._changes)
 
     def _plan(
         self, method: DynamicMethod, reason: str, deadline: float, cancelled: Callable[[], bool] | None,
@@ -319,7 +320,7 @@ class DynamicPlanner:
         self._planner.mending, self._drift = mending if method in _INCREMENTAL else Mending.NEVER, 1.0
         left = deadline - time.monotonic()
         plan = self._planner.plan(start, self._goal, method=_BASE[method], time_limit_s=left, cancelled=cancelled)
-        return replace(Replan.of(plan, method), reason=reason or self._planner.account)
+        return Replan.of(plan, method, reason or self._planner.account)
 
     def _whole_map(self, method: DynamicMethod, query: Query) -> Plan:
         if method is DynamicMethod.ASTAR:
@@ -350,19 +351,6 @@ class DynamicPlanner:
 
     def _query(self, start: Cell, reason: str, deadline: float, cancelled: Callable[[], bool] | None) -> Query:
         return Query(start, self._goal, self.corner_cutting, deadline, cancelled, math.inf, reason)
-
-
-def enclosing(parts: Sequence[Rectangle]) -> Rectangle:
-    """The least rectangle that holds all of these, of which there is at least one."""
-    row, col = min(part[0] for part in parts), min(part[1] for part in parts)
-    bottom, right = max(part[0] + part[2] for part in parts), max(part[1] + part[3] for part in parts)
-    return row, col, bottom - row, right - col
-
-
-def _apart(part: Rectangle, cell: Cell) -> int:
-    """Cells between a rectangle and a cell, as the king moves; 0 inside."""
-    row, col, rows, cols = part
-    return max(row - cell[0], cell[0] - (row + rows - 1), col - cell[1], cell[1] - (col + cols - 1), 0)
 
 
 def _method(name: str) -> DynamicMethod:

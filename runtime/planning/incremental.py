@@ -2,6 +2,7 @@
 
 import math
 from enum import Enum, auto
+from typing import Any
 
 import numpy as np
 
@@ -16,11 +17,14 @@ from nnpp_edge.runtime.planning.plan import Method, Plan, Source
 from nnpp_edge.runtime.planning.planner import Planner
 from nnpp_edge.runtime.planning.pyramid import FACTOR
 from nnpp_edge.runtime.planning.query import Query
+from nnpp_edge.runtime.rectangle import Rectangle, apart, enclosing
 
 _MOST_JOINED = 3
 """Regions are joined as long as they hold at most so many times the blocks of the newest."""
 _DEARER = 2.5
 """Time that D* Lite takes to expand a cell, over what A* takes."""
+_MOST_CHANGES = 64
+"""Rectangles that are kept apart; one more and they are taken for the one that holds them all."""
 _MENDED_TWICE = 2.0
 """Cells that became dearer, and all whose path led over them, are expanded twice: first to be given up."""
 
@@ -51,18 +55,28 @@ class DStarPlanner(Planner):
     account = ""
     """Which way the last region was searched, and why; empty where there was no choice."""
     _dstar: DStarLite | None = None
-    _seen = 0
-    """Changes that D* Lite had noted at the last query."""
+    _known: Region | None = None
+    """What D* Lite has searched; None where it has forgotten all."""
+    _last: Region | None = None
+    """What was searched last, by either."""
     _beginnings = 0
     """How often D* Lite had forgotten all by its last search."""
     _missed = 0.0
     """What mending would have saved since it was last done, had it been done each time, in fresh searches."""
+
+    def __init__(self, cost: Float2D, **options: Any) -> None:
+        super().__init__(cost, **options)
+        self._changes: list[Rectangle] = []
+        """Since the last region was searched."""
 
     def take(self, row: int, col: int, patch: Float2D, *, keep: bool = False) -> Change:
         """As `Planner.take`; D* Lite takes note."""
         change = super().take(row, col, patch, keep=keep)
         if self._dstar is not None and change.cells:
             self._dstar.cells_changed(*change.part)
+            self._changes.append(change.part)
+            if len(self._changes) > _MOST_CHANGES:
+                self._changes = [enclosing(self._changes)]
         return change
 
     def expect(self, goal: Cell) -> None:
@@ -73,14 +87,15 @@ class DStarPlanner(Planner):
         elif self._dstar.goal != goal:
             self._dstar.set_goal(goal)
         corridor = (2 * math.ceil(self.grid.rows / FACTOR), 2 * math.ceil(self.grid.cols / FACTOR))
-        self._known = self._last = Region(np.zeros(corridor, np.int32), *self.pyramid.levels[0].quarters)
-        self._dstar.set_region(self._known)
+        self._dstar.set_region(Region(np.zeros(corridor, np.int32), *self.pyramid.levels[0].quarters))
         self._dstar.plan(goal)  # so that the cells left out are dealt with now
-        self._seen, self._missed, self._beginnings = 0, 0.0, self._dstar.beginnings
+        self._known = self._last = None
+        self._changes.clear()
+        self._missed, self._beginnings = 0.0, self._dstar.beginnings
 
     def mends(self, goal: Cell) -> bool:
         """Whether there is a search to be mended, for this goal."""
-        return self._dstar is not None and self._dstar.goal == goal and bool(self._known.bitmap.any())
+        return self._dstar is not None and self._dstar.goal == goal and self._known is not None
 
     def mend(self, query: Query) -> Plan:
         """Search the region that D* Lite knows again, from another start and on the map as it is now."""
@@ -95,41 +110,49 @@ class DStarPlanner(Planner):
             self.expect(query.goal)
         assert self._dstar is not None
         self._dstar.move_start(query.start)
-        if self.mending is Mending.WHERE_LESS_WORK and not self._worth_mending(region):
+        if self.mending is Mending.WHERE_LESS_WORK and not self._worth_mending(query, region):
             return super()._search(query, level, region, band)
-        self._known = self._last = self._joined(region)
+        self._last, self._known = region, self._joined(region)
         self._dstar.set_region(self._known)
         return self._in_region(query)
 
-    def _worth_mending(self, region: Region) -> bool:
+    def _worth_mending(self, query: Query, region: Region) -> bool:
         """Whether D* Lite is expected to search a region with less work than A*, now or before long.
 
         A fresh search expands most of a region. D* Lite expands the cells that are new to it, and twice those
         that lie between the start and a change, and takes longer for each. What a fresh search leaves unmended is to
         be mended later: once steps that D* Lite would have made cheaply sum to what that is dearer by, it is mended
-        after all.
+        after all. What such a step would have taken is put down by the distances of the changes.
         """
         assert self._dstar is not None
         if self._dstar.beginnings != self._beginnings:
-            self._known = Region(np.zeros((0, 0), np.int32), region.row_block, region.col_block)
-        mended, step = (
-            _DEARER * (_new_share(region, known) + _MENDED_TWICE * self._dstar.reach(since))
-            for known, since in ((self._known, 0), (self._last, min(self._seen, self._dstar.noted)))
-        )
-        inside = (region.bitmap == region.stamp).astype(np.int32)
-        self._last = Region(inside, region.row_block, region.col_block)
-        self._seen = self._dstar.noted
+            self._known = None
+        mended = _DEARER * _new_share(region, self._known)
+        looked = mended <= 1.0 + self._missed
+        if looked:
+            mended += _DEARER * _MENDED_TWICE * self._dstar.reach()
+        step = _DEARER * _MENDED_TWICE * self._reach(query)
+        if step < 1.0:
+            step += _DEARER * _new_share(region, self._last)
+        self._last = region
+        self._changes.clear()
         worth = mended <= 1.0 + self._missed
         if not worth:
             self._missed += max(1.0 - step, 0.0)
         did = "mended" if worth else "searched afresh"
-        self.account = f"{did}: mending was put at {mended:.2f} times the work of a fresh search"
+        least = "" if looked else "at least "
+        self.account = f"{did}: mending was put at {least}{mended:.2f} times the work of a fresh search"
         return worth
+
+    def _reach(self, query: Query) -> float:
+        """As `DStarLite.reach`, by distances as the king moves."""
+        nearest = min((apart(part, query.goal) for part in self._changes), default=query.apart)
+        return max(1.0 - nearest / query.apart, 0.0)
 
     def _joined(self, region: Region) -> Region:
         """The region together with the last one: to D* Lite, cells that leave are much work, and stay for nothing."""
         wanted, known = region.bitmap == region.stamp, self._known
-        both = wanted | (known.bitmap != 0) if _comparable(region, known) else wanted
+        both = wanted | (known.bitmap == known.stamp) if known and _comparable(region, known) else wanted
         if np.count_nonzero(both) > _MOST_JOINED * np.count_nonzero(wanted):
             both = wanted
         return Region(both.astype(np.int32), region.row_block, region.col_block)
@@ -138,7 +161,8 @@ class DStarPlanner(Planner):
         assert self._dstar is not None
         found = self._dstar.plan(query.start, deadline=query.deadline, cancelled=query.cancelled)
         query.expansions += found.expansions
-        self._seen, self._missed, self._beginnings = 0, 0.0, self._dstar.beginnings
+        self._missed, self._beginnings = 0.0, self._dstar.beginnings
+        self._changes.clear()
         query.lap("search")
         # D* Lite does not say what it refused: the octile distance is the bound
         straight = octile.py_func(*query.start, *query.goal, *prices(self.grid))
@@ -150,21 +174,21 @@ def _comparable(one: Region, other: Region) -> bool:
     return one.bitmap.shape == other.bitmap.shape and one.row_block is other.row_block
 
 
-def _new_share(region: Region, known: Region) -> float:
-    """The share of a region's blocks that are outside another, which is stamped 1."""
-    if not _comparable(region, known):
+def _new_share(region: Region, known: Region | None) -> float:
+    """The share of a region's blocks that are outside another; None holds nothing."""
+    if known is None or not _comparable(region, known):
         return 1.0
-    blocks, new = _count(region.bitmap, region.stamp, known.bitmap)
+    blocks, new = _count(region.bitmap, region.stamp, known.bitmap, known.stamp)
     return new / blocks if blocks else 0.0
 
 
 @kernel
-def _count(bitmap, stamp, known):
-    """How many blocks a region has, and how many of them are 0 in another."""
+def _count(bitmap, stamp, known, known_stamp):
+    """How many blocks a region has, and how many of them are outside another."""
     blocks, new = 0, 0
     for i in range(bitmap.shape[0]):
         for j in range(bitmap.shape[1]):
             inside = bitmap[i, j] == stamp
             blocks += inside
-            new += inside and known[i, j] == 0
+            new += inside and known[i, j] != known_stamp
     return blocks, new

@@ -1,5 +1,6 @@
 """The network's side of a planner: its view of the map, and regions from its answers."""
 
+import math
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.costmap import Rectangle
 from nnpp_edge.runtime.encoding import Cell, Frame, map_planes, mean_difference
 from nnpp_edge.runtime.grid import GREY_LEVELS, Grid, StepCost
 from nnpp_edge.runtime.inference import NetworkModel
@@ -15,6 +15,7 @@ from nnpp_edge.runtime.planning.astar import Region
 from nnpp_edge.runtime.planning.plan import Source
 from nnpp_edge.runtime.planning.pyramid import FACTOR, Level
 from nnpp_edge.runtime.planning.query import Query
+from nnpp_edge.runtime.rectangle import Rectangle, common
 from nnpp_edge.runtime.region import RegionFinder, lowered, probability_of
 
 Lookup = tuple[NDArray[np.int32], NDArray[np.int32]]
@@ -23,6 +24,8 @@ _ROUNDED = 32
 """A window's corner and side are multiples of so many cells."""
 _WORTH_A_WINDOW = 0.6
 """Share of the map's longer side from which on the network is shown the whole map instead of a window."""
+_MOST_UNREAD = 16
+"""Changed parts that are kept apart until they are read; one more, and the window is read as a whole."""
 _WIDENED_FACTOR, _WIDENED_BLOCKS = 0.25, 1
 """To widen a region, the threshold is multiplied by the first and so many blocks are added all around."""
 
@@ -38,9 +41,10 @@ class LearnedRegions:
         A shipped model's name, a file, or a model already loaded.
     overlooked : float
         With 0, regions depend on the map and the query alone. Else on what was before, too: a network in two parts
-        looks at a changed map again once its view differs by more than this from what it saw last (the mean
-        difference of a cell's cost, and of its share of impassable cells, in [0, 1]), and is shown another window
-        only where the standing one does not hold start and goal, or is over four times as wide as need be.
+        looks at a changed map again once more than this share of the cells it saw is different, and so is its view
+        of them (by the mean difference of a cell's cost, and of its share of impassable cells, in [0, 1]); and it is
+        shown another window only where the standing one does not hold start and goal, or is over four times as wide
+        as need be.
 
     Raises
     ------
@@ -64,17 +68,21 @@ class LearnedRegions:
         self.overlooked = overlooked if self.model.in_parts else 0.0
         self._shown = np.full_like(self.planes, np.inf)
         """What the network saw last."""
+        self._unread: list[Rectangle] = []
+        """What has changed since the planes were read, as parts of the window."""
+        self._drift: float = math.inf
+        """Share of the window that has changed since the network saw it: by cells told, or where measured, planes."""
         self.finder = RegionFinder(blocks)
         self._look_at((0, 0, grid.rows, grid.cols))
 
-    def update(self, changed: Rectangle) -> None:
-        """The grid is another in this rectangle: bring the network's view up to date where it shows that."""
-        row0, col0, rows, cols = self.window
-        top, left = max(changed[0], row0), max(changed[1], col0)
-        bottom = min(changed[0] + changed[2], row0 + rows)
-        right = min(changed[1] + changed[3], col0 + cols)
-        if top < bottom and left < right:
-            self._read_map((top - row0, left - col0, bottom - top, right - left))
+    def update(self, changed: Rectangle, cells: int) -> None:
+        """So many cells of the grid, all in this rectangle, are other ones; they are read when that is needed."""
+        if part := common(changed, self.window):
+            row0, col0, rows, cols = self.window
+            self._drift += cells / (rows * cols)
+            self._unread.append((part[0] - row0, part[1] - col0, *part[2:]))
+            if len(self._unread) > _MOST_UNREAD:
+                self._unread = [(0, 0, rows, cols)]
 
     def _look_at(self, window: Rectangle) -> None:
         """Show the network this rectangle of the map."""
@@ -89,15 +97,14 @@ class LearnedRegions:
             lookup.append(whole)
         self.lookup = lookup[0], lookup[1]
         self._level_lookups: dict[int, tuple[Lookup, bool]] = {}
-        self._shown[:] = np.inf
-        self._read_map(None)
+        self._unread, self._drift = [], math.inf
+        self._read(None)
 
-    def _read_map(self, part: Rectangle | None) -> None:
-        row0, col0, *_ = self.window
-        grid = self.grid
+    def _read(self, part: Rectangle | None) -> None:
+        """Bring the planes up to date with the map."""
+        grid, (row0, col0, *_) = self.grid, self.window
         first = grid.weights[row0 * grid.stride + col0 :]
         map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self.planes, part)
-        self._changed = True
 
     def _window(self, query: Query) -> Rectangle:
         """What to show the network: a square around start and goal where it shows the query finer than the map does.
@@ -105,29 +112,25 @@ class LearnedRegions:
         Its side is twice the distance, so that there is room for detours, and its corners are rounded: a robot
         on its way sees the same window for a while.
         """
-        whole = (self.grid.rows, self.grid.cols)
+        rows, cols = self.grid.rows, self.grid.cols
         side = max((2 * query.apart // _ROUNDED + 2) * _ROUNDED, self.size)
         if self.overlooked and max(self.window[2:]) <= 4 * side and self._holds(query.start, query.goal):
             return self.window
-        if side > _WORTH_A_WINDOW * max(whole):
-            return (0, 0, *whole)
+        if side > _WORTH_A_WINDOW * max(rows, cols):
+            return (0, 0, rows, cols)
         corner = [
             min(max((a + b - side + _ROUNDED) // (2 * _ROUNDED) * _ROUNDED, 0), max(cells - side, 0))
-            for a, b, cells in zip(query.start, query.goal, whole, strict=True)
+            for a, b, cells in zip(query.start, query.goal, (rows, cols), strict=True)
         ]
-        return corner[0], corner[1], min(side, whole[0]), min(side, whole[1])
+        return corner[0], corner[1], min(side, rows), min(side, cols)
 
     def _holds(self, *cells: Cell) -> bool:
         """Whether the window holds these cells, and an eighth of its side around them where the map goes on."""
-        for first, seen, cells_of_map, at in zip(
-            self.window[:2], self.window[2:], (self.grid.rows, self.grid.cols), zip(*cells, strict=True), strict=True
-        ):
-            margin = seen // 8
-            low = first + margin if first else 0
-            high = first + seen - margin if first + seen < cells_of_map else cells_of_map
-            if min(at) < low or max(at) >= high:
-                return False
-        return True
+        row, col, rows, cols = self.window
+        low_row, low_col = row + rows // 8 if row else 0, col + cols // 8 if col else 0
+        high_row = row + rows - (rows // 8 if row + rows < self.grid.rows else 0)
+        high_col = col + cols - (cols // 8 if col + cols < self.grid.cols else 0)
+        return all(low_row <= r < high_row and low_col <= c < high_col for r, c in cells)
 
     def regions(self, query: Query, level: Level, number: int) -> Iterator[tuple[Region | None, Source]]:
         """Regions of `level`, the pyramid's of that number, to search one after another until one suffices.
@@ -147,10 +150,10 @@ class LearnedRegions:
         query.network_region = Region(finder.at_td, *self.lookup, finder.stamp)
         query.lap("threshold")
         if td > 0:
-            yield Region(finder.bitmap, *lookup, finder.stamp), Source.REGION
-            stamp = finder.mark(lowered(td, self.factor * _WIDENED_FACTOR), *ends, _WIDENED_BLOCKS)
+            yield finder.region(lookup), Source.REGION
+            finder.mark(lowered(td, self.factor * _WIDENED_FACTOR), *ends, _WIDENED_BLOCKS)
             query.lap("threshold")
-            yield Region(finder.bitmap, *lookup, stamp), Source.WIDENED
+            yield finder.region(lookup), Source.WIDENED
         if number:
             yield None, Source.WIDENED if td > 0 else Source.REGION
 
@@ -158,9 +161,8 @@ class LearnedRegions:
         """The network's answer."""
         if (window := self._window(query)) != self.window:
             self._look_at(window)
-        if self.model.owner is not self or (self._changed and self._differs()):
+        if self.model.owner is not self or self._differs():
             self._show()
-        self._changed = False  # or by too little
         ends = self._place(query.start), self._place(query.goal)
         if self.model.in_parts:
             query.lap("encode")
@@ -179,14 +181,24 @@ class LearnedRegions:
             self.model.run()
 
     def _show(self) -> None:
+        self._read_changes()
         self.model.set_map(self.planes)
         self.model.owner = self
         self._shown[:] = self.planes
-        self._changed = False
+        self._drift = 0.0
 
     def _differs(self) -> bool:
         """Whether the network should look at the map again."""
-        return self.overlooked == 0.0 or mean_difference(self.planes, self._shown) > self.overlooked
+        if 0.0 < self.overlooked < self._drift < math.inf:  # some may have changed back
+            self._read_changes()
+            rows, cols = self.frame.inner
+            self._drift = mean_difference(self.planes, self._shown) * self.size**2 / (rows * cols)
+        return self._drift > self.overlooked
+
+    def _read_changes(self) -> None:
+        for part in self._unread:
+            self._read(part)
+        self._unread.clear()
 
     def _place(self, cell: Cell) -> tuple[float, float]:
         return self.frame.place((cell[0] - self.window[0], cell[1] - self.window[1]))

@@ -157,12 +157,12 @@ class Planner:
             return change
         if change.cheaper:
             self.landmarks = None
-        part = change.part
+        part, cells = change.part, change.cells
         if grid.model.kind is StepCost.LENGTH and before != (grid.least, grid.greatest):
-            part = (0, 0, grid.rows, grid.cols)  # coarse cells and the network's view go by the extremes
+            part, cells = (0, 0, grid.rows, grid.cols), grid.cells  # coarse cells and the network's view go by these
         self.pyramid.update(part)
         if self._learned is not None:
-            self._learned.update(part)
+            self._learned.update(part, cells)
         return change
 
     def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:

@@ -16,17 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime._jit import kernel
-from nnpp_edge.runtime.costmap import Rectangle
 from nnpp_edge.runtime.grid import Grid, StepCost
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planning.astar import Region, Search, astar
 from nnpp_edge.runtime.planning.expansion import COL_STEP, DIRECTION, ROW_STEP
 from nnpp_edge.runtime.planning.landmarks import Landmarks
 from nnpp_edge.runtime.planning.workspace import OPEN_BIT, STAMP_SHIFT, Workspace
+from nnpp_edge.runtime.rectangle import Rectangle
 
 Cell = tuple[int, int]
 
 FACTOR = 4
+ALL = (1 << FACTOR * FACTOR) - 1
+"""The piece of a coarse cell that is passable all over."""
+_FIRST_ROW = (1 << FACTOR) - 1
+_FIRST_COL = ALL // _FIRST_ROW
+_LAST_COL = _FIRST_COL << FACTOR - 1
+_TO_LAST_ROW = FACTOR * (FACTOR - 1)
 _SMALLEST = 64
 """A level above the first coarse one is made only if its longer side has as many cells."""
 _LANDMARKS = 4
@@ -37,16 +43,32 @@ _MOST_CELLS_FOR_LANDMARKS = 1 << 15
 
 
 @kernel
-def linked(weights, links, node, k, stride, corner_cutting):
-    """Whether a step in direction k leads from a passable cell to another."""
-    if links is not None:
-        return (links[node] >> k) & 1 != 0
-    there = node + ROW_STEP[k] * stride + COL_STEP[k]
-    if weights[there] == np.inf:
-        return False
-    if k < 4 or corner_cutting:
-        return True
-    return weights[node + ROW_STEP[k] * stride] != np.inf and weights[node + COL_STEP[k]] != np.inf
+def _spread(piece, diagonally):
+    """A set of a coarse cell's 16 cells, as bits row by row, and their neighbours within it."""
+    beside = piece | (piece & ~_LAST_COL) << 1 | (piece & ~_FIRST_COL) >> 1
+    up_and_down = beside if diagonally else piece
+    return (beside | up_and_down << FACTOR | up_and_down >> FACTOR) & ALL
+
+
+@kernel
+def _largest_of(passable, diagonally):
+    """The largest connected set of the passable cells under a coarse cell, where passability alone decides.
+
+    A diagonal step that may not cut corners joins no cells that straight steps do not.
+    """
+    best, best_size = 0, 0
+    while passable:
+        before, piece = 0, passable & -passable
+        while piece != before:
+            before, piece = piece, _spread(piece, diagonally) & passable
+        passable &= ~piece
+        size, rest = 0, piece
+        while rest:
+            rest &= rest - 1
+            size += 1
+        if size > best_size:
+            best, best_size = piece, size
+    return best
 
 
 @kernel
@@ -58,8 +80,8 @@ def _largest_piece(weights, links, rows, cols, row, col, corner_cutting):
         i, j = row * FACTOR + b // FACTOR, col * FACTOR + b % FACTOR
         if i < rows and j < cols and weights[(i + 1) * stride + j + 1] != np.inf:
             passable |= 1 << b
-    if links is None and passable == (1 << FACTOR * FACTOR) - 1:
-        return passable
+    if links is None:
+        return passable if passable == ALL else _largest_of(passable, corner_cutting)
     best, best_size = 0, 0
     while passable:
         piece, frontier, size = 0, passable & -passable, 0
@@ -77,7 +99,7 @@ def _largest_piece(weights, links, rows, cols, row, col, corner_cutting):
                 if 0 <= i < FACTOR and 0 <= j < FACTOR:
                     other = 1 << (i * FACTOR + j)
                     fresh = other & passable and not other & (piece | frontier)
-                    if fresh and linked(weights, links, node, k, stride, corner_cutting):
+                    if fresh and (links[node] >> k) & 1:
                         frontier |= other
         passable &= ~piece
         if size > best_size:
@@ -113,8 +135,49 @@ def _pool(
 
 
 @kernel
+def _touching(weights, stride, row, col, here, there, up, left, corner_cutting):
+    """Whether a step leads from a coarse cell's piece into that of its neighbour, where passability alone decides."""
+    if left == 0:
+        edge, other = (here, there >> _TO_LAST_ROW) if up < 0 else (here >> _TO_LAST_ROW, there)
+        if corner_cutting:
+            edge = _spread(edge & _FIRST_ROW, False)
+        return edge & other & _FIRST_ROW != 0
+    if up == 0:
+        edge, other = (here, there >> FACTOR - 1) if left < 0 else (here >> FACTOR - 1, there)
+        if corner_cutting:
+            edge = _spread(edge & _FIRST_COL, False)
+        return edge & other & _FIRST_COL != 0
+    i, j = (0 if up < 0 else FACTOR - 1), (0 if left < 0 else FACTOR - 1)
+    corner, across = i * FACTOR + j, (FACTOR - 1 - i) * FACTOR + FACTOR - 1 - j
+    if not (here >> corner) & (there >> across) & 1:
+        return False
+    node = (row * FACTOR + i + 1) * stride + col * FACTOR + j + 1
+    return corner_cutting or (weights[node + up * stride] != np.inf and weights[node + left] != np.inf)
+
+
+@kernel
+def _link_finest(fine, stride, corner_cutting, row0, row1, col0, col1, pieces, links, coarse_stride):
+    """As `_link`, where passability alone decides."""
+    for row in range(row0, row1):
+        for col in range(col0, col1):
+            node = (row + 1) * coarse_stride + col + 1
+            here, found, every = pieces[node], 0, pieces[node]
+            for k in range(8):
+                every &= pieces[node + ROW_STEP[k] * coarse_stride + COL_STEP[k]]
+            if every == ALL:
+                links[node] = 255
+                continue
+            for k in range(8):
+                up, left = ROW_STEP[k], COL_STEP[k]
+                there = pieces[node + up * coarse_stride + left]
+                if here and there and _touching(fine, stride, row, col, here, there, up, left, corner_cutting):
+                    found |= 1 << k
+            links[node] = found
+
+
+@kernel
 def _link(
-    fine, fine_links, fine_cols, corner_cutting, row0, row1, col0, col1, pieces, links, coarse_stride,
+    fine, fine_links, fine_cols, row0, row1, col0, col1, pieces, links, coarse_stride,
 ):  # fmt: skip
     """For a rectangle of coarse cells, the directions in which their pieces touch a neighbour's, as bits."""
     fine_stride = fine_cols + 2
@@ -138,9 +201,9 @@ def _link(
                     if (found >> towards) & 1:
                         continue
                     neighbour = pieces[here + up * coarse_stride + left]
-                    if (neighbour >> ((i - up * FACTOR) * FACTOR + j - left * FACTOR)) & 1 and linked(
-                        fine, fine_links, node, k, fine_stride, corner_cutting
-                    ):
+                    if (neighbour >> ((i - up * FACTOR) * FACTOR + j - left * FACTOR)) & 1 and (
+                        fine_links[node] >> k
+                    ) & 1:
                         found |= 1 << towards
             links[here] = found
 
@@ -155,10 +218,11 @@ def _pool_and_link(
         fine, fine_links, fine_rows, fine_cols, corner_cutting, obstacle, row0, row1, col0, col1, coarse, pieces,
         stride,
     )  # fmt: skip
-    _link(
-        fine, fine_links, fine_cols, corner_cutting, max(row0 - 1, 0), min(row1 + 1, rows), max(col0 - 1, 0),
-        min(col1 + 1, cols), pieces, links, stride,
-    )  # fmt: skip
+    row0, row1, col0, col1 = max(row0 - 1, 0), min(row1 + 1, rows), max(col0 - 1, 0), min(col1 + 1, cols)
+    if fine_links is None:
+        _link_finest(fine, fine_cols + 2, corner_cutting, row0, row1, col0, col1, pieces, links, stride)
+    else:
+        _link(fine, fine_links, fine_cols, row0, row1, col0, col1, pieces, links, stride)
     return least
 
 
@@ -275,7 +339,7 @@ class Level:
             self._reached = np.empty(nodes, np.float32)
             self._queued = np.zeros(nodes, np.uint8)
             self._queue = np.empty(1 << (nodes - 1).bit_length(), np.int32)
-            self._bitmap = np.zeros((2 * grid.rows, 2 * grid.cols), np.int32)
+            self._bitmaps = np.zeros((2, 2 * grid.rows, 2 * grid.cols), np.int32)
         self._stamp = 0
         self._spent: float = 0
 
@@ -324,16 +388,22 @@ class Level:
             So do those on paths that cost at most 1 + `band` times as much.
         finer : Level
             The next finer level.
+
+        Returns
+        -------
+        Region
+            It holds until the call after the next.
         """
         self._stamp += 1
+        bitmap = self._bitmaps[self._stamp % 2]
         grid, ws, below = self.grid, self.workspace, finer.grid
         steps = (*grid.model.length_term, *grid.model.weight_term)
         _surround(
             (grid.weights, self.links, grid.stride, steps), grid.node(*start), ws.g, ws.meta, ws.stamp, band,
-            self._reached, self._queued, self._queue, found.path, radius, self._stamp, self._bitmap,
+            self._reached, self._queued, self._queue, found.path, radius, self._stamp, bitmap,
             (below.weights, below.stride, below.rows, below.cols), finer.workspace.meta,
         )  # fmt: skip
-        return Region(self._bitmap, *finer.quarters, self._stamp)
+        return Region(bitmap, *finer.quarters, self._stamp)
 
 
 class Pyramid:

@@ -20,16 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime._jit import kernel
-from nnpp_edge.runtime.costmap import Rectangle
 from nnpp_edge.runtime.encoding import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.grid import Grid
 from nnpp_edge.runtime.planning.astar import prices
 from nnpp_edge.runtime.planning.expansion import octile
 from nnpp_edge.runtime.planning.plan import Plan
+from nnpp_edge.runtime.rectangle import Rectangle
 
 _ROUNDING = 1e-6
 """Share by which a bound may be off, as the searches keep g in float32."""
+_MOST_UNTOLD = 64
 
 
 class Footing(StrEnum):
@@ -170,6 +171,8 @@ class StandingPath:
         self._noted = np.zeros(nodes, np.int32)
         self._touched = np.empty(nodes, np.int32)
         self._stamp, self._count = 1, 0
+        self._untold: list[tuple[Rectangle, NDArray[np.float32]]] = []
+        """Changes that are noted cell by cell when somebody asks: a new path makes that needless."""
         self._plan: Plan | None = None
         self._walked = self._scratch = np.empty(0)
 
@@ -192,6 +195,7 @@ class StandingPath:
         if self._costs_from(plan.path, 0, self._walked) >= 0:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
         self._plan, self._count = plan, 0
+        self._untold.clear()
         if self._stamp == np.iinfo(np.int32).max:
             self._noted[:] = 0
             self._stamp = 0
@@ -200,21 +204,30 @@ class StandingPath:
     def forget(self) -> None:
         """There is no path to follow."""
         self._plan, self._count = None, 0
+        self._untold.clear()
 
     def changed(self, part: Rectangle, was: NDArray[np.float32]) -> None:
         """The grid's weights in this rectangle are other ones; `was` are those that stood there, row by row."""
         if self._plan is None:
             return
-        grid, (row, col, rows, cols) = self._grid, part
-        self._count = _remember(
-            was, grid.node(row, col), grid.stride, rows, cols, self._was, self._noted, self._stamp, self._touched,
-            self._count,
-        )  # fmt: skip
+        self._untold.append((part, was))
+        if len(self._untold) > _MOST_UNTOLD:
+            self._remember()
+
+    def _remember(self) -> None:
+        grid = self._grid
+        for (row, col, rows, cols), was in self._untold:
+            self._count = _remember(
+                was, grid.node(row, col), grid.stride, rows, cols, self._was, self._noted, self._stamp,
+                self._touched, self._count,
+            )  # fmt: skip
+        self._untold.clear()
 
     def check(self, at: Cell) -> Standing:
         """How the path stands for a robot in the cell `at`."""
         if self._plan is None:
             return Standing(Footing.NONE)
+        self._remember()
         path, grid = self._plan.path, self._grid
         hits = np.flatnonzero((path[:, 0] == at[0]) & (path[:, 1] == at[1]))
         if not len(hits):

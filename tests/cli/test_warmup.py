@@ -12,7 +12,7 @@ from nnpp_edge.runtime import Planner, plan_path, traversability_cost, update_co
 from nnpp_edge.runtime.planning.dstar_lite import DStarLite
 
 rng = np.random.default_rng(3)
-for shape in ((30, 30), (1, 60), (260, 230), (600, 530)):
+for shape in ((30, 30), (1, 60), (260, 230), (600, 530), (1100, 60)):
     dem = np.cumsum(rng.normal(0.0, 0.05, shape), axis=1).astype(np.float32)
     cost = traversability_cost(dem, 1.0, warn=False)
     update_cost(cost, dem, (0, 4, 1, 9), 1.0)

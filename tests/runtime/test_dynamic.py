@@ -9,7 +9,7 @@ from nnpp_edge.profiling.dynamic_episode import make_episode
 from nnpp_edge.profiling.dynamic_scene import run_scene, totals
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError, Status
 from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner, enclosing
+from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner
 from nnpp_edge.runtime.planning.incremental import DStarPlanner, Mending
 from nnpp_edge.runtime.planning.planner import Planner
 from tests import oracles
@@ -201,10 +201,6 @@ def test_out_of_time_is_a_timeout(method):
     assert planner.replan(time_limit_s=0.0).status is Status.TIMEOUT
     assert planner.replan(cancelled=lambda: True).status is Status.TIMEOUT
     assert planner.replan().ok
-
-
-def test_enclosing():
-    assert enclosing([(2, 3, 1, 1), (0, 5, 4, 2)]) == (0, 3, 4, 4)
 
 
 class Watched(NetworkModel):

@@ -224,7 +224,9 @@ def test_after_patches_a_planner_sees_what_a_new_one_would(network, step_cost, s
     new.load_network()
     new.grid.least, new.grid.greatest = planner.grid.least, planner.grid.greatest  # bounds may be wider than need be
     new.pyramid.update((0, 0, 40, 70))
-    new._learned.update((0, 0, 40, 70))
+    new._learned.update((0, 0, 40, 70), 2800)
+    for each in (planner, new):
+        each._learned.look()
     np.testing.assert_array_equal(planner.grid.weights, new.grid.weights)
     for ours, wanted in zip(planner.pyramid.levels[1:], new.pyramid.levels[1:], strict=True):
         np.testing.assert_allclose(ours.grid.weights, wanted.grid.weights, rtol=1e-6)

@@ -9,8 +9,9 @@ from nnpp_edge.runtime.grid import Grid, StepModel
 from nnpp_edge.runtime.planning.astar import astar, settle_all
 from nnpp_edge.runtime.planning.expansion import read_field
 from nnpp_edge.runtime.planning.landmarks import Landmarks
-from nnpp_edge.runtime.planning.pyramid import FACTOR, Pyramid
+from nnpp_edge.runtime.planning.pyramid import FACTOR, Pyramid, _pool_and_link
 from nnpp_edge.runtime.planning.workspace import Workspace
+from nnpp_edge.runtime.region import linked
 
 
 def pyramid_of(cost, corner_cutting=True):
@@ -38,6 +39,28 @@ def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(se
     region = coarse.around(found, ends[0], 0, 0.0, fine)
     inside = astar(fine.grid, *walk, fine.workspace, region=region, corner_cutting=corner_cutting)
     assert inside.status is Status.OK
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.integers(0, 2**32), st.sampled_from([0.05, 0.3, 0.5]), st.booleans())
+def test_pieces_and_links_are_the_same_by_passability_and_by_links(seed, blocked, corner_cutting):
+    rng = np.random.default_rng(seed)
+    cost = np.full((22, 27), 0.2, np.float32)
+    cost[rng.random(cost.shape) < blocked] = np.inf
+    fine, coarse = pyramid_of(cost, corner_cutting).levels
+    steps = np.zeros(len(fine.grid.weights), np.uint8)
+    for row, col in np.argwhere(np.isfinite(cost)):
+        node = fine.grid.node(int(row), int(col))
+        for k in range(8):
+            steps[node] |= linked(fine.grid.weights, None, node, k, fine.grid.stride, corner_cutting) << k
+    pieces, links, weights = (np.zeros_like(each) for each in (coarse.pieces, coarse.links, coarse.grid.weights))
+    rows, cols = coarse.grid.rows, coarse.grid.cols
+    _pool_and_link(
+        fine.grid.weights, steps, 22, 27, corner_cutting, 1.0, 0, rows, 0, cols, rows, cols, weights, pieces, links,
+        coarse.grid.stride,
+    )  # fmt: skip
+    np.testing.assert_array_equal(coarse.pieces, pieces)
+    np.testing.assert_array_equal(coarse.links, links)
 
 
 @settings(deadline=None, max_examples=60)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from nnpp_edge.runtime.encoding import Frame
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.grid import Grid, StepModel
-from nnpp_edge.runtime.planning.astar import Region, astar
+from nnpp_edge.runtime.planning.astar import astar
 from nnpp_edge.runtime.planning.planner import Planner
 from nnpp_edge.runtime.planning.workspace import Workspace
 from nnpp_edge.runtime.region import RegionFinder, lowered, probability_of
@@ -31,11 +31,15 @@ def test_a_marked_region_holds_what_is_above_and_both_ends():
     probability[2] = 0.5
     finder.read(probability)
     level = int(256 * 0.5**0.25)
-    first = finder.mark(level, (0, 0), (2, 4))
-    assert (finder.bitmap == first).sum() == 6
-    second = finder.mark(level + 1, (0, 0), (2, 4), radius=1)
-    assert second != first
-    assert (finder.bitmap == second).sum() == 4 + 6
+    blocks = np.arange(5, dtype=np.int32), np.arange(5, dtype=np.int32)
+    finder.mark(level, (0, 0), (2, 4))
+    first = finder.region(blocks)
+    assert first.area() == 6
+    finder.mark(level + 1, (0, 0), (2, 4), radius=1)
+    assert finder.region(blocks).area() == 4 + 6
+    assert first.area() == 6  # until the next
+    finder.mark(level + 1, (0, 0), (2, 4), radius=1)
+    assert first.area() < 6
 
 
 @settings(deadline=None, max_examples=150)
@@ -56,8 +60,8 @@ def test_the_walkable_threshold_is_the_highest_at_which_a_search_of_the_region_s
     ends = tuple((int(blocks[0][r]), int(blocks[1][c])) for r, c in (start, goal))
 
     def succeeds(threshold: int) -> bool:
-        stamp = finder.mark(threshold, *ends)
-        region = Region(finder.bitmap, *blocks, stamp)
+        finder.mark(threshold, *ends)
+        region = finder.region(blocks)
         found = astar(grid, start, goal, Workspace(len(grid.weights)), region=region, corner_cutting=corner_cutting)
         return found.status is Status.OK
 

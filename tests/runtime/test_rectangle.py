@@ -1,0 +1,28 @@
+import itertools
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from nnpp_edge.runtime.rectangle import apart, common, enclosing
+
+rectangles = st.tuples(st.integers(-5, 5), st.integers(-5, 5), st.integers(1, 6), st.integers(1, 6))
+
+
+def cells(part):
+    row, col, rows, cols = part
+    return set(itertools.product(range(row, row + rows), range(col, col + cols)))
+
+
+@given(rectangles, rectangles)
+def test_what_two_rectangles_share_and_what_holds_them(one, other):
+    both = common(one, other)
+    assert (cells(both) if both else set()) == cells(one) & cells(other)
+    row, col, rows, cols = enclosing([one, other])
+    at = sorted(cells(one) | cells(other))
+    assert (row, row + rows - 1) == (at[0][0], at[-1][0])
+    assert (col, col + cols - 1) == (min(c for _, c in at), max(c for _, c in at))
+
+
+@given(rectangles, st.tuples(st.integers(-9, 9), st.integers(-9, 9)))
+def test_cells_between_a_rectangle_and_a_cell(part, cell):
+    assert apart(part, cell) == min(max(abs(r - cell[0]), abs(c - cell[1])) for r, c in cells(part))
