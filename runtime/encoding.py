@@ -5,6 +5,7 @@ Training takes these from here too, so that what runs is what was trained.
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.rectangle import Rectangle
 
 Cell = tuple[int, int]
 
@@ -73,24 +75,26 @@ def _bounds(n, inner, cells):
 
 
 @kernel
-def _pool_rows(
-    weights, stride, rows, cols, scale, offset, inner_rows, inner_cols, row0, row1, col0, col1, planes
-):  # fmt: skip
-    for row in range(row0, row1):
-        top, bottom = _bounds(row, inner_rows, rows)
-        for col in range(col0, col1):
-            left, right = _bounds(col, inner_cols, cols)
-            total, blocked = 0.0, 0
-            for i in range(top, bottom):
-                for j in range(left, right):
-                    w = weights[(i + 1) * stride + j + 1]
-                    if w == np.inf:
-                        blocked += 1
-                    else:
-                        total += min(max(w * scale + offset, 0.0), 1.0)
-            cells = (bottom - top) * (right - left)
-            planes[0, row, col] = (total + blocked) / cells
-            planes[1, row, col] = blocked / cells
+def _pool(weights, stride, rows, cols, scale, offset, inner_rows, inner_cols, parts, planes):
+    """Average what lies under these rectangles of the map, (N, 4) of row, col, rows and cols."""
+    for n in range(len(parts)):
+        row0, row1 = parts[n, 0] * inner_rows // rows, -(-(parts[n, 0] + parts[n, 2]) * inner_rows // rows)
+        col0, col1 = parts[n, 1] * inner_cols // cols, -(-(parts[n, 1] + parts[n, 3]) * inner_cols // cols)
+        for row in range(row0, min(row1, inner_rows)):
+            top, bottom = _bounds(row, inner_rows, rows)
+            for col in range(col0, min(col1, inner_cols)):
+                left, right = _bounds(col, inner_cols, cols)
+                total, blocked = 0.0, 0
+                for i in range(top, bottom):
+                    for j in range(left, right):
+                        w = weights[(i + 1) * stride + j + 1]
+                        if w == np.inf:
+                            blocked += 1
+                        else:
+                            total += min(max(w * scale + offset, 0.0), 1.0)
+                cells = (bottom - top) * (right - left)
+                planes[0, row, col] = (total + blocked) / cells
+                planes[1, row, col] = blocked / cells
 
 
 @kernel
@@ -111,7 +115,7 @@ def map_planes(
     scale: float,
     offset: float,
     out: NDArray[np.float32],
-    part: tuple[int, int, int, int] | None = None,
+    parts: Sequence[Rectangle] | None = None,
 ) -> None:
     """Bring a map to the network's size by area averages.
 
@@ -126,22 +130,13 @@ def map_planes(
     out : (2, S, S) float32
         Written: the mean cost with impassable cells counted as 1, and the share of impassable cells,
         both in [0, 1], both 1 outside the map.
-    part : (row, col, rows, cols)
-        Only what lies under this rectangle of the map.
+    parts : sequence of (row, col, rows, cols)
+        Only what lies under these rectangles of the map; by default all of it.
     """
-    inner_rows, inner_cols = frame.inner
-    if part is None:
+    if parts is None:
         out[:] = 1.0
-        bounds = (0, inner_rows, 0, inner_cols)
-    else:
-        row, col, rows, cols = part
-        bounds = (
-            row * inner_rows // frame.rows,
-            min(math.ceil((row + rows) * inner_rows / frame.rows), inner_rows),
-            col * inner_cols // frame.cols,
-            min(math.ceil((col + cols) * inner_cols / frame.cols), inner_cols),
-        )
-    _pool_rows(weights, stride, frame.rows, frame.cols, scale, offset, inner_rows, inner_cols, *bounds, out)
+        parts = [(0, 0, frame.rows, frame.cols)]
+    _pool(weights, stride, frame.rows, frame.cols, scale, offset, *frame.inner, np.array(parts), out)
 
 
 @kernel
@@ -158,6 +153,12 @@ def _gaussian(out, row, col, spacing, sigma):
 
 
 @kernel
+def _detour(row, col, row_a, col_a, row_b, col_b, apart):
+    """How much longer the way from a to b, which lie so far apart, is by way of a point."""
+    return max(math.hypot(row - row_a, col - col_a) + math.hypot(row - row_b, col - col_b) - apart, 0.0)
+
+
+@kernel
 def _pair(out, row_a, col_a, row_b, col_b, spacing, sigma, sharp_sigma, slack):
     size = out.shape[1]
     offset = (spacing - 1.0) / 2.0
@@ -170,7 +171,7 @@ def _pair(out, row_a, col_a, row_b, col_b, spacing, sigma, sharp_sigma, slack):
             b2 = (y - row_b) ** 2 + (x - col_b) ** 2
             out[0, i, j] = 0.5 * (math.exp(wide * a2) + math.exp(wide * b2))
             out[1, i, j] = min(math.exp(sharp * a2) + math.exp(sharp * b2), 1.0)
-            detour = max(math.sqrt(a2) + math.sqrt(b2) - apart, 0.0)
+            detour = _detour(y, x, row_a, col_a, row_b, col_b, apart)
             out[2, i, j] = math.exp(-detour / (slack * apart))
 
 
@@ -204,8 +205,7 @@ def _between(out, row_a, col_a, row_b, col_b, spacing):
     apart = max(math.hypot(row_a - row_b, col_a - col_b), spacing)
     for i in range(size):
         for j in range(size):
-            y, x = i * spacing + offset, j * spacing + offset
-            detour = max(math.hypot(y - row_a, x - col_a) + math.hypot(y - row_b, x - col_b) - apart, 0.0)
+            detour = _detour(i * spacing + offset, j * spacing + offset, row_a, col_a, row_b, col_b, apart)
             out[0, i, j] = math.exp(-detour / (0.25 * apart))
             out[1, i, j] = detour / side
             out[2, i, j] = apart / side
@@ -217,6 +217,11 @@ def fill_ends(out, row_a, col_a, row_b, col_b, spacing, sigma):
     _end(out[:END_CHANNELS], row_a, col_a, spacing, sigma)
     _end(out[END_CHANNELS : 2 * END_CHANNELS], row_b, col_b, spacing, sigma)
     _between(out[2 * END_CHANNELS :], row_a, col_a, row_b, col_b, spacing)
+
+
+def _check_out(out: NDArray[np.float32], channels: int, size: int) -> None:
+    if out.shape != (channels, size, size):
+        raise InvalidQueryError(f"out must be ({channels}, {size}, {size}) float32, got {out.shape} {out.dtype}")
 
 
 def encode_gaussian(
@@ -236,8 +241,7 @@ def encode_gaussian(
     out : (2, size, size) float32
         Written. Eq. 5's factor 1/(2πσ²) only scales the input and is left out.
     """
-    if out.shape != (GAUSSIAN_CHANNELS, size, size):
-        raise InvalidQueryError(f"out must be (2, {size}, {size}) float32, got {out.shape} {out.dtype}")
+    _check_out(out, GAUSSIAN_CHANNELS, size)
     _gaussian(out[0], start[0], start[1], float(spacing), sigma)
     _gaussian(out[1], goal[0], goal[1], float(spacing), sigma)
 
@@ -256,8 +260,7 @@ def encode_pair(
         Written: the mean of the two Gaussians; the sum of two sharp ones, of σ / 4; and
         exp(-(a + b - d) / (0.25 d)) for distances a and b to the two, which lie d apart.
     """
-    if out.shape != (PAIR_CHANNELS, size, size):
-        raise InvalidQueryError(f"out must be (3, {size}, {size}) float32, got {out.shape} {out.dtype}")
+    _check_out(out, PAIR_CHANNELS, size)
     _pair(out, *start, *goal, float(spacing), sigma, sigma / 4.0, 0.25)
 
 
@@ -277,6 +280,5 @@ def encode_ends(
         side, and two Gaussians around it, of σ and of σ / 4. Then three for both: exp(-(a + b - d) / (0.25 d))
         for distances a and b to the two, which lie d apart, and a + b - d and d as shares of the side.
     """
-    if out.shape != (ENDS_CHANNELS, size, size):
-        raise InvalidQueryError(f"out must be ({ENDS_CHANNELS}, {size}, {size}) float32, got {out.shape} {out.dtype}")
+    _check_out(out, ENDS_CHANNELS, size)
     fill_ends(out, start[0], start[1], goal[0], goal[1], float(spacing), sigma)

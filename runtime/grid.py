@@ -109,7 +109,7 @@ class Change(NamedTuple):
     """Weights that stood in `part`, row by row; empty unless asked for."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Grid:
     """A map of weights with a border of impassable cells, so that no search need check the map's edge.
 
@@ -120,20 +120,26 @@ class Grid:
     cols: int
     model: StepModel
     weights: NDArray[np.float32] = field(repr=False)
-    least: float = math.inf
-    """No passable cell weighs less; inf as long as there is none."""
-    greatest: float = 0.0
-    """No passable cell weighs more."""
 
-    @property
-    def cells(self) -> int:
-        """Number of cells of the map."""
-        return self.rows * self.cols
+    def __post_init__(self) -> None:
+        """Work out what the searches ask for again and again."""
+        self.cells, self.stride = self.rows * self.cols, self.cols + 2
+        """Number of cells of the map, and nodes from one row to the next."""
+        self.steps = (*self.model.length_term, *self.model.weight_term)
+        """The model's coefficients: lengths, then weights, each for straight and for diagonal steps."""
+        lengths = self.model.kind is StepCost.LENGTH
+        self._limits = (
+            _LEAST_ABOVE_0 if lengths else np.float32(0.0), np.float32(self.model.scale),
+            np.float32(np.inf if lengths else 1.0),
+        )  # fmt: skip
+        self.set_bounds(math.inf, 0.0)
 
-    @property
-    def stride(self) -> int:
-        """Nodes from one row to the next."""
-        return self.cols + 2
+    def set_bounds(self, least: float, greatest: float) -> None:
+        """No passable cell weighs less than `least`, inf as long as there is none, and none more than `greatest`."""
+        self.least, self.greatest = least, greatest
+        straight = self.model.step(0, 2.0 * least)
+        self.prices = straight, min(self.model.step(1, 2.0 * least), 2.0 * straight)
+        """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the cheapest."""
 
     @classmethod
     def empty(cls, rows: int, cols: int, model: StepModel) -> "Grid":
@@ -182,20 +188,17 @@ class Grid:
             raise InvalidMapError(
                 f"a patch must lie inside the map of {(self.rows, self.cols)}, got {(row, col, rows, cols)}"
             )
-        lengths = self.model.kind is StepCost.LENGTH
         whole = (rows, cols) == (self.rows, self.cols)
         least, greatest = (math.inf, -math.inf) if whole else (self.least, self.greatest)
         was = np.empty(rows * cols if keep else 0, np.float32)
         lowest, changed, fell, top, left, bottom, right, least, greatest = _exchange(
-            cost, _LEAST_ABOVE_0 if lengths else np.float32(0.0), np.float32(self.model.scale),
-            np.float32(np.inf if lengths else 1.0), self.node(row, col), self.stride, self.weights, least, greatest,
-            was,
-        )  # fmt: skip
-        if lowest < 0.0 or (lengths and lowest == 0.0):
-            wanted = "greater than 0" if lengths else "at least 0"
+            cost, *self._limits, self.node(row, col), self.stride, self.weights, least, greatest, was
+        )
+        if lowest < self._limits[0]:
+            wanted = "at least 0" if self.model.kind is StepCost.PAPER else "greater than 0"
             raise InvalidMapError(f"every passable cost must be {wanted}, got one of {lowest:g}")
         if math.isfinite(least):
-            self.least, self.greatest = least, greatest
+            self.set_bounds(least, greatest)
         part = (row + top, col + left, bottom - top, right - left)
         return Change(changed, part, fell, was[: part[2] * part[3]])
 

@@ -165,10 +165,8 @@ class NetworkModel:
         return self._answer
 
     def ask(self, start: tuple[float, float], goal: tuple[float, float]) -> NDArray[np.float32]:
-        """`set_query` and `run`; for a network in two parts one call of compiled code, which is soonest done."""
-        if self._head is None:
-            self.set_query(start, goal)
-            return self.run()
+        """`set_query` and `run` of a network in two parts (`in_parts`), in one call of compiled code."""
+        assert self._head is not None
         self._encode(self._head)
         sigma = self.metadata.sigma * self.metadata.input_size
         self._head.answer_ends(start, goal, float(QUERY_SPACING), sigma, self._query, self._answer)

@@ -221,7 +221,7 @@ def _kept(plan: "Plan") -> "Plan":
     from dataclasses import replace
 
     def kept(region: "Region | None") -> "Region | None":
-        return None if region is None else replace(region, bitmap=region.bitmap.copy())
+        return None if region is None else region._replace(bitmap=region.bitmap.copy())
 
     return replace(plan, region=kept(plan.region), network_region=kept(plan.network_region))
 

@@ -20,7 +20,8 @@ from nnpp_edge.profiling.dynamic_episode import LEAST_DISTANCE, STRIDE, Episode,
 from nnpp_edge.profiling.suites import TerrainSuite
 from nnpp_edge.runtime.errors import NnppEdgeError, Status
 from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner, Replan
+from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner
+from nnpp_edge.runtime.planning.plan import Plan
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ def _live_through(
     models: Mapping[DynamicMethod, NetworkModel],
     turn: int,
     times: NDArray[np.float64],
-) -> list[dict[DynamicMethod, Replan]]:
+) -> list[dict[DynamicMethod, Plan]]:
     """One life of new planners: milliseconds into `times` (steps, methods), and the answers of each step."""
     planners = {
         name: DynamicPlanner(episode.cost, episode.goal, name, model=models.get(name, "edge")) for name in names
@@ -169,7 +170,7 @@ def _live_through(
         planner.prepare()
     answers, order = [], np.random.default_rng(turn)
     for at, step in enumerate(episode.steps):
-        plans: dict[DynamicMethod, Replan] = {}
+        plans: dict[DynamicMethod, Plan] = {}
         for number in order.permutation(len(names)):  # so that none always finds its code warmed by the same other
             planner = planners[names[number]]
             began = time.perf_counter()
@@ -184,7 +185,7 @@ def _live_through(
     return answers
 
 
-def _figures(plan: Replan, episode: Episode, step: int, walked: int | None) -> tuple[float, float]:
+def _figures(plan: Plan, episode: Episode, step: int, walked: int | None) -> tuple[float, float]:
     """Share of the map that was searched, and CC of the cells that the robot walks on this path."""
     share = plan.timings_ms.get("region_cells", float(episode.cost.size)) / episode.cost.size
     if not plan.ok:

@@ -29,7 +29,8 @@ from nnpp_edge.runtime.grid import PAPER_OMEGA
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, MapPatch, Origin, Outcome, PathMessage, Pose
 from nnpp_edge.runtime.loop.world import World
-from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner, Replan
+from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner
+from nnpp_edge.runtime.planning.plan import Plan
 from nnpp_edge.runtime.planning.validity import Standing
 
 _LOG = logging.getLogger(__name__)
@@ -237,7 +238,7 @@ class Navigator:
             return message
         return self._failure(ask.began, outcome, last[1], ask, degraded=True)
 
-    def _try(self, method: DynamicMethod | None, limit_s: float) -> tuple[Replan | None, str, str]:
+    def _try(self, method: DynamicMethod | None, limit_s: float) -> tuple[Plan | None, str, str]:
         """A plan, or None where it raised; what kind of failure it is, and why."""
         began = self._clock()
         try:
@@ -297,15 +298,14 @@ class Navigator:
     def _standing(self, ask: "_Ask", standing: Standing, degraded: str, reason: str) -> PathMessage | None:
         plan = self._planner.path.plan
         assert plan is not None
-        by = plan.by if isinstance(plan, Replan) else plan.method
         path = plan.path[standing.index :]
         return self._message(
-            ask, Origin.STANDING, path, standing.cost, standing.lower_bound, str(by), reason, bool(degraded)
+            ask, Origin.STANDING, path, standing.cost, standing.lower_bound, plan.by, reason, bool(degraded)
         )
 
-    def _new(self, ask: "_Ask", plan: Replan, origin: Origin, reason: str) -> PathMessage | None:
+    def _new(self, ask: "_Ask", plan: Plan, origin: Origin, reason: str) -> PathMessage | None:
         degraded = origin is not Origin.FULL
-        return self._message(ask, origin, plan.path, plan.cost, plan.lower_bound, str(plan.by), reason, degraded)
+        return self._message(ask, origin, plan.path, plan.cost, plan.lower_bound, plan.by, reason, degraded)
 
     def _message(
         self, ask: "_Ask", origin: Origin, path: NDArray[np.int32], cost: float, lower_bound: float, method: str,

@@ -8,8 +8,7 @@ overestimates and is consistent. Landmarks sharpen it, see `landmarks`.
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +45,7 @@ _NO_LANDMARKS = (None, None, 0.0)
 _EVERYWHERE = (None, None, None, 0)
 
 
-@dataclass(frozen=True)
-class Region:
+class Region(NamedTuple):
     """Where a search may go: a small bitmap over the map, read in place.
 
     A cell (row, col) is inside when ``bitmap[row_block[row], col_block[col]] == stamp``. Bitmaps are
@@ -76,8 +74,7 @@ class Region:
         return int(heights @ (self.bitmap == self.stamp) @ widths)
 
 
-@dataclass(frozen=True)
-class Search:
+class Search(NamedTuple):
     """What a search came to."""
 
     status: Status
@@ -86,12 +83,6 @@ class Search:
     expansions: int
     refused_f: float
     """Least f of a cell that was refused for lying outside the region; inf if none was."""
-
-
-def prices(grid: Grid) -> tuple[float, float]:
-    """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the cheapest."""
-    straight = grid.model.step(0, 2.0 * grid.least)
-    return straight, min(grid.model.step(1, 2.0 * grid.least), 2.0 * straight)
 
 
 def _dominance(grid: Grid, links: NDArray[np.uint8] | None, corner_cutting: bool) -> Dominance:
@@ -103,7 +94,7 @@ def _dominance(grid: Grid, links: NDArray[np.uint8] | None, corner_cutting: bool
 def _bucket_width(grid: Grid, share: float) -> float:
     """Width δ of a bucket: that share of the cheapest step, or what lets every f ahead fit into the ring."""
     furthest = 2.0 * grid.model.step(1, 2.0 * max(grid.greatest, 0.0))
-    return max(share * prices(grid)[0], 1.01 * furthest / (FINE * (COARSE - 2)), 1e-30)
+    return max(share * grid.prices[0], 1.01 * furthest / (FINE * (COARSE - 2)), 1e-30)
 
 
 def astar(
@@ -155,9 +146,8 @@ def astar(
     NNPP (arXiv 2308.04792v3), Eq. 2-4; the octile distance stands in for the paper's Euclidean one, which
     it exceeds without ever overestimating. g is kept in float32.
     """
-    straight, diagonal = prices(grid)
-    steps = (*grid.model.length_term, *grid.model.weight_term, straight, diagonal,
-             1.0 / _bucket_width(grid, _BUCKET if landmarks is None else _BUCKET_BY_LANDMARKS))  # fmt: skip
+    width = _bucket_width(grid, _BUCKET if landmarks is None else _BUCKET_BY_LANDMARKS)
+    steps = (*grid.steps, *grid.prices, 1.0 / width)
     first, last = grid.node(*start), grid.node(*goal)
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0, math.inf)
@@ -204,7 +194,7 @@ def settle_all(
 ) -> None:
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there."""
     ws, stamp = workspace, workspace.next_stamp()
-    steps = (*grid.model.length_term, *grid.model.weight_term, 0.0, 0.0, 1.0 / _bucket_width(grid, _BUCKET))
+    steps = (*grid.steps, 0.0, 0.0, 1.0 / _bucket_width(grid, _BUCKET))
     successors = SUCCESSORS[_dominance(grid, links, corner_cutting)]
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin = grid.node(*source)

@@ -7,10 +7,8 @@ anew. Every method answers on the newest map; they differ in what they keep from
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 from nnpp_edge.runtime.costmap import Float2D
 from nnpp_edge.runtime.encoding import Cell
@@ -71,23 +69,6 @@ _BASE = {
 _WHOLE_MAP = frozenset((DynamicMethod.ASTAR, DynamicMethod.DSTAR))
 _INCREMENTAL = frozenset((DynamicMethod.CORRIDOR_DSTAR, DynamicMethod.NNPP_DSTAR))
 _LEARNED = frozenset((DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR))
-
-
-@dataclass(frozen=True)
-class Replan(Plan):
-    """A plan, and by which dynamic method it was made."""
-
-    by: DynamicMethod = DynamicMethod.AUTO
-    """The method that was used; for ``auto`` the one it picked."""
-
-    def summary(self) -> dict[str, Any]:
-        """The plan without its arrays, ready for JSON; ``method`` is the dynamic method's name."""
-        return super().summary() | {"method": str(self.by)}
-
-    @classmethod
-    def of(cls, plan: Plan, by: DynamicMethod, reason: str = "") -> "Replan":
-        """A plan under its dynamic method's name, with the reason given, if one is."""
-        return cls(**vars(plan) | {"by": by, "reason": reason or plan.reason})
 
 
 class DynamicPlanner:
@@ -168,25 +149,7 @@ class DynamicPlanner:
             self._dstar.set_goal(cell)
 
     def update(self, row: int, col: int, patch: Float2D) -> int:
-        """Put new costs into the map; those that are there already cost next to nothing.
-
-        Parameters
-        ----------
-        row, col : int
-            Where the patch's first cell goes.
-        patch : (h, w) float
-            New costs, as `Planner` takes them.
-
-        Returns
-        -------
-        int
-            Number of cells that are other ones now.
-
-        Raises
-        ------
-        InvalidMapError
-            The patch does not lie inside the map, or holds a cost out of range. The map is as it was.
-        """
+        """As `Planner.update`: the number of cells that are other ones now."""
         if self._planner is not None:
             change = self._planner.take(row, col, patch, keep=True)
         else:
@@ -239,7 +202,7 @@ class DynamicPlanner:
         method: str | None = None,
         time_limit_s: float = math.inf,
         cancelled: Callable[[], bool] | None = None,
-    ) -> Replan:
+    ) -> Plan:
         """A path from where the robot is to the goal, on the map as it is now.
 
         Parameters
@@ -253,7 +216,7 @@ class DynamicPlanner:
 
         Returns
         -------
-        Replan
+        Plan
             Its path, where the status is OK, leads over passable cells of the newest map. Regions that fail are
             widened, then the whole map is searched: NO_PATH means that there is none.
 
@@ -280,7 +243,7 @@ class DynamicPlanner:
             self._changed = 0
         return plan
 
-    def _auto(self, deadline: float, cancelled: Callable[[], bool] | None) -> Replan:
+    def _auto(self, deadline: float, cancelled: Callable[[], bool] | None) -> Plan:
         """By what is soonest done from here."""
         start, goal = self._where(), self._goal
         if apart((*start, 1, 1), goal) < _NEAR:
@@ -290,11 +253,12 @@ class DynamicPlanner:
         assert self._planner is not None
         reason = "little has changed, near the start"
         if problem_with(self.grid, start, goal) is None and self._planner.mends(goal):
-            drift, plan = self._drift, self._planner.mend(self._query(start, reason, deadline, cancelled))
+            query = self._query(start, DynamicMethod.CORRIDOR_DSTAR, reason, deadline, cancelled)
+            drift, plan = self._drift, self._planner.mend(query)
             floor = self.path.check(start).floor
             if plan.ok and floor > 0.0 and (drift := drift * max(plan.cost / floor, 1.0)) <= _DRIFT:
                 self._drift = drift
-                return Replan.of(plan, DynamicMethod.CORRIDOR_DSTAR)
+                return plan
             reason = "the corridor that stands has become too dear"
         return self._plan(DynamicMethod.CORRIDOR_DSTAR, reason, deadline, cancelled, Mending.ALWAYS)
 
@@ -309,18 +273,16 @@ class DynamicPlanner:
     def _plan(
         self, method: DynamicMethod, reason: str, deadline: float, cancelled: Callable[[], bool] | None,
         mending: Mending = Mending.WHERE_LESS_WORK,
-    ) -> Replan:  # fmt: skip
+    ) -> Plan:  # fmt: skip
         start = self._where()
         if (problem := problem_with(self.grid, start, self._goal)) is not None:
-            return Replan(problem, _BASE[method], reason=reason, by=method)
+            return Plan(problem, _BASE[method], by=method, reason=reason)
+        query = self._query(start, method, reason, deadline, cancelled)
         if method in _WHOLE_MAP:
-            query = self._query(start, reason, deadline, cancelled)
-            return Replan.of(self._whole_map(method, query), method)
+            return self._whole_map(method, query)
         assert self._planner is not None
         self._planner.mending, self._drift = mending if method in _INCREMENTAL else Mending.NEVER, 1.0
-        left = deadline - time.monotonic()
-        plan = self._planner.plan(start, self._goal, method=_BASE[method], time_limit_s=left, cancelled=cancelled)
-        return Replan.of(plan, method, reason or self._planner.account)
+        return self._planner.answer(query, _BASE[method])
 
     def _whole_map(self, method: DynamicMethod, query: Query) -> Plan:
         if method is DynamicMethod.ASTAR:
@@ -341,7 +303,7 @@ class DynamicPlanner:
         bound = cost if status is Status.OK else 0.0
         return Plan(
             status, Method.ASTAR, Source.MAP, path, cost, length, traverse_cost, bound, expansions,
-            reason=query.reason, timings_ms=query.timings,
+            by=query.by, reason=query.reason, timings_ms=query.timings,
         )  # fmt: skip
 
     def _where(self) -> Cell:
@@ -349,8 +311,10 @@ class DynamicPlanner:
             raise InvalidQueryError("wanted a start (move) before the first plan, got none")
         return self._start
 
-    def _query(self, start: Cell, reason: str, deadline: float, cancelled: Callable[[], bool] | None) -> Query:
-        return Query(start, self._goal, self.corner_cutting, deadline, cancelled, math.inf, reason)
+    def _query(
+        self, start: Cell, by: DynamicMethod, reason: str, deadline: float, cancelled: Callable[[], bool] | None
+    ) -> Query:
+        return Query(start, self._goal, self.corner_cutting, deadline, cancelled, math.inf, by, reason)
 
 
 def _method(name: str) -> DynamicMethod:

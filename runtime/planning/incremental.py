@@ -10,7 +10,7 @@ from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.costmap import Float2D
 from nnpp_edge.runtime.encoding import Cell
 from nnpp_edge.runtime.grid import Change
-from nnpp_edge.runtime.planning.astar import Region, Search, prices
+from nnpp_edge.runtime.planning.astar import Region, Search
 from nnpp_edge.runtime.planning.dstar_lite import DStarLite
 from nnpp_edge.runtime.planning.expansion import octile
 from nnpp_edge.runtime.planning.plan import Method, Plan, Source
@@ -52,8 +52,6 @@ class DStarPlanner(Planner):
     search."""
     mending = Mending.NEVER
     """How the next queries' regions are searched."""
-    account = ""
-    """Which way the last region was searched, and why; empty where there was no choice."""
     _dstar: DStarLite | None = None
     _known: Region | None = None
     """What D* Lite has searched; None where it has forgotten all."""
@@ -103,7 +101,7 @@ class DStarPlanner(Planner):
 
     def _search(self, query: Query, level: int, region: Region | None, band: float = 0.0) -> Search:
         if level == 0:
-            self.account = ""
+            query.account = ""
         if level or region is None or self.mending is Mending.NEVER or query.start == query.goal:
             return super()._search(query, level, region, band)
         if self._dstar is None or self._dstar.goal != query.goal:
@@ -141,7 +139,7 @@ class DStarPlanner(Planner):
             self._missed += max(1.0 - step, 0.0)
         did = "mended" if worth else "searched afresh"
         least = "" if looked else "at least "
-        self.account = f"{did}: mending was put at {least}{mended:.2f} times the work of a fresh search"
+        query.account = f"{did}: mending was put at {least}{mended:.2f} times the work of a fresh search"
         return worth
 
     def _reach(self, query: Query) -> float:
@@ -165,7 +163,7 @@ class DStarPlanner(Planner):
         self._changes.clear()
         query.lap("search")
         # D* Lite does not say what it refused: the octile distance is the bound
-        straight = octile.py_func(*query.start, *query.goal, *prices(self.grid))
+        straight = octile.py_func(*query.start, *query.goal, *self.grid.prices)
         return Search(found.status, found.path, found.expansions, straight)
 
 

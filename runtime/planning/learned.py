@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -100,11 +100,11 @@ class LearnedRegions:
         self._unread, self._drift = [], math.inf
         self._read(None)
 
-    def _read(self, part: Rectangle | None) -> None:
-        """Bring the planes up to date with the map."""
+    def _read(self, parts: Sequence[Rectangle] | None) -> None:
+        """Bring the planes up to date with the map: these parts of the window, or all of it."""
         grid, (row0, col0, *_) = self.grid, self.window
         first = grid.weights[row0 * grid.stride + col0 :]
-        map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self.planes, part)
+        map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self.planes, parts)
 
     def _window(self, query: Query) -> Rectangle:
         """What to show the network: a square around start and goal where it shows the query finer than the map does.
@@ -196,9 +196,9 @@ class LearnedRegions:
         return self._drift > self.overlooked
 
     def _read_changes(self) -> None:
-        for part in self._unread:
-            self._read(part)
-        self._unread.clear()
+        if self._unread:
+            self._read(self._unread)
+            self._unread.clear()
 
     def _place(self, cell: Cell) -> tuple[float, float]:
         return self.frame.place((cell[0] - self.window[0], cell[1] - self.window[1]))

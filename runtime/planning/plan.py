@@ -68,8 +68,10 @@ class Plan:
     """The network's region at the adaptive threshold itself (NNPP, section 4.3), with the same life."""
     threshold: float = math.nan
     """The adaptive threshold td, of a learned region."""
+    by: str = ""
+    """Name of the planner that was used: the method's, or a `DynamicPlanner`'s own for it."""
     reason: str = ""
-    """Why ``auto`` picked its method."""
+    """Why ``auto`` picked its method, or how the search was made where there was a choice."""
     timings_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage, and ``total``."""
 
@@ -90,7 +92,7 @@ class Plan:
             return round(x, 6) if math.isfinite(x) else None
 
         return {
-            "status": str(self.status), "method": str(self.method),
+            "status": str(self.status), "method": str(self.by or self.method),
             "source": None if self.source is None else str(self.source),
             "cost": number(self.cost), "length": number(self.length),
             "traverse_cost": number(self.traverse_cost), "lower_bound": number(self.lower_bound),

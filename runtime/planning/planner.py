@@ -13,7 +13,7 @@ from nnpp_edge.runtime.encoding import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.grid import PAPER_OMEGA, Change, Grid, StepCost, StepModel
 from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.astar import Region, Search, prices
+from nnpp_edge.runtime.planning.astar import Region, Search
 from nnpp_edge.runtime.planning.choice import MapChoice, choice_for
 from nnpp_edge.runtime.planning.expansion import LANES, octile
 from nnpp_edge.runtime.planning.landmarks import Landmarks
@@ -224,7 +224,7 @@ class Planner:
         if not len(goals):
             raise InvalidQueryError("wanted at least one goal, got none")
         cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
-        straight, diagonal = prices(self.grid)
+        straight, diagonal = self.grid.prices
         bounds = [octile.py_func(*begin, *cell, straight, diagonal) for cell in cells]
         plans: dict[int, Plan] = {}
         for at in sorted(range(len(cells)), key=bounds.__getitem__):
@@ -281,16 +281,20 @@ class Planner:
         start, goal = as_cell(start, "start"), as_cell(goal, "goal")
         chosen, reason = self._choose(method, start, goal)
         if problem := problem_with(self.grid, start, goal):
-            return Plan(problem, chosen, reason=reason)
-        query = Query(start, goal, self.corner_cutting, time.monotonic() + time_limit_s, cancelled, epsilon, reason)
-        if chosen is Method.NNPP:
-            plan = self._plan_nnpp(query)
-        elif chosen is Method.CORRIDOR:
-            plan = self._plan_corridor(query)
-        else:
-            plan = self._plan_map(query, Method.ASTAR, Source.MAP)
+            return Plan(problem, chosen, by=chosen, reason=reason)
+        deadline = time.monotonic() + time_limit_s
+        query = Query(start, goal, self.corner_cutting, deadline, cancelled, epsilon, chosen, reason)
+        plan = self.answer(query, chosen)
         query.timings["total"] = 1e3 * (time.perf_counter() - began)
         return plan
+
+    def answer(self, query: Query, method: Method) -> Plan:
+        """`plan`, by a method that is not ``auto``, for a query between two passable cells."""
+        if method is Method.NNPP:
+            return self._plan_nnpp(query)
+        if method is Method.CORRIDOR:
+            return self._plan_corridor(query)
+        return self._plan_map(query, Method.ASTAR, Source.MAP)
 
     def _choose(self, method: str, start: Cell, goal: Cell) -> tuple[Method, str]:
         try:
@@ -399,7 +403,7 @@ class Planner:
         query.lap("path")
         return Plan(
             found.status, method, source, found.path, cost, length, traverse_cost, bound, query.expansions,
-            region, query.network_region, query.threshold, query.reason, query.timings,
+            region, query.network_region, query.threshold, query.by, query.reason or query.account, query.timings,
         )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ A coarse cell's weight is the mean over the cells it covers, those outside its p
 `obstacle_weight`. Means keep the balance of length and weight: both halves of a step's cost shrink alike.
 """
 
+import itertools
 import math
 from typing import Any
 
@@ -397,9 +398,8 @@ class Level:
         self._stamp += 1
         bitmap = self._bitmaps[self._stamp % 2]
         grid, ws, below = self.grid, self.workspace, finer.grid
-        steps = (*grid.model.length_term, *grid.model.weight_term)
         _surround(
-            (grid.weights, self.links, grid.stride, steps), grid.node(*start), ws.g, ws.meta, ws.stamp, band,
+            (grid.weights, self.links, grid.stride, grid.steps), grid.node(*start), ws.g, ws.meta, ws.stamp, band,
             self._reached, self._queued, self._queue, found.path, radius, self._stamp, bitmap,
             (below.weights, below.stride, below.rows, below.cols), finer.workspace.meta,
         )  # fmt: skip
@@ -421,24 +421,23 @@ class Pyramid:
     def update(self, changed: Rectangle) -> None:
         """Pool anew the cells above a rectangle of the finest level."""
         row0, col0, rows, cols = changed
-        row1, col1 = row0 + rows, col0 + cols
-        for fine, coarse in zip(self.levels, self.levels[1:], strict=False):
-            row0, col0 = row0 // FACTOR, col0 // FACTOR
-            row1, col1 = math.ceil(row1 / FACTOR), math.ceil(col1 / FACTOR)
-            finest = self.levels[0].grid
+        row1, col1, obstacle = row0 + rows, col0 + cols, self.obstacle_weight
+        greatest = max(self.levels[0].grid.greatest, obstacle)
+        for fine, coarse in itertools.pairwise(self.levels):
+            row0, row1 = row0 // FACTOR, -(-row1 // FACTOR)
+            col0, col1 = col0 // FACTOR, -(-col1 // FACTOR)
+            grid = coarse.grid
             least = _pool_and_link(
-                fine.grid.weights, fine.links, fine.grid.rows, fine.grid.cols, self.corner_cutting,
-                self.obstacle_weight, row0, row1, col0, col1, coarse.grid.rows, coarse.grid.cols,
-                coarse.grid.weights, coarse.pieces, coarse.links, coarse.grid.stride,
+                fine.grid.weights, fine.links, fine.grid.rows, fine.grid.cols, self.corner_cutting, obstacle, row0,
+                row1, col0, col1, grid.rows, grid.cols, grid.weights, coarse.pieces, coarse.links, grid.stride,
             )  # fmt: skip
             # means lie above the least of what they average, which makes a coarse search's heuristic the better
-            whole = (row1 - row0, col1 - col0) == (coarse.grid.rows, coarse.grid.cols)
-            coarse.grid.least = least if whole else min(least, coarse.grid.least)
-            # what is connected under the level above changes with the links on the rim
-            row0, row1 = max(row0 - 1, 0), min(row1 + 1, coarse.grid.rows)
-            col0, col1 = max(col0 - 1, 0), min(col1 + 1, coarse.grid.cols)
-            coarse.grid.greatest = max(finest.greatest, self.obstacle_weight)
+            whole = (row1 - row0, col1 - col0) == (grid.rows, grid.cols)
+            grid.set_bounds(least if whole else min(least, grid.least), greatest)
             coarse.changed()
+            # what is connected under the level above changes with the links on the rim
+            row0, row1 = max(row0 - 1, 0), min(row1 + 1, grid.rows)
+            col0, col1 = max(col0 - 1, 0), min(col1 + 1, grid.cols)
 
     def touch(self) -> None:
         """Have the system back all arrays with memory now."""

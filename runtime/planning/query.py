@@ -12,7 +12,7 @@ from nnpp_edge.runtime.planning.astar import Region
 from nnpp_edge.runtime.planning.plan import Plan
 
 
-@dataclass
+@dataclass(slots=True)
 class Query:
     """What was asked, and what answering it has taken so far."""
 
@@ -22,7 +22,12 @@ class Query:
     deadline: float
     cancelled: Callable[[], bool] | None
     epsilon: float
+    by: str
+    """Name of the planner that is asked."""
     reason: str
+    """Why that one, if it was picked."""
+    account: str = ""
+    """How the search was made, where there was a choice."""
     expansions: int = 0
     threshold: float = math.nan
     """The adaptive threshold, once the network was asked."""
@@ -31,10 +36,12 @@ class Query:
     timings: dict[str, float] = field(default_factory=dict)
     _mark: float = field(default_factory=time.perf_counter)
 
-    @property
-    def apart(self) -> int:
-        """Cells between start and goal, as the king moves."""
-        return max(abs(self.start[0] - self.goal[0]), abs(self.start[1] - self.goal[1]))
+    apart: int = field(init=False)
+    """Cells between start and goal, as the king moves."""
+
+    def __post_init__(self) -> None:
+        """Measure the distance."""
+        self.apart = max(abs(self.start[0] - self.goal[0]), abs(self.start[1] - self.goal[1]))
 
     def suffices(self, plan: Plan) -> bool:
         """Whether a plan need not be improved: it is out of time, or close enough to the bound asked for."""

@@ -23,7 +23,6 @@ from nnpp_edge.runtime._jit import kernel
 from nnpp_edge.runtime.encoding import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.grid import Grid
-from nnpp_edge.runtime.planning.astar import prices
 from nnpp_edge.runtime.planning.expansion import octile
 from nnpp_edge.runtime.planning.plan import Plan
 from nnpp_edge.runtime.rectangle import Rectangle
@@ -31,6 +30,7 @@ from nnpp_edge.runtime.rectangle import Rectangle
 _ROUNDING = 1e-6
 """Share by which a bound may be off, as the searches keep g in float32."""
 _MOST_UNTOLD = 64
+_LAST_STAMP = int(np.iinfo(np.int32).max)
 
 
 class Footing(StrEnum):
@@ -196,7 +196,7 @@ class StandingPath:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
         self._plan, self._count = plan, 0
         self._untold.clear()
-        if self._stamp == np.iinfo(np.int32).max:
+        if self._stamp == _LAST_STAMP:
             self._noted[:] = 0
             self._stamp = 0
         self._stamp += 1
@@ -233,7 +233,7 @@ class StandingPath:
         if not len(hits):
             return Standing(Footing.OFF_PATH)
         index, goal = int(hits[0]), (int(path[-1, 0]), int(path[-1, 1]))
-        walked, straight = float(self._walked[index]), octile.py_func(*at, *goal, *prices(grid))
+        walked, straight = float(self._walked[index]), octile.py_func(*at, *goal, *grid.prices)
         then = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self._plan.lower_bound - walked
         floor, lower = (max(bound, straight) for bound in self._now(then, at, goal))
         blocked = self._costs_from(path, index, self._scratch)
@@ -246,7 +246,7 @@ class StandingPath:
     def _now(self, bounds: tuple[float, ...], at: Cell, goal: Cell) -> list[float]:
         """What bounds the paths of now, given bounds of those on the map as it was."""
         grid, saved = self._grid, np.empty(3)
-        straight, diagonal = prices(grid)
+        straight, diagonal = grid.prices
         _savings(
             grid.weights, self._was, self._touched, self._count, grid.stride, *at, *goal, straight, diagonal, saved
         )

@@ -8,10 +8,10 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.grid import Grid, StepModel
 
 
-def planes_of(cost, size, part=None, out=None):
+def planes_of(cost, size, parts=None, out=None):
     grid = Grid.of(cost, StepModel.of("paper"))
     out = np.full((2, size, size), -1, np.float32) if out is None else out
-    map_planes(grid.weights, grid.stride, Frame(*cost.shape, size), *grid.as_traversability(), out, part)
+    map_planes(grid.weights, grid.stride, Frame(*cost.shape, size), *grid.as_traversability(), out, parts)
     return out
 
 
@@ -35,14 +35,17 @@ def test_a_larger_map_is_averaged_and_its_rest_is_shown_impassable():
 
 @settings(deadline=None, max_examples=60)
 @given(st.integers(1, 90), st.integers(1, 90), st.data())
-def test_an_update_of_part_equals_the_whole(rows, cols, data):
+def test_an_update_of_parts_equals_the_whole(rows, cols, data):
     rng = np.random.default_rng(rows * 100 + cols)
     cost = rng.random((rows, cols)).astype(np.float32)
     out = planes_of(cost, 32)
-    row, col = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
-    h, w = data.draw(st.integers(1, rows - row)), data.draw(st.integers(1, cols - col))
-    cost[row : row + h, col : col + w] = rng.choice([0.3, np.inf])
-    np.testing.assert_allclose(planes_of(cost, 32, (row, col, h, w), out), planes_of(cost, 32), atol=1e-6)
+    parts = []
+    for _ in range(data.draw(st.integers(1, 3))):
+        row, col = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
+        h, w = data.draw(st.integers(1, rows - row)), data.draw(st.integers(1, cols - col))
+        cost[row : row + h, col : col + w] = rng.choice([0.3, np.inf])
+        parts.append((row, col, h, w))
+    np.testing.assert_allclose(planes_of(cost, 32, parts, out), planes_of(cost, 32), atol=1e-6)
 
 
 @given(st.integers(1, 2000), st.integers(1, 2000), st.sampled_from([(64, 16), (256, 64)]))

@@ -29,8 +29,7 @@ from nnpp_edge.runtime.loop.navigator import Navigator, Settings
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals, rss_bytes
 from nnpp_edge.runtime.loop.ticker import Ticker
 from nnpp_edge.runtime.loop.world import World
-from nnpp_edge.runtime.planning.dynamic import Replan
-from nnpp_edge.runtime.planning.plan import Method
+from nnpp_edge.runtime.planning.plan import Method, Plan
 from tests.conftest import write_tiny_model
 
 
@@ -407,7 +406,7 @@ def test_when_all_planning_raises_the_standing_path_serves_while_it_holds(monkey
 
 def test_out_of_time_is_a_timeout_and_the_standing_path_bridges_it(monkeypatch):
     nav = navigator(tolerance=0.0)
-    partial = Replan(Status.TIMEOUT, Method.ASTAR, path=np.array([[5, 5], [6, 6]], np.int32))
+    partial = Plan(Status.TIMEOUT, Method.ASTAR, path=np.array([[5, 5], [6, 6]], np.int32))
     monkeypatch.setattr(nav._planner, "replan", lambda **options: partial)
     message = nav.tick()
     assert (message.outcome, message.origin, len(message.path)) == (Outcome.TIMEOUT, Origin.NONE, 0)

@@ -222,7 +222,7 @@ def test_after_patches_a_planner_sees_what_a_new_one_would(network, step_cost, s
         planner.update(*((row, col) if part != np.s_[:, :] else (0, 0)), patch)
     new = Planner(cost, step_cost=step_cost, model=network)
     new.load_network()
-    new.grid.least, new.grid.greatest = planner.grid.least, planner.grid.greatest  # bounds may be wider than need be
+    new.grid.set_bounds(planner.grid.least, planner.grid.greatest)  # bounds may be wider than need be
     new.pyramid.update((0, 0, 40, 70))
     new._learned.update((0, 0, 40, 70), 2800)
     for each in (planner, new):
