@@ -29,6 +29,7 @@ from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import Region, cost_field
 from nnpp_edge.runtime.planning.dstar_lite import DStarLite
 from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner
+from nnpp_edge.runtime.planning.incremental import DStarPlanner, Mending
 from nnpp_edge.runtime.planning.landmarks import Landmarks
 from nnpp_edge.runtime.planning.planner import Planner
 from nnpp_edge.runtime.region import RegionFinder, lowered
@@ -189,6 +190,9 @@ def _exercise_dynamic(
             planner.update(1, 4, patch)
         planner.standing()
         planner.replan(method=method, time_limit_s=60.0)
+    mender = DStarPlanner(cost, step_cost=step_cost, corner_cutting=corner_cutting)
+    for mender.mending in (Mending.ALWAYS, Mending.WHERE_LESS_WORK):
+        mender.plan((1, 2), goal, method="corridor")
 
 
 def _read_only(array: Any) -> Any:

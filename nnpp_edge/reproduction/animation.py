@@ -44,7 +44,7 @@ def view_episode(episode: Episode, model: NetworkModel) -> list[View]:
     views = []
     for at, step in enumerate(episode.steps):
         cost = episode.map_at(at)
-        planner = Planner(cost, model=model)
+        planner = Planner(cost, model=model, ask_from=0)
         plan = planner.plan(step.start, episode.goal, method="nnpp")
         assert plan.network_region is not None
         region = plan.network_region.mask()

@@ -59,7 +59,7 @@ def run(context: Context, settings: Settings, report: Report) -> Result:
 def _scene(context: Context, case: Case, query: Query, repeats: int) -> _Scene:
     one = Case(case.workload, case.size, case.cost, (query,))
     (answered,) = contest(iter([one]), context.model, 1, repeats=repeats)
-    planner = Planner(case.cost, model=context.model)
+    planner = Planner(case.cost, model=context.model, ask_from=0)
     optimum = planner.plan(*query, method="astar").path
     plan = planner.plan(*query, method="nnpp")
     assert plan.network_region is not None

@@ -59,7 +59,7 @@ def run(context: Context, settings: Settings, report: Report) -> Result:
             break
     else:
         raise InvalidQueryError(f"none of {_MAPS} maps of {size} × {size} cells has ways around moving obstacles")
-    planner = Planner(case.cost, model=context.model)
+    planner = Planner(case.cost, model=context.model, ask_from=0)
     several = [_look(planner, case.cost, start, each, f"goal {n}") for n, each in enumerate(goals, 1)]
     notes = [note for note in notes if size < settings.size]
     notes.append(
@@ -93,7 +93,7 @@ def _moving(context: Context, case: Case, start: Cell, goal: Cell) -> list[_Scen
     way = Planner(case.cost).plan(start, goal, method="astar").path
     places = sorted((way[int(share * len(way))].tolist() for share in _WHERE), key=lambda cell: cell[0])
     length, depth = int(_LENGTH * size), max(int(_DEPTH * size), 2)
-    planner, scenes = Planner(case.cost, model=context.model), list[_Scene]()
+    planner, scenes = Planner(case.cost, model=context.model, ask_from=0), list[_Scene]()
     for at in range(_FRAMES):
         cost = case.cost.copy()
         for (row, col), towards in zip(places, (-1, 1), strict=True):

@@ -108,6 +108,7 @@ def astar(
     landmarks: "Landmarks | None" = None,
     corner_cutting: bool = True,
     beyond: float = 0.0,
+    limit: int | None = None,
     deadline: float = math.inf,
     cancelled: Callable[[], bool] | None = None,
 ) -> Search:
@@ -131,6 +132,8 @@ def astar(
         Whether a diagonal step may pass an impassable cell on either side of it.
     beyond : float
         Settle also every cell on a path that costs less than 1 + `beyond` times the optimum.
+    limit : int
+        Give up with TIMEOUT after about so many expansions.
     deadline : float
         Reading of `time.monotonic` at which to give up with TIMEOUT.
     cancelled : callable
@@ -156,7 +159,7 @@ def astar(
     where = _EVERYWHERE if region is None else (region.bitmap, region.row_block, region.col_block, region.stamp)
     successors = SUCCESSORS[_dominance(grid, links, corner_cutting)]
     timed = deadline < math.inf or cancelled is not None
-    most = _EXPANSIONS_BETWEEN_CHECKS if timed else _WITHOUT_END
+    most = limit or (_EXPANSIONS_BETWEEN_CHECKS if timed else _WITHOUT_END)
     factor = 1.0 + beyond if beyond else BELOW
     begin = first
     while True:
@@ -167,7 +170,7 @@ def astar(
         begin = -1
         if code == FULL:
             ws.grow()
-        elif code != PAUSED:
+        elif code != PAUSED or limit:
             break
         if timed and (time.monotonic() > deadline or (cancelled is not None and cancelled())):
             break

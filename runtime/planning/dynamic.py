@@ -82,8 +82,8 @@ class DynamicPlanner:
         A cell of the map.
     method : str
         One of `DynamicMethod`. ``auto`` picks at each step what is soonest done, and says why: exact A* for a goal
-        nearby; D* Lite in the corridor that stands, if little has changed and that lies near the start; else a
-        new corridor.
+        nearby, unless the way there is long; D* Lite in the corridor that stands, if little has changed and that
+        lies near the start; else a new corridor.
     also : sequence of str
         Other methods that `replan` may be asked for. What none of them needs is not kept.
 
@@ -234,8 +234,10 @@ class DynamicPlanner:
                 f"method must be one that the planner was made for ({', '.join(sorted(self.methods))}), got {wanted}"
             )
         deadline = time.monotonic() + time_limit_s
-        plan = self._auto(deadline, cancelled) if wanted is DynamicMethod.AUTO else None
-        plan = plan or self._plan(wanted, "", deadline, cancelled)
+        if wanted is DynamicMethod.AUTO:
+            plan = self._auto(deadline, cancelled)
+        else:
+            plan = self._plan(wanted, "", deadline, cancelled)
         plan.timings_ms["total"] = 1e3 * (time.perf_counter() - began)
         if plan.ok:
             self.path.set(plan)
@@ -246,8 +248,12 @@ class DynamicPlanner:
     def _auto(self, deadline: float, cancelled: Callable[[], bool] | None) -> Plan:
         """By what is soonest done from here."""
         start, goal = self._where(), self._goal
-        if apart((*start, 1, 1), goal) < _NEAR:
-            return self._plan(DynamicMethod.ASTAR, f"the goal is less than {_NEAR} cells away", deadline, cancelled)
+        if apart((*start, 1, 1), goal) < _NEAR and problem_with(self.grid, start, goal) is None:
+            assert self._planner is not None
+            reason = f"the goal is less than {_NEAR} cells away"
+            query = self._query(start, DynamicMethod.ASTAR, reason, deadline, cancelled)
+            if (plan := self._planner.search_briefly(query, Method.ASTAR)) is not None:
+                return plan
         if self.path.plan is None or not self._worth_mending(start):
             return self._plan(DynamicMethod.CORRIDOR, "much may be another", deadline, cancelled)
         assert self._planner is not None

@@ -99,11 +99,13 @@ class DStarPlanner(Planner):
         """Search the region that D* Lite knows again, from another start and on the map as it is now."""
         return self._answer(query, Method.CORRIDOR, Source.REGION, self._in_region(query), None)
 
-    def _search(self, query: Query, level: int, region: Region | None, band: float = 0.0) -> Search:
+    def _search(
+        self, query: Query, level: int, region: Region | None, band: float = 0.0, limit: int | None = None
+    ) -> Search:
         if level == 0:
             query.account = ""
         if level or region is None or self.mending is Mending.NEVER or query.start == query.goal:
-            return super()._search(query, level, region, band)
+            return super()._search(query, level, region, band, limit)
         if self._dstar is None or self._dstar.goal != query.goal:
             self.expect(query.goal)
         assert self._dstar is not None

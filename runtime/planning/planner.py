@@ -45,6 +45,8 @@ _CORRIDORS = _Corridor(1, 0.0015), _Corridor(8, 0.02)
 """At first, and widened."""
 _IN_LEARNED_REGION = _Corridor(1, 0.0005, nearby=0.08, coarse_band=0.02)
 """The same inside a learned region, which is searched for speed."""
+_BRIEFLY = 1024
+"""Expansions that a brief search may take, and twice the square of the distance more."""
 _CELLS_APART = 16
 """The coarsest level that is searched is the last on which start and goal are so many cells apart."""
 
@@ -66,6 +68,9 @@ class Planner:
     model : str, Path or NetworkModel
         The network for ``nnpp``: a shipped model's name, a file, or one already loaded. It is loaded when
         first needed. A NetworkModel may be shared by planners that do not plan at the same time.
+    ask_from : int
+        Cells between start and goal from which on ``nnpp`` asks the network. Nearer goals A* has mostly found before
+        it has answered, and is tried first.
 
     Raises
     ------
@@ -88,13 +93,14 @@ class Planner:
         omega: float = PAPER_OMEGA,
         corner_cutting: bool = True,
         model: str | Path | NetworkModel = "edge",
+        ask_from: int = 48,
     ) -> None:
         self.grid = Grid.of(cost, StepModel.of(step_cost, omega))
         self.pyramid = Pyramid(self.grid, corner_cutting)
         self.corner_cutting = corner_cutting
         self.landmarks: Landmarks | None = None
         """What `prepare` computed, for exact A*; None before, and after a cell has become cheaper."""
-        self._model = model
+        self._model, self._ask_from = model, ask_from
         self._learned: LearnedRegions | None = None
         self._auto: MapChoice | None = None
 
@@ -252,8 +258,9 @@ class Planner:
             Cells.
         method : str
             ``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the network's
-            region. ``auto``: one of them, by what `nnpp-edge profile --save-choice` measured on
-            this machine, else by the figures in docs/decisions.md; the plan says which and why.
+            region; goals nearer than `ask_from` by A*, where the way is not long. ``auto``: one of
+            them, by what `nnpp-edge profile --save-choice` measured on this machine, else by the figures in
+            docs/decisions.md; the plan says which and why.
         epsilon : float
             Keep widening until the path is certain to cost at most (1 + epsilon) times the optimum; 0 gives
             the optimum itself. By default the first path found is taken.
@@ -284,7 +291,13 @@ class Planner:
             return Plan(problem, chosen, by=chosen, reason=reason)
         deadline = time.monotonic() + time_limit_s
         query = Query(start, goal, self.corner_cutting, deadline, cancelled, epsilon, chosen, reason)
-        plan = self.answer(query, chosen)
+        plan = None
+        if method == Method.AUTO and chosen is Method.ASTAR:
+            plan = self.search_briefly(query, chosen)
+            if plan is None:
+                chosen = query.by = Method.CORRIDOR
+                query.reason += ", but the way is long"
+        plan = plan or self.answer(query, chosen)
         query.timings["total"] = 1e3 * (time.perf_counter() - began)
         return plan
 
@@ -295,6 +308,11 @@ class Planner:
         if method is Method.CORRIDOR:
             return self._plan_corridor(query)
         return self._plan_map(query, Method.ASTAR, Source.MAP)
+
+    def search_briefly(self, query: Query, method: Method) -> Plan | None:
+        """Exact A* over the whole map; None where the way to the goal turns out too long for its distance."""
+        found = self._search(query, 0, None, limit=_BRIEFLY + 2 * query.apart**2)
+        return None if found.status is Status.TIMEOUT else self._answer(query, method, Source.MAP, found, None)
 
     def _choose(self, method: str, start: Cell, goal: Cell) -> tuple[Method, str]:
         try:
@@ -307,12 +325,14 @@ class Planner:
             self._auto = choice_for(self.shape, self._model)
         return self._auto.pick(max(abs(start[0] - goal[0]), abs(start[1] - goal[1])))
 
-    def _search(self, query: Query, level: int, region: Region | None, band: float = 0.0) -> Search:
+    def _search(
+        self, query: Query, level: int, region: Region | None, band: float = 0.0, limit: int | None = None
+    ) -> Search:
         """Search one level of the pyramid between the cells that hold start and goal; coarse ones from the goal.
 
         For subclasses to override. Level 0 is the map itself; without a region all of it is searched. `band` is how
-        far beyond the optimum, as a share of it, a coarse search goes on. What was expanded and the time it took
-        are booked in the query.
+        far beyond the optimum, as a share of it, a coarse search goes on; after `limit` expansions a search gives
+        up. What was expanded and the time it took are booked in the query.
         """
         factor = FACTOR**level
         start, goal = ((row // factor, col // factor) for row, col in (query.start, query.goal))
@@ -325,6 +345,7 @@ class Planner:
             landmarks=self.landmarks if level == 0 else None,
             corner_cutting=query.corner_cutting or level > 0,
             beyond=band,
+            limit=limit,
             deadline=query.deadline,
             cancelled=query.cancelled,
         )
@@ -376,6 +397,8 @@ class Planner:
         return self._plan_map(query, Method.CORRIDOR, Source.FALLBACK)
 
     def _plan_nnpp(self, query: Query) -> Plan:
+        if query.apart < self._ask_from and (plan := self.search_briefly(query, Method.NNPP)) is not None:
+            return plan
         learned = self._regions()
         top = len(self.pyramid.levels) - 1 if max(self.shape) >= _REFINE_FROM else 0
         for region, source in learned.regions(query, self.pyramid.levels[top], top):

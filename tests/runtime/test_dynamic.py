@@ -113,6 +113,18 @@ def test_auto_says_what_it_picked_and_why():
     assert near.summary()["method"] == "astar"
 
 
+def test_auto_does_not_search_long_for_a_goal_beyond_a_wall():
+    cost = np.full((200, 200), 0.2, np.float32)
+    cost[100, 2:] = np.inf
+    planner = DynamicPlanner(cost, (101, 150))
+    planner.move((99, 150))
+    plan = planner.replan()
+    assert plan.ok
+    assert plan.by is DynamicMethod.CORRIDOR
+    planner.move((110, 140))
+    assert planner.replan().by is DynamicMethod.ASTAR
+
+
 @pytest.mark.parametrize(("method", "base"), [("corridor-dstar", "corridor"), ("nnpp-dstar", "nnpp")])
 def test_a_region_is_mended_or_searched_afresh_whichever_is_less_work(network, method, base):
     cost = (np.random.default_rng(3).random((300, 300)) * 0.2 + 0.3).astype(np.float32)

@@ -487,12 +487,12 @@ def test_a_model_is_reloaded_whole_or_not_at_all(tmp_path):
     path.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(ModelError):
         nav.reload()
-    nav.offer(Goal(3, 50))
+    nav.offer(Goal(3, 58))
     assert nav.tick().method == "nnpp"
     assert nav._planner._planner._learned.model is before
     path.write_bytes(whole)
     nav.reload()
-    nav.offer(Goal(30, 50))
+    nav.offer(Goal(30, 58))
     assert nav.tick().method == "nnpp"
     assert nav._planner._planner._learned.model is not before
     assert (nav.counters().reloads, nav.counters().errors) == (1, {"reload": 1})

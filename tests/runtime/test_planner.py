@@ -134,6 +134,26 @@ def test_auto_says_which_it_picked_and_why(network):
     assert planner.plan((0, 0), (9, 9), method="astar").reason == ""
 
 
+def test_near_goals_are_found_by_exact_search_unless_the_way_is_long(network):
+    cost = np.full((200, 200), 0.2, np.float32)
+    cost[100, 2:] = np.inf
+    planner = Planner(cost, model=network)
+    for goal, sources, methods in (
+        ((80, 110), {"map"}, ("nnpp", "astar")),
+        ((101, 150), {"region", "widened", "fallback"}, ("nnpp", "corridor")),
+    ):
+        by_network, picked = (planner.plan((99, 150), goal, method=m) for m in ("nnpp", "auto"))
+        assert by_network.ok
+        assert picked.ok
+        assert by_network.source in sources
+        assert (by_network.method, picked.method) == methods
+        assert ("but the way is long" in picked.reason) == (picked.method == "corridor")
+        assert (by_network.network_region is None) == (by_network.source == "map")
+    assert picked.summary()["method"] == picked.by == "corridor"
+    always = Planner(cost, model=network, ask_from=0)
+    assert always.plan((99, 150), (80, 110), method="nnpp").source == "region"
+
+
 def test_another_omega_than_the_networks_is_said(network):
     cost = np.random.default_rng(0).random((80, 80)).astype(np.float32)
     with pytest.warns(UserWarning, match=r"trained for omega = 0\.011"):
@@ -242,7 +262,7 @@ def test_near_ends_on_a_large_map_are_planned_in_a_window(network, shape, edge):
     network = NetworkModel("edge") if edge else network
     rng = np.random.default_rng(2)
     cost = rng.random(shape).astype(np.float32) * 0.9
-    planner = Planner(cost, model=network)
+    planner = Planner(cost, model=network, ask_from=0)
     for _ in range(8):
         start = tuple(int(rng.integers(0, side)) for side in shape)
         goal = tuple(
