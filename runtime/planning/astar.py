@@ -19,11 +19,9 @@ from nnpp_edge.runtime.planning.expansion import (
     BELOW,
     BEST_NODE,
     EXHAUSTED,
-    EXPANSIONS,
     FOUND,
     FULL,
     PAUSED,
-    REFUSED,
     SUCCESSORS,
     Dominance,
     expand,
@@ -163,7 +161,7 @@ def astar(
     factor = 1.0 + beyond if beyond else BELOW
     begin = first
     while True:
-        code, length = expand(
+        code, length, expansions, refused = expand(
             grid.weights, links, grid.stride, begin, last, steps, *hints, successors, corner_cutting, *where, ws.g,
             ws.meta, stamp, ws.heads, ws.entries, ws.control, ws.reals, ws.counts, ws.path, factor, most,
         )  # fmt: skip
@@ -174,7 +172,6 @@ def astar(
             break
         if timed and (time.monotonic() > deadline or (cancelled is not None and cancelled())):
             break
-    expansions, refused = int(ws.counts[EXPANSIONS]), float(ws.reals[REFUSED])
     if code == EXHAUSTED:
         return Search(Status.NO_PATH, np.empty((0, 2), np.int32), expansions, refused)
     end = last if code == FOUND else int(ws.counts[BEST_NODE])

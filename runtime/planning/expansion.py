@@ -166,8 +166,9 @@ def expand(
     search ends when the buckets up to the bound's own are empty. `BELOW` gives the optimum; with more than 1,
     every node on a path that costs less than `beyond` times the optimum is settled.
 
-    Returns what it came to and the number of cells, start and goal included, of the path to the goal or, when
-    it is not found, to the expanded node nearest it. As many as there is room for are in `path`, goal first.
+    Returns what it came to; the number of cells, start and goal included, of the path to the goal or, when it is
+    not found, to the expanded node nearest it, of which as many as there is room for are in `path`, goal first; the
+    expansions so far; and the least f of a node that the region refused.
     """
     length_s, length_d = np.float32(steps[0]), np.float32(steps[1])
     weight_s, weight_d = np.float32(steps[2]), np.float32(steps[3])
@@ -187,7 +188,7 @@ def expand(
         reals[F_START], reals[REFUSED], reals[BEST_H] = h, np.inf, np.inf
         counts[EXPANSIONS], counts[BEST_NODE] = 0, start
         if h == np.inf:  # a landmark is connected to only one of the two
-            return EXHAUSTED, 0
+            return EXHAUSTED, 0, 0, np.inf
     f_start, refused, best_h = reals[F_START], reals[REFUSED], reals[BEST_H]
     free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
     block, waiting = control[BLOCK], control[LENGTH]
@@ -294,7 +295,7 @@ def expand(
     cells = 0
     if code != FULL:
         cells = trace(meta, goal if code == FOUND else counts[BEST_NODE], stride, path)
-    return code, cells
+    return code, cells, expansions, refused
 
 
 @kernel

@@ -138,12 +138,13 @@ class LearnedRegions:
         td is found along the steps that the level allows; it and the region at it are noted in the query. None
         stands for all of a level; of the map itself that is left to the caller.
         """
-        probability = self._ask(query)
-        start, goal = ((row // FACTOR**number, col // FACTOR**number) for row, col in (query.start, query.goal))
-        ends = self._block(query.start), self._block(query.goal)
-        (lookup, touching), finder = self._lookup_at(level.grid, number), self.finder
+        probability, factor = self._ask(query), FACTOR**number
+        start, goal = query.start, query.goal
+        ends, (lookup, touching) = (self._block(start), self._block(goal)), self._lookup_at(level.grid, number)
+        cells = (start[0] // factor, start[1] // factor), (goal[0] // factor, goal[1] // factor)
+        finder = self.finder
         td = finder.first(
-            probability, level.grid, level.links, level.workspace, lookup, (start, goal), ends, query.corner_cutting,
+            probability, level.grid, level.links, level.workspace, lookup, cells, ends, query.corner_cutting,
             self.factor, touching=touching,
         )  # fmt: skip
         query.threshold = probability_of(td)
@@ -174,8 +175,9 @@ class LearnedRegions:
         query.lap("inference")
         return probability
 
-    def look(self) -> None:
-        """Let the network look at the map now, if it does that by itself."""
+    def look(self, level: Level, number: int) -> None:
+        """Do now what the first query on this level, the pyramid's of that number, would do before it is answered."""
+        self._lookup_at(level.grid, number)
         self._show()
         if self.model.in_parts:
             self.model.run()

@@ -103,29 +103,29 @@ class Plan:
 
 
 @kernel
-def _measure(weights, stride, path, out):
-    """Straight steps, diagonal steps, weights summed over straight, over diagonal steps, and over cells."""
+def _measure(weights, stride, path):
+    """Straight and diagonal steps, weights summed over straight and over diagonal steps, and over cells."""
+    straight, diagonal, by_straight, by_diagonal, total = 0, 0, 0.0, 0.0, 0.0
+    before = 0.0
     for n in range(len(path)):
         w = np.float64(weights[(path[n, 0] + 1) * stride + path[n, 1] + 1])
-        out[4] += w
-        if n:
-            kind = 1 if path[n, 0] != path[n - 1, 0] and path[n, 1] != path[n - 1, 1] else 0
-            out[kind] += 1.0
-            out[2 + kind] += w + weights[(path[n - 1, 0] + 1) * stride + path[n - 1, 1] + 1]
+        total += w
+        if n == 0:
+            pass
+        elif path[n, 0] != path[n - 1, 0] and path[n, 1] != path[n - 1, 1]:
+            diagonal += 1
+            by_diagonal += before + w
+        else:
+            straight += 1
+            by_straight += before + w
+        before = w
+    return straight, diagonal, by_straight, by_diagonal, total
 
 
 def measure(grid: Grid, path: NDArray[np.int32]) -> tuple[float, float, float]:
     """Cost, length in cells and CC of a path, summed in float64."""
-    sums = np.zeros(5)
-    _measure(grid.weights, grid.stride, path, sums)
-    (straight, diagonal), (ws, wd) = sums[:2], sums[2:4]
-    model = grid.model
-    cost = (
-        model.length_term[0] * straight + model.length_term[1] * diagonal
-        + model.weight_term[0] * ws + model.weight_term[1] * wd
-    )  # fmt: skip
-    return (
-        float(cost),
-        float(straight + SQRT2 * diagonal),
-        float(sums[4] / model.scale if model.scale else 0.0),
-    )
+    straight, diagonal, by_straight, by_diagonal, total = _measure(grid.weights, grid.stride, path)
+    length_s, length_d, weight_s, weight_d = grid.steps
+    cost = length_s * straight + length_d * diagonal + weight_s * by_straight + weight_d * by_diagonal
+    scale = grid.model.scale
+    return cost, straight + SQRT2 * diagonal, total / scale if scale else 0.0

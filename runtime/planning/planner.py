@@ -93,7 +93,7 @@ class Planner:
         omega: float = PAPER_OMEGA,
         corner_cutting: bool = True,
         model: str | Path | NetworkModel = "edge",
-        ask_from: int = 48,
+        ask_from: int = 64,
     ) -> None:
         self.grid = Grid.of(cost, StepModel.of(step_cost, omega))
         self.pyramid = Pyramid(self.grid, corner_cutting)
@@ -130,7 +130,7 @@ class Planner:
         ModelError
             The model cannot be loaded.
         """
-        self._regions().look()
+        self._regions().look(self.pyramid.levels[self._top], self._top)
 
     def update(self, row: int, col: int, patch: Float2D) -> int:
         """Put new costs into the map, with the pyramid and the network's view kept up to date.
@@ -399,8 +399,7 @@ class Planner:
     def _plan_nnpp(self, query: Query) -> Plan:
         if query.apart < self._ask_from and (plan := self.search_briefly(query, Method.NNPP)) is not None:
             return plan
-        learned = self._regions()
-        top = len(self.pyramid.levels) - 1 if max(self.shape) >= _REFINE_FROM else 0
+        learned, top = self._regions(), self._top
         for region, source in learned.regions(query, self.pyramid.levels[top], top):
             found, searched = self._descend(query, top, region, _IN_LEARNED_REGION)
             if found is not None and found.status is not Status.NO_PATH:
@@ -408,6 +407,11 @@ class Planner:
                 if query.suffices(plan):
                     return plan
         return self._plan_map(query, Method.NNPP, Source.FALLBACK)
+
+    @property
+    def _top(self) -> int:
+        """Number of the level that a learned region is searched on first."""
+        return len(self.pyramid.levels) - 1 if max(self.shape) >= _REFINE_FROM else 0
 
     def _regions(self) -> LearnedRegions:
         if self._learned is None:
