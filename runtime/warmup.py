@@ -4,6 +4,7 @@ Tiny plans are made that go through every code path with every type of argument 
 its kernels. What they compile stays in the cache folder that `_jit` chose.
 """
 
+import functools
 import importlib
 import os
 import pkgutil
@@ -103,8 +104,12 @@ def warm_up(*, keep_old: bool = False) -> Warmth:
     return Warmth(folder, kernels, signatures, compiled, time.perf_counter() - began, removed)
 
 
+@functools.cache
 def exercise() -> None:
-    """Make tiny plans that call every kernel with every set of argument types."""
+    """Make tiny plans that call every kernel with every set of argument types, once in a process.
+
+    What is not yet loaded would else be waited for by some later query: up to a tenth of a second for each kernel.
+    """
     _exercise_cost_maps()
     network = NetworkModel("edge")
     for shape in _SHAPES:

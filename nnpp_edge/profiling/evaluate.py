@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -109,12 +108,6 @@ def contenders(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> li
     return out
 
 
-@cache
-def load_kernels() -> None:
-    """Have every kernel compiled or loaded, once: a tenth of a second each, that would be booked to some query."""
-    exercise()
-
-
 def evaluate(
     cases: Iterable[Case],
     planners: list[Contender],
@@ -149,7 +142,7 @@ def evaluate(
     fallback. What depends on the map alone (weights, pyramid, the network's view of the map) is made when
     the map is set, before the clock starts, for all planners alike.
     """
-    load_kernels()
+    exercise()
     tallies = {planner.name: Tally() for planner in planners}
     done = 0
     for case in cases:

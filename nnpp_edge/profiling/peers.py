@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.evaluate import load_kernels
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, SYNTHETIC, Case, TerrainSuite, synthetic_cases
 from nnpp_edge.runtime.grid import GREY_LEVELS, PAPER_OMEGA
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.warmup import exercise
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.labels import Query
 from nnpp_edge.terrain.workloads import SOFT
@@ -320,7 +320,7 @@ def run(
     Sizes that no terrain file is large enough for are run on synthetic terrain, and say so.
     """
     planners, missing = contenders()
-    load_kernels()
+    exercise()
     dems = [read_dem(path, cell_size_m=cell_size) for path in terrain]
     dems = [dem if rescale is None else dem.rescaled(rescale) for dem in dems]
     rows: list[dict[str, Any]] = []

@@ -88,7 +88,6 @@ def reproduce(
     model = NetworkModel(request.model)
     common = _made_with(request, [dem.cell_size_m for dem in dems])
     make_folder(request.output)
-    ready = False
     for name, experiment in wanted:
         if experiment is None:
             yield Outcome(name, "missing")
@@ -102,9 +101,7 @@ def reproduce(
         work = request.output / _WORK / f"{name}-{_digest(json.dumps(made_with, sort_keys=True).encode())[:12]}"
         context = Context(dems, request.seed, model, work, request.dataset)
         found_on = _machine()
-        if not ready:
-            exercise()  # no kernel is compiled or loaded while the clock runs
-            ready = True
+        exercise()  # no kernel is compiled or loaded while the clock runs
         with bar(name, 1000) as advance:
             result = experiment.run(context, settings, _report(advance))
         _store(request.output / name, _facts(name, experiment, found_on, made_with, result), result)

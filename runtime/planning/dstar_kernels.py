@@ -197,28 +197,18 @@ def _update_vertex(node, ahead, state, position, firsts, seconds, nodes, size):
 
 
 @kernel
-def _improved(node, value, row_steps, costs, steps, state):
-    """Directions, as bits, of the neighbours that come to a lower rhs by way of a node whose g becomes `value`."""
+def _touched(node, value, raised, row_steps, costs, steps, state):
+    """Directions, as bits, of the neighbours that a node touches whose g becomes, or where `raised` was, `value`.
+
+    They come to a lower rhs by way of it; or their rhs may have rested on it.
+    """
     own = np.float64(costs[np.uint64(node)])
     found = np.int64(0)
     for k in range(8):  # unrolled by the compiler
         there = node + row_steps[k] + COL_STEP[k]
         pair = own + np.float64(costs[np.uint64(there)])
-        by_way = value + _step(k, pair, steps)
-        found |= np.int64(by_way < state[np.uint64(2 * there + 1)]) << k
-    return found
-
-
-@kernel
-def _dependent(node, value, row_steps, costs, steps, state):
-    """Directions, as bits, of the neighbours whose rhs may rest on a node whose g was `value`."""
-    own = np.float64(costs[np.uint64(node)])
-    found = np.int64(0)
-    for k in range(8):  # unrolled by the compiler
-        there = node + row_steps[k] + COL_STEP[k]
-        pair = own + np.float64(costs[np.uint64(there)])
-        by_way = value + _step(k, pair, steps)
-        found |= np.int64((by_way == state[np.uint64(2 * there + 1)]) & (by_way < np.inf)) << k
+        by_way, rhs = value + _step(k, pair, steps), state[np.uint64(2 * there + 1)]
+        found |= np.int64((by_way == rhs) & (by_way < np.inf) if raised else by_way < rhs) << k
     return found
 
 
@@ -307,10 +297,7 @@ def expand(
             continue
         expansions += 1
         raised = g <= rhs
-        if raised:
-            touched = _dependent(node, g, row_steps, costs, steps, state)
-        else:
-            touched = _improved(node, rhs, row_steps, costs, steps, state)
+        touched = _touched(node, g if raised else rhs, raised, row_steps, costs, steps, state)
         state[np.uint64(2 * node)] = np.inf if raised else rhs
         # A node that leaves the list leaves its slot to the first neighbour to come on. With a key not much
         # greater that one stays near the top, where the heap's last entry would sink to the bottom again.

@@ -93,7 +93,7 @@ class Planner:
         omega: float = PAPER_OMEGA,
         corner_cutting: bool = True,
         model: str | Path | NetworkModel = "edge",
-        ask_from: int = 64,
+        ask_from: int = 48,
     ) -> None:
         self.grid = Grid.of(cost, StepModel.of(step_cost, omega))
         self.pyramid = Pyramid(self.grid, corner_cutting)

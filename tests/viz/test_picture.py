@@ -86,7 +86,7 @@ def test_a_region_must_be_read_before_the_next_query_and_can_be_kept():
     cost = some_cost(300, 300)
     planner = Planner(cost)
     plan = planner.plan((5, 5), (290, 290), method="corridor")
-    kept = replace(plan, region=replace(plan.region, bitmap=plan.region.bitmap.copy()))
+    kept = replace(plan, region=plan.region._replace(bitmap=plan.region.bitmap.copy()))
     before = plan_picture(cost, plan)
     planner.plan((290, 5), (5, 290), method="corridor")
     np.testing.assert_array_equal(before, plan_picture(cost, kept))
