@@ -85,6 +85,10 @@ def _all(*options: Callable[[F], F]) -> Callable[[F], F]:
 
 
 as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+view = click.option(
+    "--view", metavar="WHERE",
+    help="Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, FILE.rrd is written.",
+)  # fmt: skip
 seed = click.option("--seed", type=int, default=1, show_default=True, help="Of every random choice.")
 
 dem_input = _all(

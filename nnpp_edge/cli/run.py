@@ -38,7 +38,7 @@ _LIMITS = ("slope_limit", "roughness_limit", "step_limit", "hard_slope", "hard_r
 @click.option("--log", type=options.NEW_FILE, help="Write inputs and answers to this .mcap file.")
 @click.option("--metrics-port", type=click.IntRange(0, 65535), help="Serve the counters to Prometheus at this port.")
 @click.option("--metrics-file", type=options.NEW_FILE, help="Keep the counters in this file, in Prometheus' format.")
-@click.option("--view", is_flag=True, help="Show map and path in rerun.")
+@options.view
 @options.dem_input
 @options.traversability
 @workload_option
@@ -46,7 +46,7 @@ _LIMITS = ("slope_limit", "roughness_limit", "step_limit", "hard_slope", "hard_r
 def command(
     map_file: Path, profile: str | None, input_: str, outputs: tuple[str, ...], ticks: int | None, framing: str,
     fast: bool, stay: bool, zenoh_connect: str | None, zenoh_prefix: str, record: Path | None, log: Path | None,
-    metrics_port: int | None, metrics_file: Path | None, view: bool, as_json: bool, **given: Any,
+    metrics_port: int | None, metrics_file: Path | None, view: str | None, as_json: bool, **given: Any,
 ) -> None:  # fmt: skip
     """Plan at a fixed rate: patches, poses and goals in, paths out.
 

@@ -46,14 +46,14 @@ _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnp
 @workload_option
 @options.seed
 @click.option("--log", type=options.NEW_FILE, help="Write inputs and answers as MCAP with ROS 2 messages.")
-@click.option("--view", is_flag=True, help="Show the drive in the rerun viewer.")
+@options.view
 @click.option("--picture", type=options.NEW_FILE, help=".png of the way driven, or .gif of the drive.")
 @options.as_json
 def command(
     dem: Path | None, size: int, start: Cell | None, goal: Cell | None, method: str, model: str, rate: float | None,
     ticks: int, changes: int, survey: int, sight: int, speed: int, cell_size: float | None,
     vertical_scale: float | None, rescale: float | None, workload: str | None, seed: int, log: Path | None,
-    view: bool, picture: Path | None, as_json: bool, **limits: Any,
+    view: str | None, picture: Path | None, as_json: bool, **limits: Any,
 ) -> None:  # fmt: skip
     """Drive a simulated robot to its goal through the onboard loop.
 
@@ -149,14 +149,14 @@ def _ground(terrain: Any, size: int, rules: Any, survey: int, seed: int) -> "Gro
     return Ground.of(part, terrain.cell_size_m, rules, survey, terrain.cell_width_m)
 
 
-def _sinks(world: "World", log: Path | None, view: bool, cell_size_m: float) -> list[Any]:
+def _sinks(world: "World", log: Path | None, view: str | None, cell_size_m: float) -> list[Any]:
     sinks: list[Any] = []
     if log is not None:
         from nnpp_edge.robot.mcap_log import McapLog
 
         sinks.append(McapLog(log, world=world, cell_size_m=cell_size_m))
-    if view:
+    if view is not None:
         from nnpp_edge.robot.rerun_view import RerunSink
 
-        sinks.append(RerunSink(world=world))
+        sinks.append(RerunSink.at(view, world))
     return sinks

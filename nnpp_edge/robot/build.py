@@ -54,7 +54,8 @@ class Wiring:
     log: Path | None = None
     metrics_port: int | None = None
     metrics_file: Path | None = None
-    view: bool = False
+    view: str | None = None
+    """Where rerun shows map and path, as for `RerunSink.at`."""
 
     def __post_init__(self) -> None:
         """Check."""
@@ -237,10 +238,10 @@ def _observers(
         log = stack.enter_context(McapLog(wiring.log, world=world, cell_size_m=cell_size_m))
         sinks.append(log)
         recorders.append(lambda message, at_s: log.record(message))
-    if wiring.view:
+    if wiring.view is not None:
         from nnpp_edge.robot.rerun_view import RerunSink
 
-        view = stack.enter_context(RerunSink(world=world))
+        view = stack.enter_context(RerunSink.at(wiring.view, world))
         sinks.append(view)
         recorders.append(lambda message, at_s: view.record(message))
     if (file := wiring.metrics_file) is not None:

@@ -12,6 +12,9 @@ topic                 message                     when
 ``/answer``           std_msgs/String             each tick: the answer as JSON, without its path
 ``/status``           std_msgs/String             each status message as JSON
 ====================  ==========================  ==================================================================
+
+The frame is ``map``: x = column · cell size, y = row · cell size, from the corner of cell (0, 0), as ROS maps lie. A
+map whose rows run south is seen mirrored.
 """
 
 import json

@@ -77,6 +77,25 @@ class RerunSink:
             reason = " ".join(str(getattr(error, "strerror", None) or error).split())
             raise OutputError(f"{where}: rerun cannot write there ({reason})") from error
 
+    @classmethod
+    def at(cls, where: str, world: World | None = None) -> "RerunSink":
+        """By a word: ``here`` starts a viewer, ``rerun+http://…`` is one's address, ``….rrd`` is a file to write.
+
+        Raises
+        ------
+        InvalidQueryError
+            It is none of these.
+        MissingExtraError, OutputError
+            As the class itself.
+        """
+        if where == "here":
+            return cls(world=world)
+        if where.startswith(("rerun://", "rerun+http://", "rerun+https://")):
+            return cls(address=where, world=world)
+        if where.endswith(".rrd"):
+            return cls(Path(where), world=world)
+        raise InvalidQueryError(f"view must be here, rerun+http://HOST:9876/proxy or a file FILE.rrd, got {where!r}")
+
     def record(self, message: Input) -> None:
         """Show an input: the robot, its goal, or where the map is said to have changed."""
         self._set_time()

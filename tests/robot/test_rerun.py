@@ -1,5 +1,9 @@
+import signal
+import socket
 import subprocess
 import sys
+import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -64,6 +68,42 @@ def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
     assert len(pictures) == 2, "anew only where it has changed"
     np.testing.assert_array_equal(pictures[0], cost_picture(cost)[..., ::-1])
     np.testing.assert_array_equal(pictures[1], cost_picture(world.cost())[..., ::-1])
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
+    """One without a window: it keeps what it is sent."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    kept = tmp_path / "kept.rrd"
+    viewer = subprocess.Popen([sys.executable, "-m", "rerun_cli", "--port", str(port), "--save", str(kept)])
+    try:
+        for _ in range(200):
+            with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
+                break
+            time.sleep(0.05)
+        with RerunSink.at(f"rerun+http://127.0.0.1:{port}/proxy", World(np.full((20, 30), 0.3, np.float32))) as sink:
+            for tick in (1, 2):
+                sink.publish(PathMessage(tick, Outcome.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
+        sizes = [-1, 0]
+        while len(sizes) < 40 and (not sizes[-1] or sizes[-1] != sizes[-2]):  # until nothing more comes
+            time.sleep(0.5)
+            sizes.append(kept.stat().st_size if kept.exists() else 0)
+    finally:
+        viewer.send_signal(signal.SIGINT)
+        viewer.wait(timeout=20)
+    found = read(kept)
+    assert found["/map/path"]["tick"] == [1, 2]
+    assert len(found["/map/cost"]["buffer"]) == 1
+
+
+def test_where_to_show_is_told_by_a_word(tmp_path):
+    with RerunSink.at(str(tmp_path / "drive.rrd")) as sink:
+        sink.publish(PathMessage(1, Outcome.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
+    assert read(tmp_path / "drive.rrd")["/map/path"]["tick"] == [1]
+    with pytest.raises(InvalidQueryError, match=r"view must be here, rerun\+http.* got 'there'"):
+        RerunSink.at("there")
 
 
 def test_where_nothing_can_be_written_it_is_one_line(tmp_path):
