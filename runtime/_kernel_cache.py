@@ -30,6 +30,8 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
+from nnpp_edge.runtime.notice import say_once
+
 _CHECKSUM_BYTES = 32
 _OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _save_error: OSError | None = None
@@ -84,6 +86,11 @@ class KernelCache(_Cache):
         """The compiled version for `sig`, or None where no sound one is kept."""
         if not self._enabled:
             return None
+        if (kept := self._load(sig, target_context)) is None:
+            say_once("compiling for this processor: up to a minute, once (nnpp-edge warmup does it ahead of time)")
+        return kept
+
+    def _load(self, sig: Any, target_context: Any) -> Any:
         target_context.refresh()
         key = self._key(sig, target_context.codegen())
         content = _read(self._path(key))

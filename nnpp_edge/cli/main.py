@@ -1,5 +1,6 @@
 """The `nnpp-edge` command: its subcommands, imported when asked for, and how errors end."""
 
+import functools
 import sys
 import warnings
 from importlib import import_module
@@ -7,6 +8,7 @@ from importlib import import_module
 import click
 
 from nnpp_edge import __version__
+from nnpp_edge.runtime import notice
 from nnpp_edge.runtime.errors import NnppEdgeError
 
 COMMANDS = {
@@ -66,6 +68,8 @@ def _show_warning(message: Warning | str, category: type[Warning], *_: object, *
 def main() -> None:
     """Run the command. Wrong use and bad input end in one line and exit code 2."""
     warnings.showwarning = _show_warning  # type: ignore[assignment]
+    if sys.stderr.isatty():
+        notice.tell = functools.partial(click.echo, err=True)
     try:
         cli(prog_name="nnpp-edge")
     except NnppEdgeError as error:

@@ -50,6 +50,18 @@ FOLDER = "from nnpp_edge.runtime import _jit; print(_jit.CACHE_FOLDER)"
 WARM_UP = "from nnpp_edge.cli.main import main; import sys; sys.argv[0] = 'nnpp-edge'; main()"
 
 
+TOLD_OF_COMPILING = """
+from nnpp_edge.runtime import notice
+heard = []
+notice.tell = heard.append
+from nnpp_edge.runtime.planning.expansion import octile
+from nnpp_edge.runtime.region import lowered
+octile(1, 2, 3, 4, 1.0, 1.4)
+lowered(3, 0.5)
+print(heard)
+"""
+
+
 def environment(**changes):
     """Our environment without any word about folders but those in `changes`."""
     clean = {k: v for k, v in os.environ.items() if k not in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "TMPDIR")}
@@ -86,6 +98,12 @@ def test_two_warm_ups_at_once_compile_everything_once(warmed):
     assert sorted(min(t["compiled"], 1) for t in told) == [0, 1]
     assert {t["kernels"] for t in told} == {len({p.name.rpartition("-")[0] for p in found})}
     assert {t["signatures"] for t in told} == {len(found)}
+
+
+def test_who_waits_for_the_compiler_is_told_once(tmp_path):
+    cold, warm = (python(TOLD_OF_COMPILING, XDG_CACHE_HOME=tmp_path).stdout for _ in range(2))
+    assert cold.count("compiling for this processor") == cold.count("nnpp-edge warmup") == 1
+    assert warm == "[]\n"
 
 
 def test_after_a_warm_up_no_plan_compiles_anything(warmed):
