@@ -1,3 +1,4 @@
+import os
 import signal
 import socket
 import subprocess
@@ -77,9 +78,10 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     kept = tmp_path / "kept.rrd"
-    viewer = subprocess.Popen([sys.executable, "-m", "rerun_cli", "--port", str(port), "--save", str(kept)])
+    command = [sys.executable, "-m", "rerun_cli", "--port", str(port), "--save", str(kept)]
+    viewer = subprocess.Popen(command, start_new_session=True)  # it starts another
     try:
-        for _ in range(200):
+        for _ in range(1200):  # a first start reads a hundred megabytes
             with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
                 break
             time.sleep(0.05)
@@ -91,7 +93,7 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
             time.sleep(0.5)
             sizes.append(kept.stat().st_size if kept.exists() else 0)
     finally:
-        viewer.send_signal(signal.SIGINT)
+        os.killpg(viewer.pid, signal.SIGKILL)
         viewer.wait(timeout=20)
     found = read(kept)
     assert found["/map/path"]["tick"] == [1, 2]
