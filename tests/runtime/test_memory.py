@@ -17,7 +17,7 @@ def test_memory_is_there_and_values_stay():
     for name, value in values.items():
         np.testing.assert_array_equal(getattr(owner, name), value)
     before = rss_bytes()
-    owner.large = np.zeros(1 << 22)
+    owner.large = np.zeros(1 << 23)  # so large that it cannot be memory that was given back before
     touch(owner)
     assert rss_bytes() - before > 0.9 * owner.large.nbytes
     assert not owner.large.any()
