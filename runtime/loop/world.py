@@ -10,7 +10,7 @@ from nnpp_edge.runtime.costmap import Float2D, Traversability, as_map, traversab
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.grid import StepCost
 from nnpp_edge.runtime.loop.messages import MapPatch
-from nnpp_edge.runtime.rectangle import Rectangle, enclosing
+from nnpp_edge.runtime.rectangle import Rectangle, gather
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,5 @@ class World:
                 self._cost, self._elevation, part, terrain.cell_size_m, terrain.traversability,
                 cell_width_m=terrain.cell_width_m,
             )  # fmt: skip
-        self._dirty.append(part)
-        if len(self._dirty) > self._most:
-            self.merged += len(self._dirty)
-            self._dirty = [enclosing(self._dirty)]
+        if gather(self._dirty, part, self._most):
+            self.merged += self._most + 1

@@ -17,8 +17,8 @@ from nnpp_edge.runtime.planning.plan import Method
 
 FORMAT = "nnpp-edge-choice-1"
 VARIABLE = "NNPP_EDGE_CHOICE"
-_NEAR = 48
-"""Cells; nearer goals are left to plain A* by the shipped figures."""
+NEAR = 48
+"""Cells; by the shipped figures nearer goals are soonest found by plain A*."""
 _LARGE, _FAR = 1536, 512
 """Cells of a map's longer side, and to a goal, from which the learned region is clearly sooner done by them."""
 _MEASURED = "edge"
@@ -40,9 +40,9 @@ class MapChoice:
 
 
 SHIPPED = MapChoice(
-    (0, _NEAR),
+    (0, NEAR),
     (
-        (Method.ASTAR, f"the goal is less than {_NEAR} cells away"),
+        (Method.ASTAR, f"the goal is less than {NEAR} cells away"),
         (
             Method.CORRIDOR,
             "by the shipped figures about as soon done as the learned region, and nearer to the optimum",

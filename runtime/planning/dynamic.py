@@ -17,18 +17,17 @@ from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepModel
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planning.astar import astar
+from nnpp_edge.runtime.planning.choice import NEAR
 from nnpp_edge.runtime.planning.dstar_lite import DStarLite
 from nnpp_edge.runtime.planning.incremental import DStarPlanner, Mending
 from nnpp_edge.runtime.planning.plan import Method, Plan, Source, measure
 from nnpp_edge.runtime.planning.query import Query, as_cell, problem_with
 from nnpp_edge.runtime.planning.validity import Standing, StandingPath
 from nnpp_edge.runtime.planning.workspace import Workspace
-from nnpp_edge.runtime.rectangle import Rectangle, apart, enclosing
+from nnpp_edge.runtime.rectangle import Rectangle, apart, gather
 
 _MOST_CHANGES = 64
 """Rectangles that are kept apart; one more and they are taken for the one that holds them all."""
-_NEAR = 48
-"""Cells; nearer goals `auto` leaves to exact A*."""
 _MEND_FROM = 192
 """Cells to the goal from which on `auto` mends; a shorter corridor is as soon made anew."""
 _NEAR_START = 0.25
@@ -160,9 +159,7 @@ class DynamicPlanner:
         if self._dstar is not None:
             self._dstar.cells_changed(*change.part)
         self._changed += change.cells
-        self._changes.append(change.part)
-        if len(self._changes) > _MOST_CHANGES:
-            self._changes = [enclosing(self._changes)]
+        gather(self._changes, change.part, _MOST_CHANGES)
         return change.cells
 
     def move(self, start: Cell) -> None:
@@ -248,9 +245,9 @@ class DynamicPlanner:
     def _auto(self, deadline: float, cancelled: Callable[[], bool] | None) -> Plan:
         """By what is soonest done from here."""
         start, goal = self._where(), self._goal
-        if apart((*start, 1, 1), goal) < _NEAR and problem_with(self.grid, start, goal) is None:
+        if apart((*start, 1, 1), goal) < NEAR and problem_with(self.grid, start, goal) is None:
             assert self._planner is not None
-            reason = f"the goal is less than {_NEAR} cells away"
+            reason = f"the goal is less than {NEAR} cells away"
             query = self._query(start, DynamicMethod.ASTAR, reason, deadline, cancelled)
             if (plan := self._planner.search_briefly(query, Method.ASTAR)) is not None:
                 return plan

@@ -17,7 +17,7 @@ from nnpp_edge.runtime.planning.plan import Method, Plan, Source
 from nnpp_edge.runtime.planning.planner import Planner
 from nnpp_edge.runtime.planning.pyramid import FACTOR
 from nnpp_edge.runtime.planning.query import Query
-from nnpp_edge.runtime.rectangle import Rectangle, apart, enclosing
+from nnpp_edge.runtime.rectangle import Rectangle, apart, gather
 
 _MOST_JOINED = 3
 """Regions are joined as long as they hold at most so many times the blocks of the newest."""
@@ -72,9 +72,7 @@ class DStarPlanner(Planner):
         change = super().take(row, col, patch, keep=keep)
         if self._dstar is not None and change.cells:
             self._dstar.cells_changed(*change.part)
-            self._changes.append(change.part)
-            if len(self._changes) > _MOST_CHANGES:
-                self._changes = [enclosing(self._changes)]
+            gather(self._changes, change.part, _MOST_CHANGES)
         return change
 
     def expect(self, goal: Cell) -> None:

@@ -14,7 +14,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.grid import PAPER_OMEGA, Change, Grid, StepCost, StepModel
 from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.planning.astar import Region, Search
-from nnpp_edge.runtime.planning.choice import MapChoice, choice_for
+from nnpp_edge.runtime.planning.choice import NEAR, MapChoice, choice_for
 from nnpp_edge.runtime.planning.expansion import LANES, octile
 from nnpp_edge.runtime.planning.landmarks import Landmarks
 from nnpp_edge.runtime.planning.learned import LearnedRegions
@@ -93,7 +93,7 @@ class Planner:
         omega: float = PAPER_OMEGA,
         corner_cutting: bool = True,
         model: str | Path | NetworkModel = "edge",
-        ask_from: int = 48,
+        ask_from: int = NEAR,
     ) -> None:
         self.grid = Grid.of(cost, StepModel.of(step_cost, omega))
         self.pyramid = Pyramid(self.grid, corner_cutting)
