@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from nnpp_edge.calibrate.calibration_set import answers, feed, pick
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.encoding import Frame
-from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.region import RegionFinder, lowered, quantise
+from nnpp_edge.runtime.network.encoding import Frame
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.region.threshold import RegionFinder, lowered, quantise
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.training.validation import Judgement, Validator
 

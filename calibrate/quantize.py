@@ -27,7 +27,7 @@ from nnpp_edge.calibrate.quantizer import METHODS, Quantizer, with_facts
 from nnpp_edge.calibrate.sensitivity import exclude_worst, node_errors
 from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
-from nnpp_edge.runtime.inference import NetworkModel
+from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.terrain.dataset import Samples, read_recipe, read_samples
 
 AUTO = "auto"

@@ -15,7 +15,7 @@ from onnxruntime.quantization import CalibrationMethod, QDQQuantizer, QuantType
 from nnpp_edge.calibrate.calibration_set import QueryReader, pick
 from nnpp_edge.export.in_parts import leading_to
 from nnpp_edge.runtime.errors import DataSetError, ModelError
-from nnpp_edge.runtime.inference import METADATA_KEY, ModelMetadata, NetworkModel
+from nnpp_edge.runtime.network.inference import METADATA_KEY, ModelMetadata, NetworkModel
 from nnpp_edge.terrain.dataset import Samples
 
 METHODS = {

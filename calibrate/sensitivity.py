@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.calibrate.calibration_set import answers
 from nnpp_edge.calibrate.quantizer import Quantizer
-from nnpp_edge.runtime.inference import NetworkModel
+from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.terrain.dataset import Samples
 
 MOST_FLOAT = 3

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import onnx
 from onnx import TensorProto, helper
 
-from nnpp_edge.runtime.inference import ASK, HEAD, OUTPUT, PLACES
+from nnpp_edge.runtime.network.inference import ASK, HEAD, OUTPUT, PLACES
 
 
 def ask_for_the_head(model: onnx.ModelProto) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.model.registry import Network, encode
 from nnpp_edge.runtime.errors import DataSetError
-from nnpp_edge.runtime.inference import NetworkModel
+from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.terrain.dataset import Samples
 
 LIMIT = 1e-4

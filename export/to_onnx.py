@@ -25,11 +25,11 @@ from nnpp_edge.model import edge
 from nnpp_edge.model.macs import count_macs
 from nnpp_edge.model.registry import Network, Spec
 from nnpp_edge.model.split import SplitNet
-from nnpp_edge.runtime.costmap import Traversability
-from nnpp_edge.runtime.encoding import ENDS_CHANNELS, PAIR_CHANNELS
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.grid import PAPER_OMEGA
-from nnpp_edge.runtime.inference import HEAD, METADATA_KEY, OUTPUT, PLACES, ModelMetadata
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS, PAIR_CHANNELS
+from nnpp_edge.runtime.network.inference import HEAD, METADATA_KEY, OUTPUT, PLACES, ModelMetadata
+from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import Recipe
 from nnpp_edge.training.train import load_checkpoint
 

@@ -7,28 +7,33 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from nnpp_edge.runtime.costmap import SaturationWarning, Traversability, traversability_cost, update_cost
     from nnpp_edge.runtime.errors import NnppEdgeError, Status
-    from nnpp_edge.runtime.inference import NetworkModel
-    from nnpp_edge.runtime.model_file import ModelFile, list_models
-    from nnpp_edge.runtime.planning.plan import Method, Plan, Source
-    from nnpp_edge.runtime.planning.planner import Planner, plan_path
+    from nnpp_edge.runtime.network.inference import NetworkModel
+    from nnpp_edge.runtime.network.model_file import ModelFile, list_models
+    from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+    from nnpp_edge.runtime.planners.planner import Planner, plan_path
+    from nnpp_edge.runtime.terrain.traversability import (
+        SaturationWarning,
+        Traversability,
+        traversability_cost,
+        update_cost,
+    )
 
 _HOMES = {
-    "Method": "planning.plan",
-    "ModelFile": "model_file",
-    "NetworkModel": "inference",
+    "Method": "planners.plan",
+    "ModelFile": "network.model_file",
+    "NetworkModel": "network.inference",
     "NnppEdgeError": "errors",
-    "Plan": "planning.plan",
-    "Planner": "planning.planner",
-    "SaturationWarning": "costmap",
-    "Source": "planning.plan",
+    "Plan": "planners.plan",
+    "Planner": "planners.planner",
+    "SaturationWarning": "terrain.traversability",
+    "Source": "planners.plan",
     "Status": "errors",
-    "Traversability": "costmap",
-    "list_models": "model_file",
-    "plan_path": "planning.planner",
-    "traversability_cost": "costmap",
-    "update_cost": "costmap",
+    "Traversability": "terrain.traversability",
+    "list_models": "network.model_file",
+    "plan_path": "planners.planner",
+    "traversability_cost": "terrain.traversability",
+    "update_cost": "terrain.traversability",
 }
 
 __all__ = [

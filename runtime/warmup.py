@@ -1,7 +1,7 @@
 """Compiling every kernel before the first plan: at install or at boot, rather than on the way.
 
 Tiny plans are made that go through every code path with every type of argument which the runtime hands to
-its kernels. What they compile stays in the cache folder that `_jit` chose.
+its kernels. What they compile stays in the cache folder that `compiled` chose.
 """
 
 import functools
@@ -21,19 +21,20 @@ from typing import Any
 import numpy as np
 
 import nnpp_edge.runtime
-from nnpp_edge.runtime import _jit, _kernel_cache
-from nnpp_edge.runtime.costmap import Traversability, terrain_terms, traversability_cost, update_cost
-from nnpp_edge.runtime.encoding import GAUSSIAN_CHANNELS, PAIR_CHANNELS, encode_gaussian, encode_pair
+from nnpp_edge.runtime.compiled import cache, kernel
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.runtime.grid import Grid
-from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.astar import Region, cost_field
-from nnpp_edge.runtime.planning.dstar_lite import DStarLite
-from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner
-from nnpp_edge.runtime.planning.incremental import DStarPlanner, Mending
-from nnpp_edge.runtime.planning.landmarks import Landmarks
-from nnpp_edge.runtime.planning.planner import Planner
-from nnpp_edge.runtime.region import RegionFinder, lowered
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.network.encoding import GAUSSIAN_CHANNELS, PAIR_CHANNELS, encode_gaussian, encode_pair
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.dynamic import DynamicMethod, DynamicPlanner
+from nnpp_edge.runtime.planners.incremental import DStarPlanner, Mending
+from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
+from nnpp_edge.runtime.search.astar import cost_field
+from nnpp_edge.runtime.search.dstar_lite import DStarLite
+from nnpp_edge.runtime.search.landmarks import Landmarks
+from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost, update_cost
 
 _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
 _STILL_IN_USE_S = 3600.0
@@ -82,7 +83,7 @@ def warm_up(*, keep_old: bool = False) -> Warmth:
     OutputError
         There is no folder to write to, or it cannot be written.
     """
-    folder = _jit.CACHE_FOLDER
+    folder = kernel.CACHE_FOLDER
     if folder is None:
         raise OutputError(
             "compiled kernels cannot be kept: wanted a folder that only this user can write to, found none "
@@ -95,12 +96,12 @@ def warm_up(*, keep_old: bool = False) -> Warmth:
             before = _compilations()
             exercise()
             compiled = _compilations() - before
-        if (failure := _kernel_cache.save_error()) is not None:
+        if (failure := cache.save_error()) is not None:
             raise failure
         removed = () if keep_old else _remove_old(folder)
     except OSError as error:
         raise OutputError(f"{folder}: kernels could not be kept ({error.strerror or error})") from error
-    kernels, signatures = _kernel_cache.count_kept(folder)
+    kernels, signatures = cache.count_kept(folder)
     return Warmth(folder, kernels, signatures, compiled, time.perf_counter() - began, removed)
 
 

@@ -24,7 +24,7 @@ def write_tiny_model(path: Path, **changes: Any) -> Path:
     """
     from onnx import TensorProto, checker, helper, save
 
-    from nnpp_edge.runtime.inference import METADATA_KEY, ModelMetadata
+    from nnpp_edge.runtime.network.inference import METADATA_KEY, ModelMetadata
 
     side, query_side = TINY_SIDE // TINY_UNSHUFFLE, TINY_SIDE // 8
     channels = 2 * TINY_UNSHUFFLE**2

@@ -72,7 +72,7 @@ def make_rules(workload: str | None, limits: dict[str, Any]) -> Any:
 
 def cost_of(terrain: Any, rules: Any) -> Any:
     """The cost map of a `Dem`."""
-    from nnpp_edge.runtime.costmap import traversability_cost
+    from nnpp_edge.runtime.terrain.traversability import traversability_cost
 
     return traversability_cost(terrain.elevation, terrain.cell_size_m, rules, cell_width_m=terrain.cell_width_m)
 
@@ -81,7 +81,7 @@ def summary(cost: Any, terrain: Any, rules: Any) -> dict[str, Any]:
     """Size, share passable, quantiles of the passable cells' cost, share of known cells at each limit."""
     import numpy as np
 
-    from nnpp_edge.runtime.costmap import TERMS, terrain_terms
+    from nnpp_edge.runtime.terrain.traversability import TERMS, terrain_terms
 
     passable = cost[np.isfinite(cost)]
     quantiles = np.quantile(passable, _SHARES).round(6).tolist() if passable.size else [None] * len(_SHARES)

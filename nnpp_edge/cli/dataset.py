@@ -59,7 +59,7 @@ def command(
         raise click.UsageError("--workers counts processes on this machine; leave it out with --scheduler")
     from functools import partial
 
-    from nnpp_edge.cli.progress import bar
+    from nnpp_edge.progress import bar
     from nnpp_edge.terrain.cluster import shards_on_cluster
     from nnpp_edge.terrain.dataset import make_dataset, read_samples
     from nnpp_edge.terrain.shards import Recipe

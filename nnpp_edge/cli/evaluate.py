@@ -57,11 +57,11 @@ def command(
     \b
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --workload soft,limit15 --sizes 256,512
     """
-    from nnpp_edge.cli.progress import bar
     from nnpp_edge.profiling.evaluate import contenders, evaluate
     from nnpp_edge.profiling.suites import TerrainSuite, dataset_cases, name_of, synthetic_cases
-    from nnpp_edge.runtime.inference import NetworkModel
-    from nnpp_edge.runtime.planning.plan import Method
+    from nnpp_edge.progress import bar
+    from nnpp_edge.runtime.network.inference import NetworkModel
+    from nnpp_edge.runtime.planners.plan import Method
     from nnpp_edge.terrain.dataset import read_recipe
 
     files = (*terrain, *more_terrain)
@@ -98,7 +98,7 @@ def command(
 
 def table(rows: list[dict[str, Any]]) -> str:
     """The rows for people."""
-    from nnpp_edge.cli.progress import render_table
+    from nnpp_edge.progress import render_table
 
     def text(key: str, value: Any) -> str:
         if value is None:

@@ -32,7 +32,7 @@ def command(
     """
     from nnpp_edge.export.parity import parity
     from nnpp_edge.export.to_onnx import checkpoint_facts, dataset_facts, export_network
-    from nnpp_edge.runtime.grid import PAPER_OMEGA
+    from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
     from nnpp_edge.terrain.dataset import read_recipe, read_samples
     from nnpp_edge.training.train import load_checkpoint
 

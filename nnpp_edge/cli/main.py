@@ -8,7 +8,7 @@ from importlib import import_module
 import click
 
 from nnpp_edge import __version__
-from nnpp_edge.runtime import notice
+from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import NnppEdgeError
 
 COMMANDS = {

@@ -9,7 +9,7 @@ import click
 from nnpp_edge.cli import options
 
 if TYPE_CHECKING:
-    from nnpp_edge.runtime.model_file import Figures, ModelFile
+    from nnpp_edge.runtime.network.model_file import Figures, ModelFile
 
 _SIZE = 256
 """Side of the maps whose figures stand in the list."""
@@ -38,7 +38,7 @@ def command(model: str | None, as_json: bool) -> None:
     nnpp-edge models
     nnpp-edge models edge
     """
-    from nnpp_edge.runtime.model_file import list_models, read_model_file
+    from nnpp_edge.runtime.network.model_file import list_models, read_model_file
 
     if model is None:
         listed = list_models()
@@ -50,7 +50,7 @@ def command(model: str | None, as_json: bool) -> None:
 
 def table(listed: "Sequence[ModelFile]") -> str:
     """The models for people, one a row."""
-    from nnpp_edge.cli.progress import render_table
+    from nnpp_edge.progress import render_table
 
     body = []
     for found in listed:
@@ -83,7 +83,7 @@ def text(found: "ModelFile") -> str:
 
 def _figures(figures: "Figures") -> str:
     """The rows as a table, then where they come from."""
-    from nnpp_edge.cli.progress import render_table
+    from nnpp_edge.progress import render_table
 
     def shown(value: Any, digits: int) -> str:
         return "–" if value is None else f"{value:.{digits}f}"

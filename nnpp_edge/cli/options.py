@@ -120,7 +120,7 @@ def make_traversability(
     """The `Traversability` that the options describe."""
     from math import inf
 
-    from nnpp_edge.runtime.costmap import Traversability
+    from nnpp_edge.runtime.terrain.traversability import Traversability
 
     return Traversability(
         slope_limit_deg=slope_limit, roughness_limit_m=roughness_limit, step_limit_m=step_limit,

@@ -12,8 +12,8 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.costmap import cost_of, make_rules, size_text, workload_option
 
 if TYPE_CHECKING:
-    from nnpp_edge.runtime.planning.astar import Region
-    from nnpp_edge.runtime.planning.plan import Plan
+    from nnpp_edge.runtime.map.region import Region
+    from nnpp_edge.runtime.planners.plan import Plan
     from nnpp_edge.terrain.dem import Dem
     from nnpp_edge.terrain.route import Route
 
@@ -78,7 +78,7 @@ def command(
 
     from nnpp_edge.files import make_folder
     from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-    from nnpp_edge.runtime.planning.planner import Planner
+    from nnpp_edge.runtime.planners.planner import Planner
     from nnpp_edge.terrain.route import Route
 
     if output is not None:
@@ -156,7 +156,7 @@ def _promise(plan: "Plan", told: dict[str, Any]) -> str:
 
 def _table(rows: list[dict[str, Any]]) -> str:
     """The comparison for people."""
-    from nnpp_edge.cli.progress import render_table
+    from nnpp_edge.progress import render_table
 
     def shown(value: Any, form: str) -> str:
         return "–" if value is None else form.format(value)
@@ -176,7 +176,7 @@ def _compare(ask: Callable[..., "Plan"], plan: "Plan") -> "tuple[list[dict[str, 
     """The plan's method, exact A* and the corridor planner in turns, median times; and the exact plan."""
     from statistics import median
 
-    from nnpp_edge.runtime.planning.plan import Method
+    from nnpp_edge.runtime.planners.plan import Method
 
     methods = list(dict.fromkeys((plan.method, Method.ASTAR, Method.CORRIDOR)))
     rounds = [{method: ask(method=method) for method in methods} for _ in range(1 + _REPEATS)][1:]
@@ -272,7 +272,7 @@ def _why_blocked(cell: Cell, terrain: "Dem", rules: Any) -> str:
     """What makes an impassable cell so."""
     import numpy as np
 
-    from nnpp_edge.runtime.costmap import terrain_terms
+    from nnpp_edge.runtime.terrain.traversability import terrain_terms
 
     row0, col0 = max(cell[0] - 1, 0), max(cell[1] - 1, 0)
     patch = terrain.elevation[row0 : cell[0] + 2, col0 : cell[1] + 2]

@@ -104,12 +104,12 @@ def compare_command(before: Path, after: Path, tolerance: float, as_json: bool) 
 
 def _profile(given: dict[str, Any]) -> int:
     from nnpp_edge.cli.profile_text import text
-    from nnpp_edge.cli.progress import bar
     from nnpp_edge.files import make_folder, write_whole
     from nnpp_edge.profiling.judge import EXIT_CODES
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile
     from nnpp_edge.profiling.report import Watchers, choice_of, profile_machine
+    from nnpp_edge.progress import bar
 
     choice = _choice_file(given["save_choice"])
     json_file = Path(given["json_file"]) if given["json_file"] not in (None, _STDOUT) else None
@@ -144,7 +144,7 @@ def _choice_file(named: str | None) -> Path | None:
         return None
     if named != _STDOUT:
         return Path(named)
-    from nnpp_edge.runtime.planning.choice import choice_path
+    from nnpp_edge.runtime.planners.choice import choice_path
 
     if (path := choice_path()) is None:
         raise click.UsageError("there is no home folder for the figures: give --save-choice FILE")
@@ -152,9 +152,9 @@ def _choice_file(named: str | None) -> Path | None:
 
 
 def _peers(given: dict[str, Any]) -> None:
-    from nnpp_edge.cli.progress import bar
+    from nnpp_edge.benchmarks.peers import run
     from nnpp_edge.files import make_folder, write_whole
-    from nnpp_edge.profiling.peers import run
+    from nnpp_edge.progress import bar
 
     sizes, queries = given["sizes"] or _PEERS_SIZES, given["queries"] or _PEERS_QUERIES
     limit_s, seed = given["limit_s"] or _PEERS_LIMIT_S, 1 if given["seed"] is None else given["seed"]
@@ -194,7 +194,7 @@ def _peers(given: dict[str, Any]) -> None:
 
 def peers_text(rows: list[dict[str, Any]], missing: list[str]) -> str:
     """The rows for people: the table, what each planner minimises, and who was left out."""
-    from nnpp_edge.cli.progress import render_table
+    from nnpp_edge.progress import render_table
 
     def shown(key: str, value: Any) -> str:
         if value is None:

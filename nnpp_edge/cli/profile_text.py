@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from nnpp_edge.cli.progress import render_table
 from nnpp_edge.profiling.quantities import STAGES
+from nnpp_edge.progress import render_table
 
 _BUDGETS = ("budget", "planner", "where", "measured", "wanted", "verdict")
 _RESULTS = (

@@ -50,7 +50,7 @@ def command(
     """
     from functools import partial
 
-    from nnpp_edge.cli.progress import bar
+    from nnpp_edge.progress import bar
     from nnpp_edge.reproduction.experiment import NAMES
     from nnpp_edge.reproduction.runner import Request, reproduce
 

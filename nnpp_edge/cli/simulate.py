@@ -12,11 +12,11 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.costmap import make_rules, workload_option
 
 if TYPE_CHECKING:
-    from nnpp_edge.robot.scene import Ground
-    from nnpp_edge.robot.simulate import Drive
     from nnpp_edge.runtime.loop.messages import PathMessage
     from nnpp_edge.runtime.loop.runner import Sink
     from nnpp_edge.runtime.loop.world import World
+    from nnpp_edge.simulation.scene import Ground
+    from nnpp_edge.simulation.simulate import Drive
 
 Cell = tuple[int, int]
 
@@ -69,9 +69,9 @@ def command(
     rules = make_rules(workload, limits)
 
     from nnpp_edge.files import make_folder
-    from nnpp_edge.robot.drive_picture import Film, check_name, save_drive
-    from nnpp_edge.robot.scene import Scene
-    from nnpp_edge.robot.simulate import SimulationSettings, random_drive, simulate
+    from nnpp_edge.simulation.drive_picture import Film, check_name, save_drive
+    from nnpp_edge.simulation.scene import Scene
+    from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
 
     settings = SimulationSettings(method, model, rate, ticks, changes, sight, speed, seed)
     if picture is not None:
@@ -139,7 +139,7 @@ def _ground(terrain: Any, size: int, rules: Any, survey: int, seed: int) -> "Gro
     """A random part of the terrain."""
     import numpy as np
 
-    from nnpp_edge.robot.scene import Ground
+    from nnpp_edge.simulation.scene import Ground
 
     height, width = terrain.elevation.shape
     rows, cols = min(size, height), min(size, width)

@@ -59,8 +59,8 @@ def command(
 
     import torch
 
-    from nnpp_edge.cli.progress import bar
     from nnpp_edge.model.registry import PRESETS
+    from nnpp_edge.progress import bar
     from nnpp_edge.terrain.dataset import read_recipe, read_samples
     from nnpp_edge.training.train import Progress, TrainSettings, train
     from nnpp_edge.viz.figures import training_curves

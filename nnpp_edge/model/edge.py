@@ -4,8 +4,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from nnpp_edge.runtime.encoding import PAIR_CHANNELS
 from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.network.encoding import PAIR_CHANNELS
 
 MAP_CHANNELS = 2
 UNSHUFFLE = 4

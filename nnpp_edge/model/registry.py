@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from nnpp_edge.model import edge, nnpp, split
-from nnpp_edge.runtime.encoding import (
+from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.network.encoding import (
     ENDS_CHANNELS,
     GAUSSIAN_CHANNELS,
     PAIR_CHANNELS,
@@ -19,7 +20,6 @@ from nnpp_edge.runtime.encoding import (
     encode_gaussian,
     encode_pair,
 )
-from nnpp_edge.runtime.errors import ModelError
 
 ENCODINGS = {"edge": ("pair",), "split": ("ends",), "nnpp": ("gaussian", "euclidean", "pixel")}
 """``euclidean`` and ``pixel`` are what the paper compares its Gaussians with (Fig. 13): training knows them, the

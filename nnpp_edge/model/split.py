@@ -19,8 +19,8 @@ from nnpp_edge.model.edge import (
     Pyramid,
     check_input,
 )
-from nnpp_edge.runtime.encoding import END_CHANNELS, PAIR_CHANNELS
-from nnpp_edge.runtime.place_head import ANSWERS
+from nnpp_edge.runtime.network.encoding import END_CHANNELS, PAIR_CHANNELS
+from nnpp_edge.runtime.network.place_head import ANSWERS
 
 assert ANSWERS == (QUERY_STRIDE // OUTPUT_STRIDE) ** 2
 

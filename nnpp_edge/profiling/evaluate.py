@@ -9,9 +9,9 @@ import numpy as np
 
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.plan import Method, Plan, Source
-from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.warmup import exercise
 
 EXACT = "astar"

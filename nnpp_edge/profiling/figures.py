@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.profiling.measure import EXACT, HALVES, Answers, Block, Run
 from nnpp_edge.profiling.quantities import STAGES
-from nnpp_edge.runtime.planning.plan import Source
+from nnpp_edge.runtime.planners.plan import Source
 
 _FIRST = (None, Source.MAP, Source.REGION)
 Times = NDArray[np.float64]

@@ -13,9 +13,9 @@ from nnpp_edge.profiling.machine import CoreTimes, EnergyMeter
 from nnpp_edge.profiling.profile_cases import Ground, Question, Sheet
 from nnpp_edge.profiling.profile_file import Device, Load, Networks
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.plan import Method, Plan, Source
-from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+from nnpp_edge.runtime.planners.planner import Planner
 
 EXACT = "astar"
 HALVES = 2

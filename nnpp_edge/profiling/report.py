@@ -17,9 +17,9 @@ from nnpp_edge.profiling.measure import Contender, Disturbance, Run, contenders,
 from nnpp_edge.profiling.memory import peak_memory_mb
 from nnpp_edge.profiling.profile_cases import Ground
 from nnpp_edge.profiling.profile_file import Networks, Profile
-from nnpp_edge.runtime.model_file import model_path
-from nnpp_edge.runtime.planning.choice import Choice, Rule
-from nnpp_edge.runtime.planning.plan import Method
+from nnpp_edge.runtime.network.model_file import model_path
+from nnpp_edge.runtime.planners.choice import Choice, Rule
+from nnpp_edge.runtime.planners.plan import Method
 
 SCHEMA = 1
 _START_UP = ("astar", "corridor", "nnpp", "auto")
@@ -153,7 +153,7 @@ def _besides(
 
 
 def _has_path(cost: Any, question: Any) -> bool:
-    from nnpp_edge.runtime.planning.planner import Planner
+    from nnpp_edge.runtime.planners.planner import Planner
 
     return Planner(cost).plan(question.start, question.goal, method=Method.CORRIDOR).ok
 

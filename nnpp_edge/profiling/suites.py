@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.costmap import traversability_cost
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
+from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.terrain.dataset import read_recipe
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.labels import Query, random_query

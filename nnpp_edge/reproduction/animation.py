@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.profiling.dynamic_episode import Episode, Patch
+from nnpp_edge.benchmarks.dynamic_episode import Episode, Patch
 from nnpp_edge.reproduction.pictures import OPTIMUM, PATH, REGION, new_figure, tinted
-from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.planner import Planner
 
 _CHANGED, _DRIVEN, _OLD = "#ff3b1f", "#ff9e3d", "#b8b8b8"
 _ENDS: dict[str, Any] = {"markeredgecolor": "black", "linestyle": "none", "clip_on": False, "zorder": 5}

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction.plain_astar import build_graph, search
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.plan import Plan, Source, measure
-from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.plan import Plan, Source, measure
+from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.labels import Query
 
 PLAIN, PLAIN_NN = "plain A*", "plain A*NN"

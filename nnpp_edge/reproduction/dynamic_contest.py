@@ -6,14 +6,14 @@ from itertools import islice
 
 import numpy as np
 
-from nnpp_edge.profiling.dynamic_episode import LEAST_DISTANCE, STRIDE, Episode, episodes_of
-from nnpp_edge.profiling.dynamic_scene import SceneRow, run_scene
+from nnpp_edge.benchmarks.dynamic_episode import LEAST_DISTANCE, STRIDE, Episode, episodes_of
+from nnpp_edge.benchmarks.dynamic_scene import SceneRow, run_scene
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Answer, Round, contest, increase
 from nnpp_edge.reproduction.experiment import Context
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.plan import Source
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.terrain.workloads import SOFT
 
 OURS = ("astar", "nnpp", "dstar", "nnpp-dstar")

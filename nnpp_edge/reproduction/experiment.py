@@ -11,8 +11,8 @@ from typing import Any
 from nnpp_edge.profiling.suites import Case, TerrainSuite
 from nnpp_edge.reproduction.report import Result
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.labels import Query
 from nnpp_edge.terrain.workloads import SOFT

@@ -14,7 +14,7 @@ from nnpp_edge.reproduction.experiment import Context, Experiment, Report
 from nnpp_edge.reproduction.pictures import OPTIMUM, PATH, REGION, new_figure, png, tinted
 from nnpp_edge.reproduction.plain_astar import build_graph, search
 from nnpp_edge.reproduction.report import Finding, Result, Table, judge, judge_ratio, percent, seconds
-from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.labels import Query
 
 

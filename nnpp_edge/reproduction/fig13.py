@@ -14,7 +14,7 @@ from nnpp_edge.reproduction.experiment import Context, Experiment, Report
 from nnpp_edge.reproduction.pictures import OURS, PAPER, new_figure, png, tidy
 from nnpp_edge.reproduction.report import Finding, Result, Table, judge, percent
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
-from nnpp_edge.runtime.grid import PAPER_OMEGA
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.terrain.dataset import Samples, read_samples
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.shards import Recipe, make_shard

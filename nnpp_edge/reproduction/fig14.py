@@ -12,10 +12,10 @@ from nnpp_edge.reproduction.animation import View, draw_view, frame, legend
 from nnpp_edge.reproduction.experiment import Context, Experiment, Report
 from nnpp_edge.reproduction.pictures import new_figure, png
 from nnpp_edge.reproduction.report import Finding, Result, Table, judge, percent
-from nnpp_edge.runtime.encoding import Cell
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.planning.plan import Plan, Source
-from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.planners.plan import Plan, Source
+from nnpp_edge.runtime.planners.planner import Planner
 
 _FRAMES = 5
 """From T to T + 4Δt (the paper's)."""

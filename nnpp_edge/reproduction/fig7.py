@@ -13,9 +13,10 @@ from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.experiment import Context, Experiment, Report
 from nnpp_edge.reproduction.pictures import PAPER, new_figure, png, tidy
 from nnpp_edge.reproduction.report import Finding, Result, Table, judge
-from nnpp_edge.runtime.grid import SQRT2, Grid, StepModel
-from nnpp_edge.runtime.planning.astar import astar
-from nnpp_edge.runtime.planning.workspace import Workspace
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.step_cost import SQRT2, StepModel
+from nnpp_edge.runtime.search.astar import astar
+from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.labels import Query
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.grid import GREY_LEVELS, PAPER_OMEGA, SQRT2
+from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA, SQRT2
 
 Cell = tuple[int, int]
 

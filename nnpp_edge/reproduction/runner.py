@@ -17,8 +17,8 @@ from nnpp_edge.reproduction.experiment import NAMES, Context, Experiment, Report
 from nnpp_edge.reproduction.index import experiment_page, index_page
 from nnpp_edge.reproduction.report import Finding, Result, Verdict
 from nnpp_edge.runtime.errors import DataSetError, OutputError
-from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.model_file import read_model_file
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.network.model_file import read_model_file
 from nnpp_edge.runtime.warmup import exercise
 from nnpp_edge.terrain.dem import read_dem
 

@@ -14,9 +14,10 @@ from nnpp_edge.reproduction.pictures import COLOURS, PAPER, new_figure, png, sid
 from nnpp_edge.reproduction.plain_astar import build_graph, search
 from nnpp_edge.reproduction.report import Finding, Result, Table, judge, percent, seconds
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.grid import Grid, StepModel
-from nnpp_edge.runtime.planning.astar import astar
-from nnpp_edge.runtime.planning.workspace import Workspace
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.search.astar import astar
+from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.labels import Query
 
 

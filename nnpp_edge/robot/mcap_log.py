@@ -30,7 +30,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.robot.ros_messages import (
+from nnpp_edge.ros.messages import (
     definition,
     grid_message,
     heights_message,

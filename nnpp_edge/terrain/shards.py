@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.costmap import traversability_cost
-from nnpp_edge.runtime.encoding import Frame, map_planes
 from nnpp_edge.runtime.errors import DataSetError
-from nnpp_edge.runtime.grid import PAPER_OMEGA, Grid, StepModel
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
+from nnpp_edge.runtime.network.encoding import Frame, map_planes
+from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.labels import label_queries, random_points
 from nnpp_edge.terrain.synthetic import synthetic_terrain

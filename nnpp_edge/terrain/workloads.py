@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from nnpp_edge.runtime.costmap import Traversability
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.terrain.traversability import Traversability
 
 SOFT = "soft"
 STANDARD = (SOFT, "limit20", "limit15")

@@ -18,9 +18,9 @@ import click
 import torch
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.progress import bar, render_table
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.model.registry import PRESETS, Spec
+from nnpp_edge.progress import bar, render_table
 from nnpp_edge.terrain.dataset import read_recipe, read_samples
 from nnpp_edge.training.train import Progress, TrainSettings, train
 

@@ -8,12 +8,14 @@ import torch
 from numpy.typing import NDArray
 
 from nnpp_edge.model.registry import Network, Spec, encode
-from nnpp_edge.runtime.encoding import Frame
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.grid import Grid, StepModel
-from nnpp_edge.runtime.planning.astar import Region, astar
-from nnpp_edge.runtime.planning.workspace import Workspace
-from nnpp_edge.runtime.region import RegionFinder, lowered
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.network.encoding import Frame
+from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
+from nnpp_edge.runtime.search.astar import astar
+from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.dataset import Samples
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.costmap import Float2D
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.runtime.planning.plan import Plan
+from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.viz.sheet import INK, Cells, Colour, Picture, Sheet, metres
 
 Mask = NDArray[np.bool_]

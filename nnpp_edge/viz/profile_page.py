@@ -13,9 +13,9 @@ from markupsafe import Markup
 
 from nnpp_edge.profiling.profile_cases import Ground
 from nnpp_edge.profiling.profile_file import Profile
-from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.plan import Method, Plan
-from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.viz.picture import plan_picture
 from nnpp_edge.viz.profile_plots import plots
 from nnpp_edge.viz.sheet import Picture

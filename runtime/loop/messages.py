@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.encoding import Cell
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import NnppEdgeError, Status
 
 

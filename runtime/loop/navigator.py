@@ -23,15 +23,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.encoding import Cell
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.grid import PAPER_OMEGA
-from nnpp_edge.runtime.inference import NetworkModel
 from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, MapPatch, Origin, Outcome, PathMessage, Pose
 from nnpp_edge.runtime.loop.world import World
-from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner
-from nnpp_edge.runtime.planning.plan import Plan
-from nnpp_edge.runtime.planning.validity import Standing
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.dynamic import DynamicMethod, DynamicPlanner
+from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.standing_path import Standing
 
 _LOG = logging.getLogger(__name__)
 _LEAST_PLANNING_S = 0.002

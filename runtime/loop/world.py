@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.costmap import Float2D, Traversability, as_map, traversability_cost, update_cost
+from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.cells import Rectangle, gather
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.grid import StepCost
 from nnpp_edge.runtime.loop.messages import MapPatch
-from nnpp_edge.runtime.rectangle import Rectangle, gather
+from nnpp_edge.runtime.map.step_cost import StepCost
+from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost, update_cost
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from nnpp_edge.calibrate.sensitivity import exclude_worst, node_errors, snr_db
 from nnpp_edge.export.to_onnx import export_network, export_onnx
 from nnpp_edge.model.registry import Network, Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
-from nnpp_edge.runtime.inference import NetworkModel
+from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.terrain.dataset import Recipe, make_dataset, read_samples
 from nnpp_edge.training.train import TrainSettings, train
 from nnpp_edge.training.validation import Judgement, Validator

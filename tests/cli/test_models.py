@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.model_file import FIGURE_NAMES, FIGURES_FORMAT, list_models, read_model_file
+from nnpp_edge.runtime.network.model_file import FIGURE_NAMES, FIGURES_FORMAT, list_models, read_model_file
 
 MODELS = Path(__file__).parents[2] / "nnpp_edge" / "models"
 SHIPPED = sorted(path.stem for path in MODELS.glob("*.onnx"))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from nnpp_edge.profiling import report as report_module
-from nnpp_edge.runtime.planning import choice
+from nnpp_edge.runtime.planners import choice
 
 PROFILE = """
 title = "Tiny & <quick>"

@@ -9,7 +9,7 @@ import pytest
 PLAN_EVERYTHING = """
 import numpy as np
 from nnpp_edge.runtime import Planner, plan_path, traversability_cost, update_cost
-from nnpp_edge.runtime.planning.dstar_lite import DStarLite
+from nnpp_edge.runtime.search.dstar_lite import DStarLite
 
 rng = np.random.default_rng(3)
 for shape in ((30, 30), (1, 60), (260, 230), (600, 530), (1100, 60)):
@@ -42,11 +42,12 @@ Planner(frozen).plan(start, goal)
 
 PLAN_ONCE = """
 import numpy as np
-from nnpp_edge.runtime import _jit, plan_path
+from nnpp_edge.runtime import plan_path
+from nnpp_edge.runtime.compiled import kernel
 assert plan_path(np.zeros((20, 20), np.float32), (0, 0), (19, 19), method="astar").ok
-print(_jit.CACHE_FOLDER)
+print(kernel.CACHE_FOLDER)
 """
-FOLDER = "from nnpp_edge.runtime import _jit; print(_jit.CACHE_FOLDER)"
+FOLDER = "from nnpp_edge.runtime.compiled import kernel; print(kernel.CACHE_FOLDER)"
 WARM_UP = "from nnpp_edge.cli.main import main; import sys; sys.argv[0] = 'nnpp-edge'; main()"
 
 
@@ -54,8 +55,8 @@ TOLD_OF_COMPILING = """
 from nnpp_edge.runtime import notice
 heard = []
 notice.tell = heard.append
-from nnpp_edge.runtime.planning.expansion import octile
-from nnpp_edge.runtime.region import lowered
+from nnpp_edge.runtime.kernels.expansion import octile
+from nnpp_edge.runtime.region.threshold import lowered
 octile(1, 2, 3, 4, 1.0, 1.4)
 lowered(3, 0.5)
 print(heard)

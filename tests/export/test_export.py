@@ -15,9 +15,9 @@ from nnpp_edge import __version__
 from nnpp_edge.export.parity import parity
 from nnpp_edge.export.to_onnx import dataset_facts, export_network, export_onnx, fold_norms, to_onnx
 from nnpp_edge.model.registry import Network, Spec, encode
-from nnpp_edge.runtime.costmap import Traversability
 from nnpp_edge.runtime.errors import DataSetError, ModelError, OutputError
-from nnpp_edge.runtime.inference import METADATA_KEY, NetworkModel
+from nnpp_edge.runtime.network.inference import METADATA_KEY, NetworkModel
+from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import Recipe, Samples
 
 EDGE = Spec("edge", 64, options={"widths": [8, 8, 8, 8], "stem": 8})

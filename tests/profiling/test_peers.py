@@ -4,7 +4,7 @@ import sys
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling import peers
+from nnpp_edge.benchmarks import peers
 from nnpp_edge.profiling.suites import Case
 
 SOLVE_THE_SAME = ("astar", "skimage.graph", "scipy dijkstra")

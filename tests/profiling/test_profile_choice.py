@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Planner
-from nnpp_edge.runtime.planning import choice
-from nnpp_edge.runtime.planning.choice import FORMAT, SHIPPED, SHIPPED_FOR_LARGE, Choice, choice_for, choice_path
+from nnpp_edge.runtime.planners import choice
+from nnpp_edge.runtime.planners.choice import FORMAT, SHIPPED, SHIPPED_FOR_LARGE, Choice, choice_for, choice_path
 
 GOOD = {
     "format": FORMAT, "measured": "2026-05-04", "machine": "board", "model": "edge",

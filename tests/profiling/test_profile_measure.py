@@ -11,7 +11,7 @@ from nnpp_edge.profiling.figures import find, rows
 from nnpp_edge.profiling.measure import contenders, queries_in, run
 from nnpp_edge.profiling.profile_file import Device, Load, Networks
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.planners.planner import Planner
 
 LOAD = Load(terrain=("synthetic",), workloads=("soft", "limit20"), sizes=(96,), queries=12, near=5, repeats=1, seed=3)
 NAMES = ["astar", "corridor", "nnpp", "nnpp-fp32", "auto"]

@@ -1,4 +1,4 @@
-from nnpp_edge.profiling.region_search import by_map_size, per_expansion
+from nnpp_edge.benchmarks.region_search import by_map_size, per_expansion
 
 
 def test_a_regions_search_is_timed_beside_the_whole_maps_and_on_a_larger_map():

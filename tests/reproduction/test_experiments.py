@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from nnpp_edge.profiling.dynamic_episode import make_episode
+from nnpp_edge.benchmarks.dynamic_episode import make_episode
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction import experiment, fig7, fig13, paper, runner, table1, table2, table3, table4
 from nnpp_edge.reproduction.animation import animate, view_episode

@@ -4,12 +4,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nnpp_edge.robot.scene import Ground, Obstacles, Scene, walkable
-from nnpp_edge.robot.simulate import SimulationSettings, random_drive, simulate
-from nnpp_edge.runtime.costmap import Traversability, traversability_cost
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, Outcome, PathMessage, Pose
-from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
+from nnpp_edge.simulation.scene import Ground, Obstacles, Scene, walkable
+from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)

@@ -5,8 +5,8 @@ import sys
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling import soak as soaking
-from nnpp_edge.profiling.soak import render, soak
+from nnpp_edge.benchmarks import soak as soaking
+from nnpp_edge.benchmarks.soak import render, soak
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.navigator import Navigator
 
@@ -62,7 +62,7 @@ def test_numbers_out_of_range_are_refused():
 def test_the_command_prints_a_row_for_each_method():
     words = ["--ticks", "30", "--size", "48", "--methods", "astar, dstar", "--json"]
     ended = subprocess.run(
-        [sys.executable, "-m", "nnpp_edge.profiling.soak", *words], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "nnpp_edge.benchmarks.soak", *words], capture_output=True, text=True, check=False
     )
     assert ended.returncode == 0, ended.stderr
     rows = json.loads(ended.stdout)

@@ -5,9 +5,11 @@ import pytest
 from hypothesis import given, settings
 
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.grid import Grid, StepModel
-from nnpp_edge.runtime.planning.astar import Region, astar, cost_field
-from nnpp_edge.runtime.planning.workspace import _LAST_STAMP, Workspace
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.search.astar import astar, cost_field
+from nnpp_edge.runtime.search.workspace import _LAST_STAMP, Workspace
 from tests import oracles
 from tests.strategies import cases
 
@@ -161,7 +163,7 @@ def test_a_path_longer_than_the_room_for_it_is_whole():
 
 
 def test_plain_python_gives_the_same_answer():
-    from nnpp_edge.runtime.planning import astar as module
+    from nnpp_edge.runtime.search import astar as module
 
     grid, workspace = set_up(np.random.default_rng(5).random((9, 9)).astype(np.float32))
     compiled = astar(grid, (0, 0), (8, 8), workspace)

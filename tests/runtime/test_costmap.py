@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime.costmap import (
+from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.terrain.traversability import (
     SaturationWarning,
     Traversability,
     terrain_terms,
     traversability_cost,
     update_cost,
 )
-from nnpp_edge.runtime.errors import InvalidMapError
 from tests import oracles
 
 

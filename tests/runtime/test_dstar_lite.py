@@ -6,13 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
-from nnpp_edge.runtime.grid import Grid, StepModel
-from nnpp_edge.runtime.planning import dstar_kernels as kernels
-from nnpp_edge.runtime.planning import dstar_lite as module
-from nnpp_edge.runtime.planning.astar import Region, astar
-from nnpp_edge.runtime.planning.dstar_lite import DStarLite
-from nnpp_edge.runtime.planning.plan import measure
-from nnpp_edge.runtime.planning.workspace import Workspace
+from nnpp_edge.runtime.kernels import dstar as kernels
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.planners.plan import measure
+from nnpp_edge.runtime.search import dstar_lite as module
+from nnpp_edge.runtime.search.astar import astar
+from nnpp_edge.runtime.search.dstar_lite import DStarLite
+from nnpp_edge.runtime.search.workspace import Workspace
 from tests import oracles
 from tests.strategies import cases
 

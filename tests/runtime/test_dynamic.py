@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.profiling.dynamic_episode import make_episode
-from nnpp_edge.profiling.dynamic_scene import run_scene, totals
+from nnpp_edge.benchmarks.dynamic_episode import make_episode
+from nnpp_edge.benchmarks.dynamic_scene import run_scene, totals
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError, Status
-from nnpp_edge.runtime.inference import NetworkModel
-from nnpp_edge.runtime.planning.dynamic import DynamicMethod, DynamicPlanner
-from nnpp_edge.runtime.planning.incremental import DStarPlanner, Mending
-from nnpp_edge.runtime.planning.planner import Planner
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.dynamic import DynamicMethod, DynamicPlanner
+from nnpp_edge.runtime.planners.incremental import DStarPlanner, Mending
+from nnpp_edge.runtime.planners.planner import Planner
 from tests import oracles
 from tests.runtime.test_validity import random_patch, walkable
 from tests.strategies import cases

@@ -3,9 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime.encoding import Frame, encode_ends, encode_gaussian, encode_pair, map_planes
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.grid import Grid, StepModel
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.network.encoding import Frame, encode_ends, encode_gaussian, encode_pair, map_planes
 
 
 def planes_of(cost, size, parts=None, out=None):

@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.grid import Grid, StepModel
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.step_cost import StepModel
 
 
 @settings(deadline=None, max_examples=150)

@@ -12,12 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import _jit, _kernel_cache, warmup
+from nnpp_edge.runtime import warmup
+from nnpp_edge.runtime.compiled import cache
+from nnpp_edge.runtime.compiled import kernel as compiling
 from nnpp_edge.runtime.errors import OutputError
 
 TYPES = ("int8", "int16", "int32", "int64", "uint8", "uint16", "float32", "float64")
 MODULE = """
-from nnpp_edge.runtime._jit import kernel
+from nnpp_edge.runtime.compiled.kernel import kernel
 
 @kernel
 def double(x):
@@ -94,14 +96,14 @@ def python(tmp_path):
 def folder(tmp_path, monkeypatch):
     """Where kernels made in this process are kept."""
     folder = tmp_path / "cache" / "kernels"
-    monkeypatch.setattr(_jit, "CACHE_FOLDER", folder)
-    monkeypatch.setattr(_kernel_cache, "_save_error", None)
+    monkeypatch.setattr(compiling, "CACHE_FOLDER", folder)
+    monkeypatch.setattr(cache, "_save_error", None)
     return folder
 
 
 def compilations(function, *arguments):
     """Call a fresh kernel of `function`, as another process would; its answer and how often it was compiled."""
-    fresh = _jit.kernel(function)
+    fresh = compiling.kernel(function)
     return fresh(*arguments), sum(fresh.stats.cache_misses.values())
 
 
@@ -137,7 +139,7 @@ def test_a_kernel_is_compiled_once_for_each_set_of_types(folder):
         answer, compiled = compilations(double, argument)
         np.testing.assert_array_equal(answer, argument + argument)
         assert compiled == 0
-    assert _kernel_cache.count_kept(folder) == (1, 7)
+    assert cache.count_kept(folder) == (1, 7)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +179,7 @@ def test_a_file_that_cannot_be_turned_back_into_code_is_compiled_anew(folder, mo
     def from_elsewhere(*_):
         raise AttributeError("no such name in this version")
 
-    monkeypatch.setattr(_kernel_cache.pickle, "loads", from_elsewhere)
+    monkeypatch.setattr(cache.pickle, "loads", from_elsewhere)
     assert compilations(double, 1) == (2, 1)
 
 
@@ -201,9 +203,9 @@ def test_flushing_deletes_the_versions_of_one_kernel_alone(folder):
     compilations(double, 1)
     compilations(double, 1.0)
     compilations(other, 1)
-    assert _kernel_cache.count_kept(folder) == (2, 3)
-    _kernel_cache.KernelCache(double, folder).flush()
-    assert _kernel_cache.count_kept(folder) == (1, 1)
+    assert cache.count_kept(folder) == (2, 3)
+    cache.KernelCache(double, folder).flush()
+    assert cache.count_kept(folder) == (1, 1)
     assert compilations(other, 1) == (0, 0)
 
 
@@ -214,7 +216,7 @@ def test_a_kernel_may_not_close_over_variables(folder):
         return x + step
 
     with pytest.raises(ValueError, match="step"):
-        _jit.kernel(plus)
+        compiling.kernel(plus)
 
 
 # What cannot be written
@@ -238,7 +240,7 @@ def test_a_failure_to_save_is_warned_of_once_and_the_kernel_runs(folder, monkeyp
             assert compilations(double, 1) == (2, 1)
             assert compilations(double, 1.5) == (3.0, 1)
         assert len(warned) == 1
-        assert _kernel_cache.save_error().errno == number
+        assert cache.save_error().errno == number
     assert not folder.exists() or list(folder.iterdir()) == []
     with warnings.catch_warnings(action="error"):
         compilations(double, 1)
@@ -257,12 +259,12 @@ def test_a_warm_up_that_cannot_keep_what_it_compiled_fails(folder, monkeypatch):
 
 
 def test_a_folder_that_vanished_is_made_again_for_us_alone(folder):
-    fresh = _jit.kernel(double)
+    fresh = compiling.kernel(double)
     assert not folder.parent.exists()
     fresh(1)
     assert folder.parent.stat().st_mode & 0o777 == folder.stat().st_mode & 0o777 == 0o700
     assert compilations(double, 1) == (2, 0)
-    assert _kernel_cache.save_error() is None
+    assert cache.save_error() is None
 
 
 def test_nothing_is_kept_in_a_folder_that_others_may_write_to(folder):

@@ -29,7 +29,7 @@ from nnpp_edge.runtime.loop.navigator import Navigator, Settings
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals, rss_bytes
 from nnpp_edge.runtime.loop.ticker import Ticker
 from nnpp_edge.runtime.loop.world import World
-from nnpp_edge.runtime.planning.plan import Method, Plan
+from nnpp_edge.runtime.planners.plan import Method, Plan
 from tests.conftest import write_tiny_model
 
 

@@ -5,13 +5,14 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.grid import Grid, StepModel
-from nnpp_edge.runtime.planning.astar import astar, settle_all
-from nnpp_edge.runtime.planning.expansion import read_field
-from nnpp_edge.runtime.planning.landmarks import Landmarks
-from nnpp_edge.runtime.planning.pyramid import FACTOR, Pyramid, _pool_and_link
-from nnpp_edge.runtime.planning.workspace import Workspace
-from nnpp_edge.runtime.region import linked
+from nnpp_edge.runtime.kernels.expansion import read_field
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.pyramid import FACTOR, Pyramid, _pool_and_link
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.region.threshold import linked
+from nnpp_edge.runtime.search.astar import astar, settle_all
+from nnpp_edge.runtime.search.landmarks import Landmarks
+from nnpp_edge.runtime.search.workspace import Workspace
 
 
 def pyramid_of(cost, corner_cutting=True):

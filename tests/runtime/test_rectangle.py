@@ -3,7 +3,7 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime.rectangle import apart, common, enclosing, gather
+from nnpp_edge.runtime.cells import apart, common, enclosing, gather
 
 rectangles = st.tuples(st.integers(-5, 5), st.integers(-5, 5), st.integers(1, 6), st.integers(1, 6))
 

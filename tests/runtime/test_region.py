@@ -2,13 +2,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime.encoding import Frame
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.grid import Grid, StepModel
-from nnpp_edge.runtime.planning.astar import astar
-from nnpp_edge.runtime.planning.planner import Planner
-from nnpp_edge.runtime.planning.workspace import Workspace
-from nnpp_edge.runtime.region import RegionFinder, lowered, probability_of
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.network.encoding import Frame
+from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.region.threshold import RegionFinder, lowered, probability_of
+from nnpp_edge.runtime.search.astar import astar
+from nnpp_edge.runtime.search.workspace import Workspace
 from tests import oracles
 
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.planning.validity import Footing, StandingPath, first_blocked
+from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath, first_blocked
 from tests import oracles
 from tests.strategies import cases
 

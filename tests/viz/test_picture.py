@@ -8,7 +8,7 @@ import pytest
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import OutputError, Status
-from nnpp_edge.runtime.planning.plan import Method, Plan
+from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.viz.picture import (
     IMPASSABLE,
     OPTIMUM,

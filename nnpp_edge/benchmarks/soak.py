@@ -1,0 +1,245 @@
+"""The onboard loop's planner for many ticks on a map that never rests: does it keep time, memory and its word?
+
+``python -m nnpp_edge.benchmarks.soak --ticks 60000 --size 512`` drives a robot from goal to goal, ticks as fast as
+possible, with changes of the map at every tick, and checks each path apart from the loop.
+"""
+
+import gc
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import click
+import numpy as np
+
+from nnpp_edge.profiling.suites import synthetic_cases
+from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
+from nnpp_edge.runtime.loop.histogram import Histogram
+from nnpp_edge.runtime.loop.messages import Outcome
+from nnpp_edge.runtime.loop.navigator import Navigator, Settings
+from nnpp_edge.runtime.loop.runner import rss_bytes
+from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.planners.dynamic import DynamicMethod
+from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.simulation.scene import Ground, Scene
+from nnpp_edge.terrain.labels import random_query
+
+RATE_HZ = 17.0
+"""The rate at which late ticks are counted (the paper's rover plans at 17 Hz)."""
+_WARM_UP = 0.1
+"""Share of the ticks after which memory is read for the first time."""
+_PATIENCE = 50
+"""Ticks without a path, or without a step, after which the robot gets another goal."""
+_WORKLOAD = "limit20"
+_TRIES = 200
+
+
+@dataclass(frozen=True)
+class Soaked:
+    """What came of one method's ticks."""
+
+    method: str
+    ticks: int
+    size: int
+    changes: int
+    """Events of obstacles at every tick."""
+    goals: int
+    """That the robot was sent to."""
+    reached: int
+    planned: int
+    kept: int
+    without_path: int
+    """Ticks whose answer was not OK; obstacles can wall the robot or its goal in."""
+    invalid: int
+    """Paths that crossed a cell which the newest map forbids, or were broken. 0, or the loop is at fault."""
+    errors: dict[str, int]
+    ticks_per_s: float
+    """By the time spent in ticks, map changes included."""
+    tick_ms: dict[str, float]
+    """``p50``, ``p90``, ``p99``, ``max``, ``mean``."""
+    overruns: int
+    """Ticks longer than a period at 17 Hz."""
+    rss_start_mb: float
+    rss_warm_mb: float
+    """After a tenth of the ticks."""
+    rss_end_mb: float
+
+    def summary(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        return asdict(self)
+
+
+def soak(
+    method: str,
+    *,
+    ticks: int,
+    size: int,
+    changes: int = 1,
+    seed: int = 1,
+    model: str = "edge",
+    progress: Callable[[int], None] = lambda done: None,
+) -> Soaked:
+    """Let one method plan for many ticks.
+
+    Parameters
+    ----------
+    method : str
+        One of `DynamicMethod`.
+    ticks : int
+        At least 1.
+    size : int
+        Side of the synthetic map, at least 32.
+    changes : int
+        Events of obstacles at every tick: one appears, moves or vanishes.
+    seed : int
+        Of map, goals and obstacles.
+    model : str
+        For the methods that ask a network.
+    progress : callable
+        Told how many ticks are done.
+
+    Returns
+    -------
+    Soaked
+        A tick's time is that of taking its changes in and of its answer, not that of the simulated world.
+
+    Raises
+    ------
+    InvalidQueryError
+        A number is out of range, or there is no such method.
+    """
+    if ticks < 1 or size < 32:
+        raise InvalidQueryError(f"a soak needs at least 1 tick and a map of 32 cells, got {ticks} and {size}")
+    rng = np.random.default_rng(seed)
+    ground = _ground(size, seed)
+    course = _Course(ground, rng, changes)
+    gc.collect()
+    start_mb = rss_mb()
+    navigator = Navigator(World(course.scene.told), Settings(method=method, model=model))
+    histogram, overruns, failed, warm_mb = Histogram(), 0, 0, start_mb
+    for tick in range(ticks):
+        inputs = list(course.poll())
+        began = time.perf_counter()
+        for message in inputs:
+            navigator.offer(message)
+        answer = navigator.tick(time.monotonic() + 1.0 / RATE_HZ)
+        took = time.perf_counter() - began
+        histogram.add(took)
+        overruns += took > 1.0 / RATE_HZ
+        failed += answer.outcome is not Outcome.OK
+        course.scene.heard(answer)
+        if tick == int(_WARM_UP * ticks):
+            warm_mb = rss_mb()
+        if tick % 100 == 99 or tick + 1 == ticks:
+            progress(tick + 1)
+    gc.collect()
+    counters = navigator.counters()
+    return Soaked(
+        method, ticks, size, changes, course.goals, course.reached, counters.planned, counters.kept, failed,
+        course.scene.forbidden, counters.errors, 1.0 / histogram.mean_s, histogram.summary_ms(), overruns,
+        start_mb, warm_mb, rss_mb(),
+    )  # fmt: skip
+
+
+class _Course:
+    """A scene without end: where one goal is reached, or cannot be, the next follows."""
+
+    def __init__(self, ground: Ground, rng: np.random.Generator, changes: int) -> None:
+        self._ground, self._rng, self._changes = ground, rng, changes
+        self._planner = Planner(ground.true)
+        self._planner.pyramid.touch()  # what the course needs is not to look like growth of the loop
+        self.goals, self.reached, self._stuck = 1, 0, 0
+        start, goal = self._query(None)
+        self.scene = Scene(ground, start, goal, rng, changes=changes)
+
+    def poll(self) -> list[Any]:
+        """The inputs of the next tick."""
+        before = self.scene.waited
+        inputs = list(self.scene.poll())
+        self._stuck = self._stuck + 1 if self.scene.waited > before else 0
+        if self.scene.reached or self._stuck > _PATIENCE:
+            inputs += self._next_goal()
+        return inputs
+
+    def _next_goal(self) -> list[Any]:
+        self.reached += self.scene.reached
+        self.goals, self._stuck = self.goals + 1, 0
+        del self.scene.driven[:-1]  # the way so far is not to look like growth of the loop
+        _, goal = self._query(self.scene.robot)
+        return list(self.scene.send_to(goal))
+
+    def _query(self, robot: tuple[int, int] | None) -> tuple[tuple[int, int], tuple[int, int]]:
+        """A start (the robot's cell) and a goal that is far from it and truly connected."""
+        for _ in range(_TRIES):
+            query = random_query(self._rng, self._ground.true, 0.4 * len(self._ground.true))
+            if query is None:
+                continue
+            start = query[0] if robot is None else robot
+            if start != query[1] and self._planner.plan(start, query[1], method="corridor").ok:
+                return start, query[1]
+        raise InvalidQueryError(f"no goal was found in {_TRIES} tries")
+
+
+def _ground(size: int, seed: int) -> Ground:
+    """Synthetic terrain, surveyed as it is: what changes are the obstacles."""
+    cost = next(synthetic_cases(_WORKLOAD, size, seed)).cost
+    return Ground(cost, cost.copy())
+
+
+def rss_mb() -> float:
+    """Resident memory, MB."""
+    return 1e-6 * rss_bytes()
+
+
+def render(rows: Sequence[Soaked]) -> str:
+    """The rows for people."""
+    from nnpp_edge.progress import render_table
+
+    header = ["method", "ticks", "size", "ticks/s", "p50\nms", "p99\nms", "max\nms", f"late at\n{RATE_HZ:g} Hz",
+              "planned", "no path", "goals", "reached", "MB\nstart", "MB\nwarm", "MB\nend", "invalid",
+              "errors"]  # fmt: skip
+    body = [
+        [r.method, str(r.ticks), f"{r.size}²", f"{r.ticks_per_s:.0f}",
+         *(f"{r.tick_ms[q]:.2f}" for q in ("p50", "p99", "max")), str(r.overruns), str(r.planned),
+         str(r.without_path), str(r.goals), str(r.reached),
+         *(f"{mb:.1f}" for mb in (r.rss_start_mb, r.rss_warm_mb, r.rss_end_mb)), str(r.invalid),
+         str(sum(r.errors.values()))]
+        for r in rows
+    ]  # fmt: skip
+    return render_table(header, body)
+
+
+@click.command()
+@click.option("--ticks", type=click.IntRange(1), default=60_000, show_default=True)
+@click.option("--size", type=click.IntRange(32), default=512, show_default=True, help="Side of the map.")
+@click.option("--changes", type=click.IntRange(0), default=1, show_default=True, help="Of the map, at every tick.")
+@click.option(
+    "--methods", default="auto", show_default=True, help=f"Of {', '.join(DynamicMethod)}, joined by commas."
+)
+@click.option("--model", default="edge", show_default=True, help="Shipped model or file.")
+@click.option("--seed", type=int, default=1, show_default=True)
+@click.option("--json", "json_wanted", is_flag=True, help="Print JSON for programs.")
+def main(ticks: int, size: int, changes: int, methods: str, model: str, seed: int, json_wanted: bool) -> None:
+    """Plan for many ticks; exit code 1 if a path was invalid."""
+    from nnpp_edge.progress import bar
+
+    names = [name.strip() for name in methods.split(",")]
+    if unknown := set(names) - set(DynamicMethod):
+        raise click.UsageError(f"--methods must be of {', '.join(DynamicMethod)}, got {', '.join(sorted(unknown))}")
+    rows = []
+    for name in names:
+        with bar(f"soak {name}", ticks, quiet=True) as advance:
+            rows.append(soak(name, ticks=ticks, size=size, changes=changes, seed=seed, model=model, progress=advance))
+    click.echo(json.dumps([row.summary() for row in rows], indent=1) if json_wanted else render(rows))
+    sys.exit(int(any(row.invalid for row in rows)))
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except NnppEdgeError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(2)

@@ -1,0 +1,300 @@
+"""Maps and paths as ROS messages lay them out, in NumPy alone; no ROS is needed.
+
+Two layouts occur. An occupancy grid (nav_msgs/OccupancyGrid) holds whole numbers row by row from the corner at its
+origin: rows run with y, columns with x. A grid map (grid_map_msgs/GridMap) holds layers of floats column by column
+from the corner farthest along x and y: rows run against x, columns against y, and both begin somewhere in a ring.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.loop.messages import MapPatch
+
+UNKNOWN, LETHAL = -1, 100
+_SAME = 1e-3
+"""Share of a cell's side by which two maps' cells may differ."""
+
+
+@dataclass(frozen=True)
+class MapFrame:
+    """Where the cells of a map lie in metres. Rows run along one axis, columns along the other, forth or back.
+
+    Raises
+    ------
+    InvalidMapError
+        The resolution is not above 0, or a number is not finite.
+    """
+
+    resolution: float
+    """Side of a cell, metres."""
+    x: float = 0.0
+    """Of the corner of cell (0, 0) where the map begins, metres."""
+    y: float = 0.0
+    rows_along_x: bool = False
+    """Rows run against x and columns against y, as in a grid map; else rows with y and columns with x."""
+
+    def __post_init__(self) -> None:
+        """Check."""
+        if not (math.isfinite(self.resolution) and self.resolution > 0.0):
+            raise InvalidMapError(f"resolution must be metres above 0, got {self.resolution}")
+        if not (math.isfinite(self.x) and math.isfinite(self.y)):
+            raise InvalidMapError(f"the map's corner must be finite, got ({self.x}, {self.y})")
+
+    def metres(self, cells: ArrayLike) -> NDArray[np.float64]:
+        """Points (x, y) in metres, (N, 2), of cells or places (row, col).
+
+        Whole numbers are cells and give their middle; floats are places, as in a `Pose`, and 0.0 is the edge.
+        """
+        places = np.asarray(cells)
+        places = (places + 0.5 if places.dtype.kind in "iu" else places.astype(np.float64)).reshape(-1, 2)
+        rows, cols = self.resolution * places[:, 0], self.resolution * places[:, 1]
+        if self.rows_along_x:
+            return np.stack([self.x - rows, self.y - cols], axis=1)
+        return np.stack([self.x + cols, self.y + rows], axis=1)
+
+    def places(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Places (row, col) of points (x, y) in metres, (N, 2); their floor is the cell, as in a `Pose`."""
+        xy = np.asarray(points, np.float64).reshape(-1, 2)
+        if not np.isfinite(xy).all():
+            raise InvalidQueryError("points must be finite metres (x, y)")
+        if self.rows_along_x:
+            return np.stack([self.x - xy[:, 0], self.y - xy[:, 1]], axis=1) / self.resolution
+        return np.stack([xy[:, 1] - self.y, xy[:, 0] - self.x], axis=1) / self.resolution
+
+    def cell(self, x: float, y: float) -> Cell:
+        """The cell that holds a point; it may lie outside the map."""
+        row, col = np.floor(self.places((x, y))[0])
+        return int(row), int(col)
+
+
+@dataclass(frozen=True, eq=False)
+class OccupancyGrid:
+    """What a nav_msgs/OccupancyGrid holds, without its stamp. Its origin must not be turned.
+
+    Raises
+    ------
+    InvalidMapError
+        `data` does not have width · height numbers from -1 to 100.
+    """
+
+    resolution: float
+    width: int
+    height: int
+    data: NDArray[np.int8] = field(repr=False)
+    """(height · width,) int8: -1 unknown, 0 free to 100 occupied; row by row."""
+    origin_x: float = 0.0
+    """Of the corner of the first cell, metres."""
+    origin_y: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check."""
+        values = np.asarray(self.data)
+        if (
+            self.width < 1
+            or self.height < 1
+            or values.size != self.width * self.height
+            or values.dtype.kind not in "iu"
+        ):
+            wanted = f"{self.height} × {self.width} whole numbers"
+            raise InvalidMapError(f"an occupancy grid's data must be {wanted}, got {values.shape} {values.dtype}")
+        if values.min() < UNKNOWN or values.max() > LETHAL:
+            raise InvalidMapError(
+                f"an occupancy grid's data must lie in [-1, 100], got [{values.min()}, {values.max()}]"
+            )
+        object.__setattr__(self, "data", values.astype(np.int8).reshape(-1))
+
+    @property
+    def frame(self) -> MapFrame:
+        """Where its cells lie."""
+        return MapFrame(self.resolution, self.origin_x, self.origin_y)
+
+    def cost(self, occupied: int = 99) -> NDArray[np.float32]:
+        """Its cells as costs, (height, width).
+
+        A hundredth of the occupancy; inf from `occupied` on, which costmaps use for cells that the robot's body
+        would touch; NaN where unknown.
+        """
+        values = self.data.reshape(self.height, self.width).astype(np.float32)
+        return np.where(values < 0, np.nan, np.where(values >= occupied, np.inf, values / 100.0)).astype(np.float32)
+
+    @classmethod
+    def of_cost(cls, cost: ArrayLike, frame: MapFrame) -> "OccupancyGrid":
+        """The grid of a cost map (H, W): NaN is unknown, 1 and more is 100, and less at most 98.
+
+        The inverse of `cost`, to a hundredth. Raises InvalidMapError where the frame's rows do not run with y.
+        """
+        if frame.rows_along_x:
+            raise InvalidMapError("an occupancy grid's rows must run with y, got a frame whose rows run against x")
+        values = _map(cost)
+        percent = np.rint(100.0 * np.nan_to_num(np.minimum(values, 1.0), nan=0.0))
+        data = np.where(np.isnan(values), UNKNOWN, np.where(values >= 1.0, LETHAL, np.clip(percent, 0, 98)))
+        height, width = values.shape
+        return cls(frame.resolution, width, height, data.astype(np.int8).reshape(-1), frame.x, frame.y)
+
+
+@dataclass(frozen=True, eq=False)
+class GridMap:
+    """What a grid_map_msgs/GridMap holds, without its stamp. Its pose must not be turned.
+
+    Raises
+    ------
+    InvalidMapError
+        Lengths are no multiples of the resolution, a layer has another number of cells, or a start lies outside.
+    """
+
+    resolution: float
+    length_x: float
+    """Metres; rows · resolution."""
+    length_y: float
+    """Metres; columns · resolution."""
+    layers: dict[str, NDArray[np.float32]] = field(repr=False)
+    """Each (rows · columns,) float32, column by column, as in the message's ``data``; NaN where unknown."""
+    x: float = 0.0
+    """Of the map's middle, metres."""
+    y: float = 0.0
+    outer_start_index: int = 0
+    """Row of the ring at which the map begins."""
+    inner_start_index: int = 0
+    """Column of the ring at which the map begins."""
+
+    def __post_init__(self) -> None:
+        """Check."""
+        rows, cols = self.shape
+        for length, cells in ((self.length_x, rows), (self.length_y, cols)):
+            if cells < 1 or abs(length - cells * self.resolution) > _SAME * self.resolution * max(cells, 1):
+                got = f"{self.length_x}, {self.length_y}"
+                raise InvalidMapError(f"a grid map's lengths must be multiples of {self.resolution} m, got {got}")
+        if not (0 <= self.outer_start_index < rows and 0 <= self.inner_start_index < cols):
+            start = (self.outer_start_index, self.inner_start_index)
+            raise InvalidMapError(f"a grid map's start must lie within {rows} × {cols} cells, got {start}")
+        for name, values in self.layers.items():
+            flat = np.asarray(values, np.float32).reshape(-1)
+            if flat.size != rows * cols:
+                raise InvalidMapError(f"layer {name!r} must have {rows} × {cols} numbers, got {flat.size}")
+            self.layers[name] = flat
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        frame = MapFrame(self.resolution)  # checks the resolution
+        if not all(math.isfinite(length) and length > 0.0 for length in (self.length_x, self.length_y)):
+            raise InvalidMapError(f"a grid map's lengths must be above 0 m, got {self.length_x}, {self.length_y}")
+        return round(self.length_x / frame.resolution), round(self.length_y / frame.resolution)
+
+    @property
+    def frame(self) -> MapFrame:
+        """Where its cells lie."""
+        x, y = self.x + 0.5 * self.length_x, self.y + 0.5 * self.length_y
+        return MapFrame(self.resolution, x, y, rows_along_x=True)
+
+    def layer(self, name: str = "elevation") -> NDArray[np.float32]:
+        """A layer (rows, columns) in the order of its frame: unrolled, rows against x and columns against y."""
+        if name not in self.layers:
+            raise InvalidMapError(f"wanted layer {name!r}, the grid map has {', '.join(self.layers) or 'none'}")
+        rows, cols = self.shape
+        ring = self.layers[name].reshape(cols, rows).T
+        return np.ascontiguousarray(np.roll(ring, (-self.outer_start_index, -self.inner_start_index), axis=(0, 1)))
+
+    @classmethod
+    def of_layers(cls, layers: dict[str, NDArray[np.float32]], frame: MapFrame, *, start: Cell = (0, 0)) -> "GridMap":
+        """The grid map of layers (rows, columns) that lie in `frame`; the inverse of `layer`.
+
+        `start` is the ring's start. Raises InvalidMapError where the frame's rows do not run against x, or the
+        layers differ in shape.
+        """
+        if not frame.rows_along_x:
+            raise InvalidMapError("a grid map's rows must run against x, got a frame whose rows run with y")
+        shapes = {_map(values).shape for values in layers.values()}
+        if len(shapes) != 1:
+            raise InvalidMapError(f"a grid map's layers must have one shape, got {sorted(shapes) or 'none'}")
+        rows, cols = shapes.pop()
+        flat = {
+            name: np.roll(_map(values), start, axis=(0, 1)).T.reshape(-1).astype(np.float32)
+            for name, values in layers.items()
+        }
+        length_x, length_y = rows * frame.resolution, cols * frame.resolution
+        middle = frame.x - 0.5 * length_x, frame.y - 0.5 * length_y
+        return cls(frame.resolution, length_x, length_y, flat, *middle, *start)
+
+
+def occupancy_patch(
+    grid: OccupancyGrid, frame: MapFrame, *, occupied: int = 99, keep_known: bool = True, stamp: float = 0.0
+) -> MapPatch:
+    """An occupancy grid as new costs for the map that lies in `frame`; see `placed`."""
+    values, row, col = placed(grid.cost(occupied), grid.frame, frame)
+    return MapPatch(row, col, cost=values, keep_known=keep_known, stamp=stamp)
+
+
+def grid_map_patch(
+    grid: GridMap, frame: MapFrame, layer: str = "elevation", *, cost: bool = False, keep_known: bool = True,
+    stamp: float = 0.0,
+) -> MapPatch:  # fmt: skip
+    """A grid map's layer as new heights, or new costs, for the map that lies in `frame`; see `placed`."""
+    values, row, col = placed(grid.layer(layer), grid.frame, frame)
+    name = "cost" if cost else "elevation"
+    return MapPatch(row, col, keep_known=keep_known, stamp=stamp, **{name: values})  # type: ignore[arg-type]
+
+
+def placed(values: NDArray[np.float32], source: MapFrame, target: MapFrame) -> tuple[NDArray[np.float32], int, int]:
+    """Cells of one map, laid out as another wants them; also row and column of the first, moved to the nearest cell.
+
+    Parameters
+    ----------
+    values : (h, w) float
+        Cells that lie in `source`.
+    source, target : MapFrame
+        Of the same resolution, to a thousandth.
+
+    Raises
+    ------
+    InvalidMapError
+        The resolutions differ: values would have to be mixed, which is for the sender to do.
+    """
+    if abs(source.resolution - target.resolution) > _SAME * target.resolution:
+        raise InvalidMapError(f"wanted cells of {target.resolution} m, got {source.resolution} m")
+    cells = _map(values)
+    rows, cols = cells.shape
+    if source.rows_along_x != target.rows_along_x:
+        cells = cells[::-1, ::-1].T
+        corner = source.metres(np.array([[float(rows), float(cols)]]))
+    else:
+        corner = source.metres(np.zeros((1, 2)))
+    row, col = np.rint(target.places(corner)[0])
+    return np.ascontiguousarray(cells), int(row), int(col)
+
+
+def path_poses(path: NDArray[np.int32], frame: MapFrame) -> NDArray[np.float64]:
+    """The poses of a path, as nav_msgs/Path wants them.
+
+    Parameters
+    ----------
+    path : (N, 2) int
+        Cells (row, col).
+    frame : MapFrame
+        Of the map.
+
+    Returns
+    -------
+    (N, 3) float64
+        x and y of the cells' middles in metres, and the heading in radians, counted from x towards y: to the next
+        cell, and at the end as it was before. Its quaternion has z = sin(heading / 2) and w = cos(heading / 2).
+    """
+    points = frame.metres(np.asarray(path, np.int64).reshape(-1, 2))
+    heading = np.zeros(len(points))
+    if len(points) > 1:
+        steps = np.diff(points, axis=0)
+        heading[:-1] = np.arctan2(steps[:, 1], steps[:, 0])
+        heading[-1] = heading[-2]
+    return np.column_stack([points, heading])
+
+
+def _map(values: ArrayLike) -> NDArray[np.float32]:
+    cells = np.asarray(values, np.float32)
+    if cells.ndim != 2 or cells.size == 0:
+        raise InvalidMapError(f"a map must be (h, w) numbers, got {cells.shape}")
+    return cells

@@ -1,0 +1,129 @@
+"""Pictures of a simulated drive: a still of all of it, or a film."""
+
+import math
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.files import write_whole
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.messages import PathMessage
+from nnpp_edge.simulation.scene import Scene
+from nnpp_edge.simulation.simulate import Drive
+from nnpp_edge.viz.picture import IMPASSABLE, OPTIMUM, PATH, cost_picture, save_picture
+from nnpp_edge.viz.sheet import Colour, Picture, Sheet
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+DRIVEN: Colour = (70, 190, 40)
+SEEN: Colour = (255, 210, 60)
+_GOAL: Colour = (30, 20, 225)
+_ROBOT: Colour = (0, 215, 255)
+_GREYS = 20
+_MOST_FRAMES = 80
+_FRAME_PIXELS = 480
+_FRAME_MS = 100
+
+
+def check_name(path: Path) -> None:
+    """InvalidQueryError unless the name ends in .png or .gif; ModuleNotFoundError where Pillow is missing."""
+    if path.suffix.lower() not in (".png", ".gif"):
+        raise InvalidQueryError(f"a picture must be a .png or .gif file, got {path.name}")
+    if path.suffix.lower() == ".gif":
+        import PIL  # noqa: F401
+
+
+def drive_picture(scene: Scene, drive: Drive) -> Picture:
+    """The true cost, the way that was driven, and the optimum that nobody could have known."""
+    sheet = Sheet(cost_picture(scene.ground.true))
+    sheet.line(drive.driven, DRIVEN, 4.0)
+    sheet.line(drive.optimal, OPTIMUM, 2.0, dashed=True)
+    sheet.star(sheet.at(drive.goal))
+    sheet.square(sheet.at(drive.start))
+    keys = [
+        sheet.symbol_key(sheet.square, "start"), sheet.symbol_key(sheet.star, "goal"),
+        sheet.line_key(DRIVEN, "driven"), sheet.line_key(OPTIMUM, "optimum, with all known", dashed=True),
+    ]  # fmt: skip
+    excess = drive.excess
+    facts = [
+        drive.method, f"{drive.ticks} ticks, {drive.planned} plans",
+        f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
+        + ("" if excess is None else f" (+{100 * excess:.1f} %)"),
+    ]  # fmt: skip
+    return sheet.finish(
+        [keys, [*map(sheet.text_item, facts), *sheet.scale(scene.ground.cell_size_m)], [sheet.grey_bar()]]
+    )
+
+
+class Film:
+    """Frames of a drive: the map as the loop was told of it, where the robot was, is and means to go.
+
+    At most 80 frames are kept: when there are more, every second one goes, and half as many come.
+    """
+
+    def __init__(self) -> None:
+        self._frames: list[Image] = []
+        self._every, self._ticks = 1, 0
+
+    def __call__(self, scene: Scene, message: PathMessage) -> None:
+        """Watch a tick."""
+        if self._ticks % self._every == 0 or scene.reached:
+            self._frames.append(_palette(_frame(scene, message)))
+            if len(self._frames) > _MOST_FRAMES:
+                del self._frames[1::2]
+                self._every *= 2
+        self._ticks += 1
+
+    def save(self, path: Path) -> None:
+        """Write a GIF, whole or not at all; OutputError if it cannot be written."""
+        content = BytesIO()
+        first, *rest = self._frames
+        durations = [_FRAME_MS] * len(rest) + [2000]
+        first.save(content, "GIF", save_all=True, append_images=rest, duration=durations, loop=0, optimize=False)
+        write_whole(path, content.getvalue())
+
+
+def save_drive(path: Path, scene: Scene, drive: Drive, film: Film | None) -> None:
+    """The film where there is one, else the still."""
+    if film is not None:
+        film.save(path)
+    else:
+        save_picture(path, drive_picture(scene, drive))
+
+
+def _frame(scene: Scene, message: PathMessage) -> Picture:
+    ground = cost_picture(scene.told)
+    factor = _FRAME_PIXELS / max(ground.shape[:2])
+    size = (round(ground.shape[1] * factor), round(ground.shape[0] * factor))
+    picture: Picture = cv2.resize(ground, size, interpolation=cv2.INTER_NEAREST)  # type: ignore[assignment]
+    for cells, colour in ((message.path, PATH), (np.array(scene.driven, np.int32), DRIVEN)):
+        if len(cells):
+            cv2.polylines(picture, [_pixels(cells, factor)], False, colour, 2, cv2.LINE_AA)
+    row, col, rows, cols = scene.seen
+    corners = _pixels(np.array([(row, col), (row + rows - 1, col + cols - 1)]), factor)
+    cv2.rectangle(picture, corners[0].tolist(), corners[1].tolist(), SEEN, 1)
+    radius = max(3, math.ceil(factor))
+    for cell, colour in ((scene.goal, _GOAL), (scene.robot, _ROBOT)):
+        cv2.circle(picture, _pixels(np.array([cell]), factor)[0].tolist(), radius + 1, colour, -1, cv2.LINE_AA)
+    return picture
+
+
+def _pixels(cells: NDArray[np.integer], factor: float) -> NDArray[np.int32]:
+    return np.rint((cells[:, ::-1] + 0.5) * factor - 0.5).astype(np.int32)
+
+
+def _palette(picture: Picture) -> "Image":
+    """In the few colours that all frames share, so that a film holds only what changes."""
+    from PIL import Image
+
+    greys = [(level, level, level) for level in np.linspace(0, 255, _GREYS).astype(int).tolist()]
+    colours = [*greys, IMPASSABLE, PATH, DRIVEN, SEEN, _GOAL, _ROBOT]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([value for blue, green, red in colours for value in (red, green, blue)])
+    image = Image.fromarray(np.ascontiguousarray(picture[..., ::-1]))
+    return image.quantize(palette=palette, dither=Image.Dither.NONE)

@@ -1,0 +1,253 @@
+"""A simulated robot drives to its goal through the onboard loop, over ground that the map knows only roughly."""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.histogram import Histogram
+from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, PathMessage, Pose
+from nnpp_edge.runtime.loop.navigator import Navigator, Settings
+from nnpp_edge.runtime.loop.runner import Loop, Sink
+from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.planners.plan import measure
+from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.simulation.scene import Ground, Scene
+from nnpp_edge.terrain.labels import random_query
+
+PERIOD_S = 0.1
+"""Time that a tick has for its answer where no rate is given."""
+_TRIES = 50
+_LEAST_DISTANCE = 0.6
+"""Between a random start and goal, as a share of the map's longer side."""
+
+Watch = Callable[[Scene, PathMessage], None]
+
+
+class Recorder(Protocol):
+    """A sink that keeps inputs too."""
+
+    def record(self, message: Input) -> None:
+        """Keep it; must not wait."""
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """How a drive goes."""
+
+    method: str = "auto"
+    model: str = "edge"
+    rate_hz: float | None = None
+    """Ticks a second; None for as fast as possible, each with a tenth of a second for its answer."""
+    ticks: int = 5000
+    """The drive ends after so many, at the goal or not."""
+    changes: int = 1
+    """Events of obstacles between two ticks: one appears, moves or vanishes."""
+    sight: int = 12
+    """Cells that the robot sees to each side."""
+    speed: int = 1
+    """Cells that it walks between two ticks."""
+    seed: int = 1
+    """Of the obstacles."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers out of range."""
+        if self.rate_hz is not None and not 0.0 < self.rate_hz < math.inf:
+            raise InvalidQueryError(f"the rate must be a positive number of ticks a second, got {self.rate_hz}")
+        if self.ticks < 1:
+            raise InvalidQueryError(f"ticks must be at least 1, got {self.ticks}")
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What came of a drive."""
+
+    method: str
+    start: Cell
+    goal: Cell
+    reached: bool
+    ticks: int
+    planned: int
+    """Ticks that planned a new path."""
+    kept: int
+    failed: int
+    """Ticks without a path."""
+    degraded: dict[str, int]
+    errors: dict[str, int]
+    drops: dict[str, int]
+    overruns: int
+    waited: int
+    """Times that the robot stood still."""
+    forbidden: int
+    """Published paths that crossed a cell which the map forbade by then; checked apart from the loop. 0, or the loop
+    is at fault."""
+    driven_cost: float
+    """Of the cells that the robot walked over, by the true costs without obstacles."""
+    optimal_cost: float
+    """Of the best path that anyone could have walked, knowing all of the ground and meeting no obstacle."""
+    planning_ms: dict[str, float]
+    """``p50``, ``p90``, ``p99``, ``max``, ``mean`` of a tick's answer."""
+    driven: NDArray[np.int32] = field(repr=False)
+    """(N, 2) cells in the order walked."""
+    optimal: NDArray[np.int32] = field(repr=False)
+
+    @property
+    def excess(self) -> float | None:
+        """By which share the drive cost more than the optimum; None where the goal was not reached."""
+        if not self.reached:
+            return None
+        return self.driven_cost / self.optimal_cost - 1.0 if self.optimal_cost else 0.0
+
+    def summary(self) -> dict[str, Any]:
+        """Without its arrays, ready for JSON."""
+        told = asdict(self) | {"excess": self.excess, "cells": len(self.driven)}
+        return {key: value for key, value in told.items() if key not in ("driven", "optimal")}
+
+
+def random_drive(ground: Ground, seed: int) -> tuple[Cell, Cell]:
+    """A start and a goal that are far apart and truly connected; InvalidQueryError if there are none to be found."""
+    rng = np.random.default_rng([seed, 1])
+    planner = Planner(ground.true)
+    least = _LEAST_DISTANCE * max(ground.true.shape)
+    for _ in range(_TRIES):
+        query = random_query(rng, ground.true, least)
+        if query is not None and planner.plan(*query, method="corridor").ok:
+            return query
+    raise InvalidQueryError(f"no two connected cells {least:.0f} apart were found on the map; give start and goal")
+
+
+def simulate(
+    ground: Ground,
+    start: Cell,
+    goal: Cell,
+    settings: SimulationSettings | None = None,
+    *,
+    make_sinks: Callable[[World], Sequence[Sink]] = lambda world: (),
+    watch: Watch = lambda scene, message: None,
+) -> Drive:
+    """Drive from start to goal.
+
+    Parameters
+    ----------
+    ground : Ground
+        True costs, which decide where the robot can go and what it sees; surveyed costs, which are its first map.
+    start, goal : (row, col)
+        Truly passable and connected.
+    settings : SimulationSettings
+        How.
+    make_sinks : callable
+        Given the loop's world, sinks for its answers; those that `record` get its inputs too.
+    watch : callable
+        Called after every tick, with the scene and the answer, in the loop's thread.
+
+    Raises
+    ------
+    InvalidQueryError
+        Start or goal is impassable or outside, or no path connects them even without obstacles.
+    """
+    settings = settings or SimulationSettings()
+    rng = np.random.default_rng([settings.seed, 2])
+    scene = Scene(ground, start, goal, rng, sight=settings.sight, speed=settings.speed, changes=settings.changes)
+    planner = Planner(ground.true)
+    best = planner.plan(start, goal, method="astar")
+    if not best.ok:
+        raise InvalidQueryError(f"the goal {goal} cannot be reached from {start}: {best.status}")
+    world = World(scene.told)
+    sinks = list(make_sinks(world))
+    source = _Recorded(scene, [sink for sink in sinks if hasattr(sink, "record")])
+    histogram = Histogram()
+
+    def heard(message: PathMessage) -> None:
+        histogram.add(1e-3 * message.planning_ms)
+        scene.heard(message)
+        watch(scene, message)
+
+    planning = Settings(method=settings.method, model=settings.model)
+    _load_kernels(scene, planning)
+    navigator = _Heard(world, planning, heard)
+    run = _at_full_speed if settings.rate_hz is None else _at_rate
+    counters = run(navigator, source, scene, sinks, settings)
+    driven = np.array(scene.driven, np.int32)
+    return Drive(
+        settings.method, start, goal, scene.reached, counters.ticks, counters.planned, counters.kept, counters.failed,
+        counters.degraded, counters.errors, counters.drops, counters.overruns, scene.waited, scene.forbidden,
+        measure(planner.grid, driven)[0], best.cost, histogram.summary_ms(), driven, best.path,
+    )  # fmt: skip
+
+
+class _Recorded:
+    """A scene whose messages are handed to recorders on their way to the loop."""
+
+    def __init__(self, scene: Scene, recorders: Sequence[Any]) -> None:
+        self._scene, self._recorders = scene, recorders
+
+    def poll(self) -> Iterator[Input]:
+        for message in self._scene.poll():
+            for recorder in self._recorders:
+                recorder.record(message)
+            yield message
+
+
+class _Heard(Navigator):
+    """A navigator whose answers are heard at once, in the loop's thread."""
+
+    def __init__(self, world: World, settings: Settings, heard: Callable[[PathMessage], None]) -> None:
+        super().__init__(world, settings)
+        self._heard = heard
+
+    def tick(self, deadline: float = math.inf) -> PathMessage:
+        message = super().tick(deadline)
+        self._heard(message)
+        return message
+
+
+def _load_kernels(scene: Scene, settings: Settings) -> None:
+    """Plan once beside the drive: what a process loads only once is no part of a tick."""
+    navigator = Navigator(World(scene.told), settings)
+    navigator.offer(Pose(*scene.robot))
+    navigator.offer(Goal(*scene.goal))
+    navigator.tick()
+
+
+def _at_rate(
+    navigator: _Heard, source: _Recorded, scene: Scene, sinks: Sequence[Sink], settings: SimulationSettings
+) -> Counters:
+    """By the loop itself."""
+    assert settings.rate_hz is not None
+    loop = Loop(navigator, source, sinks, rate_hz=settings.rate_hz)
+    heard = navigator._heard
+
+    def until_reached(message: PathMessage) -> None:
+        heard(message)
+        if scene.reached:
+            loop.stop()
+
+    navigator._heard = until_reached
+    return loop.run(settings.ticks)
+
+
+def _at_full_speed(
+    navigator: _Heard, source: _Recorded, scene: Scene, sinks: Sequence[Sink], settings: SimulationSettings
+) -> Counters:
+    """The same steps without waiting; an overrun is an answer that took longer than `PERIOD_S`."""
+    overruns = 0
+    for _ in range(settings.ticks):
+        for message in source.poll():
+            navigator.offer(message)
+        deadline = time.monotonic() + PERIOD_S
+        answer = navigator.tick(deadline)
+        overruns += time.monotonic() > deadline
+        for sink in sinks:
+            try:
+                sink.publish(answer)
+            except Exception:
+                navigator.count_error(f"sink {sink.name}")
+        if scene.reached:
+            break
+    return replace(navigator.counters(), overruns=overruns)

@@ -1,0 +1,37 @@
+"""Cells and rectangles of cells of a map."""
+
+from collections.abc import Sequence
+
+Cell = tuple[int, int]
+"""(row, col)."""
+Rectangle = tuple[int, int, int, int]
+"""(row, col, rows, cols) of a part of a map."""
+
+
+def enclosing(parts: Sequence[Rectangle]) -> Rectangle:
+    """The least rectangle that holds all of these, of which there is at least one."""
+    row, col = min(part[0] for part in parts), min(part[1] for part in parts)
+    bottom, right = max(part[0] + part[2] for part in parts), max(part[1] + part[3] for part in parts)
+    return row, col, bottom - row, right - col
+
+
+def gather(parts: list[Rectangle], part: Rectangle, most: int) -> bool:
+    """Add to a list of at most so many; one more, and it becomes the one that holds them all. Whether it has."""
+    parts.append(part)
+    if len(parts) <= most:
+        return False
+    parts[:] = [enclosing(parts)]
+    return True
+
+
+def common(one: Rectangle, other: Rectangle) -> Rectangle | None:
+    """What two rectangles share; None where that is nothing."""
+    row, col = max(one[0], other[0]), max(one[1], other[1])
+    rows, cols = min(one[0] + one[2], other[0] + other[2]) - row, min(one[1] + one[3], other[1] + other[3]) - col
+    return (row, col, rows, cols) if rows > 0 and cols > 0 else None
+
+
+def apart(part: Rectangle, cell: tuple[int, int]) -> int:
+    """Cells between a rectangle and a cell, as the king moves; 0 inside."""
+    row, col, rows, cols = part
+    return max(row - cell[0], cell[0] - (row + rows - 1), col - cell[1], cell[1] - (col + cols - 1), 0)

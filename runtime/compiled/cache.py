@@ -1,0 +1,197 @@
+"""Compiled kernels on disk: a file for each version of a kernel, so that no process can spoil another's.
+
+numba's own cache has an index for each kernel that is read, changed and written. Two processes at once can
+lose an entry, or leave one that leads to machine code for other types or for another processor; a process
+killed between index and code can do the same. A damaged file raises in the middle of a plan.
+
+Here a version (the types of the arguments, the processor, Python's and numba's versions) has a file of its
+own, named after all these and put in its place whole, by renaming. Nothing is shared and nothing is locked:
+processes may be forked or killed at any moment. A checksum comes first, since a robot that loses its power
+may be left with a file of zeros. What cannot be read back is compiled anew and written again; what cannot
+be written is warned of once, and the kernel runs all the same.
+"""
+
+import functools
+import hashlib
+import os
+import pickle
+import secrets
+import stat
+import sys
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core.caching import _Cache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+from numba.core.sigutils import normalize_signature
+
+from nnpp_edge.runtime.compiled.notice import say_once
+
+_CHECKSUM_BYTES = 32
+_OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
+_save_error: OSError | None = None
+
+
+class KernelCache(_Cache):
+    """What numba asks for the compiled versions of `function`, and hands new ones to.
+
+    Parameters
+    ----------
+    function : function of a module
+        The plain Python of the kernel.
+    folder : Path
+        Where the files are. It belongs to one state of the sources: whoever changes a kernel, or one that it
+        calls, changes the folder. It and the folder it lies in are made again if they vanish.
+
+    Raises
+    ------
+    ValueError
+        `function` closes over variables, which the name of a file would have to tell apart.
+    """
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        code = function.__code__
+        if code.co_freevars:
+            raise ValueError(
+                f"wanted a kernel without outer variables, got {function.__qualname__} with {code.co_freevars}"
+            )
+        self._folder = folder
+        self._stem = f"{function.__module__}.{function.__qualname__}-{code.co_firstlineno}"
+        self._made_by = (_source_digest(code.co_filename), numba.__version__, *sys.version_info[:2], sys.abiflags)
+        self._enabled = True
+
+    @property
+    def cache_path(self) -> str:
+        return str(self._folder)
+
+    def enable(self) -> None:
+        self._enabled = True
+
+    def disable(self) -> None:
+        self._enabled = False
+
+    def flush(self) -> None:
+        """Delete every version of this kernel; what cannot be deleted stays."""
+        for path in self._folder.glob("*.nbc"):
+            if path.name.rsplit(".", 2)[0] == self._stem:
+                with suppress(OSError):
+                    path.unlink()
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled version for `sig`, or None where no sound one is kept."""
+        if not self._enabled:
+            return None
+        if (kept := self._load(sig, target_context)) is None:
+            say_once("compiling for this processor: up to a minute, once (nnpp-edge warmup does it ahead of time)")
+        return kept
+
+    def _load(self, sig: Any, target_context: Any) -> Any:
+        target_context.refresh()
+        key = self._key(sig, target_context.codegen())
+        content = _read(self._path(key))
+        kept = content[_CHECKSUM_BYTES:]
+        if content != _checksum(key, kept) + kept:
+            return None
+        try:
+            result = CompileResult._rebuild(target_context, *pickle.loads(kept))
+        except Exception:  # it was made by something that differs from us in a way which the key does not tell
+            return None
+        return result if tuple(result.signature.args) == tuple(normalize_signature(sig)[0]) else None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the compiled version `data` for `sig`, unless it holds addresses of this process."""
+        if not self._enabled or data.lifted or data.library.has_dynamic_globals:
+            return
+        key = self._key(sig, data.codegen)
+        content = dumps(data._reduce())
+        try:
+            for folder in (self._folder.parent, self._folder):
+                make_private(folder)
+            _write(self._path(key), _checksum(key, content) + content)
+        except OSError as error:
+            _tell_once(self._folder, error)
+
+    def _key(self, sig: Any, codegen: Any) -> bytes:
+        """All that a compiled version depends on."""
+        return repr((self._stem, self._made_by, repr(sig), codegen.magic_tuple())).encode()
+
+    def _path(self, key: bytes) -> Path:
+        return self._folder / f"{self._stem}.{hashlib.sha256(key).hexdigest()[:16]}.nbc"
+
+
+def make_private(folder: Path) -> None:
+    """Make `folder` and its parents if need be; OSError unless it is ours alone to write."""
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if not _is_ours(folder.stat()) or not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(f"{folder}: wanted a folder that this user, and no other, can write to")
+
+
+def count_kept(folder: Path) -> tuple[int, int]:
+    """How many kernels are kept in `folder`, and how many versions of them in all."""
+    stems = [path.name.rsplit(".", 2)[0] for path in folder.glob("*.nbc")]
+    return len(set(stems)), len(stems)
+
+
+def save_error() -> OSError | None:
+    """Why the first of the kernels that this process could not keep was not kept; None if all were."""
+    return _save_error
+
+
+def _tell_once(folder: Path, error: OSError) -> None:
+    """Warn of the first failure; numba's compiler lock keeps other threads out."""
+    global _save_error
+    if _save_error is not None:
+        return
+    _save_error = error.with_traceback(None)
+    warnings.warn(
+        f"compiled kernels cannot be kept in {folder} ({error.strerror or error}): other processes compile them anew",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+
+
+def _checksum(key: bytes, content: bytes) -> bytes:
+    """Of the key as well, so that a file under a wrong name is not taken for sound."""
+    digest = hashlib.sha256(key)
+    digest.update(content)
+    return digest.digest()
+
+
+@functools.cache
+def _source_digest(filename: str) -> bytes:
+    """Of a kernel's own file, which may change while a process that has named its folder is running."""
+    try:
+        return hashlib.sha256(Path(filename).read_bytes()).digest()
+    except OSError:
+        return b""
+
+
+def _is_ours(info: os.stat_result) -> bool:
+    return info.st_uid == os.geteuid() and not info.st_mode & _OTHERS_MAY_WRITE
+
+
+def _read(path: Path) -> bytes:
+    """The file's content; nothing where it cannot be read, or where others can have written it."""
+    try:
+        with path.open("rb") as file:
+            return file.read() if _is_ours(os.fstat(file.fileno())) else b""
+    except OSError:
+        return b""
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Put `content` at `path` in one step, for us alone to write."""
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    try:
+        temporary.touch(mode=0o600, exist_ok=False)
+        temporary.write_bytes(content)
+        temporary.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink()
+        raise

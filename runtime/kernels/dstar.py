@@ -1,0 +1,364 @@
+"""The kernels of D* Lite: reading the map, mending what a change touched, expanding, following the path.
+
+The open list is a heap, four entries below each, whose keys are pairs: their first parts stand in one array
+and their second parts, which are looked at only where first parts are equal, in another. Unused slots hold
+inf, so that the least of four is found without asking how many there are.
+
+Called kernels touch their arrays in straight lines and indices are unsigned where it counts, for the reasons
+given in `open_list` and `expansion`. In a loop with two ways out, that takes a use of the arrays after it.
+"""
+
+import numpy as np
+
+from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.expansion import COL_STEP, ROW_STEP, lowest_bit
+
+SETTLED, PAUSED = 0, 1
+ABSENT = -1
+SPARE_SLOTS = 4
+"""Slots of the heap beyond the number of nodes, so that the last entries have four below each as well."""
+EXACT = float(1 << 52)
+"""Sums of units are exact up to here: two thousand million of the cheapest steps."""
+CAUTION = 1.0 + 2.0**-40
+"""Beyond that, keys this much above the start's are looked at too, so that rounding cannot hide one."""
+DEAREST = 1e38
+"""No passable cell weighs more units, lest it read as impassable."""
+
+
+@kernel
+def octile(rows, cols, prices):
+    """Octile distance between cells that lie so many rows and columns apart, in units."""
+    rows, cols = abs(rows), abs(cols)
+    near, far = min(rows, cols), max(rows, cols)
+    return prices[1] * near + prices[0] * (far - near)
+
+
+@kernel
+def _read(node, weights, factor, start, goal, costs, walls, inside):
+    """Read one node's weight; whether its steps have changed."""
+    weight = weights[np.uint64(node)]
+    wall = weight == np.inf
+    allowed = (inside[np.uint64(node)] != 0) | (node == start) | (node == goal)
+    cost = np.float32(min(np.rint(factor * weight), DEAREST))
+    cost = np.float32(np.inf) if wall | (not allowed) else cost
+    changed = (cost != costs[np.uint64(node)]) | (wall != walls[np.uint64(node)])
+    costs[np.uint64(node)] = cost
+    walls[np.uint64(node)] = wall
+    return changed
+
+
+@kernel
+def read_map(rows, cols, weights, factor, stride, start, goal, costs, walls, inside):
+    """Read all of the map."""
+    for r in range(rows):
+        for c in range(cols):
+            _read((r + 1) * stride + c + 1, weights, factor, start, goal, costs, walls, inside)
+
+
+@kernel
+def _note(node, stride, changed, is_changed, pending):
+    """Put a node and its neighbours down as changed; the number of nodes put down so far."""
+    for k in range(9):  # unrolled by the compiler
+        there = node + (k // 3 - 1) * stride + k % 3 - 1
+        changed[np.uint64(pending)] = there
+        pending += 1 - np.int64(is_changed[np.uint64(there)])
+        is_changed[np.uint64(there)] = 1
+    return pending
+
+
+@kernel
+def read_rectangle(
+    row, col, rows, cols, weights, factor, stride, start, goal, costs, walls, inside, changed, is_changed, pending
+):
+    """Read a rectangle of the map; the number of nodes put down as changed so far."""
+    for r in range(row, row + rows):
+        for c in range(col, col + cols):
+            node = (r + 1) * stride + c + 1
+            if _read(node, weights, factor, start, goal, costs, walls, inside):
+                pending = _note(node, stride, changed, is_changed, pending)
+    return pending
+
+
+@kernel
+def read_region(
+    mask, row_block, col_block, rows_to_read, weights, factor, stride, start, goal,
+    costs, walls, inside, changed, is_changed, pending,
+):  # fmt: skip
+    """Read a region, as far as its rows may differ; the number of nodes put down as changed so far."""
+    for r in range(len(row_block)):
+        if not rows_to_read[row_block[r]]:
+            continue
+        for c in range(len(col_block)):
+            node = (r + 1) * stride + c + 1
+            now = mask[np.uint64(row_block[r]), np.uint64(col_block[c])]
+            if now != inside[node]:
+                inside[node] = now
+                if _read(node, weights, factor, start, goal, costs, walls, inside):
+                    pending = _note(node, stride, changed, is_changed, pending)
+    return pending
+
+
+@kernel
+def _step(k, pair, steps):
+    """Cost of a step in direction k between cells whose weights sum to `pair`, in units."""
+    return steps[0] + pair if k < 4 else steps[1] + np.floor(steps[2] * pair)
+
+
+@kernel
+def _least_by_way(node, row_steps, corner_cutting, steps, costs, walls, state):
+    """The least cost to the goal by way of a neighbour of a passable node, and the direction of that neighbour."""
+    own = np.float64(costs[np.uint64(node)])
+    best, direction = np.inf, -1
+    for k in range(8):  # unrolled by the compiler
+        there = node + row_steps[k] + COL_STEP[k]
+        pair = own + np.float64(costs[np.uint64(there)])
+        step = _step(k, pair, steps)
+        if k >= 4 and not corner_cutting:
+            shut = walls[np.uint64(node + row_steps[k])] | walls[np.uint64(node + COL_STEP[k])]
+            step = np.inf if shut else step
+        by_way = step + state[np.uint64(2 * there)]
+        direction = k if by_way < best else direction
+        best = min(best, by_way)
+    return best, direction
+
+
+@kernel
+def _rise(firsts, seconds, nodes, position, i, first, second, node):
+    """Put a node at slot i of the heap, or as far above as its key wants; the slot that it got."""
+    while i > 0:
+        p = (i - 1) >> 2
+        a, b = firsts[np.uint64(p)], seconds[np.uint64(p)]
+        if a < first or (a == first and b <= second):
+            break
+        moved = nodes[np.uint64(p)]
+        firsts[np.uint64(i)], seconds[np.uint64(i)], nodes[np.uint64(i)] = a, b, moved
+        position[np.uint64(moved)] = i
+        i = p
+    firsts[np.uint64(i)], seconds[np.uint64(i)], nodes[np.uint64(i)] = first, second, node
+    position[np.uint64(node)] = i
+    return i
+
+
+@kernel
+def _sink(firsts, seconds, nodes, position, size, i, first, second, node):
+    """Put a node at slot i of the heap, or as far below as its key wants."""
+    child = 4 * i + 1
+    while child < size:
+        w, x = firsts[np.uint64(child)], firsts[np.uint64(child + 1)]
+        y, z = firsts[np.uint64(child + 2)], firsts[np.uint64(child + 3)]
+        left, right = min(w, x), min(y, z)
+        a = min(left, right)
+        c = child + (np.int64(z < y) + 2 if right < left else np.int64(x < w))
+        if (w == x) | (y == z) | (left == right):
+            for k in range(child, child + 4):  # c is one of those whose first part is the least
+                better = (firsts[np.uint64(k)] == a) & (seconds[np.uint64(k)] < seconds[np.uint64(c)])
+                c = k if better else c
+        b = seconds[np.uint64(c)]
+        if first < a or (first == a and second <= b):
+            break
+        moved = nodes[np.uint64(c)]
+        firsts[np.uint64(i)], seconds[np.uint64(i)], nodes[np.uint64(i)] = a, b, moved
+        position[np.uint64(moved)] = i
+        i = c
+        child = 4 * i + 1
+    firsts[np.uint64(i)], seconds[np.uint64(i)], nodes[np.uint64(i)] = first, second, node
+    position[np.uint64(node)] = i
+
+
+@kernel
+def _take_last(firsts, seconds, nodes, size):
+    """Take the last entry off the heap: its key and its node."""
+    end = np.uint64(size - 1)
+    first, second = firsts[end], seconds[end]
+    firsts[end] = np.inf
+    return first, second, np.int64(nodes[end])
+
+
+@kernel
+def _update_vertex(node, ahead, state, position, firsts, seconds, nodes, size):
+    """Have a node on the open list exactly if its g and rhs differ; `ahead` is its h + km.
+
+    What is left to do: the slot of the heap (ABSENT where nothing is left), the key and the node that is to be
+    put there, and the heap's new size.
+    """
+    g, rhs = state[np.uint64(2 * node)], state[np.uint64(2 * node + 1)]
+    second = min(g, rhs)
+    first = second + ahead
+    slot = np.int64(position[np.uint64(node)])
+    position[np.uint64(node)] = ABSENT
+    end = np.uint64(max(size - 1, 0))
+    last, last_first, last_second = np.int64(nodes[end]), firsts[end], seconds[end]
+    firsts[end] = np.inf if g == rhs and slot != ABSENT else last_first
+    if g != rhs:
+        return (slot, first, second, node, size) if slot != ABSENT else (size, first, second, node, size + 1)
+    if slot != ABSENT:
+        return (slot if slot < size - 1 else np.int64(ABSENT)), last_first, last_second, last, size - 1
+    return slot, first, second, node, size
+
+
+@kernel
+def _touched(node, value, raised, row_steps, costs, steps, state):
+    """Directions, as bits, of the neighbours that a node touches whose g becomes, or where `raised` was, `value`.
+
+    They come to a lower rhs by way of it; or their rhs may have rested on it.
+    """
+    own = np.float64(costs[np.uint64(node)])
+    found = np.int64(0)
+    for k in range(8):  # unrolled by the compiler
+        there = node + row_steps[k] + COL_STEP[k]
+        pair = own + np.float64(costs[np.uint64(there)])
+        by_way, rhs = value + _step(k, pair, steps), state[np.uint64(2 * there + 1)]
+        found |= np.int64((by_way == rhs) & (by_way < np.inf) if raised else by_way < rhs) << k
+    return found
+
+
+@kernel
+def clear(goal, state, position, firsts, seconds, nodes):
+    """A search that knows the goal alone; the size of its open list."""
+    state[:] = np.inf
+    position[:] = ABSENT
+    firsts[:] = np.inf
+    state[2 * goal + 1] = 0.0
+    _rise(firsts, seconds, nodes, position, 0, 0.0, 0.0, goal)
+    return 1
+
+
+@kernel
+def least_known(changed, count, inside, state):
+    """The least g of changed nodes that the region holds; inf without any."""
+    least = np.inf
+    for n in range(count):
+        node = changed[n]
+        if inside[node]:
+            least = min(least, state[2 * node])
+    return least
+
+
+@kernel
+def mend(
+    pending, stride, start, goal, corner_cutting, steps, prices, km,
+    costs, walls, state, position, firsts, seconds, nodes, size, changed, is_changed,
+):  # fmt: skip
+    """Work out rhs anew wherever a step has changed; the open list's new size."""
+    row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
+    start_row, start_col = start // stride, start % stride
+    for n in range(pending):
+        node = np.int64(changed[n])
+        is_changed[node] = 0
+        if node == goal:
+            continue
+        rhs = np.inf
+        if costs[node] < np.inf:  # so not on the border, whose neighbours are not all there
+            rhs, _ = _least_by_way(node, row_steps, corner_cutting, steps, costs, walls, state)
+        if rhs == state[2 * node + 1]:
+            continue
+        state[2 * node + 1] = rhs
+        ahead = km + octile(node // stride - start_row, node % stride - start_col, prices)
+        slot, first, second, moved, size = _update_vertex(node, ahead, state, position, firsts, seconds, nodes, size)
+        if slot != ABSENT:
+            above = _rise(firsts, seconds, nodes, position, slot, first, second, moved)
+            if above == slot and 4 * slot + 1 < size:
+                _sink(firsts, seconds, nodes, position, size, slot, first, second, moved)
+    return size
+
+
+@kernel
+def expand(
+    stride, start, goal, corner_cutting, steps, prices, km,
+    costs, walls, state, position, firsts, seconds, nodes, size, most,
+):  # fmt: skip
+    """ComputeShortestPath: expand until the start is settled or `most` expansions are done.
+
+    The code, the number of expansions and the open list's size.
+    """
+    row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
+    start_row, start_col = start // stride, start % stride
+    inverse_stride = 1.0 / stride
+    expansions = 0
+    while size > 0:
+        g, rhs = state[2 * start], state[2 * start + 1]
+        second = min(g, rhs)
+        first = second + km
+        if first > EXACT:
+            first *= CAUTION
+        if rhs <= g and not (firsts[0] < first or (firsts[0] == first and seconds[0] < second)):
+            break
+        if expansions == most:
+            return PAUSED, expansions, size
+        node = np.int64(nodes[0])
+        g, rhs = state[np.uint64(2 * node)], state[np.uint64(2 * node + 1)]
+        second = min(g, rhs)
+        row = np.int64((node + 0.5) * inverse_stride)
+        rows, cols = row - start_row, node - row * stride - start_col
+        ahead = km + octile(rows, cols, prices)
+        first = second + ahead
+        if firsts[0] < first or (firsts[0] == first and seconds[0] < second):
+            _sink(firsts, seconds, nodes, position, size, 0, first, second, node)
+            continue
+        expansions += 1
+        raised = g <= rhs
+        touched = _touched(node, g if raised else rhs, raised, row_steps, costs, steps, state)
+        state[np.uint64(2 * node)] = np.inf if raised else rhs
+        # A node that leaves the list leaves its slot to the first neighbour to come on. With a key not much
+        # greater that one stays near the top, where the heap's last entry would sink to the bottom again.
+        vacant = not raised or rhs == np.inf
+        if vacant:
+            position[np.uint64(node)] = ABSENT
+            firsts[0] = -np.inf
+        else:
+            _sink(firsts, seconds, nodes, position, size, 0, rhs + ahead, rhs, node)
+        while touched:
+            k = lowest_bit(touched)
+            touched &= touched - 1
+            up, left = np.int64(ROW_STEP[k]), np.int64(COL_STEP[k])
+            there = node + up * stride + left
+            if there == goal:
+                continue
+            if raised:
+                by_way, _ = _least_by_way(there, row_steps, corner_cutting, steps, costs, walls, state)
+                if by_way == state[np.uint64(2 * there + 1)]:
+                    continue
+            else:
+                pair = np.float64(costs[np.uint64(node)]) + np.float64(costs[np.uint64(there)])
+                by_way = rhs + _step(k, pair, steps)
+                if k >= 4 and not corner_cutting and (walls[node + up * stride] or walls[node + left]):
+                    continue
+            state[np.uint64(2 * there + 1)] = by_way
+            ahead = km + octile(rows + up, cols + left, prices)
+            slot, first, second, moved, grown = _update_vertex(
+                there, ahead, state, position, firsts, seconds, nodes, size
+            )
+            if vacant and grown > size:
+                slot, grown, vacant = np.int64(0), size, False
+            size = grown
+            if slot != ABSENT:
+                above = _rise(firsts, seconds, nodes, position, slot, first, second, moved)
+                if above == slot and 4 * slot + 1 < size:
+                    _sink(firsts, seconds, nodes, position, size, slot, first, second, moved)
+        if vacant:
+            first, second, moved = _take_last(firsts, seconds, nodes, size)
+            size -= 1
+            if size > 0:
+                _sink(firsts, seconds, nodes, position, size, 0, first, second, moved)
+    return SETTLED, expansions, size
+
+
+@kernel
+def descend(stride, start, goal, corner_cutting, steps, costs, walls, state, cells, path):
+    """Write the path that follows the least cost to the goal, as far as `path` reaches; its length.
+
+    0 if it does not lead to the goal.
+    """
+    row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
+    node, n = start, 0
+    while n < cells:
+        if n < len(path):
+            path[n, 0], path[n, 1] = node // stride - 1, node % stride - 1
+        n += 1
+        if node == goal:
+            return n
+        _, k = _least_by_way(node, row_steps, corner_cutting, steps, costs, walls, state)
+        if k < 0:
+            return 0
+        node += ROW_STEP[k] * stride + COL_STEP[k]
+    return 0

@@ -1,0 +1,315 @@
+"""The kernels of the search: expanding nodes in the order of f, and tracing a path back.
+
+f = g + h, and h is the greatest of several lower bounds on the cost that is left: the octile distance at the
+price of the map's cheapest cell and, where there are landmarks, |d(landmark, node) - d(landmark, goal)| for
+each of them, by the triangle inequality.
+
+Indices are cast to unsigned where they are used: numba would otherwise look at each whether it is negative,
+as Python's indices may be, which took a tenth of a search's time.
+"""
+
+from enum import IntEnum
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic, overload
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.open_list import (
+    BLOCK,
+    FINE,
+    FINE_AT,
+    FREE,
+    LENGTH,
+    NOTHING,
+    USED,
+    clear,
+    next_block,
+    pop,
+    push,
+)
+from nnpp_edge.runtime.search.workspace import OPEN_BIT, ORIGIN, STAMP_SHIFT
+
+ROW_STEP = (-1, 1, 0, 0, -1, -1, 1, 1)
+COL_STEP = (0, 0, -1, 1, -1, 1, -1, 1)
+DIRECTION = (4, 0, 5, 2, -1, 3, 6, 1, 7)
+"""Direction of the neighbour (row, col) = (i // 3 - 1, i % 3 - 1); -1 for the cell itself."""
+DIRECTION_BITS = 15
+
+FOUND, EXHAUSTED, PAUSED, FULL = 0, 1, 2, 3
+# slots of the float64 array of results
+F_START, REFUSED, BEST_H = 0, 1, 2
+# slots of the int64 array of results
+EXPANSIONS, BEST_NODE = 0, 1
+
+LANES = 8
+"""Landmarks that a node has room for."""
+BELOW = 1.0 - 1e-6
+"""Nodes that promise an improvement smaller than g's rounding are left alone."""
+
+
+class Dominance(IntEnum):
+    """Which neighbours of its parent a node need not look at, as the parent reaches them at no higher cost."""
+
+    NONE = 0
+    """Only the parent itself: what holds where links decide which neighbours a cell has."""
+    STRAIGHT = 1
+    """Those a straight step from the parent: for every step-cost model."""
+    DIAGONAL = 2
+    """Those a diagonal away as well: where it is never dearer than the two straight steps around its corner,
+    and never forbidden where they are allowed."""
+
+
+def _successors(dominance: Dominance) -> NDArray[np.int64]:
+    """For each direction of arrival (and none, the start's) the directions worth leaving in, as bits."""
+    masks = np.full(ORIGIN + 1, 255, np.int64)
+    for arrival in range(ORIGIN):
+        for k in range(8):
+            rows, cols = abs(ROW_STEP[arrival] + ROW_STEP[k]), abs(COL_STEP[arrival] + COL_STEP[k])
+            if max(rows, cols) <= 1 if dominance is Dominance.DIAGONAL else rows + cols <= dominance:
+                masks[arrival] &= ~(1 << k)
+    return masks
+
+
+SUCCESSORS = {dominance: _successors(dominance) for dominance in Dominance}
+
+
+@kernel
+def octile(row, col, goal_row, goal_col, h_straight, h_diagonal):
+    """Cost of the way on an empty map whose straight and diagonal steps cost so much."""
+    dr, dc = abs(row - goal_row), abs(col - goal_col)
+    near, far = min(dr, dc), max(dr, dc)
+    return h_diagonal * near + h_straight * (far - near)
+
+
+@kernel
+def _apart(fields, at_goal, node):
+    """The greatest difference to the goal's costs from the landmarks."""
+    furthest = np.float32(0.0)
+    for lane in range(LANES):
+        # inf where only one of the two is connected to the landmark; NaN, which is passed over, where neither is
+        apart = abs(fields[np.uint64(node), np.uint64(lane)] - at_goal[np.uint64(lane)])
+        furthest = apart if apart > furthest else furthest
+    return furthest
+
+
+@intrinsic
+def _trailing_zeros(typing_context, value):
+    def generate(context, builder, signature, arguments):
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.int64(types.int64), generate
+
+
+def lowest_bit(value):
+    """Number of the lowest set bit of an integer that is not 0."""
+    return (int(value) & -int(value)).bit_length() - 1
+
+
+@overload(lowest_bit)
+def _compiled_lowest_bit(value):
+    return lambda value: _trailing_zeros(value)  # type: ignore[call-arg]  # one instruction of the processor's
+
+
+@kernel
+def _deal_out(
+    chain, block, stride, goal_row, goal_col, h_straight, h_diagonal, fields, at_goal, slack, inverse_width,
+    f_start, g, meta, heads, entries, free,
+):  # fmt: skip
+    """Put a coarse bucket's entries into the fine buckets, dropping those no longer open; free, how many dropped."""
+    dropped = 0
+    while chain != NOTHING:
+        following = np.int64(entries[2 * chain + 1])
+        node = np.int64(entries[2 * chain])
+        slot = np.int64(FINE)
+        if meta[2 * node + 1] & OPEN_BIT:
+            h = octile(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
+            if fields is not None:
+                h = max(h, _apart(fields, at_goal, node) - slack)
+            slot = max(np.int64((g[2 * node] + h - f_start) * inverse_width) - block * FINE, np.int64(0))
+        if slot < FINE:
+            entries[2 * chain + 1] = heads[slot]
+            heads[slot] = chain
+        else:
+            entries[2 * chain + 1] = free
+            free = chain
+            dropped += 1
+        chain = following
+    return free, dropped
+
+
+@kernel
+def trace(meta, node, stride, out):
+    """Write the cells from `node` back to the start into `out`, as far as it reaches; their number."""
+    n = 0
+    while True:
+        if n < len(out):
+            out[n, 0], out[n, 1] = node // stride - 1, node % stride - 1
+        n += 1
+        k = meta[2 * node + 1] & DIRECTION_BITS
+        if k == ORIGIN:
+            return n
+        node -= ROW_STEP[k] * stride + COL_STEP[k]
+
+
+@kernel
+def expand(
+    weights, links, stride, start, goal, steps, fields, at_goal, slack, successors, corner_cutting, bitmap, row_block,
+    col_block, region_stamp, g, meta, stamp, heads, entries, control, reals, counts, path, beyond, most,
+):  # fmt: skip
+    """Search until the goal is settled, nothing is left, `most` expansions are done or the list is full.
+
+    Begins at `start`, or goes on where the last call stopped if that is negative. Once the goal has been
+    reached, `beyond` times its g bounds what is looked at: nodes whose f is not lower are left out, and the
+    search ends when the buckets up to the bound's own are empty. `BELOW` gives the optimum; with more than 1,
+    every node on a path that costs less than `beyond` times the optimum is settled.
+
+    Returns what it came to; the number of cells, start and goal included, of the path to the goal or, when it is
+    not found, to the expanded node nearest it, of which as many as there is room for are in `path`, goal first; the
+    expansions so far; and the least f of a node that the region refused.
+    """
+    length_s, length_d = np.float32(steps[0]), np.float32(steps[1])
+    weight_s, weight_d = np.float32(steps[2]), np.float32(steps[3])
+    h_straight, h_diagonal, inverse_width = steps[4], steps[5], steps[6]
+    goal_row, goal_col = goal // stride, goal % stride
+    inverse_stride = 1.0 / stride
+    row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
+    if start >= 0:
+        h = octile(start // stride, start % stride, goal_row, goal_col, h_straight, h_diagonal)
+        if fields is not None:
+            h = max(h, _apart(fields, at_goal, start) - slack)
+        clear(heads, control)
+        control[FREE], control[USED] = push(heads, entries, 0, start, 0, 0, NOTHING, 0)
+        control[LENGTH] = 1
+        g[2 * start] = 0.0
+        meta[2 * start + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ORIGIN
+        reals[F_START], reals[REFUSED], reals[BEST_H] = h, np.inf, np.inf
+        counts[EXPANSIONS], counts[BEST_NODE] = 0, start
+        if h == np.inf:  # a landmark is connected to only one of the two
+            return EXHAUSTED, 0, 0, np.inf
+    f_start, refused, best_h = reals[F_START], reals[REFUSED], reals[BEST_H]
+    free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
+    block, waiting = control[BLOCK], control[LENGTH]
+    room = np.int64(len(entries)) // 2 - 8
+    bound, last_bucket = np.inf, np.int64(1) << 60
+    if meta[2 * goal + 1] >> STAMP_SHIFT == stamp:
+        bound = np.float64(g[2 * goal]) * beyond
+        last_bucket = np.int64((bound - f_start) * inverse_width)
+    expansions = counts[EXPANSIONS]
+    last = expansions + most
+    code = PAUSED
+    while expansions < last:
+        if waiting > room:
+            code = FULL
+            break
+        node, fine_at, free = pop(heads, entries, fine_at, free)
+        if block * FINE + fine_at > last_bucket:
+            code = FOUND
+            break
+        if node == NOTHING:
+            if waiting == 0:
+                code = FOUND if bound < np.inf else EXHAUSTED
+                break
+            block, chain = next_block(heads, block)
+            fine_at = np.int64(0)
+            free, dropped = _deal_out(
+                chain, block, stride, goal_row, goal_col, h_straight, h_diagonal, fields, at_goal, slack,
+                inverse_width, f_start, g, meta, heads, entries, free,
+            )  # fmt: skip
+            waiting -= dropped
+            continue
+        waiting -= 1
+        word = meta[np.uint64(2 * node + 1)]
+        if not word & OPEN_BIT:
+            continue
+        meta[np.uint64(2 * node + 1)] = word & ~OPEN_BIT
+        row = np.int64((node + 0.5) * inverse_stride)
+        col = node - row * stride
+        h = octile(row, col, goal_row, goal_col, h_straight, h_diagonal)
+        own, g_node = weights[np.uint64(node)], g[np.uint64(2 * node)]
+        if g_node + h >= bound:
+            continue
+        expansions += 1
+        if h < best_h:
+            best_h = h
+            counts[BEST_NODE] = node
+        # First, without a branch, which neighbours are reached at a lower g than before; then only those.
+        better = np.int64(0)
+        for k in range(8):  # unrolled by the compiler
+            there = np.uint64(node + row_steps[k] + COL_STEP[k])
+            length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
+            reached = g_node + (length + weight * (own + weights[there]))  # inf where impassable
+            visited = meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp
+            known = g[there * np.uint64(2)] if visited else np.float32(np.inf)
+            better |= np.int64(reached < known) << k
+        better &= successors[np.uint64(word & DIRECTION_BITS)]
+        if links is not None:
+            better &= np.int64(links[np.uint64(node)])
+        while better:
+            k = lowest_bit(better)
+            better &= better - 1
+            up, left = np.int64(ROW_STEP[k]), np.int64(COL_STEP[k])
+            across = np.int64(node + up * stride + left)
+            there = np.uint64(across)
+            if k < 4:
+                reached = g_node + (length_s + weight_s * (own + weights[there]))
+            else:
+                if not corner_cutting and (
+                    weights[np.uint64(node + up * stride)] == np.inf or weights[np.uint64(node + left)] == np.inf
+                ):
+                    continue
+                reached = g_node + (length_d + weight_d * (own + weights[there]))
+            i, j = row + up, col + left
+            h = octile(i, j, goal_row, goal_col, h_straight, h_diagonal)
+            if fields is not None:  # numba drops this branch, and the two below, where there is nothing to look at
+                h = max(h, _apart(fields, at_goal, across) - slack)
+            f = reached + h
+            if f >= bound:
+                continue
+            if bitmap is not None:  # noqa: SIM102
+                if (
+                    bitmap[np.uint64(row_block[np.uint64(i - 1)]), np.uint64(col_block[np.uint64(j - 1)])]
+                    != region_stamp
+                    and across != goal
+                ):
+                    refused = min(refused, f)
+                    continue
+            g[there * np.uint64(2)] = reached
+            word = np.int64((stamp << STAMP_SHIFT) | OPEN_BIT | k)
+            if across == goal:
+                word ^= OPEN_BIT  # never expanded, so never put on the open list
+                bound = f * beyond
+                last_bucket = np.int64((bound - f_start) * inverse_width)
+            else:
+                bucket = np.int64(max((f - f_start) * inverse_width, 0.0))
+                free, used = push(heads, entries, bucket, across, block, fine_at, free, used)
+                waiting += 1
+            meta[there * np.uint64(2) + np.uint64(1)] = word
+    control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
+    control[BLOCK], control[LENGTH] = block, waiting
+    reals[REFUSED] = refused
+    reals[BEST_H] = best_h
+    counts[EXPANSIONS] = expansions
+    cells = 0
+    if code != FULL:
+        cells = trace(meta, goal if code == FOUND else counts[BEST_NODE], stride, path)
+    return code, cells, expansions, refused
+
+
+@kernel
+def read_field(g, meta, stamp, stride, field):
+    """g of every cell of the map into `field`, inf where the search did not come."""
+    rows, cols = field.shape
+    for row in range(rows):
+        for col in range(cols):
+            node = (row + 1) * stride + col + 1
+            field[row, col] = g[2 * node] if meta[2 * node + 1] >> STAMP_SHIFT == stamp else np.inf
+
+
+@kernel
+def read_lane(g, meta, stamp, fields, lane):
+    """g of every node into one lane of the landmarks' fields, inf where the search did not come."""
+    for node in range(len(fields)):
+        fields[node, lane] = g[2 * node] if meta[2 * node + 1] >> STAMP_SHIFT == stamp else np.inf

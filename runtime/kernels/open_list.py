@@ -1,0 +1,76 @@
+"""The open list: a two-level bucket queue on f, in arrays.
+
+A bucket holds the entries whose f falls into one span of width δ, newest first. The `FINE` buckets cover
+one coarse bucket; entries further ahead wait in the coarse buckets, a ring, and are dealt out when their
+turn comes. Putting in and taking out cost the same however long the list is.
+
+Entries inside a bucket are not sorted, so a search that takes them in this order may expand a node before
+its g is final and again when it improves. The answer stays exact: the goal is settled only once every
+bucket below its g is empty (see `astar`). δ is a quarter of the cheapest step, so this is rare.
+"""
+
+import numpy as np
+
+from nnpp_edge.runtime.compiled.kernel import kernel
+
+FINE = 1024
+COARSE = 4096
+BUCKETS = FINE + COARSE
+"""Heads of the buckets' chains: the fine ones, then the ring of coarse ones."""
+NOTHING = -1
+
+# Slots of the int64 array that keeps a list between calls; the kernels hold them in local variables, which
+# is a third faster than reading and writing memory at every push.
+FREE, USED, FINE_AT, BLOCK, LENGTH = 0, 1, 2, 3, 4
+CONTROL_SLOTS = 5
+
+# An entry e holds its node at 2e and the next entry of its chain at 2e + 1. The kernels below touch their
+# arrays in straight lines only: numba counts references to an array that is used on both sides of a branch
+# in a called kernel, and these atomic operations once took a third of a search's time.
+
+
+@kernel
+def clear(heads, control):
+    """Empty the list."""
+    heads[:] = NOTHING
+    control[:] = 0
+    control[FREE] = NOTHING
+
+
+@kernel
+def push(heads, entries, bucket, node, block, fine_at, free, used):
+    """Put `node` into bucket ⌊(f - f_start)/δ⌋; the new `free` and `used`. There must be room."""
+    recycled = free != NOTHING
+    entry = free if recycled else used
+    following = np.int64(entries[np.uint64(2 * entry + 1)])
+    ahead = bucket - block * FINE
+    # a rounding error may put f a hair below the bucket being emptied: it then goes into that one
+    slot = max(ahead, fine_at) if ahead < FINE else FINE + bucket // FINE % COARSE
+    entries[np.uint64(2 * entry)] = node
+    entries[np.uint64(2 * entry + 1)] = heads[np.uint64(slot)]
+    heads[np.uint64(slot)] = entry
+    return (following, used) if recycled else (free, used + 1)
+
+
+@kernel
+def pop(heads, entries, fine_at, free):
+    """Take the newest node of the first bucket; node (NOTHING if the fine buckets are empty), fine_at, free."""
+    while fine_at < FINE and heads[np.uint64(fine_at)] == NOTHING:
+        fine_at += 1
+    if fine_at == FINE:
+        return np.int64(NOTHING), fine_at, free
+    entry = np.int64(heads[np.uint64(fine_at)])
+    heads[np.uint64(fine_at)] = entries[np.uint64(2 * entry + 1)]
+    entries[np.uint64(2 * entry + 1)] = free
+    return np.int64(entries[np.uint64(2 * entry)]), fine_at, entry
+
+
+@kernel
+def next_block(heads, block):
+    """The next coarse bucket that holds something, emptied: its number and its chain of entries."""
+    block += 1
+    while heads[FINE + block % COARSE] == NOTHING:
+        block += 1
+    chain = np.int64(heads[FINE + block % COARSE])
+    heads[FINE + block % COARSE] = NOTHING
+    return block, chain

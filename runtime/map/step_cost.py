@@ -1,0 +1,52 @@
+"""What a step between two cells costs.
+
+Both models have one form, so that the searches need not know which is in use:
+
+    step(i, j) = length_term[kind] + weight_term[kind] · (w_i + w_j),   kind 0 straight, 1 diagonal
+
+- ``paper`` (NNPP, Eq. 2-4): L + 255·ω·(T_i + T_j) with w = 255·ω·T. The paper's ω is for T in grey levels.
+- ``length``: L × the mean of the two weights.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from nnpp_edge.runtime.errors import InvalidQueryError
+
+SQRT2 = math.sqrt(2.0)
+PAPER_OMEGA = 0.011
+"""Weight of the traversability cost per grey level (NNPP, section 4.2)."""
+GREY_LEVELS = 255.0
+
+
+class StepCost(StrEnum):
+    """What a step costs; see the module's description."""
+
+    PAPER = "paper"
+    LENGTH = "length"
+
+
+@dataclass(frozen=True)
+class StepModel:
+    """Coefficients of a step's cost, and of the weight that a cell's cost becomes."""
+
+    kind: StepCost
+    scale: float
+    length_term: tuple[float, float]
+    weight_term: tuple[float, float]
+
+    @classmethod
+    def of(cls, step_cost: str, omega: float = PAPER_OMEGA) -> "StepModel":
+        """The model of that name; InvalidQueryError for another name or an omega below 0."""
+        if step_cost == StepCost.LENGTH:
+            return cls(StepCost.LENGTH, 1.0, (0.0, 0.0), (0.5, 0.5 * SQRT2))
+        if step_cost != StepCost.PAPER:
+            raise InvalidQueryError(f"step_cost must be 'paper' or 'length', got {step_cost!r}")
+        if not 0.0 <= omega < math.inf:
+            raise InvalidQueryError(f"omega must be a finite number of at least 0, got {omega}")
+        return cls(StepCost.PAPER, GREY_LEVELS * omega, (1.0, SQRT2), (1.0, 1.0))
+
+    def step(self, kind: int, weights: float) -> float:
+        """Cost of a straight (0) or diagonal (1) step between cells whose weights sum to `weights`."""
+        return self.length_term[kind] + self.weight_term[kind] * weights

@@ -1,0 +1,112 @@
+"""Landmarks: the costs from a few cells to all others, computed once, sharpen the heuristic of every search.
+
+For a landmark l the triangle inequality gives cost(n, goal) >= |d(l, n) - d(l, goal)|: the greatest over the
+landmarks is a lower bound, and a consistent one (ALT, Goldberg and Harrelson 2005). So the optimum stays the
+optimum, while cells that lie away from it are no longer expanded. A landmark at the goal itself makes the
+bound exact, and a search goes straight along an optimal path.
+
+The bounds outlive changes of the map by which no cell becomes cheaper: costs then only rise above them.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.kernels.expansion import LANES, read_lane
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.search.astar import settle_all
+from nnpp_edge.runtime.search.workspace import STAMP_SHIFT, Workspace
+
+_ROUNDING = 4e-6
+"""Share of the greatest cost by which a sum of rounded steps may be off."""
+_RIM = ((0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0))
+"""Where landmarks are set, as shares of the map's height and width."""
+
+
+class Landmarks:
+    """Costs from up to eight cells of a grid to all others.
+
+    Parameters
+    ----------
+    grid : Grid
+        The map.
+    workspace : Workspace
+        Scratch memory of the grid's size.
+    links : (nodes,) uint8
+        As in `astar`.
+    corner_cutting : bool
+        As in `astar`.
+    """
+
+    def __init__(
+        self,
+        grid: Grid,
+        workspace: Workspace,
+        *,
+        links: NDArray[np.uint8] | None = None,
+        corner_cutting: bool = True,
+    ) -> None:
+        self._grid, self._workspace = grid, workspace
+        self._links, self._corner_cutting = links, corner_cutting
+        self.cells: list[tuple[int, int]] = []
+        """Where the landmarks stand."""
+        self.fields = np.zeros((len(grid.weights), LANES), np.float32)
+        """(nodes, 8) cost from each landmark; 0 in the lanes that are free, inf where there is no path."""
+        self._slack = 0.0
+
+    def add(self, cell: tuple[int, int]) -> None:
+        """Set a landmark at a passable cell: one search of the whole map.
+
+        Raises
+        ------
+        InvalidQueryError
+            All eight are taken.
+        """
+        lane = len(self.cells)
+        if lane == LANES:
+            raise InvalidQueryError(f"there is room for {LANES} landmarks, got one more")
+        ws = self._workspace
+        settle_all(self._grid, cell, ws, links=self._links, corner_cutting=self._corner_cutting)
+        read_lane(ws.g, ws.meta, ws.stamp, self.fields, lane)
+        self.cells.append(cell)
+        finite = self.fields[:, lane]
+        self._slack = max(self._slack, _ROUNDING * float(finite.max(where=np.isfinite(finite), initial=0.0)))
+
+    def spread(self, count: int) -> None:
+        """Set landmarks at the map's corners and the middles of its sides until there are `count`.
+
+        Behind the goal, as seen from the start, a landmark's bound is nearly exact, and from the rim one is
+        behind almost any goal. Each stands on the nearest cell that is connected to the first landmark or,
+        when there is none yet, to the cell nearest the middle.
+        """
+        grid, missing = self._grid, count - len(self.cells)
+        if missing <= 0:
+            return
+        connected = np.isfinite(grid.weights)
+        if self.cells:
+            connected &= np.isfinite(self.fields[:, 0])
+        elif (middle := _nearest(connected, grid, 0.5, 0.5)) is not None:
+            ws = self._workspace
+            settle_all(grid, middle, ws, links=self._links, corner_cutting=self._corner_cutting)
+            connected = ws.meta[1::2] >> STAMP_SHIFT == ws.stamp
+        for spot in _RIM:
+            if missing == 0:
+                return
+            cell = _nearest(connected, grid, *spot)
+            if cell is not None and cell not in self.cells:
+                self.add(cell)
+                missing -= 1
+
+    def towards(self, goal: int) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
+        """What the search's kernel needs to know for a goal's node: the fields, theirs at the goal, the slack."""
+        return self.fields, self.fields[goal].copy(), self._slack
+
+
+def _nearest(chosen: NDArray[np.bool_], grid: Grid, up: float, left: float) -> tuple[int, int] | None:
+    """Of the nodes chosen, the cell nearest a place given in shares of the map's height and width."""
+    nodes = np.flatnonzero(chosen)
+    if len(nodes) == 0:
+        return None
+    rows, cols = np.divmod(nodes, grid.stride)
+    at = int(np.argmin((rows - 1 - up * (grid.rows - 1)) ** 2 + (cols - 1 - left * (grid.cols - 1)) ** 2))
+    return int(rows[at]) - 1, int(cols[at]) - 1
