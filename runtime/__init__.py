@@ -1,60 +1,52 @@
-"""What runs on the robot: cost map, network, search. Needs numpy, numba, onnxruntime and nothing of training.
+"""What runs on the robot: cost map, network, search, loop. Needs numpy, numba, onnxruntime and nothing of training.
 
-The names below are imported when first used, so that a command which needs none of them starts at once.
+Everything for users can be imported from here. A name is loaded when it is first used, so that a command which needs
+none of them starts at once.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from nnpp_edge.runtime.errors import NnppEdgeError, Status
-    from nnpp_edge.runtime.network.inference import NetworkModel
-    from nnpp_edge.runtime.network.model_file import ModelFile, list_models
-    from nnpp_edge.runtime.planners.plan import Method, Plan, Source
-    from nnpp_edge.runtime.planners.planner import Planner, plan_path
-    from nnpp_edge.runtime.terrain.traversability import (
-        SaturationWarning,
-        Traversability,
-        traversability_cost,
-        update_cost,
-    )
+    from nnpp_edge.runtime.errors import NnppEdgeError as NnppEdgeError
+    from nnpp_edge.runtime.errors import Status as Status
+    from nnpp_edge.runtime.map.region import Region as Region
+    from nnpp_edge.runtime.network.inference import NetworkModel as NetworkModel
+    from nnpp_edge.runtime.network.model_file import ModelFile as ModelFile
+    from nnpp_edge.runtime.network.model_file import list_models as list_models
+    from nnpp_edge.runtime.planners.dynamic import DynamicPlanner as DynamicPlanner
+    from nnpp_edge.runtime.planners.plan import DynamicMethod as DynamicMethod
+    from nnpp_edge.runtime.planners.plan import Method as Method
+    from nnpp_edge.runtime.planners.plan import Plan as Plan
+    from nnpp_edge.runtime.planners.plan import Source as Source
+    from nnpp_edge.runtime.planners.plan_path import plan_path as plan_path
+    from nnpp_edge.runtime.planners.planner import Planner as Planner
+    from nnpp_edge.runtime.planners.standing_path import Standing as Standing
+    from nnpp_edge.runtime.terrain.traversability import SaturationWarning as SaturationWarning
+    from nnpp_edge.runtime.terrain.traversability import Traversability as Traversability
+    from nnpp_edge.runtime.terrain.traversability import traversability_cost as traversability_cost
+    from nnpp_edge.runtime.terrain.traversability import update_cost as update_cost
 
-_HOMES = {
-    "Method": "planners.plan",
-    "ModelFile": "network.model_file",
-    "NetworkModel": "network.inference",
-    "NnppEdgeError": "errors",
-    "Plan": "planners.plan",
-    "Planner": "planners.planner",
-    "SaturationWarning": "terrain.traversability",
-    "Source": "planners.plan",
-    "Status": "errors",
-    "Traversability": "terrain.traversability",
-    "list_models": "network.model_file",
-    "plan_path": "planners.planner",
-    "traversability_cost": "terrain.traversability",
-    "update_cost": "terrain.traversability",
+_MODULES = {
+    "errors": ("NnppEdgeError", "Status"),
+    "map.region": ("Region",),
+    "network.inference": ("NetworkModel",),
+    "network.model_file": ("ModelFile", "list_models"),
+    "planners.dynamic": ("DynamicPlanner",),
+    "planners.plan": ("DynamicMethod", "Method", "Plan", "Source"),
+    "planners.plan_path": ("plan_path",),
+    "planners.planner": ("Planner",),
+    "planners.standing_path": ("Standing",),
+    "terrain.traversability": ("SaturationWarning", "Traversability", "traversability_cost", "update_cost"),
 }
-
-__all__ = [
-    "Method",
-    "ModelFile",
-    "NetworkModel",
-    "NnppEdgeError",
-    "Plan",
-    "Planner",
-    "SaturationWarning",
-    "Source",
-    "Status",
-    "Traversability",
-    "list_models",
-    "plan_path",
-    "traversability_cost",
-    "update_cost",
-]
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+def __getattr__(name: str) -> object:
+    if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted((*globals(), *_MODULE_OF))

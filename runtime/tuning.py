@@ -1,5 +1,114 @@
-"""Every number that steers a search, a region or a planner's choice: value, unit, why, and the figure that chose it."""
+"""Every number that steers a search, a region or a planner's choice: value, unit, why, and the figure that chose it.
+
+Sizes of a map from which on something is done in another way are of type `MapSize`: warm-up plans on maps below and
+above each of them.
+"""
+
+from typing import NamedTuple
+
+
+class MapSize(int):
+    """Cells of a map's longer side from which on something is done in another way."""
+
+
+class CorridorWidth(NamedTuple):
+    """How much around a coarse path is searched on the next finer level."""
+
+    radius: int
+    """Quarters of coarse cells around the path's own that are searched, as the king moves."""
+    band: float
+    """Share of the path's cost: cells on coarse paths that cost at most so much more are searched, too."""
+    nearby: float
+    """Added to the band for short paths, divided by the coarse cells between start and goal."""
+    coarse_radius: int
+    """Added to the radius between two coarse levels, where room costs little."""
+    coarse_band: float
+    """Added to the band between two coarse levels."""
+
+
+# Changes of a map
 
 MOST_LOGGED_CHANGES = 64
-"""Changes of a map that wait for a reader unmerged. More would let a reader that is never asked hold memory; with
-fewer, merged rectangles cover much that did not change."""
+"""Changes that wait for a reader unmerged. More would let a reader that is never asked hold memory; with fewer,
+merged rectangles cover much that did not change."""
+
+# Cost map
+
+ROWS_PER_BAND = 64
+"""Rows of a map that one thread computes at a time: a band of 1024 columns takes about a millisecond."""
+
+# Exact search
+
+BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS = 1.0 / 4.0, 1.0 / 256.0
+"""Cheapest steps to a bucket of the open list. By landmarks, nearly optimal cells have nearly the same f: a wide
+bucket, which is not in order within, would expand many of them again and again."""
+EXPANSIONS_BETWEEN_CHECKS = 100_000
+"""Expansions of A* between two looks at the clock: about 6 ms."""
+DSTAR_EXPANSIONS_BETWEEN_CHECKS = 4096
+"""The same for D* Lite: about 1 ms."""
+
+# Coarse levels
+
+ANOTHER_LEVEL_FROM = 256
+"""Cells of a coarse level's longer side from which on another level is put on top of it."""
+SECOND_LEVEL_FROM = MapSize(1021)
+"""The smallest map with a second coarse level, by the number above and four cells to a side."""
+LEVEL_LANDMARKS = 4
+"""Landmarks that a coarse level gets when it is searched often."""
+LANDMARK_PATIENCE = 3
+"""A landmark is set whenever a level's searches have expanded so many times as many cells as that takes."""
+MOST_CELLS_FOR_LANDMARKS = 1 << 15
+"""Cells of a level that may get landmarks: on one of so many, setting one takes two milliseconds."""
+CELLS_APART = 16
+"""The coarsest level that is searched is the last on which start and goal are so many cells apart."""
+
+# Corridors and regions
+
+CORRIDOR = CorridorWidth(1, 0.0015, nearby=0.12, coarse_radius=2, coarse_band=0.04)
+"""At first: mean gap 0.11 to 0.19 % on lunar terrain."""
+WIDENED_CORRIDOR = CorridorWidth(8, 0.02, nearby=0.12, coarse_radius=2, coarse_band=0.04)
+"""Where the first held no path, or not one good enough."""
+LEARNED_CORRIDOR = CorridorWidth(1, 0.0005, nearby=0.08, coarse_radius=2, coarse_band=0.02)
+"""Inside a learned region, which is searched for speed: mean gap 0.28 to 0.31 %."""
+REFINE_FROM = MapSize(192)
+"""From this size on a learned region is searched coarsely first."""
+WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1
+"""To widen a learned region, its threshold is multiplied by the first, and so many blocks are added all around."""
+WINDOW_ROUNDING = 32
+"""Cells: the corner and the side of the window that the network is shown are multiples of it."""
+WINDOW_SHARE = 0.6
+"""Share of the map's longer side from which on the network is shown the whole map instead of a window."""
+
+# Choice of a method
+
+NEAR = 48
+"""Cells: A* finds goals nearer than this before anything else has begun, unless the way is long."""
+BRIEF_EXPANSIONS = 1024
+"""Expansions that A* may take for a near goal, and twice the square of the distance more."""
+LARGE_MAP, FAR = MapSize(1536), 512
+"""Size of a map, and cells to the goal, from which on the learned region is clearly the fastest."""
+
+# Planning on a map that changes
+
+UNSEEN_CHANGE = 0.02
+"""Change of its view, as a share, that a network need not see: what is passable is read from the newest map anyway,
+and to run the network takes as long as a short search."""
+MOST_JOINED = 3
+"""Regions of D* Lite are joined as long as they hold at most so many times the blocks of the newest."""
+DSTAR_SLOWER = 2.5
+"""Time that D* Lite takes to expand a cell, over what A* takes."""
+EXPANDED_TWICE = 2.0
+"""Cells that became dearer, and all whose path led over them, are expanded twice: first to be given up."""
+MEND_FROM = 192
+"""Cells to the goal from which on `auto` mends; a shorter corridor is as quickly made anew."""
+MEND_WITHIN = 0.25
+"""`auto` mends where all changes lie nearer to the start than this share of the way to the goal, ..."""
+MEND_SHARE = 1.0 / 1024.0
+"""... and at most this share of the map's cells has changed."""
+MOST_DRIFT = 1.02
+"""Mended paths are taken until they may cost so many times what paths of a new corridor would."""
+
+# Network
+
+TWO_THREADS_FROM = 256
+"""Cells to the side of a network's input from which on two threads are faster than one."""

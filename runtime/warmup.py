@@ -21,26 +21,35 @@ from typing import Any
 import numpy as np
 
 import nnpp_edge.runtime
+from nnpp_edge.runtime import tuning
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.compiled import cache, kernel
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS, PAIR_CHANNELS
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.network.encoding import GAUSSIAN_CHANNELS, PAIR_CHANNELS, encode_gaussian, encode_pair
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.network.encoding import encode_gaussian, encode_pair
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.dynamic import DynamicMethod, DynamicPlanner
-from nnpp_edge.runtime.planners.incremental import DStarPlanner, Mending
+from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
+from nnpp_edge.runtime.planners.map_planners import MapPlanners
+from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.planners.query import Query, Work
+from nnpp_edge.runtime.region.corridor import CoarseLevel
 from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
-from nnpp_edge.runtime.search.landmarks import Landmarks
+from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost, update_cost
+from nnpp_edge.runtime.tuning import MapSize
 
 _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
 _STILL_IN_USE_S = 3600.0
 """A folder written to within this time may belong to a process that is still running: it is left alone."""
-_SHAPES = ((40, 56), (200, 130), (520, 96), (1030, 24))
-"""Below and above every size at which the planner changes its ways."""
+_NARROW = 24
+"""Columns of the maps that are long: what counts is their longer side."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +122,7 @@ def exercise() -> None:
     """
     _exercise_cost_maps()
     network = NetworkModel("edge")
-    for shape in _SHAPES:
+    for shape in warmup_shapes():
         for step_cost in ("paper", "length"):
             for corner_cutting in (True, False):
                 _exercise_planner(shape, step_cost, corner_cutting, network)
@@ -135,6 +144,12 @@ def _exercise_cost_maps() -> None:
         terrain_terms(heights, 1.0)
 
 
+def warmup_shapes() -> list[tuple[int, int]]:
+    """Maps below and above every size at which something is done in another way."""
+    sizes = sorted({size for size in vars(tuning).values() if isinstance(size, MapSize)})
+    return [(40, 56), *((size + 8, _NARROW if size > 1000 else size * 2 // 3) for size in sizes)]
+
+
 def _exercise_planner(shape: tuple[int, int], step_cost: str, corner_cutting: bool, network: NetworkModel) -> None:
     cost = np.random.default_rng(0).uniform(0.1, 0.6, shape).astype(np.float32)
     start, goal = (1, 2), (shape[0] - 2, shape[1] - 3)
@@ -147,58 +162,50 @@ def _exercise_planner(shape: tuple[int, int], step_cost: str, corner_cutting: bo
         planner.plan(start, goal, method="astar", time_limit_s=0.0)
         for patch in (cost[:5, :6].copy(), _read_only(cost[:5, :6])):
             planner.update(3, 4, patch)
-        _exercise_landmarks(planner, start, goal)
+        planner.prepare(landmarks=1, goals=[goal])
+        for method in ("astar", "corridor"):
+            planner.plan(start, goal, method=method)
+        planner.nearest(start, [goal], method="astar")
         planner.update(shape[0] // 2, 0, np.full((1, shape[1]), np.inf, np.float32))  # a wall: no path
         for method in ("astar", "corridor", "nnpp"):
             planner.plan(start, goal, method=method)
-    finest = planner.pyramid.levels[0]
-    cost_field(finest.grid, start, finest.workspace, corner_cutting=corner_cutting)
-    _exercise_replanning(planner.grid, corner_cutting)
+    _exercise_searches(planner.state, start, corner_cutting)
     _exercise_dynamic(cost, goal, step_cost, corner_cutting, network)
 
 
-def _exercise_landmarks(planner: Planner, start: tuple[int, int], goal: tuple[int, int]) -> None:
-    planner.prepare(landmarks=1, goals=[goal])
-    for level in planner.pyramid.levels[1:]:
-        level.landmarks = Landmarks(level.grid, level.workspace, links=level.links)
-        level.landmarks.spread(1)
-    for method in ("astar", "corridor"):
-        planner.plan(start, goal, method=method)
-    planner.nearest(start, [goal], method="astar")
-
-
-def _exercise_replanning(grid: Grid, corner_cutting: bool) -> None:
-    search = DStarLite(grid, (9, 12), corner_cutting=corner_cutting)
-    everywhere = Region(np.ones((1, 1), np.int32), np.zeros(grid.rows, np.int32), np.zeros(grid.cols, np.int32))
-    for region in (None, everywhere, None):
+def _exercise_searches(state: MapState, start: Cell, corner_cutting: bool) -> None:
+    for level in state.pyramid.levels[1:]:
+        coarse = CoarseLevel(level)
+        coarse.set_landmarks(1)
+        coarse.search((0, 0), (level.grid.rows - 1, 0), None, beyond=0.02)
+    cost_field(state.grid, start, Workspace(len(state.grid.weights)))
+    search = DStarLite(state, (9, 12))
+    for region in (None, Region.everywhere(*state.shape), None):
         search.set_region(region)
-        for start in ((1, 2), (2, 2)):
-            search.plan(start)
-            search.plan(start, deadline=time.monotonic() + 60.0)
-            grid.update(np.full((1, 2), 0.5, np.float32), (1, 4))
-            search.cells_changed(1, 4, 1, 2)
+        for at in ((1, 2), (2, 2)):
+            search.plan(at)
+            search.plan(at, deadline=time.monotonic() + 60.0)
+            state.update(1, 4, np.full((1, 2), 0.5, np.float32))
             search.reach()
 
 
-def _exercise_dynamic(
-    cost: Any, goal: tuple[int, int], step_cost: str, corner_cutting: bool, network: NetworkModel
-) -> None:
+def _exercise_dynamic(cost: Float2D, goal: Cell, step_cost: str, corner_cutting: bool, network: NetworkModel) -> None:
     planner = DynamicPlanner(
         cost, goal, also=tuple(DynamicMethod), step_cost=step_cost, corner_cutting=corner_cutting, model=network
     )
     planner.prepare()
-    shape = planner.shape
+    rows, cols = planner.shape
     for at, method in enumerate(DynamicMethod):
         planner.move((1, 2 + at))
         planner.replan(method=method)
-        part = (shape[0] // 4, shape[1] // 4)  # enough that the network's view is compared with what it saw
+        part = (rows // 4, cols // 4)  # enough that the network's view is compared with what it saw
         for patch in (np.full(part, 0.3 + 0.02 * at, np.float32), _read_only(np.full((1, 2), 0.31, np.float32))):
             planner.update(1, 4, patch)
         planner.standing()
         planner.replan(method=method, time_limit_s=60.0)
-    mender = DStarPlanner(cost, step_cost=step_cost, corner_cutting=corner_cutting)
-    for mender.mending in (Mending.ALWAYS, Mending.WHERE_LESS_WORK):
-        mender.plan((1, 2), goal, method="corridor")
+    planners = MapPlanners(MapState(cost, StepModel.of(step_cost), corner_cutting=corner_cutting), network)
+    for planner_of_region in (planners.corridor_mended, planners.corridor_mending):
+        planner_of_region.find(Query((1, 2), goal), Work())
 
 
 def _read_only(array: Any) -> Any:

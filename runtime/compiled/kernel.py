@@ -5,8 +5,8 @@ folder is chosen here: NUMBA_CACHE_DIR if the user set it, else the user's own c
 is a pickle, and whoever can write one can run code as us: a folder that another user owns or may write
 to is refused. Without a folder, kernels are compiled anew in every process, with one warning.
 
-A compiled kernel holds the code of those that it calls. So the folder's name carries a digest of the
-runtime's sources: changed code never meets an old cache. `_kernel_cache` reads and writes the files.
+A compiled kernel holds the code of those that it calls. So the folder's name carries a digest of the sources of all
+kernels: changed code never meets an old cache. `cache` reads and writes the files.
 """
 
 import hashlib
@@ -23,9 +23,9 @@ from nnpp_edge.runtime.compiled.cache import KernelCache, make_private
 
 
 def _source_digest() -> str:
-    """Eight hex digits over every source file of the runtime."""
-    digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.parent.rglob("*.py")):
+    """Eight hex digits over every source file that a kernel's code comes from."""
+    digest, runtime = hashlib.sha256(), Path(__file__).parent.parent
+    for source in (*sorted((runtime / "kernels").glob("*.py")), Path(__file__)):
         digest.update(source.read_bytes())
     return digest.hexdigest()[:8]
 

@@ -1,5 +1,9 @@
 """The kernels of D* Lite: reading the map, mending what a change touched, expanding, following the path.
 
+Bundles: ``search`` is (stride, start, goal, corner_cutting, steps, prices, km), ``terrain`` (costs, walls), ``heap``
+(position, firsts, seconds, nodes), ``source`` (weights, factor, stride, start, goal) of the map that is read,
+``known`` (costs, walls, inside), ``noted`` (changed, is_changed).
+
 The open list is a heap, four entries below each, whose keys are pairs: their first parts stand in one array
 and their second parts, which are looked at only where first parts are equal, in another. Unused slots hold
 inf, so that the least of four is found without asking how many there are.
@@ -11,7 +15,7 @@ given in `open_list` and `expansion`. In a loop with two ways out, that takes a 
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.kernels.expansion import COL_STEP, ROW_STEP, lowest_bit
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP, lowest_bit
 
 SETTLED, PAUSED = 0, 1
 ABSENT = -1
@@ -48,8 +52,11 @@ def _read(node, weights, factor, start, goal, costs, walls, inside):
 
 
 @kernel
-def read_map(rows, cols, weights, factor, stride, start, goal, costs, walls, inside):
+def read_map(shape, source, known):
     """Read all of the map."""
+    weights, factor, stride, start, goal = source
+    costs, walls, inside = known
+    rows, cols = shape
     for r in range(rows):
         for c in range(cols):
             _read((r + 1) * stride + c + 1, weights, factor, start, goal, costs, walls, inside)
@@ -67,10 +74,12 @@ def _note(node, stride, changed, is_changed, pending):
 
 
 @kernel
-def read_rectangle(
-    row, col, rows, cols, weights, factor, stride, start, goal, costs, walls, inside, changed, is_changed, pending
-):
+def read_rectangle(part, source, known, noted, pending):
     """Read a rectangle of the map; the number of nodes put down as changed so far."""
+    row, col, rows, cols = part
+    weights, factor, stride, start, goal = source
+    costs, walls, inside = known
+    changed, is_changed = noted
     for r in range(row, row + rows):
         for c in range(col, col + cols):
             node = (r + 1) * stride + c + 1
@@ -80,11 +89,12 @@ def read_rectangle(
 
 
 @kernel
-def read_region(
-    mask, row_block, col_block, rows_to_read, weights, factor, stride, start, goal,
-    costs, walls, inside, changed, is_changed, pending,
-):  # fmt: skip
+def read_region(mask, blocks, rows_to_read, source, known, noted, pending):
     """Read a region, as far as its rows may differ; the number of nodes put down as changed so far."""
+    row_block, col_block = blocks
+    weights, factor, stride, start, goal = source
+    costs, walls, inside = known
+    changed, is_changed = noted
     for r in range(len(row_block)):
         if not rows_to_read[row_block[r]]:
             continue
@@ -235,11 +245,12 @@ def least_known(changed, count, inside, state):
 
 
 @kernel
-def mend(
-    pending, stride, start, goal, corner_cutting, steps, prices, km,
-    costs, walls, state, position, firsts, seconds, nodes, size, changed, is_changed,
-):  # fmt: skip
+def mend(pending, search, terrain, state, heap, size, noted):
     """Work out rhs anew wherever a step has changed; the open list's new size."""
+    stride, start, goal, corner_cutting, steps, prices, km = search
+    costs, walls = terrain
+    position, firsts, seconds, nodes = heap
+    changed, is_changed = noted
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     start_row, start_col = start // stride, start % stride
     for n in range(pending):
@@ -263,14 +274,14 @@ def mend(
 
 
 @kernel
-def expand(
-    stride, start, goal, corner_cutting, steps, prices, km,
-    costs, walls, state, position, firsts, seconds, nodes, size, most,
-):  # fmt: skip
+def expand(search, terrain, state, heap, size, most):
     """ComputeShortestPath: expand until the start is settled or `most` expansions are done.
 
     The code, the number of expansions and the open list's size.
     """
+    stride, start, goal, corner_cutting, steps, prices, km = search
+    costs, walls = terrain
+    position, firsts, seconds, nodes = heap
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     start_row, start_col = start // stride, start % stride
     inverse_stride = 1.0 / stride
@@ -344,11 +355,13 @@ def expand(
 
 
 @kernel
-def descend(stride, start, goal, corner_cutting, steps, costs, walls, state, cells, path):
+def descend(search, terrain, state, cells, path):
     """Write the path that follows the least cost to the goal, as far as `path` reaches; its length.
 
     0 if it does not lead to the goal.
     """
+    stride, start, goal, corner_cutting, steps, _, _ = search
+    costs, walls = terrain
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     node, n = start, 0
     while n < cells:

@@ -11,12 +11,19 @@ as Python's indices may be, which took a tenth of a search's time.
 from enum import IntEnum
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic, overload
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.nodes import (
+    COL_STEP,
+    DIRECTION_BITS,
+    OPEN_BIT,
+    ORIGIN,
+    ROW_STEP,
+    STAMP_SHIFT,
+    lowest_bit,
+    octile,
+)
 from nnpp_edge.runtime.kernels.open_list import (
     BLOCK,
     FINE,
@@ -30,13 +37,6 @@ from nnpp_edge.runtime.kernels.open_list import (
     pop,
     push,
 )
-from nnpp_edge.runtime.search.workspace import OPEN_BIT, ORIGIN, STAMP_SHIFT
-
-ROW_STEP = (-1, 1, 0, 0, -1, -1, 1, 1)
-COL_STEP = (0, 0, -1, 1, -1, 1, -1, 1)
-DIRECTION = (4, 0, 5, 2, -1, 3, 6, 1, 7)
-"""Direction of the neighbour (row, col) = (i // 3 - 1, i % 3 - 1); -1 for the cell itself."""
-DIRECTION_BITS = 15
 
 FOUND, EXHAUSTED, PAUSED, FULL = 0, 1, 2, 3
 # slots of the float64 array of results
@@ -77,14 +77,6 @@ SUCCESSORS = {dominance: _successors(dominance) for dominance in Dominance}
 
 
 @kernel
-def octile(row, col, goal_row, goal_col, h_straight, h_diagonal):
-    """Cost of the way on an empty map whose straight and diagonal steps cost so much."""
-    dr, dc = abs(row - goal_row), abs(col - goal_col)
-    near, far = min(dr, dc), max(dr, dc)
-    return h_diagonal * near + h_straight * (far - near)
-
-
-@kernel
 def _apart(fields, at_goal, node):
     """The greatest difference to the goal's costs from the landmarks."""
     furthest = np.float32(0.0)
@@ -95,30 +87,16 @@ def _apart(fields, at_goal, node):
     return furthest
 
 
-@intrinsic
-def _trailing_zeros(typing_context, value):
-    def generate(context, builder, signature, arguments):
-        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
-
-    return types.int64(types.int64), generate
-
-
-def lowest_bit(value):
-    """Number of the lowest set bit of an integer that is not 0."""
-    return (int(value) & -int(value)).bit_length() - 1
-
-
-@overload(lowest_bit)
-def _compiled_lowest_bit(value):
-    return lambda value: _trailing_zeros(value)  # type: ignore[call-arg]  # one instruction of the processor's
-
-
 @kernel
-def _deal_out(
-    chain, block, stride, goal_row, goal_col, h_straight, h_diagonal, fields, at_goal, slack, inverse_width,
-    f_start, g, meta, heads, entries, free,
-):  # fmt: skip
-    """Put a coarse bucket's entries into the fine buckets, dropping those no longer open; free, how many dropped."""
+def _deal_out(chain, block, towards, order, hints, g, meta, heads, entries, free):
+    """Put a coarse bucket's entries into the fine buckets, dropping those no longer open; free, how many dropped.
+
+    `towards` is (stride, goal_row, goal_col), `order` (h_straight, h_diagonal, inverse_width, f_start).
+    """
+    stride, goal_row, goal_col = towards
+    h_straight, h_diagonal, inverse_width, f_start = order
+    if hints is not None:
+        fields, at_goal, slack = hints
     dropped = 0
     while chain != NOTHING:
         following = np.int64(entries[2 * chain + 1])
@@ -126,7 +104,7 @@ def _deal_out(
         slot = np.int64(FINE)
         if meta[2 * node + 1] & OPEN_BIT:
             h = octile(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
-            if fields is not None:
+            if hints is not None:
                 h = max(h, _apart(fields, at_goal, node) - slack)
             slot = max(np.int64((g[2 * node] + h - f_start) * inverse_width) - block * FINE, np.int64(0))
         if slot < FINE:
@@ -155,10 +133,7 @@ def trace(meta, node, stride, out):
 
 
 @kernel
-def expand(
-    weights, links, stride, start, goal, steps, fields, at_goal, slack, successors, corner_cutting, bitmap, row_block,
-    col_block, region_stamp, g, meta, stamp, heads, entries, control, reals, counts, path, beyond, most,
-):  # fmt: skip
+def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
     """Search until the goal is settled, nothing is left, `most` expansions are done or the list is full.
 
     Begins at `start`, or goes on where the last call stopped if that is negative. Once the goal has been
@@ -166,19 +141,47 @@ def expand(
     search ends when the buckets up to the bound's own are empty. `BELOW` gives the optimum; with more than 1,
     every node on a path that costs less than `beyond` times the optimum is settled.
 
-    Returns what it came to; the number of cells, start and goal included, of the path to the goal or, when it is
-    not found, to the expanded node nearest it, of which as many as there is room for are in `path`, goal first; the
-    expansions so far; and the least f of a node that the region refused.
+    Parameters
+    ----------
+    grid, region
+        As everywhere.
+    links : (nodes,) uint8 or None
+        The directions in which each cell may be left, as bits; None where passability decides.
+    hints : (fields, at_goal, slack) or None
+        Of the landmarks.
+    start, goal : int
+        Nodes.
+    rule : (h_straight, h_diagonal, inverse_width, successors)
+        Prices of the octile distance, one over the width of a bucket, and `SUCCESSORS` of the grid's dominance.
+    memory : (g, meta, stamp, heads, entries, control, reals, counts, path)
+        Of a `Workspace`, and the number of this search.
+    beyond : float
+        See above.
+    most : int
+        Expansions in this call.
+
+    Returns
+    -------
+    tuple
+        What it came to; the number of cells, start and goal included, of the path to the goal or, when it is not
+        found, to the expanded node nearest it, of which as many as there is room for are in `path`, goal first; the
+        expansions so far; and the least f of a node that the region refused.
     """
+    weights, stride, steps, corner_cutting = grid
+    h_straight, h_diagonal, inverse_width, successors = rule
+    g, meta, stamp, heads, entries, control, reals, counts, path = memory
+    if region is not None:
+        bitmap, row_block, col_block, region_stamp = region
+    if hints is not None:
+        fields, at_goal, slack = hints
     length_s, length_d = np.float32(steps[0]), np.float32(steps[1])
     weight_s, weight_d = np.float32(steps[2]), np.float32(steps[3])
-    h_straight, h_diagonal, inverse_width = steps[4], steps[5], steps[6]
     goal_row, goal_col = goal // stride, goal % stride
     inverse_stride = 1.0 / stride
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     if start >= 0:
         h = octile(start // stride, start % stride, goal_row, goal_col, h_straight, h_diagonal)
-        if fields is not None:
+        if hints is not None:
             h = max(h, _apart(fields, at_goal, start) - slack)
         clear(heads, control)
         control[FREE], control[USED] = push(heads, entries, 0, start, 0, 0, NOTHING, 0)
@@ -214,10 +217,8 @@ def expand(
                 break
             block, chain = next_block(heads, block)
             fine_at = np.int64(0)
-            free, dropped = _deal_out(
-                chain, block, stride, goal_row, goal_col, h_straight, h_diagonal, fields, at_goal, slack,
-                inverse_width, f_start, g, meta, heads, entries, free,
-            )  # fmt: skip
+            towards, order = (stride, goal_row, goal_col), (h_straight, h_diagonal, inverse_width, f_start)
+            free, dropped = _deal_out(chain, block, towards, order, hints, g, meta, heads, entries, free)
             waiting -= dropped
             continue
         waiting -= 1
@@ -263,12 +264,12 @@ def expand(
                 reached = g_node + (length_d + weight_d * (own + weights[there]))
             i, j = row + up, col + left
             h = octile(i, j, goal_row, goal_col, h_straight, h_diagonal)
-            if fields is not None:  # numba drops this branch, and the two below, where there is nothing to look at
+            if hints is not None:  # numba drops this branch, and the two below, where there is nothing to look at
                 h = max(h, _apart(fields, at_goal, across) - slack)
             f = reached + h
             if f >= bound:
                 continue
-            if bitmap is not None:  # noqa: SIM102
+            if region is not None:  # noqa: SIM102
                 if (
                     bitmap[np.uint64(row_block[np.uint64(i - 1)]), np.uint64(col_block[np.uint64(j - 1)])]
                     != region_stamp

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Rectangle, enclosing
 from nnpp_edge.runtime.tuning import MOST_LOGGED_CHANGES
 
+_MANY_NODES = 1 << 16
+"""From here on the nodes of merged changes are kept once each."""
 _NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
 
 
@@ -107,17 +109,19 @@ class ChangeReader:
         """Number of the last change that was read."""
 
     @property
-    def behind(self) -> bool:
-        """Whether there is something to read."""
-        return self.version != self._log.version
+    def behind(self) -> int:
+        """Number of changes, as they were written, that are still to be read."""
+        return self._log.version - self.version
 
     def read(self) -> Sequence[Change]:
         """The changes since the last call, oldest first."""
-        if self.version == self._log.version:
-            return ()
-        changes = self._log.since(self.version)
+        changes = self.peek()
         self.version = self._log.version
         return changes
+
+    def peek(self) -> Sequence[Change]:
+        """The changes since the last `read` or `skip`, oldest first, without counting them as read."""
+        return () if self.version == self._log.version else self._log.since(self.version)
 
     def skip(self) -> None:
         """Count everything so far as read."""
@@ -126,11 +130,16 @@ class ChangeReader:
 
 def _merged(older: Change, newer: Change) -> Change:
     """Two neighbouring changes as one."""
+    nodes = np.concatenate((older.nodes, newer.nodes))
+    old_weights = np.concatenate((older.old_weights, newer.old_weights))
+    if len(nodes) > _MANY_NODES:
+        nodes, first = np.unique(nodes, return_index=True)
+        old_weights = old_weights[first]
     return Change(
         enclosing((older.part, newer.part)),
         older.cells + newer.cells,
         older.cheaper or newer.cheaper,
         older.rescaled or newer.rescaled,
-        np.concatenate((older.nodes, newer.nodes)),
-        np.concatenate((older.old_weights, newer.old_weights)),
+        nodes,
+        old_weights,
     )

@@ -1,109 +1,52 @@
 """The map as the searches see it: weights with a border of impassable cells."""
 
 import math
-from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D, as_map
-from nnpp_edge.runtime.cells import Rectangle
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.kernels.weights import write_costs
+from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA, StepCost, StepModel
 
+PackedGrid = tuple[NDArray[np.float32], int, tuple[float, float, float, float], bool]
+"""A grid as the kernels take it: (weights, stride, steps, corner_cutting)."""
 _LEAST_ABOVE_0 = np.nextafter(np.float32(0.0), np.float32(1.0))
+_NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
 
 
-@kernel
-def _exchange(cost, floor, scale, ceiling, first, stride, weights, least, greatest, was):
-    """Put the weights of a rectangle's costs into the padded map, from node `first` on, unless a cost is too low.
-
-    The least cost; how many weights differ from those that stood there, and whether one of them fell; first row and
-    column of those, and one past the last; `least` and `greatest`, bounds on the weights of passable cells, widened
-    by those that come. `was` gets what stood within, if it has room.
-    """
-    changed, fell, lowest = 0, False, np.float32(np.inf)
-    top, left, bottom, right = cost.shape[0], cost.shape[1], 0, 0
-    low, high = np.float32(np.inf), np.float32(-np.inf)
-    for row in range(cost.shape[0]):
-        for col in range(cost.shape[1]):
-            t, w = cost[row, col], np.float32(np.inf)
-            if t < ceiling:  # no NaN comes here
-                w = np.float32(t * scale)
-                lowest = min(lowest, t)
-                low, high = min(low, w), max(high, w)
-            before = weights[first + row * stride + col]
-            if w != before:
-                changed += 1
-                fell = fell or w < before
-                top, bottom = min(top, row), row + 1
-                left, right = min(left, col), max(right, col + 1)
-    least, greatest = min(least, np.float64(low)), max(greatest, np.float64(high))
-    if changed == 0 or lowest < floor:
-        return lowest, 0, False, 0, 0, 0, 0, least, greatest
-    for row in range(top, bottom):
-        for col in range(left, right):
-            node, t = first + row * stride + col, cost[row, col]
-            if len(was):
-                was[(row - top) * (right - left) + col - left] = weights[node]
-            weights[node] = np.float32(t * scale) if t < ceiling else np.float32(np.inf)
-    return lowest, changed, fell, top, left, bottom, right, least, greatest
-
-
-class Change(NamedTuple):
-    """What an update has changed."""
-
-    cells: int
-    """How many have another weight now."""
-    part: Rectangle
-    """The least rectangle that holds them."""
-    cheaper: bool
-    """Whether one of them weighs less."""
-    was: NDArray[np.float32]
-    """Weights that stood in `part`, row by row; empty unless asked for."""
-
-
-@dataclass(eq=False)
 class Grid:
-    """A map of weights with a border of impassable cells, so that no search need check the map's edge.
+    """Weights of a map's cells, and what a step between two of them costs.
 
     Cell (row, col) stands at the flat index, the `node`, (row + 1) · stride + col + 1.
+
+    Parameters
+    ----------
+    rows, cols : int
+        Of the map.
+    model : StepModel
+        What a step costs.
+    corner_cutting : bool
+        Whether a diagonal step may pass beside an impassable cell.
     """
 
-    rows: int
-    cols: int
-    model: StepModel
-    weights: NDArray[np.float32] = field(repr=False)
-
-    def __post_init__(self) -> None:
-        """Work out what the searches ask for again and again."""
-        self.cells, self.stride = self.rows * self.cols, self.cols + 2
+    def __init__(self, rows: int, cols: int, model: StepModel, corner_cutting: bool = True) -> None:
+        self.rows, self.cols, self.model, self.corner_cutting = rows, cols, model, corner_cutting
+        self.cells, self.stride = rows * cols, cols + 2
         """Number of cells of the map, and nodes from one row to the next."""
-        self.steps = (*self.model.length_term, *self.model.weight_term)
-        """The model's coefficients: lengths, then weights, each for straight and for diagonal steps."""
-        lengths = self.model.kind is StepCost.LENGTH
-        self._limits = (
-            _LEAST_ABOVE_0 if lengths else np.float32(0.0), np.float32(self.model.scale),
-            np.float32(np.inf if lengths else 1.0),
-        )  # fmt: skip
+        self.weights: NDArray[np.float32] = np.full((rows + 2) * (cols + 2), np.inf, np.float32)
+        """(nodes,) weights; inf where impassable. At first all are."""
+        self.packed: PackedGrid = (self.weights, self.stride, model.steps, corner_cutting)
+        lengths = model.kind is StepCost.LENGTH
+        floor, ceiling = (_LEAST_ABOVE_0, math.inf) if lengths else (np.float32(0.0), 1.0)
+        self._limits = floor, np.float32(model.scale), np.float32(ceiling)
         self.set_bounds(math.inf, 0.0)
 
-    def set_bounds(self, least: float, greatest: float) -> None:
-        """No passable cell weighs less than `least`, inf as long as there is none, and none more than `greatest`."""
-        self.least, self.greatest = least, greatest
-        straight = self.model.step(0, 2.0 * least)
-        self.prices = straight, min(self.model.step(1, 2.0 * least), 2.0 * straight)
-        """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the cheapest."""
-
     @classmethod
-    def empty(cls, rows: int, cols: int, model: StepModel) -> "Grid":
-        """A grid whose cells are all impassable."""
-        return cls(rows, cols, model, np.full((rows + 2) * (cols + 2), np.inf, np.float32))
-
-    @classmethod
-    def of(cls, cost: Float2D, model: StepModel) -> "Grid":
+    def of(cls, cost: Float2D, model: StepModel, corner_cutting: bool = True) -> "Grid":
         """The grid of a whole cost map.
 
         Parameters
@@ -113,15 +56,26 @@ class Grid:
             infinite. NaN is impassable in both.
         """
         cost = as_map(cost, "cost")
-        rows, cols = cost.shape
-        grid = cls.empty(rows, cols, model)
+        grid = cls(*cost.shape, model, corner_cutting)
         grid.update(cost)
         return grid
 
-    def update(self, cost: Float2D, origin: tuple[int, int] = (0, 0), *, keep: bool = False) -> Change:
-        """Take over a rectangle of the map.
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the map."""
+        return self.rows, self.cols
 
-        The bounds on the weights only ever widen, unless the whole map is taken over.
+    def set_bounds(self, least: float, greatest: float) -> None:
+        """No passable cell weighs less than `least`, inf as long as there is none, and none more than `greatest`."""
+        self.least, self.greatest = least, greatest
+        straight = self.model.step(0, 2.0 * least)
+        self.prices = straight, min(self.model.step(1, 2.0 * least), 2.0 * straight)
+        """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the cheapest."""
+
+    def update(self, cost: Float2D, origin: Cell = (0, 0), *, keep_old_weights: bool = False) -> Change:
+        """Put new costs into a rectangle of the map.
+
+        The bounds on the weights only ever widen, unless the rectangle is the whole map.
 
         Parameters
         ----------
@@ -129,8 +83,8 @@ class Grid:
             As for `of`; must lie inside the map.
         origin : (row, col)
             Where its first cell goes.
-        keep : bool
-            Whether to tell what stood there.
+        keep_old_weights : bool
+            Whether the change says what the changed cells weighed before.
 
         Raises
         ------
@@ -141,22 +95,25 @@ class Grid:
         cost, row, col = as_map(cost, "patch"), int(origin[0]), int(origin[1])
         rows, cols = cost.shape
         if row < 0 or col < 0 or row + rows > self.rows or col + cols > self.cols:
-            raise InvalidMapError(
-                f"a patch must lie inside the map of {(self.rows, self.cols)}, got {(row, col, rows, cols)}"
-            )
-        whole = (rows, cols) == (self.rows, self.cols)
-        least, greatest = (math.inf, -math.inf) if whole else (self.least, self.greatest)
-        was = np.empty(rows * cols if keep else 0, np.float32)
-        lowest, changed, fell, top, left, bottom, right, least, greatest = _exchange(
-            cost, *self._limits, self.node(row, col), self.stride, self.weights, least, greatest, was
+            raise InvalidMapError(f"a patch must lie inside the map of {self.shape}, got {(row, col, rows, cols)}")
+        bounds = (math.inf, -math.inf) if cost.shape == self.shape else (self.least, self.greatest)
+        nodes, old = _NO_NODES, _NO_WEIGHTS
+        if keep_old_weights:
+            nodes, old = np.empty(rows * cols, np.int32), np.empty(rows * cols, np.float32)
+        lowest, cells, cheaper, (top, left, bottom, right), (least, greatest) = write_costs(
+            cost, self._limits, self.node(row, col), self.stride, self.weights, bounds, nodes, old
         )
         if lowest < self._limits[0]:
             wanted = "at least 0" if self.model.kind is StepCost.PAPER else "greater than 0"
             raise InvalidMapError(f"every passable cost must be {wanted}, got one of {lowest:g}")
+        before = self.least, self.greatest
         if math.isfinite(least):
             self.set_bounds(least, greatest)
+        rescaled = self.model.kind is StepCost.LENGTH and before != (self.least, self.greatest)
         part = (row + top, col + left, bottom - top, right - left)
-        return Change(changed, part, fell, was[: part[2] * part[3]])
+        if keep_old_weights:
+            nodes, old = nodes[:cells].copy(), old[:cells].copy()
+        return Change(part, cells, cheaper, rescaled, nodes, old)
 
     def as_traversability(self) -> tuple[float, float]:
         """Scale and offset from a weight to a traversability cost T in [0, 1].
@@ -169,7 +126,7 @@ class Grid:
         span = 2.0 * GREY_LEVELS * PAPER_OMEGA
         return 1.0 / (span * max(self.least, 1e-30)), -1.0 / span
 
-    def map(self) -> NDArray[np.float32]:
+    def map(self) -> Float2D:
         """(rows, cols) float32, the weights of the map's own cells; a view."""
         return self.weights.reshape(self.rows + 2, self.stride)[1:-1, 1:-1]
 
@@ -177,6 +134,14 @@ class Grid:
         """Flat index of a cell."""
         return (row + 1) * self.stride + col + 1
 
-    def is_passable(self, row: int, col: int) -> bool:
+    def cell(self, node: int) -> Cell:
+        """The cell at a flat index."""
+        return node // self.stride - 1, node % self.stride - 1
+
+    def holds(self, cell: Cell) -> bool:
+        """Whether a cell lies inside the map."""
+        return 0 <= cell[0] < self.rows and 0 <= cell[1] < self.cols
+
+    def is_passable(self, cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
-        return math.isfinite(self.weights[self.node(row, col)])
+        return math.isfinite(self.weights[self.node(*cell)])

@@ -5,6 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+Lookup = tuple[NDArray[np.int32], NDArray[np.int32]]
+"""For each row, and for each column, of a map the row or column of a bitmap that it lies in."""
+
 
 class Region(NamedTuple):
     """Where a search may go: a small bitmap over the map, read in place.
@@ -20,16 +23,41 @@ class Region(NamedTuple):
     """(W,) column of the bitmap for each column of the map."""
     stamp: int = 1
 
+    @classmethod
+    def everywhere(cls, rows: int, cols: int) -> "Region":
+        """All of a map, as one block."""
+        return cls(np.ones((1, 1), np.int32), np.zeros(rows, np.int32), np.zeros(cols, np.int32))
+
     def holds(self, row: int, col: int) -> bool:
         """Whether a cell is inside."""
         return bool(self.bitmap[self.row_block[row], self.col_block[col]] == self.stamp)
 
+    def blocks(self) -> NDArray[np.bool_]:
+        """Which of the bitmap's blocks are inside; bool, of its shape."""
+        return self.bitmap == self.stamp
+
     def mask(self) -> NDArray[np.bool_]:
         """(H, W) bool, the region at the map's own size (for pictures and figures, not for planning)."""
-        return (self.bitmap == self.stamp)[np.ix_(self.row_block, self.col_block)]
+        return self.blocks()[np.ix_(self.row_block, self.col_block)]
 
     def area(self) -> int:
         """Number of the map's cells inside."""
         heights = np.bincount(self.row_block, minlength=self.bitmap.shape[0])
         widths = np.bincount(self.col_block, minlength=self.bitmap.shape[1])
-        return int(heights @ (self.bitmap == self.stamp) @ widths)
+        return int(heights @ self.blocks() @ widths)
+
+    def shares_blocks(self, other: "Region") -> bool:
+        """Whether the two bitmaps lie over the map alike, so that their blocks can be compared."""
+        return (
+            self.bitmap.shape == other.bitmap.shape
+            and _same(self.row_block, other.row_block)
+            and _same(self.col_block, other.col_block)
+        )
+
+    def copy(self) -> "Region":
+        """The same region with a bitmap of its own, which no later search overwrites."""
+        return Region(self.blocks().astype(np.int32), self.row_block, self.col_block)
+
+
+def _same(one: NDArray[np.int32], other: NDArray[np.int32]) -> bool:
+    return one is other or np.array_equal(one, other)

@@ -47,6 +47,11 @@ class StepModel:
             raise InvalidQueryError(f"omega must be a finite number of at least 0, got {omega}")
         return cls(StepCost.PAPER, GREY_LEVELS * omega, (1.0, SQRT2), (1.0, 1.0))
 
+    @property
+    def steps(self) -> tuple[float, float, float, float]:
+        """Lengths, then weight terms, each for straight and for diagonal steps."""
+        return (*self.length_term, *self.weight_term)
+
     def step(self, kind: int, weights: float) -> float:
         """Cost of a straight (0) or diagonal (1) step between cells whose weights sum to `weights`."""
         return self.length_term[kind] + self.weight_term[kind] * weights

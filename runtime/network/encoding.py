@@ -4,7 +4,6 @@ Training takes these from here too, so that what runs is what was trained.
 """
 
 import functools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,13 +11,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, Rectangle
-from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.kernels.encoding import (
+    END_CHANNELS,
+    ENDS_CHANNELS,
+    GAUSSIAN_CHANNELS,
+    PAIR_CHANNELS,
+    encode_gaussian_into,
+    encode_pair_into,
+    fill_ends,
+    mean_difference,
+    pool_planes,
+)
+from nnpp_edge.runtime.map.region import Lookup
 
-GAUSSIAN_CHANNELS = 2
-PAIR_CHANNELS = 3
-END_CHANNELS = 6
-ENDS_CHANNELS = 2 * END_CHANNELS + PAIR_CHANNELS
+Point = tuple[float, float]
+"""(row, col) in network cells."""
+
+__all__ = [
+    "ENDS_CHANNELS",
+    "END_CHANNELS",
+    "GAUSSIAN_CHANNELS",
+    "PAIR_CHANNELS",
+    "Frame",
+    "Point",
+    "encode_ends",
+    "encode_gaussian",
+    "encode_pair",
+    "map_planes",
+    "mean_difference",
+]
 
 
 @dataclass(frozen=True)
@@ -46,11 +68,10 @@ class Frame:
             max(1, min(self.size, round(self.cols * self.scale))),
         )
 
-    def lookup(self, blocks: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    def lookup(self, blocks: int) -> Lookup:
         """Row and column, on a grid of blocks × blocks over the square, of each row and column of the map."""
-        return _spread(self.rows, self.inner[0], self.size, blocks), _spread(
-            self.cols, self.inner[1], self.size, blocks
-        )
+        rows = _spread(self.rows, self.inner[0], self.size, blocks)
+        return rows, _spread(self.cols, self.inner[1], self.size, blocks)
 
     def place(self, cell: Cell) -> tuple[float, float]:
         """Where a map cell's centre lies in the square, in network cells."""
@@ -62,48 +83,8 @@ class Frame:
 
 def _spread(cells: int, inner: int, size: int, blocks: int) -> NDArray[np.int32]:
     centres = (2 * np.arange(cells, dtype=np.int64) + 1) * inner  # in units of 1 / (2 · cells) network cells
-    return (centres * blocks // (2 * cells * size)).astype(np.int32)
-
-
-@kernel
-def _bounds(n, inner, cells):
-    """First and one past the last map cell under network cell n."""
-    first = n * cells // inner
-    return first, max(-((-(n + 1) * cells) // inner), first + 1)
-
-
-@kernel
-def _pool(weights, stride, rows, cols, scale, offset, inner_rows, inner_cols, parts, planes):
-    """Average what lies under these rectangles of the map, (N, 4) of row, col, rows and cols."""
-    for n in range(len(parts)):
-        row0, row1 = parts[n, 0] * inner_rows // rows, -(-(parts[n, 0] + parts[n, 2]) * inner_rows // rows)
-        col0, col1 = parts[n, 1] * inner_cols // cols, -(-(parts[n, 1] + parts[n, 3]) * inner_cols // cols)
-        for row in range(row0, min(row1, inner_rows)):
-            top, bottom = _bounds(row, inner_rows, rows)
-            for col in range(col0, min(col1, inner_cols)):
-                left, right = _bounds(col, inner_cols, cols)
-                total, blocked = 0.0, 0
-                for i in range(top, bottom):
-                    for j in range(left, right):
-                        w = weights[(i + 1) * stride + j + 1]
-                        if w == np.inf:
-                            blocked += 1
-                        else:
-                            total += min(max(w * scale + offset, 0.0), 1.0)
-                cells = (bottom - top) * (right - left)
-                planes[0, row, col] = (total + blocked) / cells
-                planes[1, row, col] = blocked / cells
-
-
-@kernel
-def mean_difference(planes, others):
-    """Mean absolute difference of two (C, S, S) float32 arrays."""
-    total = np.float32(0.0)
-    for c in range(planes.shape[0]):
-        for i in range(planes.shape[1]):
-            for j in range(planes.shape[2]):
-                total += abs(planes[c, i, j] - others[c, i, j])
-    return total / planes.size
+    lookup: NDArray[np.int32] = (centres * blocks // (2 * cells * size)).astype(np.int32)
+    return lookup
 
 
 def map_planes(
@@ -134,87 +115,7 @@ def map_planes(
     if parts is None:
         out[:] = 1.0
         parts = [(0, 0, frame.rows, frame.cols)]
-    _pool(weights, stride, frame.rows, frame.cols, scale, offset, *frame.inner, np.array(parts), out)
-
-
-@kernel
-def _gaussian(out, row, col, spacing, sigma):
-    size = out.shape[0]
-    offset = (spacing - 1.0) / 2.0
-    over_rows, over_cols = np.empty(size), np.empty(size)  # the Gaussian is a product of these two
-    for i in range(size):
-        over_rows[i] = math.exp(-0.5 * ((i * spacing + offset - row) / sigma) ** 2)
-        over_cols[i] = math.exp(-0.5 * ((i * spacing + offset - col) / sigma) ** 2)
-    for i in range(size):
-        for j in range(size):
-            out[i, j] = over_rows[i] * over_cols[j]
-
-
-@kernel
-def _detour(row, col, row_a, col_a, row_b, col_b, apart):
-    """How much longer the way from a to b, which lie so far apart, is by way of a point."""
-    return max(math.hypot(row - row_a, col - col_a) + math.hypot(row - row_b, col - col_b) - apart, 0.0)
-
-
-@kernel
-def _pair(out, row_a, col_a, row_b, col_b, spacing, sigma, sharp_sigma, slack):
-    size = out.shape[1]
-    offset = (spacing - 1.0) / 2.0
-    apart = max(math.hypot(row_a - row_b, col_a - col_b), spacing)
-    wide, sharp = -0.5 / sigma**2, -0.5 / sharp_sigma**2
-    for i in range(size):
-        for j in range(size):
-            y, x = i * spacing + offset, j * spacing + offset
-            a2 = (y - row_a) ** 2 + (x - col_a) ** 2
-            b2 = (y - row_b) ** 2 + (x - col_b) ** 2
-            out[0, i, j] = 0.5 * (math.exp(wide * a2) + math.exp(wide * b2))
-            out[1, i, j] = min(math.exp(sharp * a2) + math.exp(sharp * b2), 1.0)
-            detour = _detour(y, x, row_a, col_a, row_b, col_b, apart)
-            out[2, i, j] = math.exp(-detour / (slack * apart))
-
-
-@kernel
-def _end(out, row, col, spacing, sigma):
-    """Where one end lies: the share that each point has in it, and the way to it from each."""
-    size = out.shape[1]
-    offset, side = (spacing - 1.0) / 2.0, size * spacing
-    y, x = (row - offset) / spacing, (col - offset) / spacing  # in points
-    y, x = min(max(y, 0.0), size - 1.0), min(max(x, 0.0), size - 1.0)
-    wide, sharp = -0.5 / sigma**2, -8.0 / sigma**2
-    for i in range(size):
-        over_rows = max(1.0 - abs(i - y), 0.0)
-        down = row - (i * spacing + offset)
-        for j in range(size):
-            right = col - (j * spacing + offset)
-            square = down * down + right * right
-            out[0, i, j] = over_rows * max(1.0 - abs(j - x), 0.0)
-            out[1, i, j] = down / side
-            out[2, i, j] = right / side
-            out[3, i, j] = math.sqrt(square) / side
-            out[4, i, j] = math.exp(wide * square)
-            out[5, i, j] = math.exp(sharp * square)
-
-
-@kernel
-def _between(out, row_a, col_a, row_b, col_b, spacing):
-    """How much of a detour each point is from the straight way between the two ends."""
-    size = out.shape[1]
-    offset, side = (spacing - 1.0) / 2.0, size * spacing
-    apart = max(math.hypot(row_a - row_b, col_a - col_b), spacing)
-    for i in range(size):
-        for j in range(size):
-            detour = _detour(i * spacing + offset, j * spacing + offset, row_a, col_a, row_b, col_b, apart)
-            out[0, i, j] = math.exp(-detour / (0.25 * apart))
-            out[1, i, j] = detour / side
-            out[2, i, j] = apart / side
-
-
-@kernel
-def fill_ends(out, row_a, col_a, row_b, col_b, spacing, sigma):
-    """What `encode_ends` writes, for other kernels to call."""
-    _end(out[:END_CHANNELS], row_a, col_a, spacing, sigma)
-    _end(out[END_CHANNELS : 2 * END_CHANNELS], row_b, col_b, spacing, sigma)
-    _between(out[2 * END_CHANNELS :], row_a, col_a, row_b, col_b, spacing)
+    pool_planes(weights, stride, frame.rows, frame.cols, scale, offset, *frame.inner, np.array(parts), out)
 
 
 def _check_out(out: NDArray[np.float32], channels: int, size: int) -> None:
@@ -223,9 +124,8 @@ def _check_out(out: NDArray[np.float32], channels: int, size: int) -> None:
 
 
 def encode_gaussian(
-    start: tuple[float, float], goal: tuple[float, float], size: int, spacing: int, sigma: float,
-    out: NDArray[np.float32],
-) -> None:  # fmt: skip
+    start: Point, goal: Point, size: int, spacing: int, sigma: float, out: NDArray[np.float32]
+) -> None:
     """The paper's encoding (Eq. 5): a Gaussian around start and one around goal, each with a peak of 1.
 
     Parameters
@@ -240,14 +140,11 @@ def encode_gaussian(
         Written. Eq. 5's factor 1/(2πσ²) only scales the input and is left out.
     """
     _check_out(out, GAUSSIAN_CHANNELS, size)
-    _gaussian(out[0], start[0], start[1], float(spacing), sigma)
-    _gaussian(out[1], goal[0], goal[1], float(spacing), sigma)
+    encode_gaussian_into(out[0], start[0], start[1], float(spacing), sigma)
+    encode_gaussian_into(out[1], goal[0], goal[1], float(spacing), sigma)
 
 
-def encode_pair(
-    start: tuple[float, float], goal: tuple[float, float], size: int, spacing: int, sigma: float,
-    out: NDArray[np.float32],
-) -> None:  # fmt: skip
+def encode_pair(start: Point, goal: Point, size: int, spacing: int, sigma: float, out: NDArray[np.float32]) -> None:
     """Start and goal as an unordered pair: a step costs the same both ways, so their order means nothing.
 
     Parameters
@@ -259,13 +156,10 @@ def encode_pair(
         exp(-(a + b - d) / (0.25 d)) for distances a and b to the two, which lie d apart.
     """
     _check_out(out, PAIR_CHANNELS, size)
-    _pair(out, *start, *goal, float(spacing), sigma, sigma / 4.0, 0.25)
+    encode_pair_into(out, *start, *goal, float(spacing), sigma, sigma / 4.0, 0.25)
 
 
-def encode_ends(
-    start: tuple[float, float], goal: tuple[float, float], size: int, spacing: int, sigma: float,
-    out: NDArray[np.float32],
-) -> None:  # fmt: skip
+def encode_ends(start: Point, goal: Point, size: int, spacing: int, sigma: float, out: NDArray[np.float32]) -> None:
     """Start and goal, each by the way to it, for a network that looks at the map before it knows the two.
 
     Parameters

@@ -1,16 +1,29 @@
 """Running a network on the CPU: an ONNX file with our metadata, through onnxruntime."""
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS, PAIR_CHANNELS, encode_ends, encode_gaussian, encode_pair
+from nnpp_edge.runtime.network.encoding import (
+    ENDS_CHANNELS,
+    PAIR_CHANNELS,
+    Point,
+    encode_ends,
+    encode_gaussian,
+    encode_pair,
+)
 from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata, model_path, open_session
 from nnpp_edge.runtime.network.place_head import ANSWERS, PlaceHead, count_parameters
+from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession, SessionOptions
 
 __all__ = ["METADATA_KEY", "OUTPUT", "ModelMetadata", "NetworkModel", "model_path"]
 
@@ -21,25 +34,25 @@ ASK = "ask"
 QUERY_SPACING = 8
 """Network cells between the points of an encoded query."""
 DEFAULT_THREADS = 2
-_SIZE_FOR_TWO = 256
-"""Input from which on two threads are faster than one."""
 _ROUNDING = 1e-4
 """How far the head's answer may lie from its graph's, which adds in another order."""
+Shapes = dict[str, tuple[int, ...]]
 
 
-def _options(threads: int, spinning: bool) -> Any:
-    import onnxruntime as ort
+@dataclass(frozen=True)
+class _Loaded:
+    """What networks that share a session have in common."""
 
-    options = ort.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.enable_cpu_mem_arena = True
-    options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spinning else "0")
-    return options
+    path: Path
+    session: "InferenceSession"
+    metadata: ModelMetadata
+    inputs: Shapes
+    outputs: Shapes
+    head_parameters: NDArray[np.float32] | None = None
 
 
 class NetworkModel:
-    """A network ready to run. Serves one thread at a time.
+    """A network ready to run, with inputs and outputs of its own. Serves one thread at a time.
 
     Parameters
     ----------
@@ -58,83 +71,27 @@ class NetworkModel:
     """
 
     def __init__(self, model: str | Path = "edge", *, threads: int | None = None, spinning: bool = False) -> None:
-        self.path = model_path(model)
+        path = model_path(model)
         cores = min(DEFAULT_THREADS, len(os.sched_getaffinity(0)))
-        self.session = open_session(self.path, _options(threads or cores, spinning))
-        text = self.session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
-        self.metadata = ModelMetadata.from_json(text, str(self.path))
-        if threads is None and cores > 1 and self.metadata.input_size < _SIZE_FOR_TWO:
-            self.session = open_session(self.path, _options(1, spinning))
-        self.owner: object = None
-        """Whose map was taken over last; for planners that share a model."""
-        self._head: PlaceHead | None = None
-        self._encoded = False
-        self._bind()
-        if self.metadata.encoding == "ends":
+        session = open_session(path, _options(threads or cores, spinning))
+        text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+        metadata = ModelMetadata.from_json(text, str(path))
+        if threads is None and cores > 1 and metadata.input_size < TWO_THREADS_FROM:
+            session = open_session(path, _options(1, spinning))
+        self._bind(_Loaded(path, session, metadata, *_checked_shapes(path, session, metadata)))
+        if metadata.encoding == "ends":
             self._split()
 
-    def _bind(self) -> None:
-        """Allocate inputs and outputs once, of the shapes that the metadata implies, and bind them."""
-        m = self.metadata
-        size, unshuffle, shuffle = m.input_size, m.map_unshuffle, m.output_shuffle
-        self._query_side = size // QUERY_SPACING
-        shapes: dict[str, tuple[int, ...]]
-        if m.encoding == "gaussian":
-            shapes = {"input": (1, 3, size, size)}
-        else:
-            side, channels = size // unshuffle, PAIR_CHANNELS if m.encoding == "pair" else ENDS_CHANNELS
-            shapes = {
-                "map": (1, 2 * unshuffle**2, side, side),
-                "query": (1, channels, self._query_side, self._query_side),
-            }
-        if m.encoding == "ends":
-            shapes[ASK] = (1,)
-        got = {i.name: tuple(i.shape) for i in self.session.get_inputs()}
-        if got != shapes:
-            raise ModelError(f"{self.path}: wanted inputs {shapes} by its metadata, got {got}")
-        side = m.blocks // shuffle
-        wanted: dict[str, tuple[int, ...]] = {OUTPUT: (1, shuffle**2, side, side)}
-        if m.encoding == "ends":
-            if shuffle**2 != ANSWERS or side != self._query_side:
-                raise ModelError(
-                    f"{self.path}: wanted two by two blocks to each of {self._query_side} × {self._query_side} "
-                    f"places, got {m.blocks} to a side, {shuffle} by {shuffle}"
-                )
-            wanted[PLACES] = (1, 2 * m.head[0], self._query_side, self._query_side)
-            wanted[HEAD] = (count_parameters(m.head),)
-        outputs = {o.name: tuple(o.shape) for o in self.session.get_outputs()}
-        if outputs != wanted:
-            raise ModelError(f"{self.path}: wanted outputs {wanted} by its metadata, got {outputs}")
-        self.inputs: dict[str, NDArray[Any]] = {
-            name: np.ones(shape, bool) if name == ASK else np.zeros(shape, np.float32)
-            for name, shape in shapes.items()
-        }
-        self._query: NDArray[np.float32] = self.inputs.get("query", next(iter(self.inputs.values())))[0]
-        self._outputs = {name: np.zeros(shape, np.float32) for name, shape in wanted.items()}
-        self._binding = self.session.io_binding()
-        for name, array in self.inputs.items():
-            self._binding.bind_input(name, "cpu", 0, array.dtype, array.shape, array.ctypes.data)
-        for name, array in self._outputs.items():
-            self._binding.bind_output(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
-
-    def _split(self) -> None:
-        """From now on ask the session for the encoder's part alone, and only when the map changes."""
-        rng = np.random.default_rng(0)
-        self.inputs["map"][:] = rng.random(self.inputs["map"].shape)
-        far = float(self.metadata.input_size - 1)
-        self.set_query((0.3 * far, 0.0), (far, 0.6 * far))
-        self.session.run_with_iobinding(self._binding)
-        wanted = self._in_place()
-        self.inputs[ASK][:] = False
-        self._head = PlaceHead(self._outputs[HEAD], self.metadata.head, self._query_side)
-        self._answer = np.empty_like(wanted)
-        if not np.abs(self.run(anew=True) - wanted).max() <= _ROUNDING:
-            raise ModelError(f"{self.path}: the head's parameters are not those of its graph")
+    def share(self) -> "NetworkModel":
+        """Another network on the same session: it has a map, a query and an answer of its own."""
+        other = NetworkModel.__new__(type(self))
+        other._bind(self._loaded)
+        return other
 
     def set_map(self, planes: NDArray[np.float32]) -> None:
-        """Take over a map: (2, S, S) float32, mean cost and share of impassable cells, both in [0, 1]."""
+        """Show the network a map: (2, S, S) float32, mean cost and share of impassable cells, both in [0, 1]."""
         m = self.metadata
-        self._encoded, self.owner = False, None
+        self._encoded = False
         if m.encoding == "gaussian":
             self.inputs["input"][0, 0] = planes[0]
             return
@@ -142,20 +99,20 @@ class NetworkModel:
         parts = planes.reshape(2, side, n, side, n).transpose(0, 2, 4, 1, 3)
         self.inputs["map"][0] = parts.reshape(2 * n * n, side, side)
 
-    def set_query(self, start: tuple[float, float], goal: tuple[float, float]) -> None:
-        """Take over start and goal, (row, col) in network cells."""
+    def set_query(self, start: Point, goal: Point) -> None:
+        """Show the network start and goal, (row, col) in network cells."""
         m = self.metadata
         sigma = m.sigma * m.input_size
         if m.encoding == "gaussian":
             encode_gaussian(start, goal, m.input_size, 1, sigma, self.inputs["input"][0, 1:])
         else:
             encode = encode_pair if m.encoding == "pair" else encode_ends
-            encode(start, goal, self._query_side, QUERY_SPACING, sigma, self._query)
+            encode(start, goal, m.input_size // QUERY_SPACING, QUERY_SPACING, sigma, self._query)
 
-    def run(self, *, anew: bool = False) -> NDArray[np.float32]:
+    def run(self, *, anew: bool = False) -> Float2D:
         """The probability that a nearly optimal path passes: (B, B) float32 in [0, 1]. The next call overwrites it.
 
-        A network in two parts looks at the map only once after `set_map`, but with `anew`, for timing, again.
+        The encoder of a network in two parts runs only once after `set_map`, but with `anew`, for timing, again.
         """
         if self._head is None:
             self.session.run_with_iobinding(self._binding)
@@ -164,9 +121,11 @@ class NetworkModel:
         self._head.answer(self._query, self._answer)
         return self._answer
 
-    def ask(self, start: tuple[float, float], goal: tuple[float, float]) -> NDArray[np.float32]:
-        """`set_query` and `run` of a network in two parts (`in_parts`), in one call of compiled code."""
-        assert self._head is not None
+    def answer(self, start: Point, goal: Point) -> Float2D:
+        """`set_query` and `run`; for a network in two parts in one call of compiled code."""
+        if self._head is None:
+            self.set_query(start, goal)
+            return self.run()
         self._encode(self._head)
         sigma = self.metadata.sigma * self.metadata.input_size
         self._head.answer_ends(start, goal, float(QUERY_SPACING), sigma, self._query, self._answer)
@@ -174,8 +133,49 @@ class NetworkModel:
 
     @property
     def in_parts(self) -> bool:
-        """Whether the network looks at the map by itself, before it knows the query."""
+        """Whether the network describes the map by itself, before it knows the query."""
         return self._head is not None
+
+    def _bind(self, loaded: _Loaded) -> None:
+        """Allocate inputs and outputs once, of the shapes that the metadata implies, and bind them."""
+        self._loaded, self.path = loaded, loaded.path
+        self.session, self.metadata = loaded.session, loaded.metadata
+        self.inputs: dict[str, NDArray[np.float32 | np.bool_]] = {
+            name: np.ones(shape, np.bool_) if name == ASK else np.zeros(shape, np.float32)
+            for name, shape in loaded.inputs.items()
+        }
+        self._outputs = {name: np.zeros(shape, np.float32) for name, shape in loaded.outputs.items()}
+        self._query: NDArray[np.float32] = self.inputs.get("query", next(iter(self.inputs.values())))[0]
+        self._binding = self.session.io_binding()
+        for name, array in self.inputs.items():
+            self._binding.bind_input(name, "cpu", 0, array.dtype, array.shape, array.ctypes.data)
+        for name, output in self._outputs.items():
+            self._binding.bind_output(name, "cpu", 0, np.float32, output.shape, output.ctypes.data)
+        self._head: PlaceHead | None = None
+        self._encoded = False
+        if loaded.head_parameters is not None:
+            self._use_head(loaded.head_parameters)
+
+    def _use_head(self, parameters: NDArray[np.float32]) -> None:
+        """From now on the session runs the encoder alone, and only when the map changes."""
+        self.inputs[ASK][:] = False
+        m = self.metadata
+        self._head = PlaceHead(parameters, m.head, m.input_size // QUERY_SPACING)
+        self._answer = np.empty((m.blocks, m.blocks), np.float32)
+
+    def _split(self) -> None:
+        """Read the head's parameters, and see that they answer what the graph does."""
+        rng = np.random.default_rng(0)
+        self.inputs["map"][:] = rng.random(self.inputs["map"].shape)
+        far = float(self.metadata.input_size - 1)
+        self.set_query((0.3 * far, 0.0), (far, 0.6 * far))
+        self.session.run_with_iobinding(self._binding)
+        wanted, parameters, known = self._in_place(), self._outputs[HEAD].copy(), self._loaded
+        self._use_head(parameters)
+        if not np.abs(self.run(anew=True) - wanted).max() <= _ROUNDING:
+            raise ModelError(f"{self.path}: the head's parameters are not those of its graph")
+        shapes = known.inputs, known.outputs
+        self._loaded = _Loaded(known.path, known.session, known.metadata, *shapes, parameters)
 
     def _encode(self, head: PlaceHead, anew: bool = False) -> None:
         if anew or not self._encoded:
@@ -183,8 +183,45 @@ class NetworkModel:
             head.places[:] = self._outputs[PLACES].reshape(head.places.shape[1], -1).T
             self._encoded = True
 
-    def _in_place(self) -> NDArray[np.float32]:
+    def _in_place(self) -> Float2D:
         """The session's answer with each block where it lies."""
         n, blocks = self.metadata.output_shuffle, self.metadata.blocks
         side = blocks // n
         return self._outputs[OUTPUT].reshape(n, n, side, side).transpose(2, 0, 3, 1).reshape(blocks, blocks)
+
+
+def _options(threads: int, spinning: bool) -> "SessionOptions":
+    import onnxruntime as ort
+
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.enable_cpu_mem_arena = True
+    options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spinning else "0")
+    return options
+
+
+def _checked_shapes(path: Path, session: "InferenceSession", m: ModelMetadata) -> tuple[Shapes, Shapes]:
+    """Shapes of inputs and outputs by the metadata; ModelError where the graph has others."""
+    size, places = m.input_size, m.input_size // QUERY_SPACING
+    inputs: Shapes = {"input": (1, 3, size, size)}
+    if m.encoding != "gaussian":
+        side, channels = size // m.map_unshuffle, PAIR_CHANNELS if m.encoding == "pair" else ENDS_CHANNELS
+        inputs = {"map": (1, 2 * m.map_unshuffle**2, side, side), "query": (1, channels, places, places)}
+    side = m.blocks // m.output_shuffle
+    outputs: Shapes = {OUTPUT: (1, m.output_shuffle**2, side, side)}
+    if m.encoding == "ends":
+        inputs[ASK] = (1,)
+        outputs |= {PLACES: (1, 2 * m.head[0], places, places), HEAD: (count_parameters(m.head),)}
+    got = {i.name: tuple(i.shape) for i in session.get_inputs()}
+    if got != inputs:
+        raise ModelError(f"{path}: wanted inputs {inputs} by its metadata, got {got}")
+    if m.encoding == "ends" and (m.output_shuffle**2 != ANSWERS or side != places):
+        raise ModelError(
+            f"{path}: wanted two by two blocks to each of {places} × {places} places, "
+            f"got {m.blocks} to a side, {m.output_shuffle} by {m.output_shuffle}"
+        )
+    got = {o.name: tuple(o.shape) for o in session.get_outputs()}
+    if got != outputs:
+        raise ModelError(f"{path}: wanted outputs {outputs} by its metadata, got {got}")
+    return inputs, outputs

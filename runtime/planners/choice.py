@@ -11,16 +11,15 @@ import warnings
 from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method
+from nnpp_edge.runtime.planners.query import Query
+from nnpp_edge.runtime.tuning import FAR, LARGE_MAP, NEAR
 
 FORMAT = "nnpp-edge-choice-1"
 VARIABLE = "NNPP_EDGE_CHOICE"
-NEAR = 48
-"""Cells; by the shipped figures nearer goals are soonest found by plain A*."""
-_LARGE, _FAR = 1536, 512
-"""Cells of a map's longer side, and to a goal, from which the learned region is clearly sooner done by them."""
 _MEASURED = "edge"
 """The network that they were measured with."""
 
@@ -50,8 +49,8 @@ SHIPPED = MapChoice(
     ),
 )
 SHIPPED_FOR_LARGE = MapChoice(
-    (*SHIPPED.starts, _FAR),
-    (*SHIPPED.picks, (Method.NNPP, f"by the shipped figures soonest done from {_FAR} cells on a large map")),
+    (*SHIPPED.starts, FAR),
+    (*SHIPPED.picks, (Method.NNPP, f"by the shipped figures soonest done from {FAR} cells on a large map")),
 )
 
 
@@ -89,11 +88,8 @@ class Choice:
             method, other = rule.method, ""
             if method is Method.NNPP and model != self.model:
                 method, other = Method.CORRIDOR, f", but with the network {self.model}"
-            picks.append((
-                method,
-                f"measured on this machine {self.measured}: {rule.method} soonest from {rule.start} cells "
-                f"at {size}²{other}",
-            ))  # fmt: skip
+            measured = f"measured on this machine {self.measured}"
+            picks.append((method, f"{measured}: {rule.method} soonest from {rule.start} cells at {size}²{other}"))
         return MapChoice(tuple(rule.start for rule in rules), tuple(picks))
 
     def to_json(self) -> str:
@@ -109,8 +105,10 @@ class Choice:
         if not isinstance(stored, dict) or stored.get("format") != FORMAT:
             raise ValueError(f"wanted the format {FORMAT}")
         try:
-            rules = [Rule(_count(line["size"], 1), _count(line["from"], 0), _method(line["method"]))
-                     for line in stored["rules"]]  # fmt: skip
+            rules = [
+                Rule(_count(line["size"], 1), _count(line["from"], 0), _method(line["method"]))
+                for line in stored["rules"]
+            ]
             measured, machine, model = (str(stored[key]) for key in ("measured", "machine", "model"))
         except (KeyError, TypeError) as error:
             raise ValueError(f"wanted rules with size, from and method, got {error}") from error
@@ -134,12 +132,35 @@ def choice_path() -> Path | None:
     return Path(home) / ".config" / "nnpp-edge" / "choice.json" if home else None
 
 
-def choice_for(shape: tuple[int, int], model: Any) -> MapChoice:
-    """What `auto` picks on a map of this shape with this model (a name, a path or a NetworkModel)."""
-    saved, name = _saved(choice_path()), Path(getattr(model, "path", model)).stem
-    if saved is not None:
-        return saved.for_map(shape, name)
-    return SHIPPED_FOR_LARGE if max(shape) >= _LARGE and name == _MEASURED else SHIPPED
+class MethodChooser:
+    """Picks methods on maps of one shape.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the map.
+    model : str, Path or NetworkModel
+        The network that ``nnpp`` would use.
+    """
+
+    def __init__(self, shape: tuple[int, int], model: str | Path | NetworkModel) -> None:
+        self._shape, self._model = shape, model
+
+    def choose(self, method: str, query: Query) -> tuple[Method, str]:
+        """The method of that name, for ``auto`` the one to pick and why; InvalidQueryError for another name."""
+        try:
+            wanted = Method(method)
+        except ValueError:
+            raise InvalidQueryError(f"method must be one of {', '.join(Method)}, got {method!r}") from None
+        return (wanted, "") if wanted is not Method.AUTO else self._choice.pick(query.apart)
+
+    @functools.cached_property
+    def _choice(self) -> MapChoice:
+        path = self._model.path if isinstance(self._model, NetworkModel) else self._model
+        name, saved = Path(path).stem, _saved(choice_path())
+        if saved is not None:
+            return saved.for_map(self._shape, name)
+        return SHIPPED_FOR_LARGE if max(self._shape) >= LARGE_MAP and name == _MEASURED else SHIPPED
 
 
 @functools.lru_cache(maxsize=8)
@@ -157,13 +178,13 @@ def _saved(path: Path | None) -> Choice | None:
     return None
 
 
-def _count(value: Any, least: int) -> int:
+def _count(value: object, least: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < least:
         raise TypeError(f"{value!r}, no whole number of at least {least}")
     return value
 
 
-def _method(value: Any) -> Method:
+def _method(value: object) -> Method:
     if value not in tuple(Method) or value == Method.AUTO:
         raise TypeError(f"{value!r}, no method")
     return Method(value)

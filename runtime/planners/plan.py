@@ -3,13 +3,12 @@
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.kernels.paths import measure
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import SQRT2
@@ -22,6 +21,51 @@ class Method(StrEnum):
     ASTAR = "astar"
     CORRIDOR = "corridor"
     NNPP = "nnpp"
+
+
+class DynamicMethod(StrEnum):
+    """How to plan anew on a map that changes."""
+
+    AUTO = "auto"
+    ASTAR = "astar"
+    """Exact A* over the whole map, afresh each time."""
+    DSTAR = "dstar"
+    """D* Lite over the whole map: exact, and mended rather than searched anew."""
+    CORRIDOR = "corridor"
+    """Coarse to fine, afresh each time."""
+    CORRIDOR_DSTAR = "corridor-dstar"
+    """The corridor of the present start, and inside it D* Lite, or A* where that is expected to be less work."""
+    NNPP = "nnpp"
+    """The network's region of the present start, and A* inside it."""
+    NNPP_DSTAR = "nnpp-dstar"
+    """The network's region of the present start, and inside it the same."""
+
+    @classmethod
+    def named(cls, name: str) -> "DynamicMethod":
+        """The method of that name; InvalidQueryError if there is none."""
+        try:
+            return cls(name)
+        except ValueError:
+            raise InvalidQueryError(f"method must be one of {', '.join(cls)}, got {name!r}") from None
+
+    @property
+    def whole_map(self) -> bool:
+        """Whether the whole map is searched, without coarse levels."""
+        return self in (DynamicMethod.ASTAR, DynamicMethod.DSTAR)
+
+    @property
+    def mends_regions(self) -> bool:
+        """Whether D* Lite is kept for regions."""
+        return self in (DynamicMethod.CORRIDOR_DSTAR, DynamicMethod.NNPP_DSTAR, DynamicMethod.AUTO)
+
+    @property
+    def base(self) -> Method:
+        """What it does at each step, whatever it keeps from one to the next."""
+        if self in (DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR):
+            return Method.NNPP
+        if self in (DynamicMethod.CORRIDOR, DynamicMethod.CORRIDOR_DSTAR):
+            return Method.CORRIDOR
+        return Method.AUTO if self is DynamicMethod.AUTO else Method.ASTAR
 
 
 class Source(StrEnum):
@@ -43,7 +87,10 @@ def _no_path() -> NDArray[np.int32]:
 
 @dataclass(frozen=True)
 class Plan:
-    """The answer to one query. Without a path its numbers are inf, or 0 for counts."""
+    """The answer to one query. Without a path its numbers are inf, or 0 for counts.
+
+    A plan owns its arrays: whatever is planned or changed later, it stays what it is.
+    """
 
     status: Status
     method: Method
@@ -63,13 +110,12 @@ class Plan:
     expansions: int = 0
     """Cells expanded, at all levels and in all regions that were tried."""
     region: Region | None = None
-    """Where the last search at full resolution was allowed to go; None for the whole map. It is read from
-    the planner's memory and holds until the planner's next query."""
+    """Where the last search at full resolution was allowed to go, if regions are kept; None for the whole map."""
     network_region: Region | None = None
-    """The network's region at the adaptive threshold itself (NNPP, section 4.3), with the same life."""
+    """The network's region at the adaptive threshold itself (NNPP, section 4.3), if regions are kept."""
     threshold: float = math.nan
     """The adaptive threshold td, of a learned region."""
-    by: str = ""
+    planner: str = ""
     """Name of the planner that was used: the method's, or a `DynamicPlanner`'s own for it."""
     reason: str = ""
     """Why ``auto`` picked its method, or how the search was made where there was a choice."""
@@ -86,47 +132,34 @@ class Plan:
         """The path costs at most this many times the optimum."""
         return self.cost / self.lower_bound if self.lower_bound > 0.0 else (1.0 if self.cost == 0.0 else math.inf)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """The plan without its arrays, ready for JSON (inf and NaN as None)."""
-
-        def number(x: float) -> float | None:
-            return round(x, 6) if math.isfinite(x) else None
-
+        names = ("cost", "length", "traverse_cost", "lower_bound", "bound", "threshold")
+        numbers = {name: _finite(getattr(self, name)) for name in names}
         return {
-            "status": str(self.status), "method": str(self.by or self.method),
+            "status": str(self.status),
+            "method": str(self.planner or self.method),
             "source": None if self.source is None else str(self.source),
-            "cost": number(self.cost), "length": number(self.length),
-            "traverse_cost": number(self.traverse_cost), "lower_bound": number(self.lower_bound),
-            "bound": number(self.bound) if self.ok else None, "cells": len(self.path),
-            "expansions": self.expansions, "threshold": number(self.threshold), "reason": self.reason,
-            "timings_ms": {k: round(v, 3) for k, v in self.timings_ms.items()},
-        }  # fmt: skip
+            **{name: numbers[name] for name in names[:4]},
+            "bound": numbers["bound"] if self.ok else None,
+            "cells": len(self.path),
+            "expansions": self.expansions,
+            "threshold": numbers["threshold"],
+            "reason": self.reason,
+            "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
+        }
 
 
-@kernel
-def _measure(weights, stride, path):
-    """Straight and diagonal steps, weights summed over straight and over diagonal steps, and over cells."""
-    straight, diagonal, by_straight, by_diagonal, total = 0, 0, 0.0, 0.0, 0.0
-    before = 0.0
-    for n in range(len(path)):
-        w = np.float64(weights[(path[n, 0] + 1) * stride + path[n, 1] + 1])
-        total += w
-        if n == 0:
-            pass
-        elif path[n, 0] != path[n - 1, 0] and path[n, 1] != path[n - 1, 1]:
-            diagonal += 1
-            by_diagonal += before + w
-        else:
-            straight += 1
-            by_straight += before + w
-        before = w
-    return straight, diagonal, by_straight, by_diagonal, total
-
-
-def measure(grid: Grid, path: NDArray[np.int32]) -> tuple[float, float, float]:
-    """Cost, length in cells and CC of a path, summed in float64."""
-    straight, diagonal, by_straight, by_diagonal, total = _measure(grid.weights, grid.stride, path)
-    length_s, length_d, weight_s, weight_d = grid.steps
+def path_costs(grid: Grid, path: NDArray[np.int32]) -> tuple[float, float, float]:
+    """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
+    if not len(path):
+        return math.inf, math.inf, math.inf
+    straight, diagonal, by_straight, by_diagonal, total = measure(grid.weights, grid.stride, path)
+    length_s, length_d, weight_s, weight_d = grid.model.steps
     cost = length_s * straight + length_d * diagonal + weight_s * by_straight + weight_d * by_diagonal
     scale = grid.model.scale
     return cost, straight + SQRT2 * diagonal, total / scale if scale else 0.0
+
+
+def _finite(number: float) -> float | None:
+    return round(number, 6) if math.isfinite(number) else None

@@ -1,56 +1,22 @@
 """The planner: a map, a network and scratch memory, answering one query after another."""
 
 import math
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Unpack
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.kernels.expansion import LANES, octile
-from nnpp_edge.runtime.map.grid import Change, Grid
-from nnpp_edge.runtime.map.pyramid import FACTOR, Pyramid
-from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.kernels.nodes import octile
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.choice import NEAR, MapChoice, choice_for
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source, measure
-from nnpp_edge.runtime.planners.query import Query, as_cell, problem_with
-from nnpp_edge.runtime.region.learned import LearnedRegions
-from nnpp_edge.runtime.search.astar import Search
-from nnpp_edge.runtime.search.landmarks import Landmarks
-
-_REFINE_FROM = 192
-"""Cells on a map's longer side from which a learned region is searched coarsely first."""
-
-
-class _Corridor(NamedTuple):
-    """How much around a coarse path is searched on the next finer level."""
-
-    radius: int
-    """The quarters of cells within so many of the path's."""
-    band: float
-    """So are the cells on paths that cost at most so much more than the best, as a share,"""
-    nearby: float = 0.12
-    """and this much more for short paths, divided by the coarse cells between start and goal."""
-    coarse_radius: int = 2
-    """What is added to `radius` between two coarse levels: room costs little there."""
-    coarse_band: float = 0.04
-    """And to `band`."""
-
-
-_CORRIDORS = _Corridor(1, 0.0015), _Corridor(8, 0.02)
-"""At first, and widened."""
-_IN_LEARNED_REGION = _Corridor(1, 0.0005, nearby=0.08, coarse_band=0.02)
-"""The same inside a learned region, which is searched for speed."""
-_BRIEFLY = 1024
-"""Expansions that a brief search may take, and twice the square of the distance more."""
-_CELLS_APART = 16
-"""The coarsest level that is searched is the last on which start and goal are so many cells apart."""
+from nnpp_edge.runtime.planners.choice import MethodChooser
+from nnpp_edge.runtime.planners.map_planners import MapPlanners
+from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Work, as_cell, problem_with
+from nnpp_edge.runtime.tuning import NEAR
 
 
 class Planner:
@@ -68,8 +34,8 @@ class Planner:
     corner_cutting : bool
         Whether a diagonal step may pass beside an impassable cell.
     model : str, Path or NetworkModel
-        The network for ``nnpp``: a shipped model's name, a file, or one already loaded. It is loaded when
-        first needed. A NetworkModel may be shared by planners that do not plan at the same time.
+        The network for ``nnpp``: a shipped model's name, a file, or one already loaded, which planners may share.
+        It is loaded when first needed.
     ask_from : int
         Cells between start and goal from which on ``nnpp`` asks the network. Nearer goals A* has mostly found before
         it has answered, and is tried first.
@@ -79,13 +45,18 @@ class Planner:
     InvalidMapError
         The map is not two-dimensional, is empty, or holds a cost out of range.
 
-    Notes
-    -----
-    A subclass may search regions in another way: it overrides `_search`, and has `_answer` make the plan.
+    Examples
+    --------
+    >>> import numpy as np
+    >>> planner = Planner(np.full((20, 30), 0.2, np.float32))
+    >>> plan = planner.plan((2, 3), (15, 27), method="astar")
+    >>> plan.status, len(plan.path)
+    (<Status.OK: 'OK'>, 25)
+    >>> planner.update(5, 0, np.ones((1, 30)))  # a wall
+    30
+    >>> planner.plan((2, 3), (15, 27), method="astar").status
+    <Status.NO_PATH: 'NO_PATH'>
     """
-
-    overlooked = 0.0
-    """Change of the map that the network need not see (`LearnedRegions`)."""
 
     def __init__(
         self,
@@ -97,19 +68,20 @@ class Planner:
         model: str | Path | NetworkModel = "edge",
         ask_from: int = NEAR,
     ) -> None:
-        self.grid = Grid.of(cost, StepModel.of(step_cost, omega))
-        self.pyramid = Pyramid(self.grid, corner_cutting)
-        self.corner_cutting = corner_cutting
-        self.landmarks: Landmarks | None = None
-        """What `prepare` computed, for exact A*; None before, and after a cell has become cheaper."""
-        self._model, self._ask_from = model, ask_from
-        self._learned: LearnedRegions | None = None
-        self._auto: MapChoice | None = None
+        self._state = MapState(cost, StepModel.of(step_cost, omega), corner_cutting=corner_cutting)
+        self._planners = MapPlanners(self._state, model, network_from=ask_from)
+        self._planners.coarse_to_fine  # noqa: B018 - made now, so that the first plan does not wait for it
+        self._chooser = MethodChooser(self.shape, model)
+
+    @property
+    def state(self) -> MapState:
+        """The map, its coarse levels and the log of its changes; to be changed by `update` alone."""
+        return self._state
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the map."""
-        return self.grid.rows, self.grid.cols
+        return self._state.shape
 
     def use_model(self, model: str | Path | NetworkModel) -> None:
         """Ask this network from now on. A name or a file is loaded and tried now; on an error the old one stays.
@@ -119,10 +91,7 @@ class Planner:
         ModelError
             The model cannot be loaded.
         """
-        if not isinstance(model, NetworkModel):
-            model = NetworkModel(model)
-            model.run()
-        self._model, self._learned, self._auto = model, None, None
+        self._chooser = MethodChooser(self.shape, self._planners.use_model(model))
 
     def load_network(self) -> None:
         """Do now what the first query of ``nnpp`` would: load the network and show it the map.
@@ -132,10 +101,10 @@ class Planner:
         ModelError
             The model cannot be loaded.
         """
-        self._regions().look(self.pyramid.levels[self._top], self._top)
+        self._planners.learned.prepare()
 
     def update(self, row: int, col: int, patch: Float2D) -> int:
-        """Put new costs into the map, with the pyramid and the network's view kept up to date.
+        """Put new costs into the map.
 
         Parameters
         ----------
@@ -154,24 +123,7 @@ class Planner:
         InvalidMapError
             The patch does not lie inside the map, or holds a cost out of range. The map is as it was.
         """
-        return self.take(row, col, patch).cells
-
-    def take(self, row: int, col: int, patch: Float2D, *, keep: bool = False) -> Change:
-        """As `update`; what has changed, and with `keep` what stood there. For subclasses to override."""
-        grid = self.grid
-        before = grid.least, grid.greatest
-        change = grid.update(patch, (row, col), keep=keep)
-        if not change.cells:
-            return change
-        if change.cheaper:
-            self.landmarks = None
-        part, cells = change.part, change.cells
-        if grid.model.kind is StepCost.LENGTH and before != (grid.least, grid.greatest):
-            part, cells = (0, 0, grid.rows, grid.cols), grid.cells  # coarse cells and the network's view go by these
-        self.pyramid.update(part)
-        if self._learned is not None:
-            self._learned.update(part, cells)
-        return change
+        return self._state.update(row, col, patch).cells
 
     def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:
         """Compute costs once for this map, so that ``astar`` expands a fraction of the cells, for the same optimum.
@@ -192,18 +144,10 @@ class Planner:
         InvalidQueryError
             More than 8 in all, or a goal that is outside the map or impassable.
         """
-        if not 0 <= landmarks + len(goals) <= LANES:
-            raise InvalidQueryError(f"landmarks and goals must be at most {LANES}, got {landmarks + len(goals)}")
-        self.landmarks = Landmarks(self.grid, self.pyramid.levels[0].workspace, corner_cutting=self.corner_cutting)
-        for goal in goals:
-            cell = as_cell(goal, "goal")
-            if problem := problem_with(self.grid, cell, cell):
-                raise InvalidQueryError(f"goal {cell}: {problem.removeprefix('START_').lower().replace('_', ' ')}")
-            self.landmarks.add(cell)
-        self.landmarks.spread(landmarks + len(goals))
+        self._planners.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
 
     def nearest(
-        self, start: Cell, goals: Sequence[Cell], *, count: int = 1, **options: Any
+        self, start: Cell, goals: Sequence[Cell], *, count: int = 1, **options: Unpack[PlanOptions]
     ) -> list[tuple[int, Plan]]:
         """Paths to the goals that cost least to reach, cheapest first.
 
@@ -232,8 +176,7 @@ class Planner:
         if not len(goals):
             raise InvalidQueryError("wanted at least one goal, got none")
         cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
-        straight, diagonal = self.grid.prices
-        bounds = [octile.py_func(*begin, *cell, straight, diagonal) for cell in cells]
+        bounds = [octile.py_func(*begin, *cell, *self._state.grid.prices) for cell in cells]
         plans: dict[int, Plan] = {}
         for at in sorted(range(len(cells)), key=bounds.__getitem__):
             known = sorted(plan.cost for plan in plans.values())
@@ -250,7 +193,7 @@ class Planner:
         method: str = Method.AUTO,
         epsilon: float = math.inf,
         time_limit_s: float = math.inf,
-        cancelled: Callable[[], bool] | None = None,
+        keep_regions: bool = False,
     ) -> Plan:
         """A path from start to goal.
 
@@ -268,8 +211,8 @@ class Planner:
             the optimum itself. By default the first path found is taken.
         time_limit_s : float
             After this the status is TIMEOUT, with the path as far as it had come.
-        cancelled : callable
-            Asked now and then; True ends the planning as a time limit does.
+        keep_regions : bool
+            Whether the plan says in what region it was found; copied after the clock has stopped.
 
         Returns
         -------
@@ -284,171 +227,17 @@ class Planner:
         ModelError
             ``nnpp`` was asked for and the model cannot be loaded.
         """
-        began = time.perf_counter()
+        work = Work()
         if not epsilon >= 0.0:
             raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
-        start, goal = as_cell(start, "start"), as_cell(goal, "goal")
-        chosen, reason = self._choose(method, start, goal)
-        if problem := problem_with(self.grid, start, goal):
-            return Plan(problem, chosen, by=chosen, reason=reason)
-        deadline = time.monotonic() + time_limit_s
-        query = Query(start, goal, self.corner_cutting, deadline, cancelled, epsilon, chosen, reason)
-        plan = None
+        query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
+        chosen, reason = self._chooser.choose(method, query)
+        if problem := problem_with(self._state.grid, query.start, query.goal):
+            return Plan(problem, chosen, planner=chosen, reason=reason)
+        found: Found | None = None
         if method == Method.AUTO and chosen is Method.ASTAR:
-            plan = self.search_briefly(query, chosen)
-            if plan is None:
-                chosen = query.by = Method.CORRIDOR
-                query.reason += ", but the way is long"
-        plan = plan or self.answer(query, chosen)
-        query.timings["total"] = 1e3 * (time.perf_counter() - began)
-        return plan
-
-    def answer(self, query: Query, method: Method) -> Plan:
-        """`plan`, by a method that is not ``auto``, for a query between two passable cells."""
-        if method is Method.NNPP:
-            return self._plan_nnpp(query)
-        if method is Method.CORRIDOR:
-            return self._plan_corridor(query)
-        return self._plan_map(query, Method.ASTAR, Source.MAP)
-
-    def search_briefly(self, query: Query, method: Method) -> Plan | None:
-        """Exact A* over the whole map; None where the way to the goal turns out too long for its distance."""
-        found = self._search(query, 0, None, limit=_BRIEFLY + 2 * query.apart**2)
-        return None if found.status is Status.TIMEOUT else self._answer(query, method, Source.MAP, found, None)
-
-    def _choose(self, method: str, start: Cell, goal: Cell) -> tuple[Method, str]:
-        try:
-            asked = Method(method)
-        except ValueError:
-            raise InvalidQueryError(f"method must be one of {', '.join(Method)}, got {method!r}") from None
-        if asked is not Method.AUTO:
-            return asked, ""
-        if self._auto is None:
-            self._auto = choice_for(self.shape, self._model)
-        return self._auto.pick(max(abs(start[0] - goal[0]), abs(start[1] - goal[1])))
-
-    def _search(
-        self, query: Query, level: int, region: Region | None, band: float = 0.0, limit: int | None = None
-    ) -> Search:
-        """Search one level of the pyramid between the cells that hold start and goal; coarse ones from the goal.
-
-        For subclasses to override. Level 0 is the map itself; without a region all of it is searched. `band` is how
-        far beyond the optimum, as a share of it, a coarse search goes on; after `limit` expansions a search gives
-        up. What was expanded and the time it took are booked in the query.
-        """
-        factor = FACTOR**level
-        start, goal = ((row // factor, col // factor) for row, col in (query.start, query.goal))
-        if level:
-            start, goal = goal, start
-        found = self.pyramid.levels[level].search(
-            start,
-            goal,
-            region,
-            landmarks=self.landmarks if level == 0 else None,
-            corner_cutting=query.corner_cutting or level > 0,
-            beyond=band,
-            limit=limit,
-            deadline=query.deadline,
-            cancelled=query.cancelled,
-        )
-        query.expansions += found.expansions
-        query.lap("coarse" if level else "search")
-        return found
-
-    def _descend(
-        self, query: Query, top: int, region: Region | None, corridor: _Corridor
-    ) -> tuple[Search | None, Region | None]:
-        """From level `top` down, each level inside a corridor around the path on the one above.
-
-        The search at full resolution and its region; None where a coarse level found no way.
-        """
-        nearby = FACTOR * corridor.nearby / max(query.apart, FACTOR)
-        for level in range(top, 0, -1):
-            spread, slack = corridor.radius, corridor.band + nearby
-            if level > 1:
-                spread, slack = spread + corridor.coarse_radius, slack + corridor.coarse_band
-            at, finer = self.pyramid.levels[level], self.pyramid.levels[level - 1]
-            found = self._search(query, level, region, slack)
-            if found.status is Status.NO_PATH:
-                return None, None
-            if found.status is Status.TIMEOUT:  # a coarse path leads nowhere on the map
-                return Search(Status.TIMEOUT, np.empty((0, 2), np.int32), 0, math.inf), None
-            start = (query.start[0] // FACTOR**level, query.start[1] // FACTOR**level)
-            region = at.around(found, start, spread, slack, finer)
-            at.invest()
-            query.lap("coarse")
-        return self._search(query, 0, region), region
-
-    def _coarsest(self, query: Query) -> int:
-        """The level to begin at: where start and goal are close, a finer one than the last."""
-        level = len(self.pyramid.levels) - 1
-        while level > 1 and query.apart < _CELLS_APART * FACTOR**level:
-            level -= 1
-        return level
-
-    def _plan_map(self, query: Query, method: Method, source: Source) -> Plan:
-        return self._answer(query, method, source, self._search(query, 0, None), None)
-
-    def _plan_corridor(self, query: Query) -> Plan:
-        for corridor, source in zip(_CORRIDORS, (Source.REGION, Source.WIDENED), strict=True):
-            found, region = self._descend(query, self._coarsest(query), None, corridor)
-            if found is not None and found.status is not Status.NO_PATH:
-                plan = self._answer(query, Method.CORRIDOR, source, found, region)
-                if query.suffices(plan):
-                    return plan
-        return self._plan_map(query, Method.CORRIDOR, Source.FALLBACK)
-
-    def _plan_nnpp(self, query: Query) -> Plan:
-        if query.apart < self._ask_from and (plan := self.search_briefly(query, Method.NNPP)) is not None:
-            return plan
-        learned, top = self._regions(), self._top
-        for region, source in learned.regions(query, self.pyramid.levels[top], top):
-            found, searched = self._descend(query, top, region, _IN_LEARNED_REGION)
-            if found is not None and found.status is not Status.NO_PATH:
-                plan = self._answer(query, Method.NNPP, source, found, searched)
-                if query.suffices(plan):
-                    return plan
-        return self._plan_map(query, Method.NNPP, Source.FALLBACK)
-
-    @property
-    def _top(self) -> int:
-        """Number of the level that a learned region is searched on first."""
-        return len(self.pyramid.levels) - 1 if max(self.shape) >= _REFINE_FROM else 0
-
-    def _regions(self) -> LearnedRegions:
-        if self._learned is None:
-            self._learned = LearnedRegions(self.grid, self._model, self.overlooked)
-        return self._learned
-
-    def _answer(self, query: Query, method: Method, source: Source, found: Search, region: Region | None) -> Plan:
-        """The plan that a search of the map or a region of it comes to. For subclasses to call."""
-        cost = length = traverse_cost = math.inf
-        if len(found.path):
-            cost, length, traverse_cost = measure(self.grid, found.path)
-        bound = 0.0
-        if found.status is Status.OK:
-            # g is kept in float32: a refused cell's f may be too high by its rounding
-            bound = min(cost, found.refused_f * (1.0 - 1e-6))
-        query.lap("path")
-        return Plan(
-            found.status, method, source, found.path, cost, length, traverse_cost, bound, query.expansions,
-            region, query.network_region, query.threshold, query.by, query.reason or query.account, query.timings,
-        )  # fmt: skip
-
-
-def plan_path(
-    cost: Float2D,
-    start: Cell,
-    goal: Cell,
-    method: str = Method.AUTO,
-    step_cost: str = "paper",
-    corner_cutting: bool = True,
-    omega: float = PAPER_OMEGA,
-    *,
-    model: str | Path | NetworkModel = "edge",
-    epsilon: float = math.inf,
-    time_limit_s: float = math.inf,
-) -> Plan:
-    """Plan once; the arguments are those of `Planner` and `Planner.plan`."""
-    planner = Planner(cost, step_cost=step_cost, omega=omega, corner_cutting=corner_cutting, model=model)
-    return planner.plan(start, goal, method=method, epsilon=epsilon, time_limit_s=time_limit_s)
+            found = self._planners.exact.find_briefly(query, work)
+            if found is None:
+                chosen, reason = Method.CORRIDOR, f"{reason}, but the way is long"
+        found = found or self._planners.planner(chosen).find(query, work)
+        return found.plan(chosen, work, planner=chosen, reason=reason, keep_regions=keep_regions)

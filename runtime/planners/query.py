@@ -1,57 +1,113 @@
-"""One query on its way through a planner's stages."""
+"""What a planner is asked, and what its searches find on the way to a plan."""
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypedDict
 
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source, path_costs
+from nnpp_edge.runtime.search.astar import Search
+from nnpp_edge.runtime.stopwatch import Stopwatch
 
 
-@dataclass(slots=True)
-class Query:
-    """What was asked, and what answering it has taken so far."""
+class Query(NamedTuple):
+    """What was asked."""
 
     start: Cell
     goal: Cell
-    corner_cutting: bool
-    deadline: float
-    cancelled: Callable[[], bool] | None
+    epsilon: float = math.inf
+    """A path that is certain to cost at most 1 + `epsilon` times the optimum is good enough."""
+    deadline: float = math.inf
+    """Reading of `time.monotonic` at which to give up."""
+
+    @classmethod
+    def within(cls, start: Cell, goal: Cell, time_limit_s: float, epsilon: float = math.inf) -> "Query":
+        """A query with so many seconds for it from now on."""
+        return cls(start, goal, epsilon, time.monotonic() + time_limit_s)
+
+    @property
+    def apart(self) -> int:
+        """Cells between start and goal, as the king moves."""
+        return max(abs(self.start[0] - self.goal[0]), abs(self.start[1] - self.goal[1]))
+
+
+class PlanOptions(TypedDict, total=False):
+    """Options of `Planner.plan`."""
+
+    method: str
     epsilon: float
-    by: str
-    """Name of the planner that is asked."""
-    reason: str
-    """Why that one, if it was picked."""
-    account: str = ""
-    """How the search was made, where there was a choice."""
-    expansions: int = 0
-    threshold: float = math.nan
-    """The adaptive threshold, once the network was asked."""
+    time_limit_s: float
+    keep_regions: bool
+
+
+class Work:
+    """What answering a query has taken so far."""
+
+    def __init__(self) -> None:
+        self.stopwatch = Stopwatch()
+        self.expansions = 0
+        """Cells expanded, at all levels."""
+        self.remark = ""
+        """How the search was made, where there was a choice."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What a method came to: the search that it ended with, and where that was made."""
+
+    search: Search
+    source: Source
+    cost: float
+    length: float
+    traverse_cost: float
+    lower_bound: float
+    region: Region | None
+    """Where it was allowed to go; None for the whole map. Its bitmap is overwritten by later queries."""
     network_region: Region | None = None
-    """The network's region at it."""
-    timings: dict[str, float] = field(default_factory=dict)
-    _mark: float = field(default_factory=time.perf_counter)
+    threshold: float = math.nan
 
-    apart: int = field(init=False)
-    """Cells between start and goal, as the king moves."""
+    @classmethod
+    def of(cls, grid: Grid, search: Search, source: Source, region: Region | None, work: Work) -> "Found":
+        """What a search of the map, or of a region of it, found."""
+        costs, bound = path_costs(grid, search.path), 0.0
+        if search.status is Status.OK:
+            # g is kept in float32: a refused cell's f may be too high by its rounding
+            bound = min(costs[0], search.refused_f * (1.0 - 1e-6))
+        work.stopwatch.stage_ends("path")
+        return cls(search, source, *costs, bound, region)
 
-    def __post_init__(self) -> None:
-        """Measure the distance."""
-        self.apart = max(abs(self.start[0] - self.goal[0]), abs(self.start[1] - self.goal[1]))
+    def suffices(self, query: Query) -> bool:
+        """Whether the path need not be improved: time is up, or it is close enough to the bound asked for."""
+        return self.search.status is not Status.OK or self.cost <= (1.0 + query.epsilon) * self.lower_bound
 
-    def suffices(self, plan: Plan) -> bool:
-        """Whether a plan need not be improved: it is out of time, or close enough to the bound asked for."""
-        return plan.status is not Status.OK or plan.cost <= (1.0 + self.epsilon) * plan.lower_bound
+    def by_network(self, threshold: float, region: Region) -> "Found":
+        """The same, found by a network's region."""
+        return replace(self, threshold=threshold, network_region=region)
 
-    def lap(self, stage: str) -> None:
-        """Book the time since the last call."""
-        now = time.perf_counter()
-        self.timings[stage] = self.timings.get(stage, 0.0) + 1e3 * (now - self._mark)
-        self._mark = now
+    def plan(self, method: Method, work: Work, *, planner: str, reason: str = "", keep_regions: bool = False) -> Plan:
+        """The finished plan, which owns its data."""
+        timings = work.stopwatch.timings_ms | {"total": work.stopwatch.total_ms()}
+        return Plan(
+            self.search.status,
+            method,
+            self.source,
+            self.search.path,
+            self.cost,
+            self.length,
+            self.traverse_cost,
+            self.lower_bound,
+            work.expansions,
+            region=self.region.copy() if keep_regions and self.region else None,
+            network_region=self.network_region.copy() if keep_regions and self.network_region else None,
+            threshold=self.threshold,
+            planner=planner,
+            reason=reason or work.remark,
+            timings_ms=timings,
+        )
 
 
 def as_cell(cell: Cell, name: str) -> Cell:
@@ -71,8 +127,8 @@ def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
         (start, Status.START_OUTSIDE_MAP, Status.START_BLOCKED),
         (goal, Status.GOAL_OUTSIDE_MAP, Status.GOAL_BLOCKED),
     ):
-        if not (0 <= cell[0] < grid.rows and 0 <= cell[1] < grid.cols):
+        if not grid.holds(cell):
             return outside
-        if not grid.is_passable(*cell):
+        if not grid.is_passable(cell):
             return blocked
     return None

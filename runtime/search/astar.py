@@ -7,12 +7,13 @@ overestimates and is consistent. Landmarks sharpen it, see `landmarks`.
 
 import math
 import time
-from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.expansion import (
     BELOW,
@@ -32,56 +33,45 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.tuning import BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS, EXPANSIONS_BETWEEN_CHECKS
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.search.landmarks import Landmarks
 
-_EXPANSIONS_BETWEEN_CHECKS = 100_000
-_BUCKET, _BUCKET_BY_LANDMARKS = 1.0 / 4.0, 1.0 / 256.0
-"""Width of a bucket, in cheapest steps. By landmarks, nearly optimal cells have nearly the same f: a wide bucket,
-which is not in order within, would expand many of them again and again."""
 _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
-_NO_LANDMARKS = (None, None, 0.0)
-_EVERYWHERE = (None, None, None, 0)
+Links = NDArray[np.uint8] | None
+"""The directions in which each node may be left, as bits; None where passability decides."""
 
 
 class Search(NamedTuple):
-    """What a search came to."""
+    """What a search found."""
 
     status: Status
+    """OK, NO_PATH or TIMEOUT."""
     path: NDArray[np.int32]
     """(N, 2) cells (row, col) from start to goal; on TIMEOUT to the expanded cell nearest the goal."""
     expansions: int
-    refused_f: float
+    refused_f: float = math.inf
     """Least f of a cell that was refused for lying outside the region; inf if none was."""
 
-
-def _dominance(grid: Grid, links: NDArray[np.uint8] | None, corner_cutting: bool) -> Dominance:
-    if links is not None:
-        return Dominance.NONE
-    return Dominance.DIAGONAL if corner_cutting and grid.model.kind is StepCost.PAPER else Dominance.STRAIGHT
-
-
-def _bucket_width(grid: Grid, share: float) -> float:
-    """Width δ of a bucket: that share of the cheapest step, or what lets every f ahead fit into the ring."""
-    furthest = 2.0 * grid.model.step(1, 2.0 * max(grid.greatest, 0.0))
-    return max(share * grid.prices[0], 1.01 * furthest / (FINE * (COARSE - 2)), 1e-30)
+    @classmethod
+    def without_path(cls, status: Status, expansions: int = 0, refused_f: float = math.inf) -> "Search":
+        """A search that found no path."""
+        return cls(status, np.empty((0, 2), np.int32), expansions, refused_f)
 
 
 def astar(
     grid: Grid,
-    start: tuple[int, int],
-    goal: tuple[int, int],
+    start: Cell,
+    goal: Cell,
     workspace: Workspace,
     *,
     region: Region | None = None,
-    links: NDArray[np.uint8] | None = None,
+    links: Links = None,
     landmarks: "Landmarks | None" = None,
-    corner_cutting: bool = True,
     beyond: float = 0.0,
     limit: int | None = None,
     deadline: float = math.inf,
-    cancelled: Callable[[], bool] | None = None,
 ) -> Search:
     """Cheapest path between two passable cells of a grid.
 
@@ -99,54 +89,43 @@ def astar(
         The directions in which each cell may be left, as bits; by default all.
     landmarks : Landmarks
         Of this grid and these links: fewer cells are expanded, for the same cost.
-    corner_cutting : bool
-        Whether a diagonal step may pass an impassable cell on either side of it.
     beyond : float
         Settle also every cell on a path that costs less than 1 + `beyond` times the optimum.
     limit : int
         Give up with TIMEOUT after about so many expansions.
     deadline : float
         Reading of `time.monotonic` at which to give up with TIMEOUT.
-    cancelled : callable
-        Asked now and then; True ends the search with TIMEOUT.
-
-    Returns
-    -------
-    Search
-        OK, NO_PATH or TIMEOUT.
 
     Notes
     -----
     NNPP (arXiv 2308.04792v3), Eq. 2-4; the octile distance stands in for the paper's Euclidean one, which
     it exceeds without ever overestimating. g is kept in float32.
     """
-    width = _bucket_width(grid, _BUCKET if landmarks is None else _BUCKET_BY_LANDMARKS)
-    steps = (*grid.steps, *grid.prices, 1.0 / width)
     first, last = grid.node(*start), grid.node(*goal)
     if first == last:
-        return Search(Status.OK, np.array([start], np.int32), 0, math.inf)
-    ws, stamp = workspace, workspace.next_stamp()
-    hints = _NO_LANDMARKS if landmarks is None else landmarks.towards(last)
-    where = _EVERYWHERE if region is None else (region.bitmap, region.row_block, region.col_block, region.stamp)
-    successors = SUCCESSORS[_dominance(grid, links, corner_cutting)]
-    timed = deadline < math.inf or cancelled is not None
-    most = limit or (_EXPANSIONS_BETWEEN_CHECKS if timed else _WITHOUT_END)
+        return Search(Status.OK, np.array([start], np.int32), 0)
+    width = _bucket_width(grid, BUCKET_WIDTH if landmarks is None else BUCKET_WIDTH_BY_LANDMARKS)
+    rule = (*grid.prices, 1.0 / width, SUCCESSORS[_dominance(grid, links)])
+    hints = None if landmarks is None else landmarks.towards(last)
+    allowed = None if region is None else tuple(region)
+    timed = deadline < math.inf
+    most = limit or (EXPANSIONS_BETWEEN_CHECKS if timed else _WITHOUT_END)
     factor = 1.0 + beyond if beyond else BELOW
-    begin = first
+    ws, begin = workspace, first
+    ws.next_stamp()
     while True:
         code, length, expansions, refused = expand(
-            grid.weights, links, grid.stride, begin, last, steps, *hints, successors, corner_cutting, *where, ws.g,
-            ws.meta, stamp, ws.heads, ws.entries, ws.control, ws.reals, ws.counts, ws.path, factor, most,
-        )  # fmt: skip
+            grid.packed, links, allowed, hints, begin, last, rule, ws.packed, factor, most
+        )
         begin = -1
         if code == FULL:
             ws.grow()
         elif code != PAUSED or limit:
             break
-        if timed and (time.monotonic() > deadline or (cancelled is not None and cancelled())):
+        if timed and time.monotonic() > deadline:
             break
     if code == EXHAUSTED:
-        return Search(Status.NO_PATH, np.empty((0, 2), np.int32), expansions, refused)
+        return Search.without_path(Status.NO_PATH, expansions, refused)
     end = last if code == FOUND else int(ws.counts[BEST_NODE])
     if code == FULL:  # out of time just when the open list had to grow
         length = trace(ws.meta, end, grid.stride, ws.path)
@@ -157,34 +136,38 @@ def astar(
     return Search(status, ws.path[length - 1 :: -1].copy(), expansions, refused)
 
 
-def settle_all(
-    grid: Grid,
-    source: tuple[int, int],
-    workspace: Workspace,
-    *,
-    links: NDArray[np.uint8] | None = None,
-    corner_cutting: bool = True,
-) -> None:
+def settle_all(grid: Grid, source: Cell, workspace: Workspace, *, links: Links = None) -> None:
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there."""
-    ws, stamp = workspace, workspace.next_stamp()
-    steps = (*grid.steps, 0.0, 0.0, 1.0 / _bucket_width(grid, _BUCKET))
-    successors = SUCCESSORS[_dominance(grid, links, corner_cutting)]
+    ws = workspace
+    ws.next_stamp()
+    rule = (0.0, 0.0, 1.0 / _bucket_width(grid, BUCKET_WIDTH), SUCCESSORS[_dominance(grid, links)])
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
-    begin = grid.node(*source)
-    while expand(
-        grid.weights, links, grid.stride, begin, corner_of_border, steps, *_NO_LANDMARKS, successors, corner_cutting,
-        *_EVERYWHERE, ws.g, ws.meta, stamp, ws.heads, ws.entries, ws.control, ws.reals, ws.counts, ws.path, BELOW,
-        _WITHOUT_END,
-    )[0] == FULL:  # fmt: skip
-        ws.grow()
-        begin = -1
+    begin, code = grid.node(*source), FULL
+    while code == FULL:
+        code, *_ = expand(
+            grid.packed, links, None, None, begin, corner_of_border, rule, ws.packed, BELOW, _WITHOUT_END
+        )
+        if code == FULL:
+            ws.grow()
+            begin = -1
 
 
-def cost_field(
-    grid: Grid, source: tuple[int, int], workspace: Workspace, *, corner_cutting: bool = True
-) -> NDArray[np.float32]:
+def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
     """Cost of the cheapest path from a passable cell to every other: (H, W) float32, inf where there is none."""
-    settle_all(grid, source, workspace, corner_cutting=corner_cutting)
-    field = np.empty((grid.rows, grid.cols), np.float32)
+    settle_all(grid, source, workspace)
+    field = np.empty(grid.shape, np.float32)
     read_field(workspace.g, workspace.meta, workspace.stamp, grid.stride, field)
     return field
+
+
+def _dominance(grid: Grid, links: Links) -> Dominance:
+    if links is not None:
+        return Dominance.NONE
+    diagonal = grid.corner_cutting and grid.model.kind is StepCost.PAPER
+    return Dominance.DIAGONAL if diagonal else Dominance.STRAIGHT
+
+
+def _bucket_width(grid: Grid, share: float) -> float:
+    """Width δ of a bucket: that share of the cheapest step, or what lets every f ahead fit into the ring."""
+    furthest = 2.0 * grid.model.step(1, 2.0 * max(grid.greatest, 0.0))
+    return max(share * grid.prices[0], 1.01 * furthest / (FINE * (COARSE - 2)), 1e-30)

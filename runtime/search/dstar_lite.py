@@ -9,13 +9,11 @@ in float64, so the equalities and the order of keys that the algorithm's proof r
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.dstar import (
     EXACT,
@@ -31,34 +29,20 @@ from nnpp_edge.runtime.kernels.dstar import (
     read_rectangle,
     read_region,
 )
-from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.memory import touch
-from nnpp_edge.runtime.planners.plan import measure
+from nnpp_edge.runtime.search.astar import Search
+from nnpp_edge.runtime.tuning import DSTAR_EXPANSIONS_BETWEEN_CHECKS
 
 _UNITS = float(1 << 20)
 """Units in the cheapest straight step: a step is rounded by at most 2 of them."""
-_EXPANSIONS_BETWEEN_CHECKS = 4096
-_MOST_UNREAD = 64
+_WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 
 
-@dataclass(frozen=True)
-class Replanned:
-    """What planning anew came to."""
-
-    status: Status
-    """OK, NO_PATH (also where start or goal is impassable) or TIMEOUT."""
-    path: NDArray[np.int32]
-    """(N, 2) cells (row, col) from start to goal; empty without a path."""
-    cost: float
-    """Sum of the path's step costs; inf without a path."""
-    expansions: int
-    """Cells expanded for this answer."""
-
-
-class DStarWorkspace:
-    """Memory of one D* Lite search: what it knows of each node, and its open list."""
+class _Memory:
+    """What one D* Lite search knows of each node, and its open list."""
 
     def __init__(self, nodes: int) -> None:
         self.costs = np.full(nodes, np.inf, np.float32)
@@ -79,22 +63,23 @@ class DStarWorkspace:
         self.changed = np.empty(nodes + 1, np.int32)
         """Nodes one of whose steps has changed since the last plan, each once, and a spare place."""
         self.is_changed = np.zeros(nodes, np.uint8)
+        self.terrain = self.costs, self.walls
+        self.known = self.costs, self.walls, self.inside
+        self.heap = self.position, self.firsts, self.seconds, self.heap_nodes
+        self.noted = self.changed, self.is_changed
 
 
 class DStarLite:
-    """Plans on one grid towards one goal, again and again. Serves one thread at a time.
+    """Plans on one map towards one goal, again and again. Serves one thread at a time.
 
-    Say what changed, then plan: `cells_changed` after every `Grid.update`, `set_region` when the region is
-    another. Both take note only; `plan` mends the search.
+    What changed it reads from the map's log, and mends its search when it is asked for a path.
 
     Parameters
     ----------
-    grid : Grid
-        The map; read where its cells are said to have changed, not otherwise.
+    state : MapState
+        The map.
     goal : (row, col)
         A cell of the map.
-    corner_cutting : bool
-        Whether a diagonal step may pass an impassable cell on either side of it.
 
     Notes
     -----
@@ -102,94 +87,61 @@ class DStarLite:
     it would overestimate, so the search starts afresh with half that price: this happens a few times at most.
     """
 
-    def __init__(self, grid: Grid, goal: tuple[int, int], *, corner_cutting: bool = True) -> None:
-        self._grid = grid
-        self._corner_cutting = corner_cutting
-        self._ws = DStarWorkspace(len(grid.weights))
-        self._everywhere = Region(
-            np.ones((1, 1), np.int32), np.zeros(grid.rows, np.int32), np.zeros(grid.cols, np.int32)
-        )
-        self._region, self._mask = self._everywhere, np.ones((1, 1), np.bool_)
-        self._ws.inside[:] = 1
-        self._least = grid.least if math.isfinite(grid.least) else 0.0
+    def __init__(self, state: MapState, goal: Cell) -> None:
+        self._grid = state.grid
+        self._changes = state.log.reader()
+        self._memory = _Memory(len(self._grid.weights))
+        self._everywhere = Region.everywhere(*self._grid.shape)
+        self._region, self._blocks = self._everywhere, self._everywhere.blocks()
+        self._memory.inside[:] = 1
+        self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
         self._pending, self._size, self._km = 0, 0, 0.0
-        self._unread: list[Rectangle] = []
-        """Parts of the grid that may have changed since they were read; that is done when somebody asks."""
-        self.beginnings = 0
+        self.restarts = 0
         """How often all that was found has been forgotten: with a new goal, or as cells became too cheap."""
         self.set_goal(goal)
 
     def touch(self) -> None:
         """Have the system back all arrays with memory now."""
-        touch(self._ws)
+        touch(self._memory)
 
     @property
-    def goal(self) -> tuple[int, int]:
+    def goal(self) -> Cell:
         """The cell that paths lead to."""
-        return self._cell(self._goal)
+        return self._grid.cell(self._goal)
 
-    def set_goal(self, goal: tuple[int, int]) -> None:
+    def set_goal(self, goal: Cell) -> None:
         """Another goal: the search starts afresh."""
         self._goal = self._start = self._node(goal, "goal")
-        self._begin()
+        self._restart()
 
-    def move_start(self, start: tuple[int, int]) -> None:
+    def move_start(self, start: Cell) -> None:
         """Paths lead from `start` from now on."""
         node = self._node(start, "start")
         if node == self._start:
             return
         left, self._start = self._start, node
-        (row, col), (to_row, to_col) = self._cell(left), self._cell(node)
+        (row, col), (to_row, to_col) = self._grid.cell(left), self._grid.cell(node)
         self._km += float(octile(to_row - row, to_col - col, self._prices))
         if self._region is not self._everywhere:  # start and goal count as inside it
-            for end in (left, node):
-                self._note((*self._cell(end), 1, 1))
-
-    def cells_changed(self, row: int, col: int, rows: int, cols: int) -> None:
-        """The grid's weights may have changed in this rectangle.
-
-        Raises
-        ------
-        InvalidMapError
-            The rectangle does not lie inside the map.
-        """
-        grid = self._grid
-        if min(row, col, rows, cols) < 0 or row + rows > grid.rows or col + cols > grid.cols:
-            raise InvalidMapError(
-                f"a rectangle must lie inside the map of {(grid.rows, grid.cols)}, got {(row, col, rows, cols)}"
-            )
-        if grid.least < self._least:
-            self._least = 0.5 * grid.least
-            if grid.model.kind is StepCost.PAPER and self._least < 1e-2:
-                self._least = 0.0
-            self._begin()
-        elif self._prices[0] == 0.0 < grid.least:  # the first passable cells of the `length` model
-            self._least = grid.least
-            self._begin()
-        else:
-            self._note((row, col, rows, cols))
+            for cell in ((row, col), (to_row, to_col)):
+                self._read_rectangle((*cell, 1, 1))
 
     def set_region(self, region: Region | None) -> None:
         """Search only there from now on; None for the whole map.
 
         Start and goal count as inside. The bitmap is read now and may be changed afterwards.
         """
-        self._read()
+        self._read_changes()
         region = region or self._everywhere
-        mask = region.bitmap == region.stamp
-        known = self._region
-        comparable = (
-            mask.shape == self._mask.shape
-            and (region.row_block is known.row_block or np.array_equal(region.row_block, known.row_block))
-            and (region.col_block is known.col_block or np.array_equal(region.col_block, known.col_block))
-        )
-        rows_to_read = (mask != self._mask).any(axis=1) if comparable else np.ones(len(mask), np.bool_)
-        self._region, self._mask = region, mask
-        ws, grid = self._ws, self._grid
+        blocks = region.blocks()
+        rows_to_read = np.ones(len(blocks), np.bool_)
+        if region.shares_blocks(self._region):
+            rows_to_read = (blocks != self._blocks).any(axis=1)
+        self._region, self._blocks = region, blocks
+        memory, lookup = self._memory, (region.row_block, region.col_block)
         self._pending = read_region(
-            mask, region.row_block, region.col_block, rows_to_read, grid.weights, self._factor, grid.stride,
-            self._start, self._goal, ws.costs, ws.walls, ws.inside, ws.changed, ws.is_changed, self._pending,
-        )  # fmt: skip
+            blocks, lookup, rows_to_read, self._source, memory.known, memory.noted, self._pending
+        )
 
     def reach(self) -> float:
         """How far changes reach: the share of the way, by cost, that lies between the start and the farthest of them.
@@ -201,22 +153,16 @@ class DStarLite:
             start lies where no search has come, and a change does not). What was found on that part of the way may
             have to be mended.
         """
-        self._read()
-        ws = self._ws
-        nearest = least_known(ws.changed, self._pending, ws.inside, ws.state)
-        whole = min(ws.state[2 * self._start : 2 * self._start + 2].tolist())
+        self._read_changes()
+        memory = self._memory
+        nearest = least_known(memory.changed, self._pending, memory.inside, memory.state)
+        whole = min(memory.state[2 * self._start : 2 * self._start + 2].tolist())
         if not math.isfinite(nearest):
             return 0.0
-        return min(max(1.0 - nearest / whole, 0.0), 1.0) if 0.0 < whole < math.inf else 1.0
+        return float(min(max(1.0 - nearest / whole, 0.0), 1.0)) if 0.0 < whole < math.inf else 1.0
 
-    def plan(
-        self,
-        start: tuple[int, int],
-        *,
-        deadline: float = math.inf,
-        cancelled: Callable[[], bool] | None = None,
-    ) -> Replanned:
-        """Cheapest path from `start` to the goal on the map as last told.
+    def plan(self, start: Cell, *, deadline: float = math.inf) -> Search:
+        """Cheapest path from `start` to the goal on the map as it is now.
 
         Parameters
         ----------
@@ -224,115 +170,118 @@ class DStarLite:
             A cell of the map.
         deadline : float
             Reading of `time.monotonic` at which to give up with TIMEOUT. The next call goes on from there.
-        cancelled : callable
-            Asked now and then; True ends the search as a deadline does.
 
         Returns
         -------
-        Replanned
-            What a fresh search would find, and where several paths cost the same perhaps another of them.
+        Search
+            What a fresh search would find, and where several paths cost the same perhaps another of them; NO_PATH
+            also where start or goal is impassable.
         """
         self.move_start(start)
-        self._read()
-        expansions = 0
-        if math.isfinite(self._ws.costs[self._start]) and math.isfinite(self._ws.costs[self._goal]):
-            for fresh in (False, True):
-                if fresh:
-                    self._begin()
-                settled, expanded = self._search(deadline, cancelled)
+        self._read_changes()
+        expansions, memory = 0, self._memory
+        if math.isfinite(memory.costs[self._start]) and math.isfinite(memory.costs[self._goal]):
+            for afresh in (False, True):
+                if afresh:
+                    self._restart()
+                settled, expanded = self._search(deadline)
                 expansions += expanded
                 if not settled:
-                    return Replanned(Status.TIMEOUT, np.empty((0, 2), np.int32), math.inf, expansions)
-                if not math.isfinite(self._ws.state[2 * self._start + 1]):
+                    return Search.without_path(Status.TIMEOUT, expansions)
+                if not math.isfinite(memory.state[2 * self._start + 1]):
                     break
                 if len(path := self._trace()):
-                    return Replanned(Status.OK, path, measure(self._grid, path)[0], expansions)
+                    return Search(Status.OK, path, expansions)
             else:
                 raise InvalidMapError("weights must not lie more than a factor of about 1e15 apart")
-        return Replanned(Status.NO_PATH, np.empty((0, 2), np.int32), math.inf, expansions)
+        return Search.without_path(Status.NO_PATH, expansions)
 
-    def _node(self, cell: tuple[int, int], name: str) -> int:
-        if not (0 <= cell[0] < self._grid.rows and 0 <= cell[1] < self._grid.cols):
-            raise InvalidQueryError(
-                f"{name} must lie inside the map of {(self._grid.rows, self._grid.cols)}, got {tuple(cell)}"
-            )
+    def _node(self, cell: Cell, name: str) -> int:
+        if not self._grid.holds(cell):
+            raise InvalidQueryError(f"{name} must lie inside the map of {self._grid.shape}, got {tuple(cell)}")
         return self._grid.node(int(cell[0]), int(cell[1]))
 
-    def _cell(self, node: int) -> tuple[int, int]:
-        return node // self._grid.stride - 1, node % self._grid.stride - 1
+    @property
+    def _source(self) -> tuple[NDArray[np.float32], float, int, int, int]:
+        """Where costs are read from: (weights, factor, stride, start, goal)."""
+        return self._grid.weights, self._factor, self._grid.stride, self._start, self._goal
 
-    def _begin(self) -> None:
-        """Forget the search, and take the whole map over at the present prices."""
-        self.beginnings += 1
+    @property
+    def _packed_search(self) -> tuple[int, int, int, bool, tuple[float, float, float], tuple[float, float], float]:
+        """The ``search`` of the kernels."""
+        grid = self._grid
+        ends = grid.stride, self._start, self._goal, grid.corner_cutting
+        return *ends, self._steps, self._prices, self._km
+
+    def _restart(self) -> None:
+        """Forget the search, and read the whole map at the present prices."""
+        self.restarts += 1
         model = self._grid.model
         straight = model.step(0, 2.0 * self._least)
         scale = _UNITS / straight if straight > 0.0 else _UNITS
         self._factor = scale * model.weight_term[0]
         diagonal_per_straight = model.weight_term[1] / model.weight_term[0]
-        self._steps = (*(float(round(scale * x)) for x in model.length_term), diagonal_per_straight)
+        lengths = [float(round(scale * length)) for length in model.length_term]
+        self._steps = lengths[0], lengths[1], diagonal_per_straight
         cheapest = 2.0 * float(np.float32(np.rint(self._factor * self._least)))
         straight = self._steps[0] + cheapest
         diagonal = self._steps[1] + math.floor(diagonal_per_straight * cheapest)
         self._prices = (straight, min(diagonal, 2.0 * straight))
-        ws, grid = self._ws, self._grid
-        ws.is_changed[:] = 0
-        self._unread.clear()
+        memory = self._memory
+        memory.is_changed[:] = 0
+        self._changes.skip()
         self._pending, self._km = 0, 0.0
-        read_map(
-            grid.rows, grid.cols, grid.weights, self._factor, grid.stride, self._start, self._goal,
-            ws.costs, ws.walls, ws.inside,
-        )  # fmt: skip
-        self._size = clear(self._goal, ws.state, ws.position, ws.firsts, ws.seconds, ws.heap_nodes)
+        read_map(self._grid.shape, self._source, memory.known)
+        self._size = clear(
+            self._goal, memory.state, memory.position, memory.firsts, memory.seconds, memory.heap_nodes
+        )
 
-    def _note(self, part: Rectangle) -> None:
-        self._unread.append(part)
-        if len(self._unread) > _MOST_UNREAD:
-            self._read()
+    def _read_changes(self) -> None:
+        """Read what has changed on the map since the last time; start afresh where a cell became too cheap."""
+        changes, least = self._changes.read(), self._grid.least
+        if not changes:
+            return
+        if least < self._least:
+            self._least = 0.5 * least
+            if self._grid.model.kind is StepCost.PAPER and self._least < 1e-2:
+                self._least = 0.0
+            self._restart()
+        elif self._prices[0] == 0.0 < least:  # the first passable cells of the `length` model
+            self._least = least
+            self._restart()
+        else:
+            for change in changes:
+                self._read_rectangle(change.part)
 
-    def _read(self) -> None:
-        """Take over what the grid says now of the parts noted."""
-        ws, grid = self._ws, self._grid
-        for part in self._unread:
-            self._pending = read_rectangle(
-                *part, grid.weights, self._factor, grid.stride, self._start, self._goal,
-                ws.costs, ws.walls, ws.inside, ws.changed, ws.is_changed, self._pending,
-            )  # fmt: skip
-        self._unread.clear()
+    def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
+        memory = self._memory
+        self._pending = read_rectangle(part, self._source, memory.known, memory.noted, self._pending)
 
-    def _search(self, deadline: float, cancelled: Callable[[], bool] | None) -> tuple[bool, int]:
+    def _search(self, deadline: float) -> tuple[bool, int]:
         """Mend the search until the start is settled: whether it is, and the number of expansions."""
-        ws, stride = self._ws, self._grid.stride
+        memory = self._memory
         if self._km > 0.5 * EXACT:
-            self._begin()
-        self._size = mend(
-            self._pending, stride, self._start, self._goal, self._corner_cutting, self._steps, self._prices, self._km,
-            ws.costs, ws.walls, ws.state, ws.position, ws.firsts, ws.seconds, ws.heap_nodes, self._size, ws.changed,
-            ws.is_changed,
-        )  # fmt: skip
+            self._restart()
+        search = self._packed_search
+        self._size = mend(self._pending, search, memory.terrain, memory.state, memory.heap, self._size, memory.noted)
         self._pending = 0
-        timed = deadline < math.inf or cancelled is not None
-        most = _EXPANSIONS_BETWEEN_CHECKS if timed else np.iinfo(np.int64).max >> 1
+        most = DSTAR_EXPANSIONS_BETWEEN_CHECKS if deadline < math.inf else _WITHOUT_END
         expansions = 0
         while True:
-            code, expanded, self._size = expand(
-                stride, self._start, self._goal, self._corner_cutting, self._steps, self._prices, self._km,
-                ws.costs, ws.walls, ws.state, ws.position, ws.firsts, ws.seconds, ws.heap_nodes, self._size, most,
-            )  # fmt: skip
+            code, expanded, self._size = expand(search, memory.terrain, memory.state, memory.heap, self._size, most)
             expansions += expanded
             if code == SETTLED:
                 return True, expansions
-            if time.monotonic() > deadline or (cancelled is not None and cancelled()):
+            if time.monotonic() > deadline:
                 return False, expansions
 
     def _trace(self) -> NDArray[np.int32]:
         """The path; empty if following g does not lead to the goal, which only rounding can bring about."""
-        ws, length = self._ws, 0
+        memory, grid, length = self._memory, self._grid, 0
+        search = self._packed_search
         path = np.empty((256, 2), np.int32)
         for _ in range(2):
-            length = descend(
-                self._grid.stride, self._start, self._goal, self._corner_cutting, self._steps,
-                ws.costs, ws.walls, ws.state, self._grid.cells, path,
-            )  # fmt: skip
+            length = descend(search, memory.terrain, memory.state, grid.cells, path)
             if length <= len(path):
                 break
             path = np.empty((length, 2), np.int32)

@@ -11,12 +11,15 @@ The bounds outlive changes of the map by which no cell becomes cheaper: costs th
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.expansion import LANES, read_lane
+from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.search.astar import settle_all
-from nnpp_edge.runtime.search.workspace import STAMP_SHIFT, Workspace
+from nnpp_edge.runtime.search.astar import Links, settle_all
+from nnpp_edge.runtime.search.workspace import Workspace
 
+MOST_LANDMARKS = LANES
 _ROUNDING = 4e-6
 """Share of the greatest cost by which a sum of rounded steps may be off."""
 _RIM = ((0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0))
@@ -34,27 +37,17 @@ class Landmarks:
         Scratch memory of the grid's size.
     links : (nodes,) uint8
         As in `astar`.
-    corner_cutting : bool
-        As in `astar`.
     """
 
-    def __init__(
-        self,
-        grid: Grid,
-        workspace: Workspace,
-        *,
-        links: NDArray[np.uint8] | None = None,
-        corner_cutting: bool = True,
-    ) -> None:
-        self._grid, self._workspace = grid, workspace
-        self._links, self._corner_cutting = links, corner_cutting
-        self.cells: list[tuple[int, int]] = []
+    def __init__(self, grid: Grid, workspace: Workspace, *, links: Links = None) -> None:
+        self._grid, self._workspace, self._links = grid, workspace, links
+        self.cells: list[Cell] = []
         """Where the landmarks stand."""
         self.fields = np.zeros((len(grid.weights), LANES), np.float32)
         """(nodes, 8) cost from each landmark; 0 in the lanes that are free, inf where there is no path."""
         self._slack = 0.0
 
-    def add(self, cell: tuple[int, int]) -> None:
+    def add(self, cell: Cell) -> None:
         """Set a landmark at a passable cell: one search of the whole map.
 
         Raises
@@ -66,11 +59,11 @@ class Landmarks:
         if lane == LANES:
             raise InvalidQueryError(f"there is room for {LANES} landmarks, got one more")
         ws = self._workspace
-        settle_all(self._grid, cell, ws, links=self._links, corner_cutting=self._corner_cutting)
+        settle_all(self._grid, cell, ws, links=self._links)
         read_lane(ws.g, ws.meta, ws.stamp, self.fields, lane)
         self.cells.append(cell)
-        finite = self.fields[:, lane]
-        self._slack = max(self._slack, _ROUNDING * float(finite.max(where=np.isfinite(finite), initial=0.0)))
+        costs = self.fields[:, lane]
+        self._slack = max(self._slack, _ROUNDING * float(costs.max(where=np.isfinite(costs), initial=0.0)))
 
     def spread(self, count: int) -> None:
         """Set landmarks at the map's corners and the middles of its sides until there are `count`.
@@ -87,7 +80,7 @@ class Landmarks:
             connected &= np.isfinite(self.fields[:, 0])
         elif (middle := _nearest(connected, grid, 0.5, 0.5)) is not None:
             ws = self._workspace
-            settle_all(grid, middle, ws, links=self._links, corner_cutting=self._corner_cutting)
+            settle_all(grid, middle, ws, links=self._links)
             connected = ws.meta[1::2] >> STAMP_SHIFT == ws.stamp
         for spot in _RIM:
             if missing == 0:
@@ -98,11 +91,11 @@ class Landmarks:
                 missing -= 1
 
     def towards(self, goal: int) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
-        """What the search's kernel needs to know for a goal's node: the fields, theirs at the goal, the slack."""
+        """The ``hints`` of a search to a goal's node: the fields, theirs at the goal, and what they may be off by."""
         return self.fields, self.fields[goal].copy(), self._slack
 
 
-def _nearest(chosen: NDArray[np.bool_], grid: Grid, up: float, left: float) -> tuple[int, int] | None:
+def _nearest(chosen: NDArray[np.bool_], grid: Grid, up: float, left: float) -> Cell | None:
     """Of the nodes chosen, the cell nearest a place given in shares of the map's height and width."""
     nodes = np.flatnonzero(chosen)
     if len(nodes) == 0:

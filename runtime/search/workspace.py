@@ -8,13 +8,23 @@ nothing that grows with the map.
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.open_list import BUCKETS, CONTROL_SLOTS
 
-STAMP_SHIFT = 5
-OPEN_BIT = 16
-ORIGIN = 8
-"""Direction 0-7 leads from the parent to the node; this one marks the start."""
 _LAST_STAMP = (1 << (31 - STAMP_SHIFT)) - 1
+Int32s = NDArray[np.int32]
+PackedWorkspace = tuple[
+    NDArray[np.float32],
+    Int32s,
+    int,
+    Int32s,
+    Int32s,
+    NDArray[np.int64],
+    NDArray[np.float64],
+    NDArray[np.int64],
+    Int32s,
+]
+"""A workspace as `expand` takes it: (g, meta, stamp, heads, entries, control, reals, counts, path)."""
 
 
 class Workspace:
@@ -24,15 +34,21 @@ class Workspace:
         state = np.zeros(2 * nodes, np.int32)
         self.g: NDArray[np.float32] = state.view(np.float32)
         """g of node n at 2n."""
-        self.meta: NDArray[np.int32] = state
+        self.meta: Int32s = state
         """stamp, open bit and direction of node n at 2n + 1."""
         self.heads = np.empty(BUCKETS, np.int32)
         self.control = np.zeros(CONTROL_SLOTS, np.int64)
-        self.entries = np.empty(0, np.int32)
-        self.grow(min(max(nodes // 2, 1024), 1 << 16))
+        self.entries = np.empty(2 * min(max(nodes // 2, 1024), 1 << 16), np.int32)
         self.reals, self.counts = np.zeros(3), np.zeros(2, np.int64)
         self.path = np.empty((min(nodes, 4096), 2), np.int32)
         self.stamp = 0
+        """Number of the newest search."""
+
+    @property
+    def packed(self) -> PackedWorkspace:
+        """All of it, for the newest search."""
+        state = self.g, self.meta, self.stamp
+        return *state, self.heads, self.entries, self.control, self.reals, self.counts, self.path
 
     def next_stamp(self) -> int:
         """Number of a new search; all nodes read as unvisited to it."""
@@ -42,8 +58,8 @@ class Workspace:
         self.stamp += 1
         return self.stamp
 
-    def grow(self, entries: int | None = None) -> None:
-        """Make room for more entries on the open list, keeping those that are there."""
-        grown = np.empty(2 * entries if entries else 2 * len(self.entries), np.int32)
+    def grow(self) -> None:
+        """Make room for twice as many entries on the open list, keeping those that are there."""
+        grown = np.empty(2 * len(self.entries), np.int32)
         grown[: len(self.entries)] = self.entries
         self.entries = grown

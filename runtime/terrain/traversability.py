@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D, as_map
 from nnpp_edge.runtime.cells import Rectangle
-from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.kernels.traversability import fill_cost, fill_terms
+from nnpp_edge.runtime.tuning import ROWS_PER_BAND
 
 TERMS = ("slope", "roughness", "elevation difference")
-_ROWS_PER_BAND = 64
 
 
 @dataclass(frozen=True)
@@ -51,13 +51,7 @@ class Traversability:
         """Refuse limits that are not positive and weights that do not sum to 1."""
         if not 0.0 < self.slope_limit_deg < 90.0:
             raise InvalidMapError(f"slope limit must lie in (0, 90) degrees, got {self.slope_limit_deg}")
-        for name in (
-            "roughness_limit_m",
-            "step_limit_m",
-            "hard_slope_deg",
-            "hard_roughness_m",
-            "hard_step_m",
-        ):
+        for name in ("roughness_limit_m", "step_limit_m", "hard_slope_deg", "hard_roughness_m", "hard_step_m"):
             if not getattr(self, name) > 0.0:
                 raise InvalidMapError(f"{name} must be greater than 0, got {getattr(self, name)}")
         weights = (self.slope_weight, self.roughness_weight, self.step_weight)
@@ -65,98 +59,15 @@ class Traversability:
             raise InvalidMapError(f"the three weights must be at least 0 and sum to 1, got {weights}")
 
     def _packed(self) -> NDArray[np.float64]:
-        return np.array(
-            [
-                math.radians(self.slope_limit_deg), self.roughness_limit_m, self.step_limit_m,
-                self.slope_weight, self.roughness_weight, self.step_weight,
-                math.radians(self.hard_slope_deg), self.hard_roughness_m, self.hard_step_m,
-            ]
-        )  # fmt: skip
+        """What `fill_cost` takes: limits, weights, hard limits."""
+        limits = math.radians(self.slope_limit_deg), self.roughness_limit_m, self.step_limit_m
+        weights = self.slope_weight, self.roughness_weight, self.step_weight
+        hard = math.radians(self.hard_slope_deg), self.hard_roughness_m, self.hard_step_m
+        return np.array((*limits, *weights, *hard))
 
 
 class SaturationWarning(UserWarning):
     """Over half of the map lies at or above the limit of a term, which then tells the cells apart no more."""
-
-
-@kernel
-def _plane(dem, row, col, dy, dx):
-    """Slope (rad), roughness and elevation difference of one known cell, from the known cells of its patch."""
-    rows, cols = dem.shape
-    here = np.float64(dem[row, col])
-    n = 0.0
-    sx = sy = sz = sxx = sxy = syy = sxz = syz = szz = 0.0
-    for i in range(max(row - 1, 0), min(row + 2, rows)):
-        for j in range(max(col - 1, 0), min(col + 2, cols)):
-            z = np.float64(dem[i, j]) - here
-            if math.isnan(z) or math.isinf(z):
-                continue
-            x, y = (j - col) * dx, (i - row) * dy
-            n += 1.0
-            sx += x
-            sy += y
-            sz += z
-            sxx += x * x
-            sxy += x * y
-            syy += y * y
-            sxz += x * z
-            syz += y * z
-            szz += z * z
-    # moments about the patch's mean point
-    sxx -= sx * sx / n
-    sxy -= sx * sy / n
-    syy -= sy * sy / n
-    sxz -= sx * sz / n
-    syz -= sy * sz / n
-    szz -= sz * sz / n
-    determinant = sxx * syy - sxy * sxy
-    trace = sxx + syy
-    if determinant > 1e-9 * trace * trace:
-        a = (sxz * syy - syz * sxy) / determinant
-        b = (syz * sxx - sxz * sxy) / determinant
-    elif trace > 0.0:  # all points on one line: the gradient of least length, which runs along it
-        a, b = sxz / trace, syz / trace
-    else:  # a single point
-        a = b = 0.0
-    steepness = math.sqrt(a * a + b * b)
-    upright = 1.0 / math.sqrt(1.0 + steepness * steepness)
-    residual = max(szz - a * sxz - b * syz, 0.0)
-    own = (0.0 - sz / n) + a * sx / n + b * sy / n
-    return math.atan(steepness), math.sqrt(residual / n) * upright, abs(own) * upright
-
-
-@kernel
-def _cost_rows(dem, dy, dx, limits, row0, row1, col0, col1, cost, saturated):
-    """Fill cost[row0:row1, col0:col1]; count known cells and those that saturate each term."""
-    for row in range(row0, row1):
-        for col in range(col0, col1):
-            z = dem[row, col]
-            if math.isnan(z) or math.isinf(z):
-                cost[row, col] = np.inf
-                continue
-            slope, roughness, step = _plane(dem, row, col, dy, dx)
-            s = min(slope / limits[0], 1.0)
-            r = min(roughness / limits[1], 1.0)
-            f = min(step / limits[2], 1.0)
-            saturated[0] += 1
-            saturated[1] += s >= 1.0
-            saturated[2] += r >= 1.0
-            saturated[3] += f >= 1.0
-            beyond = slope > limits[6] or roughness > limits[7] or step > limits[8]
-            if beyond or (s >= 1.0 and r >= 1.0 and f >= 1.0):
-                cost[row, col] = np.inf
-            else:
-                cost[row, col] = limits[3] * s + limits[4] * r + limits[5] * f
-
-
-@kernel
-def _terms(dem, dy, dx, out):
-    for row in range(dem.shape[0]):
-        for col in range(dem.shape[1]):
-            z = dem[row, col]
-            if math.isnan(z) or math.isinf(z):
-                out[:, row, col] = np.nan
-            else:
-                out[0, row, col], out[1, row, col], out[2, row, col] = _plane(dem, row, col, dy, dx)
 
 
 def traversability_cost(
@@ -260,7 +171,7 @@ def terrain_terms(dem: Float2D, cell_size_m: float, *, cell_width_m: float | Non
     dem = as_map(dem, "dem")
     dy, dx = _spacing(cell_size_m, cell_width_m)
     out = np.empty((3, *dem.shape), np.float32)
-    _terms(dem, dy, dx, out)
+    fill_terms(dem, dy, dx, out)
     return out
 
 
@@ -283,11 +194,11 @@ def _fill(
     dy, dx = _spacing(cell_size_m, cell_width_m)
     limits = traversability._packed()
     row, col, rows, cols = part or (0, 0, *dem.shape)
-    bands = [(a, min(a + _ROWS_PER_BAND, row + rows)) for a in range(row, row + rows, _ROWS_PER_BAND)]
+    bands = [(a, min(a + ROWS_PER_BAND, row + rows)) for a in range(row, row + rows, ROWS_PER_BAND)]
 
     def fill(band: tuple[int, int]) -> NDArray[np.int64]:
         saturated = np.zeros(4, np.int64)
-        _cost_rows(dem, dy, dx, limits, band[0], band[1], col, col + cols, cost, saturated)
+        fill_cost(dem, dy, dx, limits, (*band, col, col + cols), cost, saturated)
         return saturated
 
     if len(bands) == 1:

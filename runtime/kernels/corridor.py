@@ -1,0 +1,131 @@
+"""Corridors: what is searched on the next finer level, marked in a bitmap of numbers."""
+
+import numpy as np
+
+from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPEN_BIT, ROW_STEP, STAMP_SHIFT
+from nnpp_edge.runtime.kernels.pooling import FACTOR
+
+
+@kernel
+def _mark(path, radius, stamp, bitmap):
+    """Mark the quarters of a path's cells, and those within `radius` (as the king moves) of them."""
+    rows, cols = bitmap.shape
+    for n in range(len(path)):
+        for i in range(max(2 * path[n, 0] - radius, 0), min(2 * path[n, 0] + 2 + radius, rows)):
+            for j in range(max(2 * path[n, 1] - radius, 0), min(2 * path[n, 1] + 2 + radius, cols)):
+                bitmap[i, j] = stamp
+
+
+@kernel
+def _mark_cell(row, col, stamp, bitmap):
+    """Mark the four quarters of a cell."""
+    for i in range(2 * row, 2 * row + 2):
+        for j in range(2 * col, 2 * col + 2):
+            bitmap[i, j] = stamp
+
+
+@kernel
+def _flood(grid, links, start, found, limit, scratch, marks):
+    """Mark the cells on paths from `start` that cost at most `limit`, and find what it costs to reach them.
+
+    What is left from a cell is g of an earlier search, which began at the other end. With that as a bound, few
+    cells are expanded twice, so a plain queue serves.
+    """
+    weights, stride, steps, _ = grid
+    g, meta, search = found
+    reached, queued, queue = scratch
+    bitmap, stamp = marks
+    length_s, length_d, weight_s, weight_d = steps
+    mask = len(queue) - 1
+    head, tail = 0, 1
+    queue[0] = start
+    reached[start] = 0.0
+    _mark_cell(start // stride - 1, start % stride - 1, stamp, bitmap)
+    while head != tail:
+        node = np.int64(queue[head & mask])
+        head += 1
+        queued[node] = 0
+        for k in range(8):
+            if not (links[node] >> k) & 1:
+                continue
+            there = node + ROW_STEP[k] * stride + COL_STEP[k]
+            word = meta[2 * there + 1]
+            if word >> STAMP_SHIFT != search or word & OPEN_BIT:
+                continue
+            length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
+            cost = reached[node] + np.float32(length + weight * (weights[node] + weights[there]))
+            if cost + g[2 * there] > limit:
+                continue
+            row, col = there // stride - 1, there % stride - 1
+            if bitmap[2 * row, 2 * col] == stamp and cost >= reached[there]:
+                continue
+            _mark_cell(row, col, stamp, bitmap)
+            reached[there] = cost
+            if not queued[there]:
+                queued[there] = 1
+                queue[tail & mask] = there
+                tail += 1
+
+
+@kernel
+def _read_ahead(path, finer):
+    """Read what the next finer search will, along a path of cells: in any order, memory answers many times as soon.
+
+    Returns a number that means nothing, so that the compiler leaves the reading in.
+    """
+    weights, stride, rows, cols, meta = finer
+    seen = np.int64(0)
+    for n in range(len(path)):
+        first = max(FACTOR * path[n, 1] - FACTOR // 2, 0)
+        last = min(FACTOR * path[n, 1] + FACTOR + FACTOR // 2, cols) - 1
+        for i in range(FACTOR * path[n, 0], min(FACTOR * path[n, 0] + FACTOR, rows)):
+            row = (i + 1) * stride + 1
+            seen += np.int64(weights[row + first] > weights[row + last])
+            seen += meta[2 * (row + first)] ^ meta[2 * (row + last)]
+    return seen
+
+
+@kernel
+def surround(grid, links, start, found, band, scratch, path, radius, marks, finer):
+    """Mark what the next finer level is to search: what lies around a path, and on paths of nearly the same cost.
+
+    Parameters
+    ----------
+    grid, links
+        The level that was searched, from the goal to `start`.
+    start : int
+        Node that the path starts from.
+    found : (g, meta, stamp)
+        What the search left in its memory.
+    band : float
+        Paths that cost at most 1 + `band` times as much are marked, too.
+    scratch : (reached, queued, queue)
+        (nodes,) float32; (nodes,) uint8, all 0; a power of two of int32. Overwritten.
+    path : (N, 2) int32
+        Cells of the level.
+    radius : int
+        The quarters of cells within so many quarters of the path's are marked, as the king moves.
+    marks : (bitmap, stamp)
+        (2 rows, 2 cols) int32 over the quarters of the level's cells, and the number to write.
+    finer : (weights, stride, rows, cols, meta)
+        The next finer level and its search memory, read ahead along the path.
+    """
+    g = found[0]
+    bitmap, stamp = marks
+    if band > 0.0 and len(path) > 1:
+        _flood(grid, links, start, found, (1.0 + band) * g[2 * start], scratch, marks)
+    _mark(path, radius, stamp, bitmap)  # last: the flood goes by the numbers that it wrote
+    return _read_ahead(path, finer)
+
+
+@kernel
+def count_new_blocks(bitmap, stamp, known, known_stamp):
+    """How many blocks a region has, and how many of them are outside another."""
+    blocks, new = 0, 0
+    for i in range(bitmap.shape[0]):
+        for j in range(bitmap.shape[1]):
+            inside = bitmap[i, j] == stamp
+            blocks += inside
+            new += inside and known[i, j] != known_stamp
+    return blocks, new

@@ -1,0 +1,133 @@
+"""What the network is shown: area averages of the map, and where start and goal lie. See `network.encoding`."""
+
+import math
+
+import numpy as np
+
+from nnpp_edge.runtime.compiled.kernel import kernel
+
+GAUSSIAN_CHANNELS = 2
+PAIR_CHANNELS = 3
+END_CHANNELS = 6
+ENDS_CHANNELS = 2 * END_CHANNELS + PAIR_CHANNELS
+
+
+@kernel
+def _bounds(n, inner, cells):
+    """First and one past the last map cell under network cell n."""
+    first = n * cells // inner
+    return first, max(-((-(n + 1) * cells) // inner), first + 1)
+
+
+@kernel
+def pool_planes(weights, stride, rows, cols, scale, offset, inner_rows, inner_cols, parts, planes):
+    """Average what lies under these rectangles of the map, (N, 4) of row, col, rows and cols."""
+    for n in range(len(parts)):
+        row0, row1 = parts[n, 0] * inner_rows // rows, -(-(parts[n, 0] + parts[n, 2]) * inner_rows // rows)
+        col0, col1 = parts[n, 1] * inner_cols // cols, -(-(parts[n, 1] + parts[n, 3]) * inner_cols // cols)
+        for row in range(row0, min(row1, inner_rows)):
+            top, bottom = _bounds(row, inner_rows, rows)
+            for col in range(col0, min(col1, inner_cols)):
+                left, right = _bounds(col, inner_cols, cols)
+                total, blocked = 0.0, 0
+                for i in range(top, bottom):
+                    for j in range(left, right):
+                        w = weights[(i + 1) * stride + j + 1]
+                        if w == np.inf:
+                            blocked += 1
+                        else:
+                            total += min(max(w * scale + offset, 0.0), 1.0)
+                cells = (bottom - top) * (right - left)
+                planes[0, row, col] = (total + blocked) / cells
+                planes[1, row, col] = blocked / cells
+
+
+@kernel
+def mean_difference(planes, others):
+    """Mean absolute difference of two (C, S, S) float32 arrays."""
+    total = np.float32(0.0)
+    for c in range(planes.shape[0]):
+        for i in range(planes.shape[1]):
+            for j in range(planes.shape[2]):
+                total += abs(planes[c, i, j] - others[c, i, j])
+    return total / planes.size
+
+
+@kernel
+def encode_gaussian_into(out, row, col, spacing, sigma):
+    size = out.shape[0]
+    offset = (spacing - 1.0) / 2.0
+    over_rows, over_cols = np.empty(size), np.empty(size)  # the Gaussian is a product of these two
+    for i in range(size):
+        over_rows[i] = math.exp(-0.5 * ((i * spacing + offset - row) / sigma) ** 2)
+        over_cols[i] = math.exp(-0.5 * ((i * spacing + offset - col) / sigma) ** 2)
+    for i in range(size):
+        for j in range(size):
+            out[i, j] = over_rows[i] * over_cols[j]
+
+
+@kernel
+def _detour(row, col, row_a, col_a, row_b, col_b, apart):
+    """How much longer the way from a to b, which lie so far apart, is by way of a point."""
+    return max(math.hypot(row - row_a, col - col_a) + math.hypot(row - row_b, col - col_b) - apart, 0.0)
+
+
+@kernel
+def encode_pair_into(out, row_a, col_a, row_b, col_b, spacing, sigma, sharp_sigma, slack):
+    size = out.shape[1]
+    offset = (spacing - 1.0) / 2.0
+    apart = max(math.hypot(row_a - row_b, col_a - col_b), spacing)
+    wide, sharp = -0.5 / sigma**2, -0.5 / sharp_sigma**2
+    for i in range(size):
+        for j in range(size):
+            y, x = i * spacing + offset, j * spacing + offset
+            a2 = (y - row_a) ** 2 + (x - col_a) ** 2
+            b2 = (y - row_b) ** 2 + (x - col_b) ** 2
+            out[0, i, j] = 0.5 * (math.exp(wide * a2) + math.exp(wide * b2))
+            out[1, i, j] = min(math.exp(sharp * a2) + math.exp(sharp * b2), 1.0)
+            detour = _detour(y, x, row_a, col_a, row_b, col_b, apart)
+            out[2, i, j] = math.exp(-detour / (slack * apart))
+
+
+@kernel
+def _end(out, row, col, spacing, sigma):
+    """Where one end lies: the share that each point has in it, and the way to it from each."""
+    size = out.shape[1]
+    offset, side = (spacing - 1.0) / 2.0, size * spacing
+    y, x = (row - offset) / spacing, (col - offset) / spacing  # in points
+    y, x = min(max(y, 0.0), size - 1.0), min(max(x, 0.0), size - 1.0)
+    wide, sharp = -0.5 / sigma**2, -8.0 / sigma**2
+    for i in range(size):
+        over_rows = max(1.0 - abs(i - y), 0.0)
+        down = row - (i * spacing + offset)
+        for j in range(size):
+            right = col - (j * spacing + offset)
+            square = down * down + right * right
+            out[0, i, j] = over_rows * max(1.0 - abs(j - x), 0.0)
+            out[1, i, j] = down / side
+            out[2, i, j] = right / side
+            out[3, i, j] = math.sqrt(square) / side
+            out[4, i, j] = math.exp(wide * square)
+            out[5, i, j] = math.exp(sharp * square)
+
+
+@kernel
+def _between(out, row_a, col_a, row_b, col_b, spacing):
+    """How much of a detour each point is from the straight way between the two ends."""
+    size = out.shape[1]
+    offset, side = (spacing - 1.0) / 2.0, size * spacing
+    apart = max(math.hypot(row_a - row_b, col_a - col_b), spacing)
+    for i in range(size):
+        for j in range(size):
+            detour = _detour(i * spacing + offset, j * spacing + offset, row_a, col_a, row_b, col_b, apart)
+            out[0, i, j] = math.exp(-detour / (0.25 * apart))
+            out[1, i, j] = detour / side
+            out[2, i, j] = apart / side
+
+
+@kernel
+def fill_ends(out, row_a, col_a, row_b, col_b, spacing, sigma):
+    """What `encode_ends` writes, for other kernels to call."""
+    _end(out[:END_CHANNELS], row_a, col_a, spacing, sigma)
+    _end(out[END_CHANNELS : 2 * END_CHANNELS], row_b, col_b, spacing, sigma)
+    _between(out[2 * END_CHANNELS :], row_a, col_a, row_b, col_b, spacing)

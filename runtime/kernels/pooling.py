@@ -1,0 +1,216 @@
+"""Coarse levels of a map: their weights, the connected pieces under their cells, and which neighbours those touch.
+
+See `map.pyramid` for what a level stands for.
+"""
+
+import numpy as np
+
+from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, DIRECTION, ROW_STEP
+
+FACTOR = 4
+"""Cells of a level to the side of a cell of the next coarser one."""
+ALL = (1 << FACTOR * FACTOR) - 1
+"""The piece of a coarse cell that is passable all over."""
+_FIRST_ROW = (1 << FACTOR) - 1
+_FIRST_COL = ALL // _FIRST_ROW
+_LAST_COL = _FIRST_COL << FACTOR - 1
+_TO_LAST_ROW = FACTOR * (FACTOR - 1)
+
+
+@kernel
+def _spread(piece, diagonally):
+    """A set of a coarse cell's 16 cells, as bits row by row, and their neighbours within it."""
+    beside = piece | (piece & ~_LAST_COL) << 1 | (piece & ~_FIRST_COL) >> 1
+    up_and_down = beside if diagonally else piece
+    return (beside | up_and_down << FACTOR | up_and_down >> FACTOR) & ALL
+
+
+@kernel
+def _largest_of(passable, diagonally):
+    """The largest connected set of the passable cells under a coarse cell, where passability alone decides.
+
+    A diagonal step that may not cut corners joins no cells that straight steps do not.
+    """
+    best, best_size = 0, 0
+    while passable:
+        before, piece = 0, passable & -passable
+        while piece != before:
+            before, piece = piece, _spread(piece, diagonally) & passable
+        passable &= ~piece
+        size, rest = 0, piece
+        while rest:
+            rest &= rest - 1
+            size += 1
+        if size > best_size:
+            best, best_size = piece, size
+    return best
+
+
+@kernel
+def _largest_piece(weights, links, rows, cols, row, col, corner_cutting):
+    """The largest connected piece of the passable cells under a coarse cell, as 16 bits, row by row."""
+    stride = cols + 2
+    passable = 0
+    for b in range(FACTOR * FACTOR):
+        i, j = row * FACTOR + b // FACTOR, col * FACTOR + b % FACTOR
+        if i < rows and j < cols and weights[(i + 1) * stride + j + 1] != np.inf:
+            passable |= 1 << b
+    if links is None:
+        return passable if passable == ALL else _largest_of(passable, corner_cutting)
+    best, best_size = 0, 0
+    while passable:
+        piece, frontier, size = 0, passable & -passable, 0
+        while frontier:
+            bit = frontier & -frontier
+            frontier ^= bit
+            piece |= bit
+            size += 1
+            b = 0
+            while bit >> b != 1:
+                b += 1
+            node = (row * FACTOR + b // FACTOR + 1) * stride + col * FACTOR + b % FACTOR + 1
+            for k in range(8):
+                i, j = b // FACTOR + ROW_STEP[k], b % FACTOR + COL_STEP[k]
+                if 0 <= i < FACTOR and 0 <= j < FACTOR:
+                    other = 1 << (i * FACTOR + j)
+                    fresh = other & passable and not other & (piece | frontier)
+                    if fresh and (links[node] >> k) & 1:
+                        frontier |= other
+        passable &= ~piece
+        if size > best_size:
+            best, best_size = piece, size
+    return best
+
+
+@kernel
+def _pool(fine, fine_links, shape, corner_cutting, obstacle, area, coarse, pieces, coarse_stride):
+    """Weights and kept pieces of a rectangle of coarse cells; the least weight."""
+    fine_rows, fine_cols = shape
+    row0, row1, col0, col1 = area
+    fine_stride = fine_cols + 2
+    least = np.inf
+    for row in range(row0, row1):
+        for col in range(col0, col1):
+            piece = _largest_piece(fine, fine_links, fine_rows, fine_cols, row, col, corner_cutting)
+            total, cells = 0.0, 0
+            for b in range(FACTOR * FACTOR):
+                i, j = row * FACTOR + b // FACTOR, col * FACTOR + b % FACTOR
+                if i < fine_rows and j < fine_cols:
+                    cells += 1
+                    if (piece >> b) & 1:
+                        total += fine[(i + 1) * fine_stride + j + 1]
+                    else:
+                        total += obstacle
+            there = (row + 1) * coarse_stride + col + 1
+            pieces[there] = piece
+            coarse[there] = total / cells if piece else np.inf
+            least = min(least, np.float64(coarse[there]))
+    return least
+
+
+@kernel
+def _touching(weights, stride, row, col, here, there, up, left, corner_cutting):
+    """Whether a step leads from a coarse cell's piece into that of its neighbour, where passability alone decides."""
+    if left == 0:
+        edge, other = (here, there >> _TO_LAST_ROW) if up < 0 else (here >> _TO_LAST_ROW, there)
+        if corner_cutting:
+            edge = _spread(edge & _FIRST_ROW, False)
+        return edge & other & _FIRST_ROW != 0
+    if up == 0:
+        edge, other = (here, there >> FACTOR - 1) if left < 0 else (here >> FACTOR - 1, there)
+        if corner_cutting:
+            edge = _spread(edge & _FIRST_COL, False)
+        return edge & other & _FIRST_COL != 0
+    i, j = (0 if up < 0 else FACTOR - 1), (0 if left < 0 else FACTOR - 1)
+    corner, across = i * FACTOR + j, (FACTOR - 1 - i) * FACTOR + FACTOR - 1 - j
+    if not (here >> corner) & (there >> across) & 1:
+        return False
+    node = (row * FACTOR + i + 1) * stride + col * FACTOR + j + 1
+    return corner_cutting or (weights[node + up * stride] != np.inf and weights[node + left] != np.inf)
+
+
+@kernel
+def _link_finest(fine, stride, corner_cutting, area, pieces, links, coarse_stride):
+    """As `_link`, where passability alone decides."""
+    row0, row1, col0, col1 = area
+    for row in range(row0, row1):
+        for col in range(col0, col1):
+            node = (row + 1) * coarse_stride + col + 1
+            here, found, every = pieces[node], 0, pieces[node]
+            for k in range(8):
+                every &= pieces[node + ROW_STEP[k] * coarse_stride + COL_STEP[k]]
+            if every == ALL:
+                links[node] = 255
+                continue
+            for k in range(8):
+                up, left = ROW_STEP[k], COL_STEP[k]
+                there = pieces[node + up * coarse_stride + left]
+                if here and there and _touching(fine, stride, row, col, here, there, up, left, corner_cutting):
+                    found |= 1 << k
+            links[node] = found
+
+
+@kernel
+def _link(fine_links, fine_cols, area, pieces, links, coarse_stride):
+    """For a rectangle of coarse cells, the directions in which their pieces touch a neighbour's, as bits."""
+    row0, row1, col0, col1 = area
+    fine_stride = fine_cols + 2
+    for row in range(row0, row1):
+        for col in range(col0, col1):
+            here = (row + 1) * coarse_stride + col + 1
+            piece, found = pieces[here], 0
+            for b in range(FACTOR * FACTOR):
+                if not (piece >> b) & 1:
+                    continue
+                r, c = b // FACTOR, b % FACTOR
+                if 0 < r < FACTOR - 1 and 0 < c < FACTOR - 1:
+                    continue
+                node = (row * FACTOR + r + 1) * fine_stride + col * FACTOR + c + 1
+                for k in range(8):
+                    i, j = r + ROW_STEP[k], c + COL_STEP[k]
+                    up, left = (i >= 0) - 1 + (i >= FACTOR), (j >= 0) - 1 + (j >= FACTOR)
+                    if up == 0 and left == 0:
+                        continue
+                    towards = DIRECTION[(up + 1) * 3 + left + 1]
+                    if (found >> towards) & 1:
+                        continue
+                    neighbour = pieces[here + up * coarse_stride + left]
+                    if (neighbour >> ((i - up * FACTOR) * FACTOR + j - left * FACTOR)) & 1 and (
+                        fine_links[node] >> k
+                    ) & 1:
+                        found |= 1 << towards
+            links[here] = found
+
+
+@kernel
+def pool_and_link(fine, fine_links, shape, corner_cutting, obstacle, area, coarse):
+    """Bring a rectangle of coarse cells up to date with the finer level, and the links of the cells around it.
+
+    Parameters
+    ----------
+    fine, fine_links, shape
+        Weights of the finer level; its links, None where passability decides; its rows and columns.
+    corner_cutting : bool
+        Whether a diagonal step of the finest level may pass an impassable cell.
+    obstacle : float
+        What an impassable cell counts for in a mean.
+    area : (row0, row1, col0, col1)
+        Of coarse cells.
+    coarse : (weights, pieces, links, stride, rows, cols)
+        The coarse level; written.
+
+    Returns
+    -------
+    float
+        The least weight in the rectangle.
+    """
+    weights, pieces, links, stride, rows, cols = coarse
+    least = _pool(fine, fine_links, shape, corner_cutting, obstacle, area, weights, pieces, stride)
+    row0, row1, col0, col1 = area
+    wider = max(row0 - 1, 0), min(row1 + 1, rows), max(col0 - 1, 0), min(col1 + 1, cols)
+    if fine_links is None:
+        _link_finest(fine, shape[1] + 2, corner_cutting, wider, pieces, links, stride)
+    else:
+        _link(fine_links, shape[1], wider, pieces, links, stride)
+    return least

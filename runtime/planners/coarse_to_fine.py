@@ -1,0 +1,139 @@
+"""Coarse to fine: each level of the pyramid is searched inside a corridor around the path on the one above."""
+
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.memory import touch
+from nnpp_edge.runtime.planners.plan import Source
+from nnpp_edge.runtime.planners.query import Found, Query, Work
+from nnpp_edge.runtime.planners.searchers import Searcher
+from nnpp_edge.runtime.region.corridor import CoarseLevel
+from nnpp_edge.runtime.search.astar import Search
+from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.tuning import CELLS_APART, CorridorWidth
+
+
+class CoarseToFine:
+    """Searches of a map's coarse levels. Serves one thread at a time.
+
+    Parameters
+    ----------
+    state : MapState
+        The map.
+    finest : Workspace
+        Memory of the searches at full resolution, which are made by whoever is given to `descend`.
+    """
+
+    def __init__(self, state: MapState, finest: Workspace) -> None:
+        self._state, self._finest = state, finest
+        self._levels = state.pyramid.levels
+        self._coarse = [CoarseLevel(level) for level in self._levels[1:]]
+
+    @property
+    def coarse_levels(self) -> list[CoarseLevel]:
+        """The searched levels above the map itself, finest first."""
+        return self._coarse
+
+    def workspace(self, number: int) -> Workspace:
+        """Memory of the searches of the level of that number; 0 is the map itself."""
+        return self._coarse[number - 1].workspace if number else self._finest
+
+    def top_for(self, query: Query) -> int:
+        """The level to begin at: where start and goal are close, a finer one than the coarsest."""
+        number = len(self._coarse)
+        while number > 1 and query.apart < CELLS_APART * FACTOR**number:
+            number -= 1
+        return number
+
+    def descend(
+        self, query: Query, work: Work, searcher: Searcher, top: int, region: Region | None, width: CorridorWidth
+    ) -> tuple[Search, Region | None] | None:
+        """From level `top` down to the map, each level inside a corridor around the path on the one above.
+
+        Parameters
+        ----------
+        searcher : Searcher
+            Of the map itself.
+        top : int
+            Number of the level to begin at.
+        region : Region
+            Of that level, to search there; None for all of a coarse level.
+        width : CorridorWidth
+            Of the corridors.
+
+        Returns
+        -------
+        (Search, Region)
+            The search at full resolution and where it was allowed to go; None where a level or the region holds no
+            way. Where time was up on a coarse level, TIMEOUT without a path or a region.
+        """
+        self._levels = self._state.pyramid.levels  # brought up to date
+        for number in range(top, 0, -1):
+            coarse = self._search_level(query, work, number, region, width)
+            if coarse.status is Status.NO_PATH:
+                return None
+            if coarse.status is Status.TIMEOUT:  # a coarse path leads nowhere on the map
+                return Search.without_path(Status.TIMEOUT), None
+            region = self._corridor(query, work, number, coarse, width)
+        assert region is not None
+        found = searcher.search(query, work, region)
+        return None if found.status is Status.NO_PATH else (found, region)
+
+    def find(
+        self,
+        query: Query,
+        work: Work,
+        searcher: Searcher,
+        top: int,
+        region: Region | None,
+        width: CorridorWidth,
+        source: Source,
+    ) -> Found | None:
+        """As `descend`; what was found, or None where there is no way."""
+        descent = self.descend(query, work, searcher, top, region, width)
+        return None if descent is None else Found.of(self._state.grid, descent[0], source, descent[1], work)
+
+    def touch(self) -> None:
+        """Have the system back all arrays with memory now."""
+        for level in self._levels:
+            touch(level, level.grid)
+        for coarse in self._coarse:
+            touch(coarse, coarse.workspace)
+
+    def _search_level(
+        self, query: Query, work: Work, number: int, region: Region | None, width: CorridorWidth
+    ) -> Search:
+        """Search a coarse level from the goal to the start, and settle the band of nearly optimal paths."""
+        start, goal = _at_level(query.start, number), _at_level(query.goal, number)
+        _, band = _margins(query, number, width)
+        coarse = self._coarse[number - 1]
+        found = coarse.search(goal, start, region, beyond=band, deadline=query.deadline)
+        work.expansions += found.expansions
+        work.stopwatch.stage_ends("coarse")
+        return found
+
+    def _corridor(self, query: Query, work: Work, number: int, found: Search, width: CorridorWidth) -> Region:
+        """What to search on the next finer level."""
+        radius, band = _margins(query, number, width)
+        coarse, finer = self._coarse[number - 1], self._levels[number - 1]
+        start, memory = _at_level(query.start, number), self.workspace(number - 1)
+        region = coarse.around(found, start, radius, band, finer, memory)
+        coarse.invest()
+        work.stopwatch.stage_ends("coarse")
+        return region
+
+
+def _at_level(cell: Cell, number: int) -> Cell:
+    """The coarse cell that holds a cell of the map."""
+    factor = FACTOR**number
+    return cell[0] // factor, cell[1] // factor
+
+
+def _margins(query: Query, number: int, width: CorridorWidth) -> tuple[int, float]:
+    """Radius and band of the corridor that a level of that number leaves to the next finer one."""
+    band = width.band + FACTOR * width.nearby / max(query.apart, FACTOR)
+    if number == 1:
+        return width.radius, band
+    return width.radius + width.coarse_radius, band + width.coarse_band

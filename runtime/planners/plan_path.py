@@ -1,0 +1,29 @@
+"""Planning once, without keeping a planner."""
+
+import math
+from pathlib import Path
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.planner import Planner
+
+
+def plan_path(
+    cost: Float2D,
+    start: Cell,
+    goal: Cell,
+    method: str = Method.AUTO,
+    step_cost: str = "paper",
+    corner_cutting: bool = True,
+    omega: float = PAPER_OMEGA,
+    *,
+    model: str | Path | NetworkModel = "edge",
+    epsilon: float = math.inf,
+    time_limit_s: float = math.inf,
+) -> Plan:
+    """Plan once; the arguments are those of `Planner` and `Planner.plan`."""
+    planner = Planner(cost, step_cost=step_cost, omega=omega, corner_cutting=corner_cutting, model=model)
+    return planner.plan(start, goal, method=method, epsilon=epsilon, time_limit_s=time_limit_s)

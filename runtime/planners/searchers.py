@@ -1,0 +1,222 @@
+"""Searches of the map at full resolution: what the planners are given to look for a path with."""
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from nnpp_edge.runtime.cells import Cell, apart
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.kernels.corridor import count_new_blocks
+from nnpp_edge.runtime.kernels.nodes import octile
+from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.planners.query import Query, Work, problem_with
+from nnpp_edge.runtime.search.astar import Search, astar
+from nnpp_edge.runtime.search.dstar_lite import DStarLite
+from nnpp_edge.runtime.search.landmarks import MOST_LANDMARKS, Landmarks
+from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.tuning import DSTAR_SLOWER, EXPANDED_TWICE, MOST_JOINED
+
+
+class Searcher(Protocol):
+    """Searches a region of the map at full resolution."""
+
+    def search(self, query: Query, work: Work, region: Region) -> Search:
+        """Look for a path inside the region; expansions and time are added to `work`."""
+
+
+class AStarSearcher:
+    """A* afresh for each query, over the whole map or a region. Serves one thread at a time.
+
+    Parameters
+    ----------
+    state : MapState
+        The map.
+    """
+
+    def __init__(self, state: MapState) -> None:
+        self.grid, self.workspace = state.grid, Workspace(len(state.grid.weights))
+        self._landmarks: Landmarks | None = None
+        self._changes = state.log.reader()
+
+    def search(self, query: Query, work: Work, region: Region | None, *, limit: int | None = None) -> Search:
+        """As `Searcher`; without a region the whole map, and after `limit` expansions it gives up with TIMEOUT."""
+        (start, goal, _, deadline), hints = query, self.landmarks
+        found = astar(
+            self.grid, start, goal, self.workspace, region=region, landmarks=hints, limit=limit, deadline=deadline
+        )
+        work.expansions += found.expansions
+        work.stopwatch.stage_ends("search")
+        return found
+
+    @property
+    def landmarks(self) -> Landmarks | None:
+        """What `prepare` computed; None before, and after a cell has become cheaper."""
+        if self._landmarks is not None and any(change.cheaper for change in self._changes.read()):
+            self._landmarks = None
+        return self._landmarks
+
+    def prepare(self, landmarks: int, goals: Sequence[Cell]) -> None:
+        """Set landmarks at these goals, and so many more spread over the map.
+
+        Raises
+        ------
+        InvalidQueryError
+            More than `MOST_LANDMARKS` in all, or a goal that is outside the map or impassable.
+        """
+        count = landmarks + len(goals)
+        if not 0 <= count <= MOST_LANDMARKS:
+            raise InvalidQueryError(f"landmarks and goals must be at most {MOST_LANDMARKS}, got {count}")
+        for goal in goals:
+            if problem := problem_with(self.grid, goal, goal):
+                raise InvalidQueryError(f"goal {goal}: {problem.removeprefix('START_').lower().replace('_', ' ')}")
+        self._changes.skip()
+        self._landmarks = Landmarks(self.grid, self.workspace)
+        for goal in goals:
+            self._landmarks.add(goal)
+        self._landmarks.spread(count)
+
+
+class RegionMender:
+    """D* Lite in regions, kept from one query to the next. Serves one thread at a time.
+
+    Worth it for queries towards one goal: another goal starts D* Lite afresh.
+
+    Parameters
+    ----------
+    state : MapState
+        The map.
+    """
+
+    def __init__(self, state: MapState) -> None:
+        self._state = state
+        self._dstar: DStarLite | None = None
+        self._known: Region | None = None
+        """What D* Lite has searched; None where it has forgotten all."""
+        self._latest: Region | None = None
+        """What was searched last, by D* Lite or afresh."""
+        self._restarts = 0
+        """How often D* Lite had forgotten all by its last search."""
+        self._saving_missed = 0.0
+        """What mending would have saved since it was last done, had it been done each time, in fresh searches."""
+        self._changes = state.log.reader()
+        """Since the last region was searched."""
+
+    def expect(self, goal: Cell) -> DStarLite:
+        """Set D* Lite up for queries to this goal, in a region that holds nothing yet."""
+        if self._dstar is None:
+            self._dstar = DStarLite(self._state, goal)
+            self._dstar.touch()
+        elif self._dstar.goal != goal:
+            self._dstar.set_goal(goal)
+        finest = self._state.pyramid.levels[0]
+        blocks = [2 * math.ceil(cells / FACTOR) for cells in self._state.shape]
+        self._dstar.set_region(Region(np.zeros(blocks, np.int32), *finest.quarters))
+        self._dstar.plan(goal)  # so that the cells left out are dealt with now
+        self._known = self._latest = None
+        self._changes.skip()
+        self._saving_missed, self._restarts = 0.0, self._dstar.restarts
+        return self._dstar
+
+    def knows_region(self, goal: Cell) -> bool:
+        """Whether there is a search to be mended, for this goal."""
+        return self._dstar is not None and self._dstar.goal == goal and self._known is not None
+
+    def search(self, query: Query, work: Work, region: Region | None) -> Search:
+        """Mend the search in this region, or in the one that is known, from the query's start."""
+        dstar = self._for(query)
+        dstar.move_start(query.start)
+        if region is not None:
+            self._latest, self._known = region, self._joined(region)
+            dstar.set_region(self._known)
+        found = dstar.plan(query.start, deadline=query.deadline)
+        work.expansions += found.expansions
+        self._saving_missed, self._restarts = 0.0, dstar.restarts
+        self._changes.skip()
+        work.stopwatch.stage_ends("search")
+        # D* Lite does not say what it refused: the octile distance is the bound
+        straight = octile.py_func(*query.start, *query.goal, *self._state.grid.prices)
+        return found._replace(refused_f=straight)
+
+    def worth_mending(self, query: Query, work: Work, region: Region) -> bool:
+        """Whether D* Lite is expected to search a region with less work than A*, now or before long.
+
+        A fresh search expands most of a region. D* Lite expands the cells that are new to it, and twice those
+        that lie between the start and a change, and takes longer for each. What a fresh search leaves unmended is to
+        be mended later: once steps that D* Lite would have made cheaply sum to what that is dearer by, it is mended
+        after all. What such a step would have taken is estimated from the distances of the changes.
+        """
+        dstar = self._for(query)
+        dstar.move_start(query.start)
+        if dstar.restarts != self._restarts:
+            self._known = None
+        mended = DSTAR_SLOWER * _new_share(region, self._known)
+        known_to_pay = mended <= 1.0 + self._saving_missed
+        if known_to_pay:
+            mended += DSTAR_SLOWER * EXPANDED_TWICE * dstar.reach()
+        step = DSTAR_SLOWER * EXPANDED_TWICE * self._reach_by_distance(query)
+        if step < 1.0:
+            step += DSTAR_SLOWER * _new_share(region, self._latest)
+        self._latest = region
+        self._changes.skip()
+        worth = mended <= 1.0 + self._saving_missed
+        if not worth:
+            self._saving_missed += max(1.0 - step, 0.0)
+        done = "mended" if worth else "searched afresh"
+        least = "" if known_to_pay else " or more"
+        work.remark = f"{done}: mending was estimated at {mended:.2f} times{least} the work of a fresh search"
+        return worth
+
+    def _for(self, query: Query) -> DStarLite:
+        """D* Lite with the query's goal."""
+        if self._dstar is None or self._dstar.goal != query.goal:
+            return self.expect(query.goal)
+        return self._dstar
+
+    def _reach_by_distance(self, query: Query) -> float:
+        """As `DStarLite.reach`, by distances as the king moves."""
+        nearest = min((apart(change.part, query.goal) for change in self._changes.peek()), default=query.apart)
+        return max(1.0 - nearest / query.apart, 0.0)
+
+    def _joined(self, region: Region) -> Region:
+        """The region together with the last one: to D* Lite, cells that leave are much work, and stay for nothing."""
+        wanted, known = region.blocks(), self._known
+        both = wanted | known.blocks() if known and region.shares_blocks(known) else wanted
+        if np.count_nonzero(both) > MOST_JOINED * np.count_nonzero(wanted):
+            both = wanted
+        return Region(both.astype(np.int32), region.row_block, region.col_block)
+
+
+class MendingSearcher:
+    """D* Lite in a region where that is expected to be less work than A* afresh, or always.
+
+    Parameters
+    ----------
+    mender : RegionMender
+        Keeps D* Lite.
+    fresh : AStarSearcher
+        Searches where mending is not worth it.
+    always : bool
+        Whether to mend whatever it takes.
+    """
+
+    def __init__(self, mender: RegionMender, fresh: AStarSearcher, *, always: bool = False) -> None:
+        self._mender, self._fresh, self._always = mender, fresh, always
+
+    def search(self, query: Query, work: Work, region: Region) -> Search:
+        """As `Searcher`."""
+        work.remark = ""
+        if query.start == query.goal or not (self._always or self._mender.worth_mending(query, work, region)):
+            return self._fresh.search(query, work, region)
+        return self._mender.search(query, work, region)
+
+
+def _new_share(region: Region, known: Region | None) -> float:
+    """The share of a region's blocks that are outside another; None holds nothing."""
+    if known is None or not region.shares_blocks(known):
+        return 1.0
+    blocks, new = count_new_blocks(region.bitmap, region.stamp, known.bitmap, known.stamp)
+    return new / blocks if blocks else 0.0

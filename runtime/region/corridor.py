@@ -1,0 +1,106 @@
+"""Searches of one coarse level, and the corridors around what they find."""
+
+import math
+
+import numpy as np
+
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.kernels.corridor import surround
+from nnpp_edge.runtime.map.pyramid import Level
+from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.search.astar import Search, astar
+from nnpp_edge.runtime.search.landmarks import Landmarks
+from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.tuning import LANDMARK_PATIENCE, LEVEL_LANDMARKS, MOST_CELLS_FOR_LANDMARKS
+
+
+class CoarseLevel:
+    """Scratch memory and landmarks for searches of one coarse level. Serves one search at a time.
+
+    Parameters
+    ----------
+    level : Level
+        The cells and their links; read as they are when a search begins.
+    """
+
+    def __init__(self, level: Level) -> None:
+        nodes, grid = len(level.grid.weights), level.grid
+        self.level, self.grid, self.workspace = level, grid, Workspace(nodes)
+        self.landmarks: Landmarks | None = None
+        """Of the level as it was at `_version`."""
+        self._version, self._spent = level.version, 0.0
+        self._reached = np.empty(nodes, np.float32)
+        self._queued = np.zeros(nodes, np.uint8)
+        self._queue = np.empty(1 << (nodes - 1).bit_length(), np.int32)
+        self._bitmaps = np.zeros((2, 2 * grid.rows, 2 * grid.cols), np.int32)
+        self._stamp = 0
+
+    def search(
+        self, start: Cell, goal: Cell, region: Region | None, *, beyond: float, deadline: float = math.inf
+    ) -> Search:
+        """`astar` on this level, by its landmarks where all of it is searched.
+
+        Searches of a whole level get landmarks, one at a time, once they have expanded several times the cells
+        that this takes: so a map that is searched often is answered sooner, and one that changes loses little.
+        """
+        if self._version != self.level.version:
+            self.landmarks, self._version, self._spent = None, self.level.version, 0.0
+        grid, ws, links, hints = (
+            self.grid,
+            self.workspace,
+            self.level.links,
+            self.landmarks if region is None else None,
+        )
+        found = astar(
+            grid, start, goal, ws, region=region, links=links, landmarks=hints, beyond=beyond, deadline=deadline
+        )
+        if region is None and self.grid.cells <= MOST_CELLS_FOR_LANDMARKS:
+            self._spent += found.expansions
+        return found
+
+    def invest(self) -> None:
+        """Set another landmark if enough work has been spent without; what the last search found is overwritten."""
+        if self._spent < LANDMARK_PATIENCE * self.grid.cells:
+            return
+        count = len(self.landmarks.cells) if self.landmarks else 0
+        landmarks = self.set_landmarks(count + 1)
+        enough = len(landmarks.cells) in (count, LEVEL_LANDMARKS)  # there is no place for more, or no need
+        self._spent = -math.inf if enough else 0.0
+
+    def set_landmarks(self, count: int) -> Landmarks:
+        """See to it that the level has so many landmarks, as far as there is place for them."""
+        self.landmarks = self.landmarks or Landmarks(self.grid, self.workspace, links=self.level.links)
+        self.landmarks.spread(count)
+        return self.landmarks
+
+    def around(
+        self, found: Search, start: Cell, radius: int, band: float, finer: Level, finer_workspace: Workspace
+    ) -> Region:
+        """What the next finer level is to search, as a region of that level.
+
+        Parameters
+        ----------
+        found : Search
+            The last search here, from the goal to `start`, that settled the band.
+        start : (row, col)
+            Where the query starts.
+        radius : int
+            The quarters of cells within so many of the path's belong to the region.
+        band : float
+            So do those of cells on paths that cost at most 1 + `band` times as much.
+        finer, finer_workspace
+            The next finer level, and the memory of its search.
+
+        Returns
+        -------
+        Region
+            Its bitmap is overwritten by the call after the next.
+        """
+        self._stamp += 1
+        marks = self._bitmaps[self._stamp % 2], self._stamp
+        ws, below, grid = self.workspace, finer.grid, self.grid
+        searched, scratch = (ws.g, ws.meta, ws.stamp), (self._reached, self._queued, self._queue)
+        ahead = below.weights, below.stride, below.rows, below.cols, finer_workspace.meta
+        links, node = self.level.links, grid.node(*start)
+        surround(grid.packed, links, node, searched, band, scratch, found.path, radius, marks, ahead)
+        return Region(marks[0], *finer.quarters, self._stamp)

@@ -1,0 +1,188 @@
+"""What the network is shown of a map: a window, averaged to the network's size, brought up to date when needed."""
+
+import math
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.cells import Cell, Rectangle, common
+from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.map.changes import Change
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.region import Lookup
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, StepCost
+from nnpp_edge.runtime.network.encoding import Frame, Point, map_planes, mean_difference
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.tuning import WINDOW_ROUNDING, WINDOW_SHARE
+
+
+class MapView:
+    """A network, and the window of the map that it is shown. Serves one thread at a time.
+
+    Parameters
+    ----------
+    state : MapState
+        The map.
+    model : str, Path or NetworkModel
+        A shipped model's name, a file, or a model already loaded, whose session is then shared.
+    unseen_change : float
+        With 0, what the network is shown depends on the map and the query alone. Else a network in two parts is
+        shown a changed map only once more than this share of the cells it saw is different, and so is its view of
+        them (by the mean difference of a cell's cost, and of its share of impassable cells, in [0, 1]); and it is
+        shown another window only where the standing one does not hold start and goal, or is over four times as wide
+        as need be.
+
+    Raises
+    ------
+    ModelError
+        The model cannot be loaded.
+    """
+
+    def __init__(self, state: MapState, model: str | Path | NetworkModel, unseen_change: float = 0.0) -> None:
+        self.network = model.share() if isinstance(model, NetworkModel) else NetworkModel(model)
+        metadata = self.network.metadata
+        self.size, self.blocks = metadata.input_size, metadata.blocks
+        self._grid = state.grid
+        _warn_of_another_omega(state, self.network)
+        self._unseen_change = unseen_change if self.network.in_parts else 0.0
+        self._planes: NDArray[np.float32] = np.empty((2, self.size, self.size), np.float32)
+        self._shown = np.full_like(self._planes, np.inf)
+        """What the network saw last."""
+        self._counted, self._averaged = state.log.reader(), state.log.reader()
+        """Up to where changes are counted in the drift, and up to where they are averaged in the planes."""
+        self._drift = math.inf
+        """Share of the window that has changed since the network saw it: by its cells or, where measured, planes."""
+        self._show_window((0, 0, *self._grid.shape))
+
+    def show(self, start: Cell, goal: Cell) -> tuple[Point, Point]:
+        """Show the network what a query between two cells needs of the map; where they lie, in network cells."""
+        self._count_changes()
+        if (window := self._window_for(start, goal)) != self.window:
+            self._show_window(window)
+        if self._differs():
+            self.refresh()
+        return self._place(start), self._place(goal)
+
+    def refresh(self) -> None:
+        """Show the network the window as it is now."""
+        self._average_changes()
+        self.network.set_map(self._planes)
+        self._shown[:] = self._planes
+        self._drift = 0.0
+
+    def block(self, cell: Cell) -> Cell:
+        """The block that a cell lies in; outside the window the last row or column."""
+        return int(self.lookup[0][cell[0]]), int(self.lookup[1][cell[1]])
+
+    def lookup_at(self, level: Grid, number: int) -> tuple[Lookup, bool]:
+        """The block that the middle of each row and column of a level lies in, and whether steps leave out none.
+
+        `level` is the pyramid's of that number.
+        """
+        if number not in self._level_lookups:
+            factor = FACTOR**number
+            rows = np.minimum(np.arange(level.rows) * factor + factor // 2, self._grid.rows - 1)
+            cols = np.minimum(np.arange(level.cols) * factor + factor // 2, self._grid.cols - 1)
+            lookup = self.lookup[0][rows], self.lookup[1][cols]
+            inside = (each[each < self.blocks] for each in lookup)
+            self._level_lookups[number] = lookup, all((np.diff(each) <= 1).all() for each in inside)
+        return self._level_lookups[number]
+
+    def _show_window(self, window: Rectangle) -> None:
+        """Look at this rectangle of the map from now on."""
+        self.window = window
+        row0, col0, rows, cols = window
+        self.frame = Frame(rows, cols, self.size)
+        lookup = []
+        inner = self.frame.lookup(self.blocks)
+        for first, seen, cells in zip((row0, col0), inner, self._grid.shape, strict=True):
+            whole = np.full(cells, self.blocks, np.int32)  # outside: the bitmap's last row or column
+            whole[first : first + len(seen)] = seen
+            lookup.append(whole)
+        self.lookup: Lookup = (lookup[0], lookup[1])
+        """The block that each row and column of the map lies in."""
+        self._level_lookups: dict[int, tuple[Lookup, bool]] = {}
+        self._drift = math.inf
+        self._counted.skip()
+        self._averaged.skip()
+        self._average(None)
+
+    def _count_changes(self) -> None:
+        """Add what changed in the window to the drift."""
+        _, _, rows, cols = self.window
+        for change in self._counted.read():
+            if change.rescaled or common(change.part, self.window):
+                cells = self._grid.cells if change.rescaled else change.cells
+                self._drift += cells / (rows * cols)
+
+    def _differs(self) -> bool:
+        """Whether the network should be shown the map again."""
+        if 0.0 < self._unseen_change < self._drift < math.inf:  # some may have changed back
+            self._average_changes()
+            rows, cols = self.frame.inner
+            self._drift = mean_difference(self._planes, self._shown) * self.size**2 / (rows * cols)
+        return self._drift > self._unseen_change
+
+    def _average_changes(self) -> None:
+        parts = [part for change in self._averaged.read() if (part := self._part_of_window(change))]
+        if parts:
+            self._average(parts)
+
+    def _part_of_window(self, change: Change) -> Rectangle | None:
+        """The changed part in the window's own rows and columns; None outside it."""
+        row0, col0, rows, cols = self.window
+        if change.rescaled:
+            return (0, 0, rows, cols)
+        part = common(change.part, self.window)
+        return part and (part[0] - row0, part[1] - col0, *part[2:])
+
+    def _average(self, parts: Sequence[Rectangle] | None) -> None:
+        """Bring the planes up to date with the map: these parts of the window, or all of it."""
+        grid, (row0, col0, *_) = self._grid, self.window
+        first = grid.weights[row0 * grid.stride + col0 :]
+        map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self._planes, parts)
+
+    def _window_for(self, start: Cell, goal: Cell) -> Rectangle:
+        """What to show the network: a square around start and goal where it shows them finer than the whole map.
+
+        Its side is twice the distance, so that there is room for detours, and its corners are rounded: a robot
+        on its way sees the same window for a while.
+        """
+        rows, cols = self._grid.shape
+        unit, apart = WINDOW_ROUNDING, max(abs(start[0] - goal[0]), abs(start[1] - goal[1]))
+        side = max((2 * apart // unit + 2) * unit, self.size)
+        if self._unseen_change and max(self.window[2:]) <= 4 * side and self._holds(start, goal):
+            return self.window
+        if side > WINDOW_SHARE * max(rows, cols):
+            return (0, 0, rows, cols)
+        corner = [
+            min(max((a + b - side + unit) // (2 * unit) * unit, 0), max(cells - side, 0))
+            for a, b, cells in zip(start, goal, (rows, cols), strict=True)
+        ]
+        return corner[0], corner[1], min(side, rows), min(side, cols)
+
+    def _holds(self, *cells: Cell) -> bool:
+        """Whether the window holds these cells, and an eighth of its side around them where the map goes on."""
+        row, col, rows, cols = self.window
+        low_row, low_col = row + rows // 8 if row else 0, col + cols // 8 if col else 0
+        high_row = row + rows - (rows // 8 if row + rows < self._grid.rows else 0)
+        high_col = col + cols - (cols // 8 if col + cols < self._grid.cols else 0)
+        return all(low_row <= r < high_row and low_col <= c < high_col for r, c in cells)
+
+    def _place(self, cell: Cell) -> Point:
+        return self.frame.place((cell[0] - self.window[0], cell[1] - self.window[1]))
+
+
+def _warn_of_another_omega(state: MapState, network: NetworkModel) -> None:
+    model, metadata = state.grid.model, network.metadata
+    trained = GREY_LEVELS * metadata.omega
+    if model.kind is StepCost.PAPER and not 0.5 * trained <= model.scale <= 2.0 * trained:
+        warnings.warn(
+            f"the network {metadata.name} was trained for omega = {metadata.omega:g}, "
+            f"the planner uses {model.scale / GREY_LEVELS:g}: its regions may miss the optimum by more than stated",
+            stacklevel=6,
+        )
