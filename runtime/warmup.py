@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from nnpp_edge.runtime import tuning
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.compiled import cache, kernel
+from nnpp_edge.runtime.compiled.cache import NumbaObject
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS, PAIR_CHANNELS
 from nnpp_edge.runtime.map.region import Region
@@ -68,7 +68,7 @@ class Warmth:
     removed: tuple[Path, ...]
     """Folders of other versions that were deleted."""
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """Ready for JSON."""
         told = asdict(self)
         return told | {
@@ -208,14 +208,14 @@ def _exercise_dynamic(cost: Float2D, goal: Cell, step_cost: str, corner_cutting:
         planner_of_region.find(Query((1, 2), goal), Work())
 
 
-def _read_only(array: Any) -> Any:
+def _read_only(array: Float2D) -> Float2D:
     """A contiguous copy that may not be written, as a memory-mapped file is: to numba that is another type."""
     out = array.copy()
     out.flags.writeable = False
     return out
 
 
-def kernels() -> dict[str, Any]:
+def kernels() -> dict[str, NumbaObject]:
     """Every kernel of the runtime by its full name."""
     found = {}
     prefix = nnpp_edge.runtime.__name__ + "."

@@ -19,9 +19,9 @@ import secrets
 import stat
 import sys
 import warnings
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numba
@@ -32,6 +32,8 @@ from numba.core.sigutils import normalize_signature
 
 from nnpp_edge.runtime.compiled.notice import say_once
 
+NumbaObject = Any
+"""Something of numba's own, which has no types."""
 _CHECKSUM_BYTES = 32
 _OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _save_error: OSError | None = None
@@ -54,7 +56,7 @@ class KernelCache(_Cache):
         `function` closes over variables, which the name of a file would have to tell apart.
     """
 
-    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+    def __init__(self, function: FunctionType, folder: Path) -> None:
         code = function.__code__
         if code.co_freevars:
             raise ValueError(
@@ -82,7 +84,7 @@ class KernelCache(_Cache):
                 with suppress(OSError):
                     path.unlink()
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
+    def load_overload(self, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
         """The compiled version for `sig`, or None where no sound one is kept."""
         if not self._enabled:
             return None
@@ -90,7 +92,7 @@ class KernelCache(_Cache):
             say_once("compiling for this processor: up to a minute, once (nnpp-edge warmup does it ahead of time)")
         return kept
 
-    def _load(self, sig: Any, target_context: Any) -> Any:
+    def _load(self, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
         target_context.refresh()
         key = self._key(sig, target_context.codegen())
         content = _read(self._path(key))
@@ -103,7 +105,7 @@ class KernelCache(_Cache):
             return None
         return result if tuple(result.signature.args) == tuple(normalize_signature(sig)[0]) else None
 
-    def save_overload(self, sig: Any, data: Any) -> None:
+    def save_overload(self, sig: NumbaObject, data: NumbaObject) -> None:
         """Keep the compiled version `data` for `sig`, unless it holds addresses of this process."""
         if not self._enabled or data.lifted or data.library.has_dynamic_globals:
             return
@@ -116,7 +118,7 @@ class KernelCache(_Cache):
         except OSError as error:
             _tell_once(self._folder, error)
 
-    def _key(self, sig: Any, codegen: Any) -> bytes:
+    def _key(self, sig: NumbaObject, codegen: NumbaObject) -> bytes:
         """All that a compiled version depends on."""
         return repr((self._stem, self._made_by, repr(sig), codegen.magic_tuple())).encode()
 

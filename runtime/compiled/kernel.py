@@ -12,14 +12,13 @@ kernels: changed code never meets an old cache. `cache` reads and writes the fil
 import hashlib
 import os
 import warnings
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import FunctionType
 
 import numba
 
 from nnpp_edge import __version__
-from nnpp_edge.runtime.compiled.cache import KernelCache, make_private
+from nnpp_edge.runtime.compiled.cache import KernelCache, NumbaObject, make_private
 
 
 def _source_digest() -> str:
@@ -67,13 +66,13 @@ if CACHE_FOLDER is None:
     )
 
 
-def kernel(function: Callable[..., Any]) -> Any:
+def kernel(function: FunctionType) -> NumbaObject:
     """Compile `function` without the GIL, cached in our folder; `function.py_func` is the plain Python.
 
     Work is shared between cores by threads that call kernels, not by numba's own parallel loops: those
     may not be entered from two threads at once, nor after a fork.
     """
-    compiled: Any = numba.njit(nogil=True)(function)
+    compiled: NumbaObject = numba.njit(nogil=True)(function)
     if CACHE_FOLDER is not None and compiled is not function:  # as it is under NUMBA_DISABLE_JIT
         compiled._cache = KernelCache(function, CACHE_FOLDER)
     return compiled

@@ -56,7 +56,8 @@ class Grid:
             infinite. NaN is impassable in both.
         """
         cost = as_map(cost, "cost")
-        grid = cls(*cost.shape, model, corner_cutting)
+        rows, cols = cost.shape
+        grid = cls(rows, cols, model, corner_cutting)
         grid.update(cost)
         return grid
 

@@ -34,11 +34,13 @@ class Region(NamedTuple):
 
     def blocks(self) -> NDArray[np.bool_]:
         """Which of the bitmap's blocks are inside; bool, of its shape."""
-        return self.bitmap == self.stamp
+        inside: NDArray[np.bool_] = self.bitmap == self.stamp
+        return inside
 
     def mask(self) -> NDArray[np.bool_]:
         """(H, W) bool, the region at the map's own size (for pictures and figures, not for planning)."""
-        return self.blocks()[np.ix_(self.row_block, self.col_block)]
+        mask: NDArray[np.bool_] = self.blocks()[np.ix_(self.row_block, self.col_block)]
+        return mask
 
     def area(self) -> int:
         """Number of the map's cells inside."""

@@ -104,7 +104,7 @@ class NetworkModel:
         m = self.metadata
         sigma = m.sigma * m.input_size
         if m.encoding == "gaussian":
-            encode_gaussian(start, goal, m.input_size, 1, sigma, self.inputs["input"][0, 1:])
+            encode_gaussian(start, goal, m.input_size, 1, sigma, self._query[1:])
         else:
             encode = encode_pair if m.encoding == "pair" else encode_ends
             encode(start, goal, m.input_size // QUERY_SPACING, QUERY_SPACING, sigma, self._query)

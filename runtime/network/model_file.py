@@ -6,15 +6,22 @@ import warnings
 from dataclasses import dataclass, field, fields
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
+
+import msgspec
 
 from nnpp_edge.runtime.errors import ModelError
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession, SessionOptions
 
 METADATA_KEY = "nnpp_edge"
 FORMAT = "nnpp-edge-model-1"
 FIGURES_FORMAT = "nnpp-edge-figures-1"
-FIGURE_NAMES = ("workload", "size", "method", "n", "success_raw", "success", "gap_mean", "gap_p99",
-                "time_ms_median", "time_ms_p99", "speedup_median", "speedup_total", "mm_mean")  # fmt: skip
+FIGURE_NAMES = (
+    *("workload", "size", "method", "n", "success_raw", "success", "gap_mean", "gap_p99"),
+    *("time_ms_median", "time_ms_p99", "speedup_median", "speedup_total", "mm_mean"),
+)
 """The keys that every row of figures has, as `nnpp-edge evaluate --json` prints them."""
 
 _CHANNELS = {
@@ -44,7 +51,7 @@ class ModelMetadata:
     """Of the Gaussians, as a share of S."""
     omega: float
     """Weight of the traversability cost per grey level that the labels were made with."""
-    cost_limits: dict[str, Any]
+    cost_limits: dict[str, float]
     """Limits and weights of the cost maps that it was trained on."""
     region_factor: float = 0.5
     """Factor on the adaptive threshold, chosen on validation terrain."""
@@ -55,11 +62,11 @@ class ModelMetadata:
     head: tuple[int, ...] = ()
     """With ``ends``: the numbers that relate a place to an end, and the units of the head's two hidden layers."""
     precision: str = "fp32"
-    training: dict[str, Any] = field(default_factory=dict)
+    training: dict[str, object] = field(default_factory=dict)
     version: str = ""
     format: str = FORMAT
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         """All of it, as it stands in the file."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
@@ -74,11 +81,10 @@ class ModelMetadata:
             raise ModelError(f"{source}: wanted an ONNX model with '{METADATA_KEY}' metadata, got one without")
         try:
             stored = json.loads(text)
-            if stored.get("format") != FORMAT:
-                raise ModelError(f"{source}: wanted metadata of format {FORMAT}, got {stored.get('format')!r}")
-            stored["channels"] = tuple(stored["channels"])
-            stored["head"] = tuple(stored.get("head", ()))
-            found = cls(**stored)
+            if not isinstance(stored, dict) or stored.get("format") != FORMAT:
+                got = stored.get("format") if isinstance(stored, dict) else stored
+                raise ModelError(f"{source}: wanted metadata of format {FORMAT}, got {got!r}")
+            found = msgspec.convert(stored, cls)
             wanted = _CHANNELS.get(found.encoding)
             numbers_fit = (
                 0 < found.blocks <= found.input_size
@@ -86,9 +92,9 @@ class ModelMetadata:
                 and 0.0 < found.region_factor <= 1.0
                 and found.sigma > 0.0
                 and len(found.head) == (3 if found.encoding == "ends" else 0)
-                and all(isinstance(n, int) and n > 0 for n in found.head)
+                and all(size > 0 for size in found.head)
             )
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
+        except (ValueError, msgspec.ValidationError) as error:
             if isinstance(error, ModelError):
                 raise
             raise ModelError(f"{source}: its metadata cannot be read: {error}") from error
@@ -106,12 +112,21 @@ class ModelMetadata:
 class Figures:
     """What was measured with a model; in the JSON file beside it."""
 
-    rows: list[dict[str, Any]]
+    rows: list[dict[str, str | float | None]]
     """With the keys of `FIGURE_NAMES`; the planners that it was compared with have rows of their own."""
     commands: list[str]
     """That printed the rows."""
     machine: str
     """They ran on."""
+
+
+class _FigureFile(msgspec.Struct):
+    """The file that figures are read from."""
+
+    model_sha256: str
+    figures: list[dict[str, str | float | None]]
+    commands: list[str]
+    machine: str
 
 
 @dataclass(frozen=True)
@@ -133,16 +148,22 @@ class ModelFile:
     card: str | None
     """Text of the Markdown file beside it."""
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """For JSON: all but the card."""
         figures = self.figures
         return {
-            "name": self.name, "path": str(self.path), "size_bytes": self.size_bytes, "sha256": self.sha256,
-            "metadata": self.metadata.facts(), "inputs": self.inputs, "outputs": self.outputs,
+            "name": self.name,
+            "path": str(self.path),
+            "size_bytes": self.size_bytes,
+            "sha256": self.sha256,
+            "metadata": self.metadata.facts(),
+            "inputs": self.inputs,
+            "outputs": self.outputs,
             "producer": self.producer,
-            "figures": figures and figures.rows, "commands": figures and figures.commands,
+            "figures": figures and figures.rows,
+            "commands": figures and figures.commands,
             "machine": figures and figures.machine,
-        }  # fmt: skip
+        }
 
 
 def model_path(name: str | Path) -> Path:
@@ -162,7 +183,7 @@ def model_path(name: str | Path) -> Path:
     raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r}")
 
 
-def open_session(path: Path, options: Any = None) -> Any:
+def open_session(path: Path, options: "SessionOptions | None" = None) -> "InferenceSession":
     """onnxruntime's session of a model file; by default one that does not prepare the network for speed.
 
     Raises
@@ -211,13 +232,19 @@ def read_model_file(model: str | Path = "edge") -> ModelFile:
     sha256 = hashlib.sha256(content).hexdigest()
     session = open_session(path)
     facts = session.get_modelmeta()
+    metadata = ModelMetadata.from_json(facts.custom_metadata_map.get(METADATA_KEY), str(path))
     return ModelFile(
-        name=path.stem, path=path, size_bytes=len(content), sha256=sha256,
-        metadata=ModelMetadata.from_json(facts.custom_metadata_map.get(METADATA_KEY), str(path)),
+        name=path.stem,
+        path=path,
+        size_bytes=len(content),
+        sha256=sha256,
+        metadata=metadata,
         inputs={value.name: tuple(value.shape) for value in session.get_inputs()},
-        outputs={value.name: tuple(value.shape) for value in session.get_outputs()}, producer=facts.producer_name,
-        figures=_figures(path.with_suffix(".json"), sha256), card=_card(path.with_suffix(".md")),
-    )  # fmt: skip
+        outputs={value.name: tuple(value.shape) for value in session.get_outputs()},
+        producer=facts.producer_name,
+        figures=_figures(path.with_suffix(".json"), sha256),
+        card=_card(path.with_suffix(".md")),
+    )
 
 
 def _bytes(path: Path) -> bytes:
@@ -239,19 +266,15 @@ def _figures(path: Path, sha256: str) -> Figures | None:
         stored = json.loads(_bytes(path))
         if not isinstance(stored, dict) or stored.get("format") != FIGURES_FORMAT:
             return None
-        if stored["model_sha256"] != sha256:
-            warnings.warn(f"{path}: its figures are of another model file and are left out", stacklevel=3)
-            return None
-        found = Figures(list(stored["figures"]), [str(line) for line in stored["commands"]], str(stored["machine"]))
-        for row in found.rows:
-            for key in FIGURE_NAMES:
-                kind = str if key in ("workload", "method") else int | float | None
-                if not isinstance(row[key], kind):
-                    raise TypeError(f"{key} is {row[key]!r}")
-    except KeyError as error:
-        raise ModelError(f"{path}: wanted figures as JSON, got some without {error}") from error
-    except (ValueError, TypeError) as error:
+        found = msgspec.convert(stored, _FigureFile)
+        missing = next((key for row in found.figures for key in FIGURE_NAMES if key not in row), None)
+        if missing:
+            raise ModelError(f"{path}: wanted figures as JSON, got some without {missing!r}")
+    except (ValueError, msgspec.ValidationError) as error:
         if isinstance(error, ModelError):
             raise
         raise ModelError(f"{path}: wanted figures as JSON, got a file that cannot be read: {error}") from error
-    return found
+    if found.model_sha256 != sha256:
+        warnings.warn(f"{path}: its figures are of another model file and are left out", stacklevel=3)
+        return None
+    return Figures(found.figures, found.commands, found.machine)

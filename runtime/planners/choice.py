@@ -185,6 +185,6 @@ def _count(value: object, least: int) -> int:
 
 
 def _method(value: object) -> Method:
-    if value not in tuple(Method) or value == Method.AUTO:
+    if not isinstance(value, str) or value not in tuple(Method) or value == Method.AUTO:
         raise TypeError(f"{value!r}, no method")
     return Method(value)

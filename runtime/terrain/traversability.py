@@ -206,4 +206,5 @@ def _fill(
     else:
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
             counts = np.sum(list(pool.map(fill, bands)), axis=0)
-    return counts[1:] / max(counts[0], 1)
+    shares: NDArray[np.float64] = counts[1:] / max(counts[0], 1)
+    return shares
