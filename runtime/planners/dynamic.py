@@ -79,7 +79,7 @@ class DynamicPlanner:
         self._chooser = DynamicChooser(self._state, self._planners, self._path)
         self._start: Cell | None = None
         if not self._only_whole_map:
-            self._planners.coarse_to_fine  # noqa: B018 - made now, so that the first plan does not wait for it
+            self._planners.make_coarse_levels()
         self.set_goal(goal)
 
     @property

@@ -4,9 +4,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
-from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.corridor import CorridorPlanner
@@ -76,6 +74,10 @@ class MapPlanners:
         self.regions.use_model(model)
         return model
 
+    def make_coarse_levels(self) -> None:
+        """Pool the map now, so that the first plan does not wait for it."""
+        _ = self.coarse_to_fine
+
     @cached_property
     def coarse_to_fine(self) -> CoarseToFine:
         """Searches of the coarse levels."""
@@ -115,14 +117,6 @@ class MapPlanners:
     def exact_mending(self) -> MendingExactPlanner:
         """D* Lite over the whole map."""
         return MendingExactPlanner(self.state)
-
-    def touch(self, *, coarse: bool, goal: Cell) -> None:
-        """Have the system back the searches' memory now; with `coarse` that of the coarse levels, too."""
-        touch(self.astar.workspace)
-        if "exact_mending" in vars(self):
-            self.exact_mending.prepare(goal)
-        if coarse:
-            self.coarse_to_fine.touch()
 
     def _corridor(self, searcher: Searcher) -> CorridorPlanner:
         return CorridorPlanner(self.coarse_to_fine, searcher, self.exact)

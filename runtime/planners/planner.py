@@ -70,7 +70,7 @@ class Planner:
     ) -> None:
         self._state = MapState(cost, StepModel.of(step_cost, omega), corner_cutting=corner_cutting)
         self._planners = MapPlanners(self._state, model, network_from=ask_from)
-        self._planners.coarse_to_fine  # noqa: B018 - made now, so that the first plan does not wait for it
+        self._planners.make_coarse_levels()
         self._chooser = MethodChooser(self.shape, model)
 
     @property
