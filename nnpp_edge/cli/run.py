@@ -60,7 +60,7 @@ def command(
     nnpp-edge run --map dem.tif --input replay:drive.jsonl --fast --output none --json
     """
     from nnpp_edge.profiling.profile_file import OnboardLoop, overridden_loop, read_profile
-    from nnpp_edge.robot.build import STDOUT, Wiring, run, summary, summary_json
+    from nnpp_edge.robot.operations.onboard import STDOUT, Wiring, run, summary, summary_json
 
     wiring = Wiring(
         input=input_, outputs=outputs, framing=framing, zenoh_connect=zenoh_connect, zenoh_prefix=zenoh_prefix,

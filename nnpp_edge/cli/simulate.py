@@ -152,11 +152,11 @@ def _ground(terrain: Any, size: int, rules: Any, survey: int, seed: int) -> "Gro
 def _sinks(world: "World", log: Path | None, view: str | None, cell_size_m: float) -> list[Any]:
     sinks: list[Any] = []
     if log is not None:
-        from nnpp_edge.robot.mcap_log import McapLog
+        from nnpp_edge.robot.transports.mcap_log import McapLog
 
         sinks.append(McapLog(log, world=world, cell_size_m=cell_size_m))
     if view is not None:
-        from nnpp_edge.robot.rerun_view import RerunSink
+        from nnpp_edge.robot.transports.rerun_view import RerunSink
 
         sinks.append(RerunSink.at(view, world))
     return sinks

@@ -16,8 +16,8 @@ from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from nnpp_edge.robot import mcap_log
-from nnpp_edge.robot.mcap_log import TOPICS, McapLog
+from nnpp_edge.robot.transports import mcap_log
+from nnpp_edge.robot.transports.mcap_log import TOPICS, McapLog
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.loop.inprocess import InProcessSource
 from nnpp_edge.runtime.loop.messages import (
@@ -151,7 +151,7 @@ WRITER = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from nnpp_edge.robot.mcap_log import McapLog
+from nnpp_edge.robot.transports.mcap_log import McapLog
 from nnpp_edge.runtime.loop.messages import Origin, Outcome, PathMessage, Pose
 log = McapLog(Path(sys.argv[1]))
 for tick in range(10**9):
@@ -229,7 +229,7 @@ LIMITED = """
 import logging, resource, sys
 from pathlib import Path
 import numpy as np
-from nnpp_edge.robot import mcap_log
+from nnpp_edge.robot.transports import mcap_log
 from nnpp_edge.runtime.loop.messages import Origin, Outcome, PathMessage
 logging.basicConfig(format="%(message)s")
 mcap_log._FLUSH_EVERY_S = 0.0

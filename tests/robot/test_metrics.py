@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 
 import pytest
 
-from nnpp_edge.robot.metrics import CONTENT_TYPE, MetricsServer, metrics_text, write_metrics
+from nnpp_edge.robot.operations.metrics import CONTENT_TYPE, MetricsServer, metrics_text, write_metrics
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.loop.messages import Counters
 

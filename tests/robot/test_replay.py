@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from nnpp_edge.robot.replay import RecordedSource, Recorder, ReplayError, ReplaySource, read_recording
-from nnpp_edge.robot.wire import encode
+from nnpp_edge.robot.transports.recording import RecordedSource, Recorder, ReplayError, ReplaySource, read_recording
+from nnpp_edge.robot.transports.wire import encode
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator, Settings

@@ -11,7 +11,7 @@ import pytest
 
 rerun = pytest.importorskip("rerun")
 
-from nnpp_edge.robot.rerun_view import RerunSink  # noqa: E402
+from nnpp_edge.robot.transports.rerun_view import RerunSink  # noqa: E402
 from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError  # noqa: E402
 from nnpp_edge.runtime.loop.messages import (  # noqa: E402
     Counters,
@@ -124,5 +124,5 @@ def test_without_rerun_the_error_names_the_extra(monkeypatch, tmp_path):
 
 
 def test_the_module_imports_rerun_only_when_it_is_used():
-    code = "import sys, nnpp_edge.robot.rerun_view; print('rerun' in sys.modules)"
+    code = "import sys, nnpp_edge.robot.transports.rerun_view; print('rerun' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"

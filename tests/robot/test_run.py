@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, overridden_loop, read_profile
-from nnpp_edge.robot.build import Wiring
-from nnpp_edge.robot.replay import Recorder, read_recording
-from nnpp_edge.robot.wire import decode_output, encode
+from nnpp_edge.robot.operations.onboard import Wiring
+from nnpp_edge.robot.transports.recording import Recorder, read_recording
+from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.inprocess import InProcessSource
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
@@ -264,7 +264,7 @@ def test_ticks_end_it_and_the_profile_and_its_model_count(nnpp_edge, dem, record
     ],
 )
 def test_wrong_use_ends_in_one_line_before_the_first_tick(nnpp_edge, dem, monkeypatch, words, told):
-    monkeypatch.setattr("nnpp_edge.robot.build.exercise", lambda: None)
+    monkeypatch.setattr("nnpp_edge.robot.operations.onboard.exercise", lambda: None)
     nnpp_edge("run", "--map", dem, *words, "--ticks", "1").refused(told)
 
 

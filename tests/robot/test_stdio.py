@@ -8,9 +8,9 @@ import time
 import numpy as np
 import pytest
 
-from nnpp_edge.robot.mailbox import Mailbox, Refusals
-from nnpp_edge.robot.stdio import StdioSink, StdioSource
-from nnpp_edge.robot.wire import Fault, Framer, decode_output, encode, framed
+from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
+from nnpp_edge.robot.transports.wire import Fault, Framer, decode_output, encode, framed
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.inprocess import InProcessSource
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, Outcome, PathMessage, Pose

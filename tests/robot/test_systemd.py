@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from nnpp_edge.robot.systemd import Notifier
+from nnpp_edge.robot.operations.systemd import Notifier
 
 
 class Clock:

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.robot.mailbox import Mailbox, Refusals
-from nnpp_edge.robot.wire import Fault, Framer, WireError, decode, decode_output, encode, framed
+from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.transports.wire import Fault, Framer, WireError, decode, decode_output, encode, framed
 from nnpp_edge.runtime.loop.messages import (
     Counters,
     Goal,

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nnpp_edge.profiling.profile_file import OnboardLoop
-from nnpp_edge.robot.mailbox import Refusals
-from nnpp_edge.robot.replay import EndingSource, RecordedSource, Recorder, ReplaySource
-from nnpp_edge.robot.stdio import StdioSink, StdioSource
-from nnpp_edge.robot.wire import Fault
+from nnpp_edge.robot.transports.mailbox import Refusals
+from nnpp_edge.robot.transports.recording import EndingSource, RecordedSource, Recorder, ReplaySource
+from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
+from nnpp_edge.robot.transports.wire import Fault
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator, Settings
@@ -22,7 +22,7 @@ from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.warmup import exercise
 
 if TYPE_CHECKING:
-    from nnpp_edge.robot.zenoh_io import ZenohLink
+    from nnpp_edge.robot.transports.zenoh_io import ZenohLink
 
 STDIN, REPLAY, ZENOH, STDOUT, NONE = "stdin", "replay", "zenoh", "stdout", "none"
 
@@ -120,7 +120,7 @@ def run(
     Counters
         What was done.
     """
-    from nnpp_edge.robot.systemd import Notifier
+    from nnpp_edge.robot.operations.systemd import Notifier
 
     with ExitStack() as stack:
         stack.enter_context(_stopping_quietly())
@@ -179,7 +179,7 @@ def _outputs(wiring: Wiring, link: "ZenohLink | None") -> tuple[list[Sink], Call
         sys.stdout.flush()
         sinks[STDIN] = StdioSink(framing=wiring.framing)  # by the input that it is the way back for
     if ZENOH in wiring.output_kinds:
-        from nnpp_edge.robot.zenoh_io import ZenohSink
+        from nnpp_edge.robot.transports.zenoh_io import ZenohSink
 
         assert link is not None
         sinks[ZENOH] = ZenohSink(link)
@@ -197,7 +197,7 @@ def _source(
         return ReplaySource(Path(place), shape=world.shape, fast=wiring.fast)
     if kind == STDIN:
         return StdioSource(refusals, framing=wiring.framing)
-    from nnpp_edge.robot.zenoh_io import ZenohSource
+    from nnpp_edge.robot.transports.zenoh_io import ZenohSource
 
     assert link is not None
     return ZenohSource(link, refusals, navigator.count_error)
@@ -209,7 +209,7 @@ def _linked(wiring: Wiring) -> "Iterator[ZenohLink | None]":
     if ZENOH not in (_split(wiring.input)[0], *wiring.output_kinds):
         yield None
         return
-    from nnpp_edge.robot.zenoh_io import LOOPBACK, ZenohLink
+    from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink
 
     link = ZenohLink(wiring.endpoint or LOOPBACK, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix)
     try:
@@ -233,13 +233,13 @@ def _observers(
         recorders.append(recorder.record)
         tell(f"recording: {recorder.path}")
     if wiring.log is not None:
-        from nnpp_edge.robot.mcap_log import McapLog
+        from nnpp_edge.robot.transports.mcap_log import McapLog
 
         log = stack.enter_context(McapLog(wiring.log, world=world, cell_size_m=cell_size_m))
         sinks.append(log)
         recorders.append(lambda message, at_s: log.record(message))
     if wiring.view is not None:
-        from nnpp_edge.robot.rerun_view import RerunSink
+        from nnpp_edge.robot.transports.rerun_view import RerunSink
 
         view = stack.enter_context(RerunSink.at(wiring.view, world))
         sinks.append(view)
@@ -251,14 +251,14 @@ def _observers(
 
 
 def _write_metrics(path: Path, counters: Counters) -> None:
-    from nnpp_edge.robot.metrics import write_metrics
+    from nnpp_edge.robot.operations.metrics import write_metrics
 
     write_metrics(path, counters)
 
 
 def _serve_metrics(stack: ExitStack, wiring: Wiring, loop: Loop, tell: Callable[[str], None]) -> None:
     if wiring.metrics_port is not None:
-        from nnpp_edge.robot.metrics import MetricsServer
+        from nnpp_edge.robot.operations.metrics import MetricsServer
 
         server = stack.enter_context(MetricsServer(wiring.metrics_port, loop.counters))
         tell(f"metrics: http://{server.host}:{server.port}/metrics")

@@ -9,8 +9,8 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from nnpp_edge.robot.mailbox import Mailbox, Refusals
-from nnpp_edge.robot.wire import LIMIT_BYTES, Fault, WireError, encode, input_of, parse
+from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.transports.wire import LIMIT_BYTES, Fault, WireError, encode, input_of, parse
 from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
 from nnpp_edge.runtime.loop.messages import Input, Output, PathMessage
 

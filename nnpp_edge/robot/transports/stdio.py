@@ -6,8 +6,8 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 
-from nnpp_edge.robot.mailbox import Mailbox, Refusals
-from nnpp_edge.robot.wire import LIMIT_BYTES, Fault, Framer, WireError, decode, encode, framed
+from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.transports.wire import LIMIT_BYTES, Fault, Framer, WireError, decode, encode, framed
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.messages import Input, Output
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from nnpp_edge.robot.wire import LIMIT_BYTES, VERSION, WireError, encode, input_of, parse
+from nnpp_edge.robot.transports.wire import LIMIT_BYTES, VERSION, WireError, encode, input_of, parse
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.loop.messages import Input
 

@@ -5,7 +5,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 
-from nnpp_edge.robot.wire import Fault
+from nnpp_edge.robot.transports.wire import Fault
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Pose
 
 _LOG = logging.getLogger(__name__)
