@@ -13,7 +13,7 @@ from nnpp_edge.cli.costmap import make_rules, workload_option
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.messages import PathMessage
-    from nnpp_edge.runtime.loop.runner import Sink
+    from nnpp_edge.runtime.loop.sinks import Sink
     from nnpp_edge.runtime.loop.world import World
     from nnpp_edge.simulation.scene import Ground
     from nnpp_edge.simulation.simulate import Drive

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.histogram import Histogram
+from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, PathMessage, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator, Settings
-from nnpp_edge.runtime.loop.runner import Loop, Sink
+from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.loop.runner import Loop
+from nnpp_edge.runtime.loop.sinks import Sink
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.planners.plan import measure
 from nnpp_edge.runtime.planners.planner import Planner
@@ -168,7 +170,7 @@ def simulate(
         scene.heard(message)
         watch(scene, message)
 
-    planning = Settings(method=settings.method, model=settings.model)
+    planning = NavigatorSettings(method=settings.method, model=settings.model)
     _load_kernels(scene, planning)
     navigator = _Heard(world, planning, heard)
     run = _at_full_speed if settings.rate_hz is None else _at_rate
@@ -197,7 +199,7 @@ class _Recorded:
 class _Heard(Navigator):
     """A navigator whose answers are heard at once, in the loop's thread."""
 
-    def __init__(self, world: World, settings: Settings, heard: Callable[[PathMessage], None]) -> None:
+    def __init__(self, world: World, settings: NavigatorSettings, heard: Callable[[PathMessage], None]) -> None:
         super().__init__(world, settings)
         self._heard = heard
 
@@ -207,7 +209,7 @@ class _Heard(Navigator):
         return message
 
 
-def _load_kernels(scene: Scene, settings: Settings) -> None:
+def _load_kernels(scene: Scene, settings: NavigatorSettings) -> None:
     """Plan once beside the drive: what a process loads only once is no part of a tick."""
     navigator = Navigator(World(scene.told), settings)
     navigator.offer(Pose(*scene.robot))

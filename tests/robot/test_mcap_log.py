@@ -18,14 +18,13 @@ from mcap_ros2.decoder import DecoderFactory
 
 from nnpp_edge.robot.transports import mcap_log
 from nnpp_edge.robot.transports.mcap_log import TOPICS, McapLog
-from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, Status
 from nnpp_edge.runtime.loop.inprocess import InProcessSource
 from nnpp_edge.runtime.loop.messages import (
     Counters,
     Goal,
     MapPatch,
     Origin,
-    Outcome,
     PathMessage,
     Pose,
     StatusMessage,
@@ -38,8 +37,8 @@ from nnpp_edge.runtime.loop.world import World
 def answer(cells, tick=1):
     path = np.array(cells, np.int32).reshape(-1, 2)
     if not len(path):
-        return PathMessage(tick, Outcome.NO_PATH, Origin.NONE, reason="walled in")
-    return PathMessage(tick, Outcome.OK, Origin.FULL, path, (1, 1), (2, 2), cost=3.5)
+        return PathMessage(tick, Status.NO_PATH, Origin.NONE, reason="walled in")
+    return PathMessage(tick, Status.OK, Origin.FULL, path, (1, 1), (2, 2), cost=3.5)
 
 
 def read(path):
@@ -86,7 +85,7 @@ def test_everything_comes_back_through_the_public_reader(tmp_path):
         log.record(MapPatch(-1, 7, elevation=heights))
         for number in (1, 2, 5):
             log.publish(answer([(2 + n, 3 + n // 2) for n in range(number)], tick=number))
-        log.publish(StatusMessage(3, Outcome.OK, "OK by full", Counters(ticks=3)))
+        log.publish(StatusMessage(3, Status.OK, "OK by full", Counters(ticks=3)))
     found = read(tmp_path / "log.mcap")
     assert set(found) == set(TOPICS)
     for topic, kind in TOPICS.items():
@@ -152,12 +151,12 @@ import sys, time
 from pathlib import Path
 import numpy as np
 from nnpp_edge.robot.transports.mcap_log import McapLog
-from nnpp_edge.runtime.loop.messages import Origin, Outcome, PathMessage, Pose
+from nnpp_edge.runtime.loop.messages import Origin, PathMessage, Pose
 log = McapLog(Path(sys.argv[1]))
 for tick in range(10**9):
     log.record(Pose(tick % 7, 2))
     path = np.random.default_rng(tick).integers(0, 99, (40, 2)).astype(np.int32)
-    log.publish(PathMessage(tick, Outcome.OK, Origin.FULL, path))
+    log.publish(PathMessage(tick, Status.OK, Origin.FULL, path))
     print(tick, time.monotonic(), flush=True)
     time.sleep(0.005)
 """
@@ -230,14 +229,14 @@ import logging, resource, sys
 from pathlib import Path
 import numpy as np
 from nnpp_edge.robot.transports import mcap_log
-from nnpp_edge.runtime.loop.messages import Origin, Outcome, PathMessage
+from nnpp_edge.runtime.loop.messages import Origin, PathMessage
 logging.basicConfig(format="%(message)s")
 mcap_log._FLUSH_EVERY_S = 0.0
 log = mcap_log.McapLog(Path(sys.argv[1]))
 resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
 for tick in range(300):
     path = np.random.default_rng(tick).integers(0, 999, (40, 2)).astype(np.int32)
-    log.publish(PathMessage(tick, Outcome.OK, Origin.FULL, path))
+    log.publish(PathMessage(tick, Status.OK, Origin.FULL, path))
 log.close()
 print(log.written, log.lost)
 """

@@ -8,8 +8,9 @@ import pytest
 from nnpp_edge.robot.transports.recording import RecordedSource, Recorder, ReplayError, ReplaySource, read_recording
 from nnpp_edge.robot.transports.wire import encode
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator, Settings
+from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.world import World
 from tests.robot.conftest import free
 
@@ -40,7 +41,7 @@ def test_a_fast_replay_gives_the_same_answers_each_time(tmp_path, drive, method)
     path = scene(tmp_path / "scene.jsonl")
     runs = []
     for _ in range(2):
-        navigator = Navigator(World(free()), Settings(method=method))
+        navigator = Navigator(World(free()), NavigatorSettings(method=method))
         source = ReplaySource(path, shape=SHAPE, fast=True)
         runs.append(drive(navigator, source, rate_hz=0.5, paced=False))
     assert told(runs[0].paths) == told(runs[1].paths)

@@ -12,13 +12,12 @@ import pytest
 rerun = pytest.importorskip("rerun")
 
 from nnpp_edge.robot.transports.rerun_view import RerunSink  # noqa: E402
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError  # noqa: E402
+from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError, Status  # noqa: E402, Status
 from nnpp_edge.runtime.loop.messages import (  # noqa: E402
     Counters,
     Goal,
     MapPatch,
     Origin,
-    Outcome,
     PathMessage,
     Pose,
     StatusMessage,
@@ -50,10 +49,10 @@ def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
         sink.record(Goal(7, 8))
         sink.record(MapPatch(2, 3, cost=np.zeros((4, 5))))
         for tick in (1, 2):
-            sink.publish(PathMessage(tick, Outcome.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
+            sink.publish(PathMessage(tick, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
         world.put(MapPatch(0, 0, cost=np.array([[1.0]])))
-        sink.publish(PathMessage(3, Outcome.NO_PATH, Origin.NONE, reason="walled in", planning_ms=4.0))
-        sink.publish(StatusMessage(3, Outcome.NO_PATH, "how it is", Counters(tick_ms={"p99": 2.5}, rss_bytes=10**7)))
+        sink.publish(PathMessage(3, Status.NO_PATH, Origin.NONE, reason="walled in", planning_ms=4.0))
+        sink.publish(StatusMessage(3, Status.NO_PATH, "how it is", Counters(tick_ms={"p99": 2.5}, rss_bytes=10**7)))
     found = read(tmp_path / "loop.rrd")
     assert found["/map/path"]["tick"] == [1, 2, 3]
     first, second, none = found["/map/path"]["strips"]
@@ -87,7 +86,7 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
             time.sleep(0.05)
         with RerunSink.at(f"rerun+http://127.0.0.1:{port}/proxy", World(np.full((20, 30), 0.3, np.float32))) as sink:
             for tick in (1, 2):
-                sink.publish(PathMessage(tick, Outcome.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
+                sink.publish(PathMessage(tick, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
         sizes = [-1, 0]
         while len(sizes) < 40 and (not sizes[-1] or sizes[-1] != sizes[-2]):  # until nothing more comes
             time.sleep(0.5)
@@ -102,7 +101,7 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
 
 def test_where_to_show_is_told_by_a_word(tmp_path):
     with RerunSink.at(str(tmp_path / "drive.rrd")) as sink:
-        sink.publish(PathMessage(1, Outcome.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
+        sink.publish(PathMessage(1, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
     assert read(tmp_path / "drive.rrd")["/map/path"]["tick"] == [1]
     with pytest.raises(InvalidQueryError, match=r"view must be here, rerun\+http.* got 'there'"):
         RerunSink.at("there")

@@ -4,8 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, Outcome, PathMessage, Pose
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.simulation.scene import Ground, Obstacles, Scene, walkable
@@ -27,7 +27,7 @@ def flat(shape=(30, 40)):
 
 
 def answer(cells, goal):
-    return PathMessage(1, Outcome.OK, Origin.FULL, np.array(cells, np.int32), cells[0], goal)
+    return PathMessage(1, Status.OK, Origin.FULL, np.array(cells, np.int32), cells[0], goal)
 
 
 # --- the scene

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
 from nnpp_edge.robot.transports.wire import Fault, Framer, WireError, decode, decode_output, encode, framed
+from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.messages import (
     Counters,
     Goal,
     MapPatch,
     Origin,
-    Outcome,
     PathMessage,
     Pose,
     StatusMessage,
@@ -51,17 +51,17 @@ def test_any_bits_of_a_patch_survive(rows, cols, seed):
 def test_answers_come_back_as_they_were():
     path = np.array([[1, 2], [2, 3]], np.int32)
     whole = PathMessage(
-        7, Outcome.OK, Origin.FULL, path, (1, 2), (2, 3), False, True, 1.5, 1.25, "auto", "why", 4, 0.5
+        7, Status.OK, Origin.FULL, path, (1, 2), (2, 3), False, True, 1.5, 1.25, "auto", "why", 4, 0.5
     )
     back = decode_output(encode(whole))
     np.testing.assert_array_equal(back.path, path)
     assert back.path.dtype == np.int32
     assert replace(back, path=path).summary() == whole.summary()
-    failed = PathMessage(8, Outcome.NO_PATH, Origin.NONE)
+    failed = PathMessage(8, Status.NO_PATH, Origin.NONE)
     assert json.loads(encode(failed))["cost"] is None
     assert decode_output(encode(failed)).summary() == failed.summary()
     assert decode_output(encode(failed)).cost == math.inf
-    status = StatusMessage(9, Outcome.OK, "fine", Counters(ticks=9, drops={"x": 1}, tick_ms={"p50": 0.25}))
+    status = StatusMessage(9, Status.OK, "fine", Counters(ticks=9, drops={"x": 1}, tick_ms={"p50": 0.25}))
     assert decode_output(encode(status)) == status
     assert decode_output(encode(Fault("no", 3))) == Fault("no", 3)
 
@@ -157,7 +157,7 @@ def test_no_bytes_raise_anything_else(payload):
     [{"path": [[1]]}, {"path": "x"}, {"outcome": "FINE"}, {"start": 5}, {"cost": "x"}, {"path": []}, {"tick": None}],
 )
 def test_an_answer_that_is_none_is_refused(change):
-    message = PathMessage(7, Outcome.OK, Origin.FULL, np.array([[1, 2]], np.int32), (1, 2), (1, 2))
+    message = PathMessage(7, Status.OK, Origin.FULL, np.array([[1, 2]], np.int32), (1, 2), (1, 2))
     with pytest.raises(WireError, match="path: wanted an answer of the loop"):
         decode_output(json.dumps(json.loads(encode(message)) | change).encode())
     with pytest.raises(WireError, match="'counters' is missing"):

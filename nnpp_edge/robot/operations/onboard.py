@@ -15,9 +15,11 @@ from nnpp_edge.robot.transports.recording import EndingSource, RecordedSource, R
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
-from nnpp_edge.runtime.loop.navigator import Navigator, Settings
-from nnpp_edge.runtime.loop.runner import Loop, Sink, handling_signals
+from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.loop.runner import Loop, handling_signals
+from nnpp_edge.runtime.loop.sinks import Sink
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.warmup import exercise
 
@@ -127,7 +129,7 @@ def run(
         notifier = Notifier()
         stack.callback(notifier.close)
         exercise()
-        settings = Settings(
+        settings = NavigatorSettings(
             method=loop.method, model=loop.model, tolerance=loop.tolerance, corner_cutting=loop.corner_cutting
         )
         navigator = Navigator(world, settings)

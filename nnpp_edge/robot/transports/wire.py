@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.messages import (
     Counters,
     Goal,
@@ -21,7 +22,6 @@ from nnpp_edge.runtime.loop.messages import (
     InvalidMessageError,
     MapPatch,
     Origin,
-    Outcome,
     Output,
     PathMessage,
     Pose,
@@ -118,7 +118,7 @@ def decode_output(payload: bytes, limit: int = LIMIT_BYTES) -> Output | Fault:
     try:
         if kind == "error":
             return Fault(str(told["error"]), int(told["count"]))
-        outcome = Outcome(told["outcome"])
+        outcome = Status(told["outcome"])
         if kind == "status":
             known = {field.name for field in fields(Counters)}
             counters = Counters(**{key: value for key, value in told["counters"].items() if key in known})
@@ -225,7 +225,7 @@ class Framer:
         return WireError(f"wanted a message of at most {self._limit} bytes, got {length} or more")
 
 
-def _path_message(told: dict[str, Any], outcome: Outcome) -> PathMessage:
+def _path_message(told: dict[str, Any], outcome: Status) -> PathMessage:
     words = ("start_moved", "degraded", "method", "reason", "map_version", "planning_ms")
     rest: dict[str, Any] = {key: told[key] for key in words}
     for key in ("start", "goal"):
