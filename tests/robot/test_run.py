@@ -17,7 +17,7 @@ import pytest
 
 from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, overridden_loop, read_profile
 from nnpp_edge.robot.operations.onboard import Wiring
-from nnpp_edge.robot.transports.recording import Recorder, read_recording
+from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.inprocess import InProcessSource
@@ -42,7 +42,7 @@ def dem(tmp_path):
 @pytest.fixture
 def recording(tmp_path):
     """Three ticks: a way, an obstacle on it, a new goal."""
-    recorder = Recorder(tmp_path / "drive.jsonl", SHAPE)
+    recorder = RecordingFile(tmp_path / "drive.jsonl", SHAPE)
     for message in (Pose(5, 5), Goal(60, 70)):
         recorder.record(message, 0.0)
     recorder.record(MapPatch(20, 0, cost=np.full((1, 85), np.inf)), 0.1)

@@ -8,9 +8,10 @@ import time
 import numpy as np
 import pytest
 
+from nnpp_edge.robot.transports.framing import Framer, framed
 from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
-from nnpp_edge.robot.transports.wire import Fault, Framer, decode_output, encode, framed
+from nnpp_edge.robot.transports.wire import Fault, decode_output, encode
 from nnpp_edge.runtime.errors import OutputError, Status
 from nnpp_edge.runtime.loop.inprocess import InProcessSource
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
@@ -104,7 +105,9 @@ def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, n
     answers = received(outgoing)
     faults = [m for m in answers if isinstance(m, Fault)]
     assert [fault.count for fault in faults] == [1, 2, 3, 4]
-    for fault, words in zip(faults, ("JSON object", "pose.row", "at most 2000 bytes", "JSON object"), strict=True):
+    for fault, words in zip(
+        faults, ("JSON is malformed", "field `row`", "at most 2000 bytes", "truncated"), strict=True
+    ):
         assert words in fault.error
     assert ended.counters.errors == {"input": 4}
     assert ended.paths[-1].ok
@@ -169,10 +172,11 @@ def test_faults_wait_for_the_next_answer_and_the_newest_are_kept(outgoing):
 def test_descriptors_that_do_not_block_are_waited_for(incoming, outgoing, navigator):
     os.set_blocking(incoming.read, False)
     os.set_blocking(outgoing.write, False)
-    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read)
-    time.sleep(0.05)
+    mailbox = Mailbox()
+    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=mailbox)
+    time.sleep(0.05)  # the reader finds nothing, and must wait
     send(incoming, POSE)
-    wait_until(lambda: source._mailbox._closed)
+    wait_until(lambda: mailbox.closed)
     assert list(source.poll()) == [Pose(5, 5)]
     path = np.zeros((20_000, 2), np.int32)
     message = PathMessage(1, Status.OK, Origin.FULL, path)

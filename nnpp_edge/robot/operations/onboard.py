@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.robot.transports.mailbox import Refusals
-from nnpp_edge.robot.transports.recording import EndingSource, RecordedSource, Recorder, ReplaySource
+from nnpp_edge.robot.transports.recording import EndingSource, RecordedSource, RecordingFile, ReplaySource
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -230,7 +230,7 @@ def _observers(
     sinks: list[Sink] = []
     recorders: list[Recording] = []
     if wiring.record is not None:
-        recorder = Recorder(wiring.record, world.shape)
+        recorder = RecordingFile(wiring.record, world.shape)
         stack.callback(recorder.close)
         recorders.append(recorder.record)
         tell(f"recording: {recorder.path}")
