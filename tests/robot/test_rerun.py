@@ -1,3 +1,4 @@
+import importlib
 import os
 import signal
 import socket
@@ -122,6 +123,8 @@ def test_without_rerun_the_error_names_the_extra(monkeypatch, tmp_path):
         RerunSink(tmp_path / "loop.rrd")
 
 
-def test_the_module_imports_rerun_only_when_it_is_used():
-    code = "import sys, nnpp_edge.robot.transports.rerun_view; print('rerun' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"
+def test_the_module_imports_rerun_only_when_it_is_used(monkeypatch):
+    name = "nnpp_edge.robot.transports.rerun_view"
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    monkeypatch.delitem(sys.modules, name)
+    assert importlib.import_module(name).RerunSink is not RerunSink

@@ -8,7 +8,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
-from nnpp_edge.simulation.scene import Ground, Obstacles, Scene, walkable
+from nnpp_edge.simulation.scene import Obstacles, Scene, SurveyedGround, walkable
 from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
@@ -18,12 +18,12 @@ LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
 @pytest.fixture(scope="module")
 def ground():
     heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
-    return Ground.of(heights, 20.0, LIMITS, 6)
+    return SurveyedGround.of(heights, 20.0, LIMITS, 6)
 
 
 def flat(shape=(30, 40)):
     cost = np.full(shape, 0.2, np.float32)
-    return Ground(cost, cost.copy())
+    return SurveyedGround(cost, cost.copy())
 
 
 def answer(cells, goal):
@@ -41,10 +41,10 @@ def test_the_survey_is_the_terrain_blurred(ground):
     assert ground.surveyed[known].mean() < ground.true[known].mean()
     rough = [np.abs(np.diff(np.where(known, cost, np.nan), axis=1)) for cost in (ground.surveyed, ground.true)]
     assert np.nanmedian(rough[0]) < 0.7 * np.nanmedian(rough[1])
-    all_known = Ground.of(heights, 20.0, LIMITS, 1)
+    all_known = SurveyedGround.of(heights, 20.0, LIMITS, 1)
     np.testing.assert_array_equal(all_known.true, all_known.surveyed)
     heights[10:20, 30:40] = np.nan
-    holed = Ground.of(heights, 20.0, LIMITS, 6)
+    holed = SurveyedGround.of(heights, 20.0, LIMITS, 6)
     np.testing.assert_array_equal(np.isinf(holed.surveyed[10:20, 30:40]), True)
 
 
@@ -77,8 +77,8 @@ def test_the_robot_sees_what_is_around_it_and_tells_no_more():
     true = np.full((30, 40), 0.2, np.float32)
     true[:, 20] = 1.0
     true[29, 20] = 0.2
-    scene = Scene(Ground(true, np.full((30, 40), 0.1, np.float32)), (15, 12), (15, 35), np.random.default_rng(0),
-                  sight=4, changes=0)  # fmt: skip
+    ground = SurveyedGround(true, np.full((30, 40), 0.1, np.float32))
+    scene = Scene(ground, (15, 12), (15, 35), np.random.default_rng(0), sight=4, changes=0)
     messages = list(scene.poll())
     assert [type(m) for m in messages] == [Goal, MapPatch, Pose]
     assert messages[0].cell == (15, 35) and messages[2].cell == (15, 12)
@@ -153,7 +153,7 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(ground, method, ti
 
 def test_who_knows_all_and_meets_nothing_drives_the_optimum(ground):
     start, goal = random_drive(ground, 2)
-    known = Ground(ground.true, ground.true.copy())
+    known = SurveyedGround(ground.true, ground.true.copy())
     drive = simulate(known, start, goal, SimulationSettings("astar", changes=0))
     assert drive.reached
     assert drive.driven_cost == pytest.approx(drive.optimal_cost)
@@ -222,7 +222,7 @@ def test_what_makes_no_sense_is_refused(ground):
         with pytest.raises(InvalidQueryError, match="must be at least"):
             simulate(flat(), (5, 5), (9, 9), SimulationSettings(**bad))
     with pytest.raises(InvalidQueryError, match="blocks"):
-        Ground.of(np.zeros((9, 9), np.float32), 1.0, LIMITS, 0)
+        SurveyedGround.of(np.zeros((9, 9), np.float32), 1.0, LIMITS, 0)
     islands = flat((40, 40))
     islands.true[:, 3::4] = islands.true[3::4] = 1.0
     with pytest.raises(InvalidQueryError, match="give start and goal"):

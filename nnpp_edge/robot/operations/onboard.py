@@ -1,20 +1,19 @@
-"""Putting the onboard loop together: world, source, sinks, and what watches over it."""
+"""Putting the onboard loop together: world, input, sinks, and what watches over it."""
 
-import json
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from nnpp_edge.profiling.profile_file import OnboardLoop
+from nnpp_edge.robot.operations.systemd import Notifier
+from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring, kind_and_place
 from nnpp_edge.robot.transports.mailbox import Refusals
 from nnpp_edge.robot.transports.recording import EndingSource, RecordedSource, RecordingFile, ReplaySource
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault
-from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
@@ -24,80 +23,31 @@ from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.warmup import exercise
 
 if TYPE_CHECKING:
-    from nnpp_edge.robot.transports.zenoh_io import ZenohLink
+    from nnpp_edge.robot.transports.zenoh_io import ZenohLink, ZenohSink
 
-STDIN, REPLAY, ZENOH, STDOUT, NONE = "stdin", "replay", "zenoh", "stdout", "none"
+Record = Callable[[Input, float], None]
+"""Called with an input and the seconds since the loop began."""
 
 
 @dataclass(frozen=True)
-class Wiring:
-    """What the loop is connected to.
+class Pace:
+    """When and where the loop runs; as for `Loop`."""
 
-    Raises
-    ------
-    InvalidQueryError
-        Input or outputs are unknown, or do not go together.
-    """
-
-    input: str = STDIN
-    """``stdin``, ``replay:FILE``, or ``zenoh`` or ``zenoh:ENDPOINT``."""
-    outputs: tuple[str, ...] = ()
-    """``stdout``, ``zenoh[:ENDPOINT]`` or ``none``; empty: ``zenoh`` for input from there, else ``stdout``."""
-    framing: str = "lines"
-    """Of stdin and stdout."""
-    zenoh_connect: str | None = None
-    """Go to this endpoint instead of listening."""
-    zenoh_prefix: str = "nnpp_edge"
-    fast: bool = False
-    """Replay without waiting: each tick gets the inputs of one recorded tick, and follows the one before at once."""
-    stay: bool = False
-    """Go on when stdin is closed, or the replay is over."""
-    record: Path | None = None
-    log: Path | None = None
-    metrics_port: int | None = None
-    metrics_file: Path | None = None
-    view: str | None = None
-    """Where rerun shows map and path, as for `RerunSink.at`."""
-
-    def __post_init__(self) -> None:
-        """Check."""
-        kind, place = _split(self.input)
-        if kind not in (STDIN, REPLAY, ZENOH) or (kind == STDIN and place) or (kind == REPLAY and not place):
-            raise InvalidQueryError(f"input must be stdin, replay:FILE or zenoh[:ENDPOINT], got {self.input!r}")
-        if self.fast and kind != REPLAY:
-            raise InvalidQueryError(f"only a replay can be fast, got input {self.input!r}")
-        kinds = self.output_kinds
-        if not set(kinds) <= {STDOUT, ZENOH, NONE} or len(set(kinds)) < len(kinds):
-            raise InvalidQueryError(
-                f"outputs must be different ones of stdout, zenoh[:ENDPOINT] or none, got {', '.join(self.outputs)}"
-            )
-        if NONE in kinds and len(kinds) > 1:
-            raise InvalidQueryError(f"output none goes with no other, got {', '.join(self.outputs)}")
-        if len(self._endpoints) > 1:
-            raise InvalidQueryError(f"input and output must name one endpoint, got {', '.join(self._endpoints)}")
-
-    @property
-    def output_kinds(self) -> tuple[str, ...]:
-        """Without endpoints."""
-        if self.outputs:
-            return tuple(_split(output)[0] for output in self.outputs)
-        return (ZENOH if _split(self.input)[0] == ZENOH else STDOUT,)
-
-    @property
-    def endpoint(self) -> str | None:
-        """Zenoh's, where one is named."""
-        return next(iter(self._endpoints), None)
-
-    @property
-    def _endpoints(self) -> list[str]:
-        named = [_split(text) for text in (self.input, *self.outputs)]
-        return sorted({place for kind, place in named if kind == ZENOH and place})
+    rate_hz: float = 17.0
+    cores: tuple[int, ...] = ()
+    priority: int = 0
 
 
 def run(
-    world: World, loop: OnboardLoop, wiring: Wiring, *, ticks: int | None = None, cell_size_m: float = 1.0,
-    tell: Callable[[str], None] = lambda line: None,
-) -> Counters:  # fmt: skip
+    world: World,
+    settings: NavigatorSettings,
+    wiring: Wiring,
+    pace: Pace,
+    *,
+    ticks: int | None = None,
+    cell_size_m: float = 1.0,
+    report: Callable[[str], None] = lambda line: None,
+) -> Counters:
     """Load kernels and network, connect everything, and run the loop until it is stopped or its input ends.
 
     SIGTERM and SIGINT end it after the tick, SIGHUP reloads the model. For the main thread.
@@ -105,40 +55,36 @@ def run(
     Parameters
     ----------
     world : World
-        The map at the begin.
-    loop : OnboardLoop
-        Rate and planner.
+        The first map.
+    settings : NavigatorSettings
+        How to plan.
     wiring : Wiring
         Inputs, outputs and observers.
+    pace : Pace
+        Rate, cores and priority.
     ticks : int
         End after so many.
     cell_size_m : float
         Side of a cell, for logs.
-    tell : callable
-        Told in a line what has begun.
+    report : callable
+        Called with a line for each thing that is started.
 
     Returns
     -------
     Counters
         What was done.
     """
-    from nnpp_edge.robot.operations.systemd import Notifier
-
     with ExitStack() as stack:
         stack.enter_context(_stopping_quietly())
-        notifier = Notifier()
-        stack.callback(notifier.close)
+        notifier = stack.enter_context(Notifier())
         exercise()
-        settings = NavigatorSettings(
-            method=loop.method, model=loop.model, tolerance=loop.tolerance, corner_cutting=loop.corner_cutting
-        )
         navigator = Navigator(world, settings)
-        link = stack.enter_context(_linked(wiring))
-        sinks, answer = _outputs(wiring, link)
-        source = _source(wiring, world, navigator, link, answer)
-        observers, recorders = _observers(stack, wiring, world, cell_size_m, tell)
-        if recorders:
-            recorded = RecordedSource(source, recorders, navigator.count_error)
+        link = stack.enter_context(_zenoh_link(wiring))
+        sinks, answer_fault = _answer_sinks(wiring, link)
+        source = _input_source(wiring, navigator, link, answer_fault)
+        observers, records = _observers(stack, wiring, world, cell_size_m, report)
+        if records:
+            recorded = RecordedSource(source, records, navigator.count_error)
             stack.callback(recorded.close)
             source = recorded
         observers.append(_StatusSink("systemd", lambda status: notifier.status(status.text)))
@@ -146,17 +92,23 @@ def run(
         def after_tick(message: PathMessage) -> None:
             notifier.alive()
             if source.ended and not wiring.stay:
-                running.stop()
+                loop.stop()
 
-        running = Loop(
-            navigator, source, [*sinks, *observers], rate_hz=loop.rate_hz, cores=loop.cores, priority=loop.priority,
-            paced=not wiring.fast, after_tick=after_tick,
-        )  # fmt: skip
-        _serve_metrics(stack, wiring, running, tell)
-        with handling_signals(running):
+        loop = Loop(
+            navigator,
+            source,
+            [*sinks, *observers],
+            rate_hz=pace.rate_hz,
+            cores=pace.cores,
+            priority=pace.priority,
+            paced=not wiring.fast,
+            after_tick=after_tick,
+        )
+        _serve_metrics(stack, wiring, loop, report)
+        with handling_signals(loop):
             notifier.ready()
-            tell(f"ready: {loop.method} at {loop.rate_hz:g} Hz, {world.shape[0]} × {world.shape[1]} cells")
-            counters = running.run(ticks)
+            report(f"ready: {settings.method} at {pace.rate_hz:g} Hz, {world.shape[0]} × {world.shape[1]} cells")
+            counters = loop.run(ticks)
             notifier.stopping()
         if wiring.metrics_file is not None:
             _write_metrics(wiring.metrics_file, counters)
@@ -166,37 +118,35 @@ def run(
 class _StatusSink:
     """Passes status messages to a function."""
 
-    def __init__(self, name: str, told: Callable[[StatusMessage], object]) -> None:
-        self.name, self._told = name, told
+    def __init__(self, name: str, use: Callable[[StatusMessage], object]) -> None:
+        self.name, self._use = name, use
 
     def publish(self, message: Output) -> None:
         if isinstance(message, StatusMessage):
-            self._told(message)
+            self._use(message)
 
 
-def _outputs(wiring: Wiring, link: "ZenohLink | None") -> tuple[list[Sink], Callable[[Fault], None] | None]:
-    """Sinks for the answers, and the way back to whoever sends inputs, if they are connected to it."""
-    sinks: dict[str, Any] = {}
+def _answer_sinks(wiring: Wiring, link: "ZenohLink | None") -> tuple[list[Sink], Callable[[Fault], None] | None]:
+    """Sinks for the answers, and how to answer a refused input, if its sender can be reached."""
+    sinks: dict[str, StdioSink | ZenohSink] = {}
+    """By the input whose sender each reaches."""
     if STDOUT in wiring.output_kinds:
         sys.stdout.flush()
-        sinks[STDIN] = StdioSink(framing=wiring.framing)  # by the input that it is the way back for
+        sinks[STDIN] = StdioSink(framing=wiring.framing)
     if ZENOH in wiring.output_kinds:
-        from nnpp_edge.robot.transports.zenoh_io import ZenohSink
-
         assert link is not None
-        sinks[ZENOH] = ZenohSink(link)
-    back = sinks.get(_split(wiring.input)[0])
+        sinks[ZENOH] = link.sink()
+    back = sinks.get(kind_and_place(wiring.input)[0])
     return list(sinks.values()), None if back is None else back.answer
 
 
-def _source(
-    wiring: Wiring, world: World, navigator: Navigator, link: "ZenohLink | None",
-    answer: Callable[[Fault], None] | None,
-) -> EndingSource:  # fmt: skip
-    kind, place = _split(wiring.input)
-    refusals = Refusals(navigator.count_error, answer)
+def _input_source(
+    wiring: Wiring, navigator: Navigator, link: "ZenohLink | None", answer_fault: Callable[[Fault], None] | None
+) -> EndingSource:
+    kind, place = kind_and_place(wiring.input)
+    refusals = Refusals(navigator.count_error, answer_fault)
     if kind == REPLAY:
-        return ReplaySource(Path(place), shape=world.shape, fast=wiring.fast)
+        return ReplaySource(Path(place), shape=navigator.world.shape, fast=wiring.fast)
     if kind == STDIN:
         return StdioSource(refusals, framing=wiring.framing)
     from nnpp_edge.robot.transports.zenoh_io import ZenohSource
@@ -206,9 +156,9 @@ def _source(
 
 
 @contextmanager
-def _linked(wiring: Wiring) -> "Iterator[ZenohLink | None]":
-    """The session, where Zenoh is asked for."""
-    if ZENOH not in (_split(wiring.input)[0], *wiring.output_kinds):
+def _zenoh_link(wiring: Wiring) -> "Iterator[ZenohLink | None]":
+    """The session, if input or output need one."""
+    if not wiring.uses_zenoh:
         yield None
         return
     from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink
@@ -220,36 +170,35 @@ def _linked(wiring: Wiring) -> "Iterator[ZenohLink | None]":
         link.close()
 
 
-Recording = Callable[[Input, float], None]
-
-
 def _observers(
-    stack: ExitStack, wiring: Wiring, world: World, cell_size_m: float, tell: Callable[[str], None]
-) -> tuple[list[Sink], list[Recording]]:
-    """Who else gets the answers, and who gets the inputs."""
+    stack: ExitStack, wiring: Wiring, world: World, cell_size_m: float, report: Callable[[str], None]
+) -> tuple[list[Sink], list[Record]]:
+    """Further sinks for the answers, and recorders of the inputs."""
     sinks: list[Sink] = []
-    recorders: list[Recording] = []
+    records: list[Record] = []
     if wiring.record is not None:
-        recorder = RecordingFile(wiring.record, world.shape)
-        stack.callback(recorder.close)
-        recorders.append(recorder.record)
-        tell(f"recording: {recorder.path}")
+        recording = RecordingFile(wiring.record, world.shape)
+        stack.callback(recording.close)
+        records.append(recording.record)
+        report(f"recording: {recording.path}")
     if wiring.log is not None:
         from nnpp_edge.robot.transports.mcap_log import McapLog
 
         log = stack.enter_context(McapLog(wiring.log, world=world, cell_size_m=cell_size_m))
         sinks.append(log)
-        recorders.append(lambda message, at_s: log.record(message))
+        records.append(lambda message, at_s: log.record(message))
     if wiring.view is not None:
         from nnpp_edge.robot.transports.rerun_view import RerunSink
 
         view = stack.enter_context(RerunSink.at(wiring.view, world))
         sinks.append(view)
-        recorders.append(lambda message, at_s: view.record(message))
+        records.append(lambda message, at_s: view.record(message))
     if (file := wiring.metrics_file) is not None:
-        _write_metrics(file, Counters())  # at the begin, so that a name that cannot be written is told now
+        _write_metrics(
+            file, Counters()
+        )  # now, so that a file that cannot be written is an error before the first tick
         sinks.append(_StatusSink("metrics", lambda status: _write_metrics(file, status.counters)))
-    return sinks, recorders
+    return sinks, records
 
 
 def _write_metrics(path: Path, counters: Counters) -> None:
@@ -258,12 +207,12 @@ def _write_metrics(path: Path, counters: Counters) -> None:
     write_metrics(path, counters)
 
 
-def _serve_metrics(stack: ExitStack, wiring: Wiring, loop: Loop, tell: Callable[[str], None]) -> None:
+def _serve_metrics(stack: ExitStack, wiring: Wiring, loop: Loop, report: Callable[[str], None]) -> None:
     if wiring.metrics_port is not None:
         from nnpp_edge.robot.operations.metrics import MetricsServer
 
         server = stack.enter_context(MetricsServer(wiring.metrics_port, loop.counters))
-        tell(f"metrics: http://{server.host}:{server.port}/metrics")
+        report(f"metrics: http://{server.host}:{server.port}/metrics")
 
 
 @contextmanager
@@ -278,36 +227,3 @@ def _stopping_quietly() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _split(text: str) -> tuple[str, str]:
-    kind, _, place = text.partition(":")
-    return kind, place
-
-
-def summary(counters: Counters) -> str:
-    """The counters for people; what never happened is left out."""
-    c = counters
-    lines = {"ticks": f"{c.ticks}: {c.planned} planned, {c.kept} kept, {c.failed} without a path"}
-    if c.tick_ms:
-        lines["tick"] = ", ".join(f"{name} {ms:.2f} ms" for name, ms in c.tick_ms.items())
-    if c.overruns or c.skipped:
-        lines["late"] = f"{c.overruns} overruns, {c.skipped} deadlines skipped"
-    for name, counts in (("degraded", c.degraded), ("errors", c.errors), ("dropped", c.drops), ("lost", c.lost)):
-        if shown := [f"{where} {count}" for where, count in counts.items() if count]:
-            lines[name] = ", ".join(shown)
-    if c.patches:
-        odd = {"clipped": c.patches_clipped, "rejected": c.patches_rejected, "merged": c.patches_merged}
-        shown = [f"{count} {what}" for what, count in odd.items() if count]
-        lines["patches"] = ", ".join([f"{c.patches} ({c.cells_changed} cells changed)", *shown])
-    if c.reloads:
-        lines["reloads"] = str(c.reloads)
-    lines["memory"] = f"{c.rss_bytes / 1e6:.0f} MB"
-    return "\n".join(f"{name:<10}{value}" for name, value in lines.items())
-
-
-def summary_json(counters: Counters) -> str:
-    """The counters for programs."""
-    from dataclasses import asdict
-
-    return json.dumps(asdict(counters))

@@ -70,6 +70,10 @@ class ZenohLink:
             where = f"go to {connect!r}" if connect else f"listen at {endpoint!r}"
             raise InvalidQueryError(f"Zenoh could not {where} ({reason})") from error
 
+    def sink(self) -> "ZenohSink":
+        """A sink that sends to this session's topics."""
+        return ZenohSink(self)
+
     def close(self) -> None:
         """End the session, within a second."""
         thread = threading.Thread(target=self.session.close, name="nnpp-edge zenoh close", daemon=True)
