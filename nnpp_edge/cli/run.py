@@ -15,53 +15,28 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.messages import Counters
     from nnpp_edge.runtime.loop.world import World
 
+_FRAMINGS = click.Choice(["lines", "length"])
+_INPUTS, _OUTPUTS = "stdin|replay:FILE|zenoh[:ENDPOINT]", "stdout|zenoh[:ENDPOINT]|none"
+_OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the inputs, and of a replay to stdout."
 
-@click.command(name="run")
-@click.option(
-    "--map",
-    "map_file",
-    type=options.PATH,
-    required=True,
-    help="Elevation map, or an .npz that `nnpp-edge costmap` has written.",
-)
+
+@click.command(name="run", context_settings={"show_default": True})
+@click.option("--map", "map_file", type=options.PATH, required=True, help="Elevation map, or an .npz of `costmap`.")
 @click.option("--profile", metavar="NAME|FILE", help="A shipped profile or a TOML file; its table [loop] counts.")
-@click.option(
-    "--input",
-    default="stdin",
-    show_default=True,
-    metavar="stdin|replay:FILE|zenoh[:ENDPOINT]",
-    help="Where patches, poses and goals come from.",
-)
-@click.option(
-    "--output",
-    "outputs",
-    multiple=True,
-    metavar="stdout|zenoh[:ENDPOINT]|none",
-    help="Where paths go; may be given several times. By default back to where inputs come from, and of a replay to "
-    "stdout.",
-)
+@click.option("--input", default="stdin", metavar=_INPUTS, help="Where patches, poses and goals come from.")
+@click.option("--output", "outputs", multiple=True, metavar=_OUTPUTS, help=_OUTPUT_HELP)
 @click.option("--rate", "rate_hz", type=float, help="Ticks a second, in place of the profile's (else 17).")
 @click.option("--method", help="Planner, in place of the profile's (else auto).")
 @click.option("--model", help="Shipped network's name, or an ONNX file, in place of the profile's (else edge).")
 @click.option("--cores", type=options.Numbers(), help="Pin the loop to these cores.")
 @click.option("--priority", type=int, help="1 to 99: run the loop under SCHED_FIFO.")
-@click.option(
-    "--tolerance",
-    type=float,
-    help="Keep a path while it can cost at most this share more than a new one (else 0.02).",
-)
+@click.option("--tolerance", type=float, help="Keep a path while a new one can save at most this share (else 0.02).")
 @click.option("--ticks", type=click.IntRange(1), help="End after so many.")
-@click.option(
-    "--framing",
-    type=click.Choice(["lines", "length"]),
-    default="lines",
-    show_default=True,
-    help="On stdin and stdout: a message a line, or after its length in 4 bytes.",
-)
+@click.option("--framing", type=_FRAMINGS, default="lines", help="A message a line, or after its length in 4 bytes.")
 @click.option("--fast", is_flag=True, help="Replay one recorded tick a tick, and ticks without a pause.")
 @click.option("--stay", is_flag=True, help="Go on when stdin is closed or the replay is over.")
 @click.option("--zenoh-connect", metavar="ENDPOINT", help="Connect to this router or peer instead of listening.")
-@click.option("--zenoh-prefix", default="nnpp_edge", show_default=True, help="First part of all topics.")
+@click.option("--zenoh-prefix", default="nnpp_edge", help="First part of all topics.")
 @click.option("--record", type=options.NEW_FILE, help="Write the inputs to this file, for replay.")
 @click.option("--log", type=options.NEW_FILE, help="Write inputs and answers to this .mcap file.")
 @click.option("--metrics-port", type=click.IntRange(0, 65535), help="Serve the counters to Prometheus at this port.")

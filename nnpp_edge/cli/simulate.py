@@ -24,45 +24,22 @@ if TYPE_CHECKING:
 
 _SAMPLE, _SAMPLE_RESCALE = "moon_highlands.npz", 20.0
 _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
+_FROM_0, _FROM_1 = click.IntRange(0), click.IntRange(1)
 
 
-@click.command(name="simulate")
+@click.command(name="simulate", context_settings={"show_default": True})
 @click.option("--map", "dem", type=options.PATH, help="Elevation map; by default the shipped lunar sample.")
-@click.option(
-    "--size",
-    type=click.IntRange(16),
-    default=256,
-    show_default=True,
-    help="Side of the part of the map to drive on, picked by the seed; at most all of it.",
-)
+@click.option("--size", type=click.IntRange(16), default=256, help="Side of the part of the map, picked by the seed.")
 @click.option("--start", type=options.Cell(), help="Cell of that part, row first; by default picked by the seed.")
 @click.option("--goal", type=options.Cell(), help="Likewise.")
-@click.option("--method", type=click.Choice(_METHODS), default="auto", show_default=True)
-@click.option("--model", default="edge", show_default=True, help="Shipped network's name, or an ONNX file.")
+@click.option("--method", type=click.Choice(_METHODS), default="auto")
+@click.option("--model", default="edge", help="Shipped network's name, or an ONNX file.")
 @click.option("--rate", type=click.FloatRange(0.0, min_open=True), help="Ticks a second; else as fast as possible.")
-@click.option("--ticks", type=click.IntRange(1), default=5000, show_default=True, help="At most.")
-@click.option(
-    "--changes",
-    type=click.IntRange(0),
-    default=1,
-    show_default=True,
-    help="Obstacles that appear, move or vanish between two ticks.",
-)
-@click.option(
-    "--survey",
-    type=click.IntRange(1),
-    default=8,
-    show_default=True,
-    help="The first map has heights blurred over so many cells; 1 knows all.",
-)
-@click.option(
-    "--sight",
-    type=click.IntRange(1),
-    default=12,
-    show_default=True,
-    help="Cells to each side whose true cost the robot sees.",
-)
-@click.option("--speed", type=click.IntRange(1), default=1, show_default=True, help="Cells a tick.")
+@click.option("--ticks", type=_FROM_1, default=5000, help="At most.")
+@click.option("--changes", type=_FROM_0, default=1, help="Obstacles that appear, move or vanish between two ticks.")
+@click.option("--survey", type=_FROM_1, default=8, help="Blur the first map's heights over so many cells; 1: none.")
+@click.option("--sight", type=_FROM_1, default=12, help="Cells to each side whose true cost the robot sees.")
+@click.option("--speed", type=_FROM_1, default=1, help="Cells a tick.")
 @options.dem_input
 @options.traversability
 @workload_option
@@ -146,20 +123,21 @@ def command(
 def text(drive: "Drive", shape: tuple[int, int], written: Sequence[Path]) -> str:
     """The result for people."""
     times = ", ".join(f"{name} {drive.planning_ms[name]:.2f}" for name in ("p50", "p99", "max"))
-    degraded = ", ".join(f"{count} {kind}" for kind, count in sorted(drive.degraded.items())) or "none"
+    degraded = ", ".join(f"{count} {kind}" for kind, count in sorted(drive.counters.degraded.items())) or "none"
     excess = "" if drive.excess is None else f": driven {100.0 * drive.excess:+.1f} %"
+    ticks = drive.counters
     lines = {
         "goal reached" if drive.reached else "GOAL NOT REACHED": f"{drive.method}, {drive.start} to {drive.goal}",
         "map": f"{shape[0]} × {shape[1]} cells",
-        "ticks": f"{drive.ticks}: {drive.planned} planned, {drive.kept} kept their path, {drive.failed} without one",
-        "degraded": f"{degraded}; {drive.overruns} late",
+        "ticks": f"{ticks.ticks}: {ticks.planned} planned, {ticks.kept} kept their path, {ticks.failed} without one",
+        "degraded": f"{degraded}; {ticks.overruns} late",
         "answer": f"{times} ms",
         "driven": f"{len(drive.driven)} cells, cost {drive.driven_cost:.6g}; stood still {drive.waited} times",
         "optimum": f"{drive.optimal_cost:.6g} with all known and no obstacle{excess}",
         "forbidden": f"{drive.forbidden} of the paths published",
     }
-    if drive.errors:
-        lines["errors"] = ", ".join(f"{count} in {place}" for place, count in sorted(drive.errors.items()))
+    if ticks.errors:
+        lines["errors"] = ", ".join(f"{count} in {place}" for place, count in sorted(ticks.errors.items()))
     if written:
         lines["written"] = ", ".join(map(str, written))
     width = max(map(len, lines)) + 2

@@ -50,7 +50,7 @@ def drive_picture(scene: Scene, drive: Drive) -> Picture:
     costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
     if drive.excess is not None:
         costs += f" (+{100 * drive.excess:.1f} %)"
-    facts = [drive.method, f"{drive.ticks} ticks, {drive.planned} plans", costs]
+    facts = [drive.method, f"{drive.counters.ticks} ticks, {drive.counters.planned} plans", costs]
     scale = sheet.scale(scene.ground.cell_size_m)
     return sheet.finish([[*ends, *lines], [*map(sheet.text_item, facts), *scale], [sheet.grey_bar()]])
 

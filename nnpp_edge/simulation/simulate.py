@@ -23,6 +23,7 @@ from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
 
+_COUNTED = ("ticks", "planned", "kept", "failed", "degraded", "errors", "drops", "overruns")
 PERIOD_S = 0.1
 """Time that a tick has for its answer where no rate is given."""
 _TRIES = 50
@@ -75,16 +76,7 @@ class Drive:
     start: Cell
     goal: Cell
     reached: bool
-    ticks: int
-    planned: int
-    """Ticks that planned a new path."""
-    kept: int
-    failed: int
-    """Ticks without a path."""
-    degraded: dict[str, int]
-    errors: dict[str, int]
-    drops: dict[str, int]
-    overruns: int
+    counters: Counters
     waited: int
     """Times that the robot stood still."""
     forbidden: int
@@ -110,7 +102,9 @@ class Drive:
     def summary(self) -> dict[str, object]:
         """Without its arrays, ready for JSON."""
         values: dict[str, object] = asdict(self) | {"excess": self.excess, "cells": len(self.driven)}
-        return {key: value for key, value in values.items() if key not in ("driven", "optimal")}
+        for name in ("driven", "optimal", "counters"):
+            del values[name]
+        return values | {name: getattr(self.counters, name) for name in _COUNTED}
 
 
 def random_drive(ground: SurveyedGround, seed: int) -> tuple[Cell, Cell]:
@@ -184,14 +178,7 @@ def simulate(
         start,
         goal,
         scene.reached,
-        ticks=counters.ticks,
-        planned=counters.planned,
-        kept=counters.kept,
-        failed=counters.failed,
-        degraded=counters.degraded,
-        errors=counters.errors,
-        drops=counters.drops,
-        overruns=counters.overruns,
+        counters,
         waited=scene.waited,
         forbidden=scene.forbidden,
         driven_cost=measure(planner.grid, driven)[0],

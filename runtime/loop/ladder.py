@@ -227,22 +227,9 @@ class Ladder:
         if problem:
             _LOG.info("a path from %s is not published: %s", origin, problem)
             return None
-        return PathMessage(
-            tick.number,
-            Status.OK,
-            origin,
-            path,
-            tick.start,
-            tick.goal,
-            tick.start_moved,
-            degraded=bool(tick.failures),
-            cost=plan.cost,
-            lower_bound=plan.lower_bound,
-            method=plan.by,
-            reason=reason,
-            map_version=tick.map_version,
-            planning_ms=tick.elapsed_ms,
-        )
+        base = tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures))
+        found = replace(base, outcome=Status.OK, origin=origin, path=path)
+        return replace(found, cost=plan.cost, lower_bound=plan.lower_bound, method=plan.by)
 
 
 def one_line(error: Exception) -> str:

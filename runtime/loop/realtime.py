@@ -1,11 +1,15 @@
-"""What the loop asks of the operating system: cores, priority, a sleep that can be interrupted, memory in use."""
+"""What the loop needs of the operating system: cores, priority, signals, an interruptible sleep, memory in use."""
 
 import logging
 import os
 import select
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FrameType
+
+Handler = Callable[[int, FrameType | None], None] | signal.Handlers
 
 _LOG = logging.getLogger(__name__)
 
@@ -56,6 +60,17 @@ def be_realtime(cores: Sequence[int], priority: int) -> Callable[[], None]:
                 step()
 
     return restore
+
+
+@contextmanager
+def signal_handlers(handlers: Mapping[signal.Signals, Handler]) -> Iterator[None]:
+    """Handle signals so for a while. For the main thread."""
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def rss_bytes() -> int:

@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
 from types import FrameType
 from typing import Protocol
@@ -16,7 +16,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.histogram import Histogram
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.realtime import InterruptibleSleep, be_realtime, rss_bytes
+from nnpp_edge.runtime.loop.realtime import InterruptibleSleep, be_realtime, rss_bytes, signal_handlers
 from nnpp_edge.runtime.loop.sinks import FailureLog, Sink, SinkWriter
 from nnpp_edge.runtime.loop.ticker import Ticker
 
@@ -229,20 +229,14 @@ class Loop:
             self._collection_s *= 0.9
 
 
-@contextmanager
-def handling_signals(loop: Loop) -> Iterator[None]:
+def handling_signals(loop: Loop) -> AbstractContextManager[None]:
     """SIGTERM and SIGINT stop the loop after its tick, SIGHUP reads the model again. For the main thread."""
-    handlers: dict[signal.Signals, Callable[[int, FrameType | None], None]] = {
-        signal.SIGTERM: lambda number, frame: loop.stop(),
-        signal.SIGINT: lambda number, frame: loop.stop(),
-        signal.SIGHUP: lambda number, frame: loop.request_reload(),
-    }
-    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        loop.stop()
+
+    handlers = {signal.SIGTERM: stop, signal.SIGINT: stop}
+    return signal_handlers({**handlers, signal.SIGHUP: lambda number, frame: loop.request_reload()})
 
 
 @contextmanager

@@ -137,9 +137,9 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(ground, method, ti
     seen = []
     settings = SimulationSettings(method, str(tiny_model), ticks=1500, changes=2)
     drive = simulate(ground, start, goal, settings, watch=lambda scene, m: seen.append(m))
-    assert drive.reached and drive.forbidden == 0 and drive.errors == {}
-    assert len(seen) == drive.ticks == drive.planned + drive.kept + drive.failed
-    assert drive.planned > 5
+    assert drive.reached and drive.forbidden == 0 and drive.counters.errors == {}
+    assert len(seen) == drive.counters.ticks == drive.counters.planned + drive.counters.kept + drive.counters.failed
+    assert drive.counters.planned > 5
     steps = np.abs(np.diff(drive.driven, axis=0)).max(axis=1)
     assert (steps == 1).all()
     assert (tuple(drive.driven[0]), tuple(drive.driven[-1])) == (start, goal)
@@ -157,7 +157,7 @@ def test_who_knows_all_and_meets_nothing_drives_the_optimum(ground):
     drive = simulate(known, start, goal, SimulationSettings("astar", changes=0))
     assert drive.reached
     assert drive.driven_cost == pytest.approx(drive.optimal_cost)
-    assert (drive.planned, drive.excess) == (1, pytest.approx(0.0, abs=1e-9))
+    assert (drive.counters.planned, drive.excess) == (1, pytest.approx(0.0, abs=1e-9))
 
 
 def test_the_same_seed_gives_the_same_drive(ground):
@@ -166,8 +166,8 @@ def test_the_same_seed_gives_the_same_drive(ground):
         simulate(ground, start, goal, SimulationSettings("astar", seed=seed, changes=3)) for seed in (4, 4, 5)
     )
     np.testing.assert_array_equal(first.driven, again.driven)
-    assert (first.planned, first.driven_cost) == (again.planned, again.driven_cost)
-    assert first.planned != other.planned or not np.array_equal(first.driven, other.driven)
+    assert (first.counters.planned, first.driven_cost) == (again.counters.planned, again.driven_cost)
+    assert first.counters.planned != other.counters.planned or not np.array_equal(first.driven, other.driven)
 
 
 class Sink:
@@ -192,19 +192,19 @@ def test_at_a_rate_or_not_the_loop_drives_and_sinks_get_everything(rate):
     drive = simulate(flat(), (5, 5), (20, 30), settings, make_sinks=lambda world: [sink])
     assert drive.reached and drive.forbidden == 0
     paths = [m for m in sink.answers if isinstance(m, PathMessage)]
-    assert len(paths) + drive.drops.get("test", 0) == drive.ticks
-    assert sum(isinstance(m, Pose) for m in sink.inputs) == drive.ticks
+    assert len(paths) + drive.counters.drops.get("test", 0) == drive.counters.ticks
+    assert sum(isinstance(m, Pose) for m in sink.inputs) == drive.counters.ticks
     assert sum(isinstance(m, Goal) for m in sink.inputs) == 1
 
 
 def test_a_sink_that_raises_is_counted():
     drive = simulate(flat(), (5, 5), (9, 9), make_sinks=lambda world: [Sink(fails=True)])
-    assert drive.reached and drive.errors == {"sink test": drive.ticks}
+    assert drive.reached and drive.counters.errors == {"sink test": drive.counters.ticks}
 
 
 def test_a_drive_ends_after_its_ticks():
     drive = simulate(flat(), (5, 5), (20, 30), SimulationSettings("astar", ticks=7))
-    assert (drive.reached, drive.ticks, drive.excess) == (False, 7, None)
+    assert (drive.reached, drive.counters.ticks, drive.excess) == (False, 7, None)
 
 
 def test_what_makes_no_sense_is_refused(ground):

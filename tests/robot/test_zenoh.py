@@ -199,9 +199,9 @@ def test_a_listener_that_sleeps_holds_nobody_up(link, peer, navigator, drive):
         def poll(self):
             return ()
 
-    ended = drive(navigator, Quiet(), [sink], rate_hz=1000.0, ticks=2000)
+    ended = drive(navigator, Quiet(), [sink], rate_hz=10.0, ticks=2000, paced=False)
     assert ended.counters.ticks == 2000
-    assert ended.counters.skipped < 1000
+    assert ended.counters.tick_ms["max"] < 1000.0
     assert "sink zenoh" not in ended.counters.errors
 
 

@@ -6,24 +6,25 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from nnpp_edge.robot.operations.metrics import MetricsServer, write_metrics
 from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring, kind_and_place
 from nnpp_edge.robot.transports.mailbox import Refusals
+from nnpp_edge.robot.transports.mcap_log import McapLog
 from nnpp_edge.robot.transports.recording import EndingSource, RecordedSource, RecordingFile, ReplaySource
+from nnpp_edge.robot.transports.rerun_view import RerunSink
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault
+from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.loop.realtime import signal_handlers
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.sinks import Sink
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.warmup import exercise
-
-if TYPE_CHECKING:
-    from nnpp_edge.robot.transports.zenoh_io import ZenohLink, ZenohSink
 
 Record = Callable[[Input, float], None]
 """Called with an input and the seconds since the loop began."""
@@ -75,7 +76,10 @@ def run(
         What was done.
     """
     with ExitStack() as stack:
-        stack.enter_context(_stopping_quietly())
+        # until the loop runs, SIGTERM ends the process with exit code 0, and there is nothing to reload
+        stack.enter_context(
+            signal_handlers({signal.SIGTERM: lambda number, frame: sys.exit(0), signal.SIGHUP: signal.SIG_IGN})
+        )
         notifier = stack.enter_context(Notifier())
         exercise()
         navigator = Navigator(world, settings)
@@ -104,14 +108,16 @@ def run(
             paced=not wiring.fast,
             after_tick=after_tick,
         )
-        _serve_metrics(stack, wiring, loop, report)
+        if wiring.metrics_port is not None:
+            server = stack.enter_context(MetricsServer(wiring.metrics_port, loop.counters))
+            report(f"metrics: http://{server.host}:{server.port}/metrics")
         with handling_signals(loop):
             notifier.ready()
             report(f"ready: {settings.method} at {pace.rate_hz:g} Hz, {world.shape[0]} × {world.shape[1]} cells")
             counters = loop.run(ticks)
             notifier.stopping()
         if wiring.metrics_file is not None:
-            _write_metrics(wiring.metrics_file, counters)
+            write_metrics(wiring.metrics_file, counters)
         return counters
 
 
@@ -126,7 +132,7 @@ class _StatusSink:
             self._use(message)
 
 
-def _answer_sinks(wiring: Wiring, link: "ZenohLink | None") -> tuple[list[Sink], Callable[[Fault], None] | None]:
+def _answer_sinks(wiring: Wiring, link: ZenohLink | None) -> tuple[list[Sink], Callable[[Fault], None] | None]:
     """Sinks for the answers, and how to answer a refused input, if its sender can be reached."""
     sinks: dict[str, StdioSink | ZenohSink] = {}
     """By the input whose sender each reaches."""
@@ -135,13 +141,13 @@ def _answer_sinks(wiring: Wiring, link: "ZenohLink | None") -> tuple[list[Sink],
         sinks[STDIN] = StdioSink(framing=wiring.framing)
     if ZENOH in wiring.output_kinds:
         assert link is not None
-        sinks[ZENOH] = link.sink()
+        sinks[ZENOH] = ZenohSink(link)
     back = sinks.get(kind_and_place(wiring.input)[0])
     return list(sinks.values()), None if back is None else back.answer
 
 
 def _input_source(
-    wiring: Wiring, navigator: Navigator, link: "ZenohLink | None", answer_fault: Callable[[Fault], None] | None
+    wiring: Wiring, navigator: Navigator, link: ZenohLink | None, answer_fault: Callable[[Fault], None] | None
 ) -> EndingSource:
     kind, place = kind_and_place(wiring.input)
     refusals = Refusals(navigator.count_error, answer_fault)
@@ -149,20 +155,16 @@ def _input_source(
         return ReplaySource(Path(place), shape=navigator.world.shape, fast=wiring.fast)
     if kind == STDIN:
         return StdioSource(refusals, framing=wiring.framing)
-    from nnpp_edge.robot.transports.zenoh_io import ZenohSource
-
     assert link is not None
     return ZenohSource(link, refusals, navigator.count_error)
 
 
 @contextmanager
-def _zenoh_link(wiring: Wiring) -> "Iterator[ZenohLink | None]":
+def _zenoh_link(wiring: Wiring) -> Iterator[ZenohLink | None]:
     """The session, if input or output need one."""
     if not wiring.uses_zenoh:
         yield None
         return
-    from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink
-
     link = ZenohLink(wiring.endpoint or LOOPBACK, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix)
     try:
         yield link
@@ -182,48 +184,16 @@ def _observers(
         records.append(recording.record)
         report(f"recording: {recording.path}")
     if wiring.log is not None:
-        from nnpp_edge.robot.transports.mcap_log import McapLog
-
         log = stack.enter_context(McapLog(wiring.log, world=world, cell_size_m=cell_size_m))
         sinks.append(log)
         records.append(lambda message, at_s: log.record(message))
     if wiring.view is not None:
-        from nnpp_edge.robot.transports.rerun_view import RerunSink
-
         view = stack.enter_context(RerunSink.at(wiring.view, world))
         sinks.append(view)
         records.append(lambda message, at_s: view.record(message))
     if (file := wiring.metrics_file) is not None:
-        _write_metrics(
+        write_metrics(
             file, Counters()
         )  # now, so that a file that cannot be written is an error before the first tick
-        sinks.append(_StatusSink("metrics", lambda status: _write_metrics(file, status.counters)))
+        sinks.append(_StatusSink("metrics", lambda status: write_metrics(file, status.counters)))
     return sinks, records
-
-
-def _write_metrics(path: Path, counters: Counters) -> None:
-    from nnpp_edge.robot.operations.metrics import write_metrics
-
-    write_metrics(path, counters)
-
-
-def _serve_metrics(stack: ExitStack, wiring: Wiring, loop: Loop, report: Callable[[str], None]) -> None:
-    if wiring.metrics_port is not None:
-        from nnpp_edge.robot.operations.metrics import MetricsServer
-
-        server = stack.enter_context(MetricsServer(wiring.metrics_port, loop.counters))
-        report(f"metrics: http://{server.host}:{server.port}/metrics")
-
-
-@contextmanager
-def _stopping_quietly() -> Iterator[None]:
-    """Before the loop runs, SIGTERM ends the process with exit code 0, and SIGHUP has nothing to reload."""
-    before = {
-        signal.SIGTERM: signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(0)),
-        signal.SIGHUP: signal.signal(signal.SIGHUP, signal.SIG_IGN),
-    }
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

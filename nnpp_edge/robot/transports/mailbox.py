@@ -11,6 +11,7 @@ from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Pose
 _LOG = logging.getLogger(__name__)
 _MOST_PATCHES = 256
 _MOST_CELLS = 1 << 24
+_MOST_FAULTS = 64
 _LOGGED = 5
 """Refusals that are logged; further ones are only counted."""
 
@@ -93,6 +94,22 @@ class Mailbox:
         patch = self._patches.popleft()
         self._cells -= patch.shape[0] * patch.shape[1]
         return patch
+
+
+class FaultQueue:
+    """Faults that wait to be sent with the next answer. Of many the newest 64 are kept. For any thread."""
+
+    def __init__(self) -> None:
+        self._faults: deque[Fault] = deque(maxlen=_MOST_FAULTS)
+
+    def answer(self, fault: Fault) -> None:
+        """Send a fault with the next answer; does not wait."""
+        self._faults.append(fault)
+
+    def waiting_faults(self) -> Iterator[Fault]:
+        """The waiting faults, oldest first, each taken out."""
+        while self._faults:
+            yield self._faults.popleft()
 
 
 class Refusals:

@@ -26,7 +26,8 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Protocol
+from types import ModuleType
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,17 +61,6 @@ _FLUSH_EVERY_S = 1.0
 _MAP_EVERY_S = 10.0
 _MOST_WAITING = 256
 _LEAST_LIMIT_MB = 0.1
-
-
-class _McapWriter(Protocol):
-    """What is used of `mcap.writer.Writer`."""
-
-    def start(self, profile: str) -> None: ...
-    def register_schema(self, name: str, encoding: str, data: bytes) -> int: ...
-    def register_channel(self, topic: str, message_encoding: str, schema_id: int) -> int: ...
-    def add_message(self, channel_id: int, log_time: int, data: bytes, publish_time: int) -> None: ...
-    def flush(self) -> None: ...
-    def finish(self) -> None: ...
 
 
 class McapLog:
@@ -117,7 +107,7 @@ class McapLog:
             raise InvalidQueryError(f"the log's limit must be at least {least:.3g} MB here, got {limit_mb:g}")
         if not 0.0 < cell_size_m < math.inf:
             raise InvalidQueryError(f"the side of a cell must be above 0 m, got {cell_size_m}")
-        self._mcap = mcap.writer
+        self._mcap: ModuleType = mcap.writer
         self._path, self._limit = Path(path), 0.5e6 * limit_mb
         self._world, self._cell = world, cell_size_m
         self._lock = threading.Lock()
@@ -193,7 +183,7 @@ class McapLog:
     def _begin(self) -> None:
         """Begin a file with the schemas and the map."""
         self._stream = self._path.open("wb")
-        self._writer = self._new_writer(self._stream)
+        self._writer = self._mcap.Writer(self._stream, chunk_size=_CHUNK_BYTES)
         self._writer.start(profile="ros2")
         schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
@@ -206,9 +196,6 @@ class McapLog:
         self._flushed = time.monotonic()
         self._add_map()
         self._writer.flush()
-
-    def _new_writer(self, stream: IO[bytes]) -> _McapWriter:
-        return self._mcap.Writer(stream, chunk_size=_CHUNK_BYTES)
 
     def _add_map(self) -> None:
         self._mapped, self._heights_came = time.monotonic(), False

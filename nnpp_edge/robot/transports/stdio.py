@@ -3,17 +3,15 @@
 import os
 import select
 import threading
-from collections import deque
 from collections.abc import Iterator
 
 from nnpp_edge.robot.transports.framing import LIMIT_BYTES, Framer, WireError, framed
-from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
-from nnpp_edge.robot.transports.wire import Fault, decode, encode
+from nnpp_edge.robot.transports.mailbox import FaultQueue, Mailbox, Refusals
+from nnpp_edge.robot.transports.wire import decode, encode
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.messages import Input, Output
 
 _CHUNK = 1 << 16
-_MOST_FAULTS = 64
 
 
 class StdioSource:
@@ -87,7 +85,7 @@ class StdioSource:
             self._refusals.add(error)
 
 
-class StdioSink:
+class StdioSink(FaultQueue):
     """Writes each answer to a file descriptor. Faults wait for the next answer, and are written before it.
 
     Parameters
@@ -101,20 +99,16 @@ class StdioSink:
     name = "stdout"
 
     def __init__(self, *, descriptor: int = 1, framing: str = "lines") -> None:
+        super().__init__()
         self._descriptor, self._framing = descriptor, framing
-        self._faults: deque[Fault] = deque(maxlen=_MOST_FAULTS)
         self._broken = False
-
-    def answer(self, fault: Fault) -> None:
-        """Send a fault with the next answer; does not wait. Of many the newest 64 are kept."""
-        self._faults.append(fault)
 
     def publish(self, message: Output) -> None:
         """Write the waiting faults and the answer. OutputError, once, if the reader has gone."""
         if self._broken:
             return
-        while self._faults:
-            self._write(encode(self._faults.popleft()))
+        for fault in self.waiting_faults():
+            self._write(encode(fault))
         self._write(encode(message))
 
     def _write(self, payload: bytes) -> None:

@@ -5,13 +5,12 @@ Below the prefix, ``patch``, ``pose`` and ``goal`` are listened to; ``path``, ``
 
 import json
 import threading
-from collections import deque
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from nnpp_edge.robot.transports.framing import LIMIT_BYTES, WireError
-from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
-from nnpp_edge.robot.transports.wire import Fault, decode, encode
+from nnpp_edge.robot.transports.mailbox import FaultQueue, Mailbox, Refusals
+from nnpp_edge.robot.transports.wire import decode, encode
 from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
 from nnpp_edge.runtime.loop.messages import Input, Output, PathMessage
 
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
 LOOPBACK = "tcp/127.0.0.1:7447"
 PREFIX = "nnpp_edge"
 TOPICS = ("patch", "pose", "goal")
-_MOST_FAULTS = 64
 _PATIENCE_S = 1.0
 
 
@@ -69,10 +67,6 @@ class ZenohLink:
             reason = " ".join(str(error).split())[:200]
             where = f"go to {connect!r}" if connect else f"listen at {endpoint!r}"
             raise InvalidQueryError(f"Zenoh could not {where} ({reason})") from error
-
-    def sink(self) -> "ZenohSink":
-        """A sink that sends to this session's topics."""
-        return ZenohSink(self)
 
     def close(self) -> None:
         """End the session, within a second."""
@@ -134,7 +128,7 @@ class ZenohSource:
         return heard
 
 
-class ZenohSink:
+class ZenohSink(FaultQueue):
     """Sends each answer to Zenoh's topics. Messages for listeners that do not keep up are dropped by Zenoh.
 
     Parameters
@@ -146,6 +140,7 @@ class ZenohSink:
     name = "zenoh"
 
     def __init__(self, link: ZenohLink) -> None:
+        super().__init__()
         drop = link.zenoh.CongestionControl.DROP
         self._publishers = {
             topic: link.session.declare_publisher(
@@ -153,15 +148,10 @@ class ZenohSink:
             )
             for topic in ("path", "status", "error")
         }
-        self._faults: deque[Fault] = deque(maxlen=_MOST_FAULTS)
-
-    def answer(self, fault: Fault) -> None:
-        """Send a fault with the next answer; does not wait. Of many the newest 64 are kept."""
-        self._faults.append(fault)
 
     def publish(self, message: Output) -> None:
         """Send the waiting faults and the answer."""
-        while self._faults:
-            self._publishers["error"].put(encode(self._faults.popleft()))
+        for fault in self.waiting_faults():
+            self._publishers["error"].put(encode(fault))
         topic = "path" if isinstance(message, PathMessage) else "status"
         self._publishers[topic].put(encode(message))
