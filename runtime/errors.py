@@ -40,7 +40,7 @@ class OutputError(NnppEdgeError, OSError):
 
 
 class Status(StrEnum):
-    """How a plan ended, in the words of Nav2's planner server."""
+    """How a plan, or a tick of the onboard loop, ended, in the words of Nav2's planner server."""
 
     OK = "OK"
     START_OUTSIDE_MAP = "START_OUTSIDE_MAP"
@@ -50,3 +50,9 @@ class Status(StrEnum):
     NO_PATH = "NO_PATH"
     TIMEOUT = "TIMEOUT"
     INVALID_MAP = "INVALID_MAP"
+    NO_POSE = "NO_POSE"
+    """Of the loop alone: no pose has come yet."""
+    NO_GOAL = "NO_GOAL"
+    """Of the loop alone: no goal has come yet."""
+    UNKNOWN = "UNKNOWN"
+    """Of the loop alone: every way of planning raised an error."""

@@ -16,15 +16,15 @@ import click
 import numpy as np
 
 from nnpp_edge.profiling.suites import synthetic_cases
-from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
+from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, Status
 from nnpp_edge.runtime.loop.histogram import Histogram
-from nnpp_edge.runtime.loop.messages import Outcome
-from nnpp_edge.runtime.loop.navigator import Navigator, Settings
-from nnpp_edge.runtime.loop.runner import rss_bytes
+from nnpp_edge.runtime.loop.ladder import NavigatorSettings
+from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.loop.realtime import rss_bytes
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.planners.dynamic import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.simulation.scene import Ground, Scene
+from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
 
 RATE_HZ = 17.0
@@ -118,7 +118,7 @@ def soak(
     course = _Course(ground, rng, changes)
     gc.collect()
     start_mb = rss_mb()
-    navigator = Navigator(World(course.scene.told), Settings(method=method, model=model))
+    navigator = Navigator(World(course.scene.told), NavigatorSettings(method=method, model=model))
     histogram, overruns, failed, warm_mb = Histogram(), 0, 0, start_mb
     for tick in range(ticks):
         inputs = list(course.poll())
@@ -129,7 +129,7 @@ def soak(
         took = time.perf_counter() - began
         histogram.add(took)
         overruns += took > 1.0 / RATE_HZ
-        failed += answer.outcome is not Outcome.OK
+        failed += answer.outcome is not Status.OK
         course.scene.heard(answer)
         if tick == int(_WARM_UP * ticks):
             warm_mb = rss_mb()
@@ -147,7 +147,7 @@ def soak(
 class _Course:
     """A scene without end: where one goal is reached, or cannot be, the next follows."""
 
-    def __init__(self, ground: Ground, rng: np.random.Generator, changes: int) -> None:
+    def __init__(self, ground: SurveyedGround, rng: np.random.Generator, changes: int) -> None:
         self._ground, self._rng, self._changes = ground, rng, changes
         self._planner = Planner(ground.true)
         self._planner.pyramid.touch()  # what the course needs is not to look like growth of the loop
@@ -183,10 +183,10 @@ class _Course:
         raise InvalidQueryError(f"no goal was found in {_TRIES} tries")
 
 
-def _ground(size: int, seed: int) -> Ground:
+def _ground(size: int, seed: int) -> SurveyedGround:
     """Synthetic terrain, surveyed as it is: what changes are the obstacles."""
     cost = next(synthetic_cases(_WORKLOAD, size, seed)).cost
-    return Ground(cost, cost.copy())
+    return SurveyedGround(cost, cost.copy())
 
 
 def rss_mb() -> float:

@@ -1,39 +1,42 @@
 """`nnpp-edge run`: the onboard loop as a program."""
 
+import json
+from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.costmap import make_rules, workload_option
 
-_LIMITS = ("slope_limit", "roughness_limit", "step_limit", "hard_slope", "hard_roughness", "hard_step", "workload")
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.arrays import Float2D
+    from nnpp_edge.runtime.loop.messages import Counters
+    from nnpp_edge.runtime.loop.world import World
+
+_FRAMINGS = click.Choice(["lines", "length"])
+_INPUTS, _OUTPUTS = "stdin|replay:FILE|zenoh[:ENDPOINT]", "stdout|zenoh[:ENDPOINT]|none"
+_OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the inputs, and of a replay to stdout."
 
 
-@click.command(name="run")
-@click.option("--map", "map_file", type=options.PATH, required=True,
-              help="Elevation map, or an .npz that `nnpp-edge costmap` has written.")  # fmt: skip
+@click.command(name="run", context_settings={"show_default": True})
+@click.option("--map", "map_file", type=options.PATH, required=True, help="Elevation map, or an .npz of `costmap`.")
 @click.option("--profile", metavar="NAME|FILE", help="A shipped profile or a TOML file; its table [loop] counts.")
-@click.option("--input", "input_", default="stdin", show_default=True, metavar="stdin|replay:FILE|zenoh[:ENDPOINT]",
-              help="Where patches, poses and goals come from.")  # fmt: skip
-@click.option("--output", "outputs", multiple=True, metavar="stdout|zenoh[:ENDPOINT]|none",
-              help="Where paths go; may be given several times. By default back to where inputs come from, and of a "
-                   "replay to stdout.")  # fmt: skip
+@click.option("--input", default="stdin", metavar=_INPUTS, help="Where patches, poses and goals come from.")
+@click.option("--output", "outputs", multiple=True, metavar=_OUTPUTS, help=_OUTPUT_HELP)
 @click.option("--rate", "rate_hz", type=float, help="Ticks a second, in place of the profile's (else 17).")
 @click.option("--method", help="Planner, in place of the profile's (else auto).")
 @click.option("--model", help="Shipped network's name, or an ONNX file, in place of the profile's (else edge).")
 @click.option("--cores", type=options.Numbers(), help="Pin the loop to these cores.")
 @click.option("--priority", type=int, help="1 to 99: run the loop under SCHED_FIFO.")
-@click.option("--tolerance", type=float,
-              help="Keep a path while it can cost at most this share more than a new one (else 0.02).")  # fmt: skip
+@click.option("--tolerance", type=float, help="Keep a path while a new one can save at most this share (else 0.02).")
 @click.option("--ticks", type=click.IntRange(1), help="End after so many.")
-@click.option("--framing", type=click.Choice(["lines", "length"]), default="lines", show_default=True,
-              help="On stdin and stdout: a message a line, or after its length in 4 bytes.")  # fmt: skip
+@click.option("--framing", type=_FRAMINGS, default="lines", help="A message a line, or after its length in 4 bytes.")
 @click.option("--fast", is_flag=True, help="Replay one recorded tick a tick, and ticks without a pause.")
 @click.option("--stay", is_flag=True, help="Go on when stdin is closed or the replay is over.")
-@click.option("--zenoh-connect", metavar="ENDPOINT", help="Go to this router or peer instead of listening.")
-@click.option("--zenoh-prefix", default="nnpp_edge", show_default=True, help="First part of all topics.")
+@click.option("--zenoh-connect", metavar="ENDPOINT", help="Connect to this router or peer instead of listening.")
+@click.option("--zenoh-prefix", default="nnpp_edge", help="First part of all topics.")
 @click.option("--record", type=options.NEW_FILE, help="Write the inputs to this file, for replay.")
 @click.option("--log", type=options.NEW_FILE, help="Write inputs and answers to this .mcap file.")
 @click.option("--metrics-port", type=click.IntRange(0, 65535), help="Serve the counters to Prometheus at this port.")
@@ -43,11 +46,7 @@ _LIMITS = ("slope_limit", "roughness_limit", "step_limit", "hard_slope", "hard_r
 @options.traversability
 @workload_option
 @options.as_json
-def command(
-    map_file: Path, profile: str | None, input_: str, outputs: tuple[str, ...], ticks: int | None, framing: str,
-    fast: bool, stay: bool, zenoh_connect: str | None, zenoh_prefix: str, record: Path | None, log: Path | None,
-    metrics_port: int | None, metrics_file: Path | None, view: str | None, as_json: bool, **given: Any,
-) -> None:  # fmt: skip
+def command(map_file: Path, profile: str | None, ticks: int | None, as_json: bool, **given: Any) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
 
     Inputs and answers are JSON; see docs/run.md. SIGTERM ends the run after its tick with exit code 0, SIGHUP reads
@@ -60,46 +59,71 @@ def command(
     nnpp-edge run --map dem.tif --input replay:drive.jsonl --fast --output none --json
     """
     from nnpp_edge.profiling.profile_file import OnboardLoop, overridden_loop, read_profile
-    from nnpp_edge.robot.build import STDOUT, Wiring, run, summary, summary_json
+    from nnpp_edge.robot.operations.onboard import Pace, run
+    from nnpp_edge.robot.operations.wiring import STDOUT, Wiring
+    from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 
-    wiring = Wiring(
-        input=input_, outputs=outputs, framing=framing, zenoh_connect=zenoh_connect, zenoh_prefix=zenoh_prefix,
-        fast=fast, stay=stay, record=record, log=log, metrics_port=metrics_port, metrics_file=metrics_file, view=view,
-    )  # fmt: skip
+    wiring = Wiring(**{field.name: given.pop(field.name) for field in fields(Wiring)})
     if as_json and STDOUT in wiring.output_kinds:
         raise click.UsageError("--json prints on stdout, which answers go to: add --output none, or zenoh")
     changes = {key: given.pop(key) for key in ("rate_hz", "method", "model", "cores", "priority", "tolerance")}
     loop = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **changes)
     world, cell_size_m = _world(map_file, given)
     counters = run(
-        world, loop, wiring, ticks=ticks, cell_size_m=cell_size_m, tell=lambda line: click.echo(line, err=True)
+        world,
+        NavigatorSettings(
+            method=loop.method, model=loop.model, tolerance=loop.tolerance, corner_cutting=loop.corner_cutting
+        ),
+        wiring,
+        Pace(loop.rate_hz, loop.cores, loop.priority),
+        ticks=ticks,
+        cell_size_m=cell_size_m,
+        report=lambda line: click.echo(line, err=True),
     )
     if as_json:
-        click.echo(summary_json(counters))
+        click.echo(json.dumps(asdict(counters)))
     else:
         click.echo(summary(counters), err=True)
 
 
-def _world(path: Path, given: dict[str, Any]) -> tuple[Any, float]:
-    """The map at the begin, and the side of its cells in metres."""
+def summary(counters: "Counters") -> str:
+    """The counters for people; what never happened is left out."""
+    c = counters
+    lines = {"ticks": f"{c.ticks}: {c.planned} planned, {c.kept} kept, {c.failed} without a path"}
+    if c.tick_ms:
+        lines["tick"] = ", ".join(f"{name} {ms:.2f} ms" for name, ms in c.tick_ms.items())
+    if c.overruns or c.skipped:
+        lines["late"] = f"{c.overruns} overruns, {c.skipped} deadlines skipped"
+    for name, counts in (("degraded", c.degraded), ("errors", c.errors), ("dropped", c.drops), ("lost", c.lost)):
+        if shown := [f"{where} {count}" for where, count in counts.items() if count]:
+            lines[name] = ", ".join(shown)
+    if c.patches:
+        odd = {"clipped": c.patches_clipped, "rejected": c.patches_rejected, "merged": c.patches_merged}
+        shown = [f"{count} {what}" for what, count in odd.items() if count]
+        lines["patches"] = ", ".join([f"{c.patches} ({c.cells_changed} cells changed)", *shown])
+    if c.reloads:
+        lines["reloads"] = str(c.reloads)
+    lines["memory"] = f"{c.rss_bytes / 1e6:.0f} MB"
+    return "\n".join(f"{name:<10}{value}" for name, value in lines.items())
+
+
+def _world(path: Path, given: dict[str, Any]) -> tuple["World", float]:
+    """The first map, and the side of its cells in metres."""
     from nnpp_edge.runtime.loop.world import World
 
     if (found := _cost_map(path)) is not None:
         context = click.get_current_context()
-        for name in (*_LIMITS, "cell_size", "vertical_scale", "rescale"):
+        for name in given:
             if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT:
                 raise click.UsageError(f"{path.name} holds costs: --{name.replace('_', '-')} does not go with it")
         return World(found[0]), found[1]
-    cell_size, vertical_scale, rescale, workload = (
-        given.pop(name) for name in ("cell_size", "vertical_scale", "rescale", "workload")
-    )
-    dem = options.load_dem(path, cell_size, vertical_scale, rescale)
-    rules = make_rules(workload, given)
+    dem = options.load_dem(path, given.pop("cell_size"), given.pop("vertical_scale"), given.pop("rescale"))
+    rules = make_rules(given.pop("workload"), given)
     world = World.of_elevation(dem.elevation, dem.cell_size_m, rules, cell_width_m=dem.cell_width_m)
     return world, dem.cell_size_m
 
 
-def _cost_map(path: Path) -> tuple[Any, float] | None:
+def _cost_map(path: Path) -> "tuple[Float2D, float] | None":
     """Costs and cell size of a file that `nnpp-edge costmap` has written; None for any other file."""
     if path.suffix.lower() != ".npz" or not path.is_file():
         return None
@@ -110,5 +134,5 @@ def _cost_map(path: Path) -> tuple[Any, float] | None:
             if "cost" not in content.files:
                 return None
             return content["cost"], float(content["cell_size_m"]) if "cell_size_m" in content.files else 1.0
-    except (OSError, ValueError, EOFError):  # a broken file: told by who reads elevation maps
+    except (OSError, ValueError, EOFError):  # a broken file: `load_dem` says what is wrong with it
         return None

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import ExitStack
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,37 +11,35 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.costmap import make_rules, workload_option
+from nnpp_edge.runtime.cells import Cell
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.messages import PathMessage
-    from nnpp_edge.runtime.loop.runner import Sink
+    from nnpp_edge.runtime.loop.sinks import Sink
     from nnpp_edge.runtime.loop.world import World
-    from nnpp_edge.simulation.scene import Ground
+    from nnpp_edge.runtime.terrain.traversability import Traversability
+    from nnpp_edge.simulation.scene import SurveyedGround
     from nnpp_edge.simulation.simulate import Drive
-
-Cell = tuple[int, int]
+    from nnpp_edge.terrain.dem import Dem
 
 _SAMPLE, _SAMPLE_RESCALE = "moon_highlands.npz", 20.0
 _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
+_FROM_0, _FROM_1 = click.IntRange(0), click.IntRange(1)
 
 
-@click.command(name="simulate")
+@click.command(name="simulate", context_settings={"show_default": True})
 @click.option("--map", "dem", type=options.PATH, help="Elevation map; by default the shipped lunar sample.")
-@click.option("--size", type=click.IntRange(16), default=256, show_default=True,
-              help="Side of the part of the map to drive on, picked by the seed; at most all of it.")  # fmt: skip
+@click.option("--size", type=click.IntRange(16), default=256, help="Side of the part of the map, picked by the seed.")
 @click.option("--start", type=options.Cell(), help="Cell of that part, row first; by default picked by the seed.")
 @click.option("--goal", type=options.Cell(), help="Likewise.")
-@click.option("--method", type=click.Choice(_METHODS), default="auto", show_default=True)
-@click.option("--model", default="edge", show_default=True, help="Shipped network's name, or an ONNX file.")
+@click.option("--method", type=click.Choice(_METHODS), default="auto")
+@click.option("--model", default="edge", help="Shipped network's name, or an ONNX file.")
 @click.option("--rate", type=click.FloatRange(0.0, min_open=True), help="Ticks a second; else as fast as possible.")
-@click.option("--ticks", type=click.IntRange(1), default=5000, show_default=True, help="At most.")
-@click.option("--changes", type=click.IntRange(0), default=1, show_default=True,
-              help="Obstacles that appear, move or vanish between two ticks.")  # fmt: skip
-@click.option("--survey", type=click.IntRange(1), default=8, show_default=True,
-              help="The first map has heights blurred over so many cells; 1 knows all.")  # fmt: skip
-@click.option("--sight", type=click.IntRange(1), default=12, show_default=True,
-              help="Cells to each side whose true cost the robot sees.")  # fmt: skip
-@click.option("--speed", type=click.IntRange(1), default=1, show_default=True, help="Cells a tick.")
+@click.option("--ticks", type=_FROM_1, default=5000, help="At most.")
+@click.option("--changes", type=_FROM_0, default=1, help="Obstacles that appear, move or vanish between two ticks.")
+@click.option("--survey", type=_FROM_1, default=8, help="Blur the first map's heights over so many cells; 1: none.")
+@click.option("--sight", type=_FROM_1, default=12, help="Cells to each side whose true cost the robot sees.")
+@click.option("--speed", type=_FROM_1, default=1, help="Cells a tick.")
 @options.dem_input
 @options.traversability
 @workload_option
@@ -50,11 +49,18 @@ _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnp
 @click.option("--picture", type=options.NEW_FILE, help=".png of the way driven, or .gif of the drive.")
 @options.as_json
 def command(
-    dem: Path | None, size: int, start: Cell | None, goal: Cell | None, method: str, model: str, rate: float | None,
-    ticks: int, changes: int, survey: int, sight: int, speed: int, cell_size: float | None,
-    vertical_scale: float | None, rescale: float | None, workload: str | None, seed: int, log: Path | None,
-    view: str | None, picture: Path | None, as_json: bool, **limits: Any,
-) -> None:  # fmt: skip
+    dem: Path | None,
+    size: int,
+    start: Cell | None,
+    goal: Cell | None,
+    survey: int,
+    workload: str | None,
+    log: Path | None,
+    view: str | None,
+    picture: Path | None,
+    as_json: bool,
+    **given: Any,
+) -> None:
     """Drive a simulated robot to its goal through the onboard loop.
 
     The robot begins with a coarse survey of the terrain, sees the true cost of the cells around it, and walks
@@ -66,19 +72,22 @@ def command(
     """
     if (start is None) != (goal is None):
         raise click.UsageError("give both --start and --goal, or neither")
-    rules = make_rules(workload, limits)
 
     from nnpp_edge.files import make_folder
     from nnpp_edge.simulation.drive_picture import Film, check_name, save_drive
     from nnpp_edge.simulation.scene import Scene
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
 
-    settings = SimulationSettings(method, model, rate, ticks, changes, sight, speed, seed)
+    names = ("method", "model", "ticks", "changes", "sight", "speed")
+    rate, seed = given.pop("rate"), given.pop("seed")
+    settings = SimulationSettings(rate_hz=rate, seed=seed, **{name: given.pop(name) for name in names})
+    cell_size, vertical_scale, rescale = (given.pop(name) for name in ("cell_size", "vertical_scale", "rescale"))
+    rules = make_rules(workload, given)
     if picture is not None:
         check_name(picture)
-    for file in (log, picture):
-        if file is not None:
-            make_folder(file.parent)
+    written = [file for file in (log, picture) if file is not None]
+    for file in written:
+        make_folder(file.parent)
     if dem is None:
         dem = Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE))
         rescale = rescale or _SAMPLE_RESCALE
@@ -87,76 +96,76 @@ def command(
         start, goal = random_drive(ground, seed)
     film = Film() if picture is not None and picture.suffix.lower() == ".gif" else None
     scenes: list[Scene] = []
-    sinks: list[Any] = []
-
-    def make_sinks(world: "World") -> "Sequence[Sink]":
-        sinks.extend(_sinks(world, log, view, ground.cell_size_m))
-        return sinks
 
     def watch(scene: Scene, message: "PathMessage") -> None:
         scenes[:] = [scene]
         if film is not None:
             film(scene, message)
 
-    try:
-        drive = simulate(ground, start, goal, settings, make_sinks=make_sinks, watch=watch)
-    finally:
-        for sink in sinks:
-            sink.close()
+    with ExitStack() as stack:
+        drive = simulate(
+            ground,
+            start,
+            goal,
+            settings,
+            make_sinks=lambda world: _sinks(stack, world, log, view, ground.cell_size_m),
+            watch=watch,
+        )
     if picture is not None:
         save_drive(picture, scenes[0], drive, film)
-    written = [str(file) for file in (log, picture) if file is not None]
-    told = {**drive.summary(), "rows": ground.true.shape[0], "cols": ground.true.shape[1], "files": written}
-    click.echo(json.dumps(told) if as_json else text(drive, told))
+    rows, cols = ground.true.shape
+    result = {**drive.summary(), "rows": rows, "cols": cols, "files": [str(file) for file in written]}
+    click.echo(json.dumps(result) if as_json else text(drive, (rows, cols), written))
     if not drive.reached or drive.forbidden:
         click.get_current_context().exit(1)
 
 
-def text(drive: "Drive", told: dict[str, Any]) -> str:
+def text(drive: "Drive", shape: tuple[int, int], written: Sequence[Path]) -> str:
     """The result for people."""
     times = ", ".join(f"{name} {drive.planning_ms[name]:.2f}" for name in ("p50", "p99", "max"))
-    degraded = ", ".join(f"{count} {kind}" for kind, count in sorted(drive.degraded.items())) or "none"
+    degraded = ", ".join(f"{count} {kind}" for kind, count in sorted(drive.counters.degraded.items())) or "none"
+    excess = "" if drive.excess is None else f": driven {100.0 * drive.excess:+.1f} %"
+    ticks = drive.counters
     lines = {
         "goal reached" if drive.reached else "GOAL NOT REACHED": f"{drive.method}, {drive.start} to {drive.goal}",
-        "map": f"{told['rows']} × {told['cols']} cells",
-        "ticks": f"{drive.ticks}: {drive.planned} planned, {drive.kept} kept their path, {drive.failed} without one",
-        "degraded": f"{degraded}; {drive.overruns} late",
+        "map": f"{shape[0]} × {shape[1]} cells",
+        "ticks": f"{ticks.ticks}: {ticks.planned} planned, {ticks.kept} kept their path, {ticks.failed} without one",
+        "degraded": f"{degraded}; {ticks.overruns} late",
         "answer": f"{times} ms",
-        "driven": f"{told['cells']} cells, cost {drive.driven_cost:.6g}; stood still {drive.waited} times",
-        "optimum": f"{drive.optimal_cost:.6g} with all known and no obstacle"
-        + ("" if drive.excess is None else f": driven {100.0 * drive.excess:+.1f} %"),
+        "driven": f"{len(drive.driven)} cells, cost {drive.driven_cost:.6g}; stood still {drive.waited} times",
+        "optimum": f"{drive.optimal_cost:.6g} with all known and no obstacle{excess}",
         "forbidden": f"{drive.forbidden} of the paths published",
     }
-    if drive.errors:
-        lines["errors"] = ", ".join(f"{count} in {place}" for place, count in sorted(drive.errors.items()))
-    if told["files"]:
-        lines["written"] = ", ".join(told["files"])
+    if ticks.errors:
+        lines["errors"] = ", ".join(f"{count} in {place}" for place, count in sorted(ticks.errors.items()))
+    if written:
+        lines["written"] = ", ".join(map(str, written))
     width = max(map(len, lines)) + 2
     return "\n".join(f"{name:<{width}}{value}" for name, value in lines.items())
 
 
-def _ground(terrain: Any, size: int, rules: Any, survey: int, seed: int) -> "Ground":
+def _ground(terrain: "Dem", size: int, rules: "Traversability", survey: int, seed: int) -> "SurveyedGround":
     """A random part of the terrain."""
     import numpy as np
 
-    from nnpp_edge.simulation.scene import Ground
+    from nnpp_edge.simulation.scene import SurveyedGround
 
     height, width = terrain.elevation.shape
     rows, cols = min(size, height), min(size, width)
     rng = np.random.default_rng([seed, 3])
     row, col = int(rng.integers(height - rows + 1)), int(rng.integers(width - cols + 1))
     part = np.ascontiguousarray(terrain.elevation[row : row + rows, col : col + cols])
-    return Ground.of(part, terrain.cell_size_m, rules, survey, terrain.cell_width_m)
+    return SurveyedGround.of(part, terrain.cell_size_m, rules, survey, terrain.cell_width_m)
 
 
-def _sinks(world: "World", log: Path | None, view: str | None, cell_size_m: float) -> list[Any]:
-    sinks: list[Any] = []
+def _sinks(stack: ExitStack, world: "World", log: Path | None, view: str | None, cell_size_m: float) -> "list[Sink]":
+    sinks: list[Sink] = []
     if log is not None:
-        from nnpp_edge.robot.mcap_log import McapLog
+        from nnpp_edge.robot.transports.mcap_log import McapLog
 
-        sinks.append(McapLog(log, world=world, cell_size_m=cell_size_m))
+        sinks.append(stack.enter_context(McapLog(log, world=world, cell_size_m=cell_size_m)))
     if view is not None:
-        from nnpp_edge.robot.rerun_view import RerunSink
+        from nnpp_edge.robot.transports.rerun_view import RerunSink
 
-        sinks.append(RerunSink.at(view, world))
+        sinks.append(stack.enter_context(RerunSink.at(view, world)))
     return sinks

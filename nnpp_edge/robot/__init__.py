@@ -1,1 +1,1 @@
-"""The onboard loop on a robot: transports, logs, views, operations."""
+"""The onboard loop on a robot: `transports` carry its messages, `operations` start it and watch over it."""

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nnpp_edge.ros.occupancy import BODY_TOUCHES, IMPASSABLE, UNKNOWN, as_cost, as_occupancy
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import MapPatch
 
-UNKNOWN, LETHAL = -1, 100
 _SAME = 1e-3
 """Share of a cell's side by which two maps' cells may differ."""
 
@@ -94,15 +94,11 @@ class OccupancyGrid:
     def __post_init__(self) -> None:
         """Check."""
         values = np.asarray(self.data)
-        if (
-            self.width < 1
-            or self.height < 1
-            or values.size != self.width * self.height
-            or values.dtype.kind not in "iu"
-        ):
+        fits = self.width >= 1 and self.height >= 1 and values.size == self.width * self.height
+        if not fits or values.dtype.kind not in "iu":
             wanted = f"{self.height} × {self.width} whole numbers"
             raise InvalidMapError(f"an occupancy grid's data must be {wanted}, got {values.shape} {values.dtype}")
-        if values.min() < UNKNOWN or values.max() > LETHAL:
+        if values.min() < UNKNOWN or values.max() > IMPASSABLE:
             raise InvalidMapError(
                 f"an occupancy grid's data must lie in [-1, 100], got [{values.min()}, {values.max()}]"
             )
@@ -113,28 +109,24 @@ class OccupancyGrid:
         """Where its cells lie."""
         return MapFrame(self.resolution, self.origin_x, self.origin_y)
 
-    def cost(self, occupied: int = 99) -> NDArray[np.float32]:
-        """Its cells as costs, (height, width).
+    def cost(self, occupied: int = BODY_TOUCHES) -> NDArray[np.float32]:
+        """Its cells as costs, (height, width): a hundredth of the occupancy; inf from `occupied` on; NaN if unknown.
 
-        A hundredth of the occupancy; inf from `occupied` on, which costmaps use for cells that the robot's body
-        would touch; NaN where unknown.
+        The rule, both ways, is in `nnpp_edge.ros.occupancy`.
         """
-        values = self.data.reshape(self.height, self.width).astype(np.float32)
-        return np.where(values < 0, np.nan, np.where(values >= occupied, np.inf, values / 100.0)).astype(np.float32)
+        return as_cost(self.data.reshape(self.height, self.width), occupied)
 
     @classmethod
     def of_cost(cls, cost: ArrayLike, frame: MapFrame) -> "OccupancyGrid":
-        """The grid of a cost map (H, W): NaN is unknown, 1 and more is 100, and less at most 98.
+        """The grid of a cost map (H, W); the inverse of `cost`, to a hundredth.
 
-        The inverse of `cost`, to a hundredth. Raises InvalidMapError where the frame's rows do not run with y.
+        Raises InvalidMapError where the frame's rows do not run with y.
         """
         if frame.rows_along_x:
             raise InvalidMapError("an occupancy grid's rows must run with y, got a frame whose rows run against x")
         values = _map(cost)
-        percent = np.rint(100.0 * np.nan_to_num(np.minimum(values, 1.0), nan=0.0))
-        data = np.where(np.isnan(values), UNKNOWN, np.where(values >= 1.0, LETHAL, np.clip(percent, 0, 98)))
         height, width = values.shape
-        return cls(frame.resolution, width, height, data.astype(np.int8).reshape(-1), frame.x, frame.y)
+        return cls(frame.resolution, width, height, as_occupancy(values).reshape(-1), frame.x, frame.y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +215,7 @@ class GridMap:
 
 
 def occupancy_patch(
-    grid: OccupancyGrid, frame: MapFrame, *, occupied: int = 99, keep_known: bool = True, stamp: float = 0.0
+    grid: OccupancyGrid, frame: MapFrame, *, occupied: int = BODY_TOUCHES, keep_known: bool = True, stamp: float = 0.0
 ) -> MapPatch:
     """An occupancy grid as new costs for the map that lies in `frame`; see `placed`."""
     values, row, col = placed(grid.cost(occupied), grid.frame, frame)
@@ -231,13 +223,19 @@ def occupancy_patch(
 
 
 def grid_map_patch(
-    grid: GridMap, frame: MapFrame, layer: str = "elevation", *, cost: bool = False, keep_known: bool = True,
+    grid: GridMap,
+    frame: MapFrame,
+    layer: str = "elevation",
+    *,
+    cost: bool = False,
+    keep_known: bool = True,
     stamp: float = 0.0,
-) -> MapPatch:  # fmt: skip
+) -> MapPatch:
     """A grid map's layer as new heights, or new costs, for the map that lies in `frame`; see `placed`."""
     values, row, col = placed(grid.layer(layer), grid.frame, frame)
-    name = "cost" if cost else "elevation"
-    return MapPatch(row, col, keep_known=keep_known, stamp=stamp, **{name: values})  # type: ignore[arg-type]
+    if cost:
+        return MapPatch(row, col, cost=values, keep_known=keep_known, stamp=stamp)
+    return MapPatch(row, col, elevation=values, keep_known=keep_known, stamp=stamp)
 
 
 def placed(values: NDArray[np.float32], source: MapFrame, target: MapFrame) -> tuple[NDArray[np.float32], int, int]:

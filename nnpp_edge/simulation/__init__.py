@@ -1,0 +1,1 @@
+"""A robot that drives through the onboard loop, over simulated ground with obstacles."""

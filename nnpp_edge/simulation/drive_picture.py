@@ -39,31 +39,26 @@ def check_name(path: Path) -> None:
 
 
 def drive_picture(scene: Scene, drive: Drive) -> Picture:
-    """The true cost, the way that was driven, and the optimum that nobody could have known."""
+    """The true cost, the way driven, and the optimum for a robot that knew everything."""
     sheet = Sheet(cost_picture(scene.ground.true))
     sheet.line(drive.driven, DRIVEN, 4.0)
     sheet.line(drive.optimal, OPTIMUM, 2.0, dashed=True)
     sheet.star(sheet.at(drive.goal))
     sheet.square(sheet.at(drive.start))
-    keys = [
-        sheet.symbol_key(sheet.square, "start"), sheet.symbol_key(sheet.star, "goal"),
-        sheet.line_key(DRIVEN, "driven"), sheet.line_key(OPTIMUM, "optimum, with all known", dashed=True),
-    ]  # fmt: skip
-    excess = drive.excess
-    facts = [
-        drive.method, f"{drive.ticks} ticks, {drive.planned} plans",
-        f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
-        + ("" if excess is None else f" (+{100 * excess:.1f} %)"),
-    ]  # fmt: skip
-    return sheet.finish(
-        [keys, [*map(sheet.text_item, facts), *sheet.scale(scene.ground.cell_size_m)], [sheet.grey_bar()]]
-    )
+    ends = [sheet.symbol_key(sheet.square, "start"), sheet.symbol_key(sheet.star, "goal")]
+    lines = [sheet.line_key(DRIVEN, "driven"), sheet.line_key(OPTIMUM, "optimum, with all known", dashed=True)]
+    costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
+    if drive.excess is not None:
+        costs += f" (+{100 * drive.excess:.1f} %)"
+    facts = [drive.method, f"{drive.counters.ticks} ticks, {drive.counters.planned} plans", costs]
+    scale = sheet.scale(scene.ground.cell_size_m)
+    return sheet.finish([[*ends, *lines], [*map(sheet.text_item, facts), *scale], [sheet.grey_bar()]])
 
 
 class Film:
-    """Frames of a drive: the map as the loop was told of it, where the robot was, is and means to go.
+    """Frames of a drive: the map as the loop has it, the way driven, the robot and its path.
 
-    At most 80 frames are kept: when there are more, every second one goes, and half as many come.
+    At most 80 frames are kept. When there are more, every second one is dropped, and half as many are made from then.
     """
 
     def __init__(self) -> None:
@@ -71,7 +66,7 @@ class Film:
         self._every, self._ticks = 1, 0
 
     def __call__(self, scene: Scene, message: PathMessage) -> None:
-        """Watch a tick."""
+        """Add the frame of a tick."""
         if self._ticks % self._every == 0 or scene.reached:
             self._frames.append(_palette(_frame(scene, message)))
             if len(self._frames) > _MOST_FRAMES:
@@ -114,11 +109,12 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
 
 
 def _pixels(cells: NDArray[np.integer], factor: float) -> NDArray[np.int32]:
-    return np.rint((cells[:, ::-1] + 0.5) * factor - 0.5).astype(np.int32)
+    pixels: NDArray[np.int32] = np.rint((cells[:, ::-1] + 0.5) * factor - 0.5).astype(np.int32)
+    return pixels
 
 
 def _palette(picture: Picture) -> "Image":
-    """In the few colours that all frames share, so that a film holds only what changes."""
+    """In the few colours that all frames share: then a film stores only the pixels that change."""
     from PIL import Image
 
     greys = [(level, level, level) for level in np.linspace(0, 255, _GREYS).astype(int).tolist()]

@@ -100,7 +100,7 @@ class Obstacles:
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class SurveyedGround:
     """A terrain as it is, and as a coarse survey has it."""
 
     true: Float2D
@@ -111,9 +111,13 @@ class Ground:
 
     @classmethod
     def of(
-        cls, elevation: Float2D, cell_size_m: float, limits: Traversability, block: int,
+        cls,
+        elevation: Float2D,
+        cell_size_m: float,
+        limits: Traversability,
+        block: int,
         cell_width_m: float | None = None,
-    ) -> "Ground":  # fmt: skip
+    ) -> "SurveyedGround":
         """From heights; the survey has them blurred by a Gaussian of half a `block` of cells (1 knows all).
 
         Raises
@@ -137,14 +141,14 @@ class Ground:
 
 
 class Scene:
-    """The ground, what the robot has been told of it, and the robot; a `Source` that advances at each poll.
+    """The ground, what the robot has been told of it, and the robot; an `InputSource` that advances at each poll.
 
     At a poll the robot walks on along the newest path as far as that is free, obstacles change, and the robot
     sees the true cost of the cells around it. Obstacles are told at once, wherever they are.
 
     Parameters
     ----------
-    ground : Ground
+    ground : SurveyedGround
         True and surveyed costs.
     start, goal : (row, col)
         Cells that are truly passable. Around both the true costs are known from the beginning.
@@ -164,9 +168,16 @@ class Scene:
     """
 
     def __init__(
-        self, ground: Ground, start: Cell, goal: Cell, rng: np.random.Generator, *,
-        sight: int = 12, speed: int = 1, changes: int = 1,
-    ) -> None:  # fmt: skip
+        self,
+        ground: SurveyedGround,
+        start: Cell,
+        goal: Cell,
+        rng: np.random.Generator,
+        *,
+        sight: int = 12,
+        speed: int = 1,
+        changes: int = 1,
+    ) -> None:
         for name, value, least in (("sight", sight, 1), ("speed", speed, 1), ("changes", changes, 0)):
             if value < least:
                 raise InvalidQueryError(f"{name} must be at least {least}, got {value}")

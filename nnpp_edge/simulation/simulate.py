@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +12,18 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.histogram import Histogram
+from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, PathMessage, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator, Settings
-from nnpp_edge.runtime.loop.runner import Loop, Sink
+from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.loop.runner import Loop
+from nnpp_edge.runtime.loop.sinks import Sink
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.planners.plan import measure
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.simulation.scene import Ground, Scene
+from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
 
+_COUNTED = ("ticks", "planned", "kept", "failed", "degraded", "errors", "drops", "overruns")
 PERIOD_S = 0.1
 """Time that a tick has for its answer where no rate is given."""
 _TRIES = 50
@@ -30,11 +33,12 @@ _LEAST_DISTANCE = 0.6
 Watch = Callable[[Scene, PathMessage], None]
 
 
-class Recorder(Protocol):
-    """A sink that keeps inputs too."""
+@runtime_checkable
+class InputRecorder(Protocol):
+    """A sink that records inputs too."""
 
     def record(self, message: Input) -> None:
-        """Keep it; must not wait."""
+        """Record an input. It must not wait."""
 
 
 @dataclass(frozen=True)
@@ -72,16 +76,7 @@ class Drive:
     start: Cell
     goal: Cell
     reached: bool
-    ticks: int
-    planned: int
-    """Ticks that planned a new path."""
-    kept: int
-    failed: int
-    """Ticks without a path."""
-    degraded: dict[str, int]
-    errors: dict[str, int]
-    drops: dict[str, int]
-    overruns: int
+    counters: Counters
     waited: int
     """Times that the robot stood still."""
     forbidden: int
@@ -104,13 +99,15 @@ class Drive:
             return None
         return self.driven_cost / self.optimal_cost - 1.0 if self.optimal_cost else 0.0
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """Without its arrays, ready for JSON."""
-        told = asdict(self) | {"excess": self.excess, "cells": len(self.driven)}
-        return {key: value for key, value in told.items() if key not in ("driven", "optimal")}
+        values: dict[str, object] = asdict(self) | {"excess": self.excess, "cells": len(self.driven)}
+        for name in ("driven", "optimal", "counters"):
+            del values[name]
+        return values | {name: getattr(self.counters, name) for name in _COUNTED}
 
 
-def random_drive(ground: Ground, seed: int) -> tuple[Cell, Cell]:
+def random_drive(ground: SurveyedGround, seed: int) -> tuple[Cell, Cell]:
     """A start and a goal that are far apart and truly connected; InvalidQueryError if there are none to be found."""
     rng = np.random.default_rng([seed, 1])
     planner = Planner(ground.true)
@@ -123,7 +120,7 @@ def random_drive(ground: Ground, seed: int) -> tuple[Cell, Cell]:
 
 
 def simulate(
-    ground: Ground,
+    ground: SurveyedGround,
     start: Cell,
     goal: Cell,
     settings: SimulationSettings | None = None,
@@ -135,14 +132,14 @@ def simulate(
 
     Parameters
     ----------
-    ground : Ground
+    ground : SurveyedGround
         True costs, which decide where the robot can go and what it sees; surveyed costs, which are its first map.
     start, goal : (row, col)
         Truly passable and connected.
     settings : SimulationSettings
         How.
     make_sinks : callable
-        Given the loop's world, sinks for its answers; those that `record` get its inputs too.
+        Makes the sinks of the answers, given the loop's world. Sinks with a method `record` get the inputs too.
     watch : callable
         Called after every tick, with the scene and the answer, in the loop's thread.
 
@@ -160,54 +157,52 @@ def simulate(
         raise InvalidQueryError(f"the goal {goal} cannot be reached from {start}: {best.status}")
     world = World(scene.told)
     sinks = list(make_sinks(world))
-    source = _Recorded(scene, [sink for sink in sinks if hasattr(sink, "record")])
+    source = _RecordedScene(scene, [sink for sink in sinks if isinstance(sink, InputRecorder)])
     histogram = Histogram()
 
-    def heard(message: PathMessage) -> None:
+    def after_tick(message: PathMessage) -> None:
         histogram.add(1e-3 * message.planning_ms)
         scene.heard(message)
         watch(scene, message)
 
-    planning = Settings(method=settings.method, model=settings.model)
+    planning = NavigatorSettings(method=settings.method, model=settings.model)
     _load_kernels(scene, planning)
-    navigator = _Heard(world, planning, heard)
-    run = _at_full_speed if settings.rate_hz is None else _at_rate
-    counters = run(navigator, source, scene, sinks, settings)
+    navigator = Navigator(world, planning)
+    if settings.rate_hz is None:
+        counters = _at_full_speed(navigator, source, sinks, settings.ticks, after_tick)
+    else:
+        counters = _at_rate(navigator, source, sinks, settings.ticks, settings.rate_hz, after_tick)
     driven = np.array(scene.driven, np.int32)
     return Drive(
-        settings.method, start, goal, scene.reached, counters.ticks, counters.planned, counters.kept, counters.failed,
-        counters.degraded, counters.errors, counters.drops, counters.overruns, scene.waited, scene.forbidden,
-        measure(planner.grid, driven)[0], best.cost, histogram.summary_ms(), driven, best.path,
-    )  # fmt: skip
+        settings.method,
+        start,
+        goal,
+        scene.reached,
+        counters,
+        waited=scene.waited,
+        forbidden=scene.forbidden,
+        driven_cost=measure(planner.grid, driven)[0],
+        optimal_cost=best.cost,
+        planning_ms=histogram.summary_ms(),
+        driven=driven,
+        optimal=best.path,
+    )
 
 
-class _Recorded:
-    """A scene whose messages are handed to recorders on their way to the loop."""
+class _RecordedScene:
+    """A scene whose messages are recorded on their way to the loop."""
 
-    def __init__(self, scene: Scene, recorders: Sequence[Any]) -> None:
-        self._scene, self._recorders = scene, recorders
+    def __init__(self, scene: Scene, recorders: Sequence[InputRecorder]) -> None:
+        self.scene, self._recorders = scene, recorders
 
     def poll(self) -> Iterator[Input]:
-        for message in self._scene.poll():
+        for message in self.scene.poll():
             for recorder in self._recorders:
                 recorder.record(message)
             yield message
 
 
-class _Heard(Navigator):
-    """A navigator whose answers are heard at once, in the loop's thread."""
-
-    def __init__(self, world: World, settings: Settings, heard: Callable[[PathMessage], None]) -> None:
-        super().__init__(world, settings)
-        self._heard = heard
-
-    def tick(self, deadline: float = math.inf) -> PathMessage:
-        message = super().tick(deadline)
-        self._heard(message)
-        return message
-
-
-def _load_kernels(scene: Scene, settings: Settings) -> None:
+def _load_kernels(scene: Scene, settings: NavigatorSettings) -> None:
     """Plan once beside the drive: what a process loads only once is no part of a tick."""
     navigator = Navigator(World(scene.told), settings)
     navigator.offer(Pose(*scene.robot))
@@ -216,38 +211,45 @@ def _load_kernels(scene: Scene, settings: Settings) -> None:
 
 
 def _at_rate(
-    navigator: _Heard, source: _Recorded, scene: Scene, sinks: Sequence[Sink], settings: SimulationSettings
+    navigator: Navigator,
+    source: _RecordedScene,
+    sinks: Sequence[Sink],
+    ticks: int,
+    rate_hz: float,
+    after_tick: Callable[[PathMessage], None],
 ) -> Counters:
     """By the loop itself."""
-    assert settings.rate_hz is not None
-    loop = Loop(navigator, source, sinks, rate_hz=settings.rate_hz)
-    heard = navigator._heard
 
     def until_reached(message: PathMessage) -> None:
-        heard(message)
-        if scene.reached:
+        after_tick(message)
+        if source.scene.reached:
             loop.stop()
 
-    navigator._heard = until_reached
-    return loop.run(settings.ticks)
+    loop = Loop(navigator, source, sinks, rate_hz=rate_hz, after_tick=until_reached)
+    return loop.run(ticks)
 
 
 def _at_full_speed(
-    navigator: _Heard, source: _Recorded, scene: Scene, sinks: Sequence[Sink], settings: SimulationSettings
+    navigator: Navigator,
+    source: _RecordedScene,
+    sinks: Sequence[Sink],
+    ticks: int,
+    after_tick: Callable[[PathMessage], None],
 ) -> Counters:
     """The same steps without waiting; an overrun is an answer that took longer than `PERIOD_S`."""
     overruns = 0
-    for _ in range(settings.ticks):
+    for _ in range(ticks):
         for message in source.poll():
             navigator.offer(message)
         deadline = time.monotonic() + PERIOD_S
         answer = navigator.tick(deadline)
         overruns += time.monotonic() > deadline
+        after_tick(answer)
         for sink in sinks:
             try:
                 sink.publish(answer)
             except Exception:
                 navigator.count_error(f"sink {sink.name}")
-        if scene.reached:
+        if source.scene.reached:
             break
     return replace(navigator.counters(), overruns=overruns)

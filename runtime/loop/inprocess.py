@@ -1,4 +1,4 @@
-"""A source and a sink for Python programs and tests."""
+"""An input source and a sink for Python programs and tests."""
 
 import threading
 from collections import deque
@@ -8,12 +8,12 @@ from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Output, PathM
 
 
 class InProcessSource:
-    """Messages put by any thread. Of poses and goals the newest counts; patches keep their order.
+    """Inputs put by any thread. Of poses and goals the newest counts; patches keep their order.
 
     Parameters
     ----------
     most_patches : int
-        That wait at most; then `put` refuses the next, so that the sender knows.
+        Most patches that wait; `put` refuses the next, so that the sender knows.
     """
 
     def __init__(self, most_patches: int = 256) -> None:
@@ -23,10 +23,10 @@ class InProcessSource:
         self._pose: Pose | None = None
         self._goal: Goal | None = None
         self.refused = 0
-        """Patches that were not taken."""
+        """Patches that were refused."""
 
     def put(self, message: Input) -> bool:
-        """Hand a message over; False if it is a patch and too many are waiting."""
+        """Add an input; False if it is a patch and too many are waiting."""
         with self._lock:
             if isinstance(message, Pose):
                 self._pose = message
@@ -42,15 +42,15 @@ class InProcessSource:
     def poll(self) -> Iterable[Input]:
         """What has come since the last call."""
         with self._lock:
-            taken: list[Input] = [*self._patches]
-            taken += [message for message in (self._pose, self._goal) if message is not None]
+            inputs: list[Input] = [*self._patches]
+            inputs += [message for message in (self._pose, self._goal) if message is not None]
             self._patches.clear()
             self._pose = self._goal = None
-        return taken
+        return inputs
 
 
 class InProcessSink:
-    """Keeps the newest messages for whoever asks."""
+    """Keeps the newest messages."""
 
     name = "in-process"
 

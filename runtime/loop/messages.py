@@ -3,7 +3,6 @@
 import math
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,35 +12,11 @@ from nnpp_edge.runtime.errors import NnppEdgeError, Status
 
 
 class InvalidMessageError(NnppEdgeError, ValueError):
-    """A message that cannot be taken in."""
-
-
-class Outcome(StrEnum):
-    """How a tick ended: the planner's words (`Status`), and those of the loop alone."""
-
-    OK = "OK"
-    START_OUTSIDE_MAP = "START_OUTSIDE_MAP"
-    GOAL_OUTSIDE_MAP = "GOAL_OUTSIDE_MAP"
-    START_BLOCKED = "START_BLOCKED"
-    GOAL_BLOCKED = "GOAL_BLOCKED"
-    NO_PATH = "NO_PATH"
-    TIMEOUT = "TIMEOUT"
-    INVALID_MAP = "INVALID_MAP"
-    NO_POSE = "NO_POSE"
-    """No pose has come yet."""
-    NO_GOAL = "NO_GOAL"
-    """No goal has come yet."""
-    UNKNOWN = "UNKNOWN"
-    """Every way of planning raised an error."""
-
-    @classmethod
-    def of(cls, status: Status) -> "Outcome":
-        """The same word."""
-        return cls(str(status))
+    """A message whose values make no sense."""
 
 
 class Origin(StrEnum):
-    """Which rung of the ladder a path comes from."""
+    """Which rung of the navigator's ladder a path comes from."""
 
     FULL = "full"
     """Planned in this tick by the method that was asked for."""
@@ -74,10 +49,10 @@ class MapPatch:
     keep_known: bool = False
     """Whether cells that were not seen stay as the map has them; else they become impassable."""
     stamp: float = 0.0
-    """When it was measured, by the sender's clock; passed on, never reckoned with."""
+    """When it was measured, by the sender's clock. It is passed on to logs and changes nothing."""
 
     def __post_init__(self) -> None:
-        """Check and copy."""
+        """Check, and copy the array."""
         if (self.elevation is None) == (self.cost is None):
             raise InvalidMessageError("a patch must hold either elevation or cost, got both or neither")
         name = "cost" if self.elevation is None else "elevation"
@@ -89,8 +64,8 @@ class MapPatch:
             raise InvalidMessageError(f"a patch's cost must be at least 0, got one of {np.nanmin(values):g}")
         object.__setattr__(self, name, values)
         for word in ("row", "col"):
-            object.__setattr__(self, word, _whole(f"a patch's {word}", getattr(self, word)))
-        _finite("a patch's stamp", self.stamp)
+            object.__setattr__(self, word, _as_whole(f"a patch's {word}", getattr(self, word)))
+        _check_finite("a patch's stamp", self.stamp)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -111,7 +86,7 @@ class Pose:
     def __post_init__(self) -> None:
         """Check."""
         for word in ("row", "col", "stamp"):
-            _finite(f"a pose's {word}", getattr(self, word))
+            _check_finite(f"a pose's {word}", getattr(self, word))
 
     @property
     def cell(self) -> Cell:
@@ -130,8 +105,8 @@ class Goal:
     def __post_init__(self) -> None:
         """Check."""
         for word in ("row", "col"):
-            object.__setattr__(self, word, _whole(f"a goal's {word}", getattr(self, word)))
-        _finite("a goal's stamp", self.stamp)
+            object.__setattr__(self, word, _as_whole(f"a goal's {word}", getattr(self, word)))
+        _check_finite("a goal's stamp", self.stamp)
 
     @property
     def cell(self) -> Cell:
@@ -144,7 +119,7 @@ Input = MapPatch | Pose | Goal
 
 @dataclass(frozen=True, eq=False)
 class PathMessage:
-    """What a tick came to. The path is empty exactly where the outcome is not OK.
+    """The answer of a tick. The path is empty exactly where the outcome is not OK.
 
     Raises
     ------
@@ -153,7 +128,7 @@ class PathMessage:
     """
 
     tick: int
-    outcome: Outcome
+    outcome: Status
     origin: Origin
     path: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32))
     """(N, 2) cells (row, col) from the robot to the goal, passable on the newest map that the loop had."""
@@ -168,17 +143,17 @@ class PathMessage:
     lower_bound: float = 0.0
     """No path costs less."""
     method: str = ""
-    """By which the path was planned."""
+    """Method that planned the path."""
     reason: str = ""
-    """Why planned so, kept, or failed; for people."""
+    """Why the path was planned so or kept, or what failed; for people."""
     map_version: int = 0
-    """Number of changes to the map that the answer knows of."""
+    """Number of map patches that the answer takes into account."""
     planning_ms: float = 0.0
-    """From the tick's begin to this answer."""
+    """From the beginning of the tick to this answer."""
 
     def __post_init__(self) -> None:
         """A path with success, none without."""
-        if (self.outcome is Outcome.OK) != bool(len(self.path)):
+        if (self.outcome is Status.OK) != bool(len(self.path)):
             raise InvalidMessageError(
                 f"only an outcome of OK comes with a path, got {self.outcome} with {len(self.path)} cells"
             )
@@ -186,41 +161,45 @@ class PathMessage:
     @property
     def ok(self) -> bool:
         """Whether there is a path to follow."""
-        return self.outcome is Outcome.OK
+        return self.outcome is Status.OK
 
-    def summary(self) -> dict[str, Any]:
-        """Ready for JSON, the path as a list of [row, col]; inf as None."""
-        told = {f: getattr(self, f) for f in self.__dataclass_fields__}
-        told |= {"outcome": str(self.outcome), "origin": str(self.origin), "path": self.path.tolist()}
-        told["cost"] = self.cost if math.isfinite(self.cost) else None
-        return told
+    def summary(self) -> dict[str, object]:
+        """Ready for JSON: the path as a list of [row, col], an infinite cost as None."""
+        fields: dict[str, object] = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        cost = self.cost if math.isfinite(self.cost) else None
+        return fields | {
+            "outcome": str(self.outcome),
+            "origin": str(self.origin),
+            "path": self.path.tolist(),
+            "cost": cost,
+        }
 
 
 @dataclass(frozen=True)
 class Counters:
-    """What a loop has done since it began."""
+    """What a loop has done since it started."""
 
     ticks: int = 0
     planned: int = 0
     """Ticks that planned a new path."""
     kept: int = 0
-    """Ticks whose path stood."""
+    """Ticks that kept the standing path."""
     failed: int = 0
-    """Ticks without a path, though there were pose and goal."""
+    """Ticks with pose and goal, but without a path."""
     overruns: int = 0
     """Ticks that took longer than the period."""
     skipped: int = 0
-    """Deadlines that passed unused because of them."""
+    """Deadlines that passed unused because a tick overran."""
     degraded: dict[str, int] = field(default_factory=dict)
-    """Answers that were less than asked for, by their kind."""
+    """Degraded answers, by kind of failure."""
     errors: dict[str, int] = field(default_factory=dict)
-    """Errors that were caught, by where."""
+    """Errors that were caught, by place."""
     patches: int = 0
     cells_changed: int = 0
     patches_clipped: int = 0
     patches_rejected: int = 0
     patches_merged: int = 0
-    """Changed rectangles that were taken together because too many were waiting; nothing of them is lost."""
+    """Changes of the map that were merged with the next because too many were waiting. No changed cell is lost."""
     starts_moved: int = 0
     reloads: int = 0
     drops: dict[str, int] = field(default_factory=dict)
@@ -228,26 +207,26 @@ class Counters:
     tick_ms: dict[str, float] = field(default_factory=dict)
     """Work of a tick: ``p50``, ``p90``, ``p99``, ``max``, ``mean``."""
     tick_histogram: dict[str, int] = field(default_factory=dict)
-    """How many ticks' work took less than so many milliseconds; ``inf``: how many were measured."""
+    """Number of ticks whose work took less than so many milliseconds; ``inf``: number of measured ticks."""
     tick_sum_s: float = 0.0
-    """Their work in all, s."""
+    """Work of all measured ticks, seconds."""
     lost: dict[str, int] = field(default_factory=dict)
-    """Messages that a sink took and could not keep, by sink; those without a count of their own are left out."""
+    """Messages that a sink took and could not keep, by sink; only of sinks that count them."""
     rss_bytes: int = 0
     """Memory of the process; 0 where the system does not say."""
 
 
 @dataclass(frozen=True)
 class StatusMessage:
-    """How the loop is, now and then."""
+    """How the loop is doing; sent every second or so."""
 
     tick: int
-    outcome: Outcome
+    outcome: Status
     """Of the last tick."""
     text: str
     counters: Counters
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """Ready for JSON."""
         return {"tick": self.tick, "outcome": str(self.outcome), "text": self.text, "counters": asdict(self.counters)}
 
@@ -255,7 +234,7 @@ class StatusMessage:
 Output = PathMessage | StatusMessage
 
 
-def _finite(name: str, value: Any) -> None:
+def _check_finite(name: str, value: float) -> None:
     try:
         if math.isfinite(value):
             return
@@ -264,7 +243,7 @@ def _finite(name: str, value: Any) -> None:
     raise InvalidMessageError(f"{name} must be a finite number, got {value!r}")
 
 
-def _whole(name: str, value: Any) -> int:
+def _as_whole(name: str, value: float) -> int:
     try:
         if int(value) == value:
             return int(value)

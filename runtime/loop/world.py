@@ -1,4 +1,4 @@
-"""The map as the loop has it: heights or costs, brought up to date by patches from any thread."""
+"""The loop's map: heights or costs, kept up to date by patches from any thread."""
 
 import threading
 from dataclasses import dataclass
@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D, as_map
-from nnpp_edge.runtime.cells import Rectangle, gather
+from nnpp_edge.runtime.cells import Rectangle, enclosing
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.messages import MapPatch
+from nnpp_edge.runtime.map.changes import Change, ChangeLog
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost, update_cost
 
@@ -24,8 +25,8 @@ class Terrain:
 
 
 class World:
-    """The newest map. Patches are taken in at once and in order, so nothing of them is ever lost; what the planner
-    has not heard of yet is kept as a few rectangles. Any thread may call any method.
+    """The newest map. Each patch is written into it at once, in order, so none is lost. A log keeps which rectangles
+    changed since the planner last read them. Any thread may call any method.
 
     Parameters
     ----------
@@ -34,11 +35,9 @@ class World:
     step_cost : str
         ``paper`` or ``length``.
     elevation : (H, W) float
-        Heights that the costs come from, where patches of heights are to be understood. Copied.
+        Heights that the costs come from, for patches of heights. Copied.
     terrain : Terrain
         Needed with `elevation`.
-    most_rectangles : int
-        That are kept apart; one more and they are taken for the one that holds them all.
     """
 
     def __init__(
@@ -48,7 +47,6 @@ class World:
         step_cost: str = "paper",
         elevation: Float2D | None = None,
         terrain: Terrain | None = None,
-        most_rectangles: int = 32,
     ) -> None:
         if (elevation is None) != (terrain is None):
             raise InvalidMapError("heights and how they become costs must be given together")
@@ -58,12 +56,13 @@ class World:
             raise InvalidMapError(f"elevation must be {self._cost.shape}, got {self._elevation.shape}")
         self._terrain = terrain
         self._lengths = step_cost == StepCost.LENGTH
-        self._most = most_rectangles
         self._lock = threading.Lock()
-        self._dirty: list[Rectangle] = []
-        self.version = 0
-        """Number of patches taken in."""
-        self.clipped = self.rejected = self.merged = 0
+        self._log = ChangeLog()
+        self._unread = self._log.reader()
+        self.clipped = 0
+        """Patches that stuck out of the map."""
+        self.rejected = 0
+        """Patches of which nothing was written."""
 
     @classmethod
     def of_elevation(
@@ -73,18 +72,27 @@ class World:
         traversability: Traversability | None = None,
         *,
         cell_width_m: float | None = None,
-        most_rectangles: int = 32,
     ) -> "World":
         """The world of an elevation map, in the paper's step costs; arguments as for `traversability_cost`."""
         limits = traversability or Traversability()
         cost = traversability_cost(elevation, cell_size_m, limits, cell_width_m=cell_width_m, warn=False)
         terrain = Terrain(cell_size_m, limits, cell_width_m)
-        return cls(cost, elevation=elevation, terrain=terrain, most_rectangles=most_rectangles)
+        return cls(cost, elevation=elevation, terrain=terrain)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
         return self._cost.shape[0], self._cost.shape[1]
+
+    @property
+    def version(self) -> int:
+        """Number of patches written into the map."""
+        return self._log.version
+
+    @property
+    def merged(self) -> int:
+        """Changes that were merged with the next because too many were waiting for the planner."""
+        return self._log.merged
 
     def cost(self) -> Float2D:
         """A copy of the costs as they are now."""
@@ -92,10 +100,10 @@ class World:
             return self._cost.copy()
 
     def put(self, patch: MapPatch) -> bool:
-        """Take a patch in, as far as it lies on the map; False if it is rejected.
+        """Write a patch into the map, as far as it lies on it; False if it is rejected.
 
-        It is where it misses the map, holds heights while the world knows costs only, or a weight of 0 in the
-        ``length`` model.
+        A patch is rejected if it misses the map, if it holds heights and the world was made from costs, or if it
+        holds a weight of 0 in the ``length`` model.
         """
         rows, cols = patch.shape
         top, left = max(patch.row, 0), max(patch.col, 0)
@@ -109,18 +117,23 @@ class World:
         cut = (slice(top - patch.row, bottom - patch.row), slice(left - patch.col, right - patch.col))
         with self._lock:
             self.clipped += part[2:] != (rows, cols)
-            self._write(patch, part, cut)
-            self.version += 1
+            changed = self._write(patch, part, cut)
+            self._log.append(Change(changed, _area(changed)))
         return True
 
-    def take(self) -> tuple[int, list[tuple[int, int, Float2D]]]:
-        """The version, and what has changed since the last call: (row, col, costs) of rectangles."""
+    def read_changes(self) -> tuple[int, list[tuple[int, int, Float2D]]]:
+        """The version, and what has changed since the last call: (row, col, costs) of rectangles.
+
+        Rectangles that together have more cells than the one that holds them all are read as that one.
+        """
         with self._lock:
-            changes = [(r, c, self._cost[r : r + h, c : c + w].copy()) for r, c, h, w in self._dirty]
-            self._dirty.clear()
+            parts = [change.part for change in self._unread.read()]
+            if parts and _area(whole := enclosing(parts)) < sum(map(_area, parts)):
+                parts = [whole]
+            changes = [(r, c, self._cost[r : r + h, c : c + w].copy()) for r, c, h, w in parts]
             return self.version, changes
 
-    def refuses(self, path: NDArray[np.int32], corner_cutting: bool) -> str:
+    def path_problem(self, path: NDArray[np.int32], corner_cutting: bool) -> str:
         """Why a path may not be walked on the newest map; empty if it may."""
         if not len(path):
             return "it is empty"
@@ -141,22 +154,23 @@ class World:
     def _passable(self, rows: NDArray[np.int32], cols: NDArray[np.int32]) -> NDArray[np.bool_]:
         return self._cost[rows, cols] < (np.inf if self._lengths else 1.0)
 
-    def _write(self, patch: MapPatch, part: Rectangle, cut: tuple[slice, slice]) -> None:
+    def _write(self, patch: MapPatch, part: Rectangle, cut: tuple[slice, slice]) -> Rectangle:
+        """Write the `cut` of a patch at `part`; the rectangle whose costs may have changed."""
         row, col, rows, cols = part
         here = (slice(row, row + rows), slice(col, col + cols))
         if patch.cost is not None:
             new = patch.cost[cut]
             unseen = self._cost[here] if patch.keep_known else np.float32(np.inf)
             self._cost[here] = np.where(np.isnan(new), unseen, new)
-        else:
-            assert patch.elevation is not None and self._elevation is not None and self._terrain is not None
-            new = patch.elevation[cut]
-            unseen = self._elevation[here] if patch.keep_known else np.float32(np.nan)
-            self._elevation[here] = np.where(np.isfinite(new), new, unseen)
-            terrain = self._terrain
-            part = update_cost(
-                self._cost, self._elevation, part, terrain.cell_size_m, terrain.traversability,
-                cell_width_m=terrain.cell_width_m,
-            )  # fmt: skip
-        if gather(self._dirty, part, self._most):
-            self.merged += self._most + 1
+            return part
+        terrain = self._terrain
+        assert patch.elevation is not None and self._elevation is not None and terrain is not None
+        heights = patch.elevation[cut]
+        unknown = self._elevation[here] if patch.keep_known else np.float32(np.nan)
+        self._elevation[here] = np.where(np.isfinite(heights), heights, unknown)
+        size, width = terrain.cell_size_m, terrain.cell_width_m
+        return update_cost(self._cost, self._elevation, part, size, terrain.traversability, cell_width_m=width)
+
+
+def _area(part: Rectangle) -> int:
+    return part[2] * part[3]

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime.loop.inprocess import InProcessSink
+from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, PathMessage, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator, Settings
+from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.loop.world import World
 
@@ -27,7 +28,7 @@ def wait_until(holds, patience_s=10.0):
 @pytest.fixture
 def navigator():
     """Exact planning on a free map, without pose and goal."""
-    return Navigator(World(free()), Settings(method="astar"))
+    return Navigator(World(free()), NavigatorSettings(method="astar"))
 
 
 @pytest.fixture

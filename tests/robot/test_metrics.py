@@ -1,22 +1,34 @@
 import re
 import socket
-import time
+import sys
 import urllib.error
 import urllib.request
 from dataclasses import fields, replace
 
 import pytest
 
-from nnpp_edge.robot.metrics import CONTENT_TYPE, MetricsServer, metrics_text, write_metrics
-from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
+from nnpp_edge.robot.operations.metrics import CONTENT_TYPE, MetricsServer, metrics_text, write_metrics
+from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
 from nnpp_edge.runtime.loop.messages import Counters
 
 COUNTERS = Counters(
-    ticks=1000, planned=700, kept=290, failed=10, overruns=3, skipped=1, degraded={"late": 2, "timeout": 5},
-    errors={'sink "a\\b"\nc': 4}, patches=77, cells_changed=12345, drops={"zenoh": 6}, rss_bytes=123_456_789,
-    tick_ms={"p50": 1.5, "p90": 3.0, "p99": 12.25, "max": 80.0, "mean": 2.0}, lost={"mcap": 8},
-    tick_histogram={"1.024": 100, "16.384": 995, "inf": 999}, tick_sum_s=2.0,
-)  # fmt: skip
+    ticks=1000,
+    planned=700,
+    kept=290,
+    failed=10,
+    overruns=3,
+    skipped=1,
+    patches=77,
+    cells_changed=12345,
+    rss_bytes=123_456_789,
+    tick_sum_s=2.0,
+    degraded={"late": 2, "timeout": 5},
+    errors={'sink "a\\b"\nc': 4},
+    drops={"zenoh": 6},
+    lost={"mcap": 8},
+    tick_ms={"p50": 1.5, "p90": 3.0, "p99": 12.25, "max": 80.0, "mean": 2.0},
+    tick_histogram={"1.024": 100, "16.384": 995, "inf": 999},
+)
 
 _SAMPLE = re.compile(r'([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{((?:[a-zA-Z_]\w*="(?:[^"\\\n]|\\[\\"n])*",?)*)\})? (\S+)')
 _LABEL = re.compile(r'([a-zA-Z_]\w*)="((?:[^"\\]|\\.)*)"')
@@ -112,14 +124,20 @@ def test_metrics_are_served():
 
 
 def test_health_follows_the_ticks():
-    counters = [Counters()]
-    with MetricsServer(0, lambda: counters[0], stale_s=0.15) as server:
+    counters, now = [Counters()], [100.0]
+    with MetricsServer(0, lambda: counters[0], stale_s=0.15, clock=lambda: now[0]) as server:
         assert get(server, "/health")[0] == 200
-        time.sleep(0.2)
+        now[0] += 0.2
         status, _, body = get(server, "/health")
         assert status == 503 and body.startswith("stalled: no tick for 0.") and body.count("\n") == 1
         counters[0] = replace(counters[0], ticks=7)
         assert get(server, "/health")[::2] == (200, "ok: 7 ticks\n")
+
+
+def test_without_the_library_the_error_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "prometheus_client", None)
+    with pytest.raises(MissingExtraError, match=r"nnpp-edge\[robot\]"):
+        MetricsServer(0, lambda: COUNTERS)
 
 
 def test_counters_that_cannot_be_had_are_no_health():

@@ -1,15 +1,23 @@
 """Recordings: what goes in comes out, at its pace or as fast as can be, and a crash costs a line at most."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from nnpp_edge.robot.replay import RecordedSource, Recorder, ReplayError, ReplaySource, read_recording
-from nnpp_edge.robot.wire import encode
+from nnpp_edge.robot.transports.recording import (
+    RecordedSource,
+    RecordingFile,
+    ReplayError,
+    ReplaySource,
+    read_recording,
+)
+from nnpp_edge.robot.transports.wire import encode
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator, Settings
+from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.world import World
 from tests.robot.conftest import free
 
@@ -19,7 +27,7 @@ SHAPE = (40, 60)
 def scene(path, ticks=40, seed=0):
     """A drive with obstacles that come and go, recorded at 10 Hz."""
     rng = np.random.default_rng(seed)
-    recorder = Recorder(path, SHAPE)
+    recorder = RecordingFile(path, SHAPE)
     recorder.record(Goal(35, 55), 0.0)
     for n in range(ticks):
         at_s = 0.1 * n
@@ -40,7 +48,7 @@ def test_a_fast_replay_gives_the_same_answers_each_time(tmp_path, drive, method)
     path = scene(tmp_path / "scene.jsonl")
     runs = []
     for _ in range(2):
-        navigator = Navigator(World(free()), Settings(method=method))
+        navigator = Navigator(World(free()), NavigatorSettings(method=method))
         source = ReplaySource(path, shape=SHAPE, fast=True)
         runs.append(drive(navigator, source, rate_hz=0.5, paced=False))
     assert told(runs[0].paths) == told(runs[1].paths)
@@ -68,7 +76,7 @@ def test_inputs_come_at_the_recorded_pace(tmp_path):
 
 def test_a_recording_of_a_replay_is_the_replay(tmp_path, drive, navigator):
     first = scene(tmp_path / "scene.jsonl", ticks=10)
-    recorder = Recorder(tmp_path / "again.jsonl", SHAPE)
+    recorder = RecordingFile(tmp_path / "again.jsonl", SHAPE)
     source = RecordedSource(ReplaySource(first, fast=True), [recorder.record], navigator.count_error)
     drive(navigator, source, rate_hz=1.0, paced=False)
     source.close()
@@ -91,7 +99,7 @@ def test_a_line_that_was_cut_off_is_left_out(tmp_path, caplog):
 def test_what_stands_there_is_left_alone(tmp_path):
     names = []
     for _ in range(3):
-        recorder = Recorder(tmp_path / "scene.jsonl", SHAPE)
+        recorder = RecordingFile(tmp_path / "scene.jsonl", SHAPE)
         recorder.record(Pose(1, 2), 0.5)
         recorder.close()
         names.append(recorder.path.name)
@@ -105,15 +113,15 @@ POSE = '{"at":1,"type":"pose","row":1,"col":2}\n'
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("garbage\n", "line 1: wanted a JSON object"),
+        ("garbage\n", "line 1: wanted a pose, goal or patch.*malformed"),
         (
             POSE + '{"at":0.5,"type":"goal","row":1,"col":1}\n',
             r"line 2: at: wanted times that do not go back, got 0.5",
         ),
-        ('{"type":"pose","row":1,"col":2}\n', "line 1: at: wanted seconds"),
-        ('{"at":true,"type":"pose","row":1,"col":2}\n', "at: wanted seconds"),
-        ('{"at":-1,"type":"pose","row":1,"col":2}\n', "at: wanted seconds"),
-        (POSE + "\n\n" + '{"at":2,"type":"pose","row":1}\n', "line 4: pose.col"),
+        ('{"type":"pose","row":1,"col":2}\n', "line 1: .* missing required field `at`"),
+        ('{"at":true,"type":"pose","row":1,"col":2}\n', "at: Expected `float`, got `bool`"),
+        ('{"at":-1,"type":"pose","row":1,"col":2}\n', "at: Expected `float` >= 0.0"),
+        (POSE + "\n\n" + '{"at":2,"type":"pose","row":1}\n', "line 4: .* missing required field `col`"),
         ('{"type":"recording","map":[1,2]}\n' + POSE, r"map of \[40, 60\] cells, got one of \[1, 2\]"),
         ('{"v":9,"type":"recording"}\n', "version 1"),
     ],
@@ -131,7 +139,7 @@ def test_files_that_cannot_be_read_or_written_are_told(tmp_path):
         with pytest.raises(ReplayError, match="cannot be read"):
             ReplaySource(path)
     with pytest.raises(OutputError, match="could not be written"):
-        Recorder(tmp_path / "no" / "folder.jsonl", SHAPE)
+        RecordingFile(tmp_path / "no" / "folder.jsonl", SHAPE)
 
 
 def test_an_empty_recording_is_over_at_once(tmp_path):
@@ -156,20 +164,29 @@ def test_a_recorder_that_fails_is_counted_and_the_inputs_come_nevertheless(tmp_p
     assert counted == ["record"] * 9
 
 
-def test_after_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path):
-    recorder = Recorder(tmp_path / "scene.jsonl", SHAPE)
+class Full:
+    """A file that takes two lines whole, and of each further one the first ten bytes."""
+
+    def __init__(self, file):
+        self.file, self.lines = file, 0
+
+    def write(self, line):
+        self.lines += 1
+        return self.file.write(line if self.lines <= 2 else line[:10])
+
+    def close(self):
+        self.file.close()
+
+
+def test_after_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path, monkeypatch):
+    open_file = Path.open
+    monkeypatch.setattr(Path, "open", lambda path, *words, **options: Full(open_file(path, *words, **options)))
+    recorder = RecordingFile(tmp_path / "scene.jsonl", SHAPE)
+    monkeypatch.undo()
     recorder.record(Pose(1, 2), 0.0)
-    whole = recorder._file
-
-    class Full:
-        def write(self, line):
-            return whole.write(line[:10])
-
-    recorder._file = Full()
     for _ in range(2):
         with pytest.raises(OSError, match=r"space|before"):
             recorder.record(Pose(3, 4), 0.1)
-    recorder._file = whole
     recorder.close()
     assert list(read_recording(recorder.path)) == [(0.0, Pose(1, 2))]
 

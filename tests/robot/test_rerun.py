@@ -1,3 +1,4 @@
+import importlib
 import os
 import signal
 import socket
@@ -11,14 +12,13 @@ import pytest
 
 rerun = pytest.importorskip("rerun")
 
-from nnpp_edge.robot.rerun_view import RerunSink  # noqa: E402
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError  # noqa: E402
+from nnpp_edge.robot.transports.rerun_view import RerunSink  # noqa: E402
+from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError, Status  # noqa: E402, Status
 from nnpp_edge.runtime.loop.messages import (  # noqa: E402
     Counters,
     Goal,
     MapPatch,
     Origin,
-    Outcome,
     PathMessage,
     Pose,
     StatusMessage,
@@ -50,10 +50,10 @@ def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
         sink.record(Goal(7, 8))
         sink.record(MapPatch(2, 3, cost=np.zeros((4, 5))))
         for tick in (1, 2):
-            sink.publish(PathMessage(tick, Outcome.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
+            sink.publish(PathMessage(tick, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
         world.put(MapPatch(0, 0, cost=np.array([[1.0]])))
-        sink.publish(PathMessage(3, Outcome.NO_PATH, Origin.NONE, reason="walled in", planning_ms=4.0))
-        sink.publish(StatusMessage(3, Outcome.NO_PATH, "how it is", Counters(tick_ms={"p99": 2.5}, rss_bytes=10**7)))
+        sink.publish(PathMessage(3, Status.NO_PATH, Origin.NONE, reason="walled in", planning_ms=4.0))
+        sink.publish(StatusMessage(3, Status.NO_PATH, "how it is", Counters(tick_ms={"p99": 2.5}, rss_bytes=10**7)))
     found = read(tmp_path / "loop.rrd")
     assert found["/map/path"]["tick"] == [1, 2, 3]
     first, second, none = found["/map/path"]["strips"]
@@ -87,7 +87,7 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
             time.sleep(0.05)
         with RerunSink.at(f"rerun+http://127.0.0.1:{port}/proxy", World(np.full((20, 30), 0.3, np.float32))) as sink:
             for tick in (1, 2):
-                sink.publish(PathMessage(tick, Outcome.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
+                sink.publish(PathMessage(tick, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
         sizes = [-1, 0]
         while len(sizes) < 40 and (not sizes[-1] or sizes[-1] != sizes[-2]):  # until nothing more comes
             time.sleep(0.5)
@@ -102,7 +102,7 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
 
 def test_where_to_show_is_told_by_a_word(tmp_path):
     with RerunSink.at(str(tmp_path / "drive.rrd")) as sink:
-        sink.publish(PathMessage(1, Outcome.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
+        sink.publish(PathMessage(1, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
     assert read(tmp_path / "drive.rrd")["/map/path"]["tick"] == [1]
     with pytest.raises(InvalidQueryError, match=r"view must be here, rerun\+http.* got 'there'"):
         RerunSink.at("there")
@@ -123,6 +123,8 @@ def test_without_rerun_the_error_names_the_extra(monkeypatch, tmp_path):
         RerunSink(tmp_path / "loop.rrd")
 
 
-def test_the_module_imports_rerun_only_when_it_is_used():
-    code = "import sys, nnpp_edge.robot.rerun_view; print('rerun' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"
+def test_the_module_imports_rerun_only_when_it_is_used(monkeypatch):
+    name = "nnpp_edge.robot.transports.rerun_view"
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    monkeypatch.delitem(sys.modules, name)
+    assert importlib.import_module(name).RerunSink is not RerunSink

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nnpp_edge.ros.maps import GridMap, MapFrame, OccupancyGrid, grid_map_patch, occupancy_patch, path_poses
+from nnpp_edge.ros.occupancy import as_cost, as_occupancy
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.world import World
 
@@ -17,8 +18,8 @@ NAN = np.nan
 def occupancy(**changes):
     """Three columns along x, two rows along y, cells of half a metre, corner at (10, 20)."""
     data = np.array([0, 50, -1, 98, 99, 100], np.int8)
-    return OccupancyGrid(**{"resolution": 0.5, "width": 3, "height": 2, "data": data, "origin_x": 10.0,
-                            "origin_y": 20.0, **changes})  # fmt: skip
+    plain = {"resolution": 0.5, "width": 3, "height": 2, "data": data, "origin_x": 10.0, "origin_y": 20.0}
+    return OccupancyGrid(**(plain | changes))
 
 
 def grid_map(start=(0, 0), **changes):
@@ -29,8 +30,9 @@ def grid_map(start=(0, 0), **changes):
         for j in range(3):
             row, col = (i + start[0]) % 2, (j + start[1]) % 3
             flat[col * 2 + row] = unrolled[i, j]
-    return GridMap(**{"resolution": 1.0, "length_x": 2.0, "length_y": 3.0, "layers": {"elevation": flat}, "x": 5.0,
-                      "y": 7.0, "outer_start_index": start[0], "inner_start_index": start[1], **changes})  # fmt: skip
+    place = {"resolution": 1.0, "length_x": 2.0, "length_y": 3.0, "x": 5.0, "y": 7.0}
+    ring = {"layers": {"elevation": flat}, "outer_start_index": start[0], "inner_start_index": start[1]}
+    return GridMap(**(place | ring | changes))
 
 
 def test_an_occupancy_grid_is_read_row_by_row_along_y():
@@ -49,6 +51,26 @@ def test_an_occupancy_grid_comes_back_as_it_was():
     np.testing.assert_array_equal(back.data, data)
     assert (back.width, back.height, back.origin_x, back.origin_y, back.resolution) == (13, 8, -3.0, 4.0, 0.1)
     assert OccupancyGrid.of_cost([[0.999, 1.0, 7.0, np.inf]], grid.frame).data.tolist() == [98, 100, 100, 100]
+
+
+@given(st.lists(st.floats(0.0, 2.0, width=32) | st.sampled_from([NAN, np.inf, 0.98, 0.985, 0.99, 0.999]), min_size=1))
+def test_a_cost_read_back_is_passable_impassable_or_unknown_as_it_was(costs):
+    cost = np.array(costs, np.float32)
+    occupancy = as_occupancy(cost)
+    back = as_cost(occupancy)
+    np.testing.assert_array_equal(np.isnan(back), np.isnan(cost))
+    np.testing.assert_array_equal(back < 1.0, cost < 1.0)
+    passable = cost < 1.0
+    np.testing.assert_allclose(back[passable], np.minimum(cost[passable], 0.98), atol=0.00501)
+    np.testing.assert_array_equal(as_occupancy(back), occupancy)
+
+
+@pytest.mark.parametrize("occupancy", range(-1, 101))
+def test_an_occupancy_written_again_means_the_same(occupancy):
+    cost = as_cost(np.array([occupancy]))
+    again = as_occupancy(cost)
+    assert again == (100 if occupancy == 99 else occupancy)
+    np.testing.assert_array_equal(as_cost(again), cost)
 
 
 def test_a_grid_map_is_read_column_by_column_and_its_ring_unrolled():

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, overridden_loop, read_profile
-from nnpp_edge.robot.build import Wiring
-from nnpp_edge.robot.replay import Recorder, read_recording
-from nnpp_edge.robot.wire import decode_output, encode
+from nnpp_edge.robot.operations.wiring import Wiring
+from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
+from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.inprocess import InProcessSource
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
@@ -42,7 +42,7 @@ def dem(tmp_path):
 @pytest.fixture
 def recording(tmp_path):
     """Three ticks: a way, an obstacle on it, a new goal."""
-    recorder = Recorder(tmp_path / "drive.jsonl", SHAPE)
+    recorder = RecordingFile(tmp_path / "drive.jsonl", SHAPE)
     for message in (Pose(5, 5), Goal(60, 70)):
         recorder.record(message, 0.0)
     recorder.record(MapPatch(20, 0, cost=np.full((1, 85), np.inf)), 0.1)
@@ -63,8 +63,9 @@ class Program:
     def __init__(self, *words, **environment):
         self.process = subprocess.Popen(
             [sys.executable, "-m", "nnpp_edge.cli.main", "run", *map(str, words)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env={**os.environ, **environment},
-        )  # fmt: skip
+            **dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE),
+            env={**os.environ, **environment},
+        )
 
     def send(self, *messages):
         self.process.stdin.write(b"".join(encode(message) + b"\n" for message in messages))
@@ -95,10 +96,8 @@ def test_the_script_in_the_documentation_runs_as_it_stands(dem, tmp_path):
     command.chmod(0o755)
     root = str(Path(__file__).parents[2])
     environment = {**os.environ, "DEM": str(dem), "PATH": f"{folder}:{os.environ['PATH']}", "PYTHONPATH": root}
-    ended = subprocess.run(
-        [shutil.which("sh"), "-e", "-c", script], cwd=folder, env=environment, capture_output=True, text=True,
-        timeout=120, check=False,
-    )  # fmt: skip
+    shell = [shutil.which("sh"), "-e", "-c", script]
+    ended = subprocess.run(shell, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
     assert ended.returncode == 0, ended.stderr + (folder / "loop.log").read_text()
     first, second = (decode_output((folder / f"{name}.json").read_bytes()) for name in ("first", "second"))
     assert (tuple(first.path[0]), tuple(first.path[-1])) == ((5, 5), (60, 70))
@@ -111,7 +110,7 @@ def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem,
     record = tmp_path / "inputs.jsonl"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))
-        manager.settimeout(60.0)
+        manager.settimeout(120.0)
         words = ("--map", dem, *QUICK, "--record", record, "--framing", "lines")
         told = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000", "WATCHDOG_PID": ""}
         program = Program(*words, **told)
@@ -129,7 +128,7 @@ def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem,
     assert [message for _, message in read_recording(record, SHAPE)] == [Pose(5, 5), Goal(60, 70)]
 
 
-def test_after_a_kill_the_recording_can_be_played_and_the_next_has_a_file_of_its_own(dem, tmp_path):
+def test_after_a_kill_the_recording_can_be_played_and_the_next_has_a_file_of_its_own(nnpp_edge, dem, tmp_path):
     record = tmp_path / "inputs.jsonl"
     inputs = [Pose(5.0, 5.0), Goal(60, 70), *(MapPatch(n % 70, 3, cost=np.full((2, 2), 0.5)) for n in range(1000))]
     program = Program("--map", dem, *QUICK, "--record", record)
@@ -141,11 +140,10 @@ def test_after_a_kill_the_recording_can_be_played_and_the_next_has_a_file_of_its
     assert len(kept) >= 100
     assert kept == [encode(message) for message in inputs[: len(kept)]]
     before = record.read_bytes()
-    again = Program("--map", dem, *QUICK, "--record", record, "--input", f"replay:{record}", "--fast", "--json",
-                    "--output", "none")  # fmt: skip
-    out, err = again.process.communicate(timeout=60.0)
-    assert again.process.returncode == 0, err.decode()
-    assert json.loads(out)["patches"] == len(kept) - 2
+    replay = ("--input", f"replay:{record}", "--fast", "--json", "--output", "none")
+    ended = nnpp_edge("run", "--map", dem, *QUICK, "--record", record, *replay)
+    assert ended.code == 0, ended.err
+    assert json.loads(ended.out)["patches"] == len(kept) - 2
     assert record.read_bytes() == before
     assert len(list(read_recording(tmp_path / "inputs-2.jsonl"))) == len(kept)
 
@@ -193,10 +191,8 @@ def test_ticks_that_are_not_paced_follow_at_once_each_with_a_period_of_its_own(n
 
 def test_a_replay_ends_with_its_counters(nnpp_edge, dem, recording, tmp_path):
     metrics = tmp_path / "metrics.prom"
-    ended = nnpp_edge(
-        "run", "--map", dem, *QUICK, "--rate", "2", "--input", f"replay:{recording}", "--fast", "--output", "none",
-        "--json", "--metrics-file", metrics, "--metrics-port", "0",
-    )  # fmt: skip
+    replay = ("--rate", "2", "--input", f"replay:{recording}", "--fast", "--output", "none", "--json")
+    ended = nnpp_edge("run", "--map", dem, *QUICK, *replay, "--metrics-file", metrics, "--metrics-port", "0")
     assert ended.code == 0
     told = json.loads(ended.out)
     assert (told["ticks"], told["planned"], told["failed"], told["patches"]) == (3, 3, 0, 1)
@@ -208,8 +204,8 @@ def test_a_replay_ends_with_its_counters(nnpp_edge, dem, recording, tmp_path):
 
 def test_a_log_holds_inputs_and_answers(nnpp_edge, dem, recording, tmp_path):
     reader = pytest.importorskip("mcap.reader")
-    ended = nnpp_edge("run", "--map", dem, *QUICK, "--input", f"replay:{recording}", "--fast", "--output", "none",
-                      "--log", tmp_path / "drive.mcap")  # fmt: skip
+    replay = ("--input", f"replay:{recording}", "--fast", "--output", "none")
+    ended = nnpp_edge("run", "--map", dem, *QUICK, *replay, "--log", tmp_path / "drive.mcap")
     assert ended.code == 0
     assert "ticks     3: 3 planned" in ended.err
     with (tmp_path / "drive.mcap").open("rb") as file:
@@ -231,8 +227,8 @@ def test_a_cost_map_is_understood_as_one(nnpp_edge, dem, recording, tmp_path):
 def test_ticks_end_it_and_the_profile_and_its_model_count(nnpp_edge, dem, recording, tmp_path, tiny_model):
     profile = tmp_path / "robot.toml"
     profile.write_text(f'[loop]\nrate_hz = 50\nmethod = "nnpp"\nmodel = "{tiny_model}"\ncores = [0]\n')
-    words = ("--map", dem, "--profile", profile, "--input", f"replay:{recording}", "--stay", "--ticks", "20",
-             "--output", "none", "--json")  # fmt: skip
+    replay = ("--input", f"replay:{recording}", "--stay", "--ticks", "20", "--output", "none", "--json")
+    words = ("--map", dem, "--profile", profile, *replay)
     ended = nnpp_edge("run", *words)
     assert "ready: nnpp at 50 Hz" in ended.err
     assert json.loads(ended.out)["ticks"] == 20
@@ -264,7 +260,7 @@ def test_ticks_end_it_and_the_profile_and_its_model_count(nnpp_edge, dem, record
     ],
 )
 def test_wrong_use_ends_in_one_line_before_the_first_tick(nnpp_edge, dem, monkeypatch, words, told):
-    monkeypatch.setattr("nnpp_edge.robot.build.exercise", lambda: None)
+    monkeypatch.setattr("nnpp_edge.robot.operations.onboard.exercise", lambda: None)
     nnpp_edge("run", "--map", dem, *words, "--ticks", "1").refused(told)
 
 

@@ -1,12 +1,11 @@
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from nnpp_edge.benchmarks import soak as soaking
-from nnpp_edge.benchmarks.soak import render, soak
+from nnpp_edge.benchmarks.soak import main, render, soak
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.navigator import Navigator
 
@@ -61,10 +60,8 @@ def test_numbers_out_of_range_are_refused():
 
 def test_the_command_prints_a_row_for_each_method():
     words = ["--ticks", "30", "--size", "48", "--methods", "astar, dstar", "--json"]
-    ended = subprocess.run(
-        [sys.executable, "-m", "nnpp_edge.benchmarks.soak", *words], capture_output=True, text=True, check=False
-    )
-    assert ended.returncode == 0, ended.stderr
+    ended = CliRunner().invoke(main, words)
+    assert ended.exit_code == 0, ended.output
     rows = json.loads(ended.stdout)
     assert [row["method"] for row in rows] == ["astar", "dstar"]
     assert all(np.isfinite(row["tick_ms"]["p99"]) and row["invalid"] == 0 for row in rows)

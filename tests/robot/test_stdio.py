@@ -8,12 +8,13 @@ import time
 import numpy as np
 import pytest
 
-from nnpp_edge.robot.mailbox import Mailbox, Refusals
-from nnpp_edge.robot.stdio import StdioSink, StdioSource
-from nnpp_edge.robot.wire import Fault, Framer, decode_output, encode, framed
-from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.robot.transports.framing import Framer, framed
+from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
+from nnpp_edge.robot.transports.wire import Fault, decode_output, encode
+from nnpp_edge.runtime.errors import OutputError, Status
 from nnpp_edge.runtime.loop.inprocess import InProcessSource
-from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, Outcome, PathMessage, Pose
+from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.loop.runner import Loop
 from tests.robot.conftest import free, wait_until
 
@@ -104,7 +105,9 @@ def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, n
     answers = received(outgoing)
     faults = [m for m in answers if isinstance(m, Fault)]
     assert [fault.count for fault in faults] == [1, 2, 3, 4]
-    for fault, words in zip(faults, ("JSON object", "pose.row", "at most 2000 bytes", "JSON object"), strict=True):
+    for fault, words in zip(
+        faults, ("JSON is malformed", "field `row`", "at most 2000 bytes", "truncated"), strict=True
+    ):
         assert words in fault.error
     assert ended.counters.errors == {"input": 4}
     assert ended.paths[-1].ok
@@ -149,7 +152,7 @@ def test_a_reader_that_never_reads_costs_answers_and_nothing_else(outgoing, navi
 def test_a_reader_that_has_gone_is_told_once(outgoing):
     sink = StdioSink(descriptor=outgoing.write)
     outgoing.close(outgoing.read)
-    message = PathMessage(1, Outcome.NO_POSE, Origin.NONE)
+    message = PathMessage(1, Status.NO_POSE, Origin.NONE)
     with pytest.raises(OutputError, match="closed by its reader"):
         sink.publish(message)
     sink.publish(message)
@@ -159,23 +162,24 @@ def test_faults_wait_for_the_next_answer_and_the_newest_are_kept(outgoing):
     sink = StdioSink(descriptor=outgoing.write)
     for n in range(1000):
         sink.answer(Fault("no", n))
-    sink.publish(PathMessage(1, Outcome.NO_POSE, Origin.NONE))
+    sink.publish(PathMessage(1, Status.NO_POSE, Origin.NONE))
     answers = received(outgoing)
     assert len(answers) == 65
     assert answers[-2] == Fault("no", 999)
-    assert answers[-1].outcome is Outcome.NO_POSE
+    assert answers[-1].outcome is Status.NO_POSE
 
 
 def test_descriptors_that_do_not_block_are_waited_for(incoming, outgoing, navigator):
     os.set_blocking(incoming.read, False)
     os.set_blocking(outgoing.write, False)
-    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read)
-    time.sleep(0.05)
+    mailbox = Mailbox()
+    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=mailbox)
+    time.sleep(0.05)  # the reader finds nothing, and must wait
     send(incoming, POSE)
-    wait_until(lambda: source._mailbox._closed)
+    wait_until(lambda: mailbox.closed)
     assert list(source.poll()) == [Pose(5, 5)]
     path = np.zeros((20_000, 2), np.int32)
-    message = PathMessage(1, Outcome.OK, Origin.FULL, path)
+    message = PathMessage(1, Status.OK, Origin.FULL, path)
     writer = threading.Thread(target=StdioSink(descriptor=outgoing.write).publish, args=(message,))
     writer.start()
     with os.fdopen(os.dup(outgoing.read), "rb") as file:

@@ -2,10 +2,11 @@ import logging
 import os
 import secrets
 import socket
+from contextlib import ExitStack
 
 import pytest
 
-from nnpp_edge.robot.systemd import Notifier
+from nnpp_edge.robot.operations.systemd import Notifier
 
 
 class Clock:
@@ -25,6 +26,13 @@ def manager(request, tmp_path):
         yield receiver, name
 
 
+@pytest.fixture
+def notify():
+    """Make notifiers; their sockets are closed at the end."""
+    with ExitStack() as stack:
+        yield lambda *words, **options: stack.enter_context(Notifier(*words, **options))
+
+
 def waiting(receiver):
     """All that was sent."""
     receiver.setblocking(False)
@@ -36,9 +44,9 @@ def waiting(receiver):
         return words
 
 
-def test_the_manager_is_told(manager):
+def test_the_manager_hears_each_word(manager, notify):
     receiver, name = manager
-    notifier = Notifier({"NOTIFY_SOCKET": name})
+    notifier = notify({"NOTIFY_SOCKET": name})
     assert notifier.enabled
     assert notifier.ready() and notifier.status("3 ticks") and notifier.stopping()
     assert not notifier.alive(), "nobody asked for a watchdog"
@@ -47,11 +55,11 @@ def test_the_manager_is_told(manager):
     assert waiting(receiver) == ["READY=1", "STATUS=3 ticks", "STOPPING=1", "READY=1"]
 
 
-def test_the_watchdog_hears_at_most_twice_in_its_time(manager):
+def test_the_watchdog_hears_at_most_twice_in_its_time(manager, notify):
     receiver, name = manager
     clock = Clock()
-    told = {"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())}
-    notifier = Notifier(told, clock=clock)
+    environment = {"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())}
+    notifier = notify(environment, clock=clock)
     assert notifier.watchdog_s == 2.0
     sent = []
     for tick in range(50):
@@ -63,7 +71,7 @@ def test_the_watchdog_hears_at_most_twice_in_its_time(manager):
 
 
 @pytest.mark.parametrize(
-    "told",
+    "environment",
     [
         {"WATCHDOG_PID": str(os.getpid() + 1), "WATCHDOG_USEC": "2000000"},
         {"WATCHDOG_USEC": "0"},
@@ -73,9 +81,9 @@ def test_the_watchdog_hears_at_most_twice_in_its_time(manager):
         {},
     ],
 )
-def test_a_watchdog_that_is_not_ours_hears_nothing(manager, told):
+def test_a_watchdog_that_is_not_ours_hears_nothing(manager, environment, notify):
     receiver, name = manager
-    notifier = Notifier({"NOTIFY_SOCKET": name, **told})
+    notifier = notify({"NOTIFY_SOCKET": name, **environment})
     assert notifier.watchdog_s is None
     assert not notifier.alive()
     assert notifier.ready()
@@ -93,35 +101,35 @@ def test_a_watchdog_that_is_not_ours_hears_nothing(manager, told):
         ("", ""),
     ],
 )
-def test_a_status_is_one_line(manager, text, line):
+def test_a_status_is_one_line(manager, text, line, notify):
     receiver, name = manager
-    assert Notifier({"NOTIFY_SOCKET": name}).status(text)
+    assert notify({"NOTIFY_SOCKET": name}).status(text)
     assert waiting(receiver) == ["STATUS=" + line]
 
 
 @pytest.mark.parametrize("name", ["", "notify", "@", "vsock:2:1234"])
-def test_without_a_manager_nothing_happens(name):
-    notifier = Notifier({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "1000"})
+def test_without_a_manager_nothing_happens(name, notify):
+    notifier = notify({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "1000"})
     assert not notifier.enabled
     assert notifier.watchdog_s is None
     assert not (notifier.ready() or notifier.alive() or notifier.status("x") or notifier.stopping())
 
 
-def test_a_manager_that_went_away_or_does_not_read_is_warned_of_once(tmp_path, caplog):
-    notifier = Notifier({"NOTIFY_SOCKET": str(tmp_path / "gone")})
+def test_a_manager_that_went_away_or_does_not_read_is_warned_of_once(tmp_path, caplog, notify):
+    notifier = notify({"NOTIFY_SOCKET": str(tmp_path / "gone")})
     with caplog.at_level(logging.WARNING):
         assert not notifier.ready()
         assert not notifier.status("x")
     assert len(caplog.records) == 1
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
         receiver.bind(str(tmp_path / "full"))
-        notifier = Notifier({"NOTIFY_SOCKET": str(tmp_path / "full")})
+        notifier = notify({"NOTIFY_SOCKET": str(tmp_path / "full")})
         answers = [notifier.status("x" * 200) for _ in range(5000)]  # never waits for the reader
     assert answers[0] and not answers[-1]
 
 
-def test_the_environment_is_where_it_looks_by_default(manager, monkeypatch):
+def test_the_environment_is_where_it_looks_by_default(manager, monkeypatch, notify):
     receiver, name = manager
     monkeypatch.setenv("NOTIFY_SOCKET", name)
-    assert Notifier().ready()
+    assert notify().ready()
     assert waiting(receiver) == ["READY=1"]

@@ -11,14 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.robot.mailbox import Mailbox, Refusals
-from nnpp_edge.robot.wire import Fault, Framer, WireError, decode, decode_output, encode, framed
+from nnpp_edge.robot.transports.framing import Framer, WireError, framed
+from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.transports.wire import Fault, decode, decode_output, encode
+from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.messages import (
     Counters,
     Goal,
     MapPatch,
     Origin,
-    Outcome,
     PathMessage,
     Pose,
     StatusMessage,
@@ -51,17 +52,17 @@ def test_any_bits_of_a_patch_survive(rows, cols, seed):
 def test_answers_come_back_as_they_were():
     path = np.array([[1, 2], [2, 3]], np.int32)
     whole = PathMessage(
-        7, Outcome.OK, Origin.FULL, path, (1, 2), (2, 3), False, True, 1.5, 1.25, "auto", "why", 4, 0.5
+        7, Status.OK, Origin.FULL, path, (1, 2), (2, 3), False, True, 1.5, 1.25, "auto", "why", 4, 0.5
     )
     back = decode_output(encode(whole))
     np.testing.assert_array_equal(back.path, path)
     assert back.path.dtype == np.int32
     assert replace(back, path=path).summary() == whole.summary()
-    failed = PathMessage(8, Outcome.NO_PATH, Origin.NONE)
+    failed = PathMessage(8, Status.NO_PATH, Origin.NONE)
     assert json.loads(encode(failed))["cost"] is None
     assert decode_output(encode(failed)).summary() == failed.summary()
     assert decode_output(encode(failed)).cost == math.inf
-    status = StatusMessage(9, Outcome.OK, "fine", Counters(ticks=9, drops={"x": 1}, tick_ms={"p50": 0.25}))
+    status = StatusMessage(9, Status.OK, "fine", Counters(ticks=9, drops={"x": 1}, tick_ms={"p50": 0.25}))
     assert decode_output(encode(status)) == status
     assert decode_output(encode(Fault("no", 3))) == Fault("no", 3)
 
@@ -88,46 +89,51 @@ POSE = {"type": "pose", "row": 0, "col": 0}
 @pytest.mark.parametrize(
     ("payload", "words"),
     [
-        (b"", "JSON object"),
-        (b"garbage", "JSON object, got 'garbage'"),
-        (b"[1,2]", r"JSON object, got \[1, 2\]"),
-        (b"\xff\xfe{}", "JSON object"),
-        (b"[" * 100_000, "JSON object"),
-        (b'{"type":"pose","row":NaN,"col":0}', "got NaN"),
-        (b'{"type":"pose","row":1e999,"col":0}', r"pose.row: wanted a number within ±2.14748e\+09, got inf"),
-        (b'{"type":"pose","row":' + b"9" * 400 + b',"col":0}', "pose.row"),
-        (b'{"type":"pose","row":' + b"9" * 9000 + b',"col":0}', "JSON object"),
-        ({"row": 1, "col": 1}, "type: wanted one of pose, goal, patch, got None"),
-        ({"type": ["pose"]}, "type"),
-        ({"type": "path"}, "type"),
-        (POSE | {"v": 2}, "version 1 of the messages, got 2"),
-        (POSE | {"v": True}, "version"),
-        (POSE | {"col": "1"}, "pose.col: wanted a number within .*, got '1'"),
-        (POSE | {"col": True}, "pose.col"),
-        (POSE | {"stamp": None}, "pose.stamp"),
-        (POSE | {"yaw": 1}, "pose: wanted no words but col, row, stamp, type, v, got 'yaw'"),
-        ({"type": "pose", "row": 1}, "pose.col: .* got None"),
-        ({"type": "goal", "row": 1.5, "col": 0}, "goal: a goal's row must be a whole number"),
+        (b"", "wanted a pose, goal or patch, got '' .*truncated"),
+        (b"garbage", "got 'garbage' .*malformed"),
+        (b"[1,2]", r"got '\[1,2\]' .*Expected `object`"),
+        (b"\xff\xfe{}", "malformed"),
+        (b'{"type":"pose","row":0,"col":0,"\xff":1}', "utf-8"),
+        (b"[" * 100_000, "Expected `object`"),
+        (b'{"type":"patch","row":0,"col":0,"cost":' + b"[" * 100_000, r"cost\[0\]\[0\]: Expected `float | null`"),
+        (b'{"type":"pose","row":NaN,"col":0}', "malformed"),
+        (b'{"type":"pose","row":1e999,"col":0}', "row: Number out of range"),
+        (b'{"type":"pose","row":' + b"9" * 400 + b',"col":0}', "row: Number out of range"),
+        (b'{"type":"pose","row":' + b"9" * 9000 + b',"col":0}', "row: "),
+        (POSE | {"row": 2.0**31 + 1}, "row: Expected `float` <= 2147483648.0"),
+        ({"row": 1, "col": 1}, "missing required field `type`"),
+        ({"type": ["pose"]}, "type: Expected `str`"),
+        ({"type": "path"}, "type: Invalid value 'path'"),
+        (POSE | {"v": 2}, "wanted version 1 of the messages"),
+        (POSE | {"v": True}, "wanted version 1"),
+        (POSE | {"col": "1"}, "col: Expected `float`, got `str`"),
+        (POSE | {"col": True}, "col: Expected `float`, got `bool`"),
+        (POSE | {"stamp": None}, "stamp: Expected `float`, got `null`"),
+        (POSE | {"yaw": 1}, "unknown field `yaw`"),
+        (POSE | {"keep_known": True}, "unknown field `keep_known`"),
+        ({"type": "pose", "row": 1}, "missing required field `col`"),
+        ({"type": "goal", "row": 1.5, "col": 0}, "a goal's row must be a whole number"),
         (PATCH, "either elevation or cost"),
         (PATCH | {"row": 0.5, "cost": [[1]]}, "whole number"),
         (PATCH | {"cost": [[1]], "elevation": [[1]]}, "either elevation or cost"),
-        (PATCH | {"cost": [[1]], "keep_known": 1}, "keep_known: wanted true or false, got 1"),
+        (PATCH | {"cost": [[1]], "keep_known": 1}, "keep_known: Expected `bool`, got `int`"),
         (PATCH | {"cost": [[-1]]}, "at least 0"),
-        (PATCH | {"cost": []}, "rows of numbers"),
-        (PATCH | {"cost": [[]]}, "rows of numbers"),
-        (PATCH | {"cost": [1, 2]}, "rows of numbers"),
-        (PATCH | {"cost": 5}, "rows of numbers"),
-        (PATCH | {"cost": [[1, 2], [3]]}, "of one length, got lengths"),
-        (PATCH | {"cost": [[1, "2"]]}, "got str"),
-        (PATCH | {"cost": [[1, True]]}, "got bool"),
-        (PATCH | {"cost": [[[1]]]}, "got list"),
-        (PATCH | {"cost": [[10**400]]}, "beyond a float's range"),
-        (PATCH | {"cost": {"shape": [1, 1], "float32": "AAAA!AA="}}, "not base64"),
-        (PATCH | {"cost": packed([2, 2], b"1234")}, "4 bytes for 2 × 2 cells"),
-        (PATCH | {"cost": packed([0, 2], b"")}, "shape"),
-        (PATCH | {"cost": packed([True, 1], b"1234")}, "shape"),
+        (PATCH | {"cost": []}, "cost: Expected `array` of length >= 1"),
+        (PATCH | {"cost": [[]]}, r"cost\[0\]: Expected `array` of length >= 1"),
+        (PATCH | {"cost": [1, 2]}, r"cost\[0\]: Expected `array`, got `int`"),
+        (PATCH | {"cost": 5}, "cost: Expected `object | array | null`"),
+        (PATCH | {"cost": [[1, 2], [3]]}, r"of one length, got \[1, 2\]"),
+        (PATCH | {"cost": [[1, "2"]]}, r"cost\[0\]\[1\]: Expected `float | null`, got `str`"),
+        (PATCH | {"cost": [[1, True]]}, "got `bool`"),
+        (PATCH | {"cost": [[[1]]]}, "got `array`"),
+        (PATCH | {"cost": [[10**400]]}, "Number out of range"),
+        (PATCH | {"cost": {"shape": [1, 1], "float32": "AAAA!AA="}}, "cost.float32: Invalid base64"),
+        (PATCH | {"cost": packed([2, 2], b"1234")}, "cost has 4 bytes for 2 × 2 cells"),
+        (PATCH | {"cost": packed([0, 2], b"")}, r"cost.shape\[0\]: Expected `int` >= 1"),
+        (PATCH | {"cost": packed([True, 1], b"1234")}, "shape.* got `bool`"),
         (PATCH | {"cost": packed([10**9, 10**9], b"1234")}, "4 bytes for"),
-        (PATCH | {"cost": {"shape": [1, 1]}}, "base64"),
+        (PATCH | {"cost": {"shape": [1, 1]}}, "missing required field `float32`"),
+        (PATCH | {"cost": packed([1, 1], b"1234") | {"more": 1}}, "unknown field `more`"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_one_line(payload, words):
@@ -137,6 +143,13 @@ def test_what_makes_no_sense_is_refused_in_one_line(payload, words):
         decode(payload)
     assert len(str(raised.value)) < 400
     assert "\n" not in str(raised.value)
+
+
+def test_where_one_kind_is_wanted_the_type_may_be_left_out_and_no_other_may_come():
+    assert decode(b'{"row":1,"col":2}', kind="goal") == Goal(1, 2)
+    assert decode(b'{"type":"goal","row":1,"col":2}', kind="goal") == Goal(1, 2)
+    with pytest.raises(WireError, match=r"wanted a goal, got .* .type: Invalid value 'pose'"):
+        decode(encode(Pose(1, 2)), kind="goal")
 
 
 def test_a_message_that_is_too_long_is_not_even_looked_at():
@@ -157,10 +170,10 @@ def test_no_bytes_raise_anything_else(payload):
     [{"path": [[1]]}, {"path": "x"}, {"outcome": "FINE"}, {"start": 5}, {"cost": "x"}, {"path": []}, {"tick": None}],
 )
 def test_an_answer_that_is_none_is_refused(change):
-    message = PathMessage(7, Outcome.OK, Origin.FULL, np.array([[1, 2]], np.int32), (1, 2), (1, 2))
-    with pytest.raises(WireError, match="path: wanted an answer of the loop"):
+    message = PathMessage(7, Status.OK, Origin.FULL, np.array([[1, 2]], np.int32), (1, 2), (1, 2))
+    with pytest.raises(WireError, match="wanted an answer of the loop"):
         decode_output(json.dumps(json.loads(encode(message)) | change).encode())
-    with pytest.raises(WireError, match="'counters' is missing"):
+    with pytest.raises(WireError, match="missing required field `counters`"):
         decode_output(b'{"type":"status","tick":1,"outcome":"OK","text":""}')
 
 
@@ -195,12 +208,12 @@ def test_skipping_keeps_no_bytes():
     framer = Framer("lines", 1000)
     for _ in range(100):
         list(framer.feed(b"x" * 5000))
-    assert len(framer._buffer) <= 6000
+    assert framer.buffered <= 6000
     framer = Framer("length", 1000)
     list(framer.feed(struct.pack(">I", 2**32 - 1)))
     for _ in range(100):
         assert not list(framer.feed(b"x" * 5000))
-    assert len(framer._buffer) == 0
+    assert framer.buffered == 0
 
 
 def test_empty_lines_and_foreign_ends_of_lines_do_not_matter():
@@ -224,11 +237,11 @@ def test_a_full_mailbox_drops_the_oldest_patches_and_counts_them():
     for col in range(4):
         box.put(Pose(0, col), wait=False)
     box.put(Goal(5, 5), wait=False)
-    first, second, *rest = box.take()
+    first, second, *rest = box.read()
     assert (first, second) == (Pose(0, 3), Goal(5, 5))
     assert [float(p.cost[0, 0]) for p in rest] == [2.0, 3.0, 4.0]
     assert box.drops == 2
-    assert not list(box.take())
+    assert not list(box.read())
 
 
 def test_room_is_counted_in_cells_too_and_one_patch_always_fits():
@@ -236,7 +249,7 @@ def test_room_is_counted_in_cells_too_and_one_patch_always_fits():
     assert box.put(patch(1, 20), wait=True) == 0
     assert box.put(patch(2, 10), wait=False) == 1
     assert box.put(patch(3, 1), wait=False) == 1
-    assert [p.shape for p in box.take()] == [(1, 1)]
+    assert [p.shape for p in box.read()] == [(1, 1)]
 
 
 def test_a_mailbox_ends_when_it_is_closed_and_empty():
@@ -245,7 +258,7 @@ def test_a_mailbox_ends_when_it_is_closed_and_empty():
     assert not box.ended
     box.close()
     assert not box.ended
-    list(box.take())
+    list(box.read())
     assert box.ended
 
 

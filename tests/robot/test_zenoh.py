@@ -13,9 +13,9 @@ import pytest
 
 pytest.importorskip("zenoh")
 
-from nnpp_edge.robot.mailbox import Mailbox, Refusals
-from nnpp_edge.robot.wire import decode_output, encode
-from nnpp_edge.robot.zenoh_io import ZenohLink, ZenohSink, ZenohSource
+from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.transports.wire import decode_output, encode
+from nnpp_edge.robot.transports.zenoh_io import ZenohLink, ZenohSink, ZenohSource
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
 from tests.robot.conftest import wait_until
@@ -149,8 +149,8 @@ def test_what_makes_no_sense_is_answered_and_ends_nothing(peer, running):
     loop = running(limit=1000)
     wait_until(lambda: peer.of("path"))
     bad = [
-        ("pose", "garbage", "JSON object"),
-        ("pose", encode(Goal(1, 1)).decode(), "type: wanted 'pose', as the topic is, got 'goal'"),
+        ("pose", "garbage", "JSON is malformed"),
+        ("pose", encode(Goal(1, 1)).decode(), "type: Invalid value 'goal'"),
         ("goal", '{"row":1.5,"col":2}', "whole number"),
         ("patch", '{"row":0,"col":0,"cost":[[-1]]}', "at least 0"),
         ("patch", "x" * 2000, "at most 1000 bytes, got 2000"),
@@ -181,8 +181,7 @@ def test_of_a_flood_the_newest_are_kept_and_the_rest_is_counted(link, peer, navi
         peer.send("patch", encode(MapPatch(0, 0, cost=np.full((1, 1), n))))
     peer.send("goal", encode(Goal(1, 1)))
     wait_until(lambda: navigator.counters().errors.get("input dropped", 0) == 990)
-    # topics are heard in no certain order
-    wait_until(lambda: (mailbox._newest.get(Goal), len(mailbox._patches)) == (Goal(1, 1), 10))
+    wait_until(lambda: mailbox.waiting == 11)  # topics are heard in no certain order
     first, *patches = source.poll()
     assert first == Goal(1, 1)  # nothing that waited held it up
     assert [float(m.cost[0, 0]) for m in patches] == list(range(990, 1000))
@@ -200,9 +199,9 @@ def test_a_listener_that_sleeps_holds_nobody_up(link, peer, navigator, drive):
         def poll(self):
             return ()
 
-    ended = drive(navigator, Quiet(), [sink], rate_hz=1000.0, ticks=2000)
+    ended = drive(navigator, Quiet(), [sink], rate_hz=10.0, ticks=2000, paced=False)
     assert ended.counters.ticks == 2000
-    assert ended.counters.skipped < 1000
+    assert ended.counters.tick_ms["max"] < 1000.0
     assert "sink zenoh" not in ended.counters.errors
 
 

@@ -12,29 +12,31 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import NetworkModel, traversability_cost
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError, Status
-from nnpp_edge.runtime.loop import runner
+from nnpp_edge.runtime.loop import sinks
 from nnpp_edge.runtime.loop.histogram import Histogram
 from nnpp_edge.runtime.loop.inprocess import InProcessSink, InProcessSource
+from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import (
     Goal,
     InvalidMessageError,
     MapPatch,
     Origin,
-    Outcome,
     PathMessage,
     Pose,
     StatusMessage,
 )
-from nnpp_edge.runtime.loop.navigator import Navigator, Settings
-from nnpp_edge.runtime.loop.runner import Loop, handling_signals, rss_bytes
+from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.loop.realtime import rss_bytes
+from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.ticker import Ticker
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.planner import Planner
 from tests.conftest import write_tiny_model
 
 
 class Clock:
-    """Time that passes only when told; sleeping wakes `late` seconds late."""
+    """Time that passes only by sleeping, which ends `late` seconds late."""
 
     def __init__(self):
         self.now, self.late, self.slept = 100.0, 0.0, []
@@ -53,7 +55,7 @@ def free(shape=(40, 60)):
 
 
 def navigator(cost=None, start=(5, 5), goal=(35, 55), **settings):
-    nav = Navigator(World(free() if cost is None else cost), Settings(**settings))
+    nav = Navigator(World(free() if cost is None else cost), NavigatorSettings(**settings))
     nav.offer(Pose(*start))
     nav.offer(Goal(*goal))
     return nav
@@ -111,11 +113,11 @@ def test_rounding_does_not_add_up_over_a_long_time():
 
 def test_sleeps_that_end_early_or_late_are_made_good():
     clock = Clock()
-    ticker = Ticker(0.1, clock=clock, sleep=lambda s: clock.sleep(min(s, 0.03)))
+    longest = [0.03]
+    ticker = Ticker(0.1, clock=clock, sleep=lambda s: clock.sleep(min(s, longest[0])))
     ticker.wait()
     assert clock.now == pytest.approx(100.1)
-    clock.late = 0.02
-    ticker._sleep = clock.sleep
+    clock.late, longest[0] = 0.02, math.inf
     for _ in range(5):
         ticker.wait()
     assert clock.now == pytest.approx(100.62)
@@ -187,8 +189,8 @@ def test_a_histogram_takes_any_duration():
         (lambda: Pose("a", 0.0), "finite number"),
         (lambda: Goal(1.5, 0), "whole number, got 1.5"),
         (lambda: Goal(None, 0), "whole number"),
-        (lambda: PathMessage(1, Outcome.OK, Origin.FULL), "comes with a path"),
-        (lambda: PathMessage(1, Outcome.NO_PATH, Origin.FULL, np.zeros((1, 2), np.int32)), "comes with a path"),
+        (lambda: PathMessage(1, Status.OK, Origin.FULL), "comes with a path"),
+        (lambda: PathMessage(1, Status.NO_PATH, Origin.FULL, np.zeros((1, 2), np.int32)), "comes with a path"),
     ],
 )
 def test_a_message_that_makes_no_sense_is_refused(make, words):
@@ -202,10 +204,6 @@ def test_a_patch_is_a_copy():
     values[:] = 0.9
     assert (patch.cost == np.float32(0.2)).all()
     assert Pose(3.99, -0.5).cell == (3, -1)
-
-
-def test_the_outcomes_hold_every_status():
-    assert {str(status) for status in Status} <= {str(outcome) for outcome in Outcome}
 
 
 # --- the world
@@ -257,8 +255,7 @@ def test_patches_off_the_map_and_of_the_wrong_kind_are_counted():
 
 def test_a_flood_of_patches_is_merged_and_none_is_lost():
     rng = np.random.default_rng(0)
-    cost, nav = free(), navigator()
-    threads = []
+    cost, nav = free(), navigator(method="astar")
 
     def flood(seed):
         own = np.random.default_rng(seed)
@@ -276,15 +273,14 @@ def test_a_flood_of_patches_is_merged_and_none_is_lost():
         nav.offer(MapPatch(row, col, cost=np.full((2, 2), value)))
         cost[row : row + 2, col : col + 2] = value
     message = nav.tick()
-    assert message.ok
-    seen = nav._planner.grid.map() / nav._planner.grid.model.scale
-    np.testing.assert_allclose(seen, nav.world.cost(), rtol=1e-6)
+    check(message, nav.world.cost())
+    assert message.cost == pytest.approx(Planner(nav.world.cost()).plan((5, 5), (35, 55), method="astar").cost)
     written = cost != free()
     np.testing.assert_array_equal(nav.world.cost()[written], cost[written])
     counters = nav.counters()
     assert counters.patches == 2300
     assert counters.patches_merged > 0
-    assert len(nav.world._dirty) == 0
+    assert nav.world.read_changes() == (2300, [])
 
 
 # --- the navigator
@@ -292,9 +288,9 @@ def test_a_flood_of_patches_is_merged_and_none_is_lost():
 
 def test_it_waits_for_pose_and_goal():
     nav = Navigator(World(free()))
-    assert nav.tick().outcome is Outcome.NO_POSE
+    assert nav.tick().outcome is Status.NO_POSE
     nav.offer(Pose(1, 1))
-    assert nav.tick().outcome is Outcome.NO_GOAL
+    assert nav.tick().outcome is Status.NO_GOAL
     nav.offer(Goal(30, 30))
     assert nav.tick().ok
     assert nav.counters().failed == 0
@@ -337,13 +333,13 @@ def test_a_shortcut_that_opens_is_taken():
 @pytest.mark.parametrize(
     ("start", "goal", "outcome"),
     [
-        ((-1, 3), (30, 30), Outcome.START_OUTSIDE_MAP),
-        ((3, 3), (30, 60), Outcome.GOAL_OUTSIDE_MAP),
-        ((12, 12), (30, 30), Outcome.START_BLOCKED),
-        ((3, 3), (12, 12), Outcome.GOAL_BLOCKED),
-        ((3, 3), (30, 30), Outcome.OK),
-        ((3, 3), (3, 3), Outcome.OK),
-        ((3, 3), (37, 57), Outcome.NO_PATH),
+        ((-1, 3), (30, 30), Status.START_OUTSIDE_MAP),
+        ((3, 3), (30, 60), Status.GOAL_OUTSIDE_MAP),
+        ((12, 12), (30, 30), Status.START_BLOCKED),
+        ((3, 3), (12, 12), Status.GOAL_BLOCKED),
+        ((3, 3), (30, 30), Status.OK),
+        ((3, 3), (3, 3), Status.OK),
+        ((3, 3), (37, 57), Status.NO_PATH),
     ],
 )
 def test_what_fails_is_said(start, goal, outcome):
@@ -352,7 +348,7 @@ def test_what_fails_is_said(start, goal, outcome):
     cost[35, 55:] = cost[35:, 55] = 1.0
     message = navigator(cost, start, goal).tick()
     assert message.outcome is outcome
-    assert message.origin is (Origin.FULL if outcome is Outcome.OK else Origin.NONE)
+    assert message.origin is (Origin.FULL if outcome is Status.OK else Origin.NONE)
     check(message, cost)
     assert message.ok or message.reason
 
@@ -365,7 +361,7 @@ def test_a_robot_in_an_obstacle_starts_at_the_nearest_free_cell():
     assert message.start_moved
     assert message.start == (7, 12)
     check(message, cost)
-    assert navigator(cost, start=(9, 12), snap_radius=1).tick().outcome is Outcome.START_BLOCKED
+    assert navigator(cost, start=(9, 12), snap_radius=1).tick().outcome is Status.START_BLOCKED
 
 
 def raising(*_, **__):
@@ -376,9 +372,8 @@ def test_a_network_that_raises_leaves_the_corridor(network, monkeypatch):
     nav = navigator(method="nnpp", model=network)
     monkeypatch.setattr(network, "run", raising)
     message = nav.tick()
-    assert (message.outcome, message.origin, message.method, message.degraded) == (
-        Outcome.OK, Origin.CORRIDOR, "corridor", True,
-    )  # fmt: skip
+    assert (message.outcome, message.origin) == (Status.OK, Origin.CORRIDOR)
+    assert (message.method, message.degraded) == ("corridor", True)
     assert message.reason == "RuntimeError: inference failed"
     counters = nav.counters()
     assert counters.degraded == {"raised": 1}
@@ -391,15 +386,15 @@ def test_a_network_that_raises_leaves_the_corridor(network, monkeypatch):
 def test_when_all_planning_raises_the_standing_path_serves_while_it_holds(monkeypatch):
     nav = navigator(tolerance=0.0)
     first = nav.tick()
-    monkeypatch.setattr(nav._planner, "replan", raising)
+    monkeypatch.setattr(nav.planner, "replan", raising)
     nav.offer(MapPatch(0, 0, cost=np.full((30, 60), 0.19)))
     message = nav.tick()
-    assert (message.outcome, message.origin, message.degraded) == (Outcome.OK, Origin.STANDING, True)
+    assert (message.outcome, message.origin, message.degraded) == (Status.OK, Origin.STANDING, True)
     np.testing.assert_array_equal(message.path, first.path)
     row, col = (int(x) for x in first.path[20])
     nav.offer(MapPatch(row, col, cost=np.full((1, 1), np.nan)))
     message = nav.tick()
-    assert (message.outcome, message.origin) == (Outcome.UNKNOWN, Origin.NONE)
+    assert (message.outcome, message.origin) == (Status.UNKNOWN, Origin.NONE)
     assert "inference failed" in message.reason
     assert nav.counters().errors == {"full": 2, "corridor": 2}
 
@@ -407,15 +402,15 @@ def test_when_all_planning_raises_the_standing_path_serves_while_it_holds(monkey
 def test_out_of_time_is_a_timeout_and_the_standing_path_bridges_it(monkeypatch):
     nav = navigator(tolerance=0.0)
     partial = Plan(Status.TIMEOUT, Method.ASTAR, path=np.array([[5, 5], [6, 6]], np.int32))
-    monkeypatch.setattr(nav._planner, "replan", lambda **options: partial)
+    monkeypatch.setattr(nav.planner, "replan", lambda **options: partial)
     message = nav.tick()
-    assert (message.outcome, message.origin, len(message.path)) == (Outcome.TIMEOUT, Origin.NONE, 0)
+    assert (message.outcome, message.origin, len(message.path)) == (Status.TIMEOUT, Origin.NONE, 0)
     monkeypatch.undo()
     whole = nav.tick()
-    monkeypatch.setattr(nav._planner, "replan", lambda **options: partial)
+    monkeypatch.setattr(nav.planner, "replan", lambda **options: partial)
     nav.offer(MapPatch(30, 5, cost=np.full((3, 3), 0.001)))
     late = nav.tick()
-    assert (late.outcome, late.origin, late.degraded) == (Outcome.OK, Origin.STANDING, True)
+    assert (late.outcome, late.origin, late.degraded) == (Status.OK, Origin.STANDING, True)
     np.testing.assert_array_equal(late.path, whole.path)
     assert nav.counters().degraded == {"timeout": 2}
 
@@ -429,41 +424,49 @@ def test_a_search_is_ended_at_the_deadline():
     check(message, cost)
 
 
-def test_a_method_that_would_be_late_is_passed_over_for_a_while(network):
-    nav = navigator(method="nnpp", model=network)
-    nav._expected_s = 0.3
-    origins = []
+def test_a_method_that_would_be_late_is_skipped_for_a_while(network, monkeypatch):
+    clock, origins = Clock(), []
+    nav = Navigator(World(free()), NavigatorSettings(method="nnpp", model=network), clock=clock)
+    replan = nav.planner.replan
+
+    def slow_at_first(*, method, time_limit_s):
+        clock.now += 0.001 if method or origins else 0.3
+        return replan(method=method, time_limit_s=math.inf)
+
+    monkeypatch.setattr(nav.planner, "replan", slow_at_first)
+    nav.offer(Pose(5, 5))
     for n in range(40):
         nav.offer(Goal(30, 10 + n))
-        message = nav.tick(time.monotonic() + 0.1)
+        message = nav.tick(clock.now + 0.1)
         origins.append(message.origin)
         assert message.ok
-    assert origins[0] is Origin.CORRIDOR
-    assert origins[-1] is Origin.FULL
-    assert nav.counters().degraded["late"] == origins.count(Origin.CORRIDOR)
+    skipped = origins.count(Origin.CORRIDOR)
+    assert 8 <= skipped <= 12  # until 0.3 s, shrunk by a tenth each time, fit into 0.1 s
+    assert origins == [Origin.FULL, *[Origin.CORRIDOR] * skipped, *[Origin.FULL] * (39 - skipped)]
+    assert nav.counters().degraded == {"late": skipped}
 
 
 def test_a_map_that_changes_while_planning_holds_the_path_back(monkeypatch):
     nav = navigator()
-    replan = nav._planner.replan
+    replan = nav.planner.replan
 
     def and_then_a_wall(**options):
         plan = replan(**options)
         nav.offer(MapPatch(0, 30, cost=np.full((40, 1), np.inf)))
         return plan
 
-    monkeypatch.setattr(nav._planner, "replan", and_then_a_wall)
+    monkeypatch.setattr(nav.planner, "replan", and_then_a_wall)
     message = nav.tick()
     assert not message.ok
     assert "changed while planning" in message.reason
     monkeypatch.undo()
-    assert nav.tick().outcome is Outcome.NO_PATH
+    assert nav.tick().outcome is Status.NO_PATH
 
 
 def test_a_map_update_that_raises_makes_the_planner_anew(monkeypatch):
     nav = navigator()
     nav.tick()
-    monkeypatch.setattr(nav._planner, "update", raising)
+    monkeypatch.setattr(nav.planner, "update", raising)
     nav.offer(MapPatch(10, 0, cost=np.full((1, 59), np.inf)))
     message = nav.tick()
     check(message, nav.world.cost())
@@ -473,8 +476,8 @@ def test_a_map_update_that_raises_makes_the_planner_anew(monkeypatch):
 
 def test_anything_else_that_raises_is_an_outcome(monkeypatch):
     nav = navigator()
-    monkeypatch.setattr(nav._planner, "standing", raising)
-    assert nav.tick().outcome is Outcome.UNKNOWN
+    monkeypatch.setattr(nav.planner, "standing", raising)
+    assert nav.tick().outcome is Status.UNKNOWN
     assert nav.counters().errors == {"tick": 1}
 
 
@@ -482,19 +485,19 @@ def test_a_model_is_reloaded_whole_or_not_at_all(tmp_path):
     path = write_tiny_model(tmp_path / "net.onnx")
     nav = navigator(method="nnpp", model=path)
     assert nav.tick().ok
-    before = nav._planner._planner._learned.model
+    before = nav.model
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(ModelError):
         nav.reload()
     nav.offer(Goal(3, 58))
     assert nav.tick().method == "nnpp"
-    assert nav._planner._planner._learned.model is before
+    assert nav.model is before
     path.write_bytes(whole)
     nav.reload()
     nav.offer(Goal(30, 58))
     assert nav.tick().method == "nnpp"
-    assert nav._planner._planner._learned.model is not before
+    assert nav.model is not before
     assert (nav.counters().reloads, nav.counters().errors) == (1, {"reload": 1})
 
 
@@ -532,7 +535,7 @@ def test_no_invalid_path_is_ever_published_and_memory_stays(method, network):
         outcomes.append(message.outcome)
         if message.ok:
             at = message.path[min(2, len(message.path) - 1)]
-    assert outcomes.count(Outcome.OK) > 0.3 * ticks
+    assert outcomes.count(Status.OK) > 0.3 * ticks
     assert nav.counters().errors == {}
     assert nav.counters().kept > 0
     gc.collect()
@@ -547,7 +550,7 @@ def run_with(source, sinks, nav=None, ticks=20, **options):
     return loop, loop.run(ticks)
 
 
-def test_it_runs_at_its_rate_and_tells():
+def test_it_runs_at_its_rate_and_sends_answers_and_status():
     source, sink = InProcessSource(), InProcessSink(1000)
     for n in range(5):
         assert source.put(Pose(3 + n, 3))
@@ -556,8 +559,8 @@ def test_it_runs_at_its_rate_and_tells():
     loop = Loop(Navigator(World(free())), source, [sink], rate_hz=200.0, status_every_s=0.05, queue=100)
     began = time.monotonic()
     counters = loop.run(41)
-    took = time.monotonic() - began
-    assert took >= (40 - counters.skipped) / 200.0 - 1e-3
+    elapsed_s = time.monotonic() - began
+    assert elapsed_s >= (40 - counters.skipped) / 200.0 - 1e-3
     paths = [m for m in sink.messages if isinstance(m, PathMessage)]
     assert [m.tick for m in paths] == list(range(1, 42))
     assert paths[0].start == (7, 3)
@@ -569,7 +572,7 @@ def test_it_runs_at_its_rate_and_tells():
     assert shorter[-1] == 41
     assert counters.rss_bytes > 1e6
     status = [m for m in sink.messages if isinstance(m, StatusMessage)]
-    assert 1 <= len(status) <= took / 0.05 + 1
+    assert 1 <= len(status) <= elapsed_s / 0.05 + 1
     assert status[-1].summary()["counters"]["ticks"] > 0
     assert paths[-1].summary()["outcome"] == "OK"
     assert gc.isenabled()
@@ -633,7 +636,7 @@ class Ailing(InProcessSink):
 
 @pytest.mark.parametrize("calm_s", [0.0, 60.0])
 def test_what_fails_and_works_again_is_logged_once_each(caplog, monkeypatch, calm_s):
-    monkeypatch.setattr(runner, "_CALM_S", calm_s)
+    monkeypatch.setattr(sinks, "_CALM_S", calm_s)
     options = {"rate_hz": 500.0, "queue": 100, "status_every_s": 1e9}
     with caplog.at_level("WARNING"):
         counters = Loop(navigator(), InProcessSource(), [Ailing(100)], **options).run(6)
@@ -674,24 +677,18 @@ def test_a_flood_of_inputs_leaves_time_to_plan():
 def test_signals_stop_it_and_reload_its_model(tmp_path):
     path = write_tiny_model(tmp_path / "net.onnx")
     nav = navigator(method="nnpp", model=NetworkModel(path))
-    sink = InProcessSink(1000)
-    loop = Loop(nav, InProcessSource(), [sink], rate_hz=100.0)
-    me = os.getpid()
+    sink = InProcessSink(3000)
 
-    def send():
-        time.sleep(0.1)
-        os.kill(me, signal.SIGHUP)
-        until = time.monotonic() + 10.0
-        while nav.counters().reloads == 0 and time.monotonic() < until:
-            time.sleep(0.02)
-        os.kill(me, signal.SIGTERM)
+    def send(message):
+        if message.tick == 1:
+            os.kill(os.getpid(), signal.SIGHUP)
+        elif nav.counters().reloads or message.tick == 2000:
+            os.kill(os.getpid(), signal.SIGTERM)
 
     before = signal.getsignal(signal.SIGTERM)
-    thread = threading.Thread(target=send)
-    thread.start()
+    loop = Loop(nav, InProcessSource(), [sink], rate_hz=200.0, queue=3000, after_tick=send)
     with handling_signals(loop):
         counters = loop.run()
-    thread.join()
     assert counters.reloads == 1
     assert len([m for m in sink.messages if isinstance(m, PathMessage)]) == counters.ticks
     assert signal.getsignal(signal.SIGTERM) is before
@@ -702,7 +699,7 @@ def test_stop_ends_a_long_sleep():
         name = "stops"
 
         def publish(self, message):
-            threading.Timer(0.1, loop.stop).start()
+            threading.Timer(0.02, loop.stop).start()
 
     loop = Loop(navigator(), InProcessSource(), [Stops()], rate_hz=0.01)
     began = time.monotonic()
@@ -733,4 +730,4 @@ def test_a_rate_must_be_positive():
         Loop(navigator(), InProcessSource(), rate_hz=0.0)
     for wrong in ({"tolerance": -1.0}, {"snap_radius": -1}):
         with pytest.raises(InvalidQueryError):
-            Settings(**wrong)
+            NavigatorSettings(**wrong)

@@ -2,7 +2,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from nnpp_edge.runtime.loop.runner import rss_bytes
+from nnpp_edge.runtime.loop.realtime import rss_bytes
 from nnpp_edge.runtime.memory import touch
 
 

@@ -1,38 +1,41 @@
 """The loop's counters for Prometheus: over HTTP, or as a file for the node exporter's textfile collector.
 
-One family for each counter of `Counters`, named ``nnpp_edge_…``. The work of a tick is a histogram. See https://prometheus.io/docs/instrumenting/exposition_formats/.
+Each counter of `Counters` is a family named ``nnpp_edge_…``. The work of a tick is a histogram.
 """
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from nnpp_edge import __version__
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
 from nnpp_edge.runtime.loop.messages import Counters
+
+if TYPE_CHECKING:
+    from prometheus_client import Metric
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _TOTALS = {
     "ticks": "Ticks of the loop.",
     "planned": "Ticks that planned a new path.",
-    "kept": "Ticks whose path stood.",
-    "failed": "Ticks without a path, though there were pose and goal.",
+    "kept": "Ticks that kept the standing path.",
+    "failed": "Ticks with pose and goal, but without a path.",
     "overruns": "Ticks that took longer than the period.",
     "skipped": "Deadlines that passed unused.",
-    "patches": "Map patches taken in.",
+    "patches": "Map patches that came.",
     "cells_changed": "Cells that patches changed.",
     "patches_clipped": "Map patches that stuck out of the map.",
     "patches_rejected": "Map patches that were refused.",
-    "patches_merged": "Changed rectangles that were taken together.",
+    "patches_merged": "Changes of the map that were merged with the next.",
     "starts_moved": "Ticks whose path starts beside the robot, which stood in an impassable cell.",
-    "reloads": "Models that were loaded anew.",
+    "reloads": "Times that the model was loaded again.",
 }
 _LABELLED = {
-    "degraded": ("kind", "Answers that were less than asked for."),
+    "degraded": ("kind", "Degraded answers."),
     "errors": ("place", "Errors that were caught."),
     "drops": ("sink", "Messages that a sink was too slow for."),
     "lost": ("sink", "Messages that a sink took and could not keep."),
@@ -40,19 +43,20 @@ _LABELLED = {
 
 
 def metrics_text(counters: Counters) -> str:
-    """The counters in Prometheus' text format."""
-    lines = [*_family("build_info", "gauge", "The version that runs.", [({"version": __version__}, 1)])]
-    for name, words in _TOTALS.items():
-        lines += _family(f"{name}_total", "counter", words, [({}, getattr(counters, name))])
-    for name, (label, words) in _LABELLED.items():
-        counted = sorted(getattr(counters, name).items())
-        lines += _family(f"{name}_total", "counter", words, [({label: kind}, count) for kind, count in counted])
-    lines += _tick_seconds(counters)
-    worst = 1e-3 * counters.tick_ms.get("max", 0.0)
-    lines += _family("tick_seconds_max", "gauge", "Longest work of a tick.", [({}, worst)])
-    memory = "Resident memory of the process."
-    lines += _family("resident_memory_bytes", "gauge", memory, [({}, counters.rss_bytes)])
-    return "\n".join(lines) + "\n"
+    """The counters in Prometheus' text format; MissingExtraError where `prometheus-client` is not installed."""
+    try:
+        from prometheus_client import CollectorRegistry, generate_latest
+        from prometheus_client.registry import Collector
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(f"metrics need {error.name}: pip install 'nnpp-edge[robot]'") from error
+
+    class Snapshot(Collector):
+        def collect(self) -> "Iterator[Metric]":
+            return _families(counters)
+
+    registry = CollectorRegistry()
+    registry.register(Snapshot())
+    return generate_latest(registry).decode()
 
 
 def write_metrics(path: Path, counters: Counters) -> None:
@@ -61,33 +65,45 @@ def write_metrics(path: Path, counters: Counters) -> None:
 
 
 class MetricsServer:
-    """Serves ``/metrics`` for Prometheus and ``/health`` for whoever watches the process, from threads of its own.
+    """Serves ``/metrics`` for Prometheus and ``/health`` for supervisors, from threads of its own.
 
-    Health is 200 while the loop ticks and 503 once it has not for `stale_s` seconds, or cannot be asked.
+    Health is 200 while the loop ticks, and 503 if it has not ticked for `stale_s` seconds or its counters cannot be
+    read.
 
     Parameters
     ----------
     port : int
-        0 takes any that is free; see `port`.
+        0 for any free one; see `port`.
     snapshot : callable
-        The newest counters (`Loop.counters`); called from other threads, at each request.
+        Gives the newest counters (`Loop.counters`); called from other threads, at each request.
     host : str
-        Address to listen at; by default this machine alone can ask.
+        Address to listen at; by default only this machine can connect.
     stale_s : float
         Longer than the loop's period.
+    clock : callable
+        Monotonic seconds.
 
     Raises
     ------
     InvalidQueryError
         The address cannot be listened at.
+    MissingExtraError
+        `prometheus-client` is not installed.
     """
 
     def __init__(
-        self, port: int, snapshot: Callable[[], Counters], host: str = "127.0.0.1", *, stale_s: float = 5.0
+        self,
+        port: int,
+        snapshot: Callable[[], Counters],
+        host: str = "127.0.0.1",
+        *,
+        stale_s: float = 5.0,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._snapshot, self._stale_s = snapshot, stale_s
+        metrics_text(Counters())  # fails here where the library is missing, not at the first request
+        self._snapshot, self._stale_s, self._clock = snapshot, stale_s, clock
         self._lock = threading.Lock()
-        self._seen, self._seen_at = 0, time.monotonic()
+        self._seen, self._seen_at = 0, clock()
 
         class Handler(_Handler):
             owner = self
@@ -132,13 +148,13 @@ class MetricsServer:
         return 404, CONTENT_TYPE, "wanted /metrics or /health\n"
 
     def _health(self, ticks: int) -> tuple[int, str, str]:
-        now = time.monotonic()
+        now = self._clock()
         with self._lock:
             if ticks != self._seen:
                 self._seen, self._seen_at = ticks, now
-            rests_s = now - self._seen_at
-        if rests_s > self._stale_s:
-            return 503, CONTENT_TYPE, f"stalled: no tick for {rests_s:.1f} s, after {ticks}\n"
+            silent_s = now - self._seen_at
+        if silent_s > self._stale_s:
+            return 503, CONTENT_TYPE, f"stalled: no tick for {silent_s:.1f} s, after {ticks}\n"
         return 200, CONTENT_TYPE, f"ok: {ticks} ticks\n"
 
 
@@ -159,32 +175,29 @@ class _Handler(BaseHTTPRequestHandler):
 
     do_HEAD = do_GET
 
-    def log_message(self, *_: Any) -> None:
-        """Requests are not worth a line."""
+    def log_message(self, *_: object) -> None:
+        """Log no requests."""
 
 
-def _tick_seconds(counters: Counters) -> Iterable[str]:
-    name = "nnpp_edge_tick_seconds"
-    yield f"# HELP {name} Work of a tick."
-    yield f"# TYPE {name} histogram"
-    for bound, count in counters.tick_histogram.items():
-        le = _number(1e-3 * float(bound)) if bound != "inf" else "+Inf"
-        yield f'{name}_bucket{{le="{le}"}} {count}'
-    yield f"{name}_sum {_number(counters.tick_sum_s)}"
-    yield f"{name}_count {counters.tick_histogram.get('inf', 0)}"
+def _families(counters: Counters) -> "Iterator[Metric]":
+    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
 
-
-def _family(name: str, kind: str, words: str, samples: Iterable[tuple[Mapping[str, str], float]]) -> Iterable[str]:
-    yield f"# HELP nnpp_edge_{name} {words}"
-    yield f"# TYPE nnpp_edge_{name} {kind}"
-    for labels, value in samples:
-        inside = ",".join(f'{key}="{_escaped(text)}"' for key, text in labels.items())
-        yield f"nnpp_edge_{name}{'{' + inside + '}' if inside else ''} {_number(value)}"
-
-
-def _escaped(text: str) -> str:
-    return text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-
-
-def _number(value: float) -> str:
-    return str(value) if isinstance(value, int) else repr(float(value))
+    build = GaugeMetricFamily("nnpp_edge_build_info", "The version that runs.", labels=["version"])
+    build.add_metric([__version__], 1)
+    yield build
+    for name, words in _TOTALS.items():
+        yield CounterMetricFamily(f"nnpp_edge_{name}", words, value=getattr(counters, name))
+    for name, (label, words) in _LABELLED.items():
+        family = CounterMetricFamily(f"nnpp_edge_{name}", words, labels=[label])
+        for value, count in sorted(getattr(counters, name).items()):
+            family.add_metric([value], count)
+        yield family
+    bounds = counters.tick_histogram or {"inf": 0}
+    buckets = [("+Inf" if ms == "inf" else repr(1e-3 * float(ms)), float(count)) for ms, count in bounds.items()]
+    seconds, words = "nnpp_edge_tick_seconds", "Work of a tick."
+    yield HistogramMetricFamily(seconds, words, buckets=buckets, sum_value=counters.tick_sum_s)
+    longest_s = 1e-3 * counters.tick_ms.get("max", 0.0)
+    yield GaugeMetricFamily(f"{seconds}_max", "Longest work of a tick.", value=longest_s)
+    yield GaugeMetricFamily(
+        "nnpp_edge_resident_memory_bytes", "Resident memory of the process.", value=counters.rss_bytes
+    )

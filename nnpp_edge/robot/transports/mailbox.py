@@ -1,17 +1,19 @@
-"""Between a transport's thread and the loop: what waits, and what was refused."""
+"""Between a transport's thread and the loop: inputs that wait, and inputs that were refused."""
 
 import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 
-from nnpp_edge.robot.wire import Fault
+from nnpp_edge.robot.transports.wire import Fault
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Pose
 
 _LOG = logging.getLogger(__name__)
 _MOST_PATCHES = 256
 _MOST_CELLS = 1 << 24
-_TOLD = 5
+_MOST_FAULTS = 64
+_LOGGED = 5
+"""Refusals that are logged; further ones are only counted."""
 
 
 class Mailbox:
@@ -20,7 +22,7 @@ class Mailbox:
     Parameters
     ----------
     most_patches, most_cells : int
-        That may wait; a single patch is taken whatever its size.
+        Most that may wait; a single patch may have any size.
     """
 
     def __init__(self, most_patches: int = _MOST_PATCHES, most_cells: int = _MOST_CELLS) -> None:
@@ -31,10 +33,10 @@ class Mailbox:
         self._cells = 0
         self._closed = False
         self.drops = 0
-        """Patches that had to make room for later ones."""
+        """Patches that were dropped to make room for later ones."""
 
     def put(self, message: Input, *, wait: bool) -> int:
-        """Add a message; where there is no room, wait for it, or drop the oldest patches. How many were dropped."""
+        """Add a message; if there is no room, wait, or drop the oldest patches. The number of patches dropped."""
         with self._changed:
             if not isinstance(message, MapPatch):
                 self._newest[type(message)] = message
@@ -53,8 +55,8 @@ class Mailbox:
             self.drops += dropped
             return dropped
 
-    def take(self) -> Iterator[Input]:
-        """What waits, one by one, until nothing does; pose and goal first, so that patches cannot hold them up."""
+    def read(self) -> Iterator[Input]:
+        """The waiting inputs, one by one; pose and goal first, so that patches cannot hold them up."""
         while True:
             with self._changed:
                 if self._newest:
@@ -67,13 +69,24 @@ class Mailbox:
             yield message
 
     def close(self) -> None:
-        """Nothing more will come."""
+        """Say that nothing more will come."""
         with self._changed:
             self._closed = True
 
     @property
+    def waiting(self) -> int:
+        """Inputs that wait."""
+        with self._changed:
+            return len(self._patches) + len(self._newest)
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing more will come."""
+        return self._closed
+
+    @property
     def ended(self) -> bool:
-        """Nothing waits, and nothing more will come."""
+        """Whether nothing waits, and nothing more will come."""
         with self._changed:
             return self._closed and not self._patches and not self._newest
 
@@ -83,15 +96,31 @@ class Mailbox:
         return patch
 
 
+class FaultQueue:
+    """Faults that wait to be sent with the next answer. Of many the newest 64 are kept. For any thread."""
+
+    def __init__(self) -> None:
+        self._faults: deque[Fault] = deque(maxlen=_MOST_FAULTS)
+
+    def answer(self, fault: Fault) -> None:
+        """Send a fault with the next answer; does not wait."""
+        self._faults.append(fault)
+
+    def waiting_faults(self) -> Iterator[Fault]:
+        """The waiting faults, oldest first, each taken out."""
+        while self._faults:
+            yield self._faults.popleft()
+
+
 class Refusals:
-    """Counts inputs that make no sense, answers each, and logs the first few. For any thread.
+    """Counts refused inputs, answers each, and logs the first few. For any thread.
 
     Parameters
     ----------
     count_error : callable
-        Told ``input`` for each, as `Navigator.count_error`.
+        `Navigator.count_error`; called with ``input`` for each.
     answer : callable
-        Sends the fault to whoever may have sent the input; None where there is no way back.
+        Sends the fault to the sender of the input; None if there is no way back.
     """
 
     def __init__(self, count_error: Callable[[str], None], answer: Callable[[Fault], None] | None = None) -> None:
@@ -100,13 +129,13 @@ class Refusals:
         self.count = 0
 
     def add(self, error: Exception) -> None:
-        """Book one."""
+        """Count a refused input, and answer it."""
         with self._lock:
             self.count += 1
             fault = Fault(str(error), self.count)
             if self._answer is not None:
                 self._answer(fault)
         self._count_error("input")
-        if fault.count <= _TOLD:
-            more = "" if fault.count < _TOLD else " (further ones are only counted)"
+        if fault.count <= _LOGGED:
+            more = "" if fault.count < _LOGGED else " (further ones are only counted)"
             _LOG.warning("an input was refused: %s%s", error, more)

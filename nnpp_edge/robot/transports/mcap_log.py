@@ -1,20 +1,20 @@
-"""A log of what the loop was given and what it answered, as MCAP with ROS 2 messages: Foxglove and rosbag2 read it.
+"""A log of the loop's inputs and answers, as MCAP with ROS 2 messages: Foxglove and rosbag2 read it.
 
 ====================  ==========================  ==================================================================
 topic                 message                     when
 ====================  ==========================  ==================================================================
-``/map``              nav_msgs/OccupancyGrid      where the world is known: at the begin of each file, and every ten
-                                                  seconds while heights come, which it has as costs
+``/map``              nav_msgs/OccupancyGrid      if the world is given: at the beginning of each file, and every ten
+                                                  seconds while patches of heights come, which change costs around
 ``/map_patch``        nav_msgs/OccupancyGrid      each patch of costs
 ``/elevation_patch``  grid_map_msgs/GridMap       each patch of heights, in metres
 ``/pose``, ``/goal``  geometry_msgs/PoseStamped   each
-``/path``             nav_msgs/Path               each that is not a rest of the one before; empty where there is none
+``/path``             nav_msgs/Path               each that is not the end of the one before; empty if there is none
 ``/answer``           std_msgs/String             each tick: the answer as JSON, without its path
 ``/status``           std_msgs/String             each status message as JSON
 ====================  ==========================  ==================================================================
 
-The frame is ``map``: x = column · cell size, y = row · cell size, from the corner of cell (0, 0), as ROS maps lie. A
-map whose rows run south is seen mirrored.
+Costs become occupancies by the rule of `nnpp_edge.ros.occupancy`. The frame is ``map``: x = column · cell size,
+y = row · cell size, from the corner of cell (0, 0), as ROS maps lie. A map whose rows run south is seen mirrored.
 """
 
 import json
@@ -23,9 +23,11 @@ import math
 import threading
 import time
 from collections import deque
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from types import ModuleType
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,11 +47,15 @@ from nnpp_edge.runtime.loop.world import World
 _LOG = logging.getLogger(__name__)
 
 TOPICS = {
-    "/map": "nav_msgs/OccupancyGrid", "/map_patch": "nav_msgs/OccupancyGrid",
-    "/elevation_patch": "grid_map_msgs/GridMap", "/pose": "geometry_msgs/PoseStamped",
-    "/goal": "geometry_msgs/PoseStamped", "/path": "nav_msgs/Path", "/answer": "std_msgs/String",
+    "/map": "nav_msgs/OccupancyGrid",
+    "/map_patch": "nav_msgs/OccupancyGrid",
+    "/elevation_patch": "grid_map_msgs/GridMap",
+    "/pose": "geometry_msgs/PoseStamped",
+    "/goal": "geometry_msgs/PoseStamped",
+    "/path": "nav_msgs/Path",
+    "/answer": "std_msgs/String",
     "/status": "std_msgs/String",
-}  # fmt: skip
+}
 _CHUNK_BYTES = 1 << 16
 _FLUSH_EVERY_S = 1.0
 _MAP_EVERY_S = 10.0
@@ -58,19 +64,20 @@ _LEAST_LIMIT_MB = 0.1
 
 
 class McapLog:
-    """A sink that writes what it is told to a file. Any thread may call any method.
+    """A sink that writes inputs and answers to a file. Any thread may call any method.
 
-    What is older than a second, or 64 kB, is in the hands of the system: it survives the end of the process however
-    that comes, and readers that take an unfinished file (the ``mcap`` tool's ``recover``, Foxglove) find it. Where
-    nothing more can be written, a warning says so once, what follows is counted in `lost`, and the loop goes on.
+    Messages older than a second, or 64 kB, are with the operating system: they survive any end of the process, and
+    readers that take an unfinished file (the ``mcap`` tool's ``recover``, Foxglove) find them. If nothing more can be
+    written, a warning says so once, later messages are counted in `lost`, and the loop goes on.
 
     Parameters
     ----------
     path : Path
-        ``.mcap``; what stands there is replaced.
+        ``.mcap``; a file of that name is replaced.
     limit_mb : float
-        Megabytes on disk at most, but for a second's messages; inf for no limit. At half of it the file is finished
-        and becomes ``NAME.1.mcap``, in place of the one before, and a new one is begun: the newest part is kept.
+        Most megabytes on disk, not counting a second's messages; inf for no limit. A file of half that size is
+        finished and renamed to ``NAME.1.mcap``, in place of an earlier one, and a new file is begun: the newest
+        messages are kept.
     world : World
         Whose map is written.
     cell_size_m : float
@@ -100,7 +107,7 @@ class McapLog:
             raise InvalidQueryError(f"the log's limit must be at least {least:.3g} MB here, got {limit_mb:g}")
         if not 0.0 < cell_size_m < math.inf:
             raise InvalidQueryError(f"the side of a cell must be above 0 m, got {cell_size_m}")
-        self._mcap = mcap.writer
+        self._mcap: ModuleType = mcap.writer
         self._path, self._limit = Path(path), 0.5e6 * limit_mb
         self._world, self._cell = world, cell_size_m
         self._lock = threading.Lock()
@@ -109,29 +116,29 @@ class McapLog:
         self._stream: IO[bytes] | None = None
         self._heights_came = False
         self.written = 0
-        """Messages."""
+        """Messages in the files."""
         self.lost = 0
-        """Messages that were not written, as the log had stopped or too many waited."""
+        """Messages that were not written because the log had stopped or too many were waiting."""
         try:
             self._begin()
         except OSError as error:
             raise OutputError(f"{path}: could not be written ({error.strerror or error})") from error
 
     def record(self, message: Input) -> None:
-        """Keep an input; it is written with the next answer, by the thread that brings that. Waits for no disk."""
+        """Keep an input until the next answer is written. Does not wait for the disk."""
         if len(self._waiting) >= _MOST_WAITING:
             self._waiting.popleft()
             self.lost += 1
         self._waiting.append((time.time_ns(), message))
 
     def publish(self, message: Output) -> None:
-        """Write the inputs that wait, and this answer. Never raises an OSError."""
+        """Write the waiting inputs, and this answer. Never raises an OSError."""
         now = time.time_ns()
         with self._lock:
             self._write_waiting()
             if isinstance(message, PathMessage):
-                told = {**message.summary(), "path": len(message.path)}
-                self._write("/answer", now, string_message(json.dumps(told)))
+                answer = message.summary() | {"path": len(message.path)}
+                self._write("/answer", now, string_message(json.dumps(answer)))
                 if not _is_rest(message.path, self._last_path):
                     self._write("/path", now, path_message(message.path, self._cell, now))
                 self._last_path = message.path
@@ -140,10 +147,11 @@ class McapLog:
             self._tidy()
 
     def close(self) -> None:
-        """Write what waits and finish the file; nothing is written after it."""
+        """Write the waiting inputs and finish the file; nothing is written after it."""
         with self._lock:
             self._write_waiting()
-            self._guarded(self._finish)
+            with self._stopping_on_error():
+                self._finish()
             self._stream = None
 
     def __enter__(self) -> "McapLog":
@@ -157,23 +165,23 @@ class McapLog:
     def _write_waiting(self) -> None:
         while self._waiting:
             stamp, message = self._waiting.popleft()
-            for topic, data in self._encoded(message, stamp):
-                self._write(topic, stamp, data)
+            topic, data = self._encoded(message, stamp)
+            self._write(topic, stamp, data)
 
-    def _encoded(self, message: Input, stamp: int) -> list[tuple[str, bytes]]:
+    def _encoded(self, message: Input, stamp: int) -> tuple[str, bytes]:
         if isinstance(message, Pose):
-            return [("/pose", pose_message(message.row, message.col, self._cell, stamp))]
+            return "/pose", pose_message(message.row, message.col, self._cell, stamp)
         if isinstance(message, Goal):
-            return [("/goal", pose_message(message.row + 0.5, message.col + 0.5, self._cell, stamp))]
+            return "/goal", pose_message(message.row + 0.5, message.col + 0.5, self._cell, stamp)
         corner = (message.row, message.col)
         if message.cost is not None:
-            return [("/map_patch", grid_message(message.cost, corner, self._cell, stamp))]
+            return "/map_patch", grid_message(message.cost, corner, self._cell, stamp)
         assert message.elevation is not None
         self._heights_came = True
-        return [("/elevation_patch", heights_message(message.elevation, corner, self._cell, stamp))]
+        return "/elevation_patch", heights_message(message.elevation, corner, self._cell, stamp)
 
     def _begin(self) -> None:
-        """A new file with schemas, and the map."""
+        """Begin a file with the schemas and the map."""
         self._stream = self._path.open("wb")
         self._writer = self._mcap.Writer(self._stream, chunk_size=_CHUNK_BYTES)
         self._writer.start(profile="ros2")
@@ -202,20 +210,22 @@ class McapLog:
     def _write(self, topic: str, stamp: int, data: bytes) -> None:
         if self._stream is None:
             self.lost += 1
-        else:
-            self._guarded(self._add, topic, stamp, data)
+            return
+        with self._stopping_on_error():
+            self._add(topic, stamp, data)
 
     def _tidy(self) -> None:
-        """Show the map, flush, and begin another file, each when it is time."""
+        """Write the map, flush, and begin another file, each when it is time."""
         now = time.monotonic()
-        if self._stream is not None and self._heights_came and now - self._mapped >= _MAP_EVERY_S:
-            self._guarded(self._add_map)
-        if self._stream is None or now - self._flushed < _FLUSH_EVERY_S:
-            return
-        self._flushed = now
-        self._guarded(self._writer.flush)
-        if self._stream is not None and self._stream.tell() > self._limit:
-            self._guarded(self._rotate)
+        with self._stopping_on_error():
+            if self._stream is not None and self._heights_came and now - self._mapped >= _MAP_EVERY_S:
+                self._add_map()
+            if self._stream is None or now - self._flushed < _FLUSH_EVERY_S:
+                return
+            self._flushed = now
+            self._writer.flush()
+            if self._stream.tell() > self._limit:
+                self._rotate()
 
     def _rotate(self) -> None:
         self._finish()
@@ -227,10 +237,11 @@ class McapLog:
             self._writer.finish()
             self._stream.close()
 
-    def _guarded(self, step: Any, *arguments: Any) -> None:
-        """Do it; the first error of the system ends the log, and what was written stays."""
+    @contextmanager
+    def _stopping_on_error(self) -> Iterator[None]:
+        """Stop the log at an OSError, with a warning; what was written stays."""
         try:
-            step(*arguments)
+            yield
         except OSError as error:
             _LOG.warning("the log %s stops: %s", self._path, " ".join(str(error).split()))
             self.lost += 1
@@ -241,7 +252,7 @@ class McapLog:
 
 
 def _is_rest(path: NDArray[np.int32], before: NDArray[np.int32] | None) -> bool:
-    """Whether a path is the end of the one before, so that whoever has that one knows it."""
+    """Whether a path is the end of the one before."""
     if before is None or len(path) > len(before):
         return False
     return np.array_equal(path, before[-len(path) :]) if len(path) else len(before) == 0

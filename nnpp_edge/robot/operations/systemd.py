@@ -1,4 +1,4 @@
-"""Word to systemd (sd_notify): ready, alive, how it is, stopping. By the standard library alone."""
+"""Notifications to systemd (sd_notify): ready, alive, status, stopping. By the standard library alone."""
 
 import logging
 import math
@@ -12,9 +12,9 @@ _LONGEST_STATUS = 200
 
 
 class Notifier:
-    """Tells the service manager how the process is; without one, every call does nothing and returns False.
+    """Notifies the service manager; without one, every call does nothing and returns False.
 
-    No call raises or waits: a word that cannot be sent is dropped, with a warning the first time.
+    No call raises or waits: a notification that cannot be sent is dropped, with a warning the first time.
 
     Parameters
     ----------
@@ -34,11 +34,11 @@ class Notifier:
         self._warned = False
         self._last = -math.inf
         self.watchdog_s = _watchdog_s(environment) if self._address else None
-        """After so many seconds without `alive` the manager acts; None where it does not watch this process."""
+        """Seconds without `alive` after which the manager acts; None if it does not watch this process."""
 
     @property
     def enabled(self) -> bool:
-        """Whether there is a manager to tell."""
+        """Whether there is a manager to notify."""
         return self._address is not None
 
     def ready(self) -> bool:
@@ -46,7 +46,7 @@ class Notifier:
         return self._send("READY=1")
 
     def alive(self) -> bool:
-        """The planning loop has ended a tick. True if that was sent on: at most every half of the watchdog's time."""
+        """The planning loop has ended a tick. True if that was sent: at most every half of the watchdog's time."""
         now = self._clock()
         if self.watchdog_s is None or now - self._last < 0.5 * self.watchdog_s:
             return False
@@ -54,7 +54,7 @@ class Notifier:
         return self._send("WATCHDOG=1")
 
     def status(self, text: str) -> bool:
-        """One line for ``systemctl status``; what is not printable becomes a blank, what is too long is cut."""
+        """One line for ``systemctl status``: unprintable characters become blanks, 200 characters at most."""
         line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
         return self._send("STATUS=" + line[:_LONGEST_STATUS])
 
@@ -63,22 +63,30 @@ class Notifier:
         return self._send("STOPPING=1")
 
     def close(self) -> None:
-        """Give the socket back; the next call opens another."""
+        """Close the socket; the next call opens another."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
-    def _send(self, word: str) -> bool:
+    def __enter__(self) -> "Notifier":
+        """The notifier."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
+
+    def _send(self, text: str) -> bool:
         if self._address is None:
             return False
         try:
             if self._socket is None:
                 self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
                 self._socket.setblocking(False)
-            self._socket.sendto(word.encode(errors="replace"), self._address)
+            self._socket.sendto(text.encode(errors="replace"), self._address)
         except OSError as error:
             if not self._warned:
-                _LOG.warning("the service manager does not hear: %s", error.strerror or error)
+                _LOG.warning("the service manager cannot be notified: %s", error.strerror or error)
             self._warned = True
             return False
         return True
@@ -94,7 +102,7 @@ class Notifier:
 
 
 def _watchdog_s(environment: Mapping[str, str]) -> float | None:
-    """The watchdog's time; None if there is none, or it watches another process."""
+    """The watchdog's time; None if there is no watchdog, or it watches another process."""
     try:
         if environment.get("WATCHDOG_PID") and int(environment["WATCHDOG_PID"]) != os.getpid():
             return None

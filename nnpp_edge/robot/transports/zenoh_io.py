@@ -5,31 +5,33 @@ Below the prefix, ``patch``, ``pose`` and ``goal`` are listened to; ``path``, ``
 
 import json
 import threading
-from collections import deque
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING
 
-from nnpp_edge.robot.mailbox import Mailbox, Refusals
-from nnpp_edge.robot.wire import LIMIT_BYTES, Fault, WireError, encode, input_of, parse
+from nnpp_edge.robot.transports.framing import LIMIT_BYTES, WireError
+from nnpp_edge.robot.transports.mailbox import FaultQueue, Mailbox, Refusals
+from nnpp_edge.robot.transports.wire import decode, encode
 from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
 from nnpp_edge.runtime.loop.messages import Input, Output, PathMessage
+
+if TYPE_CHECKING:
+    import zenoh
 
 LOOPBACK = "tcp/127.0.0.1:7447"
 PREFIX = "nnpp_edge"
 TOPICS = ("patch", "pose", "goal")
-_MOST_FAULTS = 64
 _PATIENCE_S = 1.0
 
 
 class ZenohLink:
-    """A session. It looks for nobody: it waits at one address, or goes to one.
+    """A Zenoh session without discovery: it listens at one address, or connects to one.
 
     Parameters
     ----------
     endpoint : str
         Where to listen, as Zenoh writes it: ``tcp/ADDRESS:PORT``. By default the loopback interface.
     connect : str
-        Go to this router or peer instead of listening. It is tried again until it answers.
+        Connect to this router or peer instead of listening. Connecting is tried again until it succeeds.
     prefix : str
         First part of all topics.
 
@@ -60,7 +62,7 @@ class ZenohLink:
                 ("scouting/gossip/enabled", False),
             ):
                 config.insert_json5(key, json.dumps(value))
-            self.session: Any = zenoh.open(config)
+            self.session = zenoh.open(config)
         except zenoh.ZError as error:
             reason = " ".join(str(error).split())[:200]
             where = f"go to {connect!r}" if connect else f"listen at {endpoint!r}"
@@ -74,28 +76,33 @@ class ZenohLink:
 
 
 class ZenohSource:
-    """Inputs from Zenoh's topics. Patches that come faster than the loop takes them push out the oldest.
+    """Inputs from Zenoh's topics. If patches come faster than the loop reads them, the oldest are dropped.
 
     Parameters
     ----------
     link : ZenohLink
         The session.
     refusals : Refusals
-        Told of each message that makes no sense.
+        Each message that is refused is added to it.
     count_error : callable
-        Told ``input dropped`` for each patch that was pushed out.
+        Called with ``input dropped`` for each patch that is dropped.
     limit : int
-        Bytes of a message.
+        Most bytes of a message.
     mailbox : Mailbox
-        What waits at most.
+        Holds the inputs that wait; by default one with the usual limits.
     """
 
     ended = False
 
     def __init__(
-        self, link: ZenohLink, refusals: Refusals, count_error: Callable[[str], None], *,
-        limit: int = LIMIT_BYTES, mailbox: Mailbox | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        link: ZenohLink,
+        refusals: Refusals,
+        count_error: Callable[[str], None],
+        *,
+        limit: int = LIMIT_BYTES,
+        mailbox: Mailbox | None = None,
+    ) -> None:
         self._refusals, self._count_error, self._limit = refusals, count_error, limit
         self._mailbox = mailbox or Mailbox()
         self._subscribers = [
@@ -104,12 +111,14 @@ class ZenohSource:
 
     def poll(self) -> Iterator[Input]:
         """What has come since the last call."""
-        return self._mailbox.take()
+        return self._mailbox.read()
 
-    def _listener(self, topic: str) -> Callable[[Any], None]:
-        def heard(sample: Any) -> None:
+    def _listener(self, topic: str) -> Callable[["zenoh.Sample"], None]:
+        def heard(sample: "zenoh.Sample") -> None:
             try:
-                message = self._decoded(topic, sample.payload)
+                if len(sample.payload) > self._limit:  # before it is copied
+                    raise WireError(f"wanted a message of at most {self._limit} bytes, got {len(sample.payload)}")
+                message = decode(sample.payload.to_bytes(), self._limit, topic)
             except WireError as error:
                 self._refusals.add(error)
                 return
@@ -118,16 +127,8 @@ class ZenohSource:
 
         return heard
 
-    def _decoded(self, topic: str, payload: Any) -> Input:
-        if len(payload) > self._limit:
-            raise WireError(f"{topic}: wanted a message of at most {self._limit} bytes, got {len(payload)}")
-        told = parse(payload.to_bytes(), self._limit)
-        if told.setdefault("type", topic) != topic:
-            raise WireError(f"type: wanted {topic!r}, as the topic is, got {str(told['type'])[:40]!r}")
-        return input_of(told)
 
-
-class ZenohSink:
+class ZenohSink(FaultQueue):
     """Sends each answer to Zenoh's topics. Messages for listeners that do not keep up are dropped by Zenoh.
 
     Parameters
@@ -139,6 +140,7 @@ class ZenohSink:
     name = "zenoh"
 
     def __init__(self, link: ZenohLink) -> None:
+        super().__init__()
         drop = link.zenoh.CongestionControl.DROP
         self._publishers = {
             topic: link.session.declare_publisher(
@@ -146,15 +148,10 @@ class ZenohSink:
             )
             for topic in ("path", "status", "error")
         }
-        self._faults: deque[Fault] = deque(maxlen=_MOST_FAULTS)
-
-    def answer(self, fault: Fault) -> None:
-        """Send a fault with the next answer; does not wait. Of many the newest are kept: `Fault.count` tells."""
-        self._faults.append(fault)
 
     def publish(self, message: Output) -> None:
-        """Send the faults that wait, and the answer."""
-        while self._faults:
-            self._publishers["error"].put(encode(self._faults.popleft()))
+        """Send the waiting faults and the answer."""
+        for fault in self.waiting_faults():
+            self._publishers["error"].put(encode(fault))
         topic = "path" if isinstance(message, PathMessage) else "status"
         self._publishers[topic].put(encode(message))

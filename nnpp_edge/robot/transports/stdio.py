@@ -3,41 +3,45 @@
 import os
 import select
 import threading
-from collections import deque
 from collections.abc import Iterator
 
-from nnpp_edge.robot.mailbox import Mailbox, Refusals
-from nnpp_edge.robot.wire import LIMIT_BYTES, Fault, Framer, WireError, decode, encode, framed
+from nnpp_edge.robot.transports.framing import LIMIT_BYTES, Framer, WireError, framed
+from nnpp_edge.robot.transports.mailbox import FaultQueue, Mailbox, Refusals
+from nnpp_edge.robot.transports.wire import decode, encode
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.messages import Input, Output
 
 _CHUNK = 1 << 16
-_MOST_FAULTS = 64
 
 
 class StdioSource:
     """Reads messages from a file descriptor in a thread of its own.
 
-    Where patches come faster than the loop takes them, reading pauses: the sender feels it, and none is lost.
+    If patches come faster than the loop reads them, reading pauses: the sender waits, and no patch is lost.
 
     Parameters
     ----------
     refusals : Refusals
-        Told of each message that makes no sense; the next is read nevertheless.
+        Each message that is refused is added to it; the next is read nevertheless.
     descriptor : int
         To read from.
     framing : str
         ``lines`` or ``length``, as for `Framer`.
     limit : int
-        Bytes of a message.
+        Most bytes of a message.
     mailbox : Mailbox
-        What waits at most.
+        Holds the inputs that wait; by default one with the usual limits.
     """
 
     def __init__(
-        self, refusals: Refusals, *, descriptor: int = 0, framing: str = "lines", limit: int = LIMIT_BYTES,
+        self,
+        refusals: Refusals,
+        *,
+        descriptor: int = 0,
+        framing: str = "lines",
+        limit: int = LIMIT_BYTES,
         mailbox: Mailbox | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._refusals, self._descriptor, self._limit = refusals, descriptor, limit
         self._framer = Framer(framing, limit)
         self._mailbox = mailbox or Mailbox()
@@ -46,11 +50,11 @@ class StdioSource:
 
     def poll(self) -> Iterator[Input]:
         """What has come since the last call."""
-        return self._mailbox.take()
+        return self._mailbox.read()
 
     @property
     def ended(self) -> bool:
-        """The sender has closed the stream, and all of it was taken."""
+        """The sender has closed the stream, and all of it was read."""
         return self._mailbox.ended
 
     def _read(self) -> None:
@@ -69,7 +73,7 @@ class StdioSource:
         while True:
             try:
                 return os.read(self._descriptor, _CHUNK)
-            except BlockingIOError:  # whoever started us has made the descriptor so
+            except BlockingIOError:  # the parent process made the descriptor non-blocking
                 select.select([self._descriptor], [], [])
 
     def _put(self, found: bytes | WireError) -> None:
@@ -81,7 +85,7 @@ class StdioSource:
             self._refusals.add(error)
 
 
-class StdioSink:
+class StdioSink(FaultQueue):
     """Writes each answer to a file descriptor. Faults wait for the next answer, and are written before it.
 
     Parameters
@@ -95,20 +99,16 @@ class StdioSink:
     name = "stdout"
 
     def __init__(self, *, descriptor: int = 1, framing: str = "lines") -> None:
+        super().__init__()
         self._descriptor, self._framing = descriptor, framing
-        self._faults: deque[Fault] = deque(maxlen=_MOST_FAULTS)
         self._broken = False
 
-    def answer(self, fault: Fault) -> None:
-        """Send a fault with the next answer; does not wait. Of many the newest are kept: `Fault.count` tells."""
-        self._faults.append(fault)
-
     def publish(self, message: Output) -> None:
-        """Write the faults that wait, and the answer; OutputError, once, where the reader has gone."""
+        """Write the waiting faults and the answer. OutputError, once, if the reader has gone."""
         if self._broken:
             return
-        while self._faults:
-            self._write(encode(self._faults.popleft()))
+        for fault in self.waiting_faults():
+            self._write(encode(fault))
         self._write(encode(message))
 
     def _write(self, payload: bytes) -> None:

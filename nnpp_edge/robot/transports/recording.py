@@ -1,7 +1,7 @@
 """Inputs of the loop in a file: recorded as they come, and played again.
 
 A line holds one message in JSON, as on the wire, with ``at``: seconds since the recording began. Inputs that were
-taken in the same tick have the same time. The first line may tell the size of the map.
+read in the same tick have the same time. The first line may hold the size of the map.
 """
 
 import json
@@ -11,14 +11,47 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Annotated, Literal, Protocol
 
-from nnpp_edge.robot.wire import LIMIT_BYTES, VERSION, WireError, encode, input_of, parse
+import msgspec
+
+from nnpp_edge.robot.transports.framing import LIMIT_BYTES, WireError
+from nnpp_edge.robot.transports.wire import (
+    VERSION,
+    GoalRecord,
+    PatchRecord,
+    PoseRecord,
+    Record,
+    as_input,
+    decoded,
+    encode,
+)
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.loop.messages import Input
 
 _LOG = logging.getLogger(__name__)
 _MOST_WAITING = 1024
+_Time = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
+
+
+class _Head(msgspec.Struct, tag_field="type", tag="recording"):
+    v: Literal[1] = 1
+    map: tuple[int, int] | None = None
+
+
+class _PoseLine(PoseRecord, tag="pose", kw_only=True):
+    at: _Time
+
+
+class _GoalLine(GoalRecord, tag="goal", kw_only=True):
+    at: _Time
+
+
+class _PatchLine(PatchRecord, tag="patch", kw_only=True):
+    at: _Time
+
+
+_LINE: msgspec.json.Decoder[_Head | Record] = msgspec.json.Decoder(_Head | _PoseLine | _GoalLine | _PatchLine)
 
 
 class ReplayError(InvalidQueryError):
@@ -26,16 +59,16 @@ class ReplayError(InvalidQueryError):
 
 
 class ReplaySource:
-    """Plays a recording. It is read through once at the begin, so that what is wrong with it is told then.
+    """Plays a recording. It is read once at the beginning, so that errors in it are raised then.
 
     Parameters
     ----------
     path : Path
         The recording. A last line that was cut off, as by a crash, is left out.
     shape : (int, int)
-        Of the map that it is played on; None leaves unchecked whether it is the one recorded on.
+        Of the map that it is played on, to check that it was recorded on such a map; None for no check.
     fast : bool
-        Hand over what one tick was given with each call, however early, in place of the recorded pace.
+        Give the inputs of one recorded tick with each call, instead of keeping the recorded pace.
     clock : callable
         Monotonic seconds.
 
@@ -46,23 +79,27 @@ class ReplaySource:
     """
 
     def __init__(
-        self, path: Path, *, shape: tuple[int, int] | None = None, fast: bool = False,
+        self,
+        path: Path,
+        *,
+        shape: tuple[int, int] | None = None,
+        fast: bool = False,
         clock: Callable[[], float] = time.monotonic,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._fast, self._clock = fast, clock
         self.messages = sum(1 for _ in read_recording(path, shape))
-        """In the recording."""
+        """Number of messages in the recording."""
         self._rest = read_recording(path, shape)
         self._next = next(self._rest, None)
         self._began: float | None = None
 
     @property
     def ended(self) -> bool:
-        """All was handed over."""
+        """Whether all of it was played."""
         return self._next is None
 
     def poll(self) -> Iterator[Input]:
-        """What is due, or with `fast` the next tick's."""
+        """The inputs that are due, or with `fast` those of the next recorded tick."""
         now = self._clock()
         if self._began is None:
             self._began = now
@@ -102,24 +139,22 @@ def read_recording(path: Path, shape: tuple[int, int] | None = None) -> Iterator
 
 def _read_line(line: bytes, shape: tuple[int, int] | None) -> tuple[float, Input] | None:
     """Time and input of a line; None for the head."""
-    told = parse(line, LIMIT_BYTES + 64)
-    if told.get("type") == "recording":
-        if shape is not None and (recorded := told.get("map")) not in (None, list(shape)):
-            raise WireError(f"wanted a recording on a map of {list(shape)} cells, got one of {recorded}")
+    record = decoded(line, _LINE, "a pose, goal or patch with its time", LIMIT_BYTES + 64)
+    if isinstance(record, _Head):
+        if shape is not None and record.map not in (None, shape):
+            raise WireError(f"wanted a recording on a map of {list(shape)} cells, got one of {list(record.map)}")
         return None
-    at = told.pop("at", None)
-    if isinstance(at, bool) or not isinstance(at, int | float) or not 0.0 <= at <= 1e9:
-        raise WireError(f"at: wanted seconds since the recording began, got {at!r}")
-    return float(at), input_of(told)
+    assert isinstance(record, _PoseLine | _GoalLine | _PatchLine)
+    return record.at, as_input(record)
 
 
-class Recorder:
+class RecordingFile:
     """Writes inputs to a new file, line by line: what was written survives the end of the process, however it ends.
 
     Parameters
     ----------
     path : Path
-        Where to write. What stands there is left alone: ``scene.jsonl`` becomes ``scene-2.jsonl``, and so on.
+        Where to write. A file of that name is left alone: ``scene-2.jsonl`` is written instead of ``scene.jsonl``.
     shape : (int, int)
         Of the map.
 
@@ -159,30 +194,30 @@ class Recorder:
 
 
 class EndingSource(Protocol):
-    """A source that may come to its end."""
+    """An `InputSource` that may come to its end."""
 
     @property
     def ended(self) -> bool:
-        """Nothing more will come, and all was handed over."""
+        """Whether all inputs were given and nothing more will come."""
 
     def poll(self) -> Iterable[Input]:
-        """As `Source.poll`."""
+        """As `InputSource.poll`."""
 
 
 class RecordedSource:
-    """A source that passes on what another one gives, and shows it to recorders from a thread of its own.
+    """Passes on the inputs of another source, and records them in a thread of its own.
 
-    The loop never waits for a recorder: where more than a thousand inputs are not yet recorded, the next are left
-    out, and counted.
+    The loop never waits for a recorder: if more than a thousand inputs wait to be recorded, the next are left out
+    and counted.
 
     Parameters
     ----------
-    source : Source
-        Asked for inputs.
+    source : EndingSource
+        Gives the inputs.
     recorders : sequence of callables
-        Called with an input and the seconds since the first call of `poll` until the one that brought it.
+        Called with an input, and the seconds from the first call of `poll` to the one that gave the input.
     count_error : callable
-        Told ``record`` for each input that a recorder failed on, or that was left out.
+        Called with ``record`` for each input that a recorder failed on, or that was left out.
     """
 
     def __init__(
@@ -201,11 +236,11 @@ class RecordedSource:
 
     @property
     def ended(self) -> bool:
-        """As the source says."""
+        """Whether the source has ended."""
         return self._source.ended
 
     def poll(self) -> Iterator[Input]:
-        """What the source gives."""
+        """The inputs of the source."""
         now = time.monotonic()
         if self._began is None:
             self._began = now
@@ -214,7 +249,7 @@ class RecordedSource:
             yield message
 
     def close(self, patience_s: float = 2.0) -> None:
-        """Let what waits be recorded, for so long."""
+        """Let the waiting inputs be recorded, for so long at most."""
         with self._news:
             self._closing = True
             self._news.notify()

@@ -3,7 +3,7 @@
 import math
 import time
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,17 +22,17 @@ _TICKS = "tick"
 
 
 class RerunSink:
-    """A sink for rerun. Columns run to the right and rows down; the map's picture is the cost picture of the toolkit.
+    """A sink for rerun. Columns run to the right and rows down; the map is drawn as in the toolkit's pictures.
 
     Parameters
     ----------
     path : Path
-        Write a recording (``.rrd``) there, in place of what stands there.
+        Write a recording (``.rrd``) there; a file of that name is replaced.
     address : str
         Show it in a viewer that listens there (``rerun+http://HOST:9876/proxy``). Without a path and an address, a
         viewer is started on this machine.
     world : World
-        Whose map is shown, anew when it has changed, but not more often than `map_every_s`.
+        Whose map is shown, again when it has changed, but not more often than `map_every_s`.
     map_every_s : float
         Seconds.
 
@@ -49,16 +49,20 @@ class RerunSink:
     name = "rerun"
 
     def __init__(
-        self, path: Path | None = None, *, address: str | None = None, world: World | None = None,
+        self,
+        path: Path | None = None,
+        *,
+        address: str | None = None,
+        world: World | None = None,
         map_every_s: float = 1.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if path is not None and address is not None:
             raise InvalidQueryError("give rerun either a file or an address, got both")
         try:
             import rerun
         except ModuleNotFoundError as error:
             raise MissingExtraError(f"a view needs {error.name}: pip install 'nnpp-edge[viz]'") from error
-        self._rr: Any = rerun
+        self._rr: ModuleType = rerun
         self._world, self._map_every_s = world, map_every_s
         self._version, self._mapped = -1, -math.inf
         self._began = time.monotonic()
@@ -66,7 +70,7 @@ class RerunSink:
         self._stream = rerun.RecordingStream("nnpp-edge")
         try:
             if path is not None:
-                Path(path).open("wb").close()  # rerun would tell of a folder that is missing only in its log
+                Path(path).open("wb").close()  # rerun reports a missing folder only in its log
                 self._stream.save(path)
             elif address is not None:
                 self._stream.connect_grpc(address)
@@ -97,13 +101,13 @@ class RerunSink:
         raise InvalidQueryError(f"view must be here, rerun+http://HOST:9876/proxy or a file FILE.rrd, got {where!r}")
 
     def record(self, message: Input) -> None:
-        """Show an input: the robot, its goal, or where the map is said to have changed."""
+        """Show an input: the robot, its goal, or the rectangle of a map patch."""
         self._set_time()
         rr = self._rr
         if isinstance(message, MapPatch):
             rows, cols = message.shape
-            box = rr.Boxes2D(array=[message.col, message.row, cols, rows], array_format=rr.Box2DFormat.XYWH,
-                             colors=_PATCH)  # fmt: skip
+            array = [message.col, message.row, cols, rows]
+            box = rr.Boxes2D(array=array, array_format=rr.Box2DFormat.XYWH, colors=_PATCH)
             self._stream.log("map/patch", box)
         elif isinstance(message, Goal):
             self._point("map/goal", (message.row + 0.5, message.col + 0.5), _GOAL)
@@ -111,13 +115,13 @@ class RerunSink:
             self._point("map/robot", (message.row, message.col), _ROBOT)
 
     def publish(self, message: Output) -> None:
-        """Show an answer, or how the loop is."""
+        """Show an answer or a status message."""
         self._set_time()
         rr = self._rr
         if not isinstance(message, PathMessage):
             self._stream.log("status", rr.TextLog(message.text))
-            for name, value in (("p50", "p50"), ("p99", "p99"), ("max", "max")):
-                self._scalar(f"tick_ms/{name}", message.counters.tick_ms.get(value))
+            for name in ("p50", "p99", "max"):
+                self._scalar(f"tick_ms/{name}", message.counters.tick_ms.get(name))
             self._scalar("memory_mb", 1e-6 * message.counters.rss_bytes)
             return
         self._stream.set_time(_TICKS, sequence=message.tick)
@@ -127,13 +131,13 @@ class RerunSink:
         self._stream.log("map/path", rr.LineStrips2D(strips, colors=colour, radii=0.4, draw_order=10.0))
         self._scalar("planning_ms", message.planning_ms)
         self._scalar("cost", message.cost if message.ok else None)
-        said = f"{message.outcome} by {message.origin}" + (" (degraded)" if message.degraded else "")
-        if said != self._outcome:
-            self._outcome = said
-            self._stream.log("status", rr.TextLog(f"{said}: {message.reason}" if message.reason else said))
+        outcome = f"{message.outcome} by {message.origin}" + (" (degraded)" if message.degraded else "")
+        if outcome != self._outcome:
+            self._outcome = outcome
+            self._stream.log("status", rr.TextLog(f"{outcome}: {message.reason}" if message.reason else outcome))
 
     def close(self) -> None:
-        """Write what is left and let go."""
+        """Write the rest and disconnect."""
         self._stream.flush()
         self._stream.disconnect()
 

@@ -1,0 +1,199 @@
+"""Putting the onboard loop together: world, input, sinks, and what watches over it."""
+
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from nnpp_edge.robot.operations.metrics import MetricsServer, write_metrics
+from nnpp_edge.robot.operations.systemd import Notifier
+from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring, kind_and_place
+from nnpp_edge.robot.transports.mailbox import Refusals
+from nnpp_edge.robot.transports.mcap_log import McapLog
+from nnpp_edge.robot.transports.recording import EndingSource, RecordedSource, RecordingFile, ReplaySource
+from nnpp_edge.robot.transports.rerun_view import RerunSink
+from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
+from nnpp_edge.robot.transports.wire import Fault
+from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
+from nnpp_edge.runtime.loop.ladder import NavigatorSettings
+from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
+from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.loop.realtime import signal_handlers
+from nnpp_edge.runtime.loop.runner import Loop, handling_signals
+from nnpp_edge.runtime.loop.sinks import Sink
+from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.warmup import exercise
+
+Record = Callable[[Input, float], None]
+"""Called with an input and the seconds since the loop began."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """When and where the loop runs; as for `Loop`."""
+
+    rate_hz: float = 17.0
+    cores: tuple[int, ...] = ()
+    priority: int = 0
+
+
+def run(
+    world: World,
+    settings: NavigatorSettings,
+    wiring: Wiring,
+    pace: Pace,
+    *,
+    ticks: int | None = None,
+    cell_size_m: float = 1.0,
+    report: Callable[[str], None] = lambda line: None,
+) -> Counters:
+    """Load kernels and network, connect everything, and run the loop until it is stopped or its input ends.
+
+    SIGTERM and SIGINT end it after the tick, SIGHUP reloads the model. For the main thread.
+
+    Parameters
+    ----------
+    world : World
+        The first map.
+    settings : NavigatorSettings
+        How to plan.
+    wiring : Wiring
+        Inputs, outputs and observers.
+    pace : Pace
+        Rate, cores and priority.
+    ticks : int
+        End after so many.
+    cell_size_m : float
+        Side of a cell, for logs.
+    report : callable
+        Called with a line for each thing that is started.
+
+    Returns
+    -------
+    Counters
+        What was done.
+    """
+    with ExitStack() as stack:
+        # until the loop runs, SIGTERM ends the process with exit code 0, and there is nothing to reload
+        stack.enter_context(
+            signal_handlers({signal.SIGTERM: lambda number, frame: sys.exit(0), signal.SIGHUP: signal.SIG_IGN})
+        )
+        notifier = stack.enter_context(Notifier())
+        exercise()
+        navigator = Navigator(world, settings)
+        link = stack.enter_context(_zenoh_link(wiring))
+        sinks, answer_fault = _answer_sinks(wiring, link)
+        source = _input_source(wiring, navigator, link, answer_fault)
+        observers, records = _observers(stack, wiring, world, cell_size_m, report)
+        if records:
+            recorded = RecordedSource(source, records, navigator.count_error)
+            stack.callback(recorded.close)
+            source = recorded
+        observers.append(_StatusSink("systemd", lambda status: notifier.status(status.text)))
+
+        def after_tick(message: PathMessage) -> None:
+            notifier.alive()
+            if source.ended and not wiring.stay:
+                loop.stop()
+
+        loop = Loop(
+            navigator,
+            source,
+            [*sinks, *observers],
+            rate_hz=pace.rate_hz,
+            cores=pace.cores,
+            priority=pace.priority,
+            paced=not wiring.fast,
+            after_tick=after_tick,
+        )
+        if wiring.metrics_port is not None:
+            server = stack.enter_context(MetricsServer(wiring.metrics_port, loop.counters))
+            report(f"metrics: http://{server.host}:{server.port}/metrics")
+        with handling_signals(loop):
+            notifier.ready()
+            report(f"ready: {settings.method} at {pace.rate_hz:g} Hz, {world.shape[0]} × {world.shape[1]} cells")
+            counters = loop.run(ticks)
+            notifier.stopping()
+        if wiring.metrics_file is not None:
+            write_metrics(wiring.metrics_file, counters)
+        return counters
+
+
+class _StatusSink:
+    """Passes status messages to a function."""
+
+    def __init__(self, name: str, use: Callable[[StatusMessage], object]) -> None:
+        self.name, self._use = name, use
+
+    def publish(self, message: Output) -> None:
+        if isinstance(message, StatusMessage):
+            self._use(message)
+
+
+def _answer_sinks(wiring: Wiring, link: ZenohLink | None) -> tuple[list[Sink], Callable[[Fault], None] | None]:
+    """Sinks for the answers, and how to answer a refused input, if its sender can be reached."""
+    sinks: dict[str, StdioSink | ZenohSink] = {}
+    """By the input whose sender each reaches."""
+    if STDOUT in wiring.output_kinds:
+        sys.stdout.flush()
+        sinks[STDIN] = StdioSink(framing=wiring.framing)
+    if ZENOH in wiring.output_kinds:
+        assert link is not None
+        sinks[ZENOH] = ZenohSink(link)
+    back = sinks.get(kind_and_place(wiring.input)[0])
+    return list(sinks.values()), None if back is None else back.answer
+
+
+def _input_source(
+    wiring: Wiring, navigator: Navigator, link: ZenohLink | None, answer_fault: Callable[[Fault], None] | None
+) -> EndingSource:
+    kind, place = kind_and_place(wiring.input)
+    refusals = Refusals(navigator.count_error, answer_fault)
+    if kind == REPLAY:
+        return ReplaySource(Path(place), shape=navigator.world.shape, fast=wiring.fast)
+    if kind == STDIN:
+        return StdioSource(refusals, framing=wiring.framing)
+    assert link is not None
+    return ZenohSource(link, refusals, navigator.count_error)
+
+
+@contextmanager
+def _zenoh_link(wiring: Wiring) -> Iterator[ZenohLink | None]:
+    """The session, if input or output need one."""
+    if not wiring.uses_zenoh:
+        yield None
+        return
+    link = ZenohLink(wiring.endpoint or LOOPBACK, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix)
+    try:
+        yield link
+    finally:
+        link.close()
+
+
+def _observers(
+    stack: ExitStack, wiring: Wiring, world: World, cell_size_m: float, report: Callable[[str], None]
+) -> tuple[list[Sink], list[Record]]:
+    """Further sinks for the answers, and recorders of the inputs."""
+    sinks: list[Sink] = []
+    records: list[Record] = []
+    if wiring.record is not None:
+        recording = RecordingFile(wiring.record, world.shape)
+        stack.callback(recording.close)
+        records.append(recording.record)
+        report(f"recording: {recording.path}")
+    if wiring.log is not None:
+        log = stack.enter_context(McapLog(wiring.log, world=world, cell_size_m=cell_size_m))
+        sinks.append(log)
+        records.append(lambda message, at_s: log.record(message))
+    if wiring.view is not None:
+        view = stack.enter_context(RerunSink.at(wiring.view, world))
+        sinks.append(view)
+        records.append(lambda message, at_s: view.record(message))
+    if (file := wiring.metrics_file) is not None:
+        write_metrics(
+            file, Counters()
+        )  # now, so that a file that cannot be written is an error before the first tick
+        sinks.append(_StatusSink("metrics", lambda status: write_metrics(file, status.counters)))
+    return sinks, records

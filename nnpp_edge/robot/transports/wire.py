@@ -1,0 +1,223 @@
+"""Inputs and outputs of the onboard loop as JSON. See docs/run.md.
+
+An input is taken whole or refused: unknown words, wrong types and values out of range are errors of one line.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal, TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.robot.transports.framing import LIMIT_BYTES, WireError
+from nnpp_edge.runtime.loop.messages import (
+    Goal,
+    Input,
+    InvalidMessageError,
+    MapPatch,
+    Output,
+    PathMessage,
+    Pose,
+    StatusMessage,
+)
+
+T = TypeVar("T")
+
+VERSION = 1
+_EXCERPT = 60
+
+_Place = Annotated[float, msgspec.Meta(ge=-(2**31), le=2**31)]
+_Stamp = Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)]
+_Side = Annotated[int, msgspec.Meta(gt=0)]
+_Row = Annotated[list[float | None], msgspec.Meta(min_length=1)]
+_Rows = Annotated[list[_Row], msgspec.Meta(min_length=1)]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """The answer to an input that was refused."""
+
+    error: str
+    """Why, in one line."""
+    count: int = 1
+    """Inputs that were refused so far, this one included."""
+
+
+class Record(msgspec.Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
+    """What all inputs have on the wire."""
+
+    v: Literal[1] = 1
+    row: _Place
+    col: _Place
+    stamp: _Stamp = 0.0
+
+    def input(self) -> Input:
+        """The input; InvalidMessageError if its values make no sense."""
+        raise NotImplementedError
+
+
+class PoseRecord(Record, tag="pose"):
+    """A `Pose` on the wire."""
+
+    def input(self) -> Pose:
+        """The input."""
+        return Pose(self.row, self.col, self.stamp)
+
+
+class GoalRecord(Record, tag="goal"):
+    """A `Goal` on the wire."""
+
+    def input(self) -> Goal:
+        """The input."""
+        return Goal(self.row, self.col, self.stamp)  # type: ignore[arg-type]  # it refuses fractions
+
+
+class Packed(msgspec.Struct, forbid_unknown_fields=True):
+    """Values of a patch as base64 of little-endian float32, row by row."""
+
+    shape: tuple[_Side, _Side]
+    float32: bytes
+
+
+class PatchRecord(Record, tag="patch"):
+    """A `MapPatch` on the wire."""
+
+    elevation: _Rows | Packed | None = None
+    cost: _Rows | Packed | None = None
+    keep_known: bool = False
+
+    def input(self) -> MapPatch:
+        """The input."""
+        return MapPatch(
+            self.row,  # type: ignore[arg-type]  # it refuses fractions
+            self.col,  # type: ignore[arg-type]
+            elevation=_values("elevation", self.elevation),
+            cost=_values("cost", self.cost),
+            keep_known=self.keep_known,
+            stamp=self.stamp,
+        )
+
+
+_RECORDS = {"pose": PoseRecord, "goal": GoalRecord, "patch": PatchRecord}
+_ANY_INPUT: msgspec.json.Decoder[Record] = msgspec.json.Decoder(PoseRecord | GoalRecord | PatchRecord)
+_INPUTS: dict[str, msgspec.json.Decoder[Record]] = {kind: msgspec.json.Decoder(_RECORDS[kind]) for kind in _RECORDS}
+_OUTPUTS = {"path": PathMessage, "status": StatusMessage, "error": Fault}
+
+
+def encode(message: Input | Output | Fault) -> bytes:
+    """A message as JSON in one line, without its end. Values of patches are base64, so that none changes."""
+    if isinstance(message, MapPatch):
+        name, values = ("cost", message.cost) if message.elevation is None else ("elevation", message.elevation)
+        assert values is not None
+        packed = Packed((values.shape[0], values.shape[1]), values.astype("<f4").tobytes())
+        place = {"row": message.row, "col": message.col}
+        return _joined("patch", {**place, name: packed, "keep_known": message.keep_known, "stamp": message.stamp})
+    kinds = {Pose: "pose", Goal: "goal", PathMessage: "path", StatusMessage: "status", Fault: "error"}
+    return _joined(kinds[type(message)], message)
+
+
+def decode(payload: bytes, limit: int = LIMIT_BYTES, kind: str | None = None) -> Input:
+    """The input that a message holds.
+
+    Parameters
+    ----------
+    payload : bytes
+        One JSON object in UTF-8.
+    limit : int
+        Most bytes that it may have.
+    kind : str
+        ``pose``, ``goal`` or ``patch`` where only this may come; then the message need not name its type.
+
+    Raises
+    ------
+    WireError
+        It is too long, no JSON, of another version, has words that are unknown, or values out of range.
+    """
+    if kind is None:
+        return as_input(decoded(payload, _ANY_INPUT, "a pose, goal or patch", limit))
+    return as_input(decoded(payload, _INPUTS[kind], f"a {kind}", limit))
+
+
+def decode_output(payload: bytes, limit: int = LIMIT_BYTES) -> Output | Fault:
+    """The answer that a message holds; for programs that listen to the loop. WireError as for `decode`."""
+    wanted = "an answer of the loop"
+    fields = decoded(payload, msgspec.json.Decoder(dict[str, object]), wanted, limit)
+    kind = fields.get("type")
+    if not isinstance(kind, str) or kind not in _OUTPUTS or fields.get("v", VERSION) != VERSION:
+        raise _refused(wanted, payload, f"its type must be {', '.join(_OUTPUTS)}, and its version {VERSION}")
+    for name in ("cost", "lower_bound"):
+        if name in fields and fields[name] is None:
+            fields[name] = math.inf
+    try:
+        output: Output | Fault = msgspec.convert(fields, _OUTPUTS[kind], dec_hook=_as_cells)
+    except (ValueError, OverflowError) as error:
+        raise _refused(wanted, payload, error) from None
+    return output
+
+
+def decoded(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int = LIMIT_BYTES) -> T:
+    """What a decoder makes of a message; a WireError that says what was wanted, and what came instead."""
+    if len(payload) > limit:
+        raise WireError(f"wanted a message of at most {limit} bytes, got {len(payload)}")
+    try:
+        return decoder.decode(payload)
+    except (ValueError, RecursionError) as error:
+        raise _refused(wanted, payload, error) from None
+
+
+def as_input(record: Record) -> Input:
+    """The input of a decoded record; WireError if its values make no sense."""
+    try:
+        return record.input()
+    except InvalidMessageError as error:
+        raise WireError(str(error)) from None
+
+
+def _joined(kind: str, fields: object) -> bytes:
+    """The JSON of a message: version, kind and fields; null for numbers that JSON lacks."""
+    return b'{"v":%d,"type":"%s",' % (VERSION, kind.encode()) + _ENCODER.encode(fields)[1:]
+
+
+def _plain(value: object) -> object:
+    """NumPy's arrays and numbers as Python's."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"cannot be written as JSON: {type(value).__name__}")
+
+
+_ENCODER = msgspec.json.Encoder(enc_hook=_plain)
+
+
+def _as_cells(kind: type, cells: list[list[int]]) -> NDArray[np.int32]:
+    return np.asarray(cells, np.int32).reshape(-1, 2)
+
+
+def _values(name: str, given: list[list[float | None]] | Packed | None) -> NDArray[np.float32] | None:
+    """The cells of a patch."""
+    if given is None:
+        return None
+    if isinstance(given, Packed):
+        rows, cols = given.shape
+        if len(given.float32) != 4 * rows * cols:
+            raise InvalidMessageError(
+                f"a patch's {name} has {len(given.float32)} bytes for {rows} × {cols} cells of 4"
+            )
+        return np.frombuffer(given.float32, "<f4").reshape(rows, cols).astype(np.float32)
+    if len(lengths := {len(row) for row in given}) > 1:
+        raise InvalidMessageError(f"the rows of a patch's {name} must be of one length, got {sorted(lengths)[:8]}")
+    with np.errstate(over="ignore"):
+        return np.array(given, np.float64).astype(np.float32)  # None becomes NaN
+
+
+def _refused(wanted: str, payload: bytes, reason: Exception | str) -> WireError:
+    """The error for a message, in one line."""
+    excerpt = repr(payload[:_EXCERPT])[1:] + ("…" if len(payload) > _EXCERPT else "")
+    text, _, place = " ".join(str(reason).split()).partition(" - at `$.")
+    where = place.rstrip("`")
+    if where == "v":
+        wanted = f"version {VERSION} of the messages"
+    return WireError(f"wanted {wanted}, got {excerpt} ({where + ': ' if where else ''}{text[:150]})")

@@ -1,0 +1,237 @@
+"""How a tick of the onboard loop comes to its path: a ladder of ways, of which the first that gives an answer counts.
+
+1. The standing path, if it is valid and cannot have become worse than `NavigatorSettings.tolerance`.
+2. The method asked for, unless by its last times it would be late.
+3. The corridor planner.
+4. The standing path, if it is valid at all.
+5. An outcome that says what failed.
+
+Every path is checked cell by cell against the newest map before it is published.
+"""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.loop.messages import Origin, PathMessage
+from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.dynamic import DynamicMethod, DynamicPlanner
+from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.standing_path import Standing
+
+_LOG = logging.getLogger(__name__)
+_LEAST_PLANNING_S = 0.002
+"""A search gets this much time even where none is left: else a loop that is always late would never plan."""
+_FORGET = 0.9
+"""Factor of a method's expected time each time that the method is skipped as too slow: so it is tried again."""
+
+
+@dataclass(frozen=True)
+class NavigatorSettings:
+    """How the onboard loop plans."""
+
+    method: str = DynamicMethod.AUTO
+    step_cost: str = "paper"
+    """``length`` needs a world made for it."""
+    omega: float = PAPER_OMEGA
+    corner_cutting: bool = True
+    model: str | Path | NetworkModel = "edge"
+    tolerance: float = 0.02
+    """Share; the standing path is kept while it can cost at most this much more than a new plan."""
+    snap_radius: int = 3
+    """Cells; if the robot stands in an impassable cell, its path may start at most this far away."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if not self.tolerance >= 0.0:
+            raise InvalidQueryError(f"tolerance must be at least 0, got {self.tolerance}")
+        if self.snap_radius < 0:
+            raise InvalidQueryError(f"snap_radius must be at least 0, got {self.snap_radius}")
+
+
+class Failure(NamedTuple):
+    """Why a rung of the ladder gave no answer."""
+
+    kind: str
+    """As in `Counters.degraded`."""
+    reason: str
+
+
+@dataclass
+class Tick:
+    """What a tick has to answer, and what has failed so far."""
+
+    number: int
+    clock: Callable[[], float]
+    """Monotonic seconds."""
+    deadline: float
+    """Reading of the clock."""
+    map_version: int = 0
+    start: Cell | None = None
+    goal: Cell | None = None
+    start_moved: bool = False
+    standing: Standing | None = None
+    """The standing path, while it is valid."""
+    failures: list[Failure] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Start the stopwatch."""
+        self._started = self.clock()
+
+    @property
+    def elapsed_ms(self) -> float:
+        """Since the tick began."""
+        return 1e3 * (self.clock() - self._started)
+
+    @property
+    def left_s(self) -> float:
+        """To the deadline; below 0 once it has passed."""
+        return self.deadline - self.clock()
+
+    def fail(self, kind: str, reason: str) -> None:
+        """Note why a rung gives no answer."""
+        self.failures.append(Failure(kind, reason))
+
+    def no_path(self, outcome: Status, reason: str, *, degraded: bool = False) -> PathMessage:
+        """The answer without a path."""
+        return PathMessage(
+            self.number,
+            outcome,
+            Origin.NONE,
+            start=self.start,
+            goal=self.goal,
+            start_moved=self.start_moved,
+            degraded=degraded,
+            reason=reason,
+            map_version=self.map_version,
+            planning_ms=self.elapsed_ms,
+        )
+
+
+class Ladder:
+    """Comes to the answer of a tick whose start and goal are known and passable. Serves one thread at a time.
+
+    Parameters
+    ----------
+    world : World
+        The newest map; every path is checked on it.
+    settings : NavigatorSettings
+        How to plan.
+    count_error : callable
+        Called with ``full`` or ``corridor`` when planning raised.
+    """
+
+    def __init__(self, world: World, settings: NavigatorSettings, count_error: Callable[[str], None]) -> None:
+        self._world, self._settings, self._count_error = world, settings, count_error
+        self._expected_s = 0.0
+        """Time that the method asked for is expected to take."""
+
+    def forget_times(self) -> None:
+        """Expect nothing of the method asked for: its network is a different one now."""
+        self._expected_s = 0.0
+
+    def answer(self, planner: DynamicPlanner, tick: Tick) -> PathMessage:
+        """The answer of the first rung that gives one; `tick` holds afterwards what failed on the way."""
+        standing = planner.standing()
+        tick.standing = standing if standing.valid else None
+        return (
+            self._standing_while_good(planner, tick)
+            or self._planned_in_full(planner, tick)
+            or self._planned_by_corridor(planner, tick)
+            or self._standing_at_all(planner, tick)
+            or self._all_failed(tick)
+        )
+
+    # --- the rungs: an answer, or None, with what failed noted in the tick
+
+    def _standing_while_good(self, planner: DynamicPlanner, tick: Tick) -> PathMessage | None:
+        standing = tick.standing
+        if standing is None or standing.added > self._settings.tolerance * standing.cost:
+            return None
+        message = self._standing_path(planner, tick, standing, "it still holds")
+        if message is None:
+            tick.standing = None
+        return message
+
+    def _planned_in_full(self, planner: DynamicPlanner, tick: Tick) -> PathMessage | None:
+        if self._expected_s > max(tick.left_s, _LEAST_PLANNING_S):
+            self._expected_s *= _FORGET
+            tick.fail("late", "by its last times the full method would be late")
+            return None
+        started = tick.clock()
+        plan = self._replan(planner, tick, None)
+        elapsed = tick.clock() - started
+        if plan is not None:
+            mean = 0.8 * self._expected_s + 0.2 * elapsed
+            self._expected_s = max(elapsed, mean if plan.ok else self._expected_s)
+        return self._planned_path(tick, plan, Origin.FULL)
+
+    def _planned_by_corridor(self, planner: DynamicPlanner, tick: Tick) -> PathMessage | None:
+        if tick.standing is not None and tick.left_s <= 0.0:
+            return None  # the standing path takes no time
+        return self._planned_path(tick, self._replan(planner, tick, DynamicMethod.CORRIDOR), Origin.CORRIDOR)
+
+    def _standing_at_all(self, planner: DynamicPlanner, tick: Tick) -> PathMessage | None:
+        return self._standing_path(planner, tick, tick.standing, tick.failures[0].reason) if tick.standing else None
+
+    def _all_failed(self, tick: Tick) -> PathMessage:
+        late = any(failure.kind in ("late", "timeout") for failure in tick.failures)
+        reason = tick.failures[-1].reason
+        return tick.no_path(Status.TIMEOUT if late else Status.UNKNOWN, reason, degraded=True)
+
+    def _replan(self, planner: DynamicPlanner, tick: Tick, method: DynamicMethod | None) -> Plan | None:
+        """A new plan, by default by the method asked for; None if planning raised."""
+        try:
+            return planner.replan(method=method, time_limit_s=max(tick.left_s, _LEAST_PLANNING_S))
+        except Exception as error:
+            _LOG.warning("planning by %s raised", method or self._settings.method, exc_info=True)
+            self._count_error("corridor" if method else "full")
+            tick.fail("raised", one_line(error))
+            return None
+
+    def _planned_path(self, tick: Tick, plan: Plan | None, origin: Origin) -> PathMessage | None:
+        if plan is None:
+            return None
+        if plan.status is Status.TIMEOUT:
+            tick.fail("timeout", "the search ran out of time")
+            return None
+        if not plan.ok:
+            return tick.no_path(plan.status, plan.reason or "searched everywhere")
+        reason = tick.failures[-1].reason if tick.failures else plan.reason
+        message = self._path(tick, plan, origin, reason)
+        if message is None:
+            tick.fail("map_changed", "the map changed while planning")
+        return message
+
+    def _standing_path(
+        self, planner: DynamicPlanner, tick: Tick, standing: Standing, reason: str
+    ) -> PathMessage | None:
+        plan = planner.path.plan
+        assert plan is not None
+        rest = plan.path[standing.index :]
+        left = replace(plan, path=rest, cost=standing.cost, lower_bound=standing.lower_bound)
+        return self._path(tick, left, Origin.STANDING, reason)
+
+    def _path(self, tick: Tick, plan: Plan, origin: Origin, reason: str) -> PathMessage | None:
+        """The plan's path as a message; None if it does not hold on the newest map."""
+        path = plan.path
+        problem = self._world.path_problem(path, self._settings.corner_cutting)
+        if not problem and (tuple(path[0]), tuple(path[-1])) != (tick.start, tick.goal):
+            problem = "it has other ends"
+        if problem:
+            _LOG.info("a path from %s is not published: %s", origin, problem)
+            return None
+        base = tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures))
+        found = replace(base, outcome=Status.OK, origin=origin, path=path)
+        return replace(found, cost=plan.cost, lower_bound=plan.lower_bound, method=plan.by)
+
+
+def one_line(error: Exception) -> str:
+    """An error's type and message in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
