@@ -10,6 +10,23 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from nnpp_edge.runtime.errors import NnppEdgeError as NnppEdgeError
     from nnpp_edge.runtime.errors import Status as Status
+    from nnpp_edge.runtime.loop.inprocess import InProcessSink as InProcessSink
+    from nnpp_edge.runtime.loop.inprocess import InProcessSource as InProcessSource
+    from nnpp_edge.runtime.loop.ladder import NavigatorSettings as NavigatorSettings
+    from nnpp_edge.runtime.loop.messages import Counters as Counters
+    from nnpp_edge.runtime.loop.messages import Goal as Goal
+    from nnpp_edge.runtime.loop.messages import InvalidMessageError as InvalidMessageError
+    from nnpp_edge.runtime.loop.messages import MapPatch as MapPatch
+    from nnpp_edge.runtime.loop.messages import Origin as Origin
+    from nnpp_edge.runtime.loop.messages import PathMessage as PathMessage
+    from nnpp_edge.runtime.loop.messages import Pose as Pose
+    from nnpp_edge.runtime.loop.messages import StatusMessage as StatusMessage
+    from nnpp_edge.runtime.loop.navigator import Navigator as Navigator
+    from nnpp_edge.runtime.loop.runner import InputSource as InputSource
+    from nnpp_edge.runtime.loop.runner import Loop as Loop
+    from nnpp_edge.runtime.loop.runner import handling_signals as handling_signals
+    from nnpp_edge.runtime.loop.sinks import Sink as Sink
+    from nnpp_edge.runtime.loop.world import World as World
     from nnpp_edge.runtime.map.region import Region as Region
     from nnpp_edge.runtime.network.inference import NetworkModel as NetworkModel
     from nnpp_edge.runtime.network.model_file import ModelFile as ModelFile
@@ -29,6 +46,22 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "errors": ("NnppEdgeError", "Status"),
+    "loop.inprocess": ("InProcessSink", "InProcessSource"),
+    "loop.ladder": ("NavigatorSettings",),
+    "loop.messages": (
+        "Counters",
+        "Goal",
+        "InvalidMessageError",
+        "MapPatch",
+        "Origin",
+        "PathMessage",
+        "Pose",
+        "StatusMessage",
+    ),
+    "loop.navigator": ("Navigator",),
+    "loop.runner": ("InputSource", "Loop", "handling_signals"),
+    "loop.sinks": ("Sink",),
+    "loop.world": ("World",),
     "map.region": ("Region",),
     "network.inference": ("NetworkModel",),
     "network.model_file": ("ModelFile", "list_models"),

@@ -18,7 +18,7 @@ from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.loop.sinks import Sink
 from nnpp_edge.runtime.loop.world import World
-from nnpp_edge.runtime.planners.plan import measure
+from nnpp_edge.runtime.planners.plan import path_costs
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
@@ -181,7 +181,7 @@ def simulate(
         counters,
         waited=scene.waited,
         forbidden=scene.forbidden,
-        driven_cost=measure(planner.grid, driven)[0],
+        driven_cost=path_costs(planner.state.grid, driven)[0],
         optimal_cost=best.cost,
         planning_ms=histogram.summary_ms(),
         driven=driven,

@@ -212,7 +212,7 @@ class Ladder:
     def _standing_path(
         self, planner: DynamicPlanner, tick: Tick, standing: Standing, reason: str
     ) -> PathMessage | None:
-        plan = planner.path.plan
+        plan = planner.standing_plan
         assert plan is not None
         rest = plan.path[standing.index :]
         left = replace(plan, path=rest, cost=standing.cost, lower_bound=standing.lower_bound)
@@ -229,7 +229,7 @@ class Ladder:
             return None
         base = tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures))
         found = replace(base, outcome=Status.OK, origin=origin, path=path)
-        return replace(found, cost=plan.cost, lower_bound=plan.lower_bound, method=plan.by)
+        return replace(found, cost=plan.cost, lower_bound=plan.lower_bound, method=plan.planner)
 
 
 def one_line(error: Exception) -> str:

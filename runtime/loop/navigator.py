@@ -163,7 +163,7 @@ class Navigator:
         if start is None:
             reason = f"no passable cell within {self.settings.snap_radius} of the robot"
             return tick.no_path(Status.START_BLOCKED, reason)
-        if not self._is_passable(goal.cell):
+        if not self.planner.is_passable(goal.cell):
             return tick.no_path(Status.GOAL_BLOCKED, "the goal is impassable")
         tick.start, tick.goal, tick.start_moved = start, goal.cell, start != pose.cell
         self._starts_moved += tick.start_moved
@@ -198,16 +198,13 @@ class Navigator:
         planner.prepare()
         return planner
 
-    def _is_passable(self, cell: Cell) -> bool:
-        return self.planner.grid.is_passable(*cell)
-
     def _on_map(self, cell: Cell) -> bool:
         return 0 <= cell[0] < self.world.shape[0] and 0 <= cell[1] < self.world.shape[1]
 
     def _nearest_passable(self, cell: Cell) -> Cell | None:
         """The cell itself, or the nearest passable one within the radius; None if there is none."""
         around = ((cell[0] + row, cell[1] + col) for row, col in self._nearest_first)
-        return next((near for near in around if self._on_map(near) and self._is_passable(near)), None)
+        return next((near for near in around if self._on_map(near) and self.planner.is_passable(near)), None)
 
 
 def _offsets_within(radius: int) -> list[Cell]:
