@@ -370,7 +370,7 @@ def raising(*_, **__):
 
 def test_a_network_that_raises_leaves_the_corridor(network, monkeypatch):
     nav = navigator(method="nnpp", model=network)
-    monkeypatch.setattr(network, "run", raising)
+    monkeypatch.setattr(NetworkModel, "run", raising)
     message = nav.tick()
     assert (message.outcome, message.origin) == (Status.OK, Origin.CORRIDOR)
     assert (message.method, message.degraded) == ("corridor", True)
