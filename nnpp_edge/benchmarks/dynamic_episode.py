@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from nnpp_edge.profiling.suites import Case, TerrainSuite
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.planners.dynamic import DynamicMethod, DynamicPlanner
+from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
+from nnpp_edge.runtime.planners.plan import DynamicMethod
 
 STRIDE = 45
 """Cells that the robot walks between two plans (the paper's)."""

@@ -20,8 +20,8 @@ from nnpp_edge.benchmarks.dynamic_episode import LEAST_DISTANCE, STRIDE, Episode
 from nnpp_edge.profiling.suites import TerrainSuite
 from nnpp_edge.runtime.errors import NnppEdgeError, Status
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.dynamic import DynamicMethod, DynamicPlanner
-from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan
 
 
 @dataclass(frozen=True)

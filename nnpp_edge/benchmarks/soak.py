@@ -22,7 +22,7 @@ from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.realtime import rss_bytes
 from nnpp_edge.runtime.loop.world import World
-from nnpp_edge.runtime.planners.dynamic import DynamicMethod
+from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
@@ -150,7 +150,7 @@ class _Course:
     def __init__(self, ground: SurveyedGround, rng: np.random.Generator, changes: int) -> None:
         self._ground, self._rng, self._changes = ground, rng, changes
         self._planner = Planner(ground.true)
-        self._planner.pyramid.touch()  # what the course needs is not to look like growth of the loop
+        self._planner.touch()  # what the course needs is not to look like growth of the loop
         self.goals, self.reached, self._stuck = 1, 0, 0
         start, goal = self._query(None)
         self.scene = Scene(ground, start, goal, rng, changes=changes)

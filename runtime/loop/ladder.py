@@ -21,8 +21,8 @@ from nnpp_edge.runtime.loop.messages import Origin, PathMessage
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.dynamic import DynamicMethod, DynamicPlanner
-from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan
 from nnpp_edge.runtime.planners.standing_path import Standing
 
 _LOG = logging.getLogger(__name__)

@@ -14,7 +14,8 @@ from nnpp_edge.runtime.loop.ladder import Ladder, NavigatorSettings, Tick, one_l
 from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.dynamic import DynamicMethod, DynamicPlanner
+from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
+from nnpp_edge.runtime.planners.plan import DynamicMethod
 
 _LOG = logging.getLogger(__name__)
 

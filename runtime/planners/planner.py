@@ -11,6 +11,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
+from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
@@ -102,6 +103,11 @@ class Planner:
             The model cannot be loaded.
         """
         self._planners.learned.prepare()
+
+    def touch(self) -> None:
+        """Have the system back the planner's arrays with memory now, rather than when they are first written to."""
+        touch(self._planners.astar.workspace)
+        self._planners.coarse_to_fine.touch()
 
     def update(self, row: int, col: int, patch: Float2D) -> int:
         """Put new costs into the map.

@@ -323,6 +323,6 @@ def test_a_table_loop_that_makes_no_sense_is_refused(tmp_path, line, words):
 
 def test_every_method_of_the_planner_may_be_named():
     from nnpp_edge.profiling.profile_file import LOOP_METHODS
-    from nnpp_edge.runtime.planners.dynamic import DynamicMethod
+    from nnpp_edge.runtime.planners.plan import DynamicMethod
 
     assert set(LOOP_METHODS) == {str(method) for method in DynamicMethod}

@@ -9,8 +9,9 @@ from nnpp_edge.benchmarks.dynamic_episode import make_episode
 from nnpp_edge.benchmarks.dynamic_scene import run_scene, totals
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError, Status
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.dynamic import DynamicMethod, DynamicPlanner
+from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.incremental import DStarPlanner, Mending
+from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
 from tests import oracles
 from tests.runtime.test_validity import random_patch, walkable
