@@ -8,13 +8,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from nnpp_edge.profiling.suites import Case, TerrainSuite
+from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, StartGoal, large_enough, terrain_cases
 from nnpp_edge.reproduction.report import Result
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.labels import Query
 from nnpp_edge.terrain.workloads import SOFT
 
 NAMES = ("table1", "fig7", "table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4", "fig13")
@@ -51,13 +50,11 @@ class Context:
         note = f"Left out, as the terrain is no more than {largest} cells a side: {', '.join(left_out)}."
         return fit, [note] if left_out else []
 
-    def cases(self, size: int, least_distance: float = 0.35) -> Iterator[Case]:
+    def cases(self, size: int, least_distance: float = LEAST_DISTANCE) -> Iterator[Case]:
         """Random crops of the terrain with queries, the paper's cost without hard limits; without end."""
-        dems = [dem for dem in self.terrain if min(dem.elevation.shape) >= size]
-        suite = TerrainSuite((), (SOFT,), (size,), self.seed, least_distance=least_distance)
-        return suite.cases(dems, SOFT, size)
+        return terrain_cases(large_enough(self.terrain, size), SOFT, size, self.seed, least_distance)
 
-    def maps(self, size: int, count: int) -> Iterator[tuple[Case, Query]]:
+    def maps(self, size: int, count: int) -> Iterator[tuple[Case, StartGoal]]:
         """`count` random crops, each with one query that has a path; InvalidQueryError if too few have."""
         found = 0
         for case in islice(self.cases(size), _TRIES * count):
