@@ -138,13 +138,13 @@ def test_a_run_disturbed_in_one_half_is_noisy(nnpp_edge, profile, core, monkeypa
     monkeypatch.setattr(machine, "_core_seconds", lambda cores: None)
     hogs = []
 
-    def asked_before(*words, real=measure._asked_before):
+    def first_half_again(*words, real=measure._first_half_again):
         if not hogs:
             hogs.append(subprocess.Popen([sys.executable, "-c", HOG.format(core=core)], stdout=subprocess.PIPE))
             hogs[0].stdout.readline()
         return real(*words)
 
-    monkeypatch.setattr(measure, "_asked_before", asked_before)
+    monkeypatch.setattr(measure, "_first_half_again", first_half_again)
     file = profile(disturbance=0.1)
     file.write_text(file.read_text().replace("sizes = [64]", "sizes = [192]").replace("repeats = 1", "repeats = 4"))
     try:
@@ -256,12 +256,12 @@ def test_peak_memory_is_that_of_another_process(tiny_model):
     import numpy as np
 
     from nnpp_edge.profiling.memory import peak_memory_mb
-    from nnpp_edge.profiling.profile_cases import Question
+    from nnpp_edge.profiling.profile_maps import ProfileQuery
 
     mine = np.ones(200_000_000, np.uint8)  # must not count
-    question = Question((0, 0), (90, 90), True)
-    small = peak_memory_mb(np.full((96, 96), 0.2, np.float32), question, "astar", str(tiny_model))
-    large = peak_memory_mb(np.full((1600, 1600), 0.2, np.float32), question, "astar", str(tiny_model))
+    query = ProfileQuery((0, 0), (90, 90), True)
+    small = peak_memory_mb(np.full((96, 96), 0.2, np.float32), query, "astar", str(tiny_model))
+    large = peak_memory_mb(np.full((1600, 1600), 0.2, np.float32), query, "astar", str(tiny_model))
     assert mine.nbytes == 200_000_000
     assert 30.0 < small < 0.9 * large
     assert large - small > 1e-6 * 1600 * 1600 * 8
@@ -272,7 +272,7 @@ def test_start_up_is_measured_where_a_budget_asks_for_it(nnpp_edge, profile, mon
 
     def cold_start(method):
         asked.append(method)
-        return {"method": method, "cold_s": 5.0, "warm_s": 0.5, "ratio": 10.0}
+        return 5.0, 0.5
 
     monkeypatch.setattr(report_module, "cold_start", cold_start)
     file = profile()
