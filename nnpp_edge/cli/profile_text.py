@@ -74,7 +74,7 @@ def _budgets(report: Report) -> Iterator[str]:
         body = [
             [line["name"], line["planner"], _where(line), *wanted(line), line["verdict"].upper()]
             for line in report["budgets"]
-        ]  # fmt: skip
+        ]
         yield render_table(_BUDGETS, body).strip("\n")
         yield ""
     for why in dict.fromkeys(line["why"] for line in report["budgets"] if line["why"]):

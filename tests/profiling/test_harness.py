@@ -54,7 +54,9 @@ def test_what_is_done_between_the_cases_and_around_the_calls_does_not_count(cloc
             clock.now += 50.0
 
     elapsed = []
-    for records in Harness(clock=clock).measure({"one": taking(clock, [1.0] * 4)}, [1, 2], repeats=2, observer=Slow()):
+    for records in Harness(clock=clock).measure(
+        {"one": taking(clock, [1.0] * 4)}, [1, 2], repeats=2, observer=Slow()
+    ):
         elapsed += records["one"].elapsed_s
         clock.now += 1000.0
     assert elapsed == [1.0] * 4

@@ -69,7 +69,9 @@ def made(terrain, tiny_model, tmp_path_factory):
     with pytest.MonkeyPatch.context() as monkeypatch:
         shrink(monkeypatch)
         outcomes = list(
-            reproduce(Request(list(TINY), TerrainFiles((terrain,)), folder, model=str(tiny_model), quick=True), bar=no_bar)
+            reproduce(
+                Request(list(TINY), TerrainFiles((terrain,)), folder, model=str(tiny_model), quick=True), bar=no_bar
+            )
         )
     return folder, outcomes
 
@@ -161,7 +163,9 @@ def test_level_ground_is_no_trouble(tiny_model, tmp_path, monkeypatch):
     shrink(monkeypatch)
     np.savez(tmp_path / "flat.npz", elevation_m=np.zeros((128, 128)), cell_size_m=1.0)
     names = ["table1", "fig7", "table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4"]
-    request = Request(names, TerrainFiles((tmp_path / "flat.npz",)), tmp_path / "out", model=str(tiny_model), quick=True)
+    request = Request(
+        names, TerrainFiles((tmp_path / "flat.npz",)), tmp_path / "out", model=str(tiny_model), quick=True
+    )
     assert {outcome.how for outcome in reproduce(request, bar=no_bar)} == {"done"}
     assert "nan" not in (tmp_path / "out" / "README.md").read_text()
 
