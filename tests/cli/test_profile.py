@@ -2,6 +2,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -34,7 +35,6 @@ fp32 = "MODEL"
 halves = 1000.0
 disturbance = DISTURBANCE
 """
-HOG = "import os\nos.sched_setaffinity(0, [{core}])\nprint(flush=True)\nwhile True: pass"
 
 
 @pytest.fixture
@@ -108,21 +108,29 @@ def test_an_impossible_budget_is_missed_and_named(nnpp_edge, profile):
     assert ended.out.splitlines()[-1].startswith("budgets missed: 3 of 5 pass; not plans a second (soft 64²")
 
 
+@contextmanager
+def busy_core(core):
+    """Another process that keeps a core busy."""
+    code = f"import os\nos.sched_setaffinity(0, [{core}])\nprint(flush=True)\nwhile True: pass"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+        try:
+            process.stdout.readline()
+            yield
+        finally:
+            process.kill()
+
+
+def longer(file):
+    """The profile with a run that is long enough for a disturbance to show."""
+    text = file.read_text().replace("sizes = [64]", "sizes = [192]").replace("repeats = 1", "repeats = 4")
+    file.write_text(text.replace('["soft", "limit20"]', '["soft"]'))
+    return file
+
+
 def test_a_disturbed_run_is_noisy(nnpp_edge, profile, core):
     """Another process on the one core, all the time: the halves agree, and yet nothing may pass."""
-    hog = subprocess.Popen([sys.executable, "-c", HOG.format(core=core)], stdout=subprocess.PIPE)
-    try:
-        hog.stdout.readline()
-        changes = {"sizes = [64]": "sizes = [192]", "repeats = 1": "repeats = 4", '["soft", "limit20"]': '["soft"]'}
-        file = profile(disturbance=0.1)
-        text = file.read_text()
-        for old, new in changes.items():
-            text = text.replace(old, new)
-        file.write_text(text)
-        ended = nnpp_edge("profile", "--profile", file, "--json")
-    finally:
-        hog.kill()
-        hog.wait()
+    with busy_core(core):
+        ended = nnpp_edge("profile", "--profile", longer(profile(disturbance=0.1)), "--json")
     assert ended.code == 3, ended.out
     told = json.loads(ended.out)
     assert told["verdict"] == "noisy" and told["disturbance"]["words"]
@@ -136,24 +144,14 @@ def test_a_run_disturbed_in_one_half_is_noisy(nnpp_edge, profile, core, monkeypa
     from nnpp_edge.profiling import machine, measure
 
     monkeypatch.setattr(machine, "_core_seconds", lambda cores: None)
-    hogs = []
+    with ExitStack() as disturbances:
 
-    def first_half_again(*words, real=measure._first_half_again):
-        if not hogs:
-            hogs.append(subprocess.Popen([sys.executable, "-c", HOG.format(core=core)], stdout=subprocess.PIPE))
-            hogs[0].stdout.readline()
-        return real(*words)
+        def first_half_again(*words, real=measure._first_half_again):
+            disturbances.enter_context(busy_core(core))
+            return real(*words)
 
-    monkeypatch.setattr(measure, "_first_half_again", first_half_again)
-    file = profile(disturbance=0.1)
-    text = file.read_text().replace("sizes = [64]", "sizes = [192]").replace("repeats = 1", "repeats = 4")
-    file.write_text(text.replace('["soft", "limit20"]', '["soft"]'))
-    try:
-        ended = nnpp_edge("profile", "--profile", file, "--json")
-    finally:
-        for hog in hogs:
-            hog.kill()
-            hog.wait()
+        monkeypatch.setattr(measure, "_first_half_again", first_half_again)
+        ended = nnpp_edge("profile", "--profile", longer(profile(disturbance=0.1)), "--json")
     told = json.loads(ended.out)
     assert ended.code == 3 and told["verdict"] == "noisy"
     halves = told["disturbance"]["halves"]
