@@ -68,9 +68,24 @@ def no_saved_choice(monkeypatch, tmp_path):
 
 
 KEYS = {
-    "schema", "version", "made", "profile", "verdict", "summary", "budgets", "results", "break_even", "rules",
-    "disturbance", "besides", "profiler_peak_memory_mb", "energy_problem", "cores", "environment", "notes",
-}  # fmt: skip
+    "schema",
+    "version",
+    "made",
+    "profile",
+    "verdict",
+    "summary",
+    "budgets",
+    "results",
+    "break_even",
+    "rules",
+    "disturbance",
+    "besides",
+    "profiler_peak_memory_mb",
+    "energy_problem",
+    "cores",
+    "environment",
+    "notes",
+}
 
 
 def test_a_report_in_every_form(nnpp_edge, profile, tmp_path):
@@ -161,11 +176,11 @@ def test_a_run_disturbed_in_one_half_is_noisy(nnpp_edge, profile, core, monkeypa
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"unit = \"1/s\"": "unit = \"FPS\""}, ["budgets[0].unit", "'1/s'", "'FPS'"]),
+        ({'unit = "1/s"': 'unit = "FPS"'}, ["budgets[0].unit", "'1/s'", "'FPS'"]),
         ({"queries = 10": "querys = 10"}, ["workload.querys is unknown"]),
-        ({"terrain = \"synthetic\"": "terrain = \"none.tif\""}, ["none.tif"]),
+        ({'terrain = "synthetic"': 'terrain = "none.tif"'}, ["none.tif"]),
     ],
-)  # fmt: skip
+)
 def test_a_bad_profile_ends_in_one_line(nnpp_edge, profile, changes, words):
     file = profile()
     for old, new in changes.items():
@@ -177,10 +192,14 @@ def test_a_bad_profile_ends_in_one_line(nnpp_edge, profile, changes, words):
 @pytest.mark.parametrize(
     "words",
     [
-        ["--profile", "quick", "--peers"], ["--profile", "quick", "--limit", 3], ["--peers", "--html", "a.html"],
-        ["--peers", "--start-up"], ["--queries", 5, "compare", "a.json", "b.json"], [],
+        ["--profile", "quick", "--peers"],
+        ["--profile", "quick", "--limit", 3],
+        ["--peers", "--html", "a.html"],
+        ["--peers", "--start-up"],
+        ["--queries", 5, "compare", "a.json", "b.json"],
+        [],
     ],
-)  # fmt: skip
+)
 def test_options_that_do_not_go_together_are_wrong_use(nnpp_edge, words):
     ended = nnpp_edge("profile", *words)
     assert ended.code == 2 and "Error: " in ended.err

@@ -12,10 +12,26 @@ from nnpp_edge.terrain.dataset import Recipe, make_dataset
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 KEYS = {
-    "workload", "size", "method", "n", "success_raw", "success", "gap_mean", "gap_p95", "gap_p99", "gap_max",
-    "time_ms_median", "time_ms_p99", "speedup_median", "speedup_total", "expansions_median",
-    "region_share_mean", "widened_share", "whole_map_share", "mm_mean",
-}  # fmt: skip
+    "workload",
+    "size",
+    "method",
+    "n",
+    "success_raw",
+    "success",
+    "gap_mean",
+    "gap_p95",
+    "gap_p99",
+    "gap_max",
+    "time_ms_median",
+    "time_ms_p99",
+    "speedup_median",
+    "speedup_total",
+    "expansions_median",
+    "region_share_mean",
+    "widened_share",
+    "whole_map_share",
+    "mm_mean",
+}
 
 
 @pytest.fixture(scope="module")
@@ -28,9 +44,23 @@ def terrain(tmp_path_factory):
 
 def test_a_row_for_each_workload_size_and_planner(nnpp_edge, terrain, tiny_model):
     ended = nnpp_edge(
-        "evaluate", "--terrain", terrain, "--workload", "soft,limit15", "--sizes", "64,128", "--queries", 12,
-        "--methods", "corridor,nnpp", "--model", tiny_model, "--repeats", 1, "--json",
-    )  # fmt: skip
+        "evaluate",
+        "--terrain",
+        terrain,
+        "--workload",
+        "soft,limit15",
+        "--sizes",
+        "64,128",
+        "--queries",
+        12,
+        "--methods",
+        "corridor,nnpp",
+        "--model",
+        tiny_model,
+        "--repeats",
+        1,
+        "--json",
+    )
     assert ended.code == 0, ended.err
     rows = json.loads(ended.out)
     assert [(r["workload"], r["size"], r["method"]) for r in rows] == [

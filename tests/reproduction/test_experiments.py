@@ -237,8 +237,13 @@ def test_table_2_is_judged_by_the_figures(tiny_model):
 def plan_of(astar, nn, dstar, dstar_nn):
     """A plan: time and CC of each of the paper's methods, plain and compiled alike."""
     by_name = {
-        PLAIN: astar, "astar": astar, PLAIN_NN: nn, "nnpp": nn, "dstar": dstar, "nnpp-dstar": dstar_nn,
-    }  # fmt: skip
+        PLAIN: astar,
+        "astar": astar,
+        PLAIN_NN: nn,
+        "nnpp": nn,
+        "dstar": dstar,
+        "nnpp-dstar": dstar_nn,
+    }
     return Round(256, 100, {name: Answer(time_s, True, cc, 0.0) for name, (time_s, cc) in by_name.items()})
 
 
@@ -258,18 +263,22 @@ def test_table_4_is_judged_by_the_figures():
         for s, d in zip(paper.TABLE_4_STATIC.values(), paper.TABLE_4_DYNAMIC.values(), strict=True):
             first = plan_of((s.astar_s, s.astar_cc), (s.nn_s, s.nn_cc), *[(s.astar_s, s.astar_cc)] * 2)
             rest = plan_of(
-                (d.astar_s - s.astar_s, d.astar_cc - s.astar_cc), (d.nn_s - s.nn_s, d.nn_cc - s.nn_cc),
+                (d.astar_s - s.astar_s, d.astar_cc - s.astar_cc),
+                (d.nn_s - s.nn_s, d.nn_cc - s.nn_cc),
                 (d.dstar_s - s.astar_s, d.astar_cc - s.astar_cc),
                 (d.dstar_nn_s - s.astar_s, d.dstar_nn_cc - s.astar_cc),
-            )  # fmt: skip
+            )
             out.append(Drive(None, (change(first), rest)))
         return out
 
     assert set(verdicts(table4._findings(drives()))) == {Verdict.AGREES}
 
     def slow(first):
-        late = {name: replace(a, time_s=50.0, traverse_cost=300.0) for name, a in first.answers.items()
-                if name in (PLAIN_NN, "nnpp", "nnpp-dstar")}  # fmt: skip
+        late = {
+            name: replace(a, time_s=50.0, traverse_cost=300.0)
+            for name, a in first.answers.items()
+            if name in (PLAIN_NN, "nnpp", "nnpp-dstar")
+        }
         return replace(first, answers={**first.answers, **late})
 
     found = table4._findings(drives(slow))
