@@ -6,22 +6,23 @@ All methods answer the same queries on the same maps, those of an `Episode`.
 
 import json
 import sys
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.benchmarks.dynamic_episode import LEAST_DISTANCE, STRIDE, Episode, terrain_episodes
-from nnpp_edge.profiling.suites import TerrainSuite
+from nnpp_edge.benchmarks.dynamic_episode import LEAST_DISTANCE, STRIDE, Episode, Step, episodes_of
+from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.suites import TerrainFiles, check_sizes, terrain_cases
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import NnppEdgeError, Status
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def run_scene(
     stride: int = STRIDE,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[SceneRow]:
-    """Have every method live through the same episodes, one after another at each step, in an order drawn anew.
+    """Have every method go through the same episodes, one after another at each step, in an order drawn anew.
 
     Parameters
     ----------
@@ -91,12 +92,12 @@ def run_scene(
     methods : sequence of str
         Of `DynamicMethod`; exact A* always takes part.
     model : str or Path
-        For the methods that ask a network: a shipped model's name, or a file.
+        For the methods with a network: a shipped model's name, or a file.
     repeats : int
-        So often every episode is lived through by new planners, after once without the clock; a step's median
+        So often new planners go through every episode, after once without the clock; a step's median
         time counts.
     progress : callable
-        Told how many episodes are done.
+        Called with the number of episodes that are done.
 
     Returns
     -------
@@ -109,90 +110,109 @@ def run_scene(
     What depends on the first map alone is made before the clock starts, for all methods alike.
     """
     names = list(dict.fromkeys((DynamicMethod.ASTAR, *map(DynamicMethod, methods))))
-    # a model each: a planner whose model has just seen another's map would show it its own again
-    models = {DynamicMethod(name): NetworkModel(model) for name in names if str(name).startswith("nnpp")}
+    network = NetworkModel(model) if any(name.base is Method.NNPP for name in names) else "edge"
     rows: list[SceneRow] = []
     for at, episode in enumerate(episodes):
-        times = np.empty((repeats + 1, len(episode.steps), len(names)))
-        for turn in range(repeats + 1):
-            answers = _live_through(episode, names, models, turn, times[turn])
-        medians = np.median(times[1:], axis=0) if repeats else times[0]
-        for step, plans in enumerate(answers):
-            walked = stride if step + 1 < len(answers) else None
-            for number, name in enumerate(names):
-                plan, share, walk = plans[name], *_figures(plans[name], episode, step, walked)
-                exact = plans[DynamicMethod.ASTAR]
-                rows.append(
-                    SceneRow(
-                        at, step, str(name), str(plan.by), str(plan.status), str(plan.source or ""),
-                        float(medians[step, number]), plan.cost, plan.traverse_cost, exact.cost, exact.traverse_cost,
-                        walk, plan.expansions, share,
-                    )
-                )  # fmt: skip
+        lives = [_one_life(episode, names, network, turn) for turn in range(repeats + 1)]
+        timed = lives[1:] or lives
+        for step, answers in enumerate(lives[-1]):
+            walked = stride if step + 1 < len(episode.steps) else None
+            cost = episode.map_at(step)
+            for name in names:
+                answer = replace(lives[0][step][name], plan=answers[name].plan)
+                seconds = float(np.median([life[step][name].seconds for life in timed]))
+                rows.append(_row((at, step, name), seconds, answer, answers[DynamicMethod.ASTAR], cost, walked))
         progress(at + 1)
     return rows
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """One planner's answer at one step."""
+
+    plan: Plan
+    seconds: float
+    searched_cells: int | None
+    """Of the region searched at full resolution, in the first life; None for the whole map."""
+
+
+def _one_life(
+    episode: Episode, names: Sequence[DynamicMethod], network: NetworkModel | str, turn: int
+) -> list[dict[str, _Answer]]:
+    """The answers of new planners, step by step. In the first turn, which is not timed, they keep their regions."""
+    calls: dict[str, Callable[[Step], Plan]] = {}
+    for name in names:
+        planner = DynamicPlanner(episode.cost, episode.goal, name, model=network)
+        planner.prepare()
+        calls[str(name)] = partial(_replan, planner, keep_regions=not turn)
+    life = []
+    for records in Harness(turn).measure(calls, episode.steps):
+        answers = {}
+        for method, record in records.items():
+            (plan,) = record.results
+            cells = None if plan.region is None else plan.region.area()
+            answers[method] = _Answer(plan, record.median_s, cells)
+        life.append(answers)
+    return life
+
+
+def _replan(planner: DynamicPlanner, step: Step, *, keep_regions: bool) -> Plan:
+    for patch in step.patches:
+        planner.update(*patch)
+    planner.move(step.start)
+    return planner.replan(keep_regions=keep_regions)
+
+
+def _row(
+    place: tuple[int, int, str], seconds: float, answer: _Answer, exact: _Answer, cost: Float2D, walked: int | None
+) -> SceneRow:
+    """The row of one answer, by the map's cost at that step and the number of cells that the robot walks."""
+    plan, best = answer.plan, exact.plan
+    part = plan.path[:walked]
+    return SceneRow(
+        episode=place[0],
+        step=place[1],
+        method=str(place[2]),
+        used=str(plan.planner),
+        status=str(plan.status),
+        source=str(plan.source or ""),
+        time_ms=1e3 * seconds,
+        cost=plan.cost,
+        cc=plan.traverse_cost,
+        optimal_cost=best.cost,
+        optimal_cc=best.traverse_cost,
+        driven_cc=float(cost[part[:, 0], part[:, 1]].sum(dtype=np.float64)) if plan.ok else 0.0,
+        expansions=plan.expansions,
+        region_share=1.0 if answer.searched_cells is None else answer.searched_cells / cost.size,
+    )
 
 
 def totals(rows: Sequence[SceneRow], *, static: bool = False) -> list[SceneTotal]:
     """A line for each method: over whole episodes, or with `static` over the first plans alone (Table 4, ``-s``)."""
     chosen = [row for row in rows if row.step == 0 or not static]
-    out = []
-    spent = {m: sum(r.time_ms for r in chosen if r.method == m) for m in dict.fromkeys(r.method for r in chosen)}
-    for method, ms in spent.items():
-        own = [row for row in chosen if row.method == method]
-        solved = [row for row in own if row.status == Status.OK]
-        cc, best_cc = sum(row.cc for row in solved), sum(row.optimal_cc for row in solved)
-        cost, best = sum(row.cost for row in solved), sum(row.optimal_cost for row in solved)
-        dstar = spent.get(str(DynamicMethod.DSTAR))
-        out.append(
-            SceneTotal(
-                method, len(own), len(solved) / len(own), ms, spent[str(DynamicMethod.ASTAR)] / ms,
-                None if dstar is None else dstar / ms, cc, cc / best_cc - 1.0 if best_cc else 0.0,
-                cost / best - 1.0 if best else 0.0, sum(row.driven_cc for row in solved),
-                sum(row.expansions for row in own),
-            )
-        )  # fmt: skip
-    return out
+    by_method = {m: [r for r in chosen if r.method == m] for m in dict.fromkeys(r.method for r in chosen)}
+    spent_ms = {method: sum(row.time_ms for row in own) for method, own in by_method.items()}
+    return [_total(method, own, spent_ms) for method, own in by_method.items()]
 
 
-def _live_through(
-    episode: Episode,
-    names: Sequence[DynamicMethod],
-    models: Mapping[DynamicMethod, NetworkModel],
-    turn: int,
-    times: NDArray[np.float64],
-) -> list[dict[DynamicMethod, Plan]]:
-    """One life of new planners: milliseconds into `times` (steps, methods), and the answers of each step."""
-    planners = {
-        name: DynamicPlanner(episode.cost, episode.goal, name, model=models.get(name, "edge")) for name in names
-    }
-    for planner in planners.values():
-        planner.prepare()
-    answers, order = [], np.random.default_rng(turn)
-    for at, step in enumerate(episode.steps):
-        plans: dict[DynamicMethod, Plan] = {}
-        for number in order.permutation(len(names)):  # so that none always finds its code warmed by the same other
-            planner = planners[names[number]]
-            began = time.perf_counter()
-            for row, col, patch in step.patches:
-                planner.update(row, col, patch)
-            planner.move(step.start)
-            plans[names[number]] = planner.replan()
-            times[at, number] = 1e3 * (time.perf_counter() - began)
-            if (region := plans[names[number]].region) is not None:  # read now: it lives in the planner's memory
-                plans[names[number]].timings_ms["region_cells"] = float(region.area())
-        answers.append(plans)
-    return answers
-
-
-def _figures(plan: Plan, episode: Episode, step: int, walked: int | None) -> tuple[float, float]:
-    """Share of the map that was searched, and CC of the cells that the robot walks on this path."""
-    share = plan.timings_ms.get("region_cells", float(episode.cost.size)) / episode.cost.size
-    if not plan.ok:
-        return share, 0.0
-    cost = episode.map_at(step)
-    part = plan.path[:walked]
-    return share, float(cost[part[:, 0], part[:, 1]].astype(np.float64).sum())
+def _total(method: str, own: Sequence[SceneRow], spent_ms: Mapping[str, float]) -> SceneTotal:
+    solved = [row for row in own if row.status == Status.OK]
+    cc, best_cc = sum(row.cc for row in solved), sum(row.optimal_cc for row in solved)
+    cost, best = sum(row.cost for row in solved), sum(row.optimal_cost for row in solved)
+    ms, dstar_ms = spent_ms[method], spent_ms.get(DynamicMethod.DSTAR)
+    return SceneTotal(
+        method=method,
+        plans=len(own),
+        solved=len(solved) / len(own),
+        time_ms=ms,
+        speedup_astar=spent_ms[DynamicMethod.ASTAR] / ms,
+        speedup_dstar=None if dstar_ms is None else dstar_ms / ms,
+        cc=cc,
+        cc_excess=cc / best_cc - 1.0 if best_cc else 0.0,
+        cost_excess=cost / best - 1.0 if best else 0.0,
+        driven_cc=sum(row.driven_cc for row in solved),
+        expansions=sum(row.expansions for row in own),
+    )
 
 
 def render(rows: Sequence[SceneRow]) -> str:
@@ -200,30 +220,38 @@ def render(rows: Sequence[SceneRow]) -> str:
     from nnpp_edge.progress import render_table
 
     methods = list(dict.fromkeys(row.method for row in rows))
-    body = []
+    by_step = []
     for step in range(max(row.step for row in rows) + 1):
-        line = [f"T + {step}Δt" if step else "T", str(sum(r.step == step and r.method == methods[0] for r in rows))]
+        of_step = [row for row in rows if row.step == step]
+        line = [f"T + {step}Δt" if step else "T", str(sum(row.method == methods[0] for row in of_step))]
         for method in methods:
-            own = [row for row in rows if row.step == step and row.method == method and row.status == Status.OK]
-            empty = ["–", "–"]
-            line += (
-                [f"{np.mean([r.time_ms for r in own]):.2f}", f"{np.mean([r.cc for r in own]):.2f}"] if own else empty
-            )
-        body.append(line)
+            own = [row for row in of_step if row.method == method and row.status == Status.OK]
+            means = (np.mean([row.time_ms for row in own]), np.mean([row.cc for row in own])) if own else ()
+            line += [f"{mean:.2f}" for mean in means] or ["–", "–"]
+        by_step.append(line)
     header = ["frame", "n", *(f"{name}\n{what}" for name in methods for what in ("ms", "CC"))]
-    tables = [render_table(header, body)]
-    lines = [
-        [kind, t.method, str(t.plans), f"{100 * t.solved:.0f} %", f"{t.time_ms:.2f}", f"{t.speedup_astar:.2f}",
-         "–" if t.speedup_dstar is None else f"{t.speedup_dstar:.2f}", f"{t.cc:.2f}", f"{100 * t.cc_excess:+.2f} %",
-         f"{100 * t.cost_excess:+.2f} %", f"{t.driven_cc:.2f}", str(t.expansions)]
-        for kind, static in (("static", True), ("dynamic", False)) for t in totals(rows, static=static)
-    ]  # fmt: skip
-    header = ["scene", "method", "plans", "solved", "ms", "over A*", "over D*", "CC", "CC\nexcess", "cost\nexcess",
-              "CC\ndriven", "expansions"]  # fmt: skip
-    return "\n".join([*tables, render_table(header, lines, sections=[line[1] == "astar" for line in lines])])
+    lines = [_line("static", total) for total in totals(rows, static=True)]
+    lines += [_line("dynamic", total) for total in totals(rows)]
+    sections = [line[1] == DynamicMethod.ASTAR for line in lines]
+    return "\n".join([render_table(header, by_step), render_table(_TOTALS, lines, sections=sections)])
 
 
-def as_json(rows: Sequence[SceneRow]) -> dict[str, Any]:
+_TOTALS = (
+    *("scene", "method", "plans", "solved", "ms", "over A*", "over D*"),
+    *("CC", "CC\nexcess", "cost\nexcess", "CC\ndriven", "expansions"),
+)
+
+
+def _line(scene: str, t: SceneTotal) -> list[str]:
+    over_dstar = "–" if t.speedup_dstar is None else f"{t.speedup_dstar:.2f}"
+    return [
+        *(scene, t.method, str(t.plans), f"{100 * t.solved:.0f} %", f"{t.time_ms:.2f}"),
+        *(f"{t.speedup_astar:.2f}", over_dstar, f"{t.cc:.2f}", f"{100 * t.cc_excess:+.2f} %"),
+        *(f"{100 * t.cost_excess:+.2f} %", f"{t.driven_cc:.2f}", str(t.expansions)),
+    ]
+
+
+def as_json(rows: Sequence[SceneRow]) -> dict[str, list[dict[str, object]]]:
     """Every row, and the totals, for programs."""
     return {
         "static": [asdict(total) for total in totals(rows, static=True)],
@@ -238,32 +266,53 @@ def as_json(rows: Sequence[SceneRow]) -> dict[str, Any]:
 @click.option("--cell-size", type=float, help="Side of a cell in metres, where the files do not say.")
 @click.option("--workload", default="soft", show_default=True, help="soft, limit20, limit15 or any limitN.")
 @click.option("--size", type=click.IntRange(64), default=256, show_default=True, help="Side of the maps.")
-@click.option("--episodes", type=click.IntRange(1), default=5, show_default=True)
+@click.option("--episodes", "count", type=click.IntRange(1), default=5, show_default=True)
 @click.option("--methods", default=",".join(DynamicMethod), show_default=True)
 @click.option("--model", default="edge", show_default=True, help="Shipped model or file.")
 @click.option("--repeats", type=click.IntRange(1), default=3, show_default=True)
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--json", "json_wanted", is_flag=True, help="Print JSON for programs.")
 def main(
-    terrain: tuple[Path, ...], rescale: float | None, cell_size: float | None, workload: str, size: int,
-    episodes: int, methods: str, model: str, repeats: int, seed: int, json_wanted: bool,
-) -> None:  # fmt: skip
+    terrain: tuple[Path, ...],
+    rescale: float | None,
+    cell_size: float | None,
+    workload: str,
+    size: int,
+    count: int,
+    methods: str,
+    model: str,
+    repeats: int,
+    seed: int,
+    json_wanted: bool,
+) -> None:
     """The paper's dynamic scene on terrain: every method through the same episodes."""
     from nnpp_edge.progress import bar
 
-    suite = TerrainSuite(terrain, (workload,), (size,), seed, rescale, cell_size, LEAST_DISTANCE)
-    names = [name.strip() for name in methods.split(",")]
-    if unknown := set(names) - set(DynamicMethod):
-        raise click.UsageError(f"--methods must be of {', '.join(DynamicMethod)}, got {', '.join(sorted(unknown))}")
-    with bar("dynamic scene", episodes) as advance:
-        scenes = terrain_episodes(suite, workload, size, episodes)
-        rows = run_scene(scenes, names, model=model, repeats=repeats, progress=advance)
+    names = dynamic_methods(methods)
+    dems = TerrainFiles(terrain, rescale, cell_size).read()
+    check_sizes(dems, (size,))
+    episodes = islice(episodes_of(terrain_cases(dems, workload, size, seed, LEAST_DISTANCE), seed), count)
+    with bar("dynamic scene", count) as advance:
+        rows = run_scene(episodes, names, model=model, repeats=repeats, progress=advance)
     click.echo(json.dumps(as_json(rows), indent=1) if json_wanted else render(rows))
 
 
-if __name__ == "__main__":
+def dynamic_methods(joined: str) -> list[str]:
+    """The methods named in `--methods`, joined by commas; click.UsageError if there is no such method."""
+    names = [name.strip() for name in joined.split(",")]
+    if unknown := set(names) - set(DynamicMethod):
+        raise click.UsageError(f"--methods must be of {', '.join(DynamicMethod)}, got {', '.join(sorted(unknown))}")
+    return names
+
+
+def run_alone(command: Callable[[], None]) -> None:
+    """Run a benchmark's command: an error of ours is one line and exit code 2."""
     try:
-        main()
+        command()
     except NnppEdgeError as error:
         click.echo(f"error: {error}", err=True)
         sys.exit(2)
+
+
+if __name__ == "__main__":
+    run_alone(main)

@@ -4,13 +4,13 @@
 """
 
 import json
-import time
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.suites import StartGoal
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -21,15 +21,14 @@ from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 _BLOCK = 4
 """Cells on a side of what one entry of a region's bitmap covers."""
-Cell = tuple[int, int]
 
 
-def _map(size: int, seed: int) -> NDArray[np.float32]:
+def _map(size: int, seed: int) -> Float2D:
     heights = synthetic_terrain(np.random.default_rng(seed), size, 20.0)
     return np.minimum(traversability_cost(heights, 20.0, warn=False), np.float32(0.99))
 
 
-def _near_the_best(cost: NDArray[np.float32], ends: tuple[Cell, Cell], share: float) -> Region:
+def _near_the_best(cost: Float2D, ends: StartGoal, share: float) -> Region:
     """The blocks through which the cheapest paths lead, as many as make up that share of the map."""
     grid = Grid.of(cost, StepModel.of("paper"))
     scratch = Workspace(len(grid.weights))
@@ -50,16 +49,18 @@ def _embedded(region: Region, at: int, size: int) -> Region:
     return Region(bitmap, blocks, blocks)
 
 
-def _in_turns(ways: list[Callable[[], Search]], rounds: int) -> tuple[list[float], list[int]]:
-    """Median seconds of each way, and its expansions."""
-    seconds: list[list[float]] = [[] for _ in ways]
-    expansions = [way().expansions for way in ways]
-    for _ in range(rounds):
-        for way, times in zip(ways, seconds, strict=True):
-            began = time.perf_counter()
-            way()
-            times.append(time.perf_counter() - began)
-    return [float(np.median(times)) for times in seconds], expansions
+def _search(
+    grid: Grid, ends: StartGoal, scratch: Workspace, region: Region | None = None
+) -> Callable[[None], Search]:
+    return lambda _: astar(grid, *ends, scratch, region=region)
+
+
+def _in_turns(searches: Sequence[Callable[[None], Search]], rounds: int) -> tuple[list[float], list[int]]:
+    """Median seconds of each search, and its expansions."""
+    calls = {str(at): search for at, search in enumerate(searches)}
+    (records,) = Harness().measure(calls, [None], repeats=rounds, warm_up=[None])
+    found = list(records.values())
+    return [record.median_s for record in found], [record.results[0].expansions for record in found]
 
 
 def per_expansion(size: int = 512, share: float = 0.05, maps: int = 5, rounds: int = 21) -> dict[str, float]:
@@ -71,9 +72,8 @@ def per_expansion(size: int = 512, share: float = 0.05, maps: int = 5, rounds: i
         region = _near_the_best(cost, ends, share)
         grid = Grid.of(cost, StepModel.of("paper"))
         scratch = Workspace(len(grid.weights))
-        seconds, expansions = _in_turns(
-            [partial(astar, grid, *ends, scratch), partial(astar, grid, *ends, scratch, region=region)], rounds
-        )
+        searches = [_search(grid, ends, scratch), _search(grid, ends, scratch, region)]
+        seconds, expansions = _in_turns(searches, rounds)
         ns.append((1e9 * seconds[0] / expansions[0], 1e9 * seconds[1] / expansions[1]))
     whole, inside = np.median(ns, axis=0)
     return {"whole_map_ns": float(whole), "region_ns": float(inside), "ratio": float(inside / whole)}
@@ -89,17 +89,12 @@ def by_map_size(small: int = 1024, large: int = 4096, maps: int = 3, rounds: int
         at = (large - small) // 2
         around = np.full((large, large), 0.3, np.float32)
         around[at : at + small, at : at + small] = cost
-        moved = tuple((row + at, col + at) for row, col in ends)
+        moved = ((ends[0][0] + at, ends[0][1] + at), (ends[1][0] + at, ends[1][1] + at))
         grids = [Grid.of(each, StepModel.of("paper")) for each in (cost, around)]
         scratch = [Workspace(len(grid.weights)) for grid in grids]
         wide = _embedded(region, at, large)
-        seconds, expansions = _in_turns(
-            [
-                partial(astar, grids[0], *ends, scratch[0], region=region),
-                partial(astar, grids[1], moved[0], moved[1], scratch[1], region=wide),
-            ],
-            rounds,
-        )
+        searches = [_search(grids[0], ends, scratch[0], region), _search(grids[1], moved, scratch[1], wide)]
+        seconds, expansions = _in_turns(searches, rounds)
         assert expansions[0] == expansions[1]
         ms.append((1e3 * seconds[0], 1e3 * seconds[1]))
     first, second = np.median(ms, axis=0)

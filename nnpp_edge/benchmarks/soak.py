@@ -10,15 +10,17 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import click
 import numpy as np
 
-from nnpp_edge.profiling.suites import synthetic_cases
-from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, Status
+from nnpp_edge.benchmarks.dynamic_scene import dynamic_methods, run_alone
+from nnpp_edge.profiling.suites import StartGoal, synthetic_cases
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.histogram import Histogram
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
+from nnpp_edge.runtime.loop.messages import Input
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.realtime import rss_bytes
 from nnpp_edge.runtime.loop.world import World
@@ -67,7 +69,7 @@ class Soaked:
     """After a tenth of the ticks."""
     rss_end_mb: float
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """Ready for JSON."""
         return asdict(self)
 
@@ -138,10 +140,24 @@ def soak(
     gc.collect()
     counters = navigator.counters()
     return Soaked(
-        method, ticks, size, changes, course.goals, course.reached, counters.planned, counters.kept, failed,
-        course.scene.forbidden, counters.errors, 1.0 / histogram.mean_s, histogram.summary_ms(), overruns,
-        start_mb, warm_mb, rss_mb(),
-    )  # fmt: skip
+        method=method,
+        ticks=ticks,
+        size=size,
+        changes=changes,
+        goals=course.goals,
+        reached=course.reached,
+        planned=counters.planned,
+        kept=counters.kept,
+        without_path=failed,
+        invalid=course.scene.forbidden,
+        errors=counters.errors,
+        ticks_per_s=1.0 / histogram.mean_s,
+        tick_ms=histogram.summary_ms(),
+        overruns=overruns,
+        rss_start_mb=start_mb,
+        rss_warm_mb=warm_mb,
+        rss_end_mb=rss_mb(),
+    )
 
 
 class _Course:
@@ -155,7 +171,7 @@ class _Course:
         start, goal = self._query(None)
         self.scene = Scene(ground, start, goal, rng, changes=changes)
 
-    def poll(self) -> list[Any]:
+    def poll(self) -> list[Input]:
         """The inputs of the next tick."""
         before = self.scene.waited
         inputs = list(self.scene.poll())
@@ -164,14 +180,14 @@ class _Course:
             inputs += self._next_goal()
         return inputs
 
-    def _next_goal(self) -> list[Any]:
+    def _next_goal(self) -> list[Input]:
         self.reached += self.scene.reached
         self.goals, self._stuck = self.goals + 1, 0
         del self.scene.driven[:-1]  # the way so far is not to look like growth of the loop
         _, goal = self._query(self.scene.robot)
         return list(self.scene.send_to(goal))
 
-    def _query(self, robot: tuple[int, int] | None) -> tuple[tuple[int, int], tuple[int, int]]:
+    def _query(self, robot: Cell | None) -> StartGoal:
         """A start (the robot's cell) and a goal that is far from it and truly connected."""
         for _ in range(_TRIES):
             query = random_query(self._rng, self._ground.true, 0.4 * len(self._ground.true))
@@ -198,18 +214,21 @@ def render(rows: Sequence[Soaked]) -> str:
     """The rows for people."""
     from nnpp_edge.progress import render_table
 
-    header = ["method", "ticks", "size", "ticks/s", "p50\nms", "p99\nms", "max\nms", f"late at\n{RATE_HZ:g} Hz",
-              "planned", "no path", "goals", "reached", "MB\nstart", "MB\nwarm", "MB\nend", "invalid",
-              "errors"]  # fmt: skip
-    body = [
-        [r.method, str(r.ticks), f"{r.size}²", f"{r.ticks_per_s:.0f}",
-         *(f"{r.tick_ms[q]:.2f}" for q in ("p50", "p99", "max")), str(r.overruns), str(r.planned),
-         str(r.without_path), str(r.goals), str(r.reached),
-         *(f"{mb:.1f}" for mb in (r.rss_start_mb, r.rss_warm_mb, r.rss_end_mb)), str(r.invalid),
-         str(sum(r.errors.values()))]
-        for r in rows
-    ]  # fmt: skip
+    times, counts = ("p50", "p99", "max"), ("planned", "no path", "goals", "reached")
+    memory, faults = ("MB\nstart", "MB\nwarm", "MB\nend"), ("invalid", "errors")
+    late = f"late at\n{RATE_HZ:g} Hz"
+    header = ["method", "ticks", "size", "ticks/s", *(f"{q}\nms" for q in times), late, *counts, *memory, *faults]
+    body = []
+    for r in rows:
+        counted = (r.overruns, r.planned, r.without_path, r.goals, r.reached)
+        megabytes = (r.rss_start_mb, r.rss_warm_mb, r.rss_end_mb)
+        line = [r.method, str(r.ticks), f"{r.size}²", f"{r.ticks_per_s:.0f}", *(f"{r.tick_ms[q]:.2f}" for q in times)]
+        line += [*map(str, counted), *(f"{mb:.1f}" for mb in megabytes), str(r.invalid), str(sum(r.errors.values()))]
+        body.append(line)
     return render_table(header, body)
+
+
+_METHODS = f"Of {', '.join(DynamicMethod)}, joined by commas."
 
 
 @click.command()
@@ -226,11 +245,8 @@ def main(ticks: int, size: int, changes: int, methods: str, model: str, seed: in
     """Plan for many ticks; exit code 1 if a path was invalid."""
     from nnpp_edge.progress import bar
 
-    names = [name.strip() for name in methods.split(",")]
-    if unknown := set(names) - set(DynamicMethod):
-        raise click.UsageError(f"--methods must be of {', '.join(DynamicMethod)}, got {', '.join(sorted(unknown))}")
     rows = []
-    for name in names:
+    for name in dynamic_methods(methods):
         with bar(f"soak {name}", ticks, quiet=True) as advance:
             rows.append(soak(name, ticks=ticks, size=size, changes=changes, seed=seed, model=model, progress=advance))
     click.echo(json.dumps([row.summary() for row in rows], indent=1) if json_wanted else render(rows))
@@ -238,8 +254,4 @@ def main(ticks: int, size: int, changes: int, methods: str, model: str, seed: in
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except NnppEdgeError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(2)
+    run_alone(main)

@@ -1,25 +1,41 @@
 """`nnpp-edge evaluate`: the planners beside each other."""
 
 import json
+from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from nnpp_edge.cli import options
 
 if TYPE_CHECKING:
-    from nnpp_edge.profiling.suites import Size
+    from nnpp_edge.profiling.suites import Case, Size
 
 COLUMNS = {
-    "workload": "workload", "size": "size", "method": "method", "n": "n", "success_raw": "success",
-    "success": "after\nfallback", "gap_mean": "gap\nmean", "gap_p99": "gap\np99", "time_ms_median": "ms\nmedian",
-    "time_ms_p99": "ms\np99", "speedup_median": "speed-up\nmedian", "speedup_total": "speed-up\ntotal",
-    "expansions_median": "expan-\nsions", "region_share_mean": "region", "mm_mean": "MM", "cc_mean": "CC",
-}  # fmt: skip
+    "workload": "workload",
+    "size": "size",
+    "method": "method",
+    "n": "n",
+    "success_raw": "success",
+    "success": "after\nfallback",
+    "gap_mean": "gap\nmean",
+    "gap_p99": "gap\np99",
+    "time_ms_median": "ms\nmedian",
+    "time_ms_p99": "ms\np99",
+    "speedup_median": "speed-up\nmedian",
+    "speedup_total": "speed-up\ntotal",
+    "expansions_median": "expan-\nsions",
+    "region_share_mean": "region",
+    "mm_mean": "MM",
+    "cc_mean": "CC",
+}
 _SHARES = {"success_raw", "success", "region_share_mean"}
 _GAPS = {"gap_mean", "gap_p99"}
+_MODEL = "Shipped model or file for nnpp; several are set beside each other."
+_REPEATS = "Times each planner answers each query; its median time counts."
+_MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
 
 
 @click.command(name="evaluate")
@@ -28,27 +44,42 @@ _GAPS = {"gap_mean", "gap_p99"}
 @click.option("--dataset", type=options.FOLDER, help="Judge by a data set's maps and queries instead.")
 @click.option("--cell-size", type=float, help="Side of a cell in metres, where the files do not say.")
 @click.option("--rescale", type=float, help="Rescale the terrain to cells of so many metres, slopes kept.")
-@click.option("--workload", "workloads", type=options.Names(), default="soft", show_default=True,
-              help="soft, limit20, limit15 or any limitN.")  # fmt: skip
+@click.option(
+    "--workload",
+    "workloads",
+    type=options.Names(),
+    default="soft",
+    show_default=True,
+    help="soft, limit20, limit15 or any limitN.",
+)
 @click.option("--synthetic", is_flag=True, help="Judge by synthetic terrain instead.")
 @click.option("--sizes", type=options.Sizes(), default="256", show_default=True, help="Sides of the maps.")
 @click.option("--queries", type=click.IntRange(1), default=300, show_default=True, help="For each row.")
-@click.option("--min-distance", type=click.FloatRange(0.0, 1.0), default=0.35, show_default=True,
-              help="Between start and goal, as a share of the map's longer side.")  # fmt: skip
+@click.option("--min-distance", type=click.FloatRange(0.0, 1.0), default=0.35, show_default=True, help=_MIN_DISTANCE)
 @click.option("--methods", type=options.Names(), default="astar,corridor,nnpp", show_default=True)
-@click.option("--model", "models", multiple=True, default=("edge",), show_default=True,
-              help="Shipped model or file for nnpp; several are set beside each other.")  # fmt: skip
-@click.option("--repeats", type=click.IntRange(1), default=3, show_default=True,
-              help="Times each planner answers each query; its median time counts.")  # fmt: skip
+@click.option("--model", "models", multiple=True, default=("edge",), show_default=True, help=_MODEL)
+@click.option("--repeats", type=click.IntRange(1), default=3, show_default=True, help=_REPEATS)
 @click.option("--plot", type=options.NEW_FILE, help="PNG to draw: cost gap against time, every planner.")
 @options.seed
 @options.as_json
 def command(
-    terrain: tuple[Path, ...], more_terrain: tuple[Path, ...], dataset: Path | None, cell_size: float | None,
-    rescale: float | None, workloads: tuple[str, ...], synthetic: bool, sizes: "tuple[Size, ...]", queries: int,
-    min_distance: float, methods: tuple[str, ...], models: tuple[str, ...], repeats: int, plot: Path | None,
-    seed: int, as_json: bool,
-) -> None:  # fmt: skip
+    terrain: tuple[Path, ...],
+    more_terrain: tuple[Path, ...],
+    dataset: Path | None,
+    cell_size: float | None,
+    rescale: float | None,
+    workloads: tuple[str, ...],
+    synthetic: bool,
+    sizes: "tuple[Size, ...]",
+    queries: int,
+    min_distance: float,
+    methods: tuple[str, ...],
+    models: tuple[str, ...],
+    repeats: int,
+    plot: Path | None,
+    seed: int,
+    as_json: bool,
+) -> None:
     """Compare planners on many queries, in one interleaved run.
 
     Every planner gets the same maps and queries, in turns. Speed-ups and gaps are against exact A* on the
@@ -57,8 +88,9 @@ def command(
     \b
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --workload soft,limit15 --sizes 256,512
     """
-    from nnpp_edge.profiling.evaluate import contenders, evaluate
-    from nnpp_edge.profiling.suites import TerrainSuite, dataset_cases, name_of, synthetic_cases
+    from nnpp_edge.profiling import suites
+    from nnpp_edge.profiling.evaluate import evaluate
+    from nnpp_edge.profiling.rivals import exact_and
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
@@ -70,25 +102,28 @@ def command(
     if unknown := set(methods) - set(Method):
         raise click.UsageError(f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}")
     needed = models if {Method.NNPP, Method.AUTO} & set(methods) else ()
-    loaded = {Path(name).stem: NetworkModel(name) for name in needed}
-    planners = contenders(methods, loaded)
-    suite = TerrainSuite(files, workloads, sizes, seed, rescale, cell_size, min_distance)
-    dems = suite.load()
+    rivals = exact_and(methods, {Path(name).stem: NetworkModel(name) for name in needed})
+    dems = suites.TerrainFiles(files, rescale, cell_size).read()
+    suites.check_sizes(dems, sizes)
+
+    def cases(name: str, size: "Size") -> "Iterator[Case]":
+        if dataset is not None:
+            return suites.dataset_cases(dataset, name)
+        if synthetic:
+            return suites.synthetic_cases(name, size, seed, min_distance)
+        return suites.terrain_cases(dems, name, size, seed, min_distance)
+
     runs = list(product(workloads, (read_recipe(dataset).size,) if dataset else sizes))
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, str | float | None]] = []
     with bar("evaluate", queries * len(runs)) as advance:
         for at, (name, size) in enumerate(runs):
-            if dataset:
-                cases = dataset_cases(dataset, name)
-            elif synthetic:
-                cases = synthetic_cases(name, size, seed, min_distance)
-            else:
-                cases = suite.cases(dems, name, size)
-            figures = evaluate(
-                cases, planners, queries, repeats=repeats,
-                progress=lambda done, at=at: advance(at * queries + done),  # type: ignore[misc]
-            )  # fmt: skip
-            rows += [{"workload": name, "size": name_of(size), "method": m} | row for m, row in figures.items()]
+
+            def of_run(done: int, before: int = at * queries) -> None:
+                advance(before + done)
+
+            figures = evaluate(cases(name, size), rivals, queries, repeats=repeats, progress=of_run)
+            place = {"workload": name, "size": suites.name_of(size)}
+            rows += [{**place, "method": method, **row} for method, row in figures.items()]
     if plot is not None:
         from nnpp_edge.viz.figures import pareto
 
@@ -96,18 +131,17 @@ def command(
     click.echo(json.dumps(rows, indent=1) if as_json else table(rows))
 
 
-def table(rows: list[dict[str, Any]]) -> str:
+def table(rows: Sequence[dict[str, str | float | None]]) -> str:
     """The rows for people."""
     from nnpp_edge.progress import render_table
 
-    def text(key: str, value: Any) -> str:
-        if value is None:
-            return "–"
-        if key in _SHARES:
-            return f"{100 * value:.1f} %"
-        if key in _GAPS:
-            return f"{100 * value:.2f} %"
-        return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-    body = [[text(key, row[key]) for key in COLUMNS] for row in rows]
+    body = [[_shown(key, row[key]) for key in COLUMNS] for row in rows]
     return render_table(list(COLUMNS.values()), body, sections=[row["method"] == "astar" for row in rows])
+
+
+def _shown(key: str, value: str | float | None) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, int | float) and key in _SHARES | _GAPS:
+        return f"{100 * value:.1f} %" if key in _SHARES else f"{100 * value:.2f} %"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

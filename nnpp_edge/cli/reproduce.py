@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import asdict
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,32 +10,41 @@ import click
 from nnpp_edge.cli import options
 
 if TYPE_CHECKING:
-    from nnpp_edge.reproduction.runner import Outcome
+    from nnpp_edge.reproduction.runner import ExperimentOutcome
 
-_SAMPLE, _SAMPLE_RESCALE = "moon_highlands.npz", 20.0
+_TERRAIN = "Elevation file, or several; by default the bundled sample at cells of 20 m."
+_DATASET = "Training set for fig13; by default one is made from the terrain."
+_STEPS = "Training steps for each encoding of fig13; by default 1000."
+_OUTPUT = "Folder for the results; what is complete in it is kept."
 
 
 @click.command(name="reproduce")
 @click.argument("experiments", nargs=-1, metavar="[EXPERIMENT]...")
-@click.option("--terrain", multiple=True, type=options.PATH,
-              help="Elevation file, or several; by default the bundled sample at cells of 20 m.")  # fmt: skip
+@click.option("--terrain", multiple=True, type=options.PATH, help=_TERRAIN)
 @click.option("--cell-size", type=float, help="Side of a cell in metres, where the files do not say.")
 @click.option("--rescale", type=float, help="Rescale the terrain to cells of so many metres, slopes kept.")
 @click.option("--model", default="edge", show_default=True, help="Shipped model or file for the network.")
-@click.option("--dataset", type=options.FOLDER,
-              help="Training set for fig13; by default one is made from the terrain.")  # fmt: skip
-@click.option("--steps", type=click.IntRange(1), help="Training steps for each encoding of fig13; by default 1000.")
+@click.option("--dataset", type=options.FOLDER, help=_DATASET)
+@click.option("--steps", type=click.IntRange(1), help=_STEPS)
 @click.option("--quick", is_flag=True, help="A smoke run of less than a minute; its figures mean nothing.")
 @click.option("--again", is_flag=True, help="Run experiments that are complete, too.")
-@click.option("-o", "--output", type=options.FOLDER, default="reproduction", show_default=True,
-              help="Folder for the results; what is complete in it is kept.")  # fmt: skip
+@click.option("-o", "--output", type=options.FOLDER, default="reproduction", show_default=True, help=_OUTPUT)
 @options.seed
 @options.as_json
 def command(
-    experiments: tuple[str, ...], terrain: tuple[Path, ...], cell_size: float | None, rescale: float | None,
-    model: str, dataset: Path | None, steps: int | None, quick: bool, again: bool, output: Path, seed: int,
+    experiments: tuple[str, ...],
+    terrain: tuple[Path, ...],
+    cell_size: float | None,
+    rescale: float | None,
+    model: str,
+    dataset: Path | None,
+    steps: int | None,
+    quick: bool,
+    again: bool,
+    output: Path,
+    seed: int,
     as_json: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Repeat the paper's experiments, each beside the paper's figures.
 
     EXPERIMENT is one of table1, fig7, table2, fig9, fig11, fig12, fig14, table3, table4 and fig13; by default all.
@@ -50,30 +58,31 @@ def command(
     """
     from functools import partial
 
+    from nnpp_edge.profiling.suites import TerrainFiles
     from nnpp_edge.progress import bar
     from nnpp_edge.reproduction.experiment import NAMES
     from nnpp_edge.reproduction.runner import Request, reproduce
 
     if unknown := [name for name in experiments if name not in NAMES]:
         raise click.UsageError(f"EXPERIMENT must be of {', '.join(NAMES)}, got {', '.join(unknown)}")
-    if not terrain:
-        terrain = (Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE)),)
-        rescale = rescale or _SAMPLE_RESCALE
     names = [name for name in NAMES if not experiments or name in experiments]
-    request = Request(names, terrain, output, rescale, cell_size, seed, model, quick, steps, dataset, again)
-    outcomes: list[Outcome] = []
+    files = TerrainFiles.or_sample(terrain, rescale, cell_size)
+    request = Request(names, files, output, seed, model, quick, steps, dataset, again)
+    outcomes: list[ExperimentOutcome] = []
     for outcome in reproduce(request, bar=partial(bar, quiet=True)):
         outcomes.append(outcome)
         if not as_json:
             click.echo(_line(outcome, output))
     if as_json:
-        told = [{"experiment": o.name, "ended": o.how, "findings": [asdict(f) for f in o.findings]} for o in outcomes]
-        click.echo(json.dumps({"output": str(output), "experiments": told}, indent=1, ensure_ascii=False))
+        facts = [
+            {"experiment": o.name, "ended": o.how, "findings": [asdict(f) for f in o.findings]} for o in outcomes
+        ]
+        click.echo(json.dumps({"output": str(output), "experiments": facts}, indent=1, ensure_ascii=False))
     else:
         click.echo(f"ours beside the paper's: {output / 'README.md'}")
 
 
-def _line(outcome: "Outcome", output: Path) -> str:
+def _line(outcome: "ExperimentOutcome", output: Path) -> str:
     """What became of an experiment, in a line."""
     from nnpp_edge.reproduction.report import Verdict
 

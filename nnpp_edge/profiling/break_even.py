@@ -5,7 +5,8 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+
+from nnpp_edge.profiling.report_format import BreakEven, ResultRow, RuleLine
 
 PAIRS = (("corridor", "astar"), ("nnpp", "astar"), ("nnpp", "corridor"))
 """Who might pay over whom."""
@@ -16,6 +17,9 @@ _FEWEST = 3
 """Queries that a bin of distances must have; one with fewer is joined to another."""
 _CLEARLY = 0.95
 """The choice changes where another method takes less than this share of the time."""
+
+Timed = Sequence[tuple[int, float]]
+"""Distance in cells and time in milliseconds of each query."""
 
 
 @dataclass
@@ -34,42 +38,39 @@ class Bin:
         return len(next(iter(self.times_ms.values())))
 
 
-def bins_by_size(results: Sequence[Mapping[str, Any]]) -> dict[int, list[Bin]]:
+def bins_by_size(results: Sequence[ResultRow]) -> dict[int, list[Bin]]:
     """For each size the queries of all workloads, near ones included, in bins of distance."""
     pooled: dict[int, dict[str, list[tuple[int, float]]]] = defaultdict(lambda: defaultdict(list))
     for row in results:
-        told = row["queries"]
-        pooled[row["size"]][row["planner"]] += zip(told["distance"], told["time_ms"], strict=True)
+        queries = row["queries"]
+        pooled[row["size"]][row["planner"]] += zip(queries["distance"], queries["time_ms"], strict=True)
     return {size: _bins(planners) for size, planners in sorted(pooled.items())}
 
 
-def _bins(planners: Mapping[str, list[tuple[int, float]]]) -> list[Bin]:
+def _bins(planners: Mapping[str, Timed]) -> list[Bin]:
     distances = sorted(distance for distance, _ in next(iter(planners.values())))
     edges = [0]
     for distance in distances:
-        edge = _edge(_number(distance))
+        edge = _edge_below(distance)
         enough = sum(edges[-1] <= each < edge for each in distances) >= _FEWEST
         if enough and sum(each >= edge for each in distances) >= _FEWEST:
             edges.append(edge)
-    return [
-        Bin(int(first), {
-            name: [ms for distance, ms in pairs if first <= distance < end] for name, pairs in planners.items()
-        })
-        for first, end in pairwise([*edges, math.inf])
-    ]  # fmt: skip
+
+    def between(first: float, end: float) -> dict[str, list[float]]:
+        return {name: [ms for apart, ms in timed if first <= apart < end] for name, timed in planners.items()}
+
+    return [Bin(int(first), between(first, end)) for first, end in pairwise([*edges, math.inf])]
 
 
-def _number(distance: int) -> int:
-    return math.floor(_BINS_PER_DOUBLING * math.log2(max(distance, 1)) + 1e-9)
+def _edge_below(distance: int) -> int:
+    """The greatest edge of a bin, a power of 2 to the 1/`_BINS_PER_DOUBLING`, that is no more than a distance."""
+    number = math.floor(_BINS_PER_DOUBLING * math.log2(max(distance, 1)) + 1e-9)
+    return math.ceil(math.pow(2.0, number / _BINS_PER_DOUBLING) - 1e-9)
 
 
-def _edge(number: int) -> int:
-    return math.ceil(2.0 ** (number / _BINS_PER_DOUBLING) - 1e-9)
-
-
-def break_even(results: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def break_even(results: Sequence[ResultRow]) -> list[BreakEven]:
     """For each pair of planners where one starts to pay over the other, as ``break_even`` in docs/profile.md."""
-    told = []
+    lines = []
     by_size, sums = bins_by_size(results), _judged_totals(results)
     for planner, over in PAIRS:
         if not all(planner in totals and over in totals for totals in sums.values()):
@@ -79,11 +80,11 @@ def break_even(results: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             for size, bins in by_size.items()
         }
         size_from = _from_where([(size, totals[planner] < totals[over]) for size, totals in sums.items()])
-        told.append({"planner": planner, "over": over, "size_from": size_from, "distance_from": distances})
-    return told
+        lines.append(BreakEven(planner=planner, over=over, size_from=size_from, distance_from=distances))
+    return lines
 
 
-def _judged_totals(results: Sequence[Mapping[str, Any]]) -> dict[int, dict[str, float]]:
+def _judged_totals(results: Sequence[ResultRow]) -> dict[int, dict[str, float]]:
     """By size and planner, the summed time of the queries that budgets are judged by."""
     sums: dict[int, dict[str, float]] = {}
     for row in sorted(results, key=lambda row: row["size"]):
@@ -102,12 +103,12 @@ def _from_where(wins: Sequence[tuple[int, bool]]) -> int | None:
     return found
 
 
-def rules(results: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def rules(results: Sequence[ResultRow]) -> list[RuleLine]:
     """Which method is soonest done, by size and distance: ``size``, ``from`` (cells) and ``method``.
 
     Methods that are nearly as fast do not take turns: another is chosen where it is clearly sooner done.
     """
-    told = []
+    lines: list[RuleLine] = []
     for size, bins in bins_by_size(results).items():
         chosen = None
         for each in bins:
@@ -115,5 +116,5 @@ def rules(results: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             best = min(known, key=each.total)
             if chosen is None or (best != chosen and each.total(best) < _CLEARLY * each.total(chosen)):
                 chosen = best
-                told.append({"size": size, "from": each.first, "method": chosen})
-    return told
+                lines.append({"size": size, "from": each.first, "method": chosen})
+    return lines

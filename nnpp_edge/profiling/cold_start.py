@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 import tempfile
-from typing import Any
 
 import numpy as np
 
@@ -25,25 +24,25 @@ print(time.perf_counter() - began)
 """
 
 
-def cold_start(method: str, repeats: int = 3) -> dict[str, Any]:
-    """Seconds to the first plan by `method` on a map of 256², from an empty cache and from a full one.
+def cold_start(method: str, repeats: int = 3) -> tuple[float, float]:
+    """Seconds to the first plan by `method` on a map of 256²: from an empty cache, and from a full one.
 
     The empty cache is met once, the full one `repeats` times, of which the median counts.
     """
     with tempfile.TemporaryDirectory() as folder:
         cold = _first_plan(method, folder)
         warm = float(np.median([_first_plan(method, folder) for _ in range(repeats)]))
-    return {"method": method, "cold_s": round(cold, 3), "warm_s": round(warm, 3), "ratio": round(cold / warm, 2)}
+    return round(cold, 3), round(warm, 3)
 
 
 def _first_plan(method: str, cache: str) -> float:
     command = [sys.executable, "-c", _FIRST_PLAN, method]
-    ended = subprocess.run(
-        command, env=os.environ | {"NUMBA_CACHE_DIR": cache}, check=True, stdout=subprocess.PIPE, text=True
-    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": cache}
+    ended = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True)
     return float(ended.stdout)
 
 
 if __name__ == "__main__":
     for name in METHODS:
-        print(json.dumps(cold_start(name)))
+        cold, warm = cold_start(name)
+        print(json.dumps({"method": name, "cold_s": cold, "warm_s": warm, "ratio": round(cold / warm, 2)}))

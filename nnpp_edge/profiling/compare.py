@@ -4,10 +4,10 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import cast
 
-from nnpp_edge.profiling.figures import find
 from nnpp_edge.profiling.report import SCHEMA
+from nnpp_edge.profiling.report_format import ComparedLine, Comparison, Report, ResultRow, find
 from nnpp_edge.runtime.errors import InvalidQueryError
 
 SAME, BETTER, WORSE, NOISY = "same", "better", "worse", "noisy"
@@ -41,32 +41,32 @@ FIGURES = (
 """Medians, means and shares. Tails such as p99 differ from run to run by more than any tolerance of use."""
 
 
-def read_report(path: Path) -> dict[str, Any]:
+def read_report(path: Path) -> Report:
     """A report from its JSON file; InvalidQueryError if it is none of this schema."""
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        report = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or f"no JSON: {error}"
         raise InvalidQueryError(f"{path}: wanted a report of nnpp-edge profile --json ({reason})") from error
-    schema = told.get("schema") if isinstance(told, dict) else None
-    if schema != SCHEMA or not isinstance(told.get("results"), list):
+    schema = report.get("schema") if isinstance(report, dict) else None
+    if schema != SCHEMA or not isinstance(report.get("results"), list):
         raise InvalidQueryError(f"{path}: wanted a report of nnpp-edge profile of schema {SCHEMA}, got {schema!r}")
-    return told
+    return cast(Report, report)
 
 
-def compare(before: Mapping[str, Any], after: Mapping[str, Any], tolerance: float) -> dict[str, Any]:
+def compare(before: Report, after: Report, tolerance: float) -> Comparison:
     """Every figure that both reports have.
 
     Parameters
     ----------
-    before, after : mapping
-        Reports.
+    before, after : Report
+        As `read_report` gives them.
     tolerance : float
         Share by which a figure may become worse. A success share may lose so much of what is missing to 1.
 
     Returns
     -------
-    dict
+    Comparison
         ``verdict`` (worse, noisy or same), ``notes`` and ``lines``: workload, size, planner, figure, before,
         after, change (share, above 0 where it became worse), verdict.
 
@@ -79,27 +79,22 @@ def compare(before: Mapping[str, Any], after: Mapping[str, Any], tolerance: floa
     doubtful = any(report["disturbance"]["words"] for report in (before, after))
     try:
         lines = [
-            _line(row, old, figure, tolerance, doubtful)
+            _line(row, figure, was, now, tolerance, doubtful)
             for row in after["results"]
             if (old := find(before["results"], row["workload"], row["size"], row["planner"])) is not None
             for figure in FIGURES
-            if _figure(row, figure) is not None and _figure(old, figure) is not None
+            if (now := _value(row, figure.path)) is not None and (was := _value(old, figure.path)) is not None
         ]
     except (KeyError, TypeError, AttributeError) as error:
         raise InvalidQueryError(f"wanted two reports of nnpp-edge profile, got a damaged one: {error}") from error
     if not lines:
         raise InvalidQueryError("wanted reports with a workload, size and planner in common, got two without")
     states = {line["verdict"] for line in lines}
-    return {
-        "verdict": WORSE if WORSE in states else NOISY if NOISY in states else SAME,
-        "tolerance": tolerance, "notes": notes, "lines": lines,
-    }  # fmt: skip
+    verdict = WORSE if WORSE in states else NOISY if NOISY in states else SAME
+    return Comparison(verdict=verdict, tolerance=tolerance, notes=notes, lines=lines)
 
 
-def _line(
-    row: Mapping[str, Any], old: Mapping[str, Any], figure: Compared, tolerance: float, doubtful: bool
-) -> dict[str, Any]:  # fmt: skip
-    was, now = _figure(old, figure), _figure(row, figure)
+def _line(row: ResultRow, figure: Compared, was: float, now: float, tolerance: float, doubtful: bool) -> ComparedLine:
     worse_by = was - now if figure.more_is_better else now - was
     base = 1.0 - was if figure.of_rest else abs(was)
     if figure.more_is_better and not figure.of_rest:
@@ -108,30 +103,40 @@ def _line(
     state = SAME
     if abs(worse_by) > figure.least and abs(change) > tolerance:
         state = (NOISY if doubtful and figure.clocked else WORSE) if worse_by > 0.0 else BETTER
-    return {
-        "workload": row["workload"], "size": row["size"], "planner": row["planner"], "figure": figure.name,
-        "before": was, "after": now, "change": change if abs(change) != float("inf") else None, "verdict": state,
-    }  # fmt: skip
+    return ComparedLine(
+        workload=row["workload"],
+        size=row["size"],
+        planner=row["planner"],
+        figure=figure.name,
+        before=was,
+        after=now,
+        change=change if abs(change) != float("inf") else None,
+        verdict=state,
+    )
 
 
-def _figure(row: Mapping[str, Any], figure: Compared) -> Any:
-    value: Any = row
-    for key in figure.path:
-        value = value[key]
-    return value
+def _value(row: ResultRow, path: tuple[str, ...]) -> float | None:
+    value: object = row
+    for key in path:
+        value = cast(Mapping[str, object], value)[key]
+    return cast(float | None, value)
 
 
-def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[str]:
+_PLACES = (
+    ("the CPU", ("environment", "cpu")),
+    ("the cores", ("cores",)),
+    ("the governor", ("environment", "governor")),
+    ("the queries", ("profile", "load")),
+    ("the networks", ("profile", "networks")),
+    ("onnxruntime", ("environment", "packages", "onnxruntime")),
+)
+"""What must be the same in two reports, in words and as keys."""
+
+
+def _differences(before: Report, after: Report) -> Iterator[str]:
     """What makes the reports hard to compare."""
-    places = (
-        ("the CPU", ("environment", "cpu")), ("the cores", ("cores",)), ("the governor", ("environment", "governor")),
-        ("the queries", ("profile", "load")), ("the networks", ("profile", "networks")),
-        ("onnxruntime", ("environment", "packages", "onnxruntime")),
-    )  # fmt: skip
-    for words, path in places:
-        was, now = before, after
-        for key in path:
-            was, now = was.get(key) or {}, now.get(key) or {}
+    for words, path in _PLACES:
+        was, now = (_inside(report, path) for report in (before, after))
         if was != now:
             yield f"{words} differ" + ("s" if words[-1] != "s" else "") + f": {_short(was)}, then {_short(now)}"
     for words, report in (("first", before), ("second", after)):
@@ -139,5 +144,12 @@ def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterato
             yield f"the {words} run was disturbed: {report['disturbance']['words']}"
 
 
-def _short(value: Any) -> str:
+def _inside(report: Report, path: tuple[str, ...]) -> object:
+    value: object = report
+    for key in path:
+        value = cast(Mapping[str, object], value).get(key) or {}
+    return value
+
+
+def _short(value: object) -> str:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, dict | list) else str(value)

@@ -1,57 +1,57 @@
 """Every planner on the same queries, in one interleaved run, judged by the exact optimum."""
 
-import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.rivals import EXACT, FIRST_SOURCES, RivalPlanner, call_on, plan_with_regions
 from nnpp_edge.profiling.suites import Case
-from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
-from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.warmup import exercise
 
-EXACT = "astar"
+Figures = dict[str, float | None]
+"""A row of docs/evaluate.md: figures by key; None where there was nothing to count."""
 
 
 @dataclass
-class Tally:
-    """What one planner did on the queries of one workload and size."""
+class _Answers:
+    """What one planner did on the queries of one workload and size: a value for each query."""
 
     time_ms: list[float] = field(default_factory=list)
     exact_ms: list[float] = field(default_factory=list)
-    """Exact A* on the same queries."""
-    gaps: list[float] = field(default_factory=list)
-    traverse_costs: list[float] = field(default_factory=list)
+    """Exact A*'s time."""
     expansions: list[int] = field(default_factory=list)
-    region_shares: list[float] = field(default_factory=list)
-    mms: list[float] = field(default_factory=list)
-    network_mms: list[float] = field(default_factory=list)
     sources: list[Source | None] = field(default_factory=list)
-    solved: int = 0
+    region_shares: list[float] = field(default_factory=list)
+    """Of the map's cells, those of the region that was searched; 1 for the whole map."""
+    mms: list[float] = field(default_factory=list)
+    """Cells of the optimal path over those of the region; of the queries that searched a region."""
+    network_mms: list[float] = field(default_factory=list)
+    """The same of the network's region at the threshold itself."""
+    gaps: list[float] = field(default_factory=list)
+    """Of the queries with a path."""
+    traverse_costs: list[float] = field(default_factory=list)
+    """Of the queries with a path."""
 
-    def add(self, plan: Plan, seconds: float, exact: Plan, exact_seconds: float, cells: int, region: Any) -> None:
-        """Book one query; `region` is (area searched, area at the threshold itself), None for the whole map."""
+    def add(self, plan: Plan, seconds: float, exact: Plan, exact_seconds: float, cells: int) -> None:
+        """Count one query on a map of so many cells; the plan's regions are read."""
         self.time_ms.append(1e3 * seconds)
         self.exact_ms.append(1e3 * exact_seconds)
         self.expansions.append(plan.expansions)
         self.sources.append(plan.source)
-        searched, at_threshold = region
+        searched = plan.region.area() if plan.region is not None else None
         self.region_shares.append(1.0 if searched is None else searched / cells)
         if searched is not None:
             self.mms.append(len(exact.path) / searched)
-        if at_threshold is not None:
-            self.network_mms.append(len(exact.path) / at_threshold)
+        if plan.network_region is not None:
+            self.network_mms.append(len(exact.path) / plan.network_region.area())
         if plan.ok:
-            self.solved += 1
             self.gaps.append(plan.cost / exact.cost - 1.0 if exact.cost else 0.0)
             self.traverse_costs.append(plan.traverse_cost)
 
-    def row(self) -> dict[str, Any]:
-        """The figures of docs/evaluate.md."""
+    def figures(self) -> Figures:
         n = len(self.time_ms)
         times, exact = np.array(self.time_ms), np.array(self.exact_ms)
         gaps = np.array(self.gaps) if self.gaps else np.array([np.nan])
@@ -64,8 +64,8 @@ class Tally:
 
         return {
             "n": n,
-            "success_raw": share(Source.MAP, Source.REGION),
-            "success": self.solved / n,
+            "success_raw": share(*FIRST_SOURCES),
+            "success": len(self.gaps) / n,
             "gap_mean": float(gaps.mean()),
             "gap_p95": float(np.quantile(gaps, 0.95)),
             "gap_p99": float(np.quantile(gaps, 0.99)),
@@ -84,52 +84,31 @@ class Tally:
         }
 
 
-@dataclass(frozen=True)
-class Contender:
-    """A planner under its name in the table."""
-
-    name: str
-    method: Method
-    model: NetworkModel | None = None
-
-
-def contenders(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> list[Contender]:
-    """The planners asked for; exact A* always, and ``nnpp`` once for each model.
-
-    The first model's is called ``nnpp``, any other's ``nnpp:NAME``.
-    """
-    out = [Contender(EXACT, Method.ASTAR)]
-    for method in dict.fromkeys(methods):
-        if method == Method.NNPP:
-            for at, (name, model) in enumerate(models.items()):
-                out.append(Contender(f"nnpp:{name}" if at else "nnpp", Method.NNPP, model))
-        elif method != EXACT:
-            out.append(Contender(method, Method(method), next(iter(models.values()), None)))
-    return out
-
-
 def evaluate(
     cases: Iterable[Case],
-    planners: list[Contender],
+    rivals: Sequence[RivalPlanner],
     queries: int,
     *,
     repeats: int = 3,
+    harness: Harness | None = None,
     progress: Callable[[int], None] = lambda done: None,
-) -> dict[str, dict[str, Any]]:
-    """Put the same queries to every planner.
+) -> dict[str, Figures]:
+    """Have every planner answer the same queries.
 
     Parameters
     ----------
     cases : iterable of Case
         Maps and queries. Queries that exact A* finds no path for are passed over.
-    planners : list of Contender
+    rivals : sequence of RivalPlanner
         Exact A* must be among them.
     queries : int
         How many to judge by; fewer if the cases run out.
     repeats : int
         Each planner answers each query so often, in turn with the others; its median time counts.
+    harness : Harness
+        That times the calls.
     progress : callable
-        Told how many queries are done.
+        Called with the number of queries that are done.
 
     Returns
     -------
@@ -143,38 +122,21 @@ def evaluate(
     the map is set, before the clock starts, for all planners alike.
     """
     exercise()
-    tallies = {planner.name: Tally() for planner in planners}
+    harness = harness or Harness()
+    answers = {rival.name: _Answers() for rival in rivals}
     done = 0
     for case in cases:
-        on_map = {p.name: Planner(case.cost, model=p.model or "edge") for p in planners}
-        for at, (start, goal) in enumerate(case.queries):
-            if done == queries:
-                return {name: tally.row() for name, tally in tallies.items()}
-            if at == 0:
-                for p in planners:
-                    on_map[p.name].plan(start, goal, method=p.method)  # the map's own work, and warm caches
-            exact = on_map[EXACT].plan(start, goal, method=Method.ASTAR)
-            if exact.status is not Status.OK:
-                continue
-            times: dict[str, list[float]] = {p.name: [] for p in planners}
-            plans: dict[str, tuple[Plan, Any]] = {}
-            for turn in range(repeats):
-                shift = (done + turn) % len(planners)
-                for p in planners[shift:] + planners[:shift]:
-                    began = time.perf_counter()
-                    plan = on_map[p.name].plan(start, goal, method=p.method)
-                    times[p.name].append(time.perf_counter() - began)
-                    if turn == repeats - 1:
-                        plans[p.name] = (plan, _areas(plan))
-            medians = {name: float(np.median(values)) for name, values in times.items()}
-            for name, (plan, region) in plans.items():
-                tallies[name].add(plan, medians[name], exact, medians[EXACT], case.cost.size, region)
-            done += 1
-            progress(done)
-    return {name: tally.row() for name, tally in tallies.items() if tally.time_ms}
-
-
-def _areas(plan: Plan) -> tuple[int | None, int | None]:
-    """Cells of the region that was searched and of the network's at the threshold; before the next query."""
-    searched = None if plan.region is None else plan.region.area()
-    return searched, None if plan.network_region is None else plan.network_region.area()
+        planners = {rival.name: rival.planner(case.cost) for rival in rivals}
+        exact = {query: planners[EXACT].plan(*query, method=Method.ASTAR) for query in case.queries}
+        solvable = [query for query in case.queries if exact[query].ok][: queries - done]
+        calls = {rival.name: call_on(planners[rival.name], rival.method) for rival in rivals}
+        for records in harness.measure(calls, solvable, repeats=repeats, warm_up=case.queries[:1]):
+            exact_s = records[EXACT].median_s
+            for rival in rivals:
+                record = records[rival.name]
+                plan = plan_with_regions(planners[rival.name], record.case, rival.method)
+                answers[rival.name].add(plan, record.median_s, exact[record.case], exact_s, case.cost.size)
+            progress(done := done + 1)
+        if done == queries:
+            break
+    return {name: counted.figures() for name, counted in answers.items() if counted.time_ms}

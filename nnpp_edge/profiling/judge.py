@@ -2,11 +2,10 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from nnpp_edge.profiling.figures import find
 from nnpp_edge.profiling.profile_file import Budget, Profile
 from nnpp_edge.profiling.quantities import BASIS_UNITS, QUANTITIES
+from nnpp_edge.profiling.report_format import BudgetLine, ResultRow, WholeRun, find
 
 PASS, FAIL, NOISY, ABSENT = "pass", "fail", "noisy", "not measured"
 MET, MISSED, UNSURE = "met", "missed", "noisy"
@@ -25,16 +24,14 @@ class Noise:
     """Of the time."""
 
 
-def judged(
-    profile: Profile, results: list[dict[str, Any]], whole_run: Mapping[str, Mapping[str, float]], noise: Noise
-) -> list[dict[str, Any]]:  # fmt: skip
+def judged(profile: Profile, results: list[ResultRow], whole_run: WholeRun, noise: Noise) -> list[BudgetLine]:
     """A line for each budget, at each workload and size that it is set for.
 
     Parameters
     ----------
     profile : Profile
         With the budgets and the shares that still count as stable.
-    results : list of dict
+    results : list of ResultRow
         Rows of `figures.rows`.
     whole_run : mapping
         By quantity and planner, what there is one figure of.
@@ -47,14 +44,14 @@ def judged(
             if QUANTITIES[budget.quantity].whole_run:
                 value, halves = whole_run.get(budget.quantity, {}).get(budget.planner), None
             else:
-                row = find(results, str(workload), int(size or 0), budget.planner) or {}
-                value = _value(row, budget.quantity)
-                halves = row.get("halves", {}).get(QUANTITIES[budget.quantity].basis)
-            lines.append(_line(budget, workload, size, value, halves, profile.stability.halves, noise))
+                row = find(results, str(workload), int(size or 0), budget.planner)
+                value = row and _value(row, budget.quantity)
+                halves = row and row["halves"].get(QUANTITIES[budget.quantity].basis)
+            lines.append(_line(budget, (workload, size), value, halves, profile.stability.halves, noise))
     return lines
 
 
-def verdict(lines: Sequence[Mapping[str, Any]], noise: Noise) -> str:
+def verdict(lines: Sequence[BudgetLine], noise: Noise) -> str:
     """Of the whole run: missed if any budget is, else noisy if any is or could not be measured, else met."""
     states = {line["verdict"] for line in lines}
     if FAIL in states:
@@ -71,16 +68,23 @@ def _places(budget: Budget, profile: Profile) -> Iterator[tuple[str | None, int 
             yield workload, size
 
 
-def _value(row: Mapping[str, Any], quantity: str) -> float | None:
+def _value(row: ResultRow, quantity: str) -> float | None:
+    figures: Mapping[str, object] = row
     if quantity.startswith("time_ms_"):
-        return row.get("time_ms", {}).get(quantity.removeprefix("time_ms_"))
-    return row.get(quantity)
+        figures, quantity = row["time_ms"], quantity.removeprefix("time_ms_")
+    value = figures.get(quantity)
+    return value if isinstance(value, int | float) else None
 
 
 def _line(
-    budget: Budget, workload: str | None, size: int | None, value: float | None,
-    halves: Sequence[float] | None, allowed: float, noise: Noise,
-) -> dict[str, Any]:  # fmt: skip
+    budget: Budget,
+    place: tuple[str | None, int | None],
+    value: float | None,
+    halves: Sequence[float] | None,
+    allowed: float,
+    noise: Noise,
+) -> BudgetLine:
+    """A budget's line; `allowed` is the share by which the halves of the run may differ."""
     quantity = QUANTITIES[budget.quantity]
     shown = None if value is None else quantity.scale * value
     state, why = ABSENT, "this run did not measure it"
@@ -96,13 +100,22 @@ def _line(
             why = f"{words}, which explains no such miss"
         elif words:
             state, why = NOISY, words
-    return {
-        "name": budget.name, "quantity": budget.quantity, "planner": budget.planner, "workload": workload,
-        "size": size, "direction": budget.direction, "limit": budget.limit, "unit": budget.unit, "value": shown,
-        "halves": list(halves) if apart is not None and halves is not None else None,
-        "halves_unit": BASIS_UNITS.get(quantity.basis), "halves_differ": apart,
-        "verdict": state, "why": why,
-    }  # fmt: skip
+    return BudgetLine(
+        name=budget.name,
+        quantity=budget.quantity,
+        planner=budget.planner,
+        workload=place[0],
+        size=place[1],
+        direction=budget.direction,
+        limit=budget.limit,
+        unit=budget.unit,
+        value=shown,
+        halves=list(halves) if apart is not None and halves is not None else None,
+        halves_unit=BASIS_UNITS.get(quantity.basis),
+        halves_differ=apart,
+        verdict=state,
+        why=why,
+    )
 
 
 def _holds(budget: Budget, value: float) -> bool:

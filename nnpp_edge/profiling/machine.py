@@ -7,15 +7,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 from nnpp_edge import __version__
+from nnpp_edge.profiling.report_format import MachineFacts
 
-_FLAGS = (
-    "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_vnni", "avx_vnni", "amx_tile", "amx_int8",
-    "asimd", "asimddp", "i8mm", "sve", "sve2", "bf16",
-)  # fmt: skip
-"""What decides how fast int8 and float kernels are: x86's names, then ARM's (asimddp is the dot product)."""
+_X86_FLAGS = ("avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_vnni", "avx_vnni", "amx_tile", "amx_int8")
+_ARM_FLAGS = ("asimd", "asimddp", "i8mm", "sve", "sve2", "bf16")
+"""What decides how fast int8 and float kernels are; asimddp is the dot product."""
 _PACKAGES = ("numpy", "numba", "onnxruntime", "opencv-python-headless")
 _PROC, _SYS = Path("/proc"), Path("/sys")
 _IDLE = (3, 4)
@@ -25,14 +23,14 @@ _GUEST = 8
 """From this column on, time that is counted under user and nice already."""
 
 
-def environment(cores: Sequence[int]) -> dict[str, Any]:
+def environment(cores: Sequence[int]) -> MachineFacts:
     """CPU, its flags, governor of the cores, memory, versions and load, ready for JSON."""
     info = _cpuinfo()
     flags = set(info.get("flags", info.get("Features", "")).split())
     return {
         "cpu": info.get("model name") or _device_tree() or info.get("Hardware") or platform.machine(),
         "architecture": platform.machine(),
-        "flags": [flag for flag in _FLAGS if flag in flags],
+        "flags": [flag for flag in (*_X86_FLAGS, *_ARM_FLAGS) if flag in flags],
         "cores_online": os.cpu_count(),
         "governor": sorted({name for core in cores if (name := _governor(core))}) or None,
         "memory_mb": _memory_mb(),
@@ -83,7 +81,7 @@ class CoreTimes:
         self._at: tuple[float, float, tuple[float, float] | None] | None = None
 
     def start(self) -> None:
-        """Begin to count, or go on."""
+        """Start or resume the count."""
         self._at = (time.perf_counter(), time.process_time(), _core_seconds(self.cores))
 
     def stop(self) -> None:

@@ -1,7 +1,6 @@
 """The measured run of a profile: every planner, every query, in turns, in two halves."""
 
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
@@ -9,41 +8,37 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.profiling.harness import Harness, Observer, Record
 from nnpp_edge.profiling.machine import CoreTimes, EnergyMeter
-from nnpp_edge.profiling.profile_cases import Ground, Question, Sheet
 from nnpp_edge.profiling.profile_file import Device, Load, Networks
+from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileMaps, ProfileQuery
+from nnpp_edge.profiling.rivals import EXACT, RivalPlanner
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
 
-EXACT = "astar"
 HALVES = 2
-_PASSED_OVER = 20
-"""Times as many maps as are needed are looked at for queries that have a path."""
+_MAPS_TRIED = 20
+"""Times as many maps as are needed are searched for queries that have a path."""
 
 
-@dataclass(frozen=True)
-class Contender:
-    """A planner under its name in the report."""
-
-    name: str
-    method: Method
-    model: NetworkModel | None
+def _per_half() -> list[list[float]]:
+    return [[] for _ in range(HALVES)]
 
 
 @dataclass
 class Answers:
-    """What one planner did on the queries of one workload and size. Arrays run over the queries, in order."""
+    """What one planner did on the queries of one workload and size. Lists run over the queries, in order."""
 
-    middle_ms: list[list[float]] = field(default_factory=lambda: [[] for _ in range(HALVES)])
+    middle_ms: list[list[float]] = field(default_factory=_per_half)
     """For each half, for each query, the time of its middle call; of two calls the faster one."""
     worst_ms: float = 0.0
     """The slowest call of all."""
     stages_ms: list[list[dict[str, float]]] = field(default_factory=lambda: [[] for _ in range(HALVES)])
     """For each half, for each query, the stages of its middle call, and ``other``: what no stage counts."""
-    network_ms: list[list[float]] = field(default_factory=lambda: [[] for _ in range(HALVES)])
-    """For each half, for each query, the middle time of the whole network on map and query; where there is one."""
+    network_ms: list[list[float]] = field(default_factory=_per_half)
+    """For each half, for each query, the time of the whole network on map and query; empty without a network."""
     cost: list[float] = field(default_factory=list)
     traverse_cost: list[float] = field(default_factory=list)
     expansions: list[int] = field(default_factory=list)
@@ -56,22 +51,39 @@ class Answers:
         """Each query's time in milliseconds: in a half, or the mean of both."""
         return np.mean(self.middle_ms, axis=0) if half is None else np.array(self.middle_ms[half])
 
+    def add(self, record: Record[ProfileQuery, Plan], half: int) -> None:
+        """Count a query's calls in one half. Plans are the same in both, so the first half's count."""
+        self.calls += len(record.elapsed_s)
+        self.worst_ms = max(self.worst_ms, 1e3 * max(record.elapsed_s))
+        seconds, plan = record.middle()
+        stages = {stage: ms for stage, ms in plan.timings_ms.items() if stage != "total"}
+        self.middle_ms[half].append(1e3 * seconds)
+        stages["other"] = 1e3 * seconds - sum(stages.values())
+        self.stages_ms[half].append(stages)
+        if half == 0:
+            self.cost.append(plan.cost)
+            self.traverse_cost.append(plan.traverse_cost)
+            self.expansions.append(plan.expansions)
+            self.sources.append(plan.source)
+            self.solved.append(plan.status is Status.OK)
+
 
 @dataclass
-class Block:
+class WorkloadRun:
     """One workload and size."""
 
     workload: str
     size: int
     terrain: str
-    asked: list[list[Question]] = field(default_factory=list)
-    """Map by map; on some maps no question had a path."""
+    queries_by_map: list[list[ProfileQuery]] = field(default_factory=list)
+    """Map by map; on some maps no query had a path."""
     answers: dict[str, Answers] = field(default_factory=dict)
+    """By the planner's name."""
 
     @property
-    def questions(self) -> list[Question]:
-        """All that were asked, in the order of the answers."""
-        return [question for on_map in self.asked for question in on_map]
+    def queries(self) -> list[ProfileQuery]:
+        """All queries, in the order of the answers."""
+        return [query for on_map in self.queries_by_map for query in on_map]
 
 
 class Disturbance:
@@ -82,19 +94,19 @@ class Disturbance:
         self._wall_s = self._worked_s = 0.0
 
     def start(self) -> None:
-        """Begin to watch, or go on."""
+        """Start or resume the watch."""
         self.cores.start()
         self._wall_s -= time.perf_counter()
         self._worked_s -= time.thread_time()
 
     def stop(self) -> None:
-        """Watch no longer."""
+        """Pause the watch."""
         self._worked_s += time.thread_time()
         self._wall_s += time.perf_counter()
         self.cores.stop()
 
     def leave_out(self, wall_s: float, worked_s: float) -> None:
-        """A call in which this thread may have waited for threads of its own."""
+        """Leave out a call in which this thread may have waited for threads of its own."""
         self._wall_s -= wall_s
         self._worked_s -= worked_s
 
@@ -111,48 +123,49 @@ class Disturbance:
 class Run:
     """All that was measured."""
 
-    blocks: list[Block]
+    workloads: list[WorkloadRun]
     disturbance: list[Disturbance]
     """One for each half."""
     energy_problem: str
     """Why there is no energy; empty where there is."""
 
 
-def contenders(networks: Networks, device: Device) -> list[Contender]:
+def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
     """The planners of a profile; ModelError if a model cannot be loaded."""
 
     def network(name: str) -> NetworkModel:
         return NetworkModel(name, threads=device.threads, spinning=device.spinning)
 
-    found = [
-        Contender(EXACT, Method.ASTAR, None), Contender("corridor", Method.CORRIDOR, None),
-        Contender("nnpp", Method.NNPP, network(networks.int8)),
-    ]  # fmt: skip
+    found = [RivalPlanner(EXACT, Method.ASTAR), RivalPlanner("corridor", Method.CORRIDOR)]
+    found.append(RivalPlanner("nnpp", Method.NNPP, network(networks.int8)))
     if networks.fp32 is not None:
-        found.append(Contender("nnpp-fp32", Method.NNPP, network(networks.fp32)))
+        found.append(RivalPlanner("nnpp-fp32", Method.NNPP, network(networks.fp32)))
     # a network of its own: one that planners share takes the map over whenever the other has used it
-    return [*found, Contender("auto", Method.AUTO, network(networks.int8))]
+    return [*found, RivalPlanner("auto", Method.AUTO, network(networks.int8))]
 
 
 def run(
-    planners: Sequence[Contender],
+    rivals: Sequence[RivalPlanner],
     load: Load,
     cores: Sequence[int],
     *,
+    harness: Harness | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Run:
-    """Put every query to every planner, in both halves of the run.
+    """Have every planner answer every query, in both halves of the run.
 
     Parameters
     ----------
-    planners : sequence of Contender
+    rivals : sequence of RivalPlanner
         Exact A* first.
     load : Load
         What is planned.
     cores : sequence of int
-        That this process is pinned to: others on them are looked for.
+        That this process is pinned to: the time that others use on them is counted.
+    harness : Harness
+        That times the calls.
     progress : callable
-        Told how many queries are done, of `queries_in`.
+        Called with the number of queries that are done, of `queries_in`.
 
     Raises
     ------
@@ -162,24 +175,23 @@ def run(
     Notes
     -----
     The second half repeats the first, query by query. So the halves differ by what happened on the machine
-    alone, not by what was asked, however few the queries are. What depends on the map alone is made, and every
+    alone, not by the queries, however few they are. What depends on the map alone is made, and every
     planner has answered the map's first query, before the clock starts; within a round planners take turns.
     """
-    ground, energy = Ground(load), EnergyMeter()
-    blocks: dict[tuple[str, int], Block] = {}
+    maps, meter = ProfileMaps(load), EnergyMeter()
+    runs: dict[tuple[str, int], WorkloadRun] = {}
     disturbance = [Disturbance(cores) for _ in range(HALVES)]
-    session = _Session(planners, load, energy)
+    session = _Session(rivals, load.repeats, meter, harness or Harness())
     done = 0
     for half in range(HALVES):
         for name in load.workloads:
             for size in load.sizes:
-                block = blocks.setdefault((name, size), Block(name, size, ground.source(size)))
-                block.answers = block.answers or {p.name: Answers() for p in planners}
-                maps = _asked_before(ground, block) if half else _worth_asking(ground, block, load)
-                for sheet, questions in maps:
-                    session.ask(sheet, questions, block, half, disturbance[half])
-                    progress(done := done + len(questions))
-    return Run(list(blocks.values()), disturbance, energy.problem)
+                of = runs.setdefault((name, size), WorkloadRun(name, size, maps.source(size)))
+                of.answers = of.answers or {rival.name: Answers() for rival in rivals}
+                for on_map, queries in _first_half_again(maps, of) if half else _solvable(maps, of, load):
+                    session.measure(on_map, queries, of, half, disturbance[half])
+                    progress(done := done + len(queries))
+    return Run(list(runs.values()), disturbance, meter.problem)
 
 
 def queries_in(load: Load) -> int:
@@ -187,103 +199,86 @@ def queries_in(load: Load) -> int:
     return HALVES * len(load.workloads) * len(load.sizes) * (load.queries + load.near)
 
 
-def _asked_before(ground: Ground, block: Block) -> Iterator[tuple[Sheet, list[Question]]]:
-    """The maps of the first half again, with what was asked on them."""
-    sheets = ground.sheets(block.workload, block.size)
-    return ((sheet, questions) for questions, sheet in zip(block.asked, sheets) if questions)  # noqa: B905
+def _first_half_again(maps: ProfileMaps, of: WorkloadRun) -> Iterator[tuple[ProfileMap, list[ProfileQuery]]]:
+    """The maps of the first half again, with its queries."""
+    found = zip(of.queries_by_map, maps.maps(of.workload, of.size), strict=False)
+    return ((on_map, queries) for queries, on_map in found if queries)
 
 
-def _worth_asking(ground: Ground, block: Block, load: Load) -> Iterator[tuple[Sheet, list[Question]]]:
-    """Maps with the questions on them that have a path, until there are enough; they are booked as asked."""
-    room = {True: load.queries, False: load.near}
-    for sheet in islice(ground.sheets(block.workload, block.size), _PASSED_OVER * (load.queries + load.near)):
-        chosen: list[Question] = []
-        scout = Planner(sheet.cost)
-        for question in sheet.questions:
-            if room[question.judged] and scout.plan(question.start, question.goal, method=Method.CORRIDOR).ok:
-                room[question.judged] -= 1
-                chosen.append(question)
-        block.asked.append(chosen)
+def _solvable(maps: ProfileMaps, of: WorkloadRun, load: Load) -> Iterator[tuple[ProfileMap, list[ProfileQuery]]]:
+    """Maps with those of their queries that have a path, until there are enough; they are kept in `of`."""
+    missing = {True: load.queries, False: load.near}
+    for on_map in islice(maps.maps(of.workload, of.size), _MAPS_TRIED * (load.queries + load.near)):
+        chosen: list[ProfileQuery] = []
+        planner = Planner(on_map.cost)
+        for query in on_map.queries:
+            if missing[query.judged] and planner.plan(query.start, query.goal, method=Method.CORRIDOR).ok:
+                missing[query.judged] -= 1
+                chosen.append(query)
+        of.queries_by_map.append(chosen)
         if chosen:
-            yield sheet, chosen
-        if not any(room.values()):
+            yield on_map, chosen
+        if not any(missing.values()):
             return
     raise InvalidQueryError(
-        f"wanted {load.queries} queries with a path on maps of {block.size} × {block.size} ({block.workload}), "
-        f"found {load.queries - room[True]} on {len(block.asked)} maps"
+        f"wanted {load.queries} queries with a path on maps of {of.size} × {of.size} ({of.workload}), "
+        f"found {load.queries - missing[True]} on {len(of.queries_by_map)} maps"
     )
 
 
 @dataclass
 class _Session:
-    """What asking needs besides the question."""
+    """What all maps of a run are measured with."""
 
-    planners: Sequence[Contender]
-    load: Load
-    energy: EnergyMeter
-    turn: int = 0
+    rivals: Sequence[RivalPlanner]
+    repeats: int
+    meter: EnergyMeter
+    harness: Harness
 
-    def ask(
-        self, sheet: Sheet, questions: list[Question], block: Block, half: int, disturbance: Disturbance
-    ) -> None:  # fmt: skip
-        """Put the questions on one map to all planners, and book the answers."""
-        on_map = {p.name: Planner(sheet.cost, model=p.model or "edge") for p in self.planners}
-        first = questions[0]
-        for p in self.planners:
-            on_map[p.name].plan(first.start, first.goal, method=p.method)  # the map's own work, and warm caches
+    def measure(
+        self, on_map: ProfileMap, queries: list[ProfileQuery], of: WorkloadRun, half: int, disturbance: Disturbance
+    ) -> None:
+        """Have all planners answer the queries on one map, and count the answers."""
+        calls = {rival.name: _call(rival.planner(on_map.cost), rival.method) for rival in self.rivals}
+        for call in calls.values():
+            call(queries[0])  # the map's own work, and warm caches
+        observer = _PlanObserver(of, self.meter, disturbance)
         disturbance.start()
-        for question in questions:
-            calls: dict[str, list[tuple[float, Plan]]] = defaultdict(list)
-            for _ in range(self.load.repeats):
-                self.turn += 1
-                shift = self.turn % len(self.planners)
-                for p in [*self.planners[shift:], *self.planners[:shift]]:
-                    calls[p.name].append(self._call(on_map[p.name], p, question, block, disturbance))
-            for name, answered in calls.items():
-                _book(block.answers[name], answered, half)
-            for p in self.planners:  # last, so that no planner follows what others do not
-                if p.method is Method.NNPP and p.model is not None:
-                    block.answers[p.name].network_ms[half].append(self._network(p.model, disturbance))
+        for records in self.harness.measure(calls, queries, repeats=self.repeats, observer=observer):
+            for rival in self.rivals:
+                of.answers[rival.name].add(records[rival.name], half)
+            for rival in self.rivals:  # last, so that no planner follows what others do not
+                if rival.method is Method.NNPP and rival.model is not None:
+                    of.answers[rival.name].network_ms[half].append(self._network_ms(rival.model, disturbance))
         disturbance.stop()
 
-    def _call(
-        self, planner: Planner, p: Contender, question: Question, block: Block, disturbance: Disturbance
-    ) -> tuple[float, Plan]:
-        joules = self.energy.read()
+    def _network_ms(self, model: NetworkModel, disturbance: Disturbance) -> float:
+        """Milliseconds of the network on the map and the query that it was shown last, both encoded anew."""
         worked = time.thread_time()
-        began = time.perf_counter()
-        plan = planner.plan(question.start, question.goal, method=p.method)
-        seconds = time.perf_counter() - began
-        worked = time.thread_time() - worked
-        if joules:
-            block.answers[p.name].energy_j += self.energy.joules(joules, self.energy.read())
-        if plan.method is Method.NNPP:
-            disturbance.leave_out(seconds, worked)
-        return 1e3 * seconds, plan
-
-    @staticmethod
-    def _network(model: NetworkModel, disturbance: Disturbance) -> float:
-        """Milliseconds of the network on the map and the query that it was shown last, both seen anew."""
-        worked = time.thread_time()
-        began = time.perf_counter()
-        model.run(anew=True)
-        seconds = time.perf_counter() - began
+        seconds, _ = self.harness.timed(lambda: model.run(anew=True))
         disturbance.leave_out(seconds, time.thread_time() - worked)
         return 1e3 * seconds
 
 
-def _book(answers: Answers, calls: list[tuple[float, Plan]], half: int) -> None:
-    """A query's calls in one half. Plans are the same in both, so the first half's count."""
-    answers.calls += len(calls)
-    answers.worst_ms = max(answers.worst_ms, *(ms for ms, _ in calls))
-    middle_ms, plan = sorted(calls, key=lambda call: call[0])[(len(calls) - 1) // 2]
-    stages = {stage: ms for stage, ms in plan.timings_ms.items() if stage != "total"}
-    answers.middle_ms[half].append(middle_ms)
-    stages["other"] = middle_ms - sum(stages.values())
-    answers.stages_ms[half].append(stages)
-    if half == 0:
-        answers.cost.append(plan.cost)
-        answers.traverse_cost.append(plan.traverse_cost)
-        answers.expansions.append(plan.expansions)
-        answers.sources.append(plan.source)
-        answers.solved.append(plan.status is Status.OK)
+def _call(planner: Planner, method: Method) -> Callable[[ProfileQuery], Plan]:
+    return lambda query: planner.plan(query.start, query.goal, method=method)
+
+
+class _PlanObserver(Observer[Plan]):
+    """Counts each call's energy, and leaves runs of the network out of the disturbance."""
+
+    def __init__(self, of: WorkloadRun, meter: EnergyMeter, disturbance: Disturbance) -> None:
+        self._of, self._meter, self._disturbance = of, meter, disturbance
+        self._counters: list[int] = []
+        self._worked_s = 0.0
+
+    def before(self, rival: str) -> None:
+        self._counters = self._meter.read()
+        self._worked_s = time.thread_time()
+
+    def after(self, rival: str, elapsed_s: float, result: Plan) -> None:
+        worked = time.thread_time() - self._worked_s
+        if self._counters:
+            self._of.answers[rival].energy_j += self._meter.joules(self._counters, self._meter.read())
+        if result.method is Method.NNPP:
+            self._disturbance.leave_out(elapsed_s, worked)

@@ -6,9 +6,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.profiling.profile_cases import Question
+from nnpp_edge.profiling.profile_maps import ProfileQuery
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import NnppEdgeError
 
 _PLAN_ONCE = """
@@ -25,7 +25,7 @@ for line in open("/proc/self/status"):
 # VmHWM and not ru_maxrss: the latter begins, in a child, with what the parent held when it was started.
 
 
-def peak_memory_mb(cost: NDArray[np.float32], question: Question, method: str, model: str) -> float | None:
+def peak_memory_mb(cost: Float2D, query: ProfileQuery, method: str, model: str) -> float | None:
     """Peak resident memory of import, load, map and one plan, in MB (10⁶ bytes); None where the kernel does not say.
 
     Raises
@@ -36,10 +36,9 @@ def peak_memory_mb(cost: NDArray[np.float32], question: Question, method: str, m
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "cost.npy"
         np.save(path, cost)
-        words = [str(path), method, str(model), *map(str, (*question.start, *question.goal))]
-        ended = subprocess.run(
-            [sys.executable, "-c", _PLAN_ONCE, *words], check=False, capture_output=True, text=True
-        )  # fmt: skip
+        words = [str(path), method, str(model), *map(str, (*query.start, *query.goal))]
+        command = [sys.executable, "-c", _PLAN_ONCE, *words]
+        ended = subprocess.run(command, check=False, capture_output=True, text=True)
     if ended.returncode:
         said = ended.stderr.strip().splitlines() or ["no word of why"]
         raise NnppEdgeError(f"peak memory of {method}: the process that plans once failed: {said[-1]}")

@@ -2,13 +2,14 @@
 
 import math
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from nnpp_edge.profiling.quantities import DIRECTIONS, QUANTITIES
+from nnpp_edge.profiling.toml_table import ProfileError, TomlTable
 from nnpp_edge.runtime.errors import InvalidQueryError
 
 PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
@@ -17,10 +18,6 @@ SAMPLE, SYNTHETIC = "sample", "synthetic"
 _SHIPPED = Path(str(files("nnpp_edge.profiles")))
 _LEAST_SIDE = 16
 _FASTEST_HZ = 1000.0
-
-
-class ProfileError(InvalidQueryError):
-    """A profile that cannot be used; the message names the file and the key."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +114,7 @@ class Profile:
     name: str
     title: str
     planner: str
-    """Whom budgets judge that do not name a planner."""
+    """Whom a budget judges that names no planner."""
     device: Device
     load: Load
     networks: Networks = field(default_factory=Networks)
@@ -125,12 +122,12 @@ class Profile:
     budgets: tuple[Budget, ...] = ()
     loop: OnboardLoop = field(default_factory=OnboardLoop)
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         """For JSON: terrain by name only; without the loop, which is not measured."""
-        told = asdict(self)
-        del told["loop"]
-        told["load"]["terrain"] = [Path(each).name for each in self.load.terrain]
-        return told
+        load = replace(self.load, terrain=tuple(Path(each).name for each in self.load.terrain))
+        facts: dict[str, object] = asdict(replace(self, load=load))
+        del facts["loop"]
+        return facts
 
 
 def shipped_profiles() -> list[str]:
@@ -158,138 +155,93 @@ def read_profile(name: str | Path) -> Profile:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ProfileError(f"{path}: wanted a profile in TOML, got: {' '.join(str(error).split())}") from error
-    return _profile(_Table(path.name, "", content), path.stem)
+    return _profile(TomlTable(path.name, "", content), path.stem)
 
 
-def overridden(profile: Profile, **changes: Any) -> tuple[Profile, list[str]]:
+Error = Callable[[str, str, object], ProfileError]
+"""From a key, what was wanted and what came."""
+
+
+def overridden(profile: Profile, **changes: object) -> tuple[Profile, list[str]]:
     """The profile with another load, as options on the command line ask for; None changes nothing.
 
     Also the names of the budgets that were left out because their size is no longer measured.
     """
-    load = replace(profile.load, **{key: value for key, value in changes.items() if value is not None})
-    _check_load(load, lambda key, wanted, got: ProfileError(f"{key}: wanted {wanted}, got {got!r}"))
+    load = replace(profile.load, **_given(changes))
+    _check_load(load, _option_error)
     kept = tuple(budget for budget in profile.budgets if budget.size is None or budget.size in load.sizes)
     dropped = [budget.name for budget in profile.budgets if budget not in kept]
     return replace(profile, load=load, budgets=kept), dropped
 
 
-def overridden_loop(loop: OnboardLoop, **changes: Any) -> OnboardLoop:
+def overridden_loop(loop: OnboardLoop, **changes: object) -> OnboardLoop:
     """The loop as options on the command line ask for; None changes nothing. ProfileError if out of range."""
-    changed = replace(loop, **{key: value for key, value in changes.items() if value is not None})
-    _check_loop(changed, lambda key, wanted, got: ProfileError(f"{key}: wanted {wanted}, got {got!r}"))
+    changed = replace(loop, **_given(changes))
+    _check_loop(changed, _option_error)
     return changed
 
 
-class _Table:
-    """A table of the file, whose keys are taken one by one: what is left at the end is unknown."""
-
-    def __init__(self, file: str, place: str, content: Mapping[str, Any]) -> None:
-        self.file, self.place, self.content = file, place, dict(content)
-        self.known: list[str] = []
-
-    def error(self, key: str, wanted: str, got: object) -> ProfileError:
-        return ProfileError(f"{self.file}: {self._name(key)}: wanted {wanted}, got {got!r}")
-
-    def _name(self, key: str) -> str:
-        return f"{self.place}.{key}" if self.place else key
-
-    def table(self, key: str) -> "_Table":
-        return _Table(self.file, self._name(key), self.take(key, dict, "a table", {}))
-
-    def take(self, key: str, kind: Any, wanted: str, *default: Any) -> Any:
-        """The value of a key, of the wanted type; without a default the key is needed."""
-        self.known.append(key)
-        if key not in self.content:
-            if default:
-                return default[0]
-            raise ProfileError(f"{self.file}: {self._name(key)} is missing: wanted {wanted}")
-        value = self.content.pop(key)
-        if not _is(value, kind):
-            raise self.error(key, wanted, value)
-        return value
-
-    def many(self, key: str, kind: Any, wanted: str, *default: Any) -> tuple[Any, ...]:
-        """One value or a list of them without duplicates."""
-        value = self.take(key, object, wanted, *default)
-        values = tuple(value) if isinstance(value, list | tuple) else (value,)
-        if not values or not all(_is(each, kind) for each in values) or len(set(values)) < len(values):
-            raise self.error(key, f"{wanted}, or a list of different ones", value)
-        return values
-
-    def finish(self) -> None:
-        for key in self.content:
-            raise ProfileError(f"{self.file}: {self._name(key)} is unknown: wanted one of {', '.join(self.known)}")
+def _given(changes: dict[str, object]) -> dict[str, Any]:
+    return {key: value for key, value in changes.items() if value is not None}
 
 
-def _is(value: Any, kind: Any) -> bool:
-    """Of the type; a bool is no number, a whole number is one; inf and NaN are none."""
-    if kind is float:
-        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    if kind is int:
-        return isinstance(value, int) and not isinstance(value, bool)
-    return isinstance(value, kind)
+def _option_error(key: str, wanted: str, got: object) -> ProfileError:
+    return ProfileError(f"{key}: wanted {wanted}, got {got!r}")
 
 
-def _profile(top: _Table, name: str) -> Profile:
-    title = top.take("title", str, "a line of text", name)
-    planner = top.take("planner", str, f"one of {', '.join(PLANNERS)}", "auto")
-    if planner not in PLANNERS:
-        raise top.error("planner", f"one of {', '.join(PLANNERS)}", planner)
+def _profile(top: TomlTable, name: str) -> Profile:
+    title = top.optional("title", str, "a line of text", name)
+    planner = top.choice("planner", PLANNERS, "auto")
     device, load = _device(top.table("device")), _load(top.table("workload"))
-    table = top.table("model")
-    networks = Networks(
-        table.take("int8", str, "a model's name or file", Networks.int8),
-        table.take("fp32", str, "a model's name or file", None),
-    )
-    table.finish()
+    networks = _networks(top.table("model"))
     stability = _stability(top.table("stability"))
     loop = _loop(top.table("loop"), device, networks)
-    lines = top.take("budgets", list, "a list of tables", [])
+    budgets = _budgets(top, planner, load, networks)
     top.finish()
-    budgets: list[Budget] = []
-    for at, line in enumerate(lines):
-        if not isinstance(line, dict):
-            raise top.error(f"budgets[{at}]", "a table", line)
-        budgets.append(_budget(_Table(top.file, f"budgets[{at}]", line), planner, load, networks))
-        if budgets[-1].name in {budget.name for budget in budgets[:-1]}:
-            raise top.error(f"budgets[{at}].name", "a name of its own", budgets[-1].name)
     if planner == "nnpp-fp32" and networks.fp32 is None:
         raise top.error("planner", "a planner that is measured (model.fp32 is not set)", planner)
-    return Profile(name, title, planner, device, load, networks, stability, tuple(budgets), loop)
+    return Profile(name, title, planner, device, load, networks, stability, budgets, loop)
 
 
-def _device(table: _Table) -> Device:
-    cores = table.many("cores", int, "the number of a core", (0,))
+def _device(table: TomlTable) -> Device:
+    cores = table.several("cores", int, "the number of a core", (0,))
     if min(cores) < 0:
         raise table.error("cores", "numbers of cores from 0", list(cores))
-    threads = table.take("threads", int, "a whole number of at least 1", None)
+    threads = table.optional("threads", int, "a whole number of at least 1", None)
     if threads is not None and threads < 1:
         raise table.error("threads", "a whole number of at least 1", threads)
-    device = Device(cores, threads, table.take("spinning", bool, "true or false", Device.spinning))
+    device = Device(cores, threads, table.optional("spinning", bool, "true or false", Device.spinning))
     table.finish()
     return device
 
 
-def _load(table: _Table) -> Load:
-    number = "a number"
+def _networks(table: TomlTable) -> Networks:
+    int8 = table.optional("int8", str, "a model's name or file", Networks.int8)
+    networks = Networks(int8, table.optional("fp32", str, "a model's name or file", None))
+    table.finish()
+    return networks
+
+
+def _load(table: TomlTable) -> Load:
+    number, whole = "a number", "a whole number"
     load = Load(
-        terrain=table.many("terrain", str, f"a file, {SAMPLE!r} or {SYNTHETIC!r}", Load.terrain),
-        rescale=table.take("rescale", float, number, None),
-        cell_size=table.take("cell_size", float, number, None),
-        workloads=table.many("workloads", str, "a workload such as 'soft' or 'limit20'", Load.workloads),
-        sizes=table.many("sizes", int, "the side of a map in cells", Load.sizes),
-        queries=table.take("queries", int, "a whole number", Load.queries),
-        near=table.take("near", int, "a whole number", Load.near),
-        repeats=table.take("repeats", int, "a whole number", Load.repeats),
-        min_distance=table.take("min_distance", float, number, Load.min_distance),
-        seed=table.take("seed", int, "a whole number", Load.seed),
+        terrain=table.several("terrain", str, f"a file, {SAMPLE!r} or {SYNTHETIC!r}", Load.terrain),
+        rescale=table.optional("rescale", float, number, None),
+        cell_size=table.optional("cell_size", float, number, None),
+        workloads=table.several("workloads", str, "a workload such as 'soft' or 'limit20'", Load.workloads),
+        sizes=table.several("sizes", int, "the side of a map in cells", Load.sizes),
+        queries=table.optional("queries", int, whole, Load.queries),
+        near=table.optional("near", int, whole, Load.near),
+        repeats=table.optional("repeats", int, whole, Load.repeats),
+        min_distance=table.optional("min_distance", float, number, Load.min_distance),
+        seed=table.optional("seed", int, whole, Load.seed),
     )
     table.finish()
     _check_load(load, table.error)
     return load
 
 
-def _check_load(load: Load, error: Callable[[str, str, Any], ProfileError]) -> None:
+def _check_load(load: Load, error: Error) -> None:
     """What every load must fulfil, whether from a file or from the command line."""
     from nnpp_edge.terrain.workloads import workload
 
@@ -312,11 +264,9 @@ def _check_load(load: Load, error: Callable[[str, str, Any], ProfileError]) -> N
         raise error("terrain", f"{SYNTHETIC!r} alone, or files", list(load.terrain))
 
 
-def _stability(table: _Table) -> Stability:
-    found = Stability(
-        table.take("halves", float, "a share", Stability.halves),
-        table.take("disturbance", float, "a share", Stability.disturbance),
-    )
+def _stability(table: TomlTable) -> Stability:
+    halves = table.optional("halves", float, "a share", Stability.halves)
+    found = Stability(halves, table.optional("disturbance", float, "a share", Stability.disturbance))
     table.finish()
     for key in ("halves", "disturbance"):
         if getattr(found, key) <= 0.0:
@@ -324,22 +274,22 @@ def _stability(table: _Table) -> Stability:
     return found
 
 
-def _loop(table: _Table, device: Device, networks: Networks) -> OnboardLoop:
+def _loop(table: TomlTable, device: Device, networks: Networks) -> OnboardLoop:
     loop = OnboardLoop(
-        rate_hz=float(table.take("rate_hz", float, "ticks a second", OnboardLoop.rate_hz)),
-        method=table.take("method", str, "a planner's name", OnboardLoop.method),
-        model=table.take("model", str, "a model's name or file", networks.int8),
-        cores=table.many("cores", int, "the number of a core", device.cores),
-        priority=table.take("priority", int, "a whole number", OnboardLoop.priority),
-        tolerance=float(table.take("tolerance", float, "a share", OnboardLoop.tolerance)),
-        corner_cutting=table.take("corner_cutting", bool, "true or false", OnboardLoop.corner_cutting),
+        rate_hz=float(table.optional("rate_hz", float, "ticks a second", OnboardLoop.rate_hz)),
+        method=table.optional("method", str, "a planner's name", OnboardLoop.method),
+        model=table.optional("model", str, "a model's name or file", networks.int8),
+        cores=table.several("cores", int, "the number of a core", device.cores),
+        priority=table.optional("priority", int, "a whole number", OnboardLoop.priority),
+        tolerance=float(table.optional("tolerance", float, "a share", OnboardLoop.tolerance)),
+        corner_cutting=table.optional("corner_cutting", bool, "true or false", OnboardLoop.corner_cutting),
     )
     table.finish()
     _check_loop(loop, table.error)
     return loop
 
 
-def _check_loop(loop: OnboardLoop, error: Callable[[str, str, Any], ProfileError]) -> None:
+def _check_loop(loop: OnboardLoop, error: Error) -> None:
     """What every loop must fulfil, whether from a file or from the command line."""
     if loop.method not in LOOP_METHODS:
         raise error("method", f"one of {', '.join(LOOP_METHODS)}", loop.method)
@@ -353,25 +303,34 @@ def _check_loop(loop: OnboardLoop, error: Callable[[str, str, Any], ProfileError
         raise error("tolerance", "a share of at least 0", loop.tolerance)
 
 
-def _budget(table: _Table, planner: str, load: Load, networks: Networks) -> Budget:
-    name = table.take("name", str, "a name of its own")
-    quantity = table.take("quantity", str, "a quantity")
-    if quantity not in QUANTITIES:
-        raise table.error("quantity", f"one of {', '.join(QUANTITIES)}", quantity)
-    limit = float(table.take("limit", float, "a number"))
-    direction = table.take("direction", str, " or ".join(map(repr, DIRECTIONS)))
+def _budgets(top: TomlTable, planner: str, load: Load, networks: Networks) -> tuple[Budget, ...]:
+    found: list[Budget] = []
+    for at, line in enumerate(top.optional("budgets", list, "a list of tables", [])):
+        place = f"budgets[{at}]"
+        if not isinstance(line, dict):
+            raise top.error(place, "a table", line)
+        found.append(_budget(TomlTable(top.file, place, line), planner, load, networks))
+        if found[-1].name in {budget.name for budget in found[:-1]}:
+            raise top.error(f"{place}.name", "a name of its own", found[-1].name)
+    return tuple(found)
+
+
+def _budget(table: TomlTable, planner: str, load: Load, networks: Networks) -> Budget:
+    measured = tuple(p for p in PLANNERS if networks.fp32 is not None or p != "nnpp-fp32")
+    name = table.needed("name", str, "a name of its own")
+    quantity = table.choice("quantity", tuple(QUANTITIES))
+    limit = float(table.needed("limit", float, "a number"))
+    words = " or ".join(map(repr, DIRECTIONS))
+    direction = table.needed("direction", str, words)
     if direction not in DIRECTIONS:
-        raise table.error("direction", " or ".join(map(repr, DIRECTIONS)), direction)
-    unit = table.take("unit", str, f"the unit of {quantity}")
+        raise table.error("direction", words, direction)
+    unit = table.needed("unit", str, f"the unit of {quantity}")
     if unit != QUANTITIES[quantity].unit:
         raise table.error("unit", f"{QUANTITIES[quantity].unit!r}, the unit of {quantity}", unit)
-    measured = [p for p in PLANNERS if networks.fp32 is not None or p != "nnpp-fp32"]
-    judged = table.take("planner", str, f"one of {', '.join(measured)}", planner)
-    if judged not in measured:
-        raise table.error("planner", f"one of {', '.join(measured)}", judged)
+    judged = table.choice("planner", measured, planner)
     if quantity == "int8_speedup" and networks.fp32 is None:
         raise table.error("quantity", "one that is measured (model.fp32 is not set)", quantity)
-    workload, size = table.take("workload", str, "a workload", None), table.take("size", int, "a size", None)
+    workload, size = table.optional("workload", str, "a workload", None), table.optional("size", int, "a size", None)
     if workload is not None and workload not in load.workloads:
         raise table.error("workload", f"one of {', '.join(load.workloads)}", workload)
     if size is not None and size not in load.sizes:

@@ -3,26 +3,33 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.terrain.dataset import read_recipe
 from nnpp_edge.terrain.dem import Dem, read_dem
-from nnpp_edge.terrain.labels import Query, random_query
+from nnpp_edge.terrain.labels import random_query
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import workload
 
 QUERIES_PER_MAP = 10
 SYNTHETIC = "synthetic"
 SYNTHETIC_CELL_M = 20.0
+LEAST_DISTANCE = 0.35
+"""Between start and goal by default, as a share of the map's longer side."""
+_SAMPLE_FILE, _SAMPLE_CELL_M = "moon_highlands.npz", 20.0
 _TRIES = 50
 
 Size = int | tuple[int, int]
 """Side of a square map, or rows and columns."""
+StartGoal = tuple[Cell, Cell]
+"""Start and goal of a plan."""
 
 
 def shape_of(size: Size) -> tuple[int, int]:
@@ -37,76 +44,124 @@ def name_of(size: Size) -> int | str:
 
 @dataclass(frozen=True)
 class Case:
-    """A cost map and what is asked on it."""
+    """A cost map with queries on it."""
 
     workload: str
     size: Size
-    cost: NDArray[np.float32]
+    cost: Float2D
     """(H, W) traversability cost."""
-    queries: tuple[Query, ...]
+    queries: tuple[StartGoal, ...]
     """Start and goal both passable; whether they are connected is not known yet."""
 
 
 @dataclass(frozen=True)
-class TerrainSuite:
-    """Random crops of terrain files, with random queries.
+class TerrainFiles:
+    """Elevation files, and how they are read."""
 
-    The same settings give the same cases on any machine. A workload's crops and queries do not depend on
-    which other workloads and sizes are asked for.
-    """
-
-    terrain: tuple[Path, ...]
-    workloads: tuple[str, ...] = ("soft",)
-    sizes: tuple[Size, ...] = (256,)
-    seed: int = 1
+    paths: tuple[Path, ...]
     rescale: float | None = None
     """Side of a cell in metres that the terrain is rescaled to, its slopes kept."""
     cell_size: float | None = None
-    least_distance: float = 0.35
-    """Between start and goal, as a share of the map's longer side."""
+    """Side of a cell in metres, where the files do not say."""
 
-    def load(self) -> list[Dem]:
-        """Read the terrain files; InvalidQueryError where a file is smaller than a size asked for."""
-        dems = []
-        rows, cols = (max(side) for side in zip(*map(shape_of, self.sizes), strict=True))
-        for path in self.terrain:
-            dem = read_dem(path, cell_size_m=self.cell_size)
-            if dem.elevation.shape[0] < rows or dem.elevation.shape[1] < cols:
-                raise InvalidQueryError(
-                    f"{path}: wanted terrain of at least {rows} × {cols} cells, got {dem.elevation.shape}"
-                )
-            dems.append(dem if self.rescale is None else dem.rescaled(self.rescale))
-        return dems
+    @classmethod
+    def or_sample(
+        cls, paths: Sequence[Path], rescale: float | None = None, cell_size: float | None = None
+    ) -> "TerrainFiles":
+        """These files; without any, the sample that travels with the package, at cells of 20 m by default."""
+        if paths:
+            return cls(tuple(paths), rescale, cell_size)
+        sample = Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE_FILE))
+        return cls((sample,), rescale or _SAMPLE_CELL_M, None)
 
-    def cases(self, dems: Sequence[Dem], name: str, size: Size) -> Iterator[Case]:
-        """Cases of one workload and size, without end; InvalidQueryError if the terrain has no fitting query."""
-        limits, (rows, cols) = workload(name), shape_of(size)
-        rng = np.random.default_rng([self.seed, *dict.fromkeys((rows, cols))])
-
-        def cost() -> NDArray[np.float32]:
-            dem = dems[int(rng.integers(len(dems)))]
-            row = int(rng.integers(0, dem.elevation.shape[0] - rows + 1))
-            col = int(rng.integers(0, dem.elevation.shape[1] - cols + 1))
-            crop = dem.elevation[row : row + rows, col : col + cols]
-            return traversability_cost(crop, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m, warn=False)
-
-        yield from _with_queries(name, size, cost, rng, self.least_distance)
+    def read(self) -> list[Dem]:
+        """Every file's terrain; TerrainError if one cannot be read."""
+        dems = [read_dem(path, cell_size_m=self.cell_size) for path in self.paths]
+        return dems if self.rescale is None else [dem.rescaled(self.rescale) for dem in dems]
 
 
-def synthetic_cases(name: str, size: Size, seed: int, least_distance: float = 0.35) -> Iterator[Case]:
-    """Cases on fractal and cratered ground (`synthetic_terrain`), as of `TerrainSuite`, for what no file holds."""
+def check_sizes(dems: Sequence[Dem], sizes: Sequence[Size]) -> None:
+    """InvalidQueryError where a terrain is smaller than one of the sizes."""
+    rows, cols = (max(side) for side in zip(*map(shape_of, sizes), strict=True))
+    for dem in dems:
+        if dem.elevation.shape[0] < rows or dem.elevation.shape[1] < cols:
+            raise InvalidQueryError(
+                f"{dem.source}: wanted terrain of at least {rows} × {cols} cells, got {dem.elevation.shape}"
+            )
+
+
+def terrain_cases(
+    dems: Sequence[Dem], name: str, size: Size, seed: int = 1, least_distance: float = LEAST_DISTANCE
+) -> Iterator[Case]:
+    """Cases of one workload and size on random crops of terrain, without end.
+
+    The same settings give the same cases on any machine.
+
+    Parameters
+    ----------
+    dems : sequence of Dem
+        Each at least of the size.
+    name : str
+        Workload.
+    size : int or (rows, cols)
+        Of the maps.
+    seed : int
+        Of crops and queries.
+    least_distance : float
+        Between start and goal, as a share of the map's longer side.
+
+    Raises
+    ------
+    InvalidQueryError
+        The terrain has no fitting query.
+    """
     limits, (rows, cols) = workload(name), shape_of(size)
     rng = np.random.default_rng([seed, *dict.fromkeys((rows, cols))])
 
-    def cost() -> NDArray[np.float32]:
+    def cost() -> Float2D:
+        dem = dems[int(rng.integers(len(dems)))]
+        row = int(rng.integers(0, dem.elevation.shape[0] - rows + 1))
+        col = int(rng.integers(0, dem.elevation.shape[1] - cols + 1))
+        crop = dem.elevation[row : row + rows, col : col + cols]
+        return traversability_cost(crop, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m, warn=False)
+
+    yield from _with_queries(name, size, cost, rng, least_distance)
+
+
+def synthetic_cases(name: str, size: Size, seed: int, least_distance: float = LEAST_DISTANCE) -> Iterator[Case]:
+    """Cases on fractal and cratered ground (`synthetic_terrain`), as of `terrain_cases`, for what no file holds."""
+    limits, (rows, cols) = workload(name), shape_of(size)
+    rng = np.random.default_rng([seed, *dict.fromkeys((rows, cols))])
+
+    def cost() -> Float2D:
         heights = synthetic_terrain(rng, max(rows, cols), SYNTHETIC_CELL_M)[:rows, :cols]
         return traversability_cost(heights, SYNTHETIC_CELL_M, limits, warn=False)
 
     yield from _with_queries(name, size, cost, rng, least_distance)
 
 
+def large_enough(dems: Sequence[Dem], size: int) -> list[Dem]:
+    """Those that a square map of this side can be cropped from."""
+    return [dem for dem in dems if min(dem.elevation.shape) >= size]
+
+
+def source_of(dems: Sequence[Dem], size: int) -> str:
+    """Name of the terrain that `cases_from` takes maps of this size from."""
+    return ", ".join(dict.fromkeys(dem.source.stem for dem in large_enough(dems, size))) or SYNTHETIC
+
+
+def cases_from(
+    dems: Sequence[Dem], name: str, size: int, seed: int, least_distance: float = LEAST_DISTANCE
+) -> Iterator[Case]:
+    """`terrain_cases` of the terrain that is large enough; `synthetic_cases` where none is."""
+    fitting = large_enough(dems, size)
+    if fitting:
+        return terrain_cases(fitting, name, size, seed, least_distance)
+    return synthetic_cases(name, size, seed, least_distance)
+
+
 def _with_queries(
-    name: str, size: Size, cost: Callable[[], NDArray[np.float32]], rng: np.random.Generator, least_distance: float
+    name: str, size: Size, cost: Callable[[], Float2D], rng: np.random.Generator, least_distance: float
 ) -> Iterator[Case]:
     """Map after map with random queries; InvalidQueryError where many maps in a row have no fitting one."""
     rows, cols = shape_of(size)

@@ -1,20 +1,23 @@
 """The paper's A* and A*NN, as plain Python, and our planners, on the same queries and in turns."""
 
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.profiling.suites import Case
+from nnpp_edge.profiling.harness import Harness, Record
+from nnpp_edge.profiling.rivals import FIRST_SOURCES, call_on, plan_with_regions
+from nnpp_edge.profiling.suites import Case, StartGoal
+from nnpp_edge.reproduction.experiment import MAPS_TRIED, Context, OnProgress
 from nnpp_edge.reproduction.plain_astar import build_graph, search
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.reproduction.report import Row, Table, columns
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.plan import Plan, Source, measure
+from nnpp_edge.runtime.planners.plan import Plan, path_costs
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.terrain.labels import Query
 
 PLAIN, PLAIN_NN = "plain A*", "plain A*NN"
 """The paper's two methods: A* over a graph of the whole map; A* over a graph of the network's region at the
@@ -26,7 +29,7 @@ _NETWORK_STAGES = ("encode", "inference", "threshold")
 
 @dataclass(frozen=True)
 class Answer:
-    """What one planner made of one query."""
+    """One planner's answer to one query."""
 
     time_s: float
     found: bool
@@ -50,14 +53,71 @@ class Round:
     answers: dict[str, Answer]
 
 
+@dataclass(frozen=True)
+class _PlainSearch:
+    """What a plain method found, and how long each of its stages took."""
+
+    path: list[Cell] | None
+    graph_cells: int
+    stages_s: dict[str, float]
+
+
+@dataclass(frozen=True)
+class _OnMap:
+    """The planners on one map."""
+
+    case: Case
+    model: NetworkModel
+    planner: Planner
+    harness: Harness
+
+    def call(self, name: str) -> Callable[[StartGoal], "Plan | _PlainSearch"]:
+        """A planner as a function of start and goal."""
+        plain = {PLAIN: self._plain, PLAIN_NN: self._plain_nn}
+        return plain[name] if name in plain else call_on(self.planner, name)
+
+    def _plain(self, query: StartGoal, inside: NDArray[np.bool_] | None = None) -> _PlainSearch:
+        graph_s, graph = self.harness.timed(lambda: build_graph(self.case.cost, inside))
+        search_s, path = self.harness.timed(lambda: search(graph, *query))
+        return _PlainSearch(path, len(graph.edges), {"graph": graph_s, "search": search_s})
+
+    def _plain_nn(self, query: StartGoal) -> _PlainSearch:
+        plan = plan_with_regions(self.planner, query, "nnpp")
+        region = plan.network_region
+        assert region is not None
+        mask_s, inside = self.harness.timed(region.mask)
+        # on what it was shown for this plan: the paper's network sees the map at each query
+        inference_s, _ = self.harness.timed(lambda: self.model.run(anew=True))
+        found = self._plain(query, inside)
+        network = {stage: 1e-3 * plan.timings_ms[stage] for stage in _NETWORK_STAGES}
+        stages = network | {"inference": inference_s, "mask": mask_s} | found.stages_s
+        return _PlainSearch(found.path, found.graph_cells, stages)
+
+    def answer(self, record: "Record[StartGoal, Plan | _PlainSearch]", exact: Plan) -> Answer:
+        """What a planner's calls come to."""
+        found = record.results[-1]
+        if isinstance(found, Plan):
+            region = plan_with_regions(self.planner, record.case, record.rival).region
+            mm = None if region is None else len(exact.path) / region.area()
+            stages = {stage: 1e-3 * ms for stage, ms in found.timings_ms.items() if stage != "total"}
+            excess = found.cost / exact.cost - 1.0
+            return Answer(record.median_s, found.source in FIRST_SOURCES, found.traverse_cost, excess, mm, stages)
+        time_s = sum(found.stages_s.values())
+        mm = len(exact.path) / found.graph_cells if record.rival == PLAIN_NN else None
+        if found.path is None:
+            return Answer(time_s, False, np.inf, np.inf, mm, found.stages_s)
+        cost, _, traverse_cost = path_costs(self.planner.state.grid, np.array(found.path, np.int32))
+        return Answer(time_s, True, traverse_cost, cost / exact.cost - 1.0, mm, found.stages_s)
+
+
 def contest(
-    cases: Iterator[Case], model: NetworkModel, queries: int, *, planners: Sequence[str] = PLANNERS, repeats: int = 3
+    cases: Iterable[Case], model: NetworkModel, queries: int, *, planners: Sequence[str] = PLANNERS, repeats: int = 3
 ) -> Iterator[Round]:
-    """Put queries to all planners, in turns; those without a path are passed over.
+    """Have all planners answer queries, in turns; those without a path are passed over.
 
     Parameters
     ----------
-    cases : iterator of Case
+    cases : iterable of Case
         Maps and queries.
     model : NetworkModel
         For `PLAIN_NN` and ``nnpp``.
@@ -73,85 +133,36 @@ def contest(
     InvalidQueryError
         Too few of the queries have a path.
     """
-    done = 0
-    for case in islice(cases, 20 * queries):
-        planner = Planner(case.cost, model=model, ask_from=0)
+    done, harness = 0, Harness()
+    for case in islice(cases, MAPS_TRIED * queries):
+        on_map = _OnMap(case, model, Planner(case.cost, model=model, ask_from=0), harness)
         for name in OURS:  # the map's own work, and warm caches
-            planner.plan(*case.queries[0], method=name)
-        for query in case.queries:
-            answers = _answers(planner, model, case.cost, query, planners, repeats, done)
-            if answers is not None:
-                yield answers
-                done += 1
-            if done == queries:
-                return
+            on_map.planner.plan(*case.queries[0], method=name)
+        exact = {query: on_map.planner.plan(*query, method="astar") for query in case.queries}
+        solvable = [query for query in case.queries if exact[query].ok][: queries - done]
+        calls = {name: on_map.call(name) for name in planners}
+        for records in harness.measure(calls, solvable, repeats=repeats, once=(PLAIN, PLAIN_NN)):
+            best = exact[records[planners[0]].case]
+            answers = {name: on_map.answer(record, best) for name, record in records.items()}
+            yield Round(len(case.cost), len(best.path), answers)
+            done += 1
+        if done == queries:
+            return
     raise InvalidQueryError(f"wanted {queries} queries with a path, got {done}")
 
 
-def _answers(
-    planner: Planner, model: NetworkModel, cost: NDArray[np.float32], query: Query, planners: Sequence[str],
-    repeats: int, turn: int,
-) -> Round | None:  # fmt: skip
-    exact = planner.plan(*query, method="astar")
-    if exact.status is not Status.OK:
-        return None
-    answers: dict[str, Answer] = {}
-    shift = turn % len(planners)
-    for name in (*planners[shift:], *planners[:shift]):
-        if name == PLAIN:
-            answers[name] = _plain(planner, cost, query, exact)
-        elif name == PLAIN_NN:
-            answers[name] = _plain_nn(planner, model, cost, query, exact)
-        else:
-            answers[name] = _ours(planner, name, query, exact, repeats)
-    return Round(len(cost), len(exact.path), {name: answers[name] for name in planners})
-
-
-def _plain(
-    planner: Planner, cost: NDArray[np.float32], query: Query, exact: Plan, inside: NDArray[np.bool_] | None = None
-) -> Answer:
-    began = time.perf_counter()
-    graph = build_graph(cost, inside)
-    built = time.perf_counter()
-    path = search(graph, *query)
-    ended = time.perf_counter()
-    stages = {"graph": built - began, "search": ended - built}
-    mm = None if inside is None else len(exact.path) / len(graph.edges)
-    if path is None:
-        return Answer(ended - began, False, np.inf, np.inf, mm, stages)
-    price, _, traverse_cost = measure(planner.grid, np.array(path, np.int32))
-    return Answer(ended - began, True, traverse_cost, price / exact.cost - 1.0, mm, stages)
-
-
-def _plain_nn(
-    planner: Planner, model: NetworkModel, cost: NDArray[np.float32], query: Query, exact: Plan
-) -> Answer:  # fmt: skip
-    plan = planner.plan(*query, method="nnpp")
-    assert plan.network_region is not None
-    began = time.perf_counter()
-    inside = plan.network_region.mask()
-    masked = time.perf_counter() - began
-    began = time.perf_counter()
-    model.run(anew=True)  # on what it was shown for this plan: the paper's network sees the map at each query
-    inferred = time.perf_counter() - began
-    plain = _plain(planner, cost, query, exact, inside)
-    network = {stage: 1e-3 * plan.timings_ms[stage] for stage in _NETWORK_STAGES}
-    stages = network | {"inference": inferred, "mask": masked} | plain.stages_s
-    return Answer(sum(stages.values()), plain.found, plain.traverse_cost, plain.excess, plain.mm, stages)
-
-
-def _ours(planner: Planner, name: str, query: Query, exact: Plan, repeats: int) -> Answer:
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        plan = planner.plan(*query, method=name)
-        times.append(time.perf_counter() - began)
-    mm = None if plan.region is None else len(exact.path) / plan.region.area()
-    stages = {stage: 1e-3 * ms for stage, ms in plan.timings_ms.items() if stage != "total"}
-    in_first = plan.source in (Source.MAP, Source.REGION)
-    return Answer(
-        float(np.median(times)), in_first, plan.traverse_cost, plan.cost / exact.cost - 1.0, mm, stages
-    )  # fmt: skip
+def contest_by_size(
+    context: Context, sizes: Sequence[int], queries: int, repeats: int, progress: OnProgress
+) -> dict[int, list[Round]]:
+    """Rounds of all planners on so many queries at each size."""
+    work, done = queries * sum(size**2 for size in sizes), 0
+    rounds: dict[int, list[Round]] = {size: [] for size in sizes}
+    for size in sizes:
+        for answered in contest(context.cases(size), context.model, queries, repeats=repeats):
+            rounds[size].append(answered)
+            done += size**2
+            progress(done / work)
+    return rounds
 
 
 def increase(cc: float, exact_cc: float) -> float:
@@ -193,3 +204,19 @@ def means(rounds: Sequence[Round], name: str) -> Means:
         mm=float(np.mean(mms)) if mms else None,
         mm_sd=float(np.std(mms)) if mms else None,
     )
+
+
+def shown(name: str) -> str:
+    """A planner's name in a table for people: ours as code."""
+    return name if name in (PLAIN, PLAIN_NN) else f"`{name}`"
+
+
+def answers_table(places: str, answered: Iterable[tuple[Row, StartGoal, Round]]) -> Table:
+    """Every planner's answer to every query, for programs; `places` are the columns of what each row begins with."""
+    header = columns(places + " | planner | path_cells | start_row | start_col | goal_row | goal_col")
+    rows = [
+        (*place, name, each.path_cells, *start, *goal, a.time_s, a.traverse_cost, a.excess, a.mm)
+        for place, (start, goal), each in answered
+        for name, a in each.answers.items()
+    ]
+    return Table((*header, "time_s", "cc", "cost_excess", "mm"), rows)

@@ -1,6 +1,6 @@
-"""Episodes on a map that changes, put to the paper's plain methods and to our dynamic planners."""
+"""Episodes on a map that changes, for the paper's plain methods and our dynamic planners."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from nnpp_edge.benchmarks.dynamic_episode import LEAST_DISTANCE, STRIDE, Episode, episodes_of
 from nnpp_edge.benchmarks.dynamic_scene import SceneRow, run_scene
-from nnpp_edge.profiling.suites import Case
+from nnpp_edge.profiling.rivals import FIRST_SOURCES
+from nnpp_edge.profiling.suites import Case, StartGoal
 from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Answer, Round, contest, increase
-from nnpp_edge.reproduction.experiment import Context
+from nnpp_edge.reproduction.experiment import MAPS_TRIED, Context
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.terrain.workloads import SOFT
 
 OURS = ("astar", "nnpp", "dstar", "nnpp-dstar")
@@ -30,10 +30,15 @@ _PAPER_SIZE = 256
 
 @dataclass(frozen=True)
 class Drive:
-    """An episode, and what all planners made of each of its plans."""
+    """An episode, and all planners' answers to each of its plans."""
 
     episode: Episode
     rounds: tuple[Round, ...]
+
+    def answered(self) -> Iterator[tuple[int, StartGoal, Round]]:
+        """Each plan's number, start and goal, and answers."""
+        for at, (step, answered) in enumerate(zip(self.episode.steps, self.rounds, strict=True)):
+            yield at, (step.start, self.episode.goal), answered
 
 
 def stride_on(size: int) -> int:
@@ -43,7 +48,7 @@ def stride_on(size: int) -> int:
 
 def find_episodes(context: Context, size: int, count: int) -> list[Episode]:
     """So many episodes on crops of the terrain; InvalidQueryError if too few have a way."""
-    cases = islice(context.cases(size, LEAST_DISTANCE), 20 * count)
+    cases = islice(context.cases(size, LEAST_DISTANCE), MAPS_TRIED * count)
     found = list(islice(episodes_of(cases, context.seed, stride_on(size)), count))
     if len(found) < count:
         raise InvalidQueryError(f"wanted {count} maps of {size} × {size} cells with a path, got {len(found)}")
@@ -51,20 +56,20 @@ def find_episodes(context: Context, size: int, count: int) -> list[Episode]:
 
 
 def drive(episode: Episode, model: NetworkModel, repeats: int) -> Drive:
-    """Put every plan of an episode to all of `PLANNERS`; of ours the median of `repeats` lives counts."""
+    """Have all of `PLANNERS` make every plan of an episode; of ours the median of `repeats` lives counts."""
     size = max(episode.cost.shape)
     rows = run_scene([episode], OURS, model=model.path, repeats=repeats, stride=stride_on(size))
     rounds = []
     for at, step in enumerate(episode.steps):
         case = Case(SOFT, size, episode.map_at(at), ((step.start, episode.goal),))
-        (plain,) = contest(iter([case]), model, 1, planners=(PLAIN, PLAIN_NN), repeats=1)
+        (plain,) = contest([case], model, 1, planners=(PLAIN, PLAIN_NN), repeats=1)
         ours = {row.method: _answer(row) for row in rows if row.step == at and row.method in OURS}
         rounds.append(Round(size, plain.path_cells, {**plain.answers, **{name: ours[name] for name in OURS}}))
     return Drive(episode, tuple(rounds))
 
 
 def _answer(row: SceneRow) -> Answer:
-    in_first = row.source in (Source.MAP, Source.REGION)
+    in_first = row.source in FIRST_SOURCES
     excess = row.cost / row.optimal_cost - 1.0 if row.optimal_cost else 0.0
     return Answer(1e-3 * row.time_ms, in_first, row.cc, excess)
 
@@ -83,15 +88,13 @@ class Sums:
 
 
 def sums(rounds: Sequence[Round], name: str) -> Sums:
-    """What a planner came to over these rounds."""
+    """A planner over these rounds."""
     answers = [(r.answers[name], r.answers["astar"].traverse_cost) for r in rounds]
     solved = [(a.traverse_cost, exact) for a, exact in answers if np.isfinite(a.traverse_cost)]
     cc = float(sum(own for own, _ in solved))
     mms = [a.mm for a, _ in answers if a.mm is not None]
-    return Sums(
-        sum(a.time_s for a, _ in answers), cc, increase(cc, float(sum(exact for _, exact in solved))),
-        float(np.mean(mms)) if mms else None,
-    )  # fmt: skip
+    cc_increase = increase(cc, float(sum(exact for _, exact in solved)))
+    return Sums(sum(a.time_s for a, _ in answers), cc, cc_increase, float(np.mean(mms)) if mms else None)
 
 
 def speedup(rounds: Sequence[Round], slower: str, faster: str) -> float:

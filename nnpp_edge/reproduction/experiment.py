@@ -6,20 +6,22 @@ from importlib import import_module
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Generic, TypeVar
 
-from nnpp_edge.profiling.suites import Case, TerrainSuite
+from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, StartGoal, large_enough, terrain_cases
 from nnpp_edge.reproduction.report import Result
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.labels import Query
 from nnpp_edge.terrain.workloads import SOFT
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 NAMES = ("table1", "fig7", "table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4", "fig13")
 """All experiments, in the order in which they run. Each is the module of that name in this package."""
-_TRIES = 20
+MAPS_TRIED = 20
 """Maps tried for each that is wanted, before giving up on finding one with a path."""
 
 
@@ -51,46 +53,50 @@ class Context:
         note = f"Left out, as the terrain is no more than {largest} cells a side: {', '.join(left_out)}."
         return fit, [note] if left_out else []
 
-    def cases(self, size: int, least_distance: float = 0.35) -> Iterator[Case]:
-        """Random crops of the terrain with queries, the paper's cost without hard limits; without end."""
-        dems = [dem for dem in self.terrain if min(dem.elevation.shape) >= size]
-        suite = TerrainSuite((), (SOFT,), (size,), self.seed, least_distance=least_distance)
-        return suite.cases(dems, SOFT, size)
+    def one_size(self, wanted: int) -> tuple[int, list[str]]:
+        """The size, or the greatest of 128 and 64 that the terrain is large enough for, and a note on it."""
+        sizes, notes = self.fitting((wanted, 128, 64))
+        size = max(sizes)
+        return size, notes if size < wanted else []
 
-    def maps(self, size: int, count: int) -> Iterator[tuple[Case, Query]]:
+    def cases(self, size: int, least_distance: float = LEAST_DISTANCE) -> Iterator[Case]:
+        """Random crops of the terrain with queries, the paper's cost without hard limits; without end."""
+        return terrain_cases(large_enough(self.terrain, size), SOFT, size, self.seed, least_distance)
+
+    def maps(self, size: int, count: int) -> Iterator[tuple[Case, StartGoal]]:
         """`count` random crops, each with one query that has a path; InvalidQueryError if too few have."""
         found = 0
-        for case in islice(self.cases(size), _TRIES * count):
+        for case in islice(self.cases(size), MAPS_TRIED * count):
             planner = Planner(case.cost)
-            for query in case.queries:
-                if planner.plan(*query, method="astar").status is Status.OK:
-                    yield case, query
-                    found += 1
-                    break
+            query = next((query for query in case.queries if planner.plan(*query, method="astar").ok), None)
+            if query is not None:
+                yield case, query
+                found += 1
             if found == count:
                 return
         raise InvalidQueryError(f"wanted {count} maps of {size} × {size} cells with a path, got {found}")
 
 
-Report = Callable[[float], None]
-"""Told the share of the work that is done."""
+OnProgress = Callable[[float], None]
+"""Called with the share of the work that is done."""
+SettingsT = TypeVar("SettingsT", bound="DataclassInstance")
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Experiment(Generic[SettingsT]):
     """An experiment of the paper, as we repeat it. Its module holds one under the name ``EXPERIMENT``."""
 
     where: str
     """Where it stands in the paper."""
     title: str
-    run: Callable[[Context, Any, Report], Result]
-    full: Any
+    run: Callable[[Context, SettingsT, OnProgress], Result]
+    full: SettingsT
     """Its settings, a frozen dataclass."""
-    quick: Any
+    quick: SettingsT
     """The same for a smoke run."""
 
 
-def find_experiment(name: str) -> Experiment | None:
+def find_experiment(name: str) -> "Experiment[DataclassInstance] | None":
     """The experiment of that name; None where this version of the toolkit lacks it.
 
     Raises
@@ -103,5 +109,5 @@ def find_experiment(name: str) -> Experiment | None:
     module = f"{__package__}.{name}"
     if find_spec(module) is None:
         return None
-    found: Experiment = import_module(module).EXPERIMENT
+    found: Experiment[DataclassInstance] = import_module(module).EXPERIMENT
     return found

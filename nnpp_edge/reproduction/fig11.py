@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from nnpp_edge.reproduction.contest import OURS, PLAIN, PLAIN_NN, PLANNERS, Round, contest
-from nnpp_edge.reproduction.experiment import Context, Experiment, Report
+from nnpp_edge.reproduction.contest import OURS, PLAIN, PLAIN_NN, PLANNERS, Round, contest, shown
+from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import COLOURS, new_figure, png, tidy
-from nnpp_edge.reproduction.report import Finding, Result, Table, judge, percent
+from nnpp_edge.reproduction.report import Finding, Result, Row, Table, columns, judge, percent
 
 _LEAST_DISTANCE = 0.05
 """Short paths too: start and goal at least so much of the map's side apart."""
@@ -33,31 +33,28 @@ class Line:
     correlation: float
 
 
-def run(context: Context, settings: Settings, report: Report) -> Result:
+def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     """Random queries, near ones among them, each put to all planners."""
-    sizes, notes = context.fitting((settings.size, 128, 64))
-    size = max(sizes)
+    size, notes = context.one_size(settings.size)
     cases = context.cases(size, _LEAST_DISTANCE)
     rounds = []
     for answered in contest(cases, context.model, settings.queries, repeats=settings.repeats):
         rounds.append(answered)
-        report(len(rounds) / settings.queries)
+        progress(len(rounds) / settings.queries)
     lines = {name: _fit(rounds, name) for name in PLANNERS}
-    notes = [note for note in notes if size < settings.size]
     notes.append(
         f"{settings.queries} queries on maps of {size}², start and goal at least {_LEAST_DISTANCE} of the side "
         "apart. The paper gives this figure as a picture alone. Lines are fitted by least squares."
     )
-    return Result(
-        _summary(rounds, lines), _data(rounds), _findings(rounds, lines), _picture(rounds, lines), notes
-    )  # fmt: skip
+    findings = [*_slopes(rounds, lines, PLAIN, PLAIN_NN), *_slopes(rounds, lines, "astar", "nnpp")]
+    return Result(_summary(rounds, lines), _data(rounds), findings, _picture(rounds, lines), notes)
 
 
-def _cells(rounds: Sequence[Round]) -> Any:
+def _cells(rounds: Sequence[Round]) -> NDArray[np.float64]:
     return np.array([r.path_cells for r in rounds], np.float64)
 
 
-def _times(rounds: Sequence[Round], name: str) -> Any:
+def _times(rounds: Sequence[Round], name: str) -> NDArray[np.float64]:
     return np.array([r.answers[name].time_s for r in rounds])
 
 
@@ -70,17 +67,18 @@ def _fit(rounds: Sequence[Round], name: str) -> Line:
 
 
 def _summary(rounds: Sequence[Round], lines: dict[str, Line]) -> Table:
-    header = ("planner", "fitted time for 50 cells, ms", "for 200 cells, ms", "correlation", "faster than plain A*",
-              "faster than our exact A*")  # fmt: skip
-    rows = []
+    header = columns(
+        "planner | fitted time for 50 cells, ms | for 200 cells, ms | correlation | faster than plain A* | "
+        "faster than our exact A*"
+    )
+    rows: list[Row] = []
     for name, line in lines.items():
         at = [1e3 * (line.offset_s + line.slope_s * cells) for cells in (50, 200)]
         wins = [
             None if name == other else percent(float((_times(rounds, name) < _times(rounds, other)).mean()), 0)
             for other in (PLAIN, "astar")
         ]
-        label = f"`{name}`" if name in OURS else name
-        rows.append((label, f"{at[0]:.3g}", f"{at[1]:.3g}", f"{line.correlation:.2f}", *wins))
+        rows.append((shown(name), f"{at[0]:.3g}", f"{at[1]:.3g}", f"{line.correlation:.2f}", *wins))
     return Table(header, rows)
 
 
@@ -89,26 +87,20 @@ def _data(rounds: Sequence[Round]) -> Table:
     return Table(("path_cells", *(f"{name} s" for name in PLANNERS)), rows)
 
 
-def _findings(rounds: Sequence[Round], lines: dict[str, Line]) -> Sequence[Finding]:
-    found = []
-    for slow, fast in ((PLAIN, PLAIN_NN), ("astar", "nnpp")):
-        a, b = lines[slow], lines[fast]
-        wins = float((_times(rounds, fast) < _times(rounds, slow)).mean())
-        found += [
-            judge(
-                f"time grows with the path's length ({slow})", "yes", f"{1e6 * a.slope_s:.3g} µs a cell, r = "
-                f"{a.correlation:.2f}", agrees=a.slope_s > 0.0 and a.correlation > 0.3, rule="correlation above 0.3",
-            ),
-            judge(
-                f"it grows more slowly with the network ({fast} against {slow})", "yes",
-                f"{1e6 * b.slope_s:.3g} µs a cell", agrees=b.slope_s < a.slope_s, rule="a smaller slope",
-            ),
-            judge(
-                f"the network's way is much the faster ({fast} against {slow})", "yes",
-                f"faster on {percent(wins, 0)} of the queries", agrees=wins >= 0.9, rule="on at least 90 %",
-            ),
-        ]  # fmt: skip
-    return found
+def _slopes(rounds: Sequence[Round], lines: dict[str, Line], slow: str, fast: str) -> Sequence[Finding]:
+    """Two planners, by the lines through their times."""
+    a, b = lines[slow], lines[fast]
+    wins = float((_times(rounds, fast) < _times(rounds, slow)).mean())
+    grows = a.slope_s > 0.0 and a.correlation > 0.3
+    slower = f"it grows more slowly with the network ({fast} against {slow})"
+    own = f"{1e6 * a.slope_s:.3g} µs a cell, r = {a.correlation:.2f}"
+    with_network = f"{1e6 * b.slope_s:.3g} µs a cell"
+    faster, share = f"the network's way is much the faster ({fast} against {slow})", percent(wins, 0)
+    return [
+        judge(f"time grows with the path's length ({slow})", "yes", own, agrees=grows, rule="correlation above 0.3"),
+        judge(slower, "yes", with_network, agrees=b.slope_s < a.slope_s, rule="a smaller slope"),
+        judge(faster, "yes", f"faster on {share} of the queries", agrees=wins >= 0.9, rule="on at least 90 %"),
+    ]
 
 
 def _picture(rounds: Sequence[Round], lines: dict[str, Line]) -> bytes:

@@ -5,14 +5,14 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nnpp_edge.reproduction import paper
-from nnpp_edge.reproduction.experiment import Context, Experiment, Report
+from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import OURS, PAPER, new_figure, png, tidy
-from nnpp_edge.reproduction.report import Finding, Result, Table, judge, percent
+from nnpp_edge.reproduction.report import Finding, Result, Table, columns, judge, percent
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.terrain.dataset import Samples, read_samples
@@ -21,7 +21,7 @@ from nnpp_edge.terrain.shards import Recipe, make_shard
 from nnpp_edge.terrain.workloads import SOFT
 
 if TYPE_CHECKING:
-    from nnpp_edge.training.train import Progress
+    from nnpp_edge.training.train import Progress, TrainSettings
 
 _SIDE = 128
 """Of the network's input: half the paper's, to keep seven trainings affordable."""
@@ -76,7 +76,7 @@ class _Scores:
     loss: tuple[float, ...]
 
 
-def run(context: Context, settings: Settings, report: Report) -> Result:
+def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     """Train the paper's small network once for each encoding, and search in the regions that it names."""
     from nnpp_edge.model.registry import PRESETS
     from nnpp_edge.training.train import train
@@ -93,23 +93,18 @@ def run(context: Context, settings: Settings, report: Report) -> Result:
             folder = context.work / f"{at}-{turn}"
             before = at * settings.repeats + turn
 
-            def told(progress: "Progress", loss: float, share: float, before: int = before) -> None:
-                report((before + share) / turns)
+            def share_done(of_training: "Progress", loss: float, share: float, before: int = before) -> None:
+                progress((before + share) / turns)
 
+            of_train = _train_settings(settings, len(training), context.seed + turn)
             with _threads(settings.threads):
-                train(
-                    spec, _train_settings(settings, len(training), context.seed + turn), training, validation, folder,
-                    omega=PAPER_OMEGA, report=told,
-                )  # fmt: skip
+                train(spec, of_train, training, validation, folder, omega=PAPER_OMEGA, report=share_done)
             rows.append(json.loads((folder / "history.json").read_text())[-1])
-        scores[encoding.label] = _Scores(
-            int(rows[0]["step"]),
-            *(tuple(row[key] for row in rows) for key in ("mm@1", "gap@1", "success@1", "region_share@1", "loss")),
-        )
-    return Result(
-        _summary(scores), _data(scores), _findings(scores, settings), _picture(scores, settings),
-        _notes(scores, settings, training, validation, context),
-    )  # fmt: skip
+        keys = ("mm@1", "gap@1", "success@1", "region_share@1", "loss")
+        figures = (tuple(row[key] for row in rows) for key in keys)
+        scores[encoding.label] = _Scores(int(rows[0]["step"]), *figures)
+    notes = _notes(scores, settings, training, validation, context)
+    return Result(_summary(scores), _data(scores), _findings(scores, settings), _picture(scores, settings), notes)
 
 
 @contextmanager
@@ -125,16 +120,21 @@ def _threads(count: int | None) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def _train_settings(settings: Settings, queries: int, seed: int) -> Any:
+def _train_settings(settings: Settings, queries: int, seed: int) -> "TrainSettings":
     from nnpp_edge.training.train import TrainSettings
 
     if queries < settings.batch:
         raise DataSetError(f"wanted at least {settings.batch} training queries for one batch, got {queries}")
     return TrainSettings(
-        epochs=settings.steps, steps=settings.steps, batch=settings.batch, target="path", seed=seed,
-        warmup_steps=max(1, min(100, settings.steps // 10)), validate_every_s=math.inf,
+        epochs=settings.steps,
+        steps=settings.steps,
+        batch=settings.batch,
+        target="path",
+        seed=seed,
+        warmup_steps=max(1, min(100, settings.steps // 10)),
+        validate_every_s=math.inf,
         average_decay=0.99,
-    )  # fmt: skip
+    )
 
 
 def _samples(context: Context, settings: Settings) -> tuple[Samples, Samples]:
@@ -142,10 +142,17 @@ def _samples(context: Context, settings: Settings) -> tuple[Samples, Samples]:
     if context.dataset is not None:
         return _split(read_samples(context.dataset, settings.maps + settings.validation_maps, size=_SIDE))
     recipe = Recipe(
-        (), size=_SIDE, blocks=_BLOCKS, synthetic_share=0.0, obstacle_share=0.0, margin_share=0.0,
-        workloads=((SOFT, 1.0),), poolings=((1, 1.0),), cell_sizes_m=(context.terrain[0].cell_size_m,),
+        (),
+        size=_SIDE,
+        blocks=_BLOCKS,
+        synthetic_share=0.0,
+        obstacle_share=0.0,
+        margin_share=0.0,
+        workloads=((SOFT, 1.0),),
+        poolings=((1, 1.0),),
+        cell_sizes_m=(context.terrain[0].cell_size_m,),
         least_distance=0.25,
-    )  # fmt: skip
+    )
     parts = []
     for number, (held_out, maps) in enumerate(((False, settings.maps), (True, settings.validation_maps))):
         tiles = [_part(dem, held_out) for dem in context.terrain]
@@ -194,14 +201,12 @@ def _notes(
 
 
 def _summary(scores: dict[str, _Scores]) -> Table:
-    header = ("encoding", "MM", "gap", "path in the region", "region", "training loss")
     rows = []
     for label, s in scores.items():
-        rows.append((
-            label, f"{np.mean(s.mm):.3f}", percent(float(np.mean(s.gap)), 2), percent(float(np.mean(s.success))),
-            percent(float(np.mean(s.region_share))), f"{np.mean(s.loss):.4f}",
-        ))  # fmt: skip
-    return Table(header, rows)
+        gap, success, region = (float(np.mean(values)) for values in (s.gap, s.success, s.region_share))
+        quality = (f"{np.mean(s.mm):.3f}", percent(gap, 2), percent(success), percent(region))
+        rows.append((label, *quality, f"{np.mean(s.loss):.4f}"))
+    return Table(columns("encoding | MM | gap | path in the region | region | training loss"), rows)
 
 
 def _data(scores: dict[str, _Scores]) -> Table:
@@ -210,32 +215,29 @@ def _data(scores: dict[str, _Scores]) -> Table:
         for label, s in scores.items()
         for turn in range(len(s.mm))
     ]
-    return Table(("encoding", "training", "steps", "mm", "gap", "success", "region_share", "loss"), rows)
+    return Table(columns("encoding | training | steps | mm | gap | success | region_share | loss"), rows)
 
 
 def _findings(scores: dict[str, _Scores], settings: Settings) -> Sequence[Finding]:
     mm = {label: float(np.mean(s.mm)) for label, s in scores.items()}
     gaussians = {e.label: e.sigma for e in settings.encodings if e.kind == "gaussian"}
-    found = []
-    if gaussians:
-        best = max(gaussians, key=mm.__getitem__)
-        smallest = min(gaussians, key=gaussians.__getitem__)
-        found.append(judge(
-            "best σ of the Gaussians", "around 1/4", f"{best.removeprefix('G: ')} (MM {mm[best]:.3f})",
-            agrees=0.2 <= gaussians[best] <= 1.0 / 3.0, rule="from 1/5 to 1/3",
-        ))  # fmt: skip
-        found.append(judge(
-            "a very small σ is much worse", "significant decrease",
-            f"MM {mm[smallest]:.3f} with {smallest.removeprefix('G: ')} against {mm[best]:.3f}",
-            agrees=mm[smallest] <= 0.9 * mm[best], rule="MM at least a tenth below the best",
-        ))  # fmt: skip
-        for kind, words in (("pixel", "a single pixel is unsatisfactory"), ("euclidean", "Gaussians beat distances")):
-            for other in (e.label for e in settings.encodings if e.kind == kind):
-                least = 0.9 if kind == "pixel" else 1.0
-                found.append(judge(
-                    words, "yes", f"MM {mm[other]:.3f} against {mm[best]:.3f}", agrees=mm[other] <= least * mm[best],
-                    rule="MM at least a tenth below the best Gaussian's" if kind == "pixel" else "a smaller MM",
-                ))  # fmt: skip
+    if not gaussians:
+        return []
+    best, smallest = max(gaussians, key=mm.__getitem__), min(gaussians, key=gaussians.__getitem__)
+    around, ours = 0.2 <= gaussians[best] <= 1.0 / 3.0, f"{best.removeprefix('G: ')} (MM {mm[best]:.3f})"
+    worse = f"MM {mm[smallest]:.3f} with {smallest.removeprefix('G: ')} against {mm[best]:.3f}"
+    much, tenth = mm[smallest] <= 0.9 * mm[best], "MM at least a tenth below the best"
+    found = [
+        judge("best σ of the Gaussians", "around 1/4", ours, agrees=around, rule="from 1/5 to 1/3"),
+        judge("a very small σ is much worse", "significant decrease", worse, agrees=much, rule=tenth),
+    ]
+    for kind, claim, share, rule in (
+        ("pixel", "a single pixel is unsatisfactory", 0.9, f"{tenth} Gaussian's"),
+        ("euclidean", "Gaussians beat distances", 1.0, "a smaller MM"),
+    ):
+        for other in (e.label for e in settings.encodings if e.kind == kind):
+            own = f"MM {mm[other]:.3f} against {mm[best]:.3f}"
+            found.append(judge(claim, "yes", own, agrees=mm[other] <= share * mm[best], rule=rule))
     return found
 
 
@@ -243,16 +245,17 @@ def _picture(scores: dict[str, _Scores], settings: Settings) -> bytes:
     figure = new_figure(11.5, 4.2)
     axes = figure.subplots(1, 3)
     labels, places = list(scores), np.arange(len(scores))
-    for panel, name, scale, title in zip(
-        axes, ("mm", "gap", "region_share"), (1.0, 100.0, 100.0),
-        ("MM (more is better)", "Gap, % (less is better)", "Region, % of the map (less is better)"), strict=True,
-    ):  # fmt: skip
+    gaussians = [e for e in settings.encodings if e.kind == "gaussian"]
+    best = min((abs(e.sigma - paper.BEST_SIGMA), e.label) for e in gaussians)[1]
+    colours = [OURS if label == best else "#9ecae1" if label.startswith("G") else PAPER for label in labels]
+    panels = (
+        ("mm", 1.0, "MM (more is better)"),
+        ("gap", 100.0, "Gap, % (less is better)"),
+        ("region_share", 100.0, "Region, % of the map (less is better)"),
+    )
+    for panel, (name, scale, title) in zip(axes, panels, strict=True):
         means = [scale * float(np.mean(getattr(s, name))) for s in scores.values()]
         spread = [scale * float(np.std(getattr(s, name))) for s in scores.values()]
-        best_sigma = min(
-            (abs(e.sigma - paper.BEST_SIGMA), e.label) for e in settings.encodings if e.kind == "gaussian"
-        )[1]
-        colours = [OURS if label == best_sigma else "#9ecae1" if label.startswith("G") else PAPER for label in labels]
         bars = panel.bar(places, means, 0.7, color=colours, yerr=spread if settings.repeats > 1 else None, capsize=3)
         panel.bar_label(bars, fmt="%.3f" if name == "mm" else "%.1f", fontsize="x-small", padding=2)
         panel.margins(y=0.12)
@@ -262,8 +265,6 @@ def _picture(scores: dict[str, _Scores], settings: Settings) -> bytes:
     return png(figure)
 
 
-EXPERIMENT = Experiment(
-    "Fig. 13", "Encodings of start and goal", run, Settings(),
-    Settings(steps=3, batch=8, maps=6, validation_maps=4, threads=1,
-             encodings=(ENCODINGS[2], ENCODINGS[5], ENCODINGS[-1])),
-)  # fmt: skip
+_THREE = (ENCODINGS[2], ENCODINGS[5], ENCODINGS[-1])
+_QUICK = Settings(steps=3, batch=8, maps=6, validation_maps=4, threads=1, encodings=_THREE)
+EXPERIMENT = Experiment("Fig. 13", "Encodings of start and goal", run, Settings(), _QUICK)

@@ -2,20 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.profiling.rivals import plan_with_regions
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction.animation import View, draw_view, frame, legend
-from nnpp_edge.reproduction.experiment import Context, Experiment, Report
-from nnpp_edge.reproduction.pictures import new_figure, png
-from nnpp_edge.reproduction.report import Finding, Result, Table, judge, percent
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
+from nnpp_edge.reproduction.pictures import bare, new_figure, png
+from nnpp_edge.reproduction.report import Finding, Result, Row, Table, columns, judge, percent
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.terrain.obstacles import OBSTACLE, covered
 
 _FRAMES = 5
 """From T to T + 4Δt (the paper's)."""
@@ -49,26 +50,24 @@ class _Scene:
     """By how much the path costs more than the optimum, as a share."""
 
 
-def run(context: Context, settings: Settings, report: Report) -> Result:
+def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     """One map: several goals from one start, then obstacles that move on the way to the first of them."""
-    sizes, notes = context.fitting((settings.size, 128, 64))
-    size = max(sizes)
+    size, notes = context.one_size(settings.size)
     for tried, (case, (start, goal)) in enumerate(context.maps(size, _MAPS)):
-        report(0.8 * tried / _MAPS)
+        progress(0.8 * tried / _MAPS)
         if (goals := _goals(case, start, goal, settings.goals)) and (moving := _moving(context, case, start, goal)):
             break
     else:
         raise InvalidQueryError(f"none of {_MAPS} maps of {size} × {size} cells has ways around moving obstacles")
     planner = Planner(case.cost, model=context.model, ask_from=0)
-    several = [_look(planner, case.cost, start, each, f"goal {n}") for n, each in enumerate(goals, 1)]
-    notes = [note for note in notes if size < settings.size]
+    several = [_scene(planner, case.cost, start, each, f"goal {n}") for n, each in enumerate(goals, 1)]
     notes.append(
         f"One map of {size}². Above, the network's region at td for several goals from one start (Fig. 14); below, "
         "for a start and a goal that stay while two obstacles of cost 1 move, the upper one to the left and the "
         "lower one to the right (Fig. 15). Paths are `nnpp`'s. The paper shows a Martian map, without figures."
     )
-    return Result(_summary(several, moving), _data(several, moving), _findings(several, moving),
-                  _picture(several, moving), notes)  # fmt: skip
+    summary, data, picture = _summary(several, moving), _data(several, moving), _picture(several, moving)
+    return Result(summary, data, _findings(several, moving), picture, notes)
 
 
 def _goals(case: Case, start: Cell, goal: Cell, count: int) -> list[Cell]:
@@ -95,23 +94,21 @@ def _moving(context: Context, case: Case, start: Cell, goal: Cell) -> list[_Scen
     length, depth = int(_LENGTH * size), max(int(_DEPTH * size), 2)
     planner, scenes = Planner(case.cost, model=context.model, ask_from=0), list[_Scene]()
     for at in range(_FRAMES):
-        cost = case.cost.copy()
+        obstacles: list[Rectangle] = []
         for (row, col), towards in zip(places, (-1, 1), strict=True):
             left = col + towards * int((at - _FRAMES // 2) * _STEP * size) - length // 2
-            top = max(row - depth // 2, 0)
-            covered = (slice(top, top + depth), slice(max(left, 0), max(left + length, 0)))
-            cost[covered] = 1.0
-        if max(cost[start], cost[goal]) >= 1.0 or not Planner(cost).plan(start, goal, method="astar").ok:
+            obstacles.append((max(row - depth // 2, 0), left, depth, length))
+        cost = covered(case.cost, (0, 0, size, size), obstacles)
+        if max(cost[start], cost[goal]) >= OBSTACLE or not Planner(cost).plan(start, goal, method="astar").ok:
             return []
         planner.update(0, 0, cost)
-        scenes.append(_look(planner, cost, start, goal, frame(at)))
+        scenes.append(_scene(planner, cost, start, goal, frame(at)))
     return scenes
 
 
-def _look(planner: Planner, cost: NDArray[np.float32], start: Cell, goal: Cell, name: str) -> _Scene:
-    plan = planner.plan(start, goal, method="nnpp")
-    assert plan.ok
-    assert plan.network_region is not None
+def _scene(planner: Planner, cost: Float2D, start: Cell, goal: Cell, name: str) -> _Scene:
+    plan = plan_with_regions(planner, (start, goal), "nnpp")
+    assert plan.ok and plan.network_region is not None
     region = plan.network_region.mask()
     best = planner.plan(start, goal, method="astar")
     return _Scene(name, goal, plan, View(cost, region, plan.path, best.path, ()), plan.cost / best.cost - 1.0)
@@ -125,7 +122,7 @@ def _in_common(one: _Scene, other: _Scene) -> float:
 
 def _summary(several: Sequence[_Scene], moving: Sequence[_Scene]) -> Table:
     header = ("", "goal", "found in", "cost above the optimum", "region at td, of the map", "in common with T")
-    rows: list[tuple[Any, ...]] = []
+    rows: list[Row] = []
     for scenes in (several, moving):
         for scene in scenes:
             common = percent(_in_common(scene, moving[0])) if scenes is moving else None
@@ -135,14 +132,15 @@ def _summary(several: Sequence[_Scene], moving: Sequence[_Scene]) -> Table:
 
 
 def _data(several: Sequence[_Scene], moving: Sequence[_Scene]) -> Table:
-    header = ("part", "name", "start_row", "start_col", "goal_row", "goal_col", "source", "cost_excess",
-              "region_share", "in_common_with_first")  # fmt: skip
-    rows = [
-        (part, s.name, *s.view.path[0].tolist(), *s.goal, str(s.plan.source), s.gap, float(s.view.region.mean()),
-         _in_common(s, scenes[0]))
-        for part, scenes in (("goals", several), ("obstacles", moving))
-        for s in scenes
-    ]  # fmt: skip
+    header = columns(
+        "part | name | start_row | start_col | goal_row | goal_col | source | cost_excess | region_share | "
+        "in_common_with_first"
+    )
+    rows: list[Row] = []
+    for part, scenes in (("goals", several), ("obstacles", moving)):
+        for s in scenes:
+            figures = (s.gap, float(s.view.region.mean()), _in_common(s, scenes[0]))
+            rows.append((part, s.name, *s.view.path[0].tolist(), *s.goal, str(s.plan.source), *figures))
     return Table(header, rows)
 
 
@@ -151,17 +149,16 @@ def _findings(several: Sequence[_Scene], moving: Sequence[_Scene]) -> Sequence[F
     for scenes, what in ((several, "goal"), (moving, "frame")):
         first = sum(scene.plan.source is Source.REGION for scene in scenes)
         gap = max(scene.gap for scene in scenes)
-        found.append(judge(
-            f"a good path in the region for every {what}", "yes (pictures)",
-            f"{first} of {len(scenes)} in the first region, at most {percent(gap, 2)} above the optimum",
-            agrees=first == len(scenes) and gap <= _FARTHEST_GAP,
-            rule="all in the first region, within 3 % of the optimum",
-        ))  # fmt: skip
-    common = _in_common(moving[0], moving[-1])
-    found.append(judge(
-        "the regions at T and T + 4Δt are the same, as the obstacles there are not in the way", "identical",
-        f"{percent(common)} in common", agrees=common >= 0.9, rule="nine cells in ten in common",
-    ))  # fmt: skip
+        ours = f"{first} of {len(scenes)} in the first region, at most {percent(gap, 2)} above the optimum"
+        good, rule = (
+            first == len(scenes) and gap <= _FARTHEST_GAP,
+            "all in the first region, within 3 % of the optimum",
+        )
+        claim = f"a good path in the region for every {what}"
+        found.append(judge(claim, "yes (pictures)", ours, agrees=good, rule=rule))
+    claim = "the regions at T and T + 4Δt are the same, as the obstacles there are not in the way"
+    common, rule = _in_common(moving[0], moving[-1]), "nine cells in ten in common"
+    found.append(judge(claim, "identical", f"{percent(common)} in common", agrees=common >= 0.9, rule=rule))
     return found
 
 
@@ -172,13 +169,11 @@ def _picture(several: Sequence[_Scene], moving: Sequence[_Scene]) -> bytes:
     for row, scenes in enumerate((several, moving)):
         for at in range(columns):
             axes = grid[row, at]
-            axes.set_xticks([])
-            axes.set_yticks([])
             if at >= len(scenes):
                 axes.set_visible(False)
                 continue
             draw_view(axes, scenes[at].view)
-            axes.set_title(f"{scenes[at].name}: cost +{percent(abs(scenes[at].gap), 2)}", fontsize="small")
+            bare(axes, f"{scenes[at].name}: cost +{percent(abs(scenes[at].gap), 2)}")
     grid[0, 0].set_ylabel("Fig. 14: other goals")
     grid[1, 0].set_ylabel("Fig. 15: moving obstacles")
     legend(figure, grid[0, 0], changes=False)

@@ -1,23 +1,21 @@
 """Fig. 7: path length and CC against ω, and the ω at which the sum of both, normalised, is least."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.profiling.suites import Case
+from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.suites import Case, StartGoal
 from nnpp_edge.reproduction import paper
-from nnpp_edge.reproduction.experiment import Context, Experiment, Report
+from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import PAPER, new_figure, png, tidy
-from nnpp_edge.reproduction.report import Finding, Result, Table, judge
+from nnpp_edge.reproduction.report import Finding, Result, Row, Table, columns, judge
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import SQRT2, StepModel
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.terrain.labels import Query
 
 Floats = NDArray[np.float64]
 _LENGTH_COLOUR, _CC_COLOUR, _SUM_COLOUR, _TIME_COLOUR = "#0072b2", "#e69f00", "#7b3294", "#d76f9f"
@@ -68,16 +66,14 @@ class Sweep:
         return _argmin(self.omegas, length + cc)
 
 
-def run(context: Context, settings: Settings, report: Report) -> Result:
+def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     """Sweep ω on many maps, start and goal fixed on each, by exact A*."""
-    sizes, notes = context.fitting((settings.size, 128, 64))
-    size, omegas = max(sizes), settings.omegas()
+    (size, notes), omegas = context.one_size(settings.size), settings.omegas()
     measured = []
     for case, query in context.maps(size, settings.maps):
         measured.append(_sweep(case, query, omegas))
-        report(len(measured) / settings.maps)
+        progress(len(measured) / settings.maps)
     sweep = Sweep(omegas, *np.array(measured).transpose(1, 0, 2))
-    notes = [note for note in notes if size < settings.size]
     notes.append(
         f"{settings.maps} maps of {size}², one query each, {len(omegas)} values of ω from 0 to {omegas[-1]:g}. The "
         "paper does not say how LEN and CC are normalised, and the best ω depends on it. By range: each is brought "
@@ -87,14 +83,14 @@ def run(context: Context, settings: Settings, report: Report) -> Result:
     return Result(_summary(sweep), _data(sweep), _findings(sweep), _picture(sweep), notes)
 
 
-def _sweep(case: Case, query: Query, omegas: Floats) -> tuple[list[float], list[float], list[float]]:
-    workspace = Workspace((len(case.cost) + 2) ** 2)
+def _sweep(case: Case, query: StartGoal, omegas: Floats) -> tuple[list[float], list[float], list[float]]:
+    harness, workspace = Harness(), Workspace((len(case.cost) + 2) ** 2)
     lengths, ccs, times = [], [], []
     for omega in omegas:
         grid = Grid.of(case.cost, StepModel.of("paper", float(omega)))
-        began = time.perf_counter()
-        path = astar(grid, *query, workspace).path
-        times.append(time.perf_counter() - began)
+        seconds, found = harness.timed(lambda grid=grid: astar(grid, *query, workspace))  # type: ignore[misc]
+        times.append(seconds)
+        path = found.path
         diagonal = (np.abs(np.diff(path, axis=0)).sum(axis=1) == 2).sum()
         lengths.append(float(len(path) - 1 + (SQRT2 - 1.0) * diagonal))
         ccs.append(float(case.cost[path[:, 0], path[:, 1]].sum(dtype=np.float64)))
@@ -120,22 +116,20 @@ def _spread(values: Floats) -> str:
 
 
 def _summary(sweep: Sweep) -> Table:
-    rows: list[tuple[Any, ...]] = [
-        ("paper", paper.OMEGA_MAPS, f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}", None, None)
-    ]
+    rows: list[Row] = [("paper", paper.OMEGA_MAPS, f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}", None, None)]
     for label, best in sweep.both().items():
         low, middle, high = np.quantile(best, (0.25, 0.5, 0.75))
         rows.append((f"ours, {label}", len(best), _spread(best), f"{middle:.4f}", f"{low:.4f} to {high:.4f}"))
-    return Table(("LEN and CC normalised", "maps", "best ω, mean ± deviation", "median", "quartiles"), rows)
+    return Table(columns("LEN and CC normalised | maps | best ω, mean ± deviation | median | quartiles"), rows)
 
 
 def _data(sweep: Sweep) -> Table:
     length, cc = sweep.normalised()
-    header = ("omega", "len_mean", "len_sd", "cc_mean", "cc_sd", "sum_mean", "time_s_mean", "maps_with_best")
+    header = columns("omega | len_mean | len_sd | cc_mean | cc_sd | sum_mean | time_s_mean | maps_with_best")
     best = sweep.best()
-    columns = (length.mean(0), length.std(0), cc.mean(0), cc.std(0), (length + cc).mean(0), sweep.time_s.mean(0))
+    values = (length.mean(0), length.std(0), cc.mean(0), cc.std(0), (length + cc).mean(0), sweep.time_s.mean(0))
     rows = [
-        (float(omega), *(float(column[at]) for column in columns), int((best == omega).sum()))
+        (float(omega), *(float(column[at]) for column in values), int((best == omega).sum()))
         for at, omega in enumerate(sweep.omegas)
     ]
     return Table(header, rows)
@@ -144,39 +138,37 @@ def _data(sweep: Sweep) -> Table:
 def _findings(sweep: Sweep) -> Sequence[Finding]:
     length, cc = (values.mean(axis=0) for values in sweep.normalised())
     sums = length + cc
-    inside = int(np.argmin(sums))
-    typical = np.median(sweep.time_s, axis=0)
-    settled = typical[sweep.omegas >= 0.25 * paper.OMEGA_MOST]
+    least = int(np.argmin(sums))
+    inside, monotone = 0 < least < len(sums) - 1, (np.diff(length) > -0.02).all() and (np.diff(cc) < 0.02).all()
+    ends = f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}"
+    at_least, rule = f"ω = {sweep.omegas[least]:.3f} on the mean", "neither the first nor the last ω"
+    theirs = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
+    found = []
+    for label, best in sweep.both().items():
+        claim = f"best ω per grey level, LEN and CC normalised {label}"
+        near = abs(float(best.mean()) - paper.OMEGA) <= paper.OMEGA_DEVIATION
+        own_rule = "our mean lies within the paper's deviation"
+        found.append(judge(claim, theirs, _spread(best), agrees=near, rule=own_rule))
+    found.append(judge("some ω between the ends makes LEN + CC least", "yes", at_least, agrees=inside, rule=rule))
+    claim = "the greater ω, the longer the path and the smaller its CC"
+    rule = "no step of the means goes the other way by over 0.02"
+    found.append(judge(claim, "yes", ends, agrees=bool(monotone), rule=rule))
+    return [*found, _time_finding(sweep)]
+
+
+def _time_finding(sweep: Sweep) -> Finding:
+    """Whether planning time rises up to the paper's ω and is nearly the same from a quarter of the sweep on."""
+    typical, quarter = np.median(sweep.time_s, axis=0), 0.25 * paper.OMEGA_MOST
+    settled = typical[sweep.omegas >= quarter]
     first, last = float(typical[0]), float(settled.mean())
     knee = float(typical[sweep.omegas <= paper.OMEGA][-3:].mean())
-    return [
-        *(
-            judge(
-                f"best ω per grey level, LEN and CC normalised {label}",
-                f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}", _spread(best),
-                agrees=abs(float(best.mean()) - paper.OMEGA) <= paper.OMEGA_DEVIATION,
-                rule="our mean lies within the paper's deviation",
-            )
-            for label, best in sweep.both().items()
-        ),
-        judge(
-            "some ω between the ends makes LEN + CC least", "yes", f"ω = {sweep.omegas[inside]:.3f} on the mean",
-            agrees=0 < inside < len(sums) - 1, rule="neither the first nor the last ω",
-        ),
-        judge(
-            "the greater ω, the longer the path and the smaller its CC", "yes",
-            f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}",
-            agrees=bool((np.diff(length) > -0.02).all() and (np.diff(cc) < 0.02).all()),
-            rule="no step of the means goes the other way by over 0.02",
-        ),
-        judge(
-            "planning time rises at first and then stays", "yes",
-            f"{1e3 * first:.2f} ms at 0, {1e3 * knee:.2f} ms at {paper.OMEGA}, {1e3 * last:.2f} ms from "
-            f"{0.25 * paper.OMEGA_MOST:g} on",
-            agrees=bool(knee > 1.2 * first and np.ptp(settled) <= 0.35 * last),
-            rule=f"up by a fifth or more at ω = {paper.OMEGA}; beyond a quarter of the sweep within 35 %",
-        ),
-    ]  # fmt: skip
+    return judge(
+        "planning time rises at first and then stays",
+        "yes",
+        f"{1e3 * first:.2f} ms at 0, {1e3 * knee:.2f} ms at {paper.OMEGA}, {1e3 * last:.2f} ms from {quarter:g} on",
+        agrees=bool(knee > 1.2 * first and np.ptp(settled) <= 0.35 * last),
+        rule=f"up by a fifth or more at ω = {paper.OMEGA}; beyond a quarter of the sweep within 35 %",
+    )
 
 
 def _picture(sweep: Sweep) -> bytes:
@@ -187,8 +179,8 @@ def _picture(sweep: Sweep) -> bytes:
     for values, label, colour in ((length, "LEN", _LENGTH_COLOUR), (cc, "CC", _CC_COLOUR)):
         mean, deviation = values.mean(0), values.std(0)
         left.plot(omegas, mean, color=colour, label=label)
-        left.fill_between(omegas, np.maximum(mean - deviation, 0), np.minimum(mean + deviation, 1), color=colour,
-                          alpha=0.18, linewidth=0)  # fmt: skip
+        low, high = np.maximum(mean - deviation, 0), np.minimum(mean + deviation, 1)
+        left.fill_between(omegas, low, high, color=colour, alpha=0.18, linewidth=0)
     tidy(left, "Length and CC of the path, normalised", "ω per grey level", "")
     left.legend(title="mean ± deviation", title_fontsize="small", fontsize="small")
     middle.plot(omegas, (length + cc).mean(0), color=_SUM_COLOUR)
@@ -200,12 +192,13 @@ def _picture(sweep: Sweep) -> bytes:
     clock.set_ylim(bottom=0.0)
     clock.spines["top"].set_visible(False)
     middle.axvline(paper.OMEGA, color=PAPER, linestyle="--", linewidth=1.0)
-    middle.annotate("paper's ω", (paper.OMEGA, 0.97), (4, 0), ("data", "axes fraction"), "offset points",
-                    color=PAPER, fontsize="small")  # fmt: skip
+    at, where = (paper.OMEGA, 0.97), ("data", "axes fraction")
+    middle.annotate("paper's ω", at, (4, 0), where, "offset points", color=PAPER, fontsize="small")
     both = sweep.both()
     edges = np.arange(0.0, max(float(best.max()) for best in both.values()) + 0.003, 0.002) - 0.001
-    right.axvspan(paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION, color=PAPER, alpha=0.25,
-                  linewidth=0, label=f"paper: {paper.OMEGA} ± {paper.OMEGA_DEVIATION}")  # fmt: skip
+    low, high = paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION
+    label = f"paper: {paper.OMEGA} ± {paper.OMEGA_DEVIATION}"
+    right.axvspan(low, high, color=PAPER, alpha=0.25, linewidth=0, label=label)
     for (label, best), colour in zip(both.items(), (_SUM_COLOUR, "#009e73"), strict=True):
         right.hist(best, edges, histtype="stepfilled", color=colour, alpha=0.45, label=f"{label}: {_spread(best)}")
         right.axvline(float(best.mean()), color=colour, linewidth=1.8)

@@ -1,16 +1,15 @@
 """Fig. 9: planning time and inference time against the side of the map, and MM against it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from nnpp_edge.reproduction import paper
-from nnpp_edge.reproduction.contest import OURS, PLAIN, PLAIN_NN, PLANNERS, Means, Round, contest, means
-from nnpp_edge.reproduction.experiment import Context, Experiment, Report
-from nnpp_edge.reproduction.pictures import COLOURS, MARKERS, PAPER, new_figure, png, sides_axis, tidy
-from nnpp_edge.reproduction.report import Finding, Result, Table, judge, seconds
+from nnpp_edge.reproduction.contest import OURS, PLAIN, PLAIN_NN, PLANNERS, Means, contest_by_size, means
+from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
+from nnpp_edge.reproduction.pictures import COLOURS, MARKERS, PAPER, legend_below, new_figure, png, sides_axis, tidy
+from nnpp_edge.reproduction.report import Finding, Result, Row, Table, columns, judge, seconds
 
 
 @dataclass(frozen=True)
@@ -35,22 +34,15 @@ class _Scale:
 Figures = dict[int, _Scale]
 
 
-def run(context: Context, settings: Settings, report: Report) -> Result:
-    """Random queries on random maps of each size, each put to all planners."""
+def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
+    """Random queries on random maps of each size, all planners on each."""
     sizes, notes = context.fitting(settings.sizes)
-    work = settings.queries * sum(size**2 for size in sizes)
     figures: Figures = {}
-    done = 0
-    for size in sizes:
-        rounds: list[Round] = []
-        for answered in contest(context.cases(size), context.model, settings.queries, repeats=settings.repeats):
-            rounds.append(answered)
-            done += size**2
-            report(done / work)
+    rounds_by_size = contest_by_size(context, sizes, settings.queries, settings.repeats, progress)
+    for size, rounds in rounds_by_size.items():
         inference = [r.answers[PLAIN_NN].stages_s["inference"] for r in rounds]  # the whole network, map and query
-        figures[size] = _Scale(
-            {name: means(rounds, name) for name in PLANNERS}, float(np.mean(inference)), float(np.std(inference))
-        )
+        by_name = {name: means(rounds, name) for name in PLANNERS}
+        figures[size] = _Scale(by_name, float(np.mean(inference)), float(np.std(inference)))
     notes.append(
         f"Means over {settings.queries} queries at each size, on crops of the terrain at its own resolution (the "
         "paper scales its maps). The network sees every map averaged to its own input size."
@@ -63,16 +55,17 @@ def run(context: Context, settings: Settings, report: Report) -> Result:
 
 
 def _summary(figures: Figures) -> Table:
-    header = ("map", "paper's A*", "paper's A*NN", "plain A*", "plain A*NN", "inference", "`astar`", "`corridor`",
-              "`nnpp`", "MM, plain A*NN", "MM, `nnpp`")  # fmt: skip
-    rows: list[tuple[Any, ...]] = []
+    header = columns(
+        "map | paper's A* | paper's A*NN | plain A* | plain A*NN | inference | `astar` | `corridor` | `nnpp` | "
+        "MM, plain A*NN | MM, `nnpp`"
+    )
+    rows: list[Row] = []
     for size, scale in figures.items():
         theirs, both = paper.TABLE_1.get(size), paper.TABLE_2.get(size)
-        times = [seconds(scale.by_name[name].time_s) for name in PLANNERS]
-        rows.append((
-            f"{size}²", theirs and seconds(theirs.graph_s + theirs.search_s), both and seconds(both.nn_s), *times[:2],
-            seconds(scale.inference_s), *times[2:], _mm(scale.by_name[PLAIN_NN]), _mm(scale.by_name["nnpp"]),
-        ))  # fmt: skip
+        paper_times = (seconds(theirs.total_s) if theirs else None, seconds(both.nn_s) if both else None)
+        our_times = [seconds(scale.by_name[name].time_s) for name in PLANNERS]
+        mms = (_mm(scale.by_name[PLAIN_NN]), _mm(scale.by_name["nnpp"]))
+        rows.append((f"{size}²", *paper_times, *our_times[:2], seconds(scale.inference_s), *our_times[2:], *mms))
     return Table(header, rows)
 
 
@@ -81,11 +74,11 @@ def _mm(m: Means) -> str | None:
 
 
 def _data(figures: Figures) -> Table:
-    header = ("size", "planner", "time_s_mean", "time_s_sd", "mm_mean", "mm_sd")
-    rows: list[tuple[Any, ...]] = []
+    header = columns("size | planner | time_s_mean | time_s_sd | mm_mean | mm_sd")
+    rows: list[Row] = []
     for size, scale in figures.items():
         if theirs := paper.TABLE_1.get(size):
-            rows.append((size, "paper A*", theirs.graph_s + theirs.search_s, None, None, None))
+            rows.append((size, "paper A*", theirs.total_s, None, None, None))
         if both := paper.TABLE_2.get(size):
             rows.append((size, "paper A*NN", both.nn_s, None, None, None))
         rows += [(size, name, m.time_s, m.time_sd_s, m.mm, m.mm_sd) for name, m in scale.by_name.items()]
@@ -95,35 +88,33 @@ def _data(figures: Figures) -> Table:
 
 def _findings(figures: Figures) -> Sequence[Finding]:
     inference = [scale.inference_s for scale in figures.values()]
-    mean = float(np.mean(inference))
+    mean, least, greatest = float(np.mean(inference)), min(inference), max(inference)
+    theirs, theirs_fps = f"{1e3 * paper.INFERENCE_S:.0f} ms throughout", f"{1.0 / paper.INFERENCE_S:.0f} a second"
+    ours, ours_fps = f"{1e3 * least:.2f} to {1e3 * greatest:.2f} ms", f"{1.0 / mean:.0f} a second"
+    steady, fast = greatest - least <= 0.3 * mean, mean <= paper.INFERENCE_S
+    same_time = "inference takes the same time whatever the map's size"
+    keeps_up = "inference keeps up 17 frames a second on a CPU"
     found = [
-        judge(
-            "inference takes the same time whatever the map's size", f"{1e3 * paper.INFERENCE_S:.0f} ms throughout",
-            f"{1e3 * min(inference):.2f} to {1e3 * max(inference):.2f} ms",
-            agrees=max(inference) - min(inference) <= 0.3 * mean, rule="the means within 30 % of their mean",
-        ),
-        judge(
-            "inference keeps up 17 frames a second on a CPU", f"{1.0 / paper.INFERENCE_S:.0f} a second",
-            f"{1.0 / mean:.0f} a second", agrees=mean <= paper.INFERENCE_S, rule="at least the paper's",
-        ),
-    ]  # fmt: skip
-    if len(figures) == 1:
-        return found
-    gains = {size: _gain(scale, PLAIN, PLAIN_NN) for size, scale in figures.items()}
-    own = {size: _gain(scale, "astar", "nnpp") for size, scale in figures.items()}
-    small, large = min(figures), max(figures)
-    mm = [figures[size].by_name[PLAIN_NN].mm or 0.0 for size in (small, large)]
-    for label, values in (("plain", gains), ("`nnpp` against our exact A*", own)):
-        found.append(judge(
-            f"the larger the map, the more the network gains ({label})", "yes",
-            ", ".join(f"{size}² {gain:.2f}×" for size, gain in values.items()),
-            agrees=values[large] > values[small], rule=f"more at {large}² than at {small}²",
-        ))  # fmt: skip
-    found.append(judge(
-        "MM falls as the map grows", "yes", f"{small}² {mm[0]:.3f}, {large}² {mm[1]:.3f}", agrees=mm[1] < mm[0],
-        rule=f"less at {large}² than at {small}², plain A*NN",
-    ))  # fmt: skip
-    return found
+        judge(same_time, theirs, ours, agrees=steady, rule="the means within 30 % of their mean"),
+        judge(keeps_up, theirs_fps, ours_fps, agrees=fast, rule="at least the paper's"),
+    ]
+    return found if len(figures) == 1 else [*found, *_growth(figures, min(figures), max(figures))]
+
+
+def _growth(figures: Figures, small: int, large: int) -> Iterator[Finding]:
+    """What becomes of the network's gain, and of MM, as maps grow."""
+    pairs = ((PLAIN, PLAIN_NN, "plain"), ("astar", "nnpp", "`nnpp` against our exact A*"))
+    for slower, faster, label in pairs:
+        gains = {size: _gain(scale, slower, faster) for size, scale in figures.items()}
+        ours = ", ".join(f"{size}² {gain:.2f}×" for size, gain in gains.items())
+        claim, rule = (
+            f"the larger the map, the more the network gains ({label})",
+            f"more at {large}² than at {small}²",
+        )
+        yield judge(claim, "yes", ours, agrees=gains[large] > gains[small], rule=rule)
+    at_small, at_large = (figures[size].by_name[PLAIN_NN].mm or 0.0 for size in (small, large))
+    ours, rule = f"{small}² {at_small:.3f}, {large}² {at_large:.3f}", f"less at {large}² than at {small}², plain A*NN"
+    yield judge("MM falls as the map grows", "yes", ours, agrees=at_large < at_small, rule=rule)
 
 
 def _gain(scale: _Scale, slower: str, faster: str) -> float:
@@ -135,28 +126,27 @@ def _picture(figures: Figures) -> bytes:
     left, right = figure.subplots(1, 2)
     sizes = list(figures)
     known = [size for size in sizes if size in paper.TABLE_1]
-    left.plot(known, [paper.TABLE_1[s].graph_s + paper.TABLE_1[s].search_s for s in known], "o--", color=PAPER,
-              label="paper's A*")  # fmt: skip
+    left.plot(known, [paper.TABLE_1[size].total_s for size in known], "o--", color=PAPER, label="paper's A*")
     both = [size for size in sizes if size in paper.TABLE_2]
     left.plot(both, [paper.TABLE_2[s].nn_s for s in both], "s:", color=PAPER, label="paper's A*NN")
     for name in PLANNERS:
-        times = [scale.by_name[name].time_s for scale in figures.values()]
-        left.plot(sizes, times, marker=MARKERS[name], color=COLOURS[name], label=name)
-    left.plot(sizes, [scale.inference_s for scale in figures.values()], marker=MARKERS["inference"],
-              color=COLOURS["inference"], linewidth=1.0, label="inference")  # fmt: skip
+        times_s = [scale.by_name[name].time_s for scale in figures.values()]
+        left.plot(sizes, times_s, marker=MARKERS[name], color=COLOURS[name], label=name)
+    (line,) = left.plot(sizes, [scale.inference_s for scale in figures.values()], label="inference")
+    line.set(marker=MARKERS["inference"], color=COLOURS["inference"], linewidth=1.0)
     sides_axis(left, sizes)
     left.set_yscale("log")
     tidy(left, "Mean time of a query", "map", "seconds")
-    left.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=4, frameon=False)
+    legend_below(left, 4)
     for name in (PLAIN_NN, *OURS):
-        pairs = [(scale.by_name[name].mm, scale.by_name[name].mm_sd) for scale in figures.values()]
-        if all(mm is not None for mm, _ in pairs):
-            mms, deviations = zip(*pairs, strict=True)
+        mms = [mm for scale in figures.values() if (mm := scale.by_name[name].mm) is not None]
+        deviations = [scale.by_name[name].mm_sd or 0.0 for scale in figures.values()]
+        if len(mms) == len(sizes):
             right.errorbar(sizes, mms, deviations, marker=MARKERS[name], color=COLOURS[name], capsize=3, label=name)
     sides_axis(right, sizes)
     right.set_ylim(bottom=0.0)
     tidy(right, "MM, mean and standard deviation", "map", "path's cells / region's cells")
-    right.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False)
+    legend_below(right, 3)
     return png(figure)
 
 

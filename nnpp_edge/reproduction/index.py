@@ -2,11 +2,48 @@
 
 import json
 from collections.abc import Sequence
-from typing import Any
+from typing import NotRequired, TypedDict
 
-from nnpp_edge.reproduction.report import Finding, Table, Verdict, findings_table
+from nnpp_edge.reproduction.report import Finding, Table, Verdict, columns, findings_table
 
-Stored = dict[str, Any]
+
+class FileFacts(TypedDict):
+    """A file by name and content, never by its place."""
+
+    name: str
+    sha256: str
+    cell_size_m: NotRequired[float]
+    """Of a terrain file."""
+
+
+class MadeWith(TypedDict):
+    """All that decides the figures, except the machine."""
+
+    version: str
+    quick: bool
+    seed: int
+    terrain: list[FileFacts]
+    model: FileFacts
+    dataset: FileFacts | None
+    settings: dict[str, object]
+
+
+class Stored(TypedDict):
+    """What NAME.json of an experiment holds."""
+
+    format: str
+    name: str
+    where: str
+    title: str
+    machine: str
+    load: float
+    made_with: MadeWith
+    findings: list[dict[str, str]]
+    notes: list[str]
+    animated: bool
+    summary: str
+
+
 _HEADS = {
     Verdict.DIFFERS: "What does not agree",
     Verdict.BETTER: "What is better than in the paper",
@@ -17,37 +54,33 @@ _HEADS = {
 def experiment_page(facts: Stored) -> str:
     """Markdown of one experiment: picture, ours beside the paper's, findings, how it was made."""
     name = facts["name"]
-    return "\n".join([
-        f"# {facts['where']}: {facts['title']}", "", *_quick_warning([facts]), f"![{facts['title']}]({name}.png)", "",
-        *([f"![{facts['title']}, animated]({name}.gif)", ""] if facts.get("animated") else []),
-        facts["summary"], "## Findings", "", findings_table(_findings(facts)).markdown(), *_notes(facts),
-        "## How it was made", "", *_making(facts), *_own_making(facts), "",
-        f"The figures are in [{name}.csv]({name}.csv).", "",
-    ])  # fmt: skip
+    animation = [f"![{facts['title']}, animated]({name}.gif)", ""] if facts.get("animated") else []
+    head = [f"# {facts['where']}: {facts['title']}", "", *_quick_warning([facts])]
+    head += [f"![{facts['title']}]({name}.png)", ""]
+    findings = [facts["summary"], "## Findings", "", findings_table(findings_of(facts)).markdown(), *_notes(facts)]
+    making = ["## How it was made", "", *_making(facts), *_own_making(facts), ""]
+    return "\n".join([*head, *animation, *findings, *making, f"The figures are in [{name}.csv]({name}.csv).", ""])
 
 
 def index_page(stored: Sequence[Stored], missing: Sequence[str]) -> str:
     """Markdown of the folder: verdicts first, then each experiment with its table and picture."""
-    lines = [
-        "# The paper's experiments, repeated", "",
+    introduction = (
         "NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain with this toolkit, each beside the "
         "paper's figures. This page and all that it links to are written by `nnpp-edge reproduce`; the verdicts "
-        "follow from the measured figures by the rules named beside them.", "",
-    ]  # fmt: skip
-    lines += _quick_warning(stored)
+        "follow from the measured figures by the rules named beside them."
+    )
+    lines = ["# The paper's experiments, repeated", "", introduction, "", *_quick_warning(stored)]
     lines += [_counts(stored).markdown()] if stored else ["No experiment has been run yet.", ""]
     for verdict, head in _HEADS.items():
-        chosen = [(facts, f) for facts in stored for f in _findings(facts) if f.verdict is verdict]
+        chosen = [(facts, f) for facts in stored for f in findings_of(facts) if f.verdict is verdict]
         if chosen:
             rows = [(f"[{_short(x)}](#{_anchor(x)})", f.claim, f.paper, f.ours, f.rule) for x, f in chosen]
-            lines += [f"## {head}", "", Table(("", "claim", "paper", "ours", "rule"), rows).markdown()]
+            lines += [f"## {head}", "", Table(columns(" | claim | paper | ours | rule"), rows).markdown()]
     for facts in stored:
         folder = f"{facts['name']}/{facts['name']}"
-        lines += [
-            f'<a id="{_anchor(facts)}"></a>', "", f"## {facts['where']}: {facts['title']}", "",
-            f"![{facts['title']}]({folder}.png)", "", facts["summary"], *_notes(facts),
-            f"[Page]({folder}.md), [figures]({folder}.csv)", "",
-        ]  # fmt: skip
+        lines += [f'<a id="{_anchor(facts)}"></a>', "", f"## {facts['where']}: {facts['title']}", ""]
+        lines += [f"![{facts['title']}]({folder}.png)", "", facts["summary"], *_notes(facts)]
+        lines += [f"[Page]({folder}.md), [figures]({folder}.csv)", ""]
     if missing:
         lines += [f"Not in this version of the toolkit: {', '.join(missing)}.", ""]
     if stored:
@@ -55,8 +88,9 @@ def index_page(stored: Sequence[Stored], missing: Sequence[str]) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _findings(facts: Stored) -> list[Finding]:
-    return [Finding(**{**f, "verdict": Verdict(f["verdict"])}) for f in facts["findings"]]
+def findings_of(facts: Stored) -> list[Finding]:
+    """Its findings."""
+    return [Finding(f["claim"], f["paper"], f["ours"], f["rule"], Verdict(f["verdict"])) for f in facts["findings"]]
 
 
 def _short(facts: Stored) -> str:
@@ -70,7 +104,7 @@ def _anchor(facts: Stored) -> str:
 def _counts(stored: Sequence[Stored]) -> Table:
     rows = []
     for facts in stored:
-        verdicts = [f.verdict for f in _findings(facts)]
+        verdicts = [f.verdict for f in findings_of(facts)]
         counts = [verdicts.count(verdict) or None for verdict in (Verdict.AGREES, Verdict.BETTER, Verdict.DIFFERS)]
         rows.append((f"[{_short(facts)}](#{_anchor(facts)})", facts["title"], *counts))
     return Table(("", "experiment", "agrees", "better", "does not agree"), rows)
@@ -84,8 +118,8 @@ def _quick_warning(stored: Sequence[Stored]) -> list[str]:
     quick = [_short(facts) for facts in stored if facts["made_with"]["quick"]]
     if not quick:
         return []
-    told = "This is" if len(stored) == len(quick) else f"{', '.join(quick)}:"
-    return [f"**{told} a smoke run (`--quick`): far too few maps and steps to conclude anything from.**", ""]
+    subject = "This is" if len(stored) == len(quick) else f"{', '.join(quick)}:"
+    return [f"**{subject} a smoke run (`--quick`): far too few maps and steps to conclude anything from.**", ""]
 
 
 def _making(facts: Stored) -> list[str]:

@@ -12,12 +12,17 @@ class Graphing:
 
     graph_s: float
     search_s: float
-    path_cells: int
+    path_cells: float
+
+    @property
+    def total_s(self) -> float:
+        """The whole time."""
+        return self.graph_s + self.search_s
 
     @property
     def graph_share(self) -> float:
         """Share of the whole time that the graph takes."""
-        return self.graph_s / (self.graph_s + self.search_s)
+        return self.graph_s / self.total_s
 
 
 TABLE_1 = {

@@ -1,7 +1,7 @@
 """A* as the paper had it: an explicit graph of the map, built anew for each query, then a search with `heapq`.
 
 Plain Python, on purpose: it is the yardstick of the paper's speed-ups, and serves nothing else here. The
-planners of this toolkit build no graph (`nnpp_edge.runtime.planning`).
+planners of this toolkit build no graph.
 """
 
 import heapq
@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA, SQRT2
-
-Cell = tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,7 @@ class Graph:
         return divmod(node, self.stride)
 
 
-def build_graph(
-    cost: NDArray[np.float32], inside: NDArray[np.bool_] | None = None, omega: float = PAPER_OMEGA
-) -> Graph:
+def build_graph(cost: Float2D, inside: NDArray[np.bool_] | None = None, omega: float = PAPER_OMEGA) -> Graph:
     """The graph of a cost map: a node for each passable cell, an edge to each passable neighbour.
 
     Parameters
@@ -57,10 +55,8 @@ def build_graph(
     rows, cols = np.nonzero(passable if inside is None else passable & inside)
     weights = cost[rows, cols].astype(np.float64) * (GREY_LEVELS * omega)
     weight = dict(zip((rows * stride + cols).tolist(), weights.tolist(), strict=True))
-    moves = [(down * stride + right, length) for down, right, length in (
-        (-1, 0, 1.0), (1, 0, 1.0), (0, -1, 1.0), (0, 1, 1.0),
-        (-1, -1, SQRT2), (-1, 1, SQRT2), (1, -1, SQRT2), (1, 1, SQRT2),
-    )]  # fmt: skip
+    straight, diagonal = (-stride, stride, -1, 1), (-stride - 1, -stride + 1, stride - 1, stride + 1)
+    moves = [*((move, 1.0) for move in straight), *((move, SQRT2) for move in diagonal)]
     edges: dict[int, list[tuple[int, float]]] = {}
     for node, own in weight.items():
         edges[node] = []

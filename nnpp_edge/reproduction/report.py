@@ -6,7 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+
+Value = str | float | None
+"""Of a table."""
+Row = tuple[Value, ...]
 
 
 class Verdict(StrEnum):
@@ -34,7 +37,7 @@ class Table:
     """Rows under a header, for people as Markdown and for programs as CSV."""
 
     header: Sequence[str]
-    rows: Sequence[Sequence[Any]]
+    rows: Sequence[Sequence[Value]]
 
     def markdown(self) -> str:
         """A table in Markdown; None as a dash."""
@@ -80,23 +83,46 @@ def judge_ratio(claim: str, paper: float, ours: float, *, within: float = 0.25) 
     return judge(claim, f"{paper:.1f}×", f"{ours:.3g}×", agrees=near, rule=rule, better=ours > paper)
 
 
+def judge_increase(claim: str, paper: float, ours: float) -> Finding:
+    """A finding on a share by which CC increases: it should be the paper's within one point, or less."""
+    near, less = abs(ours - paper) <= 0.01, ours < paper
+    return judge(claim, percent(paper), percent(ours, 2), agrees=near, rule="within one point", better=less)
+
+
+def columns(names: str) -> tuple[str, ...]:
+    """Names of a table's columns, from one line with bars between them."""
+    return tuple(names.split(" | "))
+
+
 def findings_table(findings: Sequence[Finding]) -> Table:
     """The findings, a row each."""
-    header = ("claim", "paper", "ours", "rule", "verdict")
-    return Table(header, [(f.claim, f.paper, f.ours, f.rule, f"**{f.verdict}**") for f in findings])
+    return Table(
+        columns("claim | paper | ours | rule | verdict"),
+        [(f.claim, f.paper, f.ours, f.rule, f"**{f.verdict}**") for f in findings],
+    )
 
 
-def _escaped(cell: Any) -> str:
+def _escaped(cell: Value) -> str:
     return "–" if cell is None else str(cell).replace("|", "\\|").replace("\n", " ")
 
 
-def _plain(cell: Any) -> Any:
+def _plain(cell: Value) -> Value:
     return "" if cell is None or (isinstance(cell, float) and not math.isfinite(cell)) else cell
 
 
 def seconds(value: float) -> str:
     """A time with its unit, three digits."""
     return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"
+
+
+def times(slower_s: float, faster_s: float, digits: str = ".2f") -> str:
+    """How many times as fast."""
+    return f"{slower_s / faster_s:{digits}}×"
+
+
+def optional(value: float | None, digits: str) -> str | None:
+    """A number as text, None as None."""
+    return None if value is None else f"{value:{digits}}"
 
 
 def percent(share: float, digits: int = 1) -> str:

@@ -8,19 +8,22 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 from nnpp_edge import __version__
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.profiling.machine import environment
-from nnpp_edge.reproduction.experiment import NAMES, Context, Experiment, Report, find_experiment
-from nnpp_edge.reproduction.index import experiment_page, index_page
-from nnpp_edge.reproduction.report import Finding, Result, Verdict
+from nnpp_edge.profiling.suites import TerrainFiles
+from nnpp_edge.reproduction.experiment import NAMES, Context, Experiment, OnProgress, find_experiment
+from nnpp_edge.reproduction.index import FileFacts, MadeWith, Stored, experiment_page, findings_of, index_page
+from nnpp_edge.reproduction.report import Finding, Result
 from nnpp_edge.runtime.errors import DataSetError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
 from nnpp_edge.runtime.warmup import exercise
-from nnpp_edge.terrain.dem import read_dem
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 FORMAT = "nnpp-edge-reproduction-1"
 _WORK = ".work"
@@ -28,14 +31,12 @@ _WORK = ".work"
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked for."""
+    """Which experiments to run, on what, and where to."""
 
     names: Sequence[str]
     """Of `NAMES`."""
-    terrain: Sequence[Path]
+    terrain: TerrainFiles
     output: Path
-    rescale: float | None = None
-    cell_size: float | None = None
     seed: int = 1
     model: str = "edge"
     quick: bool = False
@@ -47,7 +48,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ExperimentOutcome:
     """How an experiment ended."""
 
     name: str
@@ -58,7 +59,7 @@ class Outcome:
 
 def reproduce(
     request: Request, *, bar: Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
-) -> Iterator[Outcome]:
+) -> Iterator[ExperimentOutcome]:
     """Run the experiments asked for, one at a time; the folder's index is brought up to date after each.
 
     Parameters
@@ -66,11 +67,11 @@ def reproduce(
     request : Request
         What to run, on what, and where to.
     bar : callable
-        Opens a progress bar from a name and a total; inside, it is told how much is done.
+        Opens a progress bar from a name and a total; its value is called with how much is done.
 
     Yields
     ------
-    Outcome
+    ExperimentOutcome
         As each ends.
 
     Raises
@@ -83,91 +84,88 @@ def reproduce(
         The folder cannot be written to.
     """
     wanted = [(name, find_experiment(name)) for name in request.names]
-    dems = [read_dem(path, cell_size_m=request.cell_size) for path in request.terrain]
-    dems = [dem if request.rescale is None else dem.rescaled(request.rescale) for dem in dems]
+    dems = request.terrain.read()
     model = NetworkModel(request.model)
     common = _made_with(request, [dem.cell_size_m for dem in dems])
     make_folder(request.output)
     for name, experiment in wanted:
         if experiment is None:
-            yield Outcome(name, "missing")
+            yield ExperimentOutcome(name, "missing")
             continue
         settings = _settings(experiment, request)
-        made_with = json.loads(json.dumps({**common, "settings": asdict(settings)}))
+        common["settings"] = asdict(settings)
+        made_with: MadeWith = json.loads(json.dumps(common))
         stored = read_experiment(request.output / name)
         if stored is not None and stored["made_with"] == made_with and not request.again:
-            yield Outcome(name, "skipped", _findings(stored))
+            yield ExperimentOutcome(name, "skipped", findings_of(stored))
             continue
         work = request.output / _WORK / f"{name}-{_digest(json.dumps(made_with, sort_keys=True).encode())[:12]}"
         context = Context(dems, request.seed, model, work, request.dataset)
-        found_on = _machine()
+        machine, load = _machine()
         exercise()  # no kernel is compiled or loaded while the clock runs
         with bar(name, 1000) as advance:
-            result = experiment.run(context, settings, _report(advance))
-        _store(request.output / name, _facts(name, experiment, found_on, made_with, result), result)
+            result = experiment.run(context, settings, _in_thousandths(advance))
+        facts = Stored(
+            format=FORMAT,
+            name=name,
+            where=experiment.where,
+            title=experiment.title,
+            machine=machine,
+            load=load,
+            made_with=made_with,
+            findings=[asdict(finding) for finding in result.findings],
+            notes=list(result.notes),
+            animated=result.animation is not None,
+            summary=result.summary.markdown(),
+        )
+        _store(request.output / name, facts, result)
         shutil.rmtree(work, ignore_errors=True)
         _remove_if_empty(request.output / _WORK)
         write_index(request.output)
-        yield Outcome(name, "done", result.findings)
+        yield ExperimentOutcome(name, "done", result.findings)
     write_index(request.output)
 
 
-def _report(advance: Callable[[int], None]) -> Report:
+def _in_thousandths(advance: Callable[[int], None]) -> OnProgress:
     return lambda share: advance(int(1000 * share))
 
 
-def _settings(experiment: Experiment, request: Request) -> Any:
+def _settings(experiment: "Experiment[DataclassInstance]", request: Request) -> "DataclassInstance":
     settings = experiment.quick if request.quick else experiment.full
     if request.steps is not None and hasattr(settings, "steps"):
         settings = replace(settings, steps=request.steps)
     return settings
 
 
-def _made_with(request: Request, cell_sizes_m: list[float]) -> dict[str, Any]:
-    """All that decides the figures, except the machine: names and contents of files, never their places."""
-    model = read_model_file(request.model)
-    recipe = None
+def _made_with(request: Request, cell_sizes_m: list[float]) -> MadeWith:
+    """All that decides the figures, but the settings: names and contents of files, never their places."""
+    model, dataset = read_model_file(request.model), None
     if request.dataset is not None:
         try:
-            recipe = _digest((request.dataset / "dataset.json").read_bytes())
+            recipe = (request.dataset / "dataset.json").read_bytes()
         except OSError as error:
             raise DataSetError(f"{request.dataset}: wanted a data set's folder with dataset.json") from error
-    return {
-        "version": __version__,
-        "quick": request.quick,
-        "seed": request.seed,
-        "terrain": [
-            {"name": path.name, "sha256": _digest(path.read_bytes()), "cell_size_m": side}
-            for path, side in zip(request.terrain, cell_sizes_m, strict=True)
-        ],
-        "model": {"name": model.name, "sha256": model.sha256},
-        "dataset": recipe and {"name": request.dataset.name, "sha256": recipe} if request.dataset else None,
-    }
+        dataset = FileFacts(name=request.dataset.name, sha256=_digest(recipe))
+    terrain = [
+        FileFacts(name=path.name, sha256=_digest(path.read_bytes()), cell_size_m=side)
+        for path, side in zip(request.terrain.paths, cell_sizes_m, strict=True)
+    ]
+    return MadeWith(
+        version=__version__,
+        quick=request.quick,
+        seed=request.seed,
+        terrain=terrain,
+        model=FileFacts(name=model.name, sha256=model.sha256),
+        dataset=dataset,
+        settings={},
+    )
 
 
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def _facts(
-    name: str, experiment: Experiment, found_on: dict[str, Any], made_with: dict[str, Any], result: Result
-) -> dict[str, Any]:
-    """What NAME.json holds: all that the index needs."""
-    return {
-        "format": FORMAT,
-        "name": name,
-        "where": experiment.where,
-        "title": experiment.title,
-        **found_on,
-        "made_with": made_with,
-        "findings": [asdict(finding) for finding in result.findings],
-        "notes": list(result.notes),
-        "animated": result.animation is not None,
-        "summary": result.summary.markdown(),
-    }
-
-
-def _store(folder: Path, facts: dict[str, Any], result: Result) -> None:
+def _store(folder: Path, facts: Stored, result: Result) -> None:
     """Write an experiment's folder beside its place, then put it there."""
     name = folder.name
     fresh, old = folder.with_name(f".{name}.new"), folder.with_name(f".{name}.old")
@@ -193,17 +191,18 @@ def _store(folder: Path, facts: dict[str, Any], result: Result) -> None:
         raise OutputError(f"{folder}: could not be written ({error.strerror or error})") from error
 
 
-def read_experiment(folder: Path) -> dict[str, Any] | None:
+def read_experiment(folder: Path) -> Stored | None:
     """What NAME.json in a finished experiment's folder holds; None where it is missing or not whole."""
     name = folder.name
     try:
-        stored: dict[str, Any] = json.loads((folder / f"{name}.json").read_text())
+        stored = json.loads((folder / f"{name}.json").read_text())
     except (OSError, ValueError):
         return None
     if not isinstance(stored, dict) or stored.get("format") != FORMAT:
         return None
     endings = ("csv", "md", "png", "gif") if stored.get("animated") else ("csv", "md", "png")
-    return stored if all((folder / f"{name}.{ending}").is_file() for ending in endings) else None
+    whole = all((folder / f"{name}.{ending}").is_file() for ending in endings)
+    return cast(Stored, stored) if whole else None
 
 
 def write_index(output: Path) -> None:
@@ -213,17 +212,13 @@ def write_index(output: Path) -> None:
     write_whole(output / "README.md", index_page(stored, missing).encode())
 
 
-def _findings(stored: dict[str, Any]) -> list[Finding]:
-    return [Finding(**{**finding, "verdict": Verdict(finding["verdict"])}) for finding in stored["findings"]]
-
-
 def _remove_if_empty(folder: Path) -> None:
     if folder.is_dir() and not any(folder.iterdir()):
         folder.rmdir()
 
 
-def _machine() -> dict[str, Any]:
-    """The processor's name, how many cores this process may use, and how busy the machine is."""
+def _machine() -> tuple[str, float]:
+    """The processor's name with the number of cores this process may use, and how busy the machine is."""
     cores = sorted(os.sched_getaffinity(0))
     found = environment(cores)
-    return {"machine": f"{found['cpu']}, {len(cores)} core(s)", "load": found["load_average"][0]}
+    return f"{found['cpu']}, {len(cores)} core(s)", found["load_average"][0]

@@ -3,24 +3,22 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from nnpp_edge.reproduction import paper
-from nnpp_edge.reproduction.animation import View, animate, bare, draw_driven, draw_view, frame, legend, view_episode
-from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round
+from nnpp_edge.reproduction.animation import View, animate, draw_driven, draw_view, frame, legend, view_episode
+from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round, answers_table, shown
 from nnpp_edge.reproduction.dynamic_contest import (
     PLANNERS,
     TIMES_NOTE,
-    Drive,
     drive,
     find_episodes,
     speedup,
     stride_on,
     sums,
 )
-from nnpp_edge.reproduction.experiment import Context, Experiment, Report
-from nnpp_edge.reproduction.pictures import new_figure, png
-from nnpp_edge.reproduction.report import Finding, Result, Table, judge, judge_ratio, percent, seconds
+from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
+from nnpp_edge.reproduction.pictures import bare, new_figure, png
+from nnpp_edge.reproduction.report import Finding, Result, Row, Table, judge, judge_increase, judge_ratio, seconds
 
 _MOST_COLUMNS = 5
 _PAPER_FRAMES = len(paper.TABLE_3["A*"])
@@ -38,20 +36,18 @@ class Settings:
     """Cells that the robot drives from one picture of the animation to the next."""
 
 
-def run(context: Context, settings: Settings, report: Report) -> Result:
-    """One episode: every plan of it put to all planners, and drawn."""
-    sizes, notes = context.fitting((settings.size, 128, 64))
-    size = max(sizes)
-    notes = [note for note in notes if size < settings.size]
+def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
+    """One episode: every plan of it by all planners, and drawn."""
+    size, notes = context.one_size(settings.size)
     found = find_episodes(context, size, settings.episodes)
     episode = min(found, key=lambda each: abs(len(each.steps) - _PAPER_FRAMES))
-    report(0.2)
+    progress(0.2)
     driven = drive(episode, context.model, settings.repeats)
-    report(0.6)
+    progress(0.6)
     views = view_episode(episode, context.model)
     stride = stride_on(size)
     animation = animate(views, stride, settings.cells_a_frame)
-    report(1.0)
+    progress(1.0)
     notes.append(TIMES_NOTE)
     notes.append(
         f"A map of {size}²; the robot follows the optimal path for {stride} cells, then rectangles of cost 1 appear "
@@ -59,14 +55,13 @@ def run(context: Context, settings: Settings, report: Report) -> Result:
         "drive. The animated picture shows the same episode."
     )
     notes.append("The paper's table gives D* 2.58 s in all; its frames sum to 2.68 s, which is compared with here.")
-    return Result(
-        _summary(driven.rounds), _data(driven), _findings(driven.rounds), _picture(views, stride), notes, animation
-    )  # fmt: skip
+    data = answers_table("frame", (((at,), query, answered) for at, query, answered in driven.answered()))
+    return Result(_summary(driven.rounds), data, _findings(driven.rounds), _picture(views, stride), notes, animation)
 
 
 def _summary(rounds: Sequence[Round]) -> Table:
-    header = ("frame", *(f"{_shown(name)}: {what}" for name in PLANNERS for what in ("AT", "CC")))
-    rows: list[tuple[Any, ...]] = []
+    header = ("frame", *(f"{shown(name)}: {what}" for name in PLANNERS for what in ("AT", "CC")))
+    rows: list[Row] = []
     for at, answered in enumerate(rounds):
         rows.append((frame(at), *_pairs([answered])))
     rows.append(("all", *_pairs(rounds)))
@@ -86,27 +81,12 @@ def _of_paper(line: Sequence[Sequence[float]]) -> list[str | None]:
     return [*shown[0], *shown[1], None, None, None, None, *shown[2], *shown[3]]
 
 
-def _shown(name: str) -> str:
-    return name if name in (PLAIN, PLAIN_NN) else f"`{name}`"
-
-
 def _pairs(rounds: Sequence[Round]) -> list[str]:
     out = []
     for name in PLANNERS:
         of_it = sums(rounds, name)
         out += [seconds(of_it.time_s), f"{of_it.cc:.2f}"]
     return out
-
-
-def _data(driven: Drive) -> Table:
-    header = ("frame", "planner", "path_cells", "start_row", "start_col", "goal_row", "goal_col", "time_s", "cc",
-              "cost_excess", "mm")  # fmt: skip
-    rows = [
-        (at, name, answered.path_cells, *step.start, *driven.episode.goal, a.time_s, a.traverse_cost, a.excess, a.mm)
-        for at, (step, answered) in enumerate(zip(driven.episode.steps, driven.rounds, strict=True))
-        for name, a in answered.answers.items()
-    ]
-    return Table(header, rows)
 
 
 def _total(name: str, figure: int) -> float:
@@ -124,18 +104,18 @@ def _findings(rounds: Sequence[Round]) -> Sequence[Finding]:
         )
     ]
     for name, theirs in ((PLAIN_NN, "A*NN"), ("nnpp-dstar", "D*NN")):
-        increase, ours = _total(theirs, 1) / _total("A*", 1) - 1.0, sums(rounds, name).cc_increase
-        found.append(judge(
-            f"CC increase of {theirs} ({_shown(name)})", percent(increase), percent(ours, 2),
-            agrees=abs(ours - increase) <= 0.01, rule="within one point", better=ours < increase,
-        ))  # fmt: skip
-    theirs_s = [paper.TABLE_3[name][-1][0] for name in ("D*", "D*NN")]
-    ours_s = [sums(rounds[-1:], name).time_s for name in ("dstar", "nnpp-dstar")]
-    found.append(judge(
-        "near the goal, in the last frame, D*NN takes longer than D*", " against ".join(map(seconds, theirs_s[::-1])),
-        " against ".join(map(seconds, ours_s[::-1])), agrees=ours_s[1] > ours_s[0],
-        rule="`nnpp-dstar` takes longer than `dstar`", better=ours_s[1] <= ours_s[0],
-    ))  # fmt: skip
+        increase = _total(theirs, 1) / _total("A*", 1) - 1.0
+        found.append(
+            judge_increase(f"CC increase of {theirs} ({shown(name)})", increase, sums(rounds, name).cc_increase)
+        )
+    theirs_s = [paper.TABLE_3[name][-1][0] for name in ("D*NN", "D*")]
+    nn_s, dstar_s = ours_s = [sums(rounds[-1:], name).time_s for name in ("nnpp-dstar", "dstar")]
+    claim, rule = (
+        "near the goal, in the last frame, D*NN takes longer than D*",
+        "`nnpp-dstar` takes longer than `dstar`",
+    )
+    paper_s, own_s = (" against ".join(map(seconds, pair)) for pair in (theirs_s, ours_s))
+    found.append(judge(claim, paper_s, own_s, agrees=nn_s > dstar_s, rule=rule, better=nn_s <= dstar_s))
     return found
 
 
@@ -155,7 +135,7 @@ def _picture(views: Sequence[View], stride: int) -> bytes:
     return png(figure)
 
 
+_QUICK = Settings(size=128, episodes=3, repeats=1, cells_a_frame=11)
 EXPERIMENT = Experiment(
-    "Table 3 and Fig. 16", "Planning anew as the map changes, plan by plan", run, Settings(),
-    Settings(size=128, episodes=3, repeats=1, cells_a_frame=11),
-)  # fmt: skip
+    "Table 3 and Fig. 16", "Planning anew as the map changes, plan by plan", run, Settings(), _QUICK
+)

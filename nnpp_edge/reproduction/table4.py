@@ -1,17 +1,26 @@
 """Table 4: five maps, each standing still and changing."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from nnpp_edge.reproduction import paper
-from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round
+from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round, answers_table
 from nnpp_edge.reproduction.dynamic_contest import TIMES_NOTE, Drive, drive, find_episodes, speedup, stride_on, sums
-from nnpp_edge.reproduction.experiment import Context, Experiment, Report
+from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import COLOURS, OURS, PAPER, new_figure, png, tidy
-from nnpp_edge.reproduction.report import Finding, Result, Table, judge, judge_ratio, percent, seconds
-
-_Rounds = Sequence[Round]
+from nnpp_edge.reproduction.report import (
+    Finding,
+    Result,
+    Row,
+    Table,
+    columns,
+    judge,
+    judge_increase,
+    judge_ratio,
+    optional,
+    seconds,
+    times,
+)
 
 
 @dataclass(frozen=True)
@@ -35,34 +44,34 @@ class _Comparison:
     compiled: tuple[str, str]
 
 
-def _mean_of(rows: dict[str, Any], figure: str) -> float:
-    return float(sum(getattr(row, figure) for row in rows.values())) / len(rows)
+def _mean_of(rows: Iterable[paper.Static], figure: str) -> float:
+    values = [getattr(row, figure) for row in rows]
+    return float(sum(values)) / len(values)
 
 
-_S, _D = paper.TABLE_4_STATIC, paper.TABLE_4_DYNAMIC
+def _ratio(rows: Iterable[paper.Static], above: str, below: str) -> float:
+    rows = list(rows)
+    return _mean_of(rows, above) / _mean_of(rows, below)
+
+
+_S, _D = list(paper.TABLE_4_STATIC.values()), list(paper.TABLE_4_DYNAMIC.values())
+_PLAIN_PAIR, _OURS_PAIR = (PLAIN, PLAIN_NN), ("astar", "nnpp")
 _COMPARISONS = (
-    _Comparison("A*NN over A*, static", _mean_of(_S, "astar_s") / _mean_of(_S, "nn_s"), True, (PLAIN, PLAIN_NN),
-                ("astar", "nnpp")),
-    _Comparison("A*NN over A*, dynamic", _mean_of(_D, "astar_s") / _mean_of(_D, "nn_s"), False, (PLAIN, PLAIN_NN),
-                ("astar", "nnpp")),
-    _Comparison("D* over A*, dynamic", _mean_of(_D, "astar_s") / _mean_of(_D, "dstar_s"), False, None,
-                ("astar", "dstar")),
-    _Comparison("D*NN over D*, dynamic", _mean_of(_D, "dstar_s") / _mean_of(_D, "dstar_nn_s"), False, None,
-                ("dstar", "nnpp-dstar")),
-    _Comparison("D*NN over A*, dynamic", _mean_of(_D, "astar_s") / _mean_of(_D, "dstar_nn_s"), False, None,
-                ("astar", "nnpp-dstar")),
-)  # fmt: skip
+    _Comparison("A*NN over A*, static", _ratio(_S, "astar_s", "nn_s"), True, _PLAIN_PAIR, _OURS_PAIR),
+    _Comparison("A*NN over A*, dynamic", _ratio(_D, "astar_s", "nn_s"), False, _PLAIN_PAIR, _OURS_PAIR),
+    _Comparison("D* over A*, dynamic", _ratio(_D, "astar_s", "dstar_s"), False, None, ("astar", "dstar")),
+    _Comparison("D*NN over D*, dynamic", _ratio(_D, "dstar_s", "dstar_nn_s"), False, None, ("dstar", "nnpp-dstar")),
+    _Comparison("D*NN over A*, dynamic", _ratio(_D, "astar_s", "dstar_nn_s"), False, None, ("astar", "nnpp-dstar")),
+)
 
 
-def run(context: Context, settings: Settings, report: Report) -> Result:
-    """An episode on each of some maps, put to all planners."""
-    sizes, notes = context.fitting((settings.size, 128, 64))
-    size = max(sizes)
-    notes = [note for note in notes if size < settings.size]
+def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
+    """An episode on each of some maps, by all planners."""
+    size, notes = context.one_size(settings.size)
     drives = []
     for episode in find_episodes(context, size, settings.maps):
         drives.append(drive(episode, context.model, settings.repeats))
-        report(len(drives) / settings.maps)
+        progress(len(drives) / settings.maps)
     plans = ", ".join(str(len(each.rounds)) for each in drives)
     notes.append(TIMES_NOTE)
     notes.append(
@@ -70,19 +79,23 @@ def run(context: Context, settings: Settings, report: Report) -> Result:
         "cells. Our CC is the sum over the plans, each of what is left to drive; the paper does not say what its -d "
         "adds up (its CC grows less from -s to -d than in its Table 3), so only shares are compared."
     )
-    return Result(_summary(drives), _data(drives), _findings(drives), _picture(drives), notes)
+    answered = (((at, n), query, of) for at, each in enumerate(drives, 1) for n, query, of in each.answered())
+    data = answers_table("map | plan", answered)
+    return Result(_summary(drives), data, _findings(drives), _picture(drives), notes)
 
 
 def _summary(drives: Sequence[Drive]) -> Table:
-    header = ("scenario", "A*: AT", "A*NN: AT", "D*: AT", "D*NN: AT", "A*NN over A*", "D*NN over D*", "CC of A*",
-              "CC of A*NN", "CC of D*NN", "MM")  # fmt: skip
-    rows: list[tuple[Any, ...]] = []
+    header = columns(
+        "scenario | A*: AT | A*NN: AT | D*: AT | D*NN: AT | A*NN over A* | D*NN over D* | CC of A* | CC of A*NN | "
+        "CC of D*NN | MM"
+    )
+    rows: list[Row] = []
     for static in (True, False):
         for at, each in enumerate(drives, 1):
             rows += _lines(f"map{at}-{'s' if static else 'd'}", each.rounds[:1] if static else each.rounds)
         rows += _lines(f"all-{'s' if static else 'd'}", _rounds(drives, static))
-    rows += [_static_row(f"paper's {name}-s", row) for name, row in _S.items()]
-    rows += [_dynamic_row(f"paper's {name}-d", row) for name, row in _D.items()]
+    rows += [_paper_row(f"paper's {name}-s", row) for name, row in paper.TABLE_4_STATIC.items()]
+    rows += [_paper_row(f"paper's {name}-d", row) for name, row in paper.TABLE_4_DYNAMIC.items()]
     return Table(header, rows)
 
 
@@ -90,72 +103,50 @@ def _rounds(drives: Sequence[Drive], static: bool) -> list[Round]:
     return [each for one in drives for each in (one.rounds[:1] if static else one.rounds)]
 
 
-def _lines(label: str, rounds: _Rounds) -> list[tuple[Any, ...]]:
+def _lines(label: str, rounds: Sequence[Round]) -> list[Row]:
     """A scenario's two lines: the plain planners, and ours."""
     plain, plain_nn = sums(rounds, PLAIN), sums(rounds, PLAIN_NN)
     exact, ours, dstar, dstar_nn = (sums(rounds, name) for name in ("astar", "nnpp", "dstar", "nnpp-dstar"))
-    mm = None if plain_nn.mm is None else f"{plain_nn.mm:.3f}"
+    plain_times = (seconds(plain.time_s), seconds(plain_nn.time_s), None, None)
+    plain_cc = (f"{plain.cc:.2f}", f"{plain_nn.cc:.2f}", None, optional(plain_nn.mm, ".3f"))
+    our_times = (seconds(each.time_s) for each in (exact, ours, dstar, dstar_nn))
+    our_gains = (times(exact.time_s, ours.time_s), times(dstar.time_s, dstar_nn.time_s))
+    our_cc = (f"{exact.cc:.2f}", f"{ours.cc:.2f}", f"{dstar_nn.cc:.2f}", None)
     return [
-        (f"{label}, plain", seconds(plain.time_s), seconds(plain_nn.time_s), None, None,
-         _times(plain.time_s, plain_nn.time_s), None, f"{plain.cc:.2f}", f"{plain_nn.cc:.2f}", None, mm),
-        (f"{label}, ours", *(seconds(each.time_s) for each in (exact, ours, dstar, dstar_nn)),
-         _times(exact.time_s, ours.time_s), _times(dstar.time_s, dstar_nn.time_s), f"{exact.cc:.2f}",
-         f"{ours.cc:.2f}", f"{dstar_nn.cc:.2f}", None),
-    ]  # fmt: skip
-
-
-def _static_row(label: str, row: paper.Static) -> tuple[Any, ...]:
-    return (label, seconds(row.astar_s), seconds(row.nn_s), None, None, _times(row.astar_s, row.nn_s), None,
-            f"{row.astar_cc:.2f}", f"{row.nn_cc:.2f}", None, f"{row.nn_mm:.2f}")  # fmt: skip
-
-
-def _dynamic_row(label: str, row: paper.Dynamic) -> tuple[Any, ...]:
-    return (label, seconds(row.astar_s), seconds(row.nn_s), seconds(row.dstar_s), seconds(row.dstar_nn_s),
-            _times(row.astar_s, row.nn_s), _times(row.dstar_s, row.dstar_nn_s), f"{row.astar_cc:.2f}",
-            f"{row.nn_cc:.2f}", f"{row.dstar_nn_cc:.2f}", f"{row.nn_mm:.2f}")  # fmt: skip
-
-
-def _times(slower_s: float, faster_s: float) -> str:
-    return f"{slower_s / faster_s:.2f}×"
-
-
-def _data(drives: Sequence[Drive]) -> Table:
-    header = ("map", "plan", "planner", "path_cells", "start_row", "start_col", "goal_row", "goal_col", "time_s",
-              "cc", "cost_excess", "mm")  # fmt: skip
-    rows = [
-        (at, n, name, answered.path_cells, *step.start, *each.episode.goal, a.time_s, a.traverse_cost, a.excess, a.mm)
-        for at, each in enumerate(drives, 1)
-        for n, (step, answered) in enumerate(zip(each.episode.steps, each.rounds, strict=True))
-        for name, a in answered.answers.items()
+        (f"{label}, plain", *plain_times, times(plain.time_s, plain_nn.time_s), None, *plain_cc),
+        (f"{label}, ours", *our_times, *our_gains, *our_cc),
     ]
-    return Table(header, rows)
+
+
+def _paper_row(label: str, row: paper.Static) -> Row:
+    moving = row if isinstance(row, paper.Dynamic) else None
+    return (
+        *(label, seconds(row.astar_s), seconds(row.nn_s)),
+        *((seconds(moving.dstar_s), seconds(moving.dstar_nn_s)) if moving else (None, None)),
+        *(times(row.astar_s, row.nn_s), times(moving.dstar_s, moving.dstar_nn_s) if moving else None),
+        *(f"{row.astar_cc:.2f}", f"{row.nn_cc:.2f}", f"{moving.dstar_nn_cc:.2f}" if moving else None),
+        f"{row.nn_mm:.2f}",
+    )
 
 
 def _findings(drives: Sequence[Drive]) -> Sequence[Finding]:
     found = []
     for each in _COMPARISONS:
-        rounds = _rounds(drives, each.static)
-        if each.plain:
-            found.append(
-                judge_ratio(f"speed-up of {each.label}, both plain", each.paper, speedup(rounds, *each.plain))
-            )
-        found.append(judge_ratio(f"speed-up of {each.label}, both ours", each.paper, speedup(rounds, *each.compiled)))
-    moving = _rounds(drives, static=False)
-    theirs, ours = _mean_of(_D, "dstar_s") / _mean_of(_D, "nn_s"), speedup(moving, "dstar", "nnpp")
-    found.append(judge(
-        "the network gains A* more than D* does: A*NN is sooner done than D*, dynamic", f"{theirs:.2f}×",
-        f"{ours:.2f}×", agrees=ours > 1.0, rule="`nnpp` takes less time than `dstar`",
-    ))  # fmt: skip
-    for label, name, static, increase in (
-        ("A*NN, static, plain", PLAIN_NN, True, _mean_of(_S, "nn_cc") / _mean_of(_S, "astar_cc") - 1.0),
-        ("A*NN, dynamic, plain", PLAIN_NN, False, _mean_of(_D, "nn_cc") / _mean_of(_D, "astar_cc") - 1.0),
-        ("D*NN, dynamic, ours", "nnpp-dstar", False, _mean_of(_D, "dstar_nn_cc") / _mean_of(_D, "astar_cc") - 1.0),
+        for pair, kind in ((each.plain, "plain"), (each.compiled, "ours")):
+            if pair:
+                gain = speedup(_rounds(drives, each.static), *pair)
+                found.append(judge_ratio(f"speed-up of {each.label}, both {kind}", each.paper, gain))
+    theirs, ours = _ratio(_D, "dstar_s", "nn_s"), speedup(_rounds(drives, static=False), "dstar", "nnpp")
+    claim = "the network gains A* more than D* does: A*NN is sooner done than D*, dynamic"
+    rule = "`nnpp` takes less time than `dstar`"
+    found.append(judge(claim, f"{theirs:.2f}×", f"{ours:.2f}×", agrees=ours > 1.0, rule=rule))
+    for label, name, static, gain in (
+        ("A*NN, static, plain", PLAIN_NN, True, _ratio(_S, "nn_cc", "astar_cc")),
+        ("A*NN, dynamic, plain", PLAIN_NN, False, _ratio(_D, "nn_cc", "astar_cc")),
+        ("D*NN, dynamic, ours", "nnpp-dstar", False, _ratio(_D, "dstar_nn_cc", "astar_cc")),
     ):
         own = sums(_rounds(drives, static), name).cc_increase
-        found.append(judge(
-            f"CC increase of {label}", percent(increase), percent(own, 2), agrees=abs(own - increase) <= 0.01,
-            rule="within one point", better=own < increase,
-        ))  # fmt: skip
+        found.append(judge_increase(f"CC increase of {label}", gain - 1.0, own))
     return found
 
 

@@ -8,95 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
-
-OBSTACLE = 1.0
-"""Traversability cost of an obstacle: impassable."""
-_CLEAR = 3
-"""Cells around robot and goal that no obstacle covers."""
-_MOST_OBSTACLES = 12
-_ACROSS_THE_PATH = 0.5
-"""Share of the obstacles that appear on the path ahead; the others appear anywhere."""
-
-Block = tuple[int, int, int, int]
-"""(row, col, rows, cols)."""
-
-
-class Obstacles:
-    """Rectangles that appear, move and vanish, the same for the same generator.
-
-    Parameters
-    ----------
-    shape : (H, W)
-        Of the map.
-    rng : numpy.random.Generator
-        Of every choice.
-    """
-
-    def __init__(self, shape: tuple[int, int], rng: np.random.Generator) -> None:
-        self.shape, self._rng = shape, rng
-        self.blocks: list[Block] = []
-        longest = max(max(shape) // 12, 2)
-        self._sides = (min(2, *shape), longest)
-
-    def step(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> list[Block]:
-        """One event; the rectangles of the map that are to be looked at again (none where no place was free)."""
-        rng, blocks = self._rng, self.blocks
-        if not blocks or (len(blocks) < _MOST_OBSTACLES and rng.random() < 0.4):
-            block = self._new(path)
-            if self._near(block, robot) or self._near(block, goal):
-                return []
-            blocks.append(block)
-            return [block]
-        at = int(rng.integers(len(blocks)))
-        old = blocks[at]
-        if rng.random() < 0.4:
-            del blocks[at]
-            return [old]
-        row, col, rows, cols = old
-        row = int(np.clip(row + rng.integers(-2, 3), 0, self.shape[0] - rows))
-        col = int(np.clip(col + rng.integers(-2, 3), 0, self.shape[1] - cols))
-        new = (row, col, rows, cols)
-        if new == old or self._near(new, robot) or self._near(new, goal):
-            return []
-        blocks[at] = new
-        return [old, new]
-
-    def clear_of(self, cell: Cell) -> list[Block]:
-        """Take away those that are too near to a cell, and name them."""
-        near = [block for block in self.blocks if self._near(block, cell)]
-        self.blocks = [block for block in self.blocks if block not in near]
-        return near
-
-    def lay(self, ground: Float2D, part: Block) -> Float2D:
-        """A copy of a part of the ground with the obstacles on it."""
-        row, col, rows, cols = part
-        out = ground[row : row + rows, col : col + cols].copy()
-        for top, left, height, width in self.blocks:
-            here = out[
-                max(top - row, 0) : max(top + height - row, 0), max(left - col, 0) : max(left + width - col, 0)
-            ]
-            np.maximum(here, np.float32(OBSTACLE), out=here)
-        return out
-
-    def _new(self, path: NDArray[np.int32]) -> Block:
-        rng = self._rng
-        rows, cols = (min(int(rng.integers(self._sides[0], self._sides[1] + 1)), n) for n in self.shape)
-        if len(path) > 2 and rng.random() < _ACROSS_THE_PATH:
-            middle = path[int(rng.integers(1, len(path) - 1))]
-        else:
-            middle = rng.integers(0, self.shape)
-        row = int(np.clip(middle[0] - rows // 2, 0, self.shape[0] - rows))
-        col = int(np.clip(middle[1] - cols // 2, 0, self.shape[1] - cols))
-        return row, col, rows, cols
-
-    @staticmethod
-    def _near(block: Block, cell: Cell) -> bool:
-        row, col, rows, cols = block
-        return row - _CLEAR <= cell[0] < row + rows + _CLEAR and col - _CLEAR <= cell[1] < col + cols + _CLEAR
+from nnpp_edge.terrain.obstacles import OBSTACLE, Obstacles
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,11 +135,13 @@ class Scene:
             yield Goal(*self.goal)
         else:
             self._walk()
-        parts = [part for _ in range(self._changes) for part in self.obstacles.step(self.robot, self.goal, self.path)]
+        parts = [
+            part for _ in range(self._changes) for part in self.obstacles.one_event(self.robot, self.goal, self.path)
+        ]
         self.seen = seen = self._around(self.robot, self._sight)
         self.known[_slices(seen)] = self.ground.true[_slices(seen)]
         for part in (*parts, seen):
-            cost = self.obstacles.lay(self.known, part)
+            cost = self.obstacles.cover(self.known, part)
             self.told[_slices(part)] = cost
             yield MapPatch(part[0], part[1], cost=cost)
         yield Pose(self.robot[0] + 0.5, self.robot[1] + 0.5)
@@ -234,7 +152,7 @@ class Scene:
         self.path = self.path[:0]
         yield Goal(*goal)
         for part in self.obstacles.clear_of(goal):
-            cost = self.obstacles.lay(self.known, part)
+            cost = self.obstacles.cover(self.known, part)
             self.told[_slices(part)] = cost
             yield MapPatch(part[0], part[1], cost=cost)
 
@@ -251,13 +169,13 @@ class Scene:
         at = np.flatnonzero((self.path == self.robot).all(axis=1))
         if len(at):
             for row, col in self.path[at[0] + 1 : at[0] + 1 + self._speed].tolist():
-                if not self.obstacles.lay(self.ground.true, (row, col, 1, 1))[0, 0] < OBSTACLE:
+                if not self.obstacles.cover(self.ground.true, (row, col, 1, 1))[0, 0] < OBSTACLE:
                     break
                 self.robot = (row, col)
                 self.driven.append(self.robot)
         self.waited += self.robot == before
 
-    def _around(self, cell: Cell, radius: int) -> Block:
+    def _around(self, cell: Cell, radius: int) -> Rectangle:
         row, col = max(cell[0] - radius, 0), max(cell[1] - radius, 0)
         rows, cols = self.ground.true.shape
         return row, col, min(cell[0] + radius + 1, rows) - row, min(cell[1] + radius + 1, cols) - col
@@ -276,6 +194,6 @@ def walkable(path: NDArray[np.int32], cost: Float2D, goal: Cell | None) -> bool:
     return before is not None and before == goal
 
 
-def _slices(part: Block) -> tuple[slice, slice]:
+def _slices(part: Rectangle) -> tuple[slice, slice]:
     row, col, rows, cols = part
     return slice(row, row + rows), slice(col, col + cols)

@@ -3,14 +3,22 @@
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from nnpp_edge.files import write_whole
 
 OURS = ("astar", "corridor", "nnpp")
 
 
-def times_by_size(rows: Sequence[dict[str, Any]], path: Path) -> None:
+class SizeTime(TypedDict):
+    """Of a row of the comparison, what the picture shows."""
+
+    planner: str
+    size: int
+    time_ms_median: float | None
+
+
+def times_by_size(rows: Sequence[SizeTime], path: Path) -> None:
     """Median time of a query of each planner against the side of the map, both axes logarithmic."""
     from matplotlib.figure import Figure
 
@@ -19,9 +27,9 @@ def times_by_size(rows: Sequence[dict[str, Any]], path: Path) -> None:
     for name in dict.fromkeys(row["planner"] for row in rows):
         measured = [row for row in rows if row["planner"] == name and row["time_ms_median"] is not None]
         if measured:
-            sides, times = ([row[key] for row in measured] for key in ("size", "time_ms_median"))
-            ours = name in OURS
-            axes.plot(sides, times, "o-" if ours else "s--", linewidth=2.2 if ours else 1.2, label=name)
+            times = [row["time_ms_median"] or 0.0 for row in measured]
+            line, width = ("o-", 2.2) if name in OURS else ("s--", 1.2)
+            axes.plot([row["size"] for row in measured], times, line, linewidth=width, label=name)
     axes.set_xscale("log", base=2)
     axes.set_yscale("log")
     sides = sorted({row["size"] for row in rows})

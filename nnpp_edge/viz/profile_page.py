@@ -1,18 +1,19 @@
 """A profile's report as one page of HTML that needs nothing else: style, plots and pictures stand in it."""
 
 import base64
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from importlib.resources import files
-from itertools import islice
-from typing import Any
+from itertools import chain, islice
 
 import cv2
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from nnpp_edge.profiling.profile_cases import Ground
 from nnpp_edge.profiling.profile_file import Profile
+from nnpp_edge.profiling.profile_maps import ProfileMaps
+from nnpp_edge.profiling.report_format import Report
+from nnpp_edge.profiling.rivals import plan_with_regions
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
@@ -27,12 +28,12 @@ _WIDTH = 640
 """Pixels of an example's picture."""
 
 
-def page(report: Mapping[str, Any], profile: Profile) -> str:
+def page(report: Report, profile: Profile) -> str:
     """The page.
 
     Parameters
     ----------
-    report : mapping
+    report : Report
         From `profile_machine`.
     profile : Profile
         That it was made by: the example plans come from its terrain.
@@ -49,27 +50,23 @@ def page(report: Mapping[str, Any], profile: Profile) -> str:
 
 def example_plans(profile: Profile) -> Iterator[tuple[str, Picture]]:
     """Up to three plans of the learned region beside the optimum, of each workload, and what they show."""
-    ground, size = Ground(profile.load), min(profile.load.sizes)
+    size, names = min(profile.load.sizes), profile.load.workloads[:_EXAMPLES]
     model = NetworkModel(profile.networks.int8, threads=profile.device.threads, spinning=profile.device.spinning)
-    names = profile.load.workloads[:_EXAMPLES]
     per_workload = -(-_EXAMPLES // len(names)) if len(names) > 1 else _EXAMPLES
-    drawn = 0
-    for name in names:
-        of_workload = 0
-        for sheet in islice(ground.sheets(name, size), _TRIES):
-            if of_workload == per_workload or drawn == _EXAMPLES:
-                break
-            question = sheet.questions[0]
-            exact = Planner(sheet.cost).plan(question.start, question.goal, method=Method.ASTAR)
-            if not exact.ok:
-                continue
-            planner = Planner(sheet.cost, model=model)
-            plan = planner.plan(question.start, question.goal, method=Method.NNPP)
-            picture = plan_picture(
-                sheet.cost, plan, start=question.start, goal=question.goal, reference_path=exact.path
-            )  # fmt: skip
+    maps = ProfileMaps(profile.load)
+    found = (islice(_examples(maps, name, size, model), per_workload) for name in names)
+    return islice(chain.from_iterable(found), _EXAMPLES)
+
+
+def _examples(maps: ProfileMaps, name: str, size: int, model: NetworkModel) -> Iterator[tuple[str, Picture]]:
+    """Plans of the first query of some maps, where it has a path."""
+    for on_map in islice(maps.maps(name, size), _TRIES):
+        start, goal = on_map.queries[0].start, on_map.queries[0].goal
+        exact = Planner(on_map.cost).plan(start, goal, method=Method.ASTAR)
+        if exact.ok:
+            plan = plan_with_regions(Planner(on_map.cost, model=model), (start, goal), Method.NNPP)
+            picture = plan_picture(on_map.cost, plan, start=start, goal=goal, reference_path=exact.path)
             yield _words(name, size, plan, exact), picture
-            of_workload, drawn = of_workload + 1, drawn + 1
 
 
 def _words(name: str, size: int, plan: Plan, exact: Plan) -> str:

@@ -5,34 +5,49 @@ So one drawing serves a light and a dark page. Colours of planners and stages ar
 
 import io
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from nnpp_edge.profiling.break_even import bins_by_size
-from nnpp_edge.profiling.figures import find
 from nnpp_edge.profiling.quantities import STAGES
+from nnpp_edge.profiling.report_format import Report, find
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _INK = "#010203"
 """Drawn with, and replaced by the page's own colour."""
 _COLOURS = {"astar": "#8b8f98", "corridor": "#e08a1e", "nnpp": "#2f8fe0", "nnpp-fp32": "#2fa89a", "auto": "#c65bcf"}
 _STYLES = {"auto": "--"}
 _STAGE_COLOURS = {
-    "encode": "#a78bda", "inference": "#2f8fe0", "threshold": "#3db5c4", "coarse": "#e0a51e", "search": "#d9653b",
-    "path": "#57a657", "other": "#9a9ea6",
-}  # fmt: skip
+    "encode": "#a78bda",
+    "inference": "#2f8fe0",
+    "threshold": "#3db5c4",
+    "coarse": "#e0a51e",
+    "search": "#d9653b",
+    "path": "#57a657",
+    "other": "#9a9ea6",
+}
 _UNKNOWN_STAGE = "#b5738f"
 _MARKERS = "osD^vP"
 _WIDE = 5.2
 """Inches: narrow enough for words to be read where a telephone shrinks the picture."""
-_STYLE: Any = {
-    "svg.fonttype": "none", "font.family": "sans-serif", "font.size": 10.0, "text.color": _INK,
-    "axes.edgecolor": _INK, "axes.labelcolor": _INK, "xtick.color": _INK, "ytick.color": _INK,
-    "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False, "grid.color": "#8b8f98",
-    "grid.alpha": 0.3, "axes.grid": True, "svg.hashsalt": "nnpp-edge",
-}  # fmt: skip
-Report = Mapping[str, Any]
+_INKED = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
+_STYLE: dict[Any, Any] = {
+    **dict.fromkeys(_INKED, _INK),
+    **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
+    "svg.fonttype": "none",
+    "svg.hashsalt": "nnpp-edge",
+    "font.family": "sans-serif",
+    "font.size": 10.0,
+    "axes.grid": True,
+    "grid.color": "#8b8f98",
+    "grid.alpha": 0.3,
+}
 
 
 def plots(report: Report) -> Iterator[tuple[str, str, str]]:
@@ -44,11 +59,7 @@ def plots(report: Report) -> Iterator[tuple[str, str, str]]:
     drawn = (
         ("Time by stage", f"Mean of a plan on {first}, whole job.", _stages),
         ("Time against map size", f"On {first}: medians as lines, thin up to the slowest hundredth.", _by_size),
-        (
-            "Cost gap against time",
-            "Left and down is better. The larger the map, the larger the mark.",
-            _pareto,
-        ),
+        ("Cost gap against time", "Left and down is better. The larger the map, the larger the mark.", _pareto),
         ("Distribution of plan times", f"Share of the queries on {first} that are answered by then.", _distributions),
         ("Time against distance", "Medians of all workloads, queries of short distance included.", _by_distance),
     )
@@ -59,7 +70,7 @@ def plots(report: Report) -> Iterator[tuple[str, str, str]]:
             yield title, words, _svg(figure, title, f"plot{number}")
 
 
-def _svg(figure: Any, title: str, prefix: str) -> str:
+def _svg(figure: "Figure", title: str, prefix: str) -> str:
     """The figure as an element of a page: names of its own, the page's colour for ink."""
     content = io.StringIO()
     figure.savefig(content, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
@@ -80,7 +91,7 @@ def _planners(report: Report) -> list[str]:
     return list(dict.fromkeys(row["planner"] for row in report["results"]))
 
 
-def _panels(figure: Any, report: Report, height: float) -> Iterator[tuple[int, Any]]:
+def _panels(figure: "Figure", report: Report, height: float) -> "Iterator[tuple[int, Axes]]":
     """A panel for each size, two side by side where there are several."""
     sizes = _sizes(report)
     columns = min(len(sizes), 2)
@@ -92,18 +103,18 @@ def _panels(figure: Any, report: Report, height: float) -> Iterator[tuple[int, A
         yield size, axes
 
 
-def _line(axes: Any, name: str, x: Any, y: Any, **changes: Any) -> None:
-    style = {"color": _COLOURS[name], "linestyle": _STYLES.get(name, "-"), "linewidth": 1.8, "label": name}
-    axes.plot(x, y, **style | changes)
+def _line(axes: "Axes", name: str, x: ArrayLike, y: ArrayLike, **style: str | float) -> None:
+    (line,) = axes.plot(x, y, _STYLES.get(name, "-"), color=_COLOURS[name], linewidth=1.8, label=name)
+    line.set(**style)
 
 
-def _legend(figure: Any, axes: Any) -> None:
+def _legend(figure: "Figure", axes: "Axes") -> None:
     handles, names = axes.get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 5), fontsize=8.5,
-                  columnspacing=1.0, handlelength=1.4)  # fmt: skip
+    narrow = {"columnspacing": 1.0, "handlelength": 1.4, "fontsize": 8.5}
+    figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 5), **narrow)
 
 
-def _stages(figure: Any, report: Report, first: str) -> None:
+def _stages(figure: "Figure", report: Report, first: str) -> None:
     sizes, planners = _sizes(report), _planners(report)
     figure.set_size_inches(_WIDE, (0.24 * len(planners) + 0.75) * len(sizes) + 0.5)
     found = {stage for row in report["results"] for stage in row["stages_ms"]}
@@ -111,9 +122,10 @@ def _stages(figure: Any, report: Report, first: str) -> None:
     for at, size in enumerate(sizes):
         axes = figure.add_subplot(len(sizes), 1, at + 1)
         left = np.zeros(len(planners))
-        rows = [find(report["results"], first, size, name) or {"stages_ms": {}} for name in planners]
+        rows = [find(report["results"], first, size, name) for name in planners]
         for stage in stages:
-            widths = np.array([row["stages_ms"].get(stage, {"mean": 0.0})["mean"] for row in rows])
+            found_in = [row["stages_ms"].get(stage) if row else None for row in rows]
+            widths = np.array([spread["mean"] if spread else 0.0 for spread in found_in])
             axes.barh(planners, widths, left=left, color=_STAGE_COLOURS.get(stage, _UNKNOWN_STAGE), label=stage)
             left += widths
         axes.invert_yaxis()
@@ -124,13 +136,13 @@ def _stages(figure: Any, report: Report, first: str) -> None:
     _legend(figure, axes)
 
 
-def _by_size(figure: Any, report: Report, first: str) -> None:
+def _by_size(figure: "Figure", report: Report, first: str) -> None:
     figure.set_size_inches(_WIDE, 3.6)
     axes = figure.add_subplot()
     sizes = _sizes(report)
     for name in _planners(report):
         rows = [row for size in sizes if (row := find(report["results"], first, size, name))]
-        medians, p99 = ([row["time_ms"][key] for row in rows] for key in ("median", "p99"))
+        medians, p99 = [row["time_ms"]["median"] for row in rows], [row["time_ms"]["p99"] for row in rows]
         _line(axes, name, sizes, medians, marker="o", markersize=4)
         axes.vlines(sizes, medians, p99, color=_COLOURS[name], linewidth=0.8)
     _log(axes, "x", base=2)
@@ -141,23 +153,22 @@ def _by_size(figure: Any, report: Report, first: str) -> None:
     _legend(figure, axes)
 
 
-def _pareto(figure: Any, report: Report, first: str) -> None:
+def _pareto(figure: "Figure", report: Report, first: str) -> None:
     figure.set_size_inches(_WIDE, 3.8)
     axes = figure.add_subplot()
     workloads = list(dict.fromkeys(row["workload"] for row in report["results"]))
-    sizes, labelled = _sizes(report), set()
+    sizes, labelled = _sizes(report), set[str]()
     for row in report["results"]:
         if row["gap_mean"] is None:
             continue
-        name = row["planner"]
-        at = (row["time_ms"]["median"], 100.0 * row["gap_mean"])
+        name, marker = row["planner"], _MARKERS[workloads.index(row["workload"]) % len(_MARKERS)]
+        (mark,) = axes.plot(row["time_ms"]["median"], 100.0 * row["gap_mean"], marker, color=_COLOURS[name])
         hollow = name == "auto"  # it lies on the method that it picks
-        grown = 1.8 * sizes.index(row["size"])
-        axes.plot(
-            *at, _MARKERS[workloads.index(row["workload"]) % len(_MARKERS)], color=_COLOURS[name],
-            markersize=(9 if hollow else 5) + grown, markerfacecolor="none" if hollow else _COLOURS[name],
-            label=None if name in labelled else name,
-        )  # fmt: skip
+        mark.set_markersize((9 if hollow else 5) + 1.8 * sizes.index(row["size"]))
+        if hollow:
+            mark.set_markerfacecolor("none")
+        if name not in labelled:
+            mark.set_label(name)
         labelled.add(name)
     if len(workloads) > 1:
         for workload, marker in zip(workloads, _MARKERS * len(workloads), strict=False):
@@ -168,27 +179,26 @@ def _pareto(figure: Any, report: Report, first: str) -> None:
     _legend(figure, axes)
 
 
-def _distributions(figure: Any, report: Report, first: str) -> None:
+def _distributions(figure: "Figure", report: Report, first: str) -> None:
     for size, axes in _panels(figure, report, 2.3):
         for name in _planners(report):
             row = find(report["results"], first, size, name)
             if row is not None:
-                told = row["queries"]
-                times = np.sort(np.array(told["time_ms"])[np.array(told["judged"])])
+                queries = row["queries"]
+                times = np.sort(np.array(queries["time_ms"])[np.array(queries["judged"])])
                 _line(axes, name, times, np.arange(1, len(times) + 1) / len(times), drawstyle="steps-post")
         _log(axes, "x")
         axes.set_xlabel("ms")
     _legend(figure, axes)
 
 
-def _by_distance(figure: Any, report: Report, first: str) -> None:
+def _by_distance(figure: "Figure", report: Report, first: str) -> None:
     bins = bins_by_size(report["results"])
     for size, axes in _panels(figure, report, 2.3):
         for name in _planners(report):
             held = [each for each in bins[size] if each.times_ms[name]]
-            middles = [max(each.first, 4) for each in held]
-            _line(axes, name, middles, [float(np.median(each.times_ms[name])) for each in held],
-                  marker="o", markersize=3)  # fmt: skip
+            medians = [float(np.median(each.times_ms[name])) for each in held]
+            _line(axes, name, [max(each.first, 4) for each in held], medians, marker="o", markersize=3)
         _log(axes, "x", base=4)
         _log(axes, "y")
         axes.set_xlabel("cells apart, from")
@@ -196,7 +206,7 @@ def _by_distance(figure: Any, report: Report, first: str) -> None:
     _legend(figure, axes)
 
 
-def _log(axes: Any, which: str, base: int = 10) -> None:
+def _log(axes: "Axes", which: str, base: int = 10) -> None:
     """A logarithmic axis with plain numbers, a few of them."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

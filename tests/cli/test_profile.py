@@ -2,6 +2,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -34,7 +35,6 @@ fp32 = "MODEL"
 halves = 1000.0
 disturbance = DISTURBANCE
 """
-HOG = "import os\nos.sched_setaffinity(0, [{core}])\nprint(flush=True)\nwhile True: pass"
 
 
 @pytest.fixture
@@ -68,9 +68,24 @@ def no_saved_choice(monkeypatch, tmp_path):
 
 
 KEYS = {
-    "schema", "version", "made", "profile", "verdict", "summary", "budgets", "results", "break_even", "rules",
-    "disturbance", "besides", "profiler_peak_memory_mb", "energy_problem", "cores", "environment", "notes",
-}  # fmt: skip
+    "schema",
+    "version",
+    "made",
+    "profile",
+    "verdict",
+    "summary",
+    "budgets",
+    "results",
+    "break_even",
+    "rules",
+    "disturbance",
+    "besides",
+    "profiler_peak_memory_mb",
+    "energy_problem",
+    "cores",
+    "environment",
+    "notes",
+}
 
 
 def test_a_report_in_every_form(nnpp_edge, profile, tmp_path):
@@ -108,21 +123,29 @@ def test_an_impossible_budget_is_missed_and_named(nnpp_edge, profile):
     assert ended.out.splitlines()[-1].startswith("budgets missed: 3 of 5 pass; not plans a second (soft 64²")
 
 
+@contextmanager
+def busy_core(core):
+    """Another process that keeps a core busy."""
+    code = f"import os\nos.sched_setaffinity(0, [{core}])\nprint(flush=True)\nwhile True: pass"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+        try:
+            process.stdout.readline()
+            yield
+        finally:
+            process.kill()
+
+
+def longer(file):
+    """The profile with a run that is long enough for a disturbance to show."""
+    text = file.read_text().replace("sizes = [64]", "sizes = [192]").replace("repeats = 1", "repeats = 4")
+    file.write_text(text.replace('["soft", "limit20"]', '["soft"]'))
+    return file
+
+
 def test_a_disturbed_run_is_noisy(nnpp_edge, profile, core):
     """Another process on the one core, all the time: the halves agree, and yet nothing may pass."""
-    hog = subprocess.Popen([sys.executable, "-c", HOG.format(core=core)], stdout=subprocess.PIPE)
-    try:
-        hog.stdout.readline()
-        changes = {"sizes = [64]": "sizes = [192]", "repeats = 1": "repeats = 4", '["soft", "limit20"]': '["soft"]'}
-        file = profile(disturbance=0.1)
-        text = file.read_text()
-        for old, new in changes.items():
-            text = text.replace(old, new)
-        file.write_text(text)
-        ended = nnpp_edge("profile", "--profile", file, "--json")
-    finally:
-        hog.kill()
-        hog.wait()
+    with busy_core(core):
+        ended = nnpp_edge("profile", "--profile", longer(profile(disturbance=0.1)), "--json")
     assert ended.code == 3, ended.out
     told = json.loads(ended.out)
     assert told["verdict"] == "noisy" and told["disturbance"]["words"]
@@ -136,23 +159,14 @@ def test_a_run_disturbed_in_one_half_is_noisy(nnpp_edge, profile, core, monkeypa
     from nnpp_edge.profiling import machine, measure
 
     monkeypatch.setattr(machine, "_core_seconds", lambda cores: None)
-    hogs = []
+    with ExitStack() as disturbances:
 
-    def asked_before(*words, real=measure._asked_before):
-        if not hogs:
-            hogs.append(subprocess.Popen([sys.executable, "-c", HOG.format(core=core)], stdout=subprocess.PIPE))
-            hogs[0].stdout.readline()
-        return real(*words)
+        def first_half_again(*words, real=measure._first_half_again):
+            disturbances.enter_context(busy_core(core))
+            return real(*words)
 
-    monkeypatch.setattr(measure, "_asked_before", asked_before)
-    file = profile(disturbance=0.1)
-    file.write_text(file.read_text().replace("sizes = [64]", "sizes = [192]").replace("repeats = 1", "repeats = 4"))
-    try:
-        ended = nnpp_edge("profile", "--profile", file, "--json")
-    finally:
-        for hog in hogs:
-            hog.kill()
-            hog.wait()
+        monkeypatch.setattr(measure, "_first_half_again", first_half_again)
+        ended = nnpp_edge("profile", "--profile", longer(profile(disturbance=0.1)), "--json")
     told = json.loads(ended.out)
     assert ended.code == 3 and told["verdict"] == "noisy"
     halves = told["disturbance"]["halves"]
@@ -162,11 +176,11 @@ def test_a_run_disturbed_in_one_half_is_noisy(nnpp_edge, profile, core, monkeypa
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"unit = \"1/s\"": "unit = \"FPS\""}, ["budgets[0].unit", "'1/s'", "'FPS'"]),
+        ({'unit = "1/s"': 'unit = "FPS"'}, ["budgets[0].unit", "'1/s'", "'FPS'"]),
         ({"queries = 10": "querys = 10"}, ["workload.querys is unknown"]),
-        ({"terrain = \"synthetic\"": "terrain = \"none.tif\""}, ["none.tif"]),
+        ({'terrain = "synthetic"': 'terrain = "none.tif"'}, ["none.tif"]),
     ],
-)  # fmt: skip
+)
 def test_a_bad_profile_ends_in_one_line(nnpp_edge, profile, changes, words):
     file = profile()
     for old, new in changes.items():
@@ -178,10 +192,14 @@ def test_a_bad_profile_ends_in_one_line(nnpp_edge, profile, changes, words):
 @pytest.mark.parametrize(
     "words",
     [
-        ["--profile", "quick", "--peers"], ["--profile", "quick", "--limit", 3], ["--peers", "--html", "a.html"],
-        ["--peers", "--start-up"], ["--queries", 5, "compare", "a.json", "b.json"], [],
+        ["--profile", "quick", "--peers"],
+        ["--profile", "quick", "--limit", 3],
+        ["--peers", "--html", "a.html"],
+        ["--peers", "--start-up"],
+        ["--queries", 5, "compare", "a.json", "b.json"],
+        [],
     ],
-)  # fmt: skip
+)
 def test_options_that_do_not_go_together_are_wrong_use(nnpp_edge, words):
     ended = nnpp_edge("profile", *words)
     assert ended.code == 2 and "Error: " in ended.err
@@ -256,15 +274,15 @@ def test_peak_memory_is_that_of_another_process(tiny_model):
     import numpy as np
 
     from nnpp_edge.profiling.memory import peak_memory_mb
-    from nnpp_edge.profiling.profile_cases import Question
+    from nnpp_edge.profiling.profile_maps import ProfileQuery
 
     mine = np.ones(200_000_000, np.uint8)  # must not count
-    question = Question((0, 0), (90, 90), True)
-    small = peak_memory_mb(np.full((96, 96), 0.2, np.float32), question, "astar", str(tiny_model))
-    large = peak_memory_mb(np.full((1600, 1600), 0.2, np.float32), question, "astar", str(tiny_model))
+    query = ProfileQuery((0, 0), (90, 90), True)
+    small = peak_memory_mb(np.full((96, 96), 0.2, np.float32), query, "astar", str(tiny_model))
+    large = peak_memory_mb(np.full((2400, 2400), 0.2, np.float32), query, "astar", str(tiny_model))
     assert mine.nbytes == 200_000_000
     assert 30.0 < small < 0.9 * large
-    assert large - small > 1e-6 * 1600 * 1600 * 8
+    assert large - small > 1e-6 * 2400 * 2400 * 8
 
 
 def test_start_up_is_measured_where_a_budget_asks_for_it(nnpp_edge, profile, monkeypatch):
@@ -272,7 +290,7 @@ def test_start_up_is_measured_where_a_budget_asks_for_it(nnpp_edge, profile, mon
 
     def cold_start(method):
         asked.append(method)
-        return {"method": method, "cold_s": 5.0, "warm_s": 0.5, "ratio": 10.0}
+        return 5.0, 0.5
 
     monkeypatch.setattr(report_module, "cold_start", cold_start)
     file = profile()

@@ -3,18 +3,35 @@ import json
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.evaluate import contenders, evaluate
-from nnpp_edge.profiling.suites import TerrainSuite, dataset_cases
+from nnpp_edge.profiling.evaluate import evaluate
+from nnpp_edge.profiling.rivals import exact_and
+from nnpp_edge.profiling.suites import TerrainFiles, dataset_cases, terrain_cases
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.dataset import Recipe, make_dataset
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 KEYS = {
-    "workload", "size", "method", "n", "success_raw", "success", "gap_mean", "gap_p95", "gap_p99", "gap_max",
-    "time_ms_median", "time_ms_p99", "speedup_median", "speedup_total", "expansions_median",
-    "region_share_mean", "widened_share", "whole_map_share", "mm_mean",
-}  # fmt: skip
+    "workload",
+    "size",
+    "method",
+    "n",
+    "success_raw",
+    "success",
+    "gap_mean",
+    "gap_p95",
+    "gap_p99",
+    "gap_max",
+    "time_ms_median",
+    "time_ms_p99",
+    "speedup_median",
+    "speedup_total",
+    "expansions_median",
+    "region_share_mean",
+    "widened_share",
+    "whole_map_share",
+    "mm_mean",
+}
 
 
 @pytest.fixture(scope="module")
@@ -27,9 +44,23 @@ def terrain(tmp_path_factory):
 
 def test_a_row_for_each_workload_size_and_planner(nnpp_edge, terrain, tiny_model):
     ended = nnpp_edge(
-        "evaluate", "--terrain", terrain, "--workload", "soft,limit15", "--sizes", "64,128", "--queries", 12,
-        "--methods", "corridor,nnpp", "--model", tiny_model, "--repeats", 1, "--json",
-    )  # fmt: skip
+        "evaluate",
+        "--terrain",
+        terrain,
+        "--workload",
+        "soft,limit15",
+        "--sizes",
+        "64,128",
+        "--queries",
+        12,
+        "--methods",
+        "corridor,nnpp",
+        "--model",
+        tiny_model,
+        "--repeats",
+        1,
+        "--json",
+    )
     assert ended.code == 0, ended.err
     rows = json.loads(ended.out)
     assert [(r["workload"], r["size"], r["method"]) for r in rows] == [
@@ -58,21 +89,19 @@ def test_the_table_names_every_planner(nnpp_edge, terrain, tiny_model):
 
 
 def test_the_same_seed_asks_the_same(terrain):
-    suite = TerrainSuite((terrain,), ("soft",), (64,), seed=3)
-    first, second = (next(suite.cases(suite.load(), "soft", 64)) for _ in range(2))
+    dems = TerrainFiles((terrain,)).read()
+    first, second = (next(terrain_cases(dems, "soft", 64, seed=3)) for _ in range(2))
     assert first.queries == second.queries
     np.testing.assert_array_equal(first.cost, second.cost)
     assert min(np.hypot(a[0] - b[0], a[1] - b[1]) for a, b in first.queries) >= 0.35 * 64
-    other = TerrainSuite((terrain,), ("soft",), (64,), seed=4)
-    assert next(other.cases(other.load(), "soft", 64)).queries != first.queries
+    assert next(terrain_cases(dems, "soft", 64, seed=4)).queries != first.queries
 
 
 def test_two_models_stand_beside_each_other(terrain, tiny_model):
     model = NetworkModel(tiny_model)
-    planners = contenders(["nnpp", "astar"], {"one": model, "two": model})
-    assert [p.name for p in planners] == ["astar", "nnpp", "nnpp:two"]
-    suite = TerrainSuite((terrain,), sizes=(64,))
-    rows = evaluate(suite.cases(suite.load(), "soft", 64), planners, 4, repeats=1)
+    rivals = exact_and(["nnpp", "astar"], {"one": model, "two": model})
+    assert [rival.name for rival in rivals] == ["astar", "nnpp", "nnpp:two"]
+    rows = evaluate(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 64), rivals, 4, repeats=1)
     assert rows["nnpp"]["gap_mean"] == rows["nnpp:two"]["gap_mean"]
 
 
@@ -100,7 +129,6 @@ def test_wrong_use_is_one_line(nnpp_edge, terrain, tiny_model, bad_dem):
 
 
 def test_terrain_without_two_passable_cells_is_refused(tmp_path):
-    np.savez(tmp_path / "dem.npz", elevation_m=np.indices((70, 70), np.float32)[0], cell_size_m=1.0)
-    suite = TerrainSuite((tmp_path / "dem.npz",), sizes=(64,))
+    np.savez(tmp_path / "dem.npz", elevation_m=np.indices((24, 24), np.float32)[0], cell_size_m=1.0)
     with pytest.raises(InvalidQueryError, match="no two passable cells"):
-        next(suite.cases(suite.load(), "limit1", 64))
+        next(terrain_cases(TerrainFiles((tmp_path / "dem.npz",)).read(), "limit1", 20))

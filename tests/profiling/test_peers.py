@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.benchmarks import peers
+from nnpp_edge.benchmarks.peer_planners import peer_planners
 from nnpp_edge.profiling.suites import Case
 
 SOLVE_THE_SAME = ("astar", "skimage.graph", "scipy dijkstra")
@@ -21,12 +22,21 @@ def terrain(tmp_path_factory):
 
 def test_a_row_for_each_size_and_planner(nnpp_edge, terrain, tmp_path):
     ended = nnpp_edge(
-        "profile", "--peers", "--terrain", terrain, "--sizes", "64,96", "--queries", 12, "--json",
-        "-o", tmp_path / "out",
-    )  # fmt: skip
+        "profile",
+        "--peers",
+        "--terrain",
+        terrain,
+        "--sizes",
+        "64,96",
+        "--queries",
+        12,
+        "--json",
+        "-o",
+        tmp_path / "out",
+    )
     assert ended.code == 0, ended.err
     told = json.loads(ended.out)
-    found, missing = peers.contenders()
+    found, missing = peer_planners()
     assert told["left_out"] == missing
     wanted = [(size, source, p.name) for size, source in ((64, "dem"), (96, "synthetic")) for p in found]
     assert [(row["size"], row["terrain"], row["planner"]) for row in told["rows"]] == wanted
@@ -64,7 +74,7 @@ def one_map(cost, *queries):
 
 
 def test_a_planner_over_the_limit_is_left_out_and_says_so():
-    planners = [p for p in peers.contenders()[0] if p.name in ("astar", "corridor")]
+    planners = [p for p in peer_planners()[0] if p.name in ("astar", "corridor")]
     case = one_map(np.full((40, 40), 0.2), ((0, 0), (39, 39)))
     rows = peers.compare(planners, case, 1, limit_s=2.0, expected_s={"corridor": 7.0, "astar": 7.0})
     assert rows["corridor"]["note"] == "left out: about 7.0 s a query, over the limit of 2 s"
@@ -79,7 +89,7 @@ def test_obstacles_are_obstacles_to_all_and_queries_without_a_path_are_passed_ov
     cost[:30, 16] = np.inf
     cost[20:23, 3:6] = np.inf
     cost[21, 4] = 0.1  # an island
-    found, _ = peers.contenders()
+    found, _ = peer_planners()
     rows = peers.compare(found, one_map(cost, ((2, 2), (2, 30)), ((2, 2), (21, 4)), ((30, 1), (1, 29))), 3)
     for name, row in rows.items():
         assert (row["n"], row["failed"]) == (2, 0), name

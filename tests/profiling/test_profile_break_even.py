@@ -44,9 +44,11 @@ def test_where_each_planner_starts_to_pay():
     assert found["nnpp", "astar"]["distance_from"]["128"] is None
     assert found["nnpp", "astar"]["size_from"] == 2048
     assert found["nnpp", "corridor"] == {
-        "planner": "nnpp", "over": "corridor", "size_from": None,
+        "planner": "nnpp",
+        "over": "corridor",
+        "size_from": None,
         "distance_from": {"128": None, "256": None, "2048": None},
-    }  # fmt: skip
+    }
 
 
 def test_a_win_that_is_lost_again_does_not_count():
@@ -58,8 +60,10 @@ def test_a_win_that_is_lost_again_does_not_count():
 def test_the_rules_follow_the_soonest_and_do_not_take_turns():
     told = rules(results(TIMES, (256, 2048)))
     assert [(line["size"], line["method"]) for line in told] == [
-        (256, "astar"), (256, "corridor"), (2048, "corridor"),
-    ]  # fmt: skip
+        (256, "astar"),
+        (256, "corridor"),
+        (2048, "corridor"),
+    ]
     assert told[0]["from"] == told[2]["from"] == 0 and 20 < told[1]["from"] <= 60
     nearly = TIMES | {"corridor": lambda size, distance: 0.97 * TIMES["astar"](size, distance)}
     nearly["nnpp"] = nearly["astar"]

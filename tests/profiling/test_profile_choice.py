@@ -9,12 +9,17 @@ from nnpp_edge.runtime.planners import choice
 from nnpp_edge.runtime.planners.choice import FORMAT, SHIPPED, SHIPPED_FOR_LARGE, Choice, choice_for, choice_path
 
 GOOD = {
-    "format": FORMAT, "measured": "2026-05-04", "machine": "board", "model": "edge",
+    "format": FORMAT,
+    "measured": "2026-05-04",
+    "machine": "board",
+    "model": "edge",
     "rules": [
-        {"size": 256, "from": 40, "method": "corridor"}, {"size": 256, "from": 0, "method": "astar"},
-        {"size": 1024, "from": 0, "method": "corridor"}, {"size": 1024, "from": 500, "method": "nnpp"},
+        {"size": 256, "from": 40, "method": "corridor"},
+        {"size": 256, "from": 0, "method": "astar"},
+        {"size": 1024, "from": 0, "method": "corridor"},
+        {"size": 1024, "from": 500, "method": "nnpp"},
     ],
-}  # fmt: skip
+}
 
 
 @pytest.fixture(autouse=True)
@@ -82,16 +87,21 @@ def test_what_is_written_is_read_again(save):
 @pytest.mark.parametrize(
     "content",
     [
-        "", "{", "[]", json.dumps(GOOD | {"format": "other"}), json.dumps(GOOD | {"rules": []}),
+        "",
+        "{",
+        "[]",
+        json.dumps(GOOD | {"format": "other"}),
+        json.dumps(GOOD | {"rules": []}),
         json.dumps(GOOD | {"rules": [{"size": 256, "from": 5, "method": "astar"}]}),
         json.dumps(GOOD | {"rules": [{"size": 256, "from": 0, "method": "auto"}]}),
         json.dumps(GOOD | {"rules": [{"size": 0, "from": 0, "method": "astar"}]}),
         json.dumps(GOOD | {"rules": [{"size": 256, "from": 0.5, "method": "astar"}]}),
         json.dumps(GOOD | {"rules": [{"size": 256, "method": "astar"}]}),
         json.dumps(GOOD | {"rules": [{"size": 256, "from": 0, "method": "astar"}] * 2}),
-        json.dumps({key: GOOD[key] for key in ("format", "rules")}), json.dumps(GOOD | {"rules": 3}),
+        json.dumps({key: GOOD[key] for key in ("format", "rules")}),
+        json.dumps(GOOD | {"rules": 3}),
     ],
-)  # fmt: skip
+)
 def test_a_bad_file_is_warned_of_once_and_the_shipped_figures_hold(save, content):
     path = save(content)
     with pytest.warns(UserWarning, match="auto goes by the shipped figures") as warned:

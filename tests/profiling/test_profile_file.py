@@ -77,12 +77,15 @@ def test_a_profile_says_what_stands_in_it(write):
         ("size = 128 }", 'workload = "limit20" }', ["budgets[1].workload", "'limit20'"]),
         ("size = 128 }", "colour = 1 }", ["budgets[1].colour is unknown"]),
         ('planner = "nnpp", size', 'planner = "nnpp-fp32", size', ["budgets[1].planner"]),
-        ('"gap_mean", limit = 1, direction = "at most", unit = "%"',
-         '"int8_speedup", limit = 1.0, direction = "at most", unit = "x"', ["budgets[1].quantity", "model.fp32"]),
+        (
+            '"gap_mean", limit = 1, direction = "at most", unit = "%"',
+            '"int8_speedup", limit = 1.0, direction = "at most", unit = "x"',
+            ["budgets[1].quantity", "model.fp32"],
+        ),
         ("budgets = [", 'budgets = ["all",', ["budgets[0]", "'all'"]),
         ("budgets = [", "budgets = [[", ["mine.toml"]),
     ],
-)  # fmt: skip
+)
 def test_a_bad_profile_is_refused_with_the_key(write, old, new, words):
     assert old in GOOD
     with pytest.raises(ProfileError) as refused:

@@ -85,10 +85,14 @@ def test_start_up_in_a_disturbed_run_is_noisy():
 @pytest.mark.parametrize(
     ("states", "disturbed", "whole"),
     [
-        (["pass", "pass"], QUIET, "met"), (["pass", "noisy"], QUIET, "noisy"), (["noisy", "fail"], QUIET, "missed"),
-        (["pass", "not measured"], QUIET, "noisy"), ([], QUIET, "met"), ([], DISTURBED, "noisy"),
+        (["pass", "pass"], QUIET, "met"),
+        (["pass", "noisy"], QUIET, "noisy"),
+        (["noisy", "fail"], QUIET, "missed"),
+        (["pass", "not measured"], QUIET, "noisy"),
+        ([], QUIET, "met"),
+        ([], DISTURBED, "noisy"),
         (["pass"], DISTURBED, "met"),
     ],
-)  # fmt: skip
+)
 def test_the_whole_runs_verdict(states, disturbed, whole):
     assert verdict([{"verdict": state} for state in states], disturbed) == whole

@@ -6,10 +6,11 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling import measure
-from nnpp_edge.profiling.figures import find, rows
-from nnpp_edge.profiling.measure import contenders, queries_in, run
+from nnpp_edge.profiling import rivals
+from nnpp_edge.profiling.figures import rows
+from nnpp_edge.profiling.measure import queries_in, rivals_of, run
 from nnpp_edge.profiling.profile_file import Device, Load, Networks
+from nnpp_edge.profiling.report_format import find
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
 
@@ -35,10 +36,10 @@ def measured(tiny_model):
     cores = sorted(os.sched_getaffinity(0))
     done = []
     patch = pytest.MonkeyPatch()
-    patch.setattr(measure, "Planner", Timed)
+    patch.setattr(rivals, "Planner", Timed)
     Timed.calls.clear()
     found = run(
-        contenders(Networks(str(tiny_model), str(tiny_model)), Device((0,))), LOAD, cores, progress=done.append
+        rivals_of(Networks(str(tiny_model), str(tiny_model)), Device((0,))), LOAD, cores, progress=done.append
     )
     patch.undo()
     return found, rows(found), dict(Timed.calls), done
@@ -67,8 +68,8 @@ def test_stages_and_other_add_up_to_the_whole(measured):
 
 def test_named_stages_are_nearly_the_whole(measured):
     """Query by query, so that a moment's disturbance between two stages does not decide."""
-    for block in measured[0].blocks:
-        answers = block.answers["nnpp"]
+    for of in measured[0].workloads:
+        answers = of.answers["nnpp"]
         shares = [
             stages["other"] / ms
             for half in range(2)
@@ -80,10 +81,10 @@ def test_named_stages_are_nearly_the_whole(measured):
 def test_the_figures_agree_with_a_clock_outside(measured):
     """The clock outside is nearer to the planner by a call, so it shows a little less, query by query."""
     found, _, outside, _ = measured
-    for block in found.blocks:
+    for of in found.workloads:
         ratios = []
-        for question, ours in zip(block.questions, block.answers["astar"].times(), strict=True):
-            theirs = outside[question.start, question.goal, "astar"]
+        for query, ours in zip(of.queries, of.answers["astar"].times(), strict=True):
+            theirs = outside[query.start, query.goal, "astar"]
             if len(theirs) == 4:  # the first query on a map is answered once before, in each half
                 theirs = theirs[1::2]
             assert len(theirs) == 2
@@ -94,9 +95,9 @@ def test_the_figures_agree_with_a_clock_outside(measured):
 
 def test_both_halves_ask_the_same_and_costs_are_those_of_the_public_planner(measured):
     found, told, _, _ = measured
-    for block in found.blocks:
-        assert all(len(half) == len(block.questions) for half in block.answers["astar"].middle_ms)
-        assert sum(question.judged for question in block.questions) == 12
+    for of in found.workloads:
+        assert all(len(half) == len(of.queries) for half in of.answers["astar"].middle_ms)
+        assert sum(query.judged for query in of.queries) == 12
     for row in told:
         assert row["gap_max"] >= row["gap_mean"] >= -1e-6
         assert row["success"] == 1.0 and 0.0 <= row["success_first"] <= 1.0
@@ -110,10 +111,10 @@ def test_both_halves_ask_the_same_and_costs_are_those_of_the_public_planner(meas
 
 
 def test_near_questions_are_nearer_than_judged_ones(measured):
-    for block in measured[0].blocks:
-        for question in block.questions:
-            distance = np.hypot(*np.subtract(question.start, question.goal))
-            assert (distance >= 0.35 * 96) == question.judged or abs(distance - 0.35 * 96) < 1.5
+    for of in measured[0].workloads:
+        for query in of.queries:
+            distance = np.hypot(*np.subtract(query.start, query.goal))
+            assert (distance >= 0.35 * 96) == query.judged or abs(distance - 0.35 * 96) < 1.5
 
 
 def test_terrain_without_enough_queries_is_refused(tmp_path, tiny_model):
@@ -122,6 +123,6 @@ def test_terrain_without_enough_queries_is_refused(tmp_path, tiny_model):
     np.savez(tmp_path / "cliff.npz", elevation_m=heights, cell_size_m=1.0)
     terrain = (str(tmp_path / "cliff.npz"),)
     load = Load(terrain, workloads=("limit20",), sizes=(40,), queries=2, near=0, min_distance=0.6)
-    planners = contenders(Networks(str(tiny_model)), Device((0,)))
+    planners = rivals_of(Networks(str(tiny_model)), Device((0,)))
     with pytest.raises(InvalidQueryError, match="wanted 2 queries with a path"):
         run(planners, load, [0])

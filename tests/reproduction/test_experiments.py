@@ -12,7 +12,7 @@ import pytest
 from PIL import Image, ImageSequence
 
 from nnpp_edge.benchmarks.dynamic_episode import make_episode
-from nnpp_edge.profiling.suites import Case
+from nnpp_edge.profiling.suites import Case, TerrainFiles
 from nnpp_edge.reproduction import experiment, fig7, fig13, paper, runner, table1, table2, table3, table4
 from nnpp_edge.reproduction.animation import animate, view_episode
 from nnpp_edge.reproduction.animation import driven as driven_way
@@ -69,7 +69,9 @@ def made(terrain, tiny_model, tmp_path_factory):
     with pytest.MonkeyPatch.context() as monkeypatch:
         shrink(monkeypatch)
         outcomes = list(
-            reproduce(Request(list(TINY), [terrain], folder, model=str(tiny_model), quick=True), bar=no_bar)
+            reproduce(
+                Request(list(TINY), TerrainFiles((terrain,)), folder, model=str(tiny_model), quick=True), bar=no_bar
+            )
         )
     return folder, outcomes
 
@@ -126,7 +128,7 @@ def test_sizes_that_the_terrain_lacks_are_left_out_and_said(made):
 
 def test_a_second_run_skips_what_is_complete_and_mends_what_is_not(terrain, tiny_model, tmp_path, monkeypatch):
     shrink(monkeypatch)
-    request = Request(["fig12", "table1"], [terrain], tmp_path, model=str(tiny_model), quick=True)
+    request = Request(["fig12", "table1"], TerrainFiles((terrain,)), tmp_path, model=str(tiny_model), quick=True)
 
     def ended(request):
         return [outcome.how for outcome in reproduce(request, bar=no_bar)]
@@ -143,7 +145,7 @@ def test_a_second_run_skips_what_is_complete_and_mends_what_is_not(terrain, tiny
 
 def test_an_experiment_that_fails_leaves_what_was_there(terrain, tiny_model, tmp_path, monkeypatch):
     shrink(monkeypatch)
-    request = Request(["fig12"], [terrain], tmp_path, model=str(tiny_model), quick=True)
+    request = Request(["fig12"], TerrainFiles((terrain,)), tmp_path, model=str(tiny_model), quick=True)
     list(reproduce(request, bar=no_bar))
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
     module = import_module("nnpp_edge.reproduction.fig12")
@@ -161,7 +163,9 @@ def test_level_ground_is_no_trouble(tiny_model, tmp_path, monkeypatch):
     shrink(monkeypatch)
     np.savez(tmp_path / "flat.npz", elevation_m=np.zeros((128, 128)), cell_size_m=1.0)
     names = ["table1", "fig7", "table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4"]
-    request = Request(names, [tmp_path / "flat.npz"], tmp_path / "out", model=str(tiny_model), quick=True)
+    request = Request(
+        names, TerrainFiles((tmp_path / "flat.npz",)), tmp_path / "out", model=str(tiny_model), quick=True
+    )
     assert {outcome.how for outcome in reproduce(request, bar=no_bar)} == {"done"}
     assert "nan" not in (tmp_path / "out" / "README.md").read_text()
 
@@ -169,7 +173,7 @@ def test_level_ground_is_no_trouble(tiny_model, tmp_path, monkeypatch):
 def test_an_experiment_without_a_module_is_said_to_be_missing(terrain, tiny_model, tmp_path, monkeypatch):
     monkeypatch.setattr(experiment, "NAMES", ("table99",))
     monkeypatch.setattr(runner, "NAMES", ("table99",))
-    request = Request(["table99"], [terrain], tmp_path, model=str(tiny_model))
+    request = Request(["table99"], TerrainFiles((terrain,)), tmp_path, model=str(tiny_model))
     assert [outcome.how for outcome in reproduce(request, bar=no_bar)] == ["missing"]
     assert "Not in this version of the toolkit: table99." in (tmp_path / "README.md").read_text()
 
@@ -177,7 +181,7 @@ def test_an_experiment_without_a_module_is_said_to_be_missing(terrain, tiny_mode
 def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_model):
     cost = np.random.default_rng(3).uniform(0.0, 0.8, (70, 70)).astype(np.float32)
     case = Case("made", 70, cost, (((2, 3), (60, 66)), ((65, 4), (5, 60))))
-    rounds = list(contest(iter([case]), NetworkModel(tiny_model), 2, repeats=1))
+    rounds = list(contest([case], NetworkModel(tiny_model), 2, repeats=1))
     assert len(rounds) == 2
     for r in rounds:
         assert tuple(r.answers) == PLANNERS
@@ -187,7 +191,7 @@ def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_model):
         assert r.answers[PLAIN_NN].time_s == pytest.approx(sum(r.answers[PLAIN_NN].stages_s.values()))
     assert means(rounds, PLAIN).cc_increase == pytest.approx(0.0, abs=1e-2)
     with pytest.raises(InvalidQueryError, match="wanted 3 queries with a path, got 2"):
-        list(contest(iter([case]), NetworkModel(tiny_model), 3, repeats=1))
+        list(contest([case], NetworkModel(tiny_model), 3, repeats=1))
 
 
 def verdicts(findings):
@@ -196,7 +200,7 @@ def verdicts(findings):
 
 def test_the_papers_own_figures_agree_with_the_paper():
     times = {
-        size: table1._Times(row.graph_s, row.search_s, 1e-3, 1e-3, row.path_cells)
+        size: table1.Times(row.graph_s, row.search_s, row.path_cells, 1e-3, 1e-3)
         for size, row in paper.TABLE_1.items()
     }
     assert set(verdicts(table1._findings(times))) == {Verdict.AGREES}
@@ -233,8 +237,13 @@ def test_table_2_is_judged_by_the_figures(tiny_model):
 def plan_of(astar, nn, dstar, dstar_nn):
     """A plan: time and CC of each of the paper's methods, plain and compiled alike."""
     by_name = {
-        PLAIN: astar, "astar": astar, PLAIN_NN: nn, "nnpp": nn, "dstar": dstar, "nnpp-dstar": dstar_nn,
-    }  # fmt: skip
+        PLAIN: astar,
+        "astar": astar,
+        PLAIN_NN: nn,
+        "nnpp": nn,
+        "dstar": dstar,
+        "nnpp-dstar": dstar_nn,
+    }
     return Round(256, 100, {name: Answer(time_s, True, cc, 0.0) for name, (time_s, cc) in by_name.items()})
 
 
@@ -254,18 +263,22 @@ def test_table_4_is_judged_by_the_figures():
         for s, d in zip(paper.TABLE_4_STATIC.values(), paper.TABLE_4_DYNAMIC.values(), strict=True):
             first = plan_of((s.astar_s, s.astar_cc), (s.nn_s, s.nn_cc), *[(s.astar_s, s.astar_cc)] * 2)
             rest = plan_of(
-                (d.astar_s - s.astar_s, d.astar_cc - s.astar_cc), (d.nn_s - s.nn_s, d.nn_cc - s.nn_cc),
+                (d.astar_s - s.astar_s, d.astar_cc - s.astar_cc),
+                (d.nn_s - s.nn_s, d.nn_cc - s.nn_cc),
                 (d.dstar_s - s.astar_s, d.astar_cc - s.astar_cc),
                 (d.dstar_nn_s - s.astar_s, d.dstar_nn_cc - s.astar_cc),
-            )  # fmt: skip
+            )
             out.append(Drive(None, (change(first), rest)))
         return out
 
     assert set(verdicts(table4._findings(drives()))) == {Verdict.AGREES}
 
     def slow(first):
-        late = {name: replace(a, time_s=50.0, traverse_cost=300.0) for name, a in first.answers.items()
-                if name in (PLAIN_NN, "nnpp", "nnpp-dstar")}  # fmt: skip
+        late = {
+            name: replace(a, time_s=50.0, traverse_cost=300.0)
+            for name, a in first.answers.items()
+            if name in (PLAIN_NN, "nnpp", "nnpp-dstar")
+        }
         return replace(first, answers={**first.answers, **late})
 
     found = table4._findings(drives(slow))

@@ -32,9 +32,9 @@ def test_the_graph_of_a_region_holds_its_passable_cells_and_steps_alone():
     assert cells == {(0, 0), (0, 1), (0, 2), (1, 0), (1, 2)}
     steps = {graph.cell(node): step for node, step in graph.edges[graph.node((0, 1))]}
     weight = 2 * 0.25 * 255 * 0.011
-    assert steps == pytest.approx({
-        (0, 0): 1 + weight, (0, 2): 1 + weight, (1, 0): math.sqrt(2) + weight, (1, 2): math.sqrt(2) + weight
-    })  # fmt: skip
+    assert steps == pytest.approx(
+        {(0, 0): 1 + weight, (0, 2): 1 + weight, (1, 0): math.sqrt(2) + weight, (1, 2): math.sqrt(2) + weight}
+    )
     assert search(graph, (1, 0), (1, 2)) == [(1, 0), (0, 1), (1, 2)]
 
 

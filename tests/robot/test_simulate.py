@@ -8,8 +8,9 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
-from nnpp_edge.simulation.scene import Obstacles, Scene, SurveyedGround, walkable
+from nnpp_edge.simulation.scene import Scene, SurveyedGround, walkable
 from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
+from nnpp_edge.terrain.obstacles import Obstacles
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
@@ -56,8 +57,8 @@ def test_obstacles_come_move_and_go_and_stay_away_from_robot_and_goal():
     shown, kinds, across = base.copy(), set(), 0
     for _ in range(600):
         before = list(obstacles.blocks)
-        for row, col, rows, cols in obstacles.step(robot, goal, path):
-            shown[row : row + rows, col : col + cols] = obstacles.lay(base, (row, col, rows, cols))
+        for row, col, rows, cols in obstacles.one_event(robot, goal, path):
+            shown[row : row + rows, col : col + cols] = obstacles.cover(base, (row, col, rows, cols))
         kinds.add(len(obstacles.blocks) - len(before) if obstacles.blocks != before else "none")
         kinds |= {"moved"} if len(before) == len(obstacles.blocks) and before != obstacles.blocks else set()
         expected = base.copy()

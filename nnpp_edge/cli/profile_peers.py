@@ -1,0 +1,86 @@
+"""`nnpp-edge profile --peers`: the planners beside other libraries' grid search."""
+
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from nnpp_edge.cli.profile_run import STDOUT, ProfileOptions
+
+if TYPE_CHECKING:
+    from nnpp_edge.benchmarks.peers import PeerRow
+
+_COLUMNS = {
+    "size": "size",
+    "terrain": "terrain",
+    "planner": "planner",
+    "n": "n",
+    "time_ms_median": "ms\nmedian",
+    "time_ms_p95": "ms\np95",
+    "times_astar_median": "× astar\nmedian",
+    "map_ms_median": "map\nms",
+    "gap_mean": "gap\nmean",
+    "gap_max": "gap\nmax",
+    "same_optimum": "same\noptimum",
+}
+_SIZES, _QUERIES, _LIMIT_S = (256, 512, 1024), 50, 5.0
+
+
+def run_peers(given: ProfileOptions) -> None:
+    """Measure, write what was asked for, print the table or JSON."""
+    from nnpp_edge.benchmarks.peers import run
+    from nnpp_edge.files import make_folder, write_whole
+    from nnpp_edge.profiling.suites import TerrainFiles
+    from nnpp_edge.progress import bar
+
+    sizes, queries, limit_s = given.sizes or _SIZES, given.queries or _QUERIES, given.limit_s or _LIMIT_S
+    seed = 1 if given.seed is None else given.seed
+    if min(sizes) < 16 or len(set(sizes)) < len(sizes):
+        raise click.UsageError(f"--sizes must be different numbers of at least 16, got {sizes}")
+    for folder in (given.output, given.json_path and given.json_path.parent):
+        if folder is not None:
+            make_folder(folder)
+    terrain = TerrainFiles.or_sample(given.terrain, given.rescale, given.cell_size)
+    with bar("profile", queries * len(sizes)) as advance:
+        rows, missing = run(sizes, queries, terrain, seed=seed, limit_s=limit_s, progress=advance)
+    facts = {"queries": queries, "seed": seed, "limit_s": limit_s, "left_out": missing, "rows": rows}
+    content = json.dumps(facts, indent=1)
+    if given.json_path is not None:
+        write_whole(given.json_path, content.encode())
+    if given.output is not None:
+        from nnpp_edge.viz.peers import times_by_size
+
+        write_whole(given.output / "peers.json", content.encode())
+        times_by_size(rows, given.output / "peers.png")
+    click.echo(content if given.json_file == STDOUT else peers_text(rows, missing))
+
+
+def peers_text(rows: Sequence["PeerRow"], missing: Sequence[str]) -> str:
+    """The rows for people: the table, what each planner minimises, and who was left out."""
+    from nnpp_edge.progress import render_table
+
+    body = [[_shown(key, dict(row)[key]) for key in _COLUMNS] for row in rows]
+    first = rows[0]["planner"]
+    lines = [render_table(list(_COLUMNS.values()), body, sections=[row["planner"] == first for row in rows])]
+    objectives = {f"{row['planner']} {row['version']}": row["objective"] for row in rows}
+    width = max(map(len, objectives))
+    lines += ["minimised:", *(f"  {name:{width}}  {objective}" for name, objective in objectives.items())]
+    lines += [f"{row['planner']} at {row['size']}: {row['note']}" for row in rows if row["note"]]
+    failed = [row for row in rows if row["failed"]]
+    lines += [f"{row['planner']} at {row['size']}: no path for {row['failed']} queries" for row in failed]
+    if missing:
+        lines.append(f"left out, not installed: {', '.join(missing)} (pip install 'nnpp-edge[bench]')")
+    return "\n".join(lines)
+
+
+def _shown(key: str, value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        if key.startswith("gap"):
+            return f"{round(100 * value, 2) + 0.0:.2f} %"  # no -0.00
+        return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
+    return str(value)

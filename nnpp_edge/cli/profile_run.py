@@ -1,0 +1,87 @@
+"""`nnpp-edge profile --profile`: the planners against a profile's budgets."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+STDOUT = "-"
+"""Given for a file: print it, or for --save-choice, save it in its usual place."""
+
+
+@dataclass(frozen=True)
+class ProfileOptions:
+    """The options of `nnpp-edge profile`, as on the command line; None and () where not given."""
+
+    terrain: tuple[Path, ...]
+    cell_size: float | None
+    rescale: float | None
+    sizes: tuple[int, ...] | None
+    queries: int | None
+    seed: int | None
+    json_file: str | None
+    html: Path | None
+    start_up: bool
+    save_choice: str | None
+    limit_s: float | None
+    output: Path | None
+
+    @property
+    def json_path(self) -> Path | None:
+        """The file for the report; None where it is printed or not wanted."""
+        return None if self.json_file in (None, STDOUT) else Path(str(self.json_file))
+
+
+def run_profile(name: str, given: ProfileOptions) -> int:
+    """Measure, write what was asked for, print the report; the exit code."""
+    from nnpp_edge.cli.profile_text import report_text
+    from nnpp_edge.files import make_folder, write_whole
+    from nnpp_edge.profiling.judge import EXIT_CODES
+    from nnpp_edge.profiling.measure import queries_in
+    from nnpp_edge.profiling.profile_file import overridden, read_profile
+    from nnpp_edge.profiling.report import Watchers, choice_of, profile_machine
+    from nnpp_edge.progress import bar
+
+    choice = _choice_file(given.save_choice)
+    for file in (given.json_path, given.html, choice):
+        if file is not None:
+            make_folder(file.parent)
+    if given.html is not None:
+        from nnpp_edge.viz.profile_page import page  # before the run: what it needs may not be installed
+    profile, dropped = overridden(
+        read_profile(name),
+        terrain=tuple(map(str, given.terrain)) or None,
+        cell_size=given.cell_size,
+        rescale=given.rescale,
+        sizes=given.sizes,
+        queries=given.queries,
+        seed=given.seed,
+    )
+    notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
+    with bar("profile", queries_in(profile.load), quiet=True) as advance:
+        watchers = Watchers(advance, lambda line: click.echo(line, err=True))
+        report = profile_machine(profile, start_up=given.start_up, notes=notes, watchers=watchers)
+    content = json.dumps(report, indent=1)
+    if given.json_path is not None:
+        write_whole(given.json_path, content.encode())
+    if given.html is not None:
+        write_whole(given.html, page(report, profile).encode())
+    if choice is not None:
+        write_whole(choice, choice_of(report, profile.networks.int8).to_json().encode())
+        click.echo(f"auto goes by this run from now on: {choice}", err=True)
+    click.echo(content if given.json_file == STDOUT else report_text(report))
+    return EXIT_CODES[report["verdict"]]
+
+
+def _choice_file(named: str | None) -> Path | None:
+    """Where to save what auto chooses by; None if that was not asked for."""
+    if named is None:
+        return None
+    if named != STDOUT:
+        return Path(named)
+    from nnpp_edge.runtime.planners.choice import choice_path
+
+    if (path := choice_path()) is None:
+        raise click.UsageError("there is no home folder for the figures: give --save-choice FILE")
+    return path

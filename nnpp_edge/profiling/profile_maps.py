@@ -1,0 +1,93 @@
+"""The maps and queries of a profile: crops of terrain, synthetic terrain where no file is large enough."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nnpp_edge.profiling.profile_file import SAMPLE, Load
+from nnpp_edge.profiling.suites import QUERIES_PER_MAP, SYNTHETIC, TerrainFiles, cases_from, source_of
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.labels import random_points
+
+_LEAST_NEAR = 6.0
+"""Cells between start and goal of the nearest queries."""
+_TRIES = 50
+
+
+@dataclass(frozen=True)
+class ProfileQuery:
+    """A query, and whether budgets are judged by it."""
+
+    start: Cell
+    goal: Cell
+    judged: bool
+
+    @property
+    def distance(self) -> int:
+        """Cells between start and goal, as the king moves: what `auto` decides by."""
+        return max(abs(self.start[0] - self.goal[0]), abs(self.start[1] - self.goal[1]))
+
+
+@dataclass(frozen=True)
+class ProfileMap:
+    """A map with its queries."""
+
+    terrain: str
+    cost: Float2D
+    queries: tuple[ProfileQuery, ...]
+
+
+class ProfileMaps:
+    """Where a profile's maps come from. The same load gives the same maps on any machine.
+
+    Raises
+    ------
+    TerrainError, InvalidQueryError
+        A terrain file cannot be read.
+    """
+
+    def __init__(self, load: Load) -> None:
+        self.load = load
+        self.dems: list[Dem] = []
+        for name in () if load.terrain == (SYNTHETIC,) else load.terrain:
+            paths = () if name == SAMPLE else (Path(name),)
+            self.dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size).read()
+
+    def source(self, size: int) -> str:
+        """Name of the terrain that maps of this size come from."""
+        return source_of(self.dems, size)
+
+    def maps(self, name: str, size: int) -> Iterator[ProfileMap]:
+        """Maps of one workload and size, without end; on each a share of the far and of the near queries."""
+        load, source = self.load, self.source(size)
+        near_per_map = math.ceil(load.near * QUERIES_PER_MAP / load.queries)
+        for at, case in enumerate(cases_from(self.dems, name, size, load.seed, load.min_distance)):
+            rng = np.random.default_rng([load.seed, size, at])
+            near = _near(rng, case.cost, near_per_map, load.min_distance * size)
+            far = tuple(ProfileQuery(start, goal, True) for start, goal in case.queries)
+            yield ProfileMap(source, case.cost, far + near)
+
+
+def _near(rng: np.random.Generator, cost: Float2D, wanted: int, farthest: float) -> tuple[ProfileQuery, ...]:
+    """Queries whose distances are spread evenly on a logarithmic scale, up to `farthest` cells."""
+    found: list[ProfileQuery] = []
+    if farthest <= _LEAST_NEAR:
+        return ()
+    for _ in range(_TRIES * wanted):
+        if len(found) == wanted:
+            break
+        points = random_points(rng, cost, 1)
+        distance = math.exp(rng.uniform(math.log(_LEAST_NEAR), math.log(farthest)))
+        angle = rng.uniform(0.0, 2.0 * math.pi)
+        if len(points) == 0:
+            break
+        start = int(points[0][0]), int(points[0][1])
+        row, col = round(start[0] + distance * math.sin(angle)), round(start[1] + distance * math.cos(angle))
+        if 0 <= row < cost.shape[0] and 0 <= col < cost.shape[1] and cost[row, col] < 1.0:
+            found.append(ProfileQuery(start, (row, col), judged=False))
+    return tuple(found)

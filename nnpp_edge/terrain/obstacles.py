@@ -1,0 +1,137 @@
+"""Simulated obstacles: rectangles of impassable cells that appear, move and vanish."""
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell, Rectangle
+
+OBSTACLE = 1.0
+"""Traversability cost of an obstacle: impassable (the paper's)."""
+_CLEAR = 3
+"""Cells around robot and goal that no obstacle covers."""
+
+_MOST = 12
+"""Obstacles at a time, of single events."""
+_APPEARS, _DISAPPEARS = 0.4, 0.4
+"""Chance that an event is a new obstacle; else, that one vanishes rather than moves."""
+_ACROSS_THE_PATH = 0.5
+"""Share of these obstacles that appear on the path ahead; the others appear anywhere."""
+_REACH = 2
+"""Cells that they move at most, to each side."""
+
+_SIDES = (1 / 20, 1 / 8)
+"""Sides of an obstacle of the paper's scene, as shares of the map's."""
+_ON_PATH = (0.15, 0.85)
+"""Where on what is left of the path it appears, as a share of it."""
+_VANISHES, _MOVES = 0.25, 0.35
+"""Its chances at each step."""
+
+
+class Obstacles:
+    """Obstacles on a map, the same for the same generator.
+
+    Parameters
+    ----------
+    shape : (H, W)
+        Of the map.
+    rng : numpy.random.Generator
+        Of every choice.
+    """
+
+    def __init__(self, shape: tuple[int, int], rng: np.random.Generator) -> None:
+        self.shape, self._rng = shape, rng
+        self.blocks: list[Rectangle] = []
+
+    def one_event(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> list[Rectangle]:
+        """One obstacle appears, moves or vanishes; the parts of the map that change, none where no place was free."""
+        rng, blocks = self._rng, self.blocks
+        if not blocks or (len(blocks) < _MOST and rng.random() < _APPEARS):
+            block = self._new(path)
+            if _near(block, (robot, goal)):
+                return []
+            blocks.append(block)
+            return [block]
+        at = int(rng.integers(len(blocks)))
+        old = blocks[at]
+        if rng.random() < _DISAPPEARS:
+            del blocks[at]
+            return [old]
+        new = self._moved(old, _REACH, _REACH)
+        if new == old or _near(new, (robot, goal)):
+            return []
+        blocks[at] = new
+        return [old, new]
+
+    def next_scene(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> None:
+        """The paper's scene between two plans: some vanish, some move on, and one more appears across the path."""
+        rng, kept = self._rng, []
+        for block in self.blocks:
+            fate = rng.random()
+            if fate < _VANISHES:
+                continue
+            kept.append(self._moved(block, block[2], block[3]) if fate < _VANISHES + _MOVES else block)
+        side = max(self.shape)
+        rows, cols = (min(max(int(rng.uniform(*_SIDES) * side), 2), n) for n in self.shape)
+        kept.append(self._around(path[int(rng.uniform(*_ON_PATH) * (len(path) - 1))], rows, cols))
+        self.blocks = [block for block in kept if not _near(block, (robot, goal))]
+
+    def clear_of(self, cell: Cell) -> list[Rectangle]:
+        """Remove the obstacles that are too near to a cell, and return them."""
+        near = [block for block in self.blocks if _near(block, (cell,))]
+        self.blocks = [block for block in self.blocks if block not in near]
+        return near
+
+    def cover(self, ground: Float2D, part: Rectangle) -> Float2D:
+        """A copy of a part of the ground with the obstacles on it."""
+        return covered(ground, part, self.blocks)
+
+    def _new(self, path: NDArray[np.int32]) -> Rectangle:
+        rng = self._rng
+        least, most = min(2, *self.shape), max(max(self.shape) // 12, 2)
+        rows, cols = (min(int(rng.integers(least, most + 1)), n) for n in self.shape)
+        if len(path) > 2 and rng.random() < _ACROSS_THE_PATH:
+            return self._around(path[int(rng.integers(1, len(path) - 1))], rows, cols)
+        return self._around(rng.integers(0, self.shape), rows, cols)
+
+    def _around(self, middle: NDArray[np.integer], rows: int, cols: int) -> Rectangle:
+        """An obstacle of this size around a cell, moved inside the map."""
+        row, col = int(middle[0]) - rows // 2, int(middle[1]) - cols // 2
+        return self._inside(row, col, rows, cols)
+
+    def _moved(self, block: Rectangle, most_rows: int, most_cols: int) -> Rectangle:
+        row, col, rows, cols = block
+        row += int(self._rng.integers(-most_rows, most_rows + 1))
+        col += int(self._rng.integers(-most_cols, most_cols + 1))
+        return self._inside(row, col, rows, cols)
+
+    def _inside(self, row: int, col: int, rows: int, cols: int) -> Rectangle:
+        height, width = self.shape
+        return min(max(row, 0), height - rows), min(max(col, 0), width - cols), rows, cols
+
+
+def covered(ground: Float2D, part: Rectangle, blocks: Collection[Rectangle]) -> Float2D:
+    """A copy of a part of the ground with obstacles on it; they may reach beyond the map."""
+    row, col, rows, cols = part
+    out = ground[row : row + rows, col : col + cols].copy()
+    for top, left, height, width in blocks:
+        down = slice(max(top - row, 0), max(top + height - row, 0))
+        across = slice(max(left - col, 0), max(left + width - col, 0))
+        np.maximum(out[down, across], np.float32(OBSTACLE), out=out[down, across])
+    return out
+
+
+def changed_parts(before: Sequence[Rectangle], after: Sequence[Rectangle]) -> list[Rectangle]:
+    """Where the map changes when obstacles become others: those that leave, then those that come."""
+    return [block for block in before if block not in after] + [block for block in after if block not in before]
+
+
+def _near(block: Rectangle, cells: Collection[Cell]) -> bool:
+    """Whether an obstacle is nearer to one of the cells than allowed."""
+    row, col, rows, cols = block
+    return any(
+        row - _CLEAR <= cell[0] < row + rows + _CLEAR and col - _CLEAR <= cell[1] < col + cols + _CLEAR
+        for cell in cells
+    )

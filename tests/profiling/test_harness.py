@@ -1,0 +1,153 @@
+import gc
+from itertools import pairwise
+
+import pytest
+
+from nnpp_edge.profiling.harness import Harness, Observer
+
+
+class FakeClock:
+    """Time that passes only while a rival is called."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return FakeClock()
+
+
+def taking(clock, seconds, calls=None, name=""):
+    """A rival whose call takes so many seconds, one for each call in turn, and returns the case."""
+    left = iter(seconds)
+
+    def call(case):
+        if calls is not None:
+            calls.append((name, case))
+        clock.now += next(left)
+        return case
+
+    return call
+
+
+def test_every_rival_is_timed_on_every_case(clock):
+    rivals = {"slow": taking(clock, [3.0, 4.0]), "fast": taking(clock, [1.0, 2.0])}
+    first, second = Harness(clock=clock).measure(rivals, ["a", "b"])
+    assert list(first) == ["slow", "fast"]
+    assert [(r.rival, r.case, r.elapsed_s, r.results) for r in first.values()] == [
+        ("slow", "a", (3.0,), ("a",)),
+        ("fast", "a", (1.0,), ("a",)),
+    ]
+    assert (second["slow"].elapsed_s, second["fast"].elapsed_s) == ((4.0,), (2.0,))
+
+
+def test_what_is_done_between_the_cases_and_around_the_calls_does_not_count(clock):
+    class Slow(Observer):
+        def before(self, rival):
+            clock.now += 50.0
+
+        def after(self, rival, elapsed_s, result):
+            clock.now += 50.0
+
+    elapsed = []
+    for records in Harness(clock=clock).measure(
+        {"one": taking(clock, [1.0] * 4)}, [1, 2], repeats=2, observer=Slow()
+    ):
+        elapsed += records["one"].elapsed_s
+        clock.now += 1000.0
+    assert elapsed == [1.0] * 4
+
+
+def test_warm_up_is_done_by_every_rival_before_the_clock_starts_and_is_not_counted(clock):
+    calls = []
+    rivals = {name: taking(clock, [99.0, 1.0, 2.0], calls, name) for name in "xy"}
+    (records,) = Harness(clock=clock).measure(rivals, ["case"], repeats=2, warm_up=["warm"])
+    assert calls[:2] == [("x", "warm"), ("y", "warm")]
+    assert all(case == "case" for _, case in calls[2:])
+    assert all(record.elapsed_s == (1.0, 2.0) for record in records.values())
+
+
+def test_rivals_take_turns_in_an_order_that_is_drawn_anew_and_the_same_for_the_same_seed(clock):
+    def order(seed):
+        calls = []
+        rivals = {name: taking(clock, [1.0] * 40, calls, name) for name in "abc"}
+        list(Harness(seed, clock).measure(rivals, [0, 1], repeats=20))
+        return [name for name, _ in calls]
+
+    called = order(1)
+    turns = [tuple(called[at : at + 3]) for at in range(0, 120, 3)]
+    assert all(sorted(turn) == ["a", "b", "c"] for turn in turns)  # each once before any is called again
+    assert len(set(turns)) == 6  # every order occurs
+    followers = {(one[-1], other[0]) for one, other in pairwise(turns)} | {p for t in turns for p in pairwise(t)}
+    assert {pair for pair in followers if pair[0] != pair[1]} == {(p, q) for p in "abc" for q in "abc" if p != q}
+    assert called == order(1) != order(2)
+
+
+def test_a_rival_that_is_called_once_takes_part_in_the_first_turn_only(clock):
+    rivals = {"plain": taking(clock, [9.0]), "ours": taking(clock, [3.0, 1.0, 2.0])}
+    (records,) = Harness(clock=clock).measure(rivals, [0], repeats=3, once=("plain",))
+    assert records["plain"].elapsed_s == (9.0,) and records["ours"].elapsed_s == (3.0, 1.0, 2.0)
+
+
+def test_medians_quantiles_and_the_middle_call(clock):
+    times = [5.0, 1.0, 3.0, 2.0]
+
+    def call(case):
+        seconds = times[len(made)]
+        made.append(seconds)
+        clock.now += seconds
+        return f"took {seconds}"
+
+    made = []
+    (record,) = (records["x"] for records in Harness(clock=clock).measure({"x": call}, [0], repeats=4))
+    assert record.median_s == 2.5
+    assert record.quantile_s(0.5) == 2.5 and record.quantile_s(1.0) == 5.0
+    assert record.quantile_s(0.99) == pytest.approx(4.94)
+    assert record.middle() == (2.0, "took 2.0")  # of the two in the middle the faster one
+
+
+def test_garbage_is_not_collected_while_calls_are_timed(clock):
+    seen = []
+
+    def call(case):
+        seen.append(gc.isenabled())
+
+    assert gc.isenabled()
+    for _ in Harness(clock=clock).measure({"x": call}, [0, 1]):
+        seen.append(gc.isenabled())
+    Harness(clock=clock).timed(lambda: seen.append(gc.isenabled()))
+    assert seen == [False, True, False, True, False] and gc.isenabled()
+
+
+def test_what_a_rival_raises_ends_the_measurement_and_spoils_nothing_before_it(clock):
+    def breaks(case):
+        if case == "bad":
+            raise ValueError("no path")
+
+    rivals = {"good": taking(clock, [1.0] * 2), "breaks": breaks}
+    measured = Harness(clock=clock).measure(rivals, ["fine", "bad"])
+    assert next(measured)["good"].elapsed_s == (1.0,)
+    with pytest.raises(ValueError, match="no path"):
+        next(measured)
+    assert gc.isenabled()
+
+
+def test_a_case_is_taken_only_when_the_records_of_the_one_before_were_used(clock):
+    taken = []
+
+    def cases():
+        for case in range(3):
+            taken.append(case)
+            yield case
+
+    measured = Harness(clock=clock).measure({"x": taking(clock, [1.0] * 3)}, cases())
+    next(measured)
+    assert taken == [0]
+
+
+def test_one_call_can_be_timed(clock):
+    assert Harness(clock=clock).timed(lambda: taking(clock, [2.0])("answer")) == (2.0, "answer")
