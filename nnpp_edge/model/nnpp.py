@@ -10,7 +10,6 @@ from nnpp_edge.model.uafm import UAFM
 from nnpp_edge.runtime.errors import ModelError
 
 INPUT_CHANNELS = 3
-OUTPUT_STRIDE = 8
 SIZE_STEP = 32 * max(SCALES)
 PRIOR_LOGIT = -2.0
 
@@ -87,8 +86,8 @@ class NNPP(nn.Module):
             raise ModelError(f"input must be {wanted}, got {tuple(x.shape)}")
         stage3, stage4, stage5 = self.backbone(x)
         features = self.fuse4(self.context(stage5), stage4)
-        features = self.fuse3(features, stage3)
-        return self.classifier(features)
+        logits: Tensor = self.classifier(self.fuse3(features, stage3))
+        return logits
 
 
 def _initialise(network: NNPP) -> None:

@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from typing import Any
+from types import ModuleType
 
 from nnpp_edge import __version__
 from nnpp_edge.runtime.errors import MissingExtraError, NnppEdgeError
@@ -92,7 +92,7 @@ def _make(version: str, recipe: Recipe, tiles: list[Dem], index: int) -> bytes:
     return zlib.compress(shard_content(recipe, tiles, index), 1)
 
 
-def _dask() -> tuple[Any, Any]:
+def _dask() -> tuple[ModuleType, ModuleType]:
     """The modules dask and distributed, or the error that says how to get them."""
     try:
         import dask
@@ -102,7 +102,7 @@ def _dask() -> tuple[Any, Any]:
     return dask, distributed
 
 
-async def _try(address: str, distributed: Any) -> None:
+async def _try(address: str, distributed: ModuleType) -> None:
     """Connect, and hang up.
 
     A `Client` that cannot connect is no way to find out: collected as garbage while another is being made, it waits
@@ -113,7 +113,7 @@ async def _try(address: str, distributed: Any) -> None:
 
 
 @contextmanager
-def _one_line_error(address: str, distributed: Any) -> Iterator[None]:
+def _one_line_error(address: str, distributed: ModuleType) -> Iterator[None]:
     """Turn what Dask raises into a ClusterError of one line, and keep its client from logging the same at length."""
     log = logging.getLogger("distributed.client")
     level = log.level

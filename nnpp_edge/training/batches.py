@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.model.registry import Spec, encode
+from nnpp_edge.model.network import encode
+from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.labels import EXCESS_STEP
@@ -15,6 +16,8 @@ from nnpp_edge.terrain.labels import EXCESS_STEP
 Turn = tuple[int, bool]
 """One of the square's eight symmetries: quarter turns, then mirrored or not."""
 Batch = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]
+"""Planes, encoded queries, targets."""
+A = TypeVar("A", bound=np.generic)
 
 
 class Batches:
@@ -39,9 +42,17 @@ class Batches:
     """
 
     def __init__(
-        self, samples: Samples, spec: Spec, batch: int, *, target: str = "near", softness: float = 0.02,
-        seed: int = 0, rank: int = 0, world: int = 1,
-    ) -> None:  # fmt: skip
+        self,
+        samples: Samples,
+        spec: Spec,
+        batch: int,
+        *,
+        target: str = "near",
+        softness: float = 0.02,
+        seed: int = 0,
+        rank: int = 0,
+        world: int = 1,
+    ) -> None:
         label_blocks = samples.excess.shape[-1]
         if label_blocks % spec.blocks or samples.planes.shape[-1] != spec.input_size:
             raise DataSetError(
@@ -98,11 +109,11 @@ class Batches:
         shape = (len(queries), blocks, side, blocks, side)
         if self.target == "path":
             masks = np.unpackbits(s.on_path[queries], axis=-1)
-            return masks.reshape(shape).max(axis=(2, 4)).astype(np.float32)
-        return self.nearness[s.excess[queries].reshape(shape).min(axis=(2, 4))]
+            return np.asarray(masks.reshape(shape).max(axis=(2, 4)), np.float32)
+        return np.asarray(self.nearness[s.excess[queries].reshape(shape).min(axis=(2, 4))])
 
 
-def _turned(array: NDArray[Any], turn: Turn) -> NDArray[Any]:
+def _turned(array: NDArray[A], turn: Turn) -> NDArray[A]:
     """(…, S, S) after so many quarter turns, then mirrored or not."""
     quarters, mirrored = turn
     one = np.rot90(array, quarters, axes=(-2, -1))
