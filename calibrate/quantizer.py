@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import onnx
 from onnxruntime import quantization
 from onnxruntime.quantization import CalibrationMethod, QDQQuantizer, QuantType
@@ -76,7 +75,7 @@ class Quantizer:
                 self.prepared, list(OPERATORS), str(self.folder / "augmented.onnx"), kind, extra_options=settings
             )
             for at in range(0, len(samples), _AT_ONCE):
-                part = samples.pick(np.arange(at, min(at + _AT_ONCE, len(samples))))
+                part = samples.pick(range(at, min(at + _AT_ONCE, len(samples))))
                 calibrator.collect_data(QueryReader(self.model, part))
             self.ranges = calibrator.compute_data()
 

@@ -63,7 +63,7 @@ class Samples:
         blocked = self.planes[:, 1]
         return np.asarray(((blocked == 0) | (blocked == 255)).all(axis=(1, 2)))
 
-    def pick(self, queries: NDArray[np.generic]) -> "Samples":
+    def pick(self, queries: NDArray[np.generic] | range) -> "Samples":
         """Some of the queries, by a mask or by their numbers; the maps stay."""
         names = ("map_index", "start", "goal", "excess", "on_path")
         return replace(self, **{name: getattr(self, name)[queries] for name in names})

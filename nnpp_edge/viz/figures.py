@@ -69,7 +69,7 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
         for key in [name] if name in history[0] else [f"{name}@{factor}" for factor in factors]:
             label = f"td × {key.partition('@')[2]}" if "@" in key else None
             axes.plot(steps, [scale * row[key] for row in history], marker="o", markersize=3, label=label)
-        if name != "loss":
+        if axes.get_legend_handles_labels()[1]:
             axes.legend(fontsize="small")
         if name in ("loss", "gap"):
             axes.set_yscale("log")
