@@ -122,6 +122,7 @@ class Quantizer:
                 reduce_range=reduce_range,
                 tensors_range=self.ranges,
                 op_types_to_quantize=list(OPERATORS),
+                extra_options={},
                 **types,
                 **nodes,
             )
