@@ -41,35 +41,7 @@ _FEW = 16
 
 @dataclass(frozen=True)
 class QuantizeReport:
-    """What was made, and how it compares with the model that it was made from.
-
-    Attributes
-    ----------
-    source, output : str
-        Paths of the two models.
-    samples, method, reduce_range
-        How it was calibrated.
-    excluded : tuple of str
-        Convolutions left float, except those of the head.
-    quantised : int
-        Convolutions in int8.
-    fp32_bytes, int8_bytes : int
-    fp32_latency, int8_latency : Latency
-    speed_up : float
-        Ratio of the medians.
-    agreement : Agreement
-    qdq_left : int
-        QuantizeLinear and DequantizeLinear nodes after onnxruntime's optimisation on this machine.
-    operators : dict of str to int
-        All nodes after it, by kind.
-    region_factor : float
-        On the adaptive threshold.
-    searches : Searches or None
-        Over held-out queries whose maps were not averaged.
-    node_snr_db : dict of str to float
-        Signal-to-noise ratio when one node alone is int8, the worst first; empty if it was not needed.
-    recommendation : str
-    """
+    """What was made, and how it compares with the model that it was made from."""
 
     source: str
     output: str
@@ -77,18 +49,25 @@ class QuantizeReport:
     method: str
     reduce_range: bool
     excluded: tuple[str, ...]
+    """Convolutions left float, except those of the head."""
     quantised: int
+    """Convolutions in int8."""
     fp32_bytes: int
     int8_bytes: int
     fp32_latency: Latency
     int8_latency: Latency
     speed_up: float
+    """Ratio of the medians."""
     agreement: Agreement
     qdq_left: int
+    """QuantizeLinear and DequantizeLinear nodes after onnxruntime's optimisation on this machine."""
     operators: dict[str, int]
+    """All nodes after it, by kind."""
     region_factor: float
     searches: Searches | None
+    """Over held-out queries whose maps were not averaged."""
     node_snr_db: dict[str, float]
+    """Signal-to-noise ratio when one node alone is int8, the worst first; empty if it was not needed."""
     recommendation: str
 
     def to_json(self) -> str:

@@ -38,24 +38,7 @@ OPSET = 18
 
 @dataclass(frozen=True)
 class ExportReport:
-    """What was written.
-
-    Attributes
-    ----------
-    path : str
-    size_bytes : int
-    opset : int
-        As read back from the file.
-    nodes : int
-    operators : dict of str to int
-        How many nodes of each kind.
-    inputs, output
-        Shape of each input by its name, and of the probability.
-    macs : int
-        Multiply-accumulates of one query.
-    metadata : dict
-        As it stands in the file.
-    """
+    """What was written: the file's opset, its number of nodes by kind, and the shapes of inputs and probability."""
 
     path: str
     size_bytes: int
@@ -65,6 +48,7 @@ class ExportReport:
     inputs: dict[str, tuple[int, ...]]
     output: tuple[int, ...]
     macs: int
+    """Multiply-accumulates of one query."""
     metadata: dict[str, object]
 
     def to_json(self) -> str:
@@ -187,17 +171,9 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
 def checkpoint_facts(saved: Checkpoint) -> dict[str, object]:
     """What a checkpoint says of its training, for a model's metadata."""
     progress, settings = saved.progress, saved.settings
-    return {
-        "steps": progress.step,
-        "epochs": progress.epoch,
-        "seconds": round(progress.spent_s, 1),
-        "batch": settings.batch,
-        "learning_rate": settings.learning_rate,
-        "weight_decay": settings.weight_decay,
-        "target": settings.target,
-        "softness": settings.softness,
-        "seed": settings.seed,
-    }
+    names = ("batch", "learning_rate", "weight_decay", "target", "softness", "seed")
+    done = {"steps": progress.step, "epochs": progress.epoch, "seconds": round(progress.spent_s, 1)}
+    return done | {name: getattr(settings, name) for name in names}
 
 
 def dataset_facts(recipe: Recipe) -> dict[str, object]:

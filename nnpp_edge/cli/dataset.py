@@ -1,11 +1,15 @@
 """`nnpp-edge dataset`: labelled samples from terrain."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import click
 
 from nnpp_edge.cli import options
+
+_SHARE = click.FloatRange(0, 1)
+setting = partial(click.option, show_default=True)
 
 
 def _part(_: click.Context, __: click.Parameter, value: str) -> tuple[int, int]:
@@ -20,39 +24,27 @@ def _part(_: click.Context, __: click.Parameter, value: str) -> tuple[int, int]:
 @click.command(name="dataset")
 @click.argument("terrain", nargs=-1, type=options.PATH)
 @click.option("-o", "--output", type=options.FOLDER, required=True, help="Folder; resumed if it holds a part.")
-@click.option("--maps", type=click.IntRange(1), default=4096, show_default=True, help="Number of maps.")
-@click.option("--size", type=click.IntRange(16), default=256, show_default=True, help="Side of the network's input.")
-@click.option(
+@setting("--maps", type=click.IntRange(1), default=4096, help="Number of maps.")
+@setting("--size", type=click.IntRange(16), default=256, help="Side of the network's input.")
+@setting(
     "--points",
     "points_per_map",
     type=click.IntRange(2),
     default=4,
-    show_default=True,
-    help="Points on a map; each pair that is far enough apart makes a query.",
+    help="On a map; pairs far enough apart are queries.",
 )
-@click.option("--synthetic-share", type=click.FloatRange(0, 1), default=0.25, show_default=True)
-@click.option(
-    "--obstacle-share",
-    type=click.FloatRange(0, 1),
-    default=0.3,
-    show_default=True,
-    help="Share of maps with rectangles of cost 1.",
-)
-@click.option(
+@setting("--synthetic-share", type=_SHARE, default=0.25)
+@setting("--obstacle-share", type=_SHARE, default=0.3, help="Share of maps with rectangles of cost 1.")
+@setting(
     "--shard",
     "part",
     metavar="K/N",
     callback=_part,
     default="1/1",
-    show_default=True,
     help="Make every N-th shard from the K-th on; the union is the whole set.",
 )
 @click.option("--workers", type=click.IntRange(1), help="Processes; by default one a core.")
-@click.option(
-    "--scheduler",
-    metavar="ADDRESS",
-    help="Of a Dask scheduler, such as tcp://10.0.0.5:8786: its workers make the shards.",
-)
+@click.option("--scheduler", metavar="ADDRESS", help="Of a Dask scheduler (tcp://10.0.0.5:8786) to make the shards.")
 @click.option("--picture", type=options.NEW_FILE, help="Sheet of random samples; by default DIR/samples.png.")
 @options.seed
 @options.as_json
@@ -78,8 +70,6 @@ def command(
     """
     if workers and scheduler:
         raise click.UsageError("--workers counts processes on this machine; leave it out with --scheduler")
-    from functools import partial
-
     import msgspec
 
     from nnpp_edge.progress import bar

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,16 +14,17 @@ if TYPE_CHECKING:
     from nnpp_edge.export.parity import Parity
     from nnpp_edge.export.to_onnx import ExportReport
 
+setting = partial(click.option, show_default=True)
+
 
 @click.command(name="export")
 @click.argument("checkpoint", type=options.PATH)
 @click.option("-o", "--output", type=options.NEW_FILE, required=True, help="The ONNX file.")
 @click.option("--name", help="Of the model, in its metadata; by default the output's name.")
-@click.option(
+@setting(
     "--region-factor",
     type=click.FloatRange(0, 1, min_open=True),
     default=0.5,
-    show_default=True,
     help="Factor on the adaptive threshold that planners are to use with this model.",
 )
 @click.option(
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
     type=options.FOLDER,
     help="What it was trained on, for the metadata and to compare torch and ONNX on.",
 )
-@click.option("--opset", type=int, default=18, show_default=True)
+@setting("--opset", type=int, default=18)
 @options.as_json
 @click.pass_context
 def command(

@@ -1,7 +1,8 @@
 """`nnpp-edge quantize`: an int8 model, and whether it pays."""
 
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -10,29 +11,21 @@ from nnpp_edge.cli import options
 if TYPE_CHECKING:
     from nnpp_edge.calibrate.quantize import QuantizeReport
 
+_METHOD = click.Choice(["minmax", "percentile", "entropy"])
+setting = partial(click.option, show_default=True)
+
 
 @click.command(name="quantize")
 @click.argument("model", type=options.PATH)
 @click.option("--dataset", type=options.FOLDER, required=True, help="Data set to calibrate on.")
-@click.option(
-    "--validation",
-    type=options.FOLDER,
-    help="Data set to judge on; by default a quarter of the other's maps is held out.",
-)
+@click.option("--validation", type=options.FOLDER, help="Data set to judge on; by default held-out maps.")
 @click.option("-o", "--output", type=options.NEW_FILE, required=True, help="The int8 ONNX file.")
-@click.option("--samples", type=click.IntRange(1), default=200, show_default=True, help="Queries to calibrate on.")
-@click.option(
-    "--method",
-    type=click.Choice(["minmax", "percentile", "entropy"]),
-    default="minmax",
-    show_default=True,
-    help="How the range of each tensor is chosen.",
-)
-@click.option(
+@setting("--samples", type=click.IntRange(1), default=200, help="Queries to calibrate on.")
+@setting("--method", type=_METHOD, default="minmax", help="How the range of each tensor is chosen.")
+@setting(
     "--exclude",
     type=options.Names(),
     default="auto",
-    show_default=True,
     help="Nodes to leave float; auto leaves the worst ones, if the probabilities differ too much.",
 )
 @click.option(
@@ -44,15 +37,11 @@ if TYPE_CHECKING:
 def command(
     model: Path,
     dataset: Path,
-    validation: Path | None,
     output: Path,
-    samples: int,
-    method: str,
     exclude: tuple[str, ...],
     full_range: bool,
-    rank: bool,
-    seed: int,
     as_json: bool,
+    **settings: Any,
 ) -> None:
     """Make an int8 model of MODEL (static, QDQ), and measure both on this machine.
 
@@ -63,18 +52,8 @@ def command(
     """
     from nnpp_edge.calibrate.quantize import AUTO, quantize
 
-    report = quantize(
-        model,
-        dataset,
-        output,
-        validation=validation,
-        samples=samples,
-        method=method,
-        exclude=AUTO if exclude == (AUTO,) else exclude,
-        reduce_range=not full_range,
-        rank=rank,
-        seed=seed,
-    )
+    left_float = AUTO if exclude == (AUTO,) else exclude
+    report = quantize(model, dataset, output, exclude=left_float, reduce_range=not full_range, **settings)
     click.echo(report.to_json() if as_json else render(report))
 
 

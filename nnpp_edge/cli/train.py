@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import os
+from functools import partial
 from pathlib import Path
 
 import click
@@ -14,48 +15,33 @@ from nnpp_edge.model.registry import ENCODINGS, PRESETS
 _PARTS = 1000
 """Of the training, for the progress bar."""
 
+_PRESET = click.Choice(list(PRESETS))
+_ENCODING = click.Choice([name for names in ENCODINGS.values() for name in names])
+_SHARE = click.FloatRange(0.0, 1.0, min_open=True)
+_TARGET = click.Choice(["near", "path"])
+
+setting = partial(click.option, show_default=True)
+
 
 @click.command(name="train")
 @click.argument("dataset", type=options.FOLDER)
 @click.option("--validation", type=options.FOLDER, required=True, help="Data set of other terrain.")
 @click.option("-o", "--output", type=options.FOLDER, required=True, help="Folder of the run; resumed if begun.")
-@click.option(
-    "--architecture",
-    type=click.Choice(list(PRESETS)),
-    default="edge",
-    show_default=True,
-    help="nnpp is the paper's network at full width, nnpp-w16 at a quarter.",
-)
+@setting("--architecture", type=_PRESET, default="edge", help="nnpp is the paper's full width, nnpp-w16 a quarter.")
 @click.option("--input-size", type=click.IntRange(64), help="Side of the network's map, if not the preset's.")
-@click.option(
-    "--encoding",
-    type=click.Choice([name for names in ENCODINGS.values() for name in names]),
-    help="How start and goal are shown, if not the preset's way.",
-)
-@click.option(
-    "--sigma",
-    type=click.FloatRange(0.0, 1.0, min_open=True),
-    default=0.25,
-    show_default=True,
-    help="Of the Gaussians, as a share of the map's side.",
-)
+@click.option("--encoding", type=_ENCODING, help="How start and goal are shown, if not the preset's way.")
+@setting("--sigma", type=_SHARE, default=0.25, help="Of the Gaussians, as a share of the map's side.")
 @click.option("--begin-with", type=options.PATH, help="Checkpoint of another run whose weights to begin with.")
-@click.option("--epochs", type=click.IntRange(1), default=150, show_default=True)
+@setting("--epochs", type=click.IntRange(1), default=150)
 @click.option("--steps", type=click.IntRange(1), help="Most steps, if its epochs do not end the training before.")
-@click.option("--batch", type=click.IntRange(1), default=32, show_default=True, help="Over all processes.")
-@click.option("--learning-rate", type=float, default=1e-3, show_default=True)
-@click.option("--weight-decay", type=float, default=1e-4, show_default=True)
-@click.option(
-    "--target",
-    type=click.Choice(["near", "path"]),
-    default="near",
-    show_default=True,
-    help="Nearness to the optimum, or the paper's single path.",
-)
-@click.option("--softness", type=float, default=0.02, show_default=True, help="Excess at which nearness is 1/e.")
-@click.option("--loss", type=click.Choice(["bce", "focal", "dice"]), default="bce", show_default=True)
+@setting("--batch", type=click.IntRange(1), default=32, help="Over all processes.")
+@setting("--learning-rate", type=float, default=1e-3)
+@setting("--weight-decay", type=float, default=1e-4)
+@setting("--target", type=_TARGET, default="near", help="Nearness to the optimum, or the paper's single path.")
+@setting("--softness", type=float, default=0.02, help="Excess at which nearness is 1/e.")
+@setting("--loss", type=click.Choice(["bce", "focal", "dice"]), default="bce")
 @click.option("--time-limit", type=float, default=math.inf, help="Minutes; the learning rate falls towards that end.")
-@click.option("--validate-every", type=float, default=5.0, show_default=True, help="Minutes.")
+@setting("--validate-every", type=float, default=5.0, help="Minutes.")
 @click.option("--threads", type=click.IntRange(1), help="Of torch on the CPU.")
 @options.seed
 @options.as_json

@@ -26,32 +26,17 @@ def architecture_name(stored: str) -> str:
 
 @dataclass(frozen=True)
 class Spec:
-    """All that is needed to build a network and to feed it.
-
-    Attributes
-    ----------
-    architecture : str
-        One of `ENCODINGS`; an older name is replaced by today's.
-    input_size : int
-        Side of the network's square map, in cells.
-    sigma : float
-        Of the Gaussians around start and goal, as a share of the map's side (the paper's best: 1/4).
-    options : mapping of str to int or ints
-        Arguments of the network's constructor; lists become tuples.
-    encoding : str
-        How start and goal are shown, one of the architecture's `ENCODINGS`; by default the first of them.
-
-    Raises
-    ------
-    ModelError
-        There is no such architecture, or it is not built for the encoding.
-    """
+    """All that is needed to build a network and to feed it; ModelError for what no architecture is built for."""
 
     architecture: str
+    """One of `ENCODINGS`; a former name is replaced by today's."""
     input_size: int = 256
     sigma: float = 0.25
+    """Of the Gaussians around start and goal, as a share of the map's side (the paper's best: 1/4)."""
     options: Mapping[str, int | Sequence[int]] = field(default_factory=dict)
+    """Arguments of the network's constructor; lists become tuples."""
     encoding: str = ""
+    """How start and goal are shown, one of the architecture's `ENCODINGS`; by default the first of them."""
 
     def __post_init__(self) -> None:
         """Fill in the defaults and check."""

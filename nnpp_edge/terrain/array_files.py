@@ -10,6 +10,7 @@ from numpy.lib.npyio import NpzFile
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.terrain.heights import Reading, Window, check_grid, checked_window, metres
 
+_ZIP_STARTS = (b"PK\x03\x04", b"PK\x05\x06")
 _ARRAY_NAMES = ("elevation_m", "elevation", "dem")
 
 
@@ -18,10 +19,13 @@ def read_arrays(path: Path, vertical_scale: float | None, window: Window | None)
 
     Raises TerrainError and InvalidQueryError as `read_dem` does, and whatever else NumPy raises for a broken file.
     """
-    loaded = np.load(path, mmap_mode="r", allow_pickle=False)
     cell = None
-    if isinstance(loaded, NpzFile):
-        with loaded as archive:
+    with path.open("rb") as file:
+        is_archive = file.read(4) in _ZIP_STARTS
+    if not is_archive:
+        loaded = np.load(path, mmap_mode="r", allow_pickle=False)
+    else:  # NumPy leaves a path's file open where the archive is broken
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             size = _number(path, archive, "cell_size_m", "cell_m")
             width = _number(path, archive, "cell_width_m")
             loaded = _elevation_array(path, archive)

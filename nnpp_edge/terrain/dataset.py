@@ -30,28 +30,19 @@ Arrays = dict[str, NDArray[np.generic]]
 
 @dataclass(frozen=True)
 class Samples:
-    """Labelled queries in memory: Q queries on M maps of S × S cells, with labels on B × B blocks.
-
-    Attributes
-    ----------
-    planes : (M, 2, S, S) uint8
-        Mean cost (impassable as 1) and share of impassable cells, in 255ths.
-    map_index : (Q,) int32
-        The map of each query.
-    start, goal : (Q, 2) float32
-        Row and column in input cells.
-    excess : (Q, B, B) uint8
-        Excess of each block over the optimum, in steps of 0.1 %.
-    on_path : (Q, B, B / 8) uint8
-        Bits: whether the optimal path crosses a block.
-    """
+    """Labelled queries in memory: Q queries on M maps of S × S cells, with labels on B × B blocks."""
 
     planes: NDArray[np.uint8]
+    """(M, 2, S, S) mean cost (impassable as 1) and share of impassable cells, in 255ths."""
     map_index: NDArray[np.int32]
+    """(Q,) the map of each query."""
     start: NDArray[np.float32]
+    """(Q, 2) row and column in input cells."""
     goal: NDArray[np.float32]
     excess: NDArray[np.uint8]
+    """(Q, B, B) excess of each block over the optimum, in steps of 0.1 %."""
     on_path: NDArray[np.uint8]
+    """(Q, B, B / 8) bits: whether the optimal path crosses a block."""
 
     def __len__(self) -> int:
         """Number of queries."""

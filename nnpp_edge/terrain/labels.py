@@ -24,25 +24,16 @@ Query = Endpoints  # its name in modules that are not renamed yet
 
 @dataclass(frozen=True)
 class Label:
-    """What the exact search says of one query.
-
-    Attributes
-    ----------
-    start, goal : Cell
-    optimum : float
-        Cost of the optimal path.
-    path : (N, 2) int32
-        The optimal path.
-    excess : (blocks, blocks) uint8
-        By how much the best path through any cell of a block exceeds the optimum, in steps of `EXCESS_STEP`; from the
-        forward and the backward cost field.
-    """
+    """What the exact search says of one query: its optimal path, and how much worse each block's best path is."""
 
     start: Cell
     goal: Cell
     optimum: float
+    """Cost of the optimal path."""
     path: NDArray[np.int32]
+    """(N, 2) the optimal path."""
     excess: NDArray[np.uint8]
+    """(blocks, blocks) of the best path through any cell of a block over the optimum, in steps of `EXCESS_STEP`."""
 
 
 def random_points(rng: np.random.Generator, cost: NDArray[np.float32], count: int) -> NDArray[np.int32]:

@@ -25,52 +25,32 @@ T = TypeVar("T")
 
 
 class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All that decides what a data set holds. The same recipe makes the same shards on any machine.
-
-    Attributes
-    ----------
-    terrain : tuple of str
-        Elevation files; without any, all terrain is synthetic.
-    maps, maps_per_shard : int
-        In the set, and in one file of it.
-    seed : int
-    size : int
-        Side of the network's input, in cells.
-    blocks : int
-        The labels' excess is given on blocks × blocks.
-    points_per_map : int
-        Queries are all pairs of these.
-    synthetic_share : float
-        Of the maps, where there are terrain files.
-    obstacle_share : float
-        Share of maps with rectangles of cost 1.
-    margin_share : float
-        Share of maps of which part is left outside, as maps that are not square are seen.
-    workloads : tuple of (name, share)
-    cell_sizes_m : tuple of float
-        The terrain is taken as self-similar and rescaled to one of these.
-    poolings : tuple of (factor, share)
-        How many map cells to an input cell's side, and the share of maps: large maps are seen averaged.
-    least_distance : float
-        Between start and goal, as a share of the map's side.
-    omega : float
-        Weight of the traversability cost per grey level.
-    """
+    """All that decides what a data set holds. The same recipe makes the same shards on any machine."""
 
     terrain: tuple[str, ...]
+    """Elevation files; without any, all terrain is synthetic."""
     maps: int = 4096
     seed: int = 1
     size: int = 256
+    """Side of the network's input, in cells."""
     blocks: int = 64
+    """The labels' excess is given on blocks × blocks."""
     points_per_map: int = 4
+    """Queries are all pairs of these."""
     maps_per_shard: int = 64
     synthetic_share: float = 0.25
     obstacle_share: float = 0.3
+    """Share of maps with rectangles of cost 1."""
     margin_share: float = 0.15
+    """Share of maps of which part is left outside, as maps that are not square are seen."""
     workloads: tuple[tuple[str, float], ...] = WORKLOADS
+    """Name and share of each."""
     cell_sizes_m: tuple[float, ...] = (20.0, 10.0, 5.0, 2.0, 1.0)
+    """The terrain is taken as self-similar and rescaled to one of these."""
     poolings: tuple[tuple[int, float], ...] = ((1, 0.6), (2, 0.32), (4, 0.08))
+    """How many map cells to an input cell's side, and the share of maps: large maps are seen averaged."""
     least_distance: float = 0.125
+    """Between start and goal, as a share of the map's side."""
     omega: float = PAPER_OMEGA
 
     @property

@@ -23,45 +23,26 @@ State: TypeAlias = dict[str, Tensor]
 
 @dataclass(frozen=True)
 class TrainSettings:
-    """How to train; the optimiser's defaults are the paper's.
-
-    Attributes
-    ----------
-    epochs, steps : int
-        The training ends at whichever comes first; without `steps` the epochs decide.
-    batch : int
-        Queries in a step, over all processes.
-    learning_rate, weight_decay : float
-        Of AdamW.
-    warmup_steps : int
-        Over which the learning rate rises.
-    target, softness
-        Of `Batches`.
-    loss : str
-        One of `LOSSES`.
-    seed : int
-        Of the weights and the batches.
-    time_limit_s : float
-        The training ends when this has passed, over all resumed runs; the learning rate falls towards that end.
-    validate_every_s : float
-        Time between validations, each of which also saves.
-    average_decay : float
-        Of the running mean of the weights, which is what is validated and exported.
-    """
+    """How to train; the optimiser's defaults are the paper's. `target` and `softness` are those of `Batches`."""
 
     epochs: int = 150
     batch: int = 32
+    """Queries in a step, over all processes."""
     learning_rate: float = 1e-3
     weight_decay: float = 1e-4
     steps: int | None = None
+    """The training ends after so many steps or after its epochs, whichever comes first."""
     warmup_steps: int = 200
     target: str = "near"
     softness: float = 0.02
     loss: str = "bce"
+    """One of `LOSSES`."""
     seed: int = 1
     time_limit_s: float = math.inf
+    """The training ends when this has passed, over all resumed runs; the learning rate falls towards that end."""
     validate_every_s: float = 300.0
     average_decay: float = 0.998
+    """Of the running mean of the weights, which is what is validated and exported."""
 
 
 @dataclass

@@ -89,16 +89,7 @@ def train(
         raise InvalidQueryError(f"batch must be a multiple of the {processes.world} processes, got {settings.batch}")
     make_folder(folder)
     run = _Run(spec, settings, processes, folder / CHECKPOINT, begin_with)
-    batches = Batches(
-        training,
-        spec,
-        settings.batch // processes.world,
-        target=settings.target,
-        softness=settings.softness,
-        seed=settings.seed,
-        rank=processes.rank,
-        world=processes.world,
-    )
+    batches = Batches(training, spec, settings, rank=processes.rank, world=processes.world)
     validator = Validator(validation, spec, omega) if processes.first else None
     run.start(len(batches))
     progress = run.progress

@@ -81,7 +81,7 @@ def test_a_checkpoint_under_an_architectures_former_name_is_read(trained, tmp_pa
 
 
 def test_batches_turn_map_query_and_target_together(samples):
-    batches = Batches(samples, SMALL, 16)
+    batches = Batches(samples, SMALL, TrainSettings(batch=16))
     seen = set()
     for planes, query, target in batches.epoch(0):
         assert planes.shape == (16, 2, 64, 64)
@@ -97,8 +97,9 @@ def test_batches_turn_map_query_and_target_together(samples):
 
 
 def test_two_processes_share_out_the_very_samples_of_one(samples):
-    whole = Batches(samples, SMALL, 8, seed=3)
-    parts = [Batches(samples, SMALL, 4, seed=3, rank=r, world=2) for r in range(2)]
+    settings = TrainSettings(batch=8, seed=3)
+    whole = Batches(samples, SMALL, settings)
+    parts = [Batches(samples, SMALL, settings, rank=r, world=2) for r in range(2)]
     assert len(whole) == len(parts[0]) == len(parts[1])
     for batch, first, second in zip(whole.epoch(1), parts[0].epoch(1), parts[1].epoch(1), strict=True):
         for arrays in zip(batch, first, second, strict=True):
@@ -107,7 +108,7 @@ def test_two_processes_share_out_the_very_samples_of_one(samples):
 
 
 def test_the_papers_target_is_the_optimal_path(samples):
-    batches = Batches(samples, SMALL, 16, target="path")
+    batches = Batches(samples, SMALL, TrainSettings(batch=16, target="path"))
     _, _, target = next(iter(batches.epoch(0)))
     assert set(np.unique(target)) == {0.0, 1.0}
     assert target.sum(axis=(1, 2)).min() >= 2
@@ -163,6 +164,7 @@ def two_processes(dataset, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("norm", NORMS)
 def test_two_processes_under_torchrun_learn_as_one_does(dataset, two_processes, tmp_path, norm):
     """Step by step the same loss: to rounding, but for what batch norm makes of half a batch.
