@@ -95,7 +95,7 @@ class Quantizer:
         name : str
             Of the file, without its ending.
         exclude : names
-            Nodes to leave float, besides the head.
+            Nodes to leave float, as the head is in any case.
         only : str, optional
             The one convolution to quantise, with the ReLU after it.
         reduce_range : bool

@@ -1,4 +1,4 @@
-"""A network of encoder and head as one graph, whose head runs only when an input asks for it."""
+"""A network of encoder and head as one graph, whose head runs only where an input says so."""
 
 from collections.abc import Iterable, MutableSequence, Sequence
 from typing import TypeVar
@@ -12,9 +12,9 @@ M = TypeVar("M", onnx.NodeProto, onnx.TensorProto, onnx.ValueInfoProto)
 
 
 def make_head_optional(model: onnx.ModelProto) -> None:
-    """Put all that leads to the answer, and to nothing else, into one branch of an ``If``.
+    """Put all that leads to the probability, and to nothing else, into one branch of an ``If``.
 
-    The graph gets one more input, `ASK` (1,) bool. Where it is false the answer is 0 and the encoder alone runs:
+    The graph gets one more input, `ASK` (1,) bool. Where it is false the probability is 0 and the encoder alone runs:
     onnxruntime takes longer to run a part of a graph's outputs than to run all of it.
     """
     graph = model.graph
@@ -47,10 +47,10 @@ def nodes_leading_to(names: Iterable[str], graph: onnx.GraphProto) -> set[str]:
 
 
 def _choice(
-    nodes: list[onnx.NodeProto], weights: list[onnx.TensorProto], answer: onnx.ValueInfoProto
+    nodes: list[onnx.NodeProto], weights: list[onnx.TensorProto], probability: onnx.ValueInfoProto
 ) -> onnx.NodeProto:
-    """An ``If`` that runs these nodes, or answers 0."""
-    shape = [d.dim_value for d in answer.type.tensor_type.shape.dim]
+    """An ``If`` that runs these nodes, or gives 0."""
+    shape = [d.dim_value for d in probability.type.tensor_type.shape.dim]
     computed, zero, shape_name = f"{OUTPUT}_computed", f"{OUTPUT}_zero", f"{OUTPUT}_shape"
     for node in nodes:
         node.output[:] = [computed if name == OUTPUT else name for name in node.output]

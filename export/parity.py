@@ -1,4 +1,4 @@
-"""Whether the exported model answers what the network answers."""
+"""Whether the exported model computes the same probabilities as the network."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -61,7 +61,7 @@ def table(listed: "Sequence[ModelFile]") -> str:
     lines = [render_table(list(rows[0]), [list(row.values()) for row in rows]).strip("\n"), ""]
     if any(_own_rows(found) for found in listed):
         lines.append(f"First region, gap and ms are the least and the greatest of the workloads at {_SIZE}².")
-    lines.append("`nnpp-edge models NAME` tells more.")
+    lines.append("`nnpp-edge models NAME` shows one in full.")
     return "\n".join(lines)
 
 

@@ -39,8 +39,8 @@ class NNPP(nn.Module):
     NNPP (arXiv 2308.04792v3, section Network Structure), built from STDC (arXiv 2104.13188) and PP-LiteSeg
     (arXiv 2204.02681). The paper gives no channel counts; the decoder's are PP-LiteSeg's.
 
-    We depart in the resolution of the output: the classifier answers at 1/8, where the decoder ends, and
-    nothing enlarges the answer. A region is wider than a cell, and whoever reads it looks up its cell in the
+    We depart in the resolution of the output: the output is at 1/8, where the decoder ends, and
+    nothing enlarges it. A region is wider than a cell, and whoever reads it looks up its cell in the
     small map. Pooling and enlarging are of fixed size: see `SPPM` and `UAFM`.
     """
 

@@ -53,7 +53,7 @@ class Spec:
 
     @property
     def blocks(self) -> int:
-        """The network answers on blocks × blocks."""
+        """The output has blocks × blocks probabilities."""
         return self.input_size // OUTPUT_STRIDES[self.architecture]
 
     def as_dict(self) -> dict[str, object]:

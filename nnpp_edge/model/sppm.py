@@ -1,4 +1,4 @@
-"""Simple pyramid pooling: what the whole map looks like, brought to each cell of the coarsest features."""
+"""Simple pyramid pooling: averages over large parts of the map, brought to each cell of the coarsest features."""
 
 from collections.abc import Sequence
 

@@ -15,7 +15,7 @@ _ARRAY_NAMES = ("elevation_m", "elevation", "dem")
 
 
 def read_arrays(path: Path, vertical_scale: float | None, window: Window | None) -> Reading:
-    """Elevation and cell (size, width) of a NumPy file; the content tells an archive from an array.
+    """Elevation and cell (size, width) of a NumPy file; its first bytes show whether it is an archive.
 
     Raises TerrainError and InvalidQueryError as `read_dem` does, and whatever else NumPy raises for a broken file.
     """

@@ -73,7 +73,7 @@ def shards_on_cluster(address: str, recipe: Recipe, indices: Sequence[int]) -> S
         try:
             client.wait_for_workers(1, timeout=WORKER_WAIT_S)
         except TimeoutError as error:
-            got = f"none within {WORKER_WAIT_S:g} s (one that lacks nnpp-edge leaves at once, as its log tells)"
+            got = f"none within {WORKER_WAIT_S:g} s (one that lacks nnpp-edge leaves at once, as its log says)"
             raise ClusterError(f"wanted a Dask scheduler with workers at {address!r}, got {got}") from error
         for job in distributed.as_completed(list(jobs), loop=client.loop):
             content = zlib.decompress(job.result())
@@ -123,7 +123,7 @@ def _one_line_error(address: str, distributed: ModuleType) -> Iterator[None]:
     except NnppEdgeError:
         raise
     except distributed.KilledWorker as error:
-        reason = f"{error.allowed_failures + 1} of the workers died under the same shard; their logs tell why"
+        reason = f"{error.allowed_failures + 1} of the workers died under the same shard; their logs say why"
         raise ClusterError(f"{address}: {reason}") from error
     except CancelledError as error:
         raise ClusterError(f"{address}: the connection to the scheduler was lost") from error

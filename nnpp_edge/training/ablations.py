@@ -3,7 +3,7 @@
 ``python -m nnpp_edge.training.ablations data/train --validation data/val -o runs/ablations --steps 1000``
 
 All see the same queries in the same order for the same number of steps, and are judged by searches in their
-regions (`Validator`). A short training tells which choice is learned sooner, not where each would end.
+regions (`Validator`). A short training shows which choice is learned sooner, not where each would end.
 """
 
 import dataclasses

@@ -29,7 +29,7 @@ class Batches:
     samples : Samples
         The training set.
     spec : Spec
-        What the network is fed with and on how many blocks it answers.
+        What the network is fed with, and its number of blocks.
     settings : TrainSettings
         Its ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of the best path through a
         block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in the paper.

@@ -27,7 +27,7 @@ __all__ = ["Progress", "TrainSettings", "loss_of", "train"]
 CHECKPOINT = "checkpoint.pt"
 LOSSES = ("bce", "focal", "dice")
 """Binary cross-entropy; the same weighted by (target - p)², for targets between 0 and 1 too; one minus the soft
-overlap of target and answer, plus cross-entropy."""
+overlap of target and probability, plus cross-entropy."""
 _RECENT = 50
 """Steps whose mean loss is reported."""
 
