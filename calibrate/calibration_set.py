@@ -1,9 +1,5 @@
 """Queries to calibrate and to judge on, fed as the runtime feeds them."""
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from onnxruntime.quantization import CalibrationDataReader
@@ -16,14 +12,14 @@ HELD_OUT_SHARE = 4
 """Of a data set's maps, one in this many is held out to judge on."""
 
 
-class QueryReader(CalibrationDataReader):
-    """Inputs of a network for all queries of `samples`, one at a time; `model` lays them out and is not run."""
+class QueryReader(CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
+    """Inputs of a network for all queries of `samples`, one at a time; `model` lays them out but does not run."""
 
     def __init__(self, model: NetworkModel, samples: Samples) -> None:
         self.model, self.samples = model, samples
         self.at = 0
 
-    def get_next(self) -> dict[str, Any] | None:
+    def get_next(self) -> dict[str, NDArray[np.generic]] | None:
         """The next query's inputs by name; None at the end."""
         if self.at == len(self.samples):
             return None
@@ -33,25 +29,19 @@ class QueryReader(CalibrationDataReader):
 
 
 def feed(model: NetworkModel, samples: Samples, query: int) -> None:
-    """Show a network one query."""
+    """Write a query and its map into a network's inputs."""
     start, goal = samples.start[query], samples.goal[query]
     model.set_map(samples.planes[samples.map_index[query]].astype(np.float32) / 255.0)
     model.set_query((float(start[0]), float(start[1])), (float(goal[0]), float(goal[1])))
 
 
-def answers(model: NetworkModel, samples: Samples) -> NDArray[np.float32]:
-    """(Q, B, B) what a network says of all the queries."""
+def probabilities(model: NetworkModel, samples: Samples) -> NDArray[np.float32]:
+    """(Q, B, B) what a network computes for all the queries."""
     out = np.empty((len(samples), model.metadata.blocks, model.metadata.blocks), np.float32)
     for query in range(len(samples)):
         feed(model, samples, query)
         out[query] = model.run()
     return out
-
-
-def pick(samples: Samples, queries: Sequence[int] | NDArray[np.int64]) -> Samples:
-    """Some of the queries; the maps stay."""
-    names = ("map_index", "start", "goal", "excess", "on_path")
-    return replace(samples, **{name: getattr(samples, name)[queries] for name in names})
 
 
 def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:
@@ -66,7 +56,7 @@ def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:
     if len(maps) < 2:
         raise DataSetError(f"wanted queries on at least two maps, got {len(maps)}")
     held_out = np.isin(samples.map_index, maps[: -(-len(maps) // HELD_OUT_SHARE)])
-    return pick(samples, np.flatnonzero(~held_out)), pick(samples, np.flatnonzero(held_out))
+    return samples.pick(~held_out), samples.pick(held_out)
 
 
 def spread(samples: Samples, count: int, seed: int) -> Samples:
@@ -77,4 +67,4 @@ def spread(samples: Samples, count: int, seed: int) -> Samples:
     by_map = np.argsort(maps, kind="stable")
     _, first, counts = np.unique(maps[by_map], return_index=True, return_counts=True)
     turn[by_map] = np.arange(len(order)) - np.repeat(first, counts)
-    return pick(samples, order[np.argsort(turn, kind="stable")[:count]])
+    return samples.pick(order[np.argsort(turn, kind="stable")[:count]])

@@ -11,7 +11,7 @@ import onnx
 import onnxruntime as ort
 from numpy.typing import NDArray
 
-from nnpp_edge.calibrate.calibration_set import answers, feed, pick
+from nnpp_edge.calibrate.calibration_set import feed, probabilities
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.network.encoding import Frame
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -37,14 +37,14 @@ class Latency:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How two models' answers differ, over held-out queries."""
+    """How two models' probabilities differ, over held-out queries."""
 
     queries: int
     mean_difference: float
     """Of the probabilities."""
     max_difference: float
     same_side: float
-    """Share of the blocks that lie on the same side of the threshold which the fp32 answer sets."""
+    """Share of the blocks that lie on the same side of the threshold that the fp32 probabilities set."""
 
 
 @dataclass(frozen=True)
@@ -56,23 +56,23 @@ class Searches:
     int8: Judgement
 
 
-def race(one: NetworkModel, other: NetworkModel, samples: Samples, rounds: int) -> tuple[Latency, Latency]:
-    """Time two models in turns on the same queries, so that whatever else the machine does meets both."""
+def latencies(one: NetworkModel, other: NetworkModel, samples: Samples, rounds: int) -> tuple[Latency, Latency]:
+    """Time two models in turns on the same queries, so that whatever else the machine does slows both."""
     times: tuple[list[float], list[float]] = ([], [])
     models = (one, other)
     for at in range(-max(3, rounds // 10), rounds):
         for which in (0, 1) if at % 2 else (1, 0):
             feed(models[which], samples, at % len(samples))
-            began = time.perf_counter()
+            started = time.perf_counter()
             models[which].run()
             if at >= 0:
-                times[which].append(1e3 * (time.perf_counter() - began))
+                times[which].append(1e3 * (time.perf_counter() - started))
     a, b = (Latency(float(np.median(t)), float(np.percentile(t, 99))) for t in times)
     return a, b
 
 
 def agreement(fp32: NDArray[np.float32], int8: NDArray[np.float32], samples: Samples, factor: float) -> Agreement:
-    """Compare answers (Q, B, B) to the queries of `samples`, at `factor` times the adaptive threshold."""
+    """Compare probabilities (Q, B, B) for the queries of `samples`, at `factor` times the adaptive threshold."""
     blocks = fp32.shape[-1]
     finder, levels = RegionFinder(blocks), np.empty((blocks, blocks), np.uint8)
     size = samples.planes.shape[-1]
@@ -93,13 +93,14 @@ def judge_both(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: i
 
     None where no query can be searched: maps that were averaged have labels that belong to larger ones.
     """
-    blocked = samples.planes[np.unique(samples.map_index), 1]
-    if not ((blocked == 0) | (blocked == 255)).all(axis=(1, 2)).any():
+    if not samples.not_averaged[samples.map_index].any():
         return None
     m = fp32.metadata
-    validator = Validator(samples, Spec(m.architecture, m.input_size, m.sigma), m.omega, most)
-    queries = pick(samples, validator.index)
-    a, b = (validator.judge_probabilities(answers(model, queries), (m.region_factor,))[0] for model in (fp32, int8))
+    spec = Spec(m.architecture, m.input_size, m.sigma, encoding=m.encoding)
+    validator = Validator(samples, spec, m.omega, most)
+    queries = samples.pick(validator.index)
+    found = (probabilities(model, queries) for model in (fp32, int8))
+    a, b = (validator.judge_probabilities(p, (m.region_factor,))[0] for p in found)
     return Searches(len(queries), a, b)
 
 

@@ -1,26 +1,24 @@
 """An int8 model from an fp32 one, and whether it pays on this machine."""
 
-import json
-import math
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import onnx
 import onnxruntime as ort
 
 from nnpp_edge import __version__
-from nnpp_edge.calibrate.calibration_set import answers, split, spread
+from nnpp_edge.calibrate.calibration_set import probabilities, split, spread
 from nnpp_edge.calibrate.compare import (
     Agreement,
     Latency,
     Searches,
     agreement,
     judge_both,
+    latencies,
     operators_left,
-    race,
     recommend,
 )
 from nnpp_edge.calibrate.quantizer import METHODS, Quantizer, with_facts
@@ -43,7 +41,7 @@ _FEW = 16
 
 @dataclass(frozen=True)
 class QuantizeReport:
-    """What was made, and how it compares with where it came from."""
+    """What was made, and how it compares with the model that it was made from."""
 
     source: str
     output: str
@@ -51,7 +49,7 @@ class QuantizeReport:
     method: str
     reduce_range: bool
     excluded: tuple[str, ...]
-    """Convolutions left float, besides the head."""
+    """Convolutions left float, except those of the head."""
     quantised: int
     """Convolutions in int8."""
     fp32_bytes: int
@@ -64,17 +62,17 @@ class QuantizeReport:
     qdq_left: int
     """QuantizeLinear and DequantizeLinear nodes after onnxruntime's optimisation on this machine."""
     operators: dict[str, int]
-    """All nodes after it."""
+    """All nodes after it, by kind."""
     region_factor: float
     searches: Searches | None
-    """What searches in the region come to, over held-out queries whose maps were not averaged."""
+    """Over held-out queries whose maps were not averaged."""
     node_snr_db: dict[str, float]
-    """Ratio of answer to error when one node alone is int8, the worst first; empty if it was not needed."""
+    """Signal-to-noise ratio when one node alone is int8, the worst first; empty if it was not needed."""
     recommendation: str
 
     def to_json(self) -> str:
         """One line of JSON; null for what has no number."""
-        return json.dumps(_finite(asdict(self)))
+        return msgspec.json.encode(self).decode()
 
 
 def quantize(
@@ -159,32 +157,45 @@ def quantize(
             excluded, ranking = exclude_worst(quantizer, few, TARGET, reduce_range=reduce_range, errors=ranking)
         else:
             excluded = (exclude,) if isinstance(exclude, str) else tuple(exclude)
-        facts: dict[str, Any] = {
-            "samples": len(calibration), "method": method, "seed": seed, "dataset_seed": read_recipe(dataset).seed,
-            "reduce_range": reduce_range, "excluded": list(excluded),
+        facts: dict[str, object] = {
+            "samples": len(calibration),
+            "method": method,
+            "seed": seed,
+            "dataset_seed": read_recipe(dataset).seed,
+            "reduce_range": reduce_range,
+            "excluded": list(excluded),
             "versions": {"nnpp_edge": __version__, "onnxruntime": ort.__version__, "onnx": onnx.__version__},
-        }  # fmt: skip
+        }
         path = quantizer.build("int8", exclude=excluded, reduce_range=reduce_range, facts=facts)
         int8 = NetworkModel(path)
         some = spread(held_out, HELD_OUT, seed)
-        agreed = agreement(answers(fp32, some), answers(int8, some), some, fp32.metadata.region_factor)
+        agreed = agreement(probabilities(fp32, some), probabilities(int8, some), some, fp32.metadata.region_factor)
         searches = judge_both(fp32, int8, held_out, HELD_OUT)
-        fp32_latency, int8_latency = race(fp32, int8, some, rounds)
+        fp32_latency, int8_latency = latencies(fp32, int8, some, rounds)
         left = operators_left(path)
         content = with_facts(path, {"agreement": asdict(agreed)})
         write_whole(output, content)
     return QuantizeReport(
-        source=str(fp32.path), output=str(output), samples=len(calibration), method=method,
-        reduce_range=reduce_range, excluded=excluded,
+        source=str(fp32.path),
+        output=str(output),
+        samples=len(calibration),
+        method=method,
+        reduce_range=reduce_range,
+        excluded=excluded,
         quantised=sum(count for kind, count in left.items() if kind in ("QLinearConv", "ConvInteger")),
-        fp32_bytes=fp32_bytes, int8_bytes=len(content),
-        fp32_latency=fp32_latency, int8_latency=int8_latency,
+        fp32_bytes=fp32_bytes,
+        int8_bytes=len(content),
+        fp32_latency=fp32_latency,
+        int8_latency=int8_latency,
         speed_up=fp32_latency.median_ms / int8_latency.median_ms,
-        agreement=agreed, qdq_left=left["QuantizeLinear"] + left["DequantizeLinear"],
-        operators=dict(left.most_common()), region_factor=fp32.metadata.region_factor,
-        searches=searches, node_snr_db=ranking,
+        agreement=agreed,
+        qdq_left=left["QuantizeLinear"] + left["DequantizeLinear"],
+        operators=dict(left.most_common()),
+        region_factor=fp32.metadata.region_factor,
+        searches=searches,
+        node_snr_db=ranking,
         recommendation=recommend(fp32_latency, int8_latency, searches),
-    )  # fmt: skip
+    )
 
 
 def _queries(dataset: Path, validation: Path | None, count: int, seed: int, size: int) -> tuple[Samples, Samples]:
@@ -192,12 +203,3 @@ def _queries(dataset: Path, validation: Path | None, count: int, seed: int, size
     pool = read_samples(dataset, most_maps=2 * count, size=size)
     calibration, held_out = (pool, read_samples(validation, size=size)) if validation else split(pool, seed)
     return spread(calibration, count, seed), held_out
-
-
-def _finite(value: Any) -> Any:
-    """None in place of numbers that JSON does not know."""
-    if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,19 +1,17 @@
 """An fp32 model, calibrated once, from which int8 variants are built."""
 
-import contextlib
-import io
-import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import onnx
 from onnxruntime import quantization
 from onnxruntime.quantization import CalibrationMethod, QDQQuantizer, QuantType
+from onnxruntime.quantization.calibrate import TensorsData
 
-from nnpp_edge.calibrate.calibration_set import QueryReader, pick
-from nnpp_edge.export.in_parts import leading_to
+from nnpp_edge.calibrate.calibration_set import QueryReader
+from nnpp_edge.export.optional_head import nodes_leading_to
+from nnpp_edge.export.quiet import quiet
 from nnpp_edge.runtime.errors import DataSetError, ModelError
 from nnpp_edge.runtime.network.inference import METADATA_KEY, ModelMetadata, NetworkModel
 from nnpp_edge.terrain.dataset import Samples
@@ -50,7 +48,7 @@ class Quantizer:
     Notes
     -----
     The head (the last convolution and what does not lead to it) stays float: it costs next to nothing, and
-    its error would be the answer's.
+    its error would be that of the probabilities.
     """
 
     def __init__(self, model: NetworkModel, folder: Path) -> None:
@@ -58,7 +56,7 @@ class Quantizer:
             raise ModelError(f"{model.path}: wanted an fp32 model, got one of {model.metadata.precision}")
         self.model, self.folder = model, folder
         self.prepared = _prepare(model.path, folder / "prepared.onnx")
-        self.ranges: Any = None
+        self.ranges: TensorsData | None = None
         graph = onnx.load(self.prepared).graph
         self.head = _head(graph)
         self.nodes = tuple(n.name for n in graph.node if n.op_type == "Conv" and n.name not in self.head)
@@ -72,12 +70,12 @@ class Quantizer:
             size = self.model.metadata.input_size
             raise DataSetError(f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}")
         kind, settings = METHODS[method]
-        with _quiet():
+        with quiet():
             calibrator = quantization.create_calibrator(
                 self.prepared, list(OPERATORS), str(self.folder / "augmented.onnx"), kind, extra_options=settings
             )
             for at in range(0, len(samples), _AT_ONCE):
-                part = pick(samples, range(at, min(at + _AT_ONCE, len(samples))))
+                part = samples.pick(range(at, min(at + _AT_ONCE, len(samples))))
                 calibrator.collect_data(QueryReader(self.model, part))
             self.ranges = calibrator.compute_data()
 
@@ -88,7 +86,7 @@ class Quantizer:
         exclude: Sequence[str] = (),
         only: str | None = None,
         reduce_range: bool = True,
-        facts: dict[str, Any] | None = None,
+        facts: Mapping[str, object] | None = None,
     ) -> Path:
         """Write an int8 variant into the folder.
 
@@ -97,13 +95,13 @@ class Quantizer:
         name : str
             Of the file, without its ending.
         exclude : names
-            Nodes to leave float, besides the head.
+            Nodes to leave float, as the head is in any case.
         only : str, optional
             The one convolution to quantise, with the ReLU after it.
         reduce_range : bool
             Weights of 7 bits. On x86 CPUs without VNNI, sums of two products of 8 bits overflow 16 bits and
             saturate; with 7 they cannot.
-        facts : dict
+        facts : mapping
             On the calibration, for the metadata.
 
         Raises
@@ -115,31 +113,37 @@ class Quantizer:
         if unknown:
             raise ModelError(f"wanted nodes out of {', '.join(self.nodes)}, got {', '.join(sorted(unknown))}")
         chosen = [only, self._relus.get(self._outputs[only], only)] if only else []
-        with _quiet():
+        with quiet():
+            types = {"weight_qType": QuantType.QInt8, "activation_qType": QuantType.QUInt8}
+            nodes = {"nodes_to_quantize": chosen, "nodes_to_exclude": [*self.head, *exclude]}
             quantizer = QDQQuantizer(
-                onnx.load(self.prepared), True, reduce_range, QuantType.QInt8, QuantType.QUInt8, self.ranges,
-                chosen, [*self.head, *exclude], list(OPERATORS), {},
-            )  # fmt: skip
+                onnx.load(self.prepared),
+                per_channel=True,
+                reduce_range=reduce_range,
+                tensors_range=self.ranges,
+                op_types_to_quantize=list(OPERATORS),
+                extra_options={},
+                **types,
+                **nodes,
+            )
             quantizer.quantize_model()
             quantizer.model.topological_sort()
         built = quantizer.model.model
         built.graph.node.sort(key=lambda node: node.op_type == "If")  # the sort overlooks what branches read
-        metadata = self.model.metadata
-        metadata = replace(
-            metadata, precision="int8", training=metadata.training | ({"calibration": facts} if facts else {})
-        )
+        training = self.model.metadata.training | ({"calibration": dict(facts)} if facts else {})
+        metadata = replace(self.model.metadata, precision="int8", training=training)
         path = self.folder / f"{name}.onnx"
         path.write_bytes(_finish(built, metadata))
         return path
 
 
-def with_facts(path: Path, facts: dict[str, Any]) -> bytes:
+def with_facts(path: Path, facts: Mapping[str, object]) -> bytes:
     """A built model with more facts on its calibration."""
     model = onnx.load(path)
     stored = {p.key: p.value for p in model.metadata_props}.get(METADATA_KEY)
     metadata = ModelMetadata.from_json(stored, str(path))
     known = metadata.training.get("calibration", {})
-    return _finish(model, replace(metadata, training=metadata.training | {"calibration": known | facts}))
+    return _finish(model, replace(metadata, training=metadata.training | {"calibration": {**known, **facts}}))
 
 
 def _finish(model: onnx.ModelProto, metadata: ModelMetadata) -> bytes:
@@ -150,12 +154,12 @@ def _finish(model: onnx.ModelProto, metadata: ModelMetadata) -> bytes:
     del model.opset_import[:]
     model.opset_import.extend(versions)
     onnx.checker.check_model(model, full_check=True)
-    return model.SerializeToString()
+    return bytes(model.SerializeToString())
 
 
 def _prepare(source: Path, target: Path) -> Path:
     """Shapes of all tensors, and onnxruntime's basic fusions."""
-    with _quiet():
+    with quiet():
         try:
             quantization.quant_pre_process(source, target)
         except Exception:  # it cannot follow ReduceMax over axes given as an input; plain inference can
@@ -165,21 +169,8 @@ def _prepare(source: Path, target: Path) -> Path:
 
 def _head(graph: onnx.GraphProto) -> tuple[str, ...]:
     """Names of the last convolution and of all nodes that do not lead to it."""
-    makers = {name: node for node in graph.node for name in node.output}
     convolutions = [node for node in graph.node if node.op_type == "Conv"]
     if not convolutions:
         raise ModelError("wanted a network with convolutions, got one without")
-    before = leading_to(convolutions[-1].input, makers)
+    before = nodes_leading_to(convolutions[-1].input, graph)
     return tuple(node.name for node in graph.node if node.name not in before)
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep the quantiser's prints and log lines off the command's output."""
-    before = logging.root.manager.disable
-    logging.disable(logging.ERROR)
-    try:
-        with contextlib.redirect_stdout(io.StringIO()):
-            yield
-    finally:
-        logging.disable(before)

@@ -1,11 +1,9 @@
 """Which nodes lose the most by being quantised."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.calibrate.calibration_set import answers
+from nnpp_edge.calibrate.calibration_set import probabilities
 from nnpp_edge.calibrate.quantizer import Quantizer
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.terrain.dataset import Samples
@@ -14,14 +12,8 @@ MOST_FLOAT = 3
 """At most one convolution in this many is left float: beyond that int8 no longer pays."""
 
 
-def node_errors(
-    quantizer: Quantizer,
-    samples: Samples,
-    *,
-    reduce_range: bool = True,
-    progress: Callable[[int], None] = lambda done: None,
-) -> dict[str, float]:
-    """Quantise one convolution at a time; what that does to the answer.
+def node_errors(quantizer: Quantizer, samples: Samples, *, reduce_range: bool = True) -> dict[str, float]:
+    """Quantise one convolution at a time; what that does to the probabilities.
 
     Parameters
     ----------
@@ -31,20 +23,17 @@ def node_errors(
         A few queries to judge on.
     reduce_range : bool
         As for `Quantizer.build`.
-    progress : callable
-        Told how many nodes are done.
 
     Returns
     -------
     dict
-        For each node the ratio of answer to error (SNR) in dB, the worst node first.
+        For each node the signal-to-noise ratio, of probability to error, in dB, the worst node first.
     """
-    wanted = answers(quantizer.model, samples)
+    wanted = probabilities(quantizer.model, samples)
     found = {}
-    for done, node in enumerate(quantizer.nodes, 1):
+    for node in quantizer.nodes:
         path = quantizer.build("single", only=node, reduce_range=reduce_range)
-        found[node] = snr_db(wanted, answers(NetworkModel(path), samples))
-        progress(done)
+        found[node] = snr_db(wanted, probabilities(NetworkModel(path), samples))
     return dict(sorted(found.items(), key=lambda item: item[1]))
 
 
@@ -64,13 +53,13 @@ def exclude_worst(
         The nodes to exclude (none if int8 throughout is good enough; no more than a third of them), and
         the ranking of `node_errors` if it was needed.
     """
-    wanted = answers(quantizer.model, samples)
+    wanted = probabilities(quantizer.model, samples)
     errors = errors or {}
     count = 0
     while True:
         exclude = tuple(errors)[:count]
         path = quantizer.build("excluding", exclude=exclude, reduce_range=reduce_range)
-        if np.abs(answers(NetworkModel(path), samples) - wanted).mean() <= target:
+        if np.abs(probabilities(NetworkModel(path), samples) - wanted).mean() <= target:
             return exclude, errors
         errors = errors or node_errors(quantizer, samples, reduce_range=reduce_range)
         most = len(quantizer.nodes) // MOST_FLOAT
@@ -80,7 +69,7 @@ def exclude_worst(
 
 
 def snr_db(wanted: NDArray[np.float32], got: NDArray[np.float32]) -> float:
-    """Power of the answer over power of the error, in dB; at most 200."""
+    """Power of what was wanted over power of the error, in dB; at most 200."""
     error = float(np.square(got.astype(np.float64) - wanted).sum())
     power = float(np.square(wanted.astype(np.float64)).sum())
     return min(10.0 * float(np.log10(max(power, 1e-300) / max(error, 1e-300))), 200.0)

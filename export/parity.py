@@ -1,13 +1,14 @@
-"""Whether the exported model answers what the network answers."""
+"""Whether the exported model computes the same probabilities as the network."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from nnpp_edge.model.registry import Network, encode
+from nnpp_edge.model.network import Network, encode
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.terrain.dataset import Samples
@@ -15,11 +16,26 @@ from nnpp_edge.terrain.dataset import Samples
 LIMIT = 1e-4
 """Largest difference of two probabilities that passes; both sides compute in float32."""
 
+Planes: TypeAlias = NDArray[np.float32]
+"""(2, S, S)."""
+Place: TypeAlias = tuple[float, float]
+"""(row, col) in network cells."""
+
+
+@dataclass(frozen=True)
+class Parity:
+    """How two sides' probabilities differ over so many queries of `inputs`, ``dataset`` or ``random``."""
+
+    queries: int
+    inputs: str
+    max_difference: float
+    mean_difference: float
+    limit: float
+    passed: bool
+
 
 @torch.no_grad()
-def parity(
-    network: Network, onnx_path: Path, samples: Samples | None = None, n: int = 32, seed: int = 1
-) -> dict[str, Any]:
+def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n: int = 32, seed: int = 1) -> Parity:
     """Compare a network in torch with its ONNX file as the runtime runs it, over whole queries.
 
     Parameters
@@ -35,14 +51,12 @@ def parity(
 
     Returns
     -------
-    dict
-        ``queries``, ``inputs`` (``dataset`` or ``random``), ``max_difference``, ``mean_difference`` of the
-        probabilities, ``limit``, and ``passed``.
+    Parity
 
     Notes
     -----
     The ONNX side goes through `NetworkModel`: how the runtime lays out the map, encodes the query and reads
-    the answer is compared too.
+    the output is compared too.
     """
     network.eval()
     model = NetworkModel(onnx_path)
@@ -54,20 +68,11 @@ def parity(
         model.set_query(start, goal)
         differences.append(np.abs(model.run() - wanted))
     worst = max(float(d.max()) for d in differences)
-    return {
-        "queries": len(differences),
-        "inputs": "random" if samples is None else "dataset",
-        "max_difference": worst,
-        "mean_difference": float(np.mean(differences)),
-        "limit": LIMIT,
-        "passed": worst <= LIMIT,
-    }
+    source = "random" if samples is None else "dataset"
+    return Parity(len(differences), source, worst, float(np.mean(differences)), LIMIT, worst <= LIMIT)
 
 
-Query = tuple[NDArray[np.float32], tuple[float, float], tuple[float, float]]
-
-
-def _queries(size: int, samples: Samples | None, n: int, seed: int) -> list[Query]:
+def _queries(size: int, samples: Samples | None, n: int, seed: int) -> list[tuple[Planes, Place, Place]]:
     """Planes, start and goal of each query."""
     rng = np.random.default_rng(seed)
     if samples is None:

@@ -3,35 +3,34 @@
 import ast
 import copy
 import json
-import logging
 import math
-import warnings
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import onnx
 import torch
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from nnpp_edge import __version__
-from nnpp_edge.export.in_parts import ask_for_the_head
+from nnpp_edge.export.optional_head import make_head_optional
+from nnpp_edge.export.quiet import quiet
 from nnpp_edge.files import write_whole
 from nnpp_edge.model import edge
+from nnpp_edge.model.edge import EdgeNet
 from nnpp_edge.model.macs import count_macs
-from nnpp_edge.model.registry import Network, Spec
-from nnpp_edge.model.split import SplitNet
+from nnpp_edge.model.network import Network
+from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
-from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS, PAIR_CHANNELS
+from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.network.inference import HEAD, METADATA_KEY, OUTPUT, PLACES, ModelMetadata
 from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.terrain.dataset import Recipe
-from nnpp_edge.training.train import load_checkpoint
+from nnpp_edge.terrain.shards import Recipe
+from nnpp_edge.training.checkpoint import Checkpoint
 
 OPSET = 18
 """The oldest that torch's exporter writes of itself, so that older onnxruntimes read the file too."""
@@ -39,42 +38,22 @@ OPSET = 18
 
 @dataclass(frozen=True)
 class ExportReport:
-    """What was written."""
+    """What was written: the file's opset, its number of nodes by kind, and the shapes of inputs and probability."""
 
     path: str
     size_bytes: int
     opset: int
-    """As read back from the file."""
     nodes: int
     operators: dict[str, int]
-    """How many nodes of each kind."""
     inputs: dict[str, tuple[int, ...]]
     output: tuple[int, ...]
     macs: int
     """Multiply-accumulates of one query."""
-    metadata: dict[str, Any]
+    metadata: dict[str, object]
 
     def to_json(self) -> str:
         """One line of JSON."""
-        return json.dumps(asdict(self))
-
-
-def export_onnx(
-    checkpoint: Path,
-    output: Path,
-    *,
-    name: str,
-    region_factor: float = 0.5,
-    omega: float = PAPER_OMEGA,
-    opset: int = OPSET,
-    training: dict[str, Any] | None = None,
-) -> ExportReport:
-    """Write a checkpoint's averaged network as ONNX: `export_network`, with the checkpoint's own facts."""
-    network, saved = load_checkpoint(checkpoint)
-    facts = checkpoint_facts(saved) | (training or {})
-    return export_network(
-        network, output, name=name, region_factor=region_factor, omega=omega, opset=opset, training=facts
-    )
+        return msgspec.json.encode(self).decode()
 
 
 def export_network(
@@ -85,7 +64,7 @@ def export_network(
     region_factor: float = 0.5,
     omega: float = PAPER_OMEGA,
     opset: int = OPSET,
-    training: dict[str, Any] | None = None,
+    training: Mapping[str, object] | None = None,
 ) -> ExportReport:
     """Write a network as ONNX, whole or not at all.
 
@@ -102,8 +81,8 @@ def export_network(
     omega : float
         Weight of the traversability cost per grey level that the labels were made with.
     opset : int
-        Asked for; the report tells what the file has.
-    training : dict
+        Asked for; the report says what the file has.
+    training : mapping
         Facts on the training, for the metadata.
 
     Raises
@@ -113,23 +92,22 @@ def export_network(
     OutputError
         The file cannot be written.
     """
-    spec = network.spec
-    apart = spec.architecture != "nnpp"
+    spec, body = network.spec, network.body
     facts = ModelMetadata(
         name=name,
         architecture=spec.architecture,
         input_size=spec.input_size,
         blocks=spec.blocks,
         encoding=spec.encoding,
-        channels=("cost", "blocked", spec.encoding) if apart else ("cost", "start_map", "goal_map"),
+        channels=("cost", "blocked", "ends") if isinstance(body, EdgeNet) else ("cost", "start_map", "goal_map"),
         sigma=spec.sigma,
         omega=omega,
         cost_limits={k: v for k, v in asdict(Traversability()).items() if math.isfinite(v)},
         region_factor=region_factor,
-        map_unshuffle=edge.UNSHUFFLE if apart else 1,
-        output_shuffle=edge.QUERY_STRIDE // edge.OUTPUT_STRIDE if apart else 1,
-        head=network.body.head.sizes if isinstance(network.body, SplitNet) else (),
-        training=training or {},
+        map_unshuffle=edge.UNSHUFFLE if isinstance(body, EdgeNet) else 1,
+        output_shuffle=edge.OUTPUT_SHUFFLE if isinstance(body, EdgeNet) else 1,
+        head=body.head.sizes if isinstance(body, EdgeNet) else (),
+        training=dict(training or {}),
         version=__version__,
     )
     ModelMetadata.from_json(facts.to_json(), str(output))  # what the runtime would refuse is not written
@@ -137,7 +115,7 @@ def export_network(
     onnx.helper.set_model_props(model, {METADATA_KEY: facts.to_json()})
     onnx.checker.check_model(model, full_check=True)
     write_whole(output, model.SerializeToString())
-    return describe(output, count_macs(network.body, tuple(example_inputs(spec).values())))
+    return describe(output, count_macs(body, tuple(example_inputs(spec).values())))
 
 
 def to_onnx(network: Network, opset: int = OPSET) -> onnx.ModelProto:
@@ -145,14 +123,14 @@ def to_onnx(network: Network, opset: int = OPSET) -> onnx.ModelProto:
     if opset < OPSET:
         raise ModelError(f"opset must be at least {OPSET}, got {opset}")
     inputs = example_inputs(network.spec)
-    split = network.spec.architecture == "split"
-    wrapped, outputs = (_InParts, [OUTPUT, PLACES, HEAD]) if split else (_Answer, [OUTPUT])
-    with _quiet():
+    body = fold_norms(network)
+    with_head = isinstance(body, EdgeNet)
+    with quiet():
         program = torch.onnx.export(
-            wrapped(fold_norms(network)),
+            _EncoderAndHead(body) if isinstance(body, EdgeNet) else _Probability(body),
             tuple(inputs.values()),
             input_names=list(inputs),
-            output_names=outputs,
+            output_names=[OUTPUT, PLACES, HEAD] if with_head else [OUTPUT],
             opset_version=opset,
             dynamo=True,
             external_data=False,
@@ -161,8 +139,8 @@ def to_onnx(network: Network, opset: int = OPSET) -> onnx.ModelProto:
     assert program is not None
     model = program.model_proto
     _tidy(model.graph)
-    if split:
-        ask_for_the_head(model)
+    if with_head:
+        make_head_optional(model)
     return model
 
 
@@ -184,30 +162,23 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
     if spec.architecture == "nnpp":
         return {"input": torch.zeros(1, 3, size, size)}
     map_side, query_side = size // edge.UNSHUFFLE, size // edge.QUERY_STRIDE
-    channels = ENDS_CHANNELS if spec.architecture == "split" else PAIR_CHANNELS
     return {
         "map": torch.zeros(1, edge.MAP_CHANNELS * edge.UNSHUFFLE**2, map_side, map_side),
-        "query": torch.zeros(1, channels, query_side, query_side),
+        "query": torch.zeros(1, ENDS_CHANNELS, query_side, query_side),
     }
 
 
-def checkpoint_facts(saved: dict[str, Any]) -> dict[str, Any]:
-    """What a checkpoint tells of its training, for a model's metadata."""
-    try:
-        progress, settings = saved["progress"], saved["settings"]
-        return {
-            "steps": int(progress["step"]),
-            "epochs": int(progress["epoch"]),
-            "seconds": round(float(progress["spent_s"]), 1),
-            **{k: settings[k] for k in ("batch", "learning_rate", "weight_decay", "target", "softness", "seed")},
-        }
-    except (KeyError, TypeError, ValueError) as error:
-        raise ModelError(f"wanted a checkpoint with its progress and settings, got one without {error}") from error
+def checkpoint_facts(saved: Checkpoint) -> dict[str, object]:
+    """What a checkpoint says of its training, for a model's metadata."""
+    progress, settings = saved.progress, saved.settings
+    names = ("batch", "learning_rate", "weight_decay", "target", "softness", "seed")
+    done = {"steps": progress.step, "epochs": progress.epoch, "seconds": round(progress.spent_s, 1)}
+    return done | {name: getattr(settings, name) for name in names}
 
 
-def dataset_facts(recipe: Recipe) -> dict[str, Any]:
+def dataset_facts(recipe: Recipe) -> dict[str, object]:
     """What decided a data set, for a model's metadata; terrain by the files' names alone."""
-    return asdict(recipe) | {"terrain": [Path(name).name for name in recipe.terrain]}
+    return msgspec.structs.asdict(recipe) | {"terrain": [Path(name).name for name in recipe.terrain]}
 
 
 def describe(path: Path, macs: int) -> ExportReport:
@@ -231,7 +202,7 @@ def describe(path: Path, macs: int) -> ExportReport:
     )
 
 
-class _Answer(nn.Module):
+class _Probability(nn.Module):
     """The body with its logits turned into probabilities."""
 
     def __init__(self, body: nn.Module) -> None:
@@ -242,12 +213,11 @@ class _Answer(nn.Module):
         return torch.sigmoid(self.body(*inputs))
 
 
-class _InParts(nn.Module):
-    """A network in two parts, whose outputs are all that the runtime needs of it."""
+class _EncoderAndHead(nn.Module):
+    """The edge network with all outputs that the runtime needs: probabilities, places, the head's parameters."""
 
-    def __init__(self, body: nn.Module) -> None:
+    def __init__(self, body: EdgeNet) -> None:
         super().__init__()
-        assert isinstance(body, SplitNet)
         self.body = body
 
     def forward(self, planes: Tensor, query: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -270,19 +240,3 @@ def _tidy(graph: onnx.GraphProto) -> None:
     for value in (*graph.value_info, *graph.input, *graph.output, *graph.initializer, graph):
         del value.metadata_props[:]
         value.doc_string = ""
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep the exporter's notes, none of which is for the user, off stderr."""
-    loggers = [logging.getLogger(name) for name in ("torch.onnx", "onnxscript", "onnx_ir")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.ERROR)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)

@@ -9,7 +9,7 @@ from nnpp_edge.runtime.errors import OutputError
 def write_whole(path: Path, content: bytes | memoryview) -> None:
     """Put `content` at `path` by way of a temporary file beside it, then a rename.
 
-    Whoever looks sees the old file or the whole new one.
+    A reader finds the old file or the whole new one.
 
     Raises
     ------

@@ -13,7 +13,7 @@ _LINES = 20
 
 @contextmanager
 def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int], None]]:
-    """A progress bar on stderr; the value is a function that is told how much is done.
+    """A progress bar on stderr; the value is a function to call with how much is done.
 
     A quiet one is drawn only then: no thread of its own takes time from what is measured.
     """
@@ -35,14 +35,14 @@ class _Lines:
     def __init__(self, what: str, total: int) -> None:
         self.what, self.total = what, max(total, 1)
         self.part = 0
-        self.began = time.monotonic()
+        self.started = time.monotonic()
 
     def __call__(self, done: int) -> None:
         """Write a line if another part is done."""
         part = done * _LINES // self.total
         if part > self.part:
             self.part = part
-            minutes = (time.monotonic() - self.began) / 60.0
+            minutes = (time.monotonic() - self.started) / 60.0
             click.echo(f"{self.what}: {100 * done // self.total} %, {minutes:.1f} min", err=True)
 
 

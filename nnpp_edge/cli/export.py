@@ -1,29 +1,52 @@
 """`nnpp-edge export`: a trained network as an ONNX model."""
 
+import dataclasses
 import json
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from nnpp_edge.cli import options
+
+if TYPE_CHECKING:
+    from nnpp_edge.export.parity import Parity
+    from nnpp_edge.export.to_onnx import ExportReport
+
+setting = partial(click.option, show_default=True)
 
 
 @click.command(name="export")
 @click.argument("checkpoint", type=options.PATH)
 @click.option("-o", "--output", type=options.NEW_FILE, required=True, help="The ONNX file.")
 @click.option("--name", help="Of the model, in its metadata; by default the output's name.")
-@click.option("--region-factor", type=click.FloatRange(0, 1, min_open=True), default=0.5, show_default=True,
-              help="Factor on the adaptive threshold that planners are to use with this model.")  # fmt: skip
-@click.option("--dataset", type=options.FOLDER,
-              help="What it was trained on, for the metadata and to compare torch and ONNX on.")  # fmt: skip
-@click.option("--opset", type=int, default=18, show_default=True)
+@setting(
+    "--region-factor",
+    type=click.FloatRange(0, 1, min_open=True),
+    default=0.5,
+    help="Factor on the adaptive threshold that planners are to use with this model.",
+)
+@click.option(
+    "--dataset",
+    type=options.FOLDER,
+    help="What it was trained on, for the metadata and to compare torch and ONNX on.",
+)
+@setting("--opset", type=int, default=18)
 @options.as_json
 @click.pass_context
 def command(
-    context: click.Context, checkpoint: Path, output: Path, name: str | None, region_factor: float,
-    dataset: Path | None, opset: int, as_json: bool,
-) -> None:  # fmt: skip
-    """Write CHECKPOINT as an ONNX model, and compare its answers with torch's.
+    context: click.Context,
+    /,
+    checkpoint: Path,
+    output: Path,
+    name: str | None,
+    region_factor: float,
+    dataset: Path | None,
+    opset: int,
+    as_json: bool,
+) -> None:
+    """Write CHECKPOINT as an ONNX model, and compare its probabilities with torch's.
 
     The exit code is 1 if they differ by more than 0.0001.
 
@@ -34,30 +57,40 @@ def command(
     from nnpp_edge.export.to_onnx import checkpoint_facts, dataset_facts, export_network
     from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
     from nnpp_edge.terrain.dataset import read_recipe, read_samples
-    from nnpp_edge.training.train import load_checkpoint
+    from nnpp_edge.training.checkpoint import load_checkpoint
 
     recipe = read_recipe(dataset) if dataset else None
-    network, saved = load_checkpoint(checkpoint)
-    samples = read_samples(dataset, most_maps=64, size=network.spec.input_size) if dataset else None
+    saved = load_checkpoint(checkpoint)
+    samples = read_samples(dataset, most_maps=64, size=saved.spec.input_size) if dataset else None
+    network = saved.trained()
     report = export_network(
-        network, output, name=name or output.stem, region_factor=region_factor, opset=opset,
+        network,
+        output,
+        name=name or output.stem,
+        region_factor=region_factor,
         omega=recipe.omega if recipe else PAPER_OMEGA,
+        opset=opset,
         training=checkpoint_facts(saved) | ({"dataset": dataset_facts(recipe)} if recipe else {}),
-    )  # fmt: skip
+    )
     compared = parity(network, output, samples)
     if as_json:
-        click.echo(json.dumps(json.loads(report.to_json()) | {"parity": compared}))
+        click.echo(json.dumps(json.loads(report.to_json()) | {"parity": dataclasses.asdict(compared)}))
     else:
-        kinds = ", ".join(f"{count} {kind}" for kind, count in report.operators.items())
-        shapes = ", ".join(f"{n} {'×'.join(map(str, shape))}" for n, shape in report.inputs.items())
-        click.echo(
-            f"{report.path}: {report.size_bytes / 1e6:.2f} MB, opset {report.opset}, "
-            f"{report.macs / 1e6:.0f} million multiply-accumulates\n"
-            f"  inputs  {shapes}; output {'×'.join(map(str, report.output))}\n"
-            f"  nodes   {report.nodes}: {kinds}\n"
-            f"  parity  {'passed' if compared['passed'] else 'FAILED'}: largest difference "
-            f"{compared['max_difference']:.1e} of {compared['limit']:.0e} allowed, over {compared['queries']} "
-            f"{'queries of the data set' if compared['inputs'] == 'dataset' else 'random queries'}"
-        )
-    if not compared["passed"]:
+        click.echo(render(report, compared))
+    if not compared.passed:
         context.exit(1)
+
+
+def render(report: "ExportReport", compared: "Parity") -> str:
+    """What was written and how it compares, as lines of text."""
+    kinds = ", ".join(f"{count} {kind}" for kind, count in report.operators.items())
+    shapes = ", ".join(f"{name} {'×'.join(map(str, shape))}" for name, shape in report.inputs.items())
+    queries = "queries of the data set" if compared.inputs == "dataset" else "random queries"
+    return (
+        f"{report.path}: {report.size_bytes / 1e6:.2f} MB, opset {report.opset}, "
+        f"{report.macs / 1e6:.0f} million multiply-accumulates\n"
+        f"  inputs  {shapes}; output {'×'.join(map(str, report.output))}\n"
+        f"  nodes   {report.nodes}: {kinds}\n"
+        f"  parity  {'passed' if compared.passed else 'FAILED'}: largest difference {compared.max_difference:.1e} "
+        f"of {compared.limit:.0e} allowed, over {compared.queries} {queries}"
+    )

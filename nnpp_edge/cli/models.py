@@ -1,8 +1,8 @@
 """`nnpp-edge models`: the shipped models, and what is known of one."""
 
 import json
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,15 +13,20 @@ if TYPE_CHECKING:
 
 _SIZE = 256
 """Side of the maps whose figures stand in the list."""
+_MISSING = "–"
 
-_HEADER = (
-    "name", "preci-\nsion", "archi-\ntecture", "MB", "input", "blocks", "enco-\nding", "σ", "ω", "region\nfactor",
-    "trained\nmaps", "first\nregion", "gap\nmean", "ms\nmedian", "sha256",
-)  # fmt: skip
-_FIGURES_HEADER = (
-    "workload", "size", "method", "n", "first\nregion", "after\nfallback", "gap\nmean", "gap\np99", "ms\nmedian",
-    "ms\np99", "speed-up\nmedian", "speed-up\ntotal", "MM",
-)  # fmt: skip
+_FIGURES = {
+    "first\nregion": ("success_raw", ".1%"),
+    "after\nfallback": ("success", ".1%"),
+    "gap\nmean": ("gap_mean", ".2%"),
+    "gap\np99": ("gap_p99", ".2%"),
+    "ms\nmedian": ("time_ms_median", ".2f"),
+    "ms\np99": ("time_ms_p99", ".2f"),
+    "speed-up\nmedian": ("speedup_median", ".2f"),
+    "speed-up\ntotal": ("speedup_total", ".2f"),
+    "MM": ("mm_mean", ".3f"),
+}
+"""Title of each figure, its key in a row, and how it is shown."""
 
 
 @click.command(name="models")
@@ -52,96 +57,113 @@ def table(listed: "Sequence[ModelFile]") -> str:
     """The models for people, one a row."""
     from nnpp_edge.progress import render_table
 
-    body = []
-    for found in listed:
-        m = found.metadata
-        body.append([
-            found.name, m.precision, m.architecture, _megabytes(found), str(m.input_size), str(m.blocks), m.encoding,
-            f"{m.sigma:g}", f"{m.omega:g}", f"{m.region_factor:g}", _trained_maps(m.training),
-            _span(found, "success_raw", 100.0, ".1f", " %"), _span(found, "gap_mean", 100.0, ".2f", " %"),
-            _span(found, "time_ms_median", 1.0, ".2f"), found.sha256[:8],
-        ])  # fmt: skip
-    lines = [render_table(_HEADER, body).strip("\n"), ""]
-    if any(_own_rows(found, _SIZE) for found in listed):
+    rows = [_row(found) for found in listed]
+    lines = [render_table(list(rows[0]), [list(row.values()) for row in rows]).strip("\n"), ""]
+    if any(_own_rows(found) for found in listed):
         lines.append(f"First region, gap and ms are the least and the greatest of the workloads at {_SIZE}².")
-    lines.append("`nnpp-edge models NAME` tells more.")
+    lines.append("`nnpp-edge models NAME` shows one in full.")
     return "\n".join(lines)
 
 
 def text(found: "ModelFile") -> str:
     """All that is known of one model, for people."""
     head = {
-        "model": found.name, "file": str(found.path), "size": f"{_megabytes(found)} MB", "sha256": found.sha256,
-        "producer": found.producer or "–", "inputs": _shapes(found.inputs), "outputs": _shapes(found.outputs),
-    }  # fmt: skip
-    parts = [_aligned(head), "metadata\n" + _aligned(dict(_flat(found.metadata.facts())), "  ")]
-    parts.append("figures     –" if found.figures is None else _figures(found.figures))
+        "model": found.name,
+        "file": str(found.path),
+        "size": f"{_megabytes(found)} MB",
+        "sha256": found.sha256,
+        "producer": found.producer or _MISSING,
+        "inputs": _shapes(found.inputs),
+        "outputs": _shapes(found.outputs),
+    }
+    metadata = found.metadata.facts() | {"architecture": _architecture(found)}
+    parts = [_aligned(head.items()), "metadata\n" + _aligned(_flat(metadata), "  ")]
+    parts.append(f"figures     {_MISSING}" if found.figures is None else _figures(found.figures))
     if found.card is not None:
         parts.append(found.card.strip())
     return "\n\n".join(parts)
+
+
+def _row(found: "ModelFile") -> dict[str, str]:
+    """A model's row in the list, by the columns' titles."""
+    m = found.metadata
+    dataset = m.training.get("dataset")
+    return {
+        "name": found.name,
+        "preci-\nsion": m.precision,
+        "archi-\ntecture": _architecture(found),
+        "MB": _megabytes(found),
+        "input": str(m.input_size),
+        "blocks": str(m.blocks),
+        "enco-\nding": m.encoding,
+        "σ": f"{m.sigma:g}",
+        "ω": f"{m.omega:g}",
+        "region\nfactor": f"{m.region_factor:g}",
+        "trained\nmaps": str(dataset.get("maps", _MISSING)) if isinstance(dataset, dict) else _MISSING,
+        **{title: _span(found, *_FIGURES[title]) for title in ("first\nregion", "gap\nmean", "ms\nmedian")},
+        "sha256": found.sha256[:8],
+    }
+
+
+def _architecture(found: "ModelFile") -> str:
+    """Today's name of the model's architecture."""
+    from nnpp_edge.model.registry import architecture_name
+
+    return architecture_name(found.metadata.architecture)
 
 
 def _figures(figures: "Figures") -> str:
     """The rows as a table, then where they come from."""
     from nnpp_edge.progress import render_table
 
-    def shown(value: Any, digits: int) -> str:
-        return "–" if value is None else f"{value:.{digits}f}"
-
-    def percent(value: Any, digits: int) -> str:
-        return "–" if value is None else f"{100.0 * value:.{digits}f} %"
-
     body = [
-        [
-            row["workload"], f"{row['size']}²", row["method"], str(row["n"]),
-            *(percent(row[key], 1) for key in ("success_raw", "success")),
-            *(percent(row[key], 2) for key in ("gap_mean", "gap_p99")),
-            *(shown(row[key], 2) for key in ("time_ms_median", "time_ms_p99", "speedup_median", "speedup_total")),
-            shown(row["mm_mean"], 3),
-        ]
+        [row["workload"], f"{row['size']}²", row["method"], str(row["n"])]
+        + [_shown(row[key], form) for key, form in _FIGURES.values()]
         for row in figures.rows
-    ]  # fmt: skip
+    ]
     places = [(row["workload"], row["size"]) for row in figures.rows]
     starts = [at == 0 or place != places[at - 1] for at, place in enumerate(places)]
-    told = "\n".join([f"measured on {figures.machine}, by", *(f"  {line}" for line in figures.commands)])
-    grid = render_table(_FIGURES_HEADER, body, starts).strip("\n")
-    return f"{grid}\n\n{told}"
+    source = "\n".join([f"measured on {figures.machine}, by", *(f"  {line}" for line in figures.commands)])
+    grid = render_table(["workload", "size", "method", "n", *_FIGURES], body, starts).strip("\n")
+    return f"{grid}\n\n{source}"
 
 
-def _own_rows(found: "ModelFile", size: int) -> list[dict[str, Any]]:
-    """The rows of figures that are the model's own, not another planner's."""
+def _shown(value: float | None, form: str) -> str:
+    """One figure; a space before the sign of percent."""
+    return _MISSING if value is None else format(value, form).replace("%", " %")
+
+
+def _own_rows(found: "ModelFile") -> list[dict[str, float | None]]:
+    """The listed size's rows of figures that are the model's own, not another planner's."""
     rows = [] if found.figures is None else found.figures.rows
-    return [row for row in rows if row["size"] == size and row["method"] in ("nnpp", f"nnpp:{found.name}")]
+    return [row for row in rows if row["size"] == _SIZE and row["method"] in ("nnpp", f"nnpp:{found.name}")]
 
 
-def _span(found: "ModelFile", key: str, factor: float, form: str, unit: str = "") -> str:
+def _span(found: "ModelFile", key: str, form: str) -> str:
     """Least and greatest of one figure."""
-    values = [factor * row[key] for row in _own_rows(found, _SIZE) if row[key] is not None]
+    values = [value for row in _own_rows(found) if (value := row[key]) is not None]
     if not values:
-        return "–"
-    ends = dict.fromkeys(format(value, form) for value in (min(values), max(values)))
-    return "–".join(ends) + unit
-
-
-def _trained_maps(training: dict[str, Any]) -> str:
-    dataset = training.get("dataset")
-    return str(dataset.get("maps", "–")) if isinstance(dataset, dict) else "–"
+        return _MISSING
+    least, greatest = (_shown(value, form) for value in (min(values), max(values)))
+    return least if least == greatest else f"{least.removesuffix(' %')}–{greatest}"
 
 
 def _megabytes(found: "ModelFile") -> str:
     return f"{found.size_bytes / 1e6:.2f}"
 
 
-def _shapes(tensors: dict[str, tuple[int | str, ...]]) -> str:
-    return ", ".join(f"{name} ({', '.join(map(str, shape))})" for name, shape in tensors.items()) or "–"
+def _shapes(tensors: Mapping[str, tuple[int | str, ...]]) -> str:
+    return ", ".join(f"{name} ({', '.join(map(str, shape))})" for name, shape in tensors.items()) or _MISSING
 
 
-def _aligned(lines: dict[str, str], indent: str = "") -> str:
-    width = max(12, *(len(name) + 2 for name in lines))
-    return "\n".join(f"{indent}{name:<{width}}{value}" for name, value in lines.items())
+def _aligned(lines: Iterable[tuple[str, str]], indent: str = "") -> str:
+    """Names and values in two columns."""
+    pairs = list(lines)
+    width = max(12, *(len(name) + 2 for name, _ in pairs))
+    return "\n".join(f"{indent}{name:<{width}}{value}" for name, value in pairs)
 
 
-def _flat(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
+def _flat(value: object, name: str = "") -> Iterator[tuple[str, str]]:
     """Nested facts as lines, names joined by dots."""
     if isinstance(value, dict) and value:
         for key, inner in value.items():
@@ -149,4 +171,4 @@ def _flat(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
     elif isinstance(value, list | tuple) and value:
         yield name, ", ".join(" ".join(map(str, v)) if isinstance(v, list | tuple) else str(v) for v in value)
     else:
-        yield name, "–" if value in (None, "", {}, [], ()) else str(value)
+        yield name, _MISSING if value in (None, "", {}, [], ()) else str(value)

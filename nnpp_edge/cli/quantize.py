@@ -1,33 +1,48 @@
 """`nnpp-edge quantize`: an int8 model, and whether it pays."""
 
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from nnpp_edge.cli import options
 
+if TYPE_CHECKING:
+    from nnpp_edge.calibrate.quantize import QuantizeReport
+
+_METHOD = click.Choice(["minmax", "percentile", "entropy"])
+setting = partial(click.option, show_default=True)
+
 
 @click.command(name="quantize")
 @click.argument("model", type=options.PATH)
 @click.option("--dataset", type=options.FOLDER, required=True, help="Data set to calibrate on.")
-@click.option("--validation", type=options.FOLDER,
-              help="Data set to judge on; by default a quarter of the other's maps is held out.")  # fmt: skip
+@click.option("--validation", type=options.FOLDER, help="Data set to judge on; by default held-out maps.")
 @click.option("-o", "--output", type=options.NEW_FILE, required=True, help="The int8 ONNX file.")
-@click.option("--samples", type=click.IntRange(1), default=200, show_default=True, help="Queries to calibrate on.")
-@click.option("--method", type=click.Choice(["minmax", "percentile", "entropy"]), default="minmax", show_default=True,
-              help="How the range of each tensor is chosen.")  # fmt: skip
-@click.option("--exclude", type=options.Names(), default="auto", show_default=True,
-              help="Nodes to leave float; auto leaves the worst ones, if the answers differ too much.")  # fmt: skip
-@click.option("--full-range", is_flag=True,
-              help="Weights of 8 bits in place of 7: for CPUs with VNNI, or ARM; others saturate.")  # fmt: skip
-@click.option("--rank", is_flag=True, help="Tell how sensitive each node is.")
+@setting("--samples", type=click.IntRange(1), default=200, help="Queries to calibrate on.")
+@setting("--method", type=_METHOD, default="minmax", help="How the range of each tensor is chosen.")
+@setting(
+    "--exclude",
+    type=options.Names(),
+    default="auto",
+    help="Nodes to leave float; auto leaves the worst ones, if the probabilities differ too much.",
+)
+@click.option(
+    "--full-range", is_flag=True, help="Weights of 8 bits in place of 7: for CPUs with VNNI, or ARM; others saturate."
+)
+@click.option("--rank", is_flag=True, help="Print how sensitive each node is.")
 @options.seed
 @options.as_json
 def command(
-    model: Path, dataset: Path, validation: Path | None, output: Path, samples: int, method: str,
-    exclude: tuple[str, ...], full_range: bool, rank: bool, seed: int, as_json: bool,
-) -> None:  # fmt: skip
+    model: Path,
+    dataset: Path,
+    output: Path,
+    exclude: tuple[str, ...],
+    full_range: bool,
+    as_json: bool,
+    **settings: Any,
+) -> None:
     """Make an int8 model of MODEL (static, QDQ), and measure both on this machine.
 
     The head stays float. The report ends in a recommendation, which may be to keep fp32.
@@ -37,16 +52,13 @@ def command(
     """
     from nnpp_edge.calibrate.quantize import AUTO, quantize
 
-    report = quantize(
-        model, dataset, output, validation=validation, samples=samples, method=method,
-        exclude=AUTO if exclude == (AUTO,) else exclude, reduce_range=not full_range, rank=rank, seed=seed,
-    )  # fmt: skip
+    left_float = AUTO if exclude == (AUTO,) else exclude
+    report = quantize(model, dataset, output, exclude=left_float, reduce_range=not full_range, **settings)
     click.echo(report.to_json() if as_json else render(report))
 
 
-def render(report: Any) -> str:
+def render(r: "QuantizeReport") -> str:
     """The report as lines of text."""
-    r = report
     rows = [("", "fp32", "int8")]
     rows.append(("size, MB", f"{r.fp32_bytes / 1e6:.2f}", f"{r.int8_bytes / 1e6:.2f}"))
     rows.append(("median, ms", f"{r.fp32_latency.median_ms:.2f}", f"{r.int8_latency.median_ms:.2f}"))

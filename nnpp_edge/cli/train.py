@@ -4,48 +4,62 @@ import dataclasses
 import json
 import math
 import os
+from functools import partial
 from pathlib import Path
 
 import click
 
 from nnpp_edge.cli import options
+from nnpp_edge.model.registry import ENCODINGS, PRESETS
 
-ARCHITECTURES = ("edge", "edge-joint", "edge-128", "edge-256", "nnpp-w16", "nnpp", "nnpp-stdc2")
+_PARTS = 1000
+"""Of the training, for the progress bar."""
+
+_PRESET = click.Choice(list(PRESETS))
+_ENCODING = click.Choice([name for names in ENCODINGS.values() for name in names])
+_SHARE = click.FloatRange(0.0, 1.0, min_open=True)
+_TARGET = click.Choice(["near", "path"])
+
+setting = partial(click.option, show_default=True)
 
 
 @click.command(name="train")
 @click.argument("dataset", type=options.FOLDER)
 @click.option("--validation", type=options.FOLDER, required=True, help="Data set of other terrain.")
 @click.option("-o", "--output", type=options.FOLDER, required=True, help="Folder of the run; resumed if begun.")
-@click.option("--architecture", type=click.Choice(ARCHITECTURES), default="edge", show_default=True,
-              help="nnpp is the paper's network at full width, nnpp-w16 at a quarter.")  # fmt: skip
-@click.option("--input-size", type=click.IntRange(64),
-              help="Side of the network's map, if not the architecture's own.")  # fmt: skip
-@click.option("--encoding", type=click.Choice(["ends", "pair", "gaussian", "euclidean", "pixel"]),
-              help="How start and goal are shown, if not the architecture's own way.")  # fmt: skip
-@click.option("--sigma", type=click.FloatRange(0.0, 1.0, min_open=True), default=0.25, show_default=True,
-              help="Of the Gaussians, as a share of the map's side.")  # fmt: skip
+@setting("--architecture", type=_PRESET, default="edge", help="nnpp is the paper's full width, nnpp-w16 a quarter.")
+@click.option("--input-size", type=click.IntRange(64), help="Side of the network's map, if not the preset's.")
+@click.option("--encoding", type=_ENCODING, help="How start and goal are shown, if not the preset's way.")
+@setting("--sigma", type=_SHARE, default=0.25, help="Of the Gaussians, as a share of the map's side.")
 @click.option("--begin-with", type=options.PATH, help="Checkpoint of another run whose weights to begin with.")
-@click.option("--epochs", type=click.IntRange(1), default=150, show_default=True)
+@setting("--epochs", type=click.IntRange(1), default=150)
 @click.option("--steps", type=click.IntRange(1), help="Most steps, if its epochs do not end the training before.")
-@click.option("--batch", type=click.IntRange(1), default=32, show_default=True, help="Over all processes.")
-@click.option("--learning-rate", type=float, default=1e-3, show_default=True)
-@click.option("--weight-decay", type=float, default=1e-4, show_default=True)
-@click.option("--target", type=click.Choice(["near", "path"]), default="near", show_default=True,
-              help="Nearness to the optimum, or the paper's single path.")  # fmt: skip
-@click.option("--softness", type=float, default=0.02, show_default=True, help="Excess at which nearness is 1/e.")
-@click.option("--loss", type=click.Choice(["bce", "focal", "dice"]), default="bce", show_default=True)
-@click.option("--time-limit", type=float, help="Minutes; the learning rate falls towards that end.")
-@click.option("--validate-every", type=float, default=5.0, show_default=True, help="Minutes.")
+@setting("--batch", type=click.IntRange(1), default=32, help="Over all processes.")
+@setting("--learning-rate", type=float, default=1e-3)
+@setting("--weight-decay", type=float, default=1e-4)
+@setting("--target", type=_TARGET, default="near", help="Nearness to the optimum, or the paper's single path.")
+@setting("--softness", type=float, default=0.02, help="Excess at which nearness is 1/e.")
+@setting("--loss", type=click.Choice(["bce", "focal", "dice"]), default="bce")
+@click.option("--time-limit", type=float, default=math.inf, help="Minutes; the learning rate falls towards that end.")
+@setting("--validate-every", type=float, default=5.0, help="Minutes.")
 @click.option("--threads", type=click.IntRange(1), help="Of torch on the CPU.")
 @options.seed
 @options.as_json
 def command(
-    dataset: Path, validation: Path, output: Path, architecture: str, input_size: int | None,
-    encoding: str | None, sigma: float, begin_with: Path | None, epochs: int, steps: int | None, batch: int,
-    learning_rate: float, weight_decay: float, target: str, softness: float, loss: str, time_limit: float | None,
-    validate_every: float, threads: int | None, seed: int, as_json: bool,
-) -> None:  # fmt: skip
+    dataset: Path,
+    validation: Path,
+    output: Path,
+    architecture: str,
+    input_size: int | None,
+    encoding: str | None,
+    sigma: float,
+    begin_with: Path | None,
+    time_limit: float,
+    validate_every: float,
+    threads: int | None,
+    as_json: bool,
+    **settings: object,
+) -> None:
     """Train a network on DATASET, with AdamW as in the paper.
 
     Each validation searches real queries inside the predicted region. The run's folder gets checkpoint.pt,
@@ -57,9 +71,9 @@ def command(
     """
     from contextlib import nullcontext
 
+    import msgspec
     import torch
 
-    from nnpp_edge.model.registry import PRESETS
     from nnpp_edge.progress import bar
     from nnpp_edge.terrain.dataset import read_recipe, read_samples
     from nnpp_edge.training.train import Progress, TrainSettings, train
@@ -67,27 +81,28 @@ def command(
 
     if threads:
         torch.set_num_threads(threads)
-    settings = TrainSettings(
-        epochs=epochs, steps=steps, batch=batch, learning_rate=learning_rate, weight_decay=weight_decay,
-        target=target, softness=softness, loss=loss, seed=seed, validate_every_s=60.0 * validate_every,
-        time_limit_s=math.inf if time_limit is None else 60.0 * time_limit,
-    )  # fmt: skip
+    settings |= {"time_limit_s": 60.0 * time_limit, "validate_every_s": 60.0 * validate_every}
+    preset = PRESETS[architecture]
+    spec = dataclasses.replace(
+        preset, sigma=sigma, input_size=input_size or preset.input_size, encoding=encoding or preset.encoding
+    )
     first = int(os.environ.get("RANK", "0")) == 0
-    with bar("train", 1000) if first else nullcontext(lambda done: None) as advance:
+    with bar("train", _PARTS) if first else nullcontext(lambda done: None) as advance:
 
         def report(progress: Progress, mean_loss: float, share: float) -> None:
-            advance(int(1000 * share))
+            advance(int(_PARTS * share))
 
-        spec = dataclasses.replace(PRESETS[architecture], sigma=sigma)
-        if input_size is not None:
-            spec = dataclasses.replace(spec, input_size=input_size)
-        if encoding is not None:
-            spec = dataclasses.replace(spec, encoding=encoding)
         samples, held_out = (read_samples(folder, size=spec.input_size) for folder in (dataset, validation))
         checkpoint = train(
-            spec, settings, samples, held_out, output,
-            omega=read_recipe(dataset).omega, begin_with=begin_with, report=report,
-        )  # fmt: skip
+            spec,
+            msgspec.convert(settings, TrainSettings),
+            samples,
+            held_out,
+            output,
+            omega=read_recipe(dataset).omega,
+            begin_with=begin_with,
+            report=report,
+        )
     if not first:
         return
     history = json.loads((output / "history.json").read_text())

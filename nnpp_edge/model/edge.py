@@ -1,73 +1,165 @@
-"""The edge network: few, large int8-friendly nodes, and the query joined in where the map is small."""
+"""The edge network: an encoder that is shown the map alone, and a small head for each query.
+
+The encoder, nearly all of the work, runs when the map changes. The head is a few thousand multiply-accumulates a
+block: what it costs to get from a block to either end is a matter of the two places, which the encoder has described,
+and of how they lie to each other.
+"""
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from nnpp_edge.model.blocks import ConvBNReLU
+from nnpp_edge.model.registry import OUTPUT_STRIDES
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.encoding import PAIR_CHANNELS
+from nnpp_edge.runtime.network.encoding import END_CHANNELS, PAIR_CHANNELS
+from nnpp_edge.runtime.network.place_head import ANSWERS
 
 MAP_CHANNELS = 2
 UNSHUFFLE = 4
+"""The map's input has 4 × 4 cells to a pixel, as channels."""
 QUERY_STRIDE = 8
-OUTPUT_STRIDE = 4
+"""Cells of the input between the points of an encoded query."""
+OUTPUT_SHUFFLE = QUERY_STRIDE // OUTPUT_STRIDES["edge"]
+"""The output has 2 × 2 blocks to a pixel, as channels."""
 SIZE_STEP = 64
 PRIOR_LOGIT = -2.0
 
-
-class ConvBlock(nn.Sequential):
-    """Convolution, batch norm, ReLU; the norm folds into the convolution at export."""
-
-    def __init__(self, inputs: int, outputs: int, kernel_size: int = 3, stride: int = 1) -> None:
-        super().__init__(
-            nn.Conv2d(inputs, outputs, kernel_size, stride, kernel_size // 2, bias=False),
-            nn.BatchNorm2d(outputs),
-            nn.ReLU(inplace=True),
-        )
+assert ANSWERS == OUTPUT_SHUFFLE**2
 
 
-class Residual(nn.Module):
-    """Two convolutions beside a short cut: (N, C, H, W) to the same."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.first = ConvBlock(channels, channels)
-        self.second = nn.Sequential(nn.Conv2d(channels, channels, 3, padding=1, bias=False), nn.BatchNorm2d(channels))
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Apply the block."""
-        return functional.relu(x + self.second(self.first(x)))
-
-
-class Up(nn.Module):
-    """Double the side of `deep` and add it to `shallow`, then convolve."""
-
-    def __init__(self, deep: int, shallow: int, residual: bool) -> None:
-        super().__init__()
-        self.match = ConvBlock(deep, shallow, 1)
-        self.merge = Residual(shallow) if residual else ConvBlock(shallow, shallow)
-
-    def forward(self, deep: Tensor, shallow: Tensor) -> Tensor:
-        """(N, D, H, W) and (N, C, 2H, 2W) to (N, C, 2H, 2W)."""
-        return self.merge(shallow + functional.interpolate(self.match(deep), scale_factor=2, mode="nearest"))
-
-
-def _down(inputs: int, outputs: int, residuals: int) -> nn.Sequential:
-    """Half the side, then so many residual blocks."""
-    return nn.Sequential(ConvBlock(inputs, outputs, stride=2), *(Residual(outputs) for _ in range(residuals)))
-
-
-class Pyramid(nn.Module):
-    """Down from 1/8 resolution to 1/64, and up again.
+class EdgeNet(nn.Module):
+    """An encoder of the map and a head for each query.
 
     Parameters
     ----------
+    input_size : int
+        Side S of the map; a multiple of 64.
     widths : four ints
-        Channels at 1/8, 1/16, 1/32 and 1/64 resolution.
+        Channels of the encoder at 1/8, 1/16, 1/32 and 1/64 resolution.
+    stem : int
+        Channels after the encoder's first convolution.
     depth : four ints
-        Residual blocks after each of the three reductions, and on the way up at 1/16 (0 or 1; 0 leaves one
+        Residual blocks after each of the encoder's three reductions, and on the way up at 1/16 (0 or 1; 0 leaves one
         convolution there).
+    relation, hidden
+        Of the `Head`.
+
+    Raises
+    ------
+    ModelError
+        A size, width or depth that the network cannot be built with.
+
+    Notes
+    -----
+    Where it departs from the paper's network, and why: the map comes as 4 × 4 cells to a pixel, so that the first
+    convolution is one large node; the share of impassable cells is a second plane, as averages alone hide walls and
+    passes on large maps; start and goal enter after the encoder, so that its work is shared by all queries on a map.
     """
+
+    def __init__(
+        self,
+        input_size: int = 64,
+        widths: tuple[int, ...] = (32, 64, 64, 64),
+        stem: int = 32,
+        depth: tuple[int, ...] = (0, 1, 0, 0),
+        relation: int = 32,
+        hidden: tuple[int, ...] = (32, 16),
+    ) -> None:
+        super().__init__()
+        if input_size < SIZE_STEP or input_size % SIZE_STEP:
+            raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {input_size}")
+        self.encoder = Encoder(widths, stem, depth, relation)
+        self.head = Head(relation, hidden)
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d | nn.Linear):
+                nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
+        nn.init.normal_(self.head.answer.weight, std=0.01)
+        nn.init.constant_(self.head.answer.bias, PRIOR_LOGIT)
+
+    def forward(self, planes: Tensor, query: Tensor) -> Tensor:
+        """Logits of the probability that a nearly optimal path passes.
+
+        Parameters
+        ----------
+        planes : (N, 32, S/4, S/4) float
+            The map's two planes, in [0, 1], 4 × 4 cells to a pixel (`torch.pixel_unshuffle`).
+        query : (N, 15, S/8, S/8) float
+            Start and goal (`encode_ends` of the runtime).
+
+        Returns
+        -------
+        (N, 4, S/8, S/8) float
+            Four blocks of a quarter's resolution to a pixel (`torch.pixel_shuffle` puts them in place).
+        """
+        logits: Tensor = self.head(self.encoder(planes), query)
+        return logits
+
+
+class Encoder(nn.Module):
+    """The map's two descriptions of each place: as one to pass through, and as an end of a path."""
+
+    def __init__(self, widths: tuple[int, ...], stem: int, depth: tuple[int, ...], relation: int) -> None:
+        super().__init__()
+        if stem < 1:
+            raise ModelError(f"stem must be a positive number of channels, got {stem}")
+        self.stem = ConvBNReLU(MAP_CHANNELS * UNSHUFFLE**2, stem, stride=2)
+        self.widen = ConvBNReLU(stem, widths[0])
+        self.pyramid = FeaturePyramid(widths, depth)
+        self.describe = nn.Conv2d(widths[0], 2 * relation, 1)
+
+    def forward(self, planes: Tensor) -> Tensor:
+        """(N, 32, S/4, S/4) to (N, 2R, S/8, S/8)."""
+        described: Tensor = self.describe(self.pyramid(self.widen(self.stem(planes))))
+        return described
+
+
+class Head(nn.Module):
+    """From the places' descriptions and a query to logits.
+
+    Parameters
+    ----------
+    relation : int
+        R, numbers that relate a place to an end.
+    hidden : two ints
+        Units of the two layers after.
+    """
+
+    def __init__(self, relation: int, hidden: tuple[int, ...]) -> None:
+        super().__init__()
+        first, second = hidden
+        self.sizes = (relation, first, second)
+        self.way = nn.Linear(END_CHANNELS - 1, relation)
+        self.both = nn.Linear(relation, first)
+        self.across = nn.Linear(relation, first, bias=False)
+        self.between = nn.Linear(PAIR_CHANNELS, first, bias=False)
+        self.mix = nn.Linear(first, second)
+        self.answer = nn.Linear(second, ANSWERS)
+
+    def parameters_in_order(self) -> Tensor:
+        """All of them in a row, in the order and layout that the runtime's head reads (`parameter_shapes`)."""
+        layers = self.way, self.both, self.across, self.between, self.mix, self.answer
+        parts = [part for layer in layers for part in (layer.weight.T, layer.bias) if part is not None]
+        return torch.cat([part.flatten() for part in parts])
+
+    def forward(self, described: Tensor, query: Tensor) -> Tensor:
+        """(N, 2R, B, B) and (N, 15, B, B) to (N, 4, B, B)."""
+        side = described.shape[-1]
+        place, end = described.flatten(2).transpose(1, 2).chunk(2, -1)
+        flat = query.flatten(2)
+        ends = torch.unflatten(flat[:, : 2 * END_CHANNELS], 1, (2, END_CHANNELS))
+        share, way = ends[:, :, 0], ends[:, :, 1:].transpose(2, 3)
+        at_ends = share @ end
+        related = functional.relu(place[:, None] + at_ends[:, :, None] + self.way(way))
+        across = share.flip(1)[:, :, None] @ related  # how each end is related to the other
+        between = self.between(flat[:, 2 * END_CHANNELS :].transpose(1, 2))
+        x = functional.relu(self.both(related.sum(1)) + self.across(across.sum(1)) + between)
+        x = self.answer(functional.relu(self.mix(x)))
+        return torch.unflatten(x.transpose(1, 2), 2, (side, side))
+
+
+class FeaturePyramid(nn.Module):
+    """Down from 1/8 resolution to 1/64, and up again; `widths` and `depth` as for `EdgeNet`."""
 
     def __init__(self, widths: tuple[int, ...], depth: tuple[int, ...]) -> None:
         super().__init__()
@@ -89,66 +181,38 @@ class Pyramid(nn.Module):
         at16 = self.down16(at8)
         at32 = self.down32(at16)
         at32 = self.up32(self.down64(at32), at32)
-        return self.up8(self.up16(at32, at16), at8)
+        out: Tensor = self.up8(self.up16(at32, at16), at8)
+        return out
 
 
-def check_input(size: int) -> None:
-    """ModelError where the pyramid does not divide a map of this side."""
-    if size < SIZE_STEP or size % SIZE_STEP:
-        raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {size}")
+class Residual(nn.Module):
+    """Two convolutions beside a short cut: (N, C, H, W) to the same."""
 
-
-class EdgeNet(nn.Module):
-    """A convolutional pyramid with the query joined in at 1/8 resolution.
-
-    Parameters
-    ----------
-    input_size : int
-        Side S of the map; a multiple of 64.
-    widths, depth
-        Of the `Pyramid`.
-    stem : int
-        Channels of the map's own features at 1/8.
-
-    Notes
-    -----
-    Where it departs from the paper's network, and why: the map comes as 4 × 4 cells to a pixel, so that the
-    first convolution is one large node; start and goal enter at 1/8, being smooth; the share of impassable
-    cells is a second plane, as averages alone hide walls and passes on large maps; the answer is given at
-    1/4 by four channels at 1/8, which costs nothing.
-    """
-
-    def __init__(
-        self, input_size: int = 256, widths: tuple[int, ...] = (48, 64, 96, 96), stem: int = 32,
-        depth: tuple[int, ...] = (1, 2, 1, 1),
-    ) -> None:  # fmt: skip
+    def __init__(self, channels: int) -> None:
         super().__init__()
-        check_input(input_size)
-        if stem < 1:
-            raise ModelError(f"stem must be a positive number of channels, got {stem}")
-        self.pyramid = Pyramid(widths, depth)
-        self.stem = ConvBlock(MAP_CHANNELS * UNSHUFFLE**2, stem, stride=2)
-        self.join = ConvBlock(stem + PAIR_CHANNELS, widths[0])
-        self.head = nn.Conv2d(widths[0], (QUERY_STRIDE // OUTPUT_STRIDE) ** 2, 1)
-        for module in self.modules():
-            if isinstance(module, nn.Conv2d):
-                nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
-        nn.init.normal_(self.head.weight, std=0.01)
-        nn.init.constant_(self.head.bias, PRIOR_LOGIT)  # type: ignore[arg-type]
+        self.first = ConvBNReLU(channels, channels)
+        self.second = ConvBNReLU(channels, channels, relu=False)
 
-    def forward(self, planes: Tensor, query: Tensor) -> Tensor:
-        """Logits of the probability that a nearly optimal path passes.
+    def forward(self, x: Tensor) -> Tensor:
+        """Apply the block."""
+        return functional.relu(x + self.second(self.first(x)))
 
-        Parameters
-        ----------
-        planes : (N, 32, S/4, S/4) float
-            The map's two planes, in [0, 1], 4 × 4 cells to a pixel (`torch.pixel_unshuffle`).
-        query : (N, 3, S/8, S/8) float
-            Start and goal (`runtime.encoding.encode_pair`), in [0, 1].
 
-        Returns
-        -------
-        (N, 4, S/8, S/8) float
-            Four blocks of a quarter's resolution to a pixel (`torch.pixel_shuffle` puts them in place).
-        """
-        return self.head(self.pyramid(self.join(torch.cat((self.stem(planes), query), 1))))
+class Up(nn.Module):
+    """Double the side of `deep` and add it to `shallow`, then convolve."""
+
+    def __init__(self, deep: int, shallow: int, residual: bool) -> None:
+        super().__init__()
+        self.match = ConvBNReLU(deep, shallow, 1)
+        self.merge = Residual(shallow) if residual else ConvBNReLU(shallow, shallow)
+
+    def forward(self, deep: Tensor, shallow: Tensor) -> Tensor:
+        """(N, D, H, W) and (N, C, 2H, 2W) to (N, C, 2H, 2W)."""
+        doubled = functional.interpolate(self.match(deep), scale_factor=2, mode="nearest")
+        merged: Tensor = self.merge(shallow + doubled)
+        return merged
+
+
+def _down(inputs: int, outputs: int, residuals: int) -> nn.Sequential:
+    """Half the side, then so many residual blocks."""
+    return nn.Sequential(ConvBNReLU(inputs, outputs, stride=2), *(Residual(outputs) for _ in range(residuals)))

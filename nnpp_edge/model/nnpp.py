@@ -10,7 +10,6 @@ from nnpp_edge.model.uafm import UAFM
 from nnpp_edge.runtime.errors import ModelError
 
 INPUT_CHANNELS = 3
-OUTPUT_STRIDE = 8
 SIZE_STEP = 32 * max(SCALES)
 PRIOR_LOGIT = -2.0
 
@@ -40,8 +39,8 @@ class NNPP(nn.Module):
     NNPP (arXiv 2308.04792v3, section Network Structure), built from STDC (arXiv 2104.13188) and PP-LiteSeg
     (arXiv 2204.02681). The paper gives no channel counts; the decoder's are PP-LiteSeg's.
 
-    We depart in the resolution of the output: the classifier answers at 1/8, where the decoder ends, and
-    nothing enlarges the answer. A region is wider than a cell, and whoever reads it looks up its cell in the
+    We depart in the resolution of the output: the output is at 1/8, where the decoder ends, and
+    nothing enlarges it. A region is wider than a cell, and whoever reads it looks up its cell in the
     small map. Pooling and enlarging are of fixed size: see `SPPM` and `UAFM`.
     """
 
@@ -87,8 +86,8 @@ class NNPP(nn.Module):
             raise ModelError(f"input must be {wanted}, got {tuple(x.shape)}")
         stage3, stage4, stage5 = self.backbone(x)
         features = self.fuse4(self.context(stage5), stage4)
-        features = self.fuse3(features, stage3)
-        return self.classifier(features)
+        logits: Tensor = self.classifier(self.fuse3(features, stage3))
+        return logits
 
 
 def _initialise(network: NNPP) -> None:

@@ -1,11 +1,11 @@
-"""Simple pyramid pooling: what the whole map looks like, brought to each cell of the coarsest features."""
+"""Simple pyramid pooling: averages over large parts of the map, brought to each cell of the coarsest features."""
 
 from collections.abc import Sequence
 
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nnpp_edge.model.stdc import ConvBNReLU
+from nnpp_edge.model.blocks import ConvBNReLU
 from nnpp_edge.runtime.errors import ModelError
 
 SCALES = (1, 2, 4)
@@ -55,4 +55,5 @@ class SPPM(nn.Module):
         )
         for part in parts:
             whole = whole + part
-        return self.out(whole)
+        pooled: Tensor = self.out(whole)
+        return pooled

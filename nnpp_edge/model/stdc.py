@@ -10,34 +10,10 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from nnpp_edge.model.blocks import ConvBNReLU
 from nnpp_edge.runtime.errors import ModelError
 
 CONVS_PER_MODULE = 4
-
-
-class ConvBNReLU(nn.Sequential):
-    """Convolution without bias, batch normalisation, ReLU; padded so that stride 1 keeps the size.
-
-    The normalisation carries the bias and folds into the convolution on export, so the three are one node
-    of an int8 graph. `relu=False` leaves the last step out.
-    """
-
-    def __init__(
-        self,
-        in_channels: int,
-        out_channels: int,
-        kernel: int,
-        stride: int = 1,
-        groups: int = 1,
-        relu: bool = True,
-    ) -> None:
-        layers: list[nn.Module] = [
-            nn.Conv2d(in_channels, out_channels, kernel, stride, kernel // 2, groups=groups, bias=False),
-            nn.BatchNorm2d(out_channels),
-        ]
-        if relu:
-            layers.append(nn.ReLU(inplace=True))
-        super().__init__(*layers)
 
 
 class STDCModule(nn.Module):

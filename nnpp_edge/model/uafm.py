@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nnpp_edge.model.stdc import ConvBNReLU
+from nnpp_edge.model.blocks import ConvBNReLU
 
 
 class UAFM(nn.Module):
@@ -29,7 +29,8 @@ class UAFM(nn.Module):
     def forward(self, high: Tensor, low: Tensor) -> Tensor:
         up = F.interpolate(high, scale_factor=2.0, mode="nearest")
         low = self.reduce(low)
-        return self.out(fuse(up, low, self.attention(up, low)))
+        fused: Tensor = self.out(fuse(up, low, self.attention(up, low)))
+        return fused
 
 
 class SpatialAttention(nn.Module):

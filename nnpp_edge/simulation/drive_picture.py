@@ -15,7 +15,7 @@ from nnpp_edge.runtime.loop.messages import PathMessage
 from nnpp_edge.simulation.scene import Scene
 from nnpp_edge.simulation.simulate import Drive
 from nnpp_edge.viz.picture import IMPASSABLE, OPTIMUM, PATH, cost_picture, save_picture
-from nnpp_edge.viz.sheet import Colour, Picture, Sheet
+from nnpp_edge.viz.sheet import Colour, MapDrawing, Picture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -40,7 +40,7 @@ def check_name(path: Path) -> None:
 
 def drive_picture(scene: Scene, drive: Drive) -> Picture:
     """The true cost, the way driven, and the optimum for a robot that knew everything."""
-    sheet = Sheet(cost_picture(scene.ground.true))
+    sheet = MapDrawing(cost_picture(scene.ground.true))
     sheet.line(drive.driven, DRIVEN, 4.0)
     sheet.line(drive.optimal, OPTIMUM, 2.0, dashed=True)
     sheet.star(sheet.at(drive.goal))

@@ -2,26 +2,30 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.npyio import NpzFile
 
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.terrain.heights import Reading, Window, check_grid, checked_window, metres
 
+_ZIP_STARTS = (b"PK\x03\x04", b"PK\x05\x06")
 _ARRAY_NAMES = ("elevation_m", "elevation", "dem")
 
 
 def read_arrays(path: Path, vertical_scale: float | None, window: Window | None) -> Reading:
-    """Elevation and cell (size, width) of a NumPy file; the content tells an archive from an array.
+    """Elevation and cell (size, width) of a NumPy file; its first bytes show whether it is an archive.
 
     Raises TerrainError and InvalidQueryError as `read_dem` does, and whatever else NumPy raises for a broken file.
     """
-    loaded = np.load(path, mmap_mode="r", allow_pickle=False)
     cell = None
-    if isinstance(loaded, np.lib.npyio.NpzFile):
-        with loaded as archive:
+    with path.open("rb") as file:
+        is_archive = file.read(4) in _ZIP_STARTS
+    if not is_archive:
+        loaded = np.load(path, mmap_mode="r", allow_pickle=False)
+    else:  # NumPy leaves a path's file open where the archive is broken
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             size = _number(path, archive, "cell_size_m", "cell_m")
             width = _number(path, archive, "cell_width_m")
             loaded = _elevation_array(path, archive)
@@ -35,19 +39,21 @@ def read_arrays(path: Path, vertical_scale: float | None, window: Window | None)
     return metres(part, vertical_scale or 1.0, 0.0), cell, None
 
 
-def _elevation_array(path: Path, archive: Any) -> npt.NDArray[Any]:
+def _elevation_array(path: Path, archive: NpzFile) -> npt.NDArray[np.generic]:
     """The archive's array of heights: by its name, or the only one of two dimensions."""
     for name in _ARRAY_NAMES:
         if name in archive.files:
-            return archive[name]
+            found: npt.NDArray[np.generic] = archive[name]
+            return found
     grids = {name: array for name in archive.files if (array := archive[name]).ndim == 2}
     if len(grids) != 1:
         wanted, got = ", ".join(_ARRAY_NAMES), ", ".join(archive.files) or "nothing"
         raise TerrainError(f"{path}: wanted {wanted} or a single 2-D array, got {got}")
-    return grids.popitem()[1]
+    _, found = grids.popitem()
+    return found
 
 
-def _number(path: Path, archive: Any, *names: str) -> float | None:
+def _number(path: Path, archive: NpzFile, *names: str) -> float | None:
     """The archive's scalar under the first of `names` it has, above 0; None without one."""
     for name in (name for name in names if name in archive.files):
         value = archive[name]

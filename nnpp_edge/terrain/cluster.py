@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from typing import Any
+from types import ModuleType
 
 from nnpp_edge import __version__
 from nnpp_edge.runtime.errors import MissingExtraError, NnppEdgeError
@@ -73,7 +73,7 @@ def shards_on_cluster(address: str, recipe: Recipe, indices: Sequence[int]) -> S
         try:
             client.wait_for_workers(1, timeout=WORKER_WAIT_S)
         except TimeoutError as error:
-            got = f"none within {WORKER_WAIT_S:g} s (one that lacks nnpp-edge leaves at once, as its log tells)"
+            got = f"none within {WORKER_WAIT_S:g} s (one that lacks nnpp-edge leaves at once, as its log says)"
             raise ClusterError(f"wanted a Dask scheduler with workers at {address!r}, got {got}") from error
         for job in distributed.as_completed(list(jobs), loop=client.loop):
             content = zlib.decompress(job.result())
@@ -92,7 +92,7 @@ def _make(version: str, recipe: Recipe, tiles: list[Dem], index: int) -> bytes:
     return zlib.compress(shard_content(recipe, tiles, index), 1)
 
 
-def _dask() -> tuple[Any, Any]:
+def _dask() -> tuple[ModuleType, ModuleType]:
     """The modules dask and distributed, or the error that says how to get them."""
     try:
         import dask
@@ -102,7 +102,7 @@ def _dask() -> tuple[Any, Any]:
     return dask, distributed
 
 
-async def _try(address: str, distributed: Any) -> None:
+async def _try(address: str, distributed: ModuleType) -> None:
     """Connect, and hang up.
 
     A `Client` that cannot connect is no way to find out: collected as garbage while another is being made, it waits
@@ -113,7 +113,7 @@ async def _try(address: str, distributed: Any) -> None:
 
 
 @contextmanager
-def _one_line_error(address: str, distributed: Any) -> Iterator[None]:
+def _one_line_error(address: str, distributed: ModuleType) -> Iterator[None]:
     """Turn what Dask raises into a ClusterError of one line, and keep its client from logging the same at length."""
     log = logging.getLogger("distributed.client")
     level = log.level
@@ -123,7 +123,7 @@ def _one_line_error(address: str, distributed: Any) -> Iterator[None]:
     except NnppEdgeError:
         raise
     except distributed.KilledWorker as error:
-        reason = f"{error.allowed_failures + 1} of the workers died under the same shard; their logs tell why"
+        reason = f"{error.allowed_failures + 1} of the workers died under the same shard; their logs say why"
         raise ClusterError(f"{address}: {reason}") from error
     except CancelledError as error:
         raise ClusterError(f"{address}: the connection to the scheduler was lost") from error

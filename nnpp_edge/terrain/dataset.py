@@ -1,15 +1,14 @@
 """Making, storing and reading a training set. The format is described in docs/dataset.md."""
 
-import json
 import multiprocessing
 import os
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,14 +18,19 @@ from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.shards import Recipe, read_terrain, shard_content
 
 FORMAT = "nnpp-edge-dataset-1"
+RECIPE_FILE = "dataset.json"
 
 Shards = Generator[tuple[int, bytes], None, None]
 """Numbers and contents of shards, in the order in which they are done."""
 
 
+Arrays = dict[str, NDArray[np.generic]]
+"""The arrays of a shard, by name."""
+
+
 @dataclass(frozen=True)
 class Samples:
-    """Labelled queries in memory."""
+    """Labelled queries in memory: Q queries on M maps of S × S cells, with labels on B × B blocks."""
 
     planes: NDArray[np.uint8]
     """(M, 2, S, S) mean cost (impassable as 1) and share of impassable cells, in 255ths."""
@@ -45,9 +49,15 @@ class Samples:
         return len(self.map_index)
 
     @property
-    def path_masks(self) -> NDArray[np.bool_]:
-        """(Q, B, B) whether the optimal path crosses a block."""
-        return np.unpackbits(self.on_path, axis=-1).astype(bool)
+    def not_averaged(self) -> NDArray[np.bool_]:
+        """(M,) whether a map's cells are each impassable wholly or not at all: it is shown at its own resolution."""
+        blocked = self.planes[:, 1]
+        return np.asarray(((blocked == 0) | (blocked == 255)).all(axis=(1, 2)))
+
+    def pick(self, queries: NDArray[np.generic] | range) -> "Samples":
+        """Some of the queries, by a mask or by their numbers; the maps stay."""
+        names = ("map_index", "start", "goal", "excess", "on_path")
+        return replace(self, **{name: getattr(self, name)[queries] for name in names})
 
 
 def make_dataset(
@@ -58,7 +68,7 @@ def make_dataset(
     part: tuple[int, int] = (1, 1),
     make: Callable[[Recipe, Sequence[int]], Shards] | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> dict[str, Any]:
+) -> dict[str, int]:
     """Write what is missing of a data set.
 
     Parameters
@@ -75,12 +85,12 @@ def make_dataset(
         Makes shards elsewhere (`nnpp_edge.terrain.cluster`): from the recipe and the numbers of the missing
         shards, yields each one's number and content as it is done. By default processes on this machine do.
     progress : callable
-        Told how many shards of how many are done.
+        Called with how many shards of how many are done.
 
     Returns
     -------
     dict
-        Counts of shards, maps and queries in the folder.
+        Numbers of ``shards``, ``maps`` and ``queries`` in the folder, and of shards in the whole set (``of``).
 
     Raises
     ------
@@ -107,8 +117,8 @@ def make_dataset(
     return describe(folder)
 
 
-def describe(folder: Path) -> dict[str, Any]:
-    """Counts of what a data set's folder holds."""
+def describe(folder: Path) -> dict[str, int]:
+    """The counts that `make_dataset` returns, of what a data set's folder holds."""
     recipe = read_recipe(folder)
     shards = sorted(folder.glob("shard-*.npz"))
     maps = queries = 0
@@ -121,12 +131,12 @@ def describe(folder: Path) -> dict[str, Any]:
 def read_recipe(folder: Path) -> Recipe:
     """The recipe in a data set's folder; DataSetError if there is none."""
     try:
-        stored = json.loads((folder / "dataset.json").read_text())
-        if stored.pop("format") != FORMAT:
+        stored = msgspec.json.decode((folder / RECIPE_FILE).read_bytes(), type=dict[str, object])
+        if stored.pop("format", None) != FORMAT:
             raise DataSetError(f"{folder}: wanted a data set of format {FORMAT}")
-        return Recipe(**{name: _tuples(value) for name, value in stored.items()})
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DataSetError(f"{folder}: wanted a data set's folder with dataset.json, got {error}") from error
+        return msgspec.convert(stored, Recipe)
+    except (OSError, msgspec.MsgspecError) as error:
+        raise DataSetError(f"{folder}: wanted a data set's folder with {RECIPE_FILE}, got {error}") from error
 
 
 def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None = None) -> Samples:
@@ -150,7 +160,7 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
     factor = stored // (size or stored)
     if factor * (size or stored) != stored:
         raise DataSetError(f"{folder}: wanted maps of {size} cells a side or a multiple of that, got {stored}")
-    parts: list[dict[str, NDArray[Any]]] = []
+    parts: list[Arrays] = []
     maps = 0
     for path in sorted(folder.glob("shard-*.npz")):
         if most_maps is not None and maps >= most_maps:
@@ -162,31 +172,27 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
         parts.append(part if factor == 1 else _averaged(part, factor))
     if not parts:
         raise DataSetError(f"{folder}: wanted at least one shard, got none")
-    return Samples(**{name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
+    return msgspec.convert({name: np.concatenate([p[name] for p in parts]) for name in parts[0]}, Samples)
 
 
-def _averaged(part: dict[str, NDArray[Any]], factor: int) -> dict[str, NDArray[Any]]:
+def _averaged(part: Arrays, factor: int) -> Arrays:
     """A shard's samples with maps smaller by a whole factor; the labels' blocks stay what they are."""
     count, planes, side, _ = part["planes"].shape
     small = side // factor
-    cells = part["planes"].reshape(count, planes, small, factor, small, factor)
-    ends = {name: (part[name] + np.float32(0.5)) / factor - np.float32(0.5) for name in ("start", "goal")}
-    return part | ends | {"planes": np.rint(cells.mean(axis=(3, 5), dtype=np.float32)).astype(np.uint8)}
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+    cells = part["planes"].astype(np.float32).reshape(count, planes, small, factor, small, factor)
+    half = np.float32(0.5)
+    ends = {name: (part[name].astype(np.float32) + half) / factor - half for name in ("start", "goal")}
+    return {**part, **ends, "planes": np.rint(cells.mean(axis=(3, 5))).astype(np.uint8)}
 
 
 def _claim(recipe: Recipe, folder: Path) -> None:
     """Write the recipe into the folder, or check that the one there is the same."""
-    path = folder / "dataset.json"
-    text = json.dumps({"format": FORMAT, **asdict(recipe)}, indent=1)
-    if path.exists():
-        if json.loads(path.read_text()) != json.loads(text):
-            raise DataSetError(f"{folder}: holds a data set made by another recipe; give another folder")
-    else:
-        write_whole(path, text.encode())
+    path = folder / RECIPE_FILE
+    if not path.exists():
+        stored = {"format": FORMAT, **msgspec.structs.asdict(recipe)}
+        write_whole(path, msgspec.json.format(msgspec.json.encode(stored), indent=1))
+    elif read_recipe(folder) != recipe:
+        raise DataSetError(f"{folder}: holds a data set made by another recipe; give another folder")
 
 
 def _shard_path(folder: Path, index: int) -> Path:

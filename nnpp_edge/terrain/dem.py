@@ -157,7 +157,7 @@ def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
     Parameters
     ----------
     path : Path or str
-        Replaced in one step: whoever looks sees the old file or the whole new one.
+        Replaced in one step: a reader finds the old file or the whole new one.
     array : (H, W) numbers or bools
         As many cells as `dem.elevation`.
     dem : Dem

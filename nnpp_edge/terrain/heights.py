@@ -1,7 +1,6 @@
 """What every reader of an elevation map shares: which part is read, and its heights in metres."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +14,7 @@ Reading = tuple[npt.NDArray[np.float32], tuple[float, float] | None, Georeferenc
 """What a reader returns: (H, W) heights in metres, a cell's (size, width) in metres and the map's place, if known."""
 
 
-def metres(values: npt.NDArray[Any], scale: float, offset: float) -> npt.NDArray[np.float32]:
+def metres(values: npt.NDArray[np.generic], scale: float, offset: float) -> npt.NDArray[np.float32]:
     """A fresh float32 array of scale * values + offset, worked out in float64."""
     with np.errstate(over="ignore", invalid="ignore"):
         if scale == 1.0 and offset == 0.0:
@@ -33,7 +32,7 @@ def checked_window(path: Path, shape: tuple[int, ...], window: Window | None) ->
     return row0, col0, rows, cols
 
 
-def check_grid(path: Path, array: npt.NDArray[Any]) -> None:
+def check_grid(path: Path, array: npt.NDArray[np.generic]) -> None:
     """TerrainError for what is not a 2-D array of at least one real number."""
     if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "iuf":
         raise TerrainError(f"{path}: wanted an (H, W) array of heights, got {array.shape} {array.dtype}")

@@ -1,11 +1,13 @@
 """Labels by our own exact search: the optimal path, and how far from optimal each part of the map is."""
 
 import math
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -15,7 +17,23 @@ from nnpp_edge.runtime.search.workspace import Workspace
 EXCESS_STEP = 0.001
 """The excess is kept in steps of 0.1 %; level 255 stands for 25.5 % and more, and for out of reach."""
 
-Query = tuple[tuple[int, int], tuple[int, int]]
+Endpoints = tuple[Cell, Cell]
+"""Start and goal."""
+Query = Endpoints  # its name in modules that are not renamed yet
+
+
+@dataclass(frozen=True)
+class Label:
+    """What the exact search says of one query: its optimal path, and how much worse each block's best path is."""
+
+    start: Cell
+    goal: Cell
+    optimum: float
+    """Cost of the optimal path."""
+    path: NDArray[np.int32]
+    """(N, 2) the optimal path."""
+    excess: NDArray[np.uint8]
+    """(blocks, blocks) of the best path through any cell of a block over the optimum, in steps of `EXCESS_STEP`."""
 
 
 def random_points(rng: np.random.Generator, cost: NDArray[np.float32], count: int) -> NDArray[np.int32]:
@@ -28,19 +46,19 @@ def random_points(rng: np.random.Generator, cost: NDArray[np.float32], count: in
 
 def random_query(
     rng: np.random.Generator, cost: NDArray[np.float32], least_distance: float, tries: int = 100
-) -> Query | None:
+) -> Endpoints | None:
     """A passable start and goal at least `least_distance` cells apart; None if none was found."""
     for _ in range(tries):
         points = random_points(rng, cost, 2)
         if len(points) == 2 and math.dist(points[0], points[1]) >= least_distance:
-            return (int(points[0][0]), int(points[0][1])), (int(points[1][0]), int(points[1][1]))
+            return _cell(points[0]), _cell(points[1])
     return None
 
 
 def label_queries(
     cost: NDArray[np.float32], points: NDArray[np.int32], least_distance: float, blocks: int, omega: float
-) -> list[tuple[Query, float, NDArray[np.int32], NDArray[np.uint8]]]:
-    """Every pair of points that is far enough apart and connected, with its labels.
+) -> list[Label]:
+    """The labels of every pair of points that is far enough apart and connected.
 
     Parameters
     ----------
@@ -54,20 +72,15 @@ def label_queries(
         The excess is given for blocks × blocks blocks of the map.
     omega : float
         Weight of the traversability cost per grey level.
-
-    Returns
-    -------
-    list of (query, optimal cost, path (N, 2) int32, excess (blocks, blocks) uint8)
-        The excess of a block is that of the best path through any of its cells, relative to the optimum,
-        from the forward and the backward cost field.
     """
     grid = Grid.of(cost, StepModel.of("paper", omega))
     workspace = Workspace(len(grid.weights))
-    fields = [cost_field(grid, (int(r), int(c)), workspace) for r, c in points]
+    cells = [_cell(point) for point in points]
+    fields = [cost_field(grid, cell, workspace) for cell in cells]
     side = cost.shape[0] // blocks
     out = []
     for a, b in combinations(range(len(points)), 2):
-        start, goal = (int(points[a][0]), int(points[a][1])), (int(points[b][0]), int(points[b][1]))
+        start, goal = cells[a], cells[b]
         optimum = float(fields[a][goal])
         if math.dist(start, goal) < least_distance or not math.isfinite(optimum):
             continue
@@ -75,5 +88,9 @@ def label_queries(
         assert found.status is Status.OK
         through = (fields[a] + fields[b]).reshape(blocks, side, blocks, side).min(axis=(1, 3))
         excess = np.minimum((through / optimum - 1.0) / EXCESS_STEP, 255.0)
-        out.append(((start, goal), optimum, found.path, np.maximum(np.rint(excess), 0.0).astype(np.uint8)))
+        out.append(Label(start, goal, optimum, found.path, np.maximum(np.rint(excess), 0.0).astype(np.uint8)))
     return out
+
+
+def _cell(point: NDArray[np.int32]) -> Cell:
+    return int(point[0]), int(point[1])

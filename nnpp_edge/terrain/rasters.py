@@ -7,7 +7,8 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,10 @@ import numpy.typing as npt
 from nnpp_edge.runtime.errors import MissingExtraError, TerrainError
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.heights import Reading, Window, checked_window, metres
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+    from rasterio.io import DatasetReader
 
 _METRES_PER_UNIT = dict.fromkeys(("ft", "foot", "feet"), 0.3048)
 _METRES_PER_UNIT |= dict.fromkeys(("us survey foot", "us_survey_foot", "us-ft", "ftus"), 1200 / 3937)
@@ -55,7 +60,7 @@ def read_raster(path: Path, vertical_scale: float | None, window: Window | None)
         return elevation, _cell_on_ground(path, dataset.crs, georeference, (rows, cols)), georeference
 
 
-def geotiff_bytes(name: str, values: npt.NDArray[Any], place: Georeference | None) -> bytes:
+def geotiff_bytes(name: str, values: npt.NDArray[np.generic], place: Georeference | None) -> bytes:
     """A float32 GeoTIFF of `values` (H, W), made in memory: GDAL may meet a full disk in silence, Python does not.
 
     Raises MissingExtraError, with the file's `name`, where rasterio is not installed.
@@ -67,10 +72,12 @@ def geotiff_bytes(name: str, values: npt.NDArray[Any], place: Georeference | Non
     with _quiet(rasterio), rasterio.MemoryFile() as memory:
         with memory.open(**kind, **shape, **where) as dataset:
             dataset.write(values.astype(np.float32), 1)
-        return memory.read()
+        return bytes(memory.read())
 
 
-def _cell_on_ground(path: Path, crs: Any, place: Georeference, shape: tuple[int, int]) -> tuple[float, float]:
+def _cell_on_ground(
+    path: Path, crs: "CRS | None", place: Georeference, shape: tuple[int, int]
+) -> tuple[float, float]:
     """A cell's (size, width) in metres: the lengths of a step along a column and along a row."""
     a, b, _, d, e, _ = place.transform
     if not (math.isfinite(a * e - b * d) and a * e != b * d):
@@ -88,13 +95,13 @@ def _cell_on_ground(path: Path, crs: Any, place: Georeference, shape: tuple[int,
     return math.hypot(x_unit * b, y_unit * e), math.hypot(x_unit * a, y_unit * d)
 
 
-def _metres_per_unit(dataset: Any) -> float:
+def _metres_per_unit(dataset: "DatasetReader") -> float:
     """Metres in the unit of height that the band names; GDAL passes over the one in a PDS3 label."""
     name = dataset.units[0] or _pds_label(dataset)[0].get("UNIT", "")
     return _METRES_PER_UNIT.get(str(name).lower(), 1.0)
 
 
-def _check_whole(path: Path, dataset: Any) -> None:
+def _check_whole(path: Path, dataset: "DatasetReader") -> None:
     """Refuse a file cut short where GDAL would fill in zeros and say nothing: ASCII grids, PDS3 images."""
     cells = dataset.width * dataset.height
     if dataset.driver == "AAIGrid":
@@ -108,7 +115,7 @@ def _check_whole(path: Path, dataset: Any) -> None:
             raise TerrainError(f"{path}: wanted {wanted} bytes of heights, got {got} with the label")
 
 
-def _pds_label(dataset: Any) -> tuple[dict[str, Any], bool]:
+def _pds_label(dataset: "DatasetReader") -> tuple[dict[str, object], bool]:
     """The image object of a PDS3 label, empty for other files, and whether the image is compressed."""
     tags = dataset.tags(ns="json:PDS")
     label = json.loads(":".join(*tags.items())) if tags else {}  # rasterio cuts the JSON at its first colon
@@ -122,18 +129,19 @@ def _openable(path: Path) -> Path:
     return next((label for end in endings if (label := path.with_suffix(end)).is_file()), path)
 
 
-def _rasterio(purpose: str) -> Any:
+def _rasterio(purpose: str) -> ModuleType:
     """The rasterio module, or the error that says how to get it."""
     try:
         import rasterio
         import rasterio.io
     except ImportError as error:
         raise MissingExtraError(f"{purpose} needs rasterio: pip install 'nnpp-edge[geo]'") from error
-    return rasterio
+    module: ModuleType = rasterio
+    return module
 
 
 @contextmanager
-def _quiet(rasterio: Any) -> Iterator[None]:
+def _quiet(rasterio: ModuleType) -> Iterator[None]:
     """Keep GDAL from talking: its errors become exceptions, its warnings nothing."""
     with warnings.catch_warnings(), rasterio.Env():
         warnings.simplefilter("ignore")

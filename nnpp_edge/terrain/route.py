@@ -4,7 +4,6 @@ import io
 import json
 import re
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +65,7 @@ class Route:
             out.write(f"{row},{col},{x!r},{y!r},{elevation:.7g},{cost:.6g},{distance:.10g}\n")
         return out.getvalue().encode()
 
-    def geojson(self, properties: dict[str, Any]) -> bytes:
+    def geojson(self, properties: dict[str, object]) -> bytes:
         """A feature with the path as a line: a point where it is one cell, no geometry where there is none.
 
         Coordinates are `places`, although RFC 7946 knows longitude and latitude on the Earth only: paths on
@@ -74,7 +73,7 @@ class Route:
         with an EPSG number is named the way of GeoJSON 2008 too, which GDAL and QGIS read.
         """
         places = self.places.tolist()
-        geometry: dict[str, Any] | None = None
+        geometry: dict[str, object] | None = None
         if places:
             one = len(places) == 1
             geometry = {"type": "Point" if one else "LineString", "coordinates": places[0] if one else places}

@@ -3,10 +3,10 @@
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,9 +20,11 @@ from nnpp_edge.terrain.labels import label_queries, random_points
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import workload
 
+WORKLOADS = (("soft", 0.45), ("limit25", 0.05), ("limit20", 0.2), ("limit15", 0.2), ("limit12", 0.1))
+T = TypeVar("T")
 
-@dataclass(frozen=True)
-class Recipe:
+
+class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All that decides what a data set holds. The same recipe makes the same shards on any machine."""
 
     terrain: tuple[str, ...]
@@ -41,10 +43,8 @@ class Recipe:
     """Share of maps with rectangles of cost 1."""
     margin_share: float = 0.15
     """Share of maps of which part is left outside, as maps that are not square are seen."""
-    workloads: tuple[tuple[str, float], ...] = (
-        ("soft", 0.45), ("limit25", 0.05), ("limit20", 0.2), ("limit15", 0.2), ("limit12", 0.1),
-    )  # fmt: skip
-    """Name and share."""
+    workloads: tuple[tuple[str, float], ...] = WORKLOADS
+    """Name and share of each."""
     cell_sizes_m: tuple[float, ...] = (20.0, 10.0, 5.0, 2.0, 1.0)
     """The terrain is taken as self-similar and rescaled to one of these."""
     poolings: tuple[tuple[int, float], ...] = ((1, 0.6), (2, 0.32), (4, 0.08))
@@ -68,37 +68,37 @@ def shard_content(recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
     """The file of shard number `index` (.npz), which recipe, terrain and number alone determine."""
     maps = min(recipe.maps_per_shard, recipe.maps - index * recipe.maps_per_shard)
     content = io.BytesIO()
-    np.savez(content, **make_shard(recipe, tiles, np.random.default_rng([recipe.seed, index]), maps))
+    arrays = make_shard(recipe, tiles, np.random.default_rng([recipe.seed, index]), maps)
+    np.savez(content, **arrays)  # type: ignore[arg-type]  # numpy's stub takes `allow_pickle` for one of them
     return content.getvalue()
 
 
-def make_shard(recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, maps: int) -> dict[str, Any]:
+def make_shard(
+    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, maps: int
+) -> dict[str, NDArray[np.generic]]:
     """The arrays of one shard: those of `Samples`, and for each map its workload and its pooling."""
-    planes: list[Any] = []
+    planes: list[NDArray[np.uint8]] = []
     names, poolings = [], []
     index, start, goal, excess, on_path = [], [], [], [], []
     while len(planes) < maps:
-        name = str(_pick(rng, recipe.workloads))
-        pooling = int(_pick(rng, recipe.poolings))
+        name = _pick(rng, recipe.workloads)
+        pooling = _pick(rng, recipe.poolings)
         cost = _random_cost(recipe, tiles, rng, name, recipe.size * pooling)
         points = random_points(rng, cost, recipe.points_per_map)
         least = recipe.least_distance * cost.shape[0]
         labelled = label_queries(cost, points, least, recipe.blocks, recipe.omega)
         if not labelled:
             continue
-        grid = Grid.of(cost, StepModel.of("paper", recipe.omega))
-        seen = np.empty((2, recipe.size, recipe.size), np.float32)
         frame = Frame(cost.shape[0], cost.shape[1], recipe.size)
-        map_planes(grid.weights, grid.stride, frame, *grid.as_traversability(), seen)
-        for (a, b), _, path, block_excess in labelled:
+        for label in labelled:
             crossed = np.zeros((recipe.blocks, recipe.blocks), bool)
-            crossed[tuple((path * recipe.blocks // cost.shape[0]).T)] = True
+            crossed[tuple((label.path * recipe.blocks // cost.shape[0]).T)] = True
             index.append(len(planes))
-            start.append(frame.place(a))
-            goal.append(frame.place(b))
-            excess.append(block_excess)
+            start.append(frame.place(label.start))
+            goal.append(frame.place(label.goal))
+            excess.append(label.excess)
             on_path.append(np.packbits(crossed, axis=-1))
-        planes.append(np.rint(seen * 255.0).astype(np.uint8))
+        planes.append(_seen_by_network(cost, frame, recipe.omega))
         names.append(name)
         poolings.append(pooling)
     return {
@@ -113,7 +113,16 @@ def make_shard(recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, m
     }
 
 
-def _pick(rng: np.random.Generator, shares: Sequence[tuple[Any, float]]) -> Any:
+def _seen_by_network(cost: NDArray[np.float32], frame: Frame, omega: float) -> NDArray[np.uint8]:
+    """The map's two planes (2, S, S), in 255ths."""
+    grid = Grid.of(cost, StepModel.of("paper", omega))
+    planes = np.empty((2, frame.size, frame.size), np.float32)
+    map_planes(grid.weights, grid.stride, frame, *grid.as_traversability(), planes)
+    return np.asarray(np.rint(planes * 255.0), np.uint8)
+
+
+def _pick(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:
+    """One of the values, each as often as its share says."""
     weights = np.array([share for _, share in shares])
     return shares[rng.choice(len(shares), p=weights / weights.sum())][0]
 
@@ -153,5 +162,5 @@ def _random_crop(
     factor = int(rng.choice(fits))
     row, col = (int(rng.integers(0, n - side * factor + 1)) for n in dem.elevation.shape)
     crop = dem.elevation[row : row + side * factor, col : col + side * factor]
-    crop = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
-    return crop * np.float32(cell_size_m / (dem.cell_size_m * factor))
+    averaged: NDArray[np.float32] = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
+    return averaged * np.float32(cell_size_m / (dem.cell_size_m * factor))

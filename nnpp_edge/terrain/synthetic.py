@@ -49,4 +49,4 @@ def synthetic_terrain(rng: np.random.Generator, size: int, cell_size_m: float) -
 def _scaled(heights: NDArray[np.floating], cell_size_m: float, median_slope_deg: float) -> NDArray[np.float32]:
     gy, gx = np.gradient(heights, cell_size_m)
     median = np.median(np.hypot(gy, gx))
-    return (heights * (np.tan(np.radians(median_slope_deg)) / max(median, 1e-12))).astype(np.float32)
+    return np.asarray(heights * (np.tan(np.radians(median_slope_deg)) / max(median, 1e-12)), np.float32)

@@ -6,7 +6,6 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import Traversability
 
 SOFT = "soft"
-STANDARD = (SOFT, "limit20", "limit15")
 
 
 def workload(name: str, base: Traversability | None = None) -> Traversability:

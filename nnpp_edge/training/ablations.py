@@ -3,28 +3,33 @@
 ``python -m nnpp_edge.training.ablations data/train --validation data/val -o runs/ablations --steps 1000``
 
 All see the same queries in the same order for the same number of steps, and are judged by searches in their
-regions (`Validator`). A short training tells which choice is learned sooner, not where each would end.
+regions (`Validator`). A short training shows which choice is learned sooner, not where each would end.
 """
 
 import dataclasses
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
+import msgspec
 import torch
 
-from nnpp_edge.cli import options
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.model.registry import PRESETS, Spec
 from nnpp_edge.progress import bar, render_table
 from nnpp_edge.terrain.dataset import read_recipe, read_samples
+from nnpp_edge.training.checkpoint import HISTORY
 from nnpp_edge.training.train import Progress, TrainSettings, train
 
-BASE = "edge-joint"
+BASE = "edge"
+FACTORS = ("1", "0.5", "0.25")
+"""Factors on the adaptive threshold that are compared."""
+_FOLDER = click.Path(path_type=Path, file_okay=False)
+_PARTS = 1000
+"""Of a variant's training, for the progress bar."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +45,17 @@ def variants(steps: int) -> Iterator[Variant]:
     """The base first, then each choice by itself."""
     spec = PRESETS[BASE]
     settings = TrainSettings(
-        batch=128, learning_rate=2e-3, steps=steps, warmup_steps=max(1, min(100, steps // 10)),
-        validate_every_s=math.inf, average_decay=0.99,
-    )  # fmt: skip
+        batch=128,
+        learning_rate=2e-3,
+        steps=steps,
+        warmup_steps=max(1, min(100, steps // 10)),
+        validate_every_s=math.inf,
+        average_decay=0.99,
+    )
     yield Variant("base", spec, settings)
     widths = {"half": (16, 32, 32, 32), "double": (64, 128, 128, 128)}
     for name, of_stages in widths.items():
-        changed = spec.options | {"widths": list(of_stages), "stem": of_stages[0]}
+        changed = {**spec.options, "widths": of_stages, "stem": of_stages[0]}
         yield Variant(f"width: {name}", dataclasses.replace(spec, options=changed), settings)
     for size in (128, 256):
         yield Variant(f"input: {size}", dataclasses.replace(spec, input_size=size), settings)
@@ -59,31 +68,57 @@ def variants(steps: int) -> Iterator[Variant]:
         yield Variant(f"loss: {loss}", spec, dataclasses.replace(settings, loss=loss))
 
 
-def table(found: Sequence[tuple[str, dict[str, Any]]]) -> str:
-    """Success and mean gap, and the region's share of the map, at three factors on td."""
-    factors = ("1", "0.5", "0.25")
-    head = ["variant", "loss", *(f"td × {f}\n{what}" for f in factors for what in ("success", "gap", "region"))]
+def table(found: dict[str, dict[str, float]]) -> str:
+    """Success and mean gap, and the region's share of the map, at the factors on td."""
+    head = ["variant", "loss", *(f"td × {f}\n{what}" for f in FACTORS for what in ("success", "gap", "region"))]
+    digits = {"success": 1, "gap": 2, "region_share": 1}
     body = [
         [name, f"{row['loss']:.4f}"]
-        + [f"{100 * row[f'{key}@{f}']:.{2 if key == 'gap' else 1}f} %" for f in factors
-           for key in ("success", "gap", "region_share")]
-        for name, row in found
-    ]  # fmt: skip
+        + [f"{100 * row[f'{key}@{f}']:.{digits[key]}f} %" for f in FACTORS for key in digits]
+        for name, row in found.items()
+    ]
     return render_table(head, body)
 
 
+def train_variant(
+    variant: Variant, dataset: Path, validation: Path, output: Path, report: Callable[[float], None]
+) -> dict[str, float]:
+    """Train one, going on from what its folder holds; the last row of its history.
+
+    `report` is called with the share of the training that is done.
+    """
+    folder = output / variant.name.replace(": ", "-").replace(" ", "-").replace("/", "-")
+    samples, held_out = (read_samples(of, size=variant.spec.input_size) for of in (dataset, validation))
+
+    def report_share(progress: Progress, loss: float, share: float) -> None:
+        report(share)
+
+    omega = read_recipe(dataset).omega
+    train(variant.spec, variant.settings, samples, held_out, folder, omega=omega, report=report_share)
+    return msgspec.json.decode((folder / HISTORY).read_bytes(), type=list[dict[str, float]])[-1]
+
+
+def _names(_: click.Context, __: click.Parameter, value: str | None) -> list[str] | None:
+    return None if value is None else [part.strip() for part in value.split(",")]
+
+
 @click.command()
-@click.argument("dataset", type=options.FOLDER)
-@click.option("--validation", type=options.FOLDER, required=True, help="Data set of other terrain.")
-@click.option("-o", "--output", type=options.FOLDER, required=True, help="What is done there is not done again.")
+@click.argument("dataset", type=_FOLDER)
+@click.option("--validation", type=_FOLDER, required=True, help="Data set of other terrain.")
+@click.option("-o", "--output", type=_FOLDER, required=True, help="Trainings that are done there are not repeated.")
 @click.option("--steps", type=click.IntRange(1), default=1000, show_default=True)
-@click.option("--only", type=options.Names(), help="Names of variants.")
+@click.option("--only", metavar="NAME,…", callback=_names, help="Names of variants.")
 @click.option("--threads", type=click.IntRange(1), help="Of torch on the CPU.")
-@options.as_json
+@click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 def main(
-    dataset: Path, validation: Path, output: Path, steps: int, only: tuple[str, ...] | None, threads: int | None,
+    dataset: Path,
+    validation: Path,
+    output: Path,
+    steps: int,
+    only: list[str] | None,
+    threads: int | None,
     as_json: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Train every variant for so many steps, and compare."""
     if threads:
         torch.set_num_threads(threads)
@@ -91,22 +126,16 @@ def main(
     if not chosen:
         raise click.UsageError(f"--only must be of: {', '.join(v.name for v in variants(steps))}")
     make_folder(output)
-    found: list[tuple[str, dict[str, Any]]] = []
-    with bar("ablations", 1000 * len(chosen)) as advance:
+    found: dict[str, dict[str, float]] = {}
+    with bar("ablations", _PARTS * len(chosen)) as advance:
         for at, variant in enumerate(chosen):
 
-            def told(progress: Progress, loss: float, share: float, at: int = at) -> None:
-                advance(1000 * at + int(1000 * share))
+            def report(share: float, at: int = at) -> None:
+                advance(int(_PARTS * (at + share)))
 
-            folder = output / variant.name.replace(": ", "-").replace(" ", "-").replace("/", "-")
-            samples, held_out = (read_samples(of, size=variant.spec.input_size) for of in (dataset, validation))
-            train(
-                variant.spec, variant.settings, samples, held_out, folder, omega=read_recipe(dataset).omega,
-                report=told,
-            )  # fmt: skip
-            found.append((variant.name, json.loads((folder / "history.json").read_text())[-1]))
-            write_whole(output / "ablations.json", json.dumps(dict(found), indent=1).encode())
-    click.echo(json.dumps(dict(found), indent=1) if as_json else table(found))
+            found[variant.name] = train_variant(variant, dataset, validation, output, report)
+            write_whole(output / "ablations.json", json.dumps(found, indent=1).encode())
+    click.echo(json.dumps(found, indent=1) if as_json else table(found))
 
 
 if __name__ == "__main__":

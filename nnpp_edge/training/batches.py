@@ -2,19 +2,23 @@
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.model.registry import Spec, encode
+from nnpp_edge.model.network import encode
+from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.labels import EXCESS_STEP
+from nnpp_edge.training.checkpoint import TrainSettings
 
 Turn = tuple[int, bool]
 """One of the square's eight symmetries: quarter turns, then mirrored or not."""
 Batch = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]
+"""Planes, encoded queries, targets."""
+A = TypeVar("A", bound=np.generic)
 
 
 class Batches:
@@ -25,48 +29,42 @@ class Batches:
     samples : Samples
         The training set.
     spec : Spec
-        What the network is fed with and on how many blocks it answers.
-    batch : int
-        Queries in a batch of this process.
-    target : str
-        ``near``: exp(-excess / softness), the nearness to the optimum of the best path through a block.
-        ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in the paper.
-    softness : float
-        Excess at which a ``near`` target has fallen to 1/e.
-    seed, rank, world : int
-        Every process draws the same order, symmetries and swaps, and takes every `world`-th query. So together
-        they see the same samples as one process would with a batch of `batch` × `world`.
+        What the network is fed with, and its number of blocks.
+    settings : TrainSettings
+        Its ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of the best path through a
+        block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in the paper.
+    rank, world : int
+        Every process draws the same order, symmetries and swaps, and takes every `world`-th query of each batch of
+        ``settings.batch``. So together they see the same samples as one process would.
     """
 
     def __init__(
-        self, samples: Samples, spec: Spec, batch: int, *, target: str = "near", softness: float = 0.02,
-        seed: int = 0, rank: int = 0, world: int = 1,
-    ) -> None:  # fmt: skip
+        self, samples: Samples, spec: Spec, settings: TrainSettings, *, rank: int = 0, world: int = 1
+    ) -> None:
         label_blocks = samples.excess.shape[-1]
         if label_blocks % spec.blocks or samples.planes.shape[-1] != spec.input_size:
             raise DataSetError(
                 f"the network wants maps of {spec.input_size} and labels of a multiple of {spec.blocks} "
                 f"blocks, got {samples.planes.shape[-1]} and {label_blocks}"
             )
-        if len(samples) < batch * world:
-            raise DataSetError(f"wanted at least {batch * world} queries for one batch, got {len(samples)}")
-        self.samples, self.spec, self.batch = samples, spec, batch
-        self.target, self.softness = target, softness
-        self.seed, self.rank, self.world = seed, rank, world
-        self.nearness = np.exp(-np.arange(256) * EXCESS_STEP / softness).astype(np.float32)
+        if len(samples) < settings.batch:
+            raise DataSetError(f"wanted at least {settings.batch} queries for one batch, got {len(samples)}")
+        self.samples, self.spec, self.settings = samples, spec, settings
+        self.rank, self.world = rank, world
+        self.nearness = np.exp(-np.arange(256) * EXCESS_STEP / settings.softness).astype(np.float32)
         self.nearness[255] = 0.0
 
     def __len__(self) -> int:
         """Batches in an epoch."""
-        return len(self.samples) // (self.batch * self.world)
+        return len(self.samples) // self.settings.batch
 
     def epoch(self, number: int, skip: int = 0) -> Iterator[Batch]:
         """The batches of an epoch from the `skip`-th on, made ahead in threads."""
-        order = np.random.default_rng([self.seed, number]).permutation(len(self.samples))
-        step = self.batch * self.world
+        order = np.random.default_rng([self.settings.seed, number]).permutation(len(self.samples))
+        step = self.settings.batch
 
         def make(at: int) -> Batch:
-            rng = np.random.default_rng([self.seed, number, at])
+            rng = np.random.default_rng([self.settings.seed, number, at])
             swapped = [rng.random() >= 0.5 for _ in range(step)]
             turns = [(int(rng.integers(4)), bool(rng.integers(2))) for _ in range(step)]
             ours = slice(self.rank, step, self.world)
@@ -96,13 +94,13 @@ class Batches:
         s, blocks = self.samples, self.spec.blocks
         side = s.excess.shape[-1] // blocks
         shape = (len(queries), blocks, side, blocks, side)
-        if self.target == "path":
+        if self.settings.target == "path":
             masks = np.unpackbits(s.on_path[queries], axis=-1)
-            return masks.reshape(shape).max(axis=(2, 4)).astype(np.float32)
-        return self.nearness[s.excess[queries].reshape(shape).min(axis=(2, 4))]
+            return np.asarray(masks.reshape(shape).max(axis=(2, 4)), np.float32)
+        return np.asarray(self.nearness[s.excess[queries].reshape(shape).min(axis=(2, 4))])
 
 
-def _turned(array: NDArray[Any], turn: Turn) -> NDArray[Any]:
+def _turned(array: NDArray[A], turn: Turn) -> NDArray[A]:
     """(…, S, S) after so many quarter turns, then mirrored or not."""
     quarters, mirrored = turn
     one = np.rot90(array, quarters, axes=(-2, -1))

@@ -7,7 +7,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from nnpp_edge.model.registry import Network, Spec, encode
+from nnpp_edge.model.network import Network, encode
+from nnpp_edge.model.registry import Spec
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
@@ -17,6 +19,7 @@ from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.dataset import Samples
+from nnpp_edge.terrain.labels import Endpoints
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,7 @@ class Validator:
     """
 
     def __init__(self, samples: Samples, spec: Spec, omega: float, most: int = 256) -> None:
-        full = self._sharp_maps(samples)
-        index = np.flatnonzero(full[samples.map_index])
+        index = np.flatnonzero(samples.not_averaged[samples.map_index])
         self.index = index[np.linspace(0, len(index) - 1, min(most, len(index))).astype(int)]
         self.samples, self.spec = samples, spec
         self.queries = np.stack([encode(spec, samples.start[q], samples.goal[q]) for q in self.index])
@@ -53,26 +55,20 @@ class Validator:
         self.lookup = Frame(size, size, size).lookup(spec.blocks)
         self.optima = [self._search(q, None) for q in self.index]
 
-    @staticmethod
-    def _sharp_maps(samples: Samples) -> NDArray[np.bool_]:
-        """Maps whose cells are impassable wholly or not at all, that is, which were not averaged."""
-        blocked = samples.planes[:, 1]
-        return ((blocked == 0) | (blocked == 255)).all(axis=(1, 2))
-
     def _grid(self, query: int) -> Grid:
         planes = self.samples.planes[self.samples.map_index[query]]
         cost = np.minimum(planes[0].astype(np.float32), 254.0) / 255.0
         cost[planes[1] == 255] = np.inf
         return Grid.of(cost, self.model)
 
-    def _ends(self, query: int) -> tuple[tuple[int, int], tuple[int, int]]:
-        a, b = np.rint(self.samples.start[query]).astype(int), np.rint(self.samples.goal[query]).astype(int)
-        return (int(a[0]), int(a[1])), (int(b[0]), int(b[1]))
+    def _endpoints(self, query: int) -> Endpoints:
+        """Start and goal, as cells of the network's map."""
+        return _cell(self.samples.start[query]), _cell(self.samples.goal[query])
 
     def _search(self, query: int, region: Region | None) -> tuple[float, int]:
         """Cost and number of cells of the cheapest path; inf if there is none."""
         grid = self._grid(query)
-        found = astar(grid, *self._ends(query), self.workspace, region=region)
+        found = astar(grid, *self._endpoints(query), self.workspace, region=region)
         if found.status is not Status.OK:
             return float("inf"), 0
         weights = grid.weights[(found.path[:, 0] + 1) * grid.stride + found.path[:, 1] + 1].astype(np.float64)
@@ -83,7 +79,7 @@ class Validator:
 
     @torch.no_grad()
     def probabilities(self, network: Network, batch: int = 32) -> NDArray[np.float32]:
-        """(Q, B, B) what the network says of the validation queries."""
+        """(Q, B, B) the probabilities that the network gives for the validation queries."""
         network.eval()
         device = next(network.parameters()).device
         parts = []
@@ -101,12 +97,12 @@ class Validator:
     def judge_probabilities(
         self, probabilities: NDArray[np.float32], factors: Sequence[float] = (1.0, 0.5, 0.25)
     ) -> list[Judgement]:
-        """The same for answers that are there: (Q, B, B), in the order of `index`."""
+        """The same for probabilities (Q, B, B) that were computed elsewhere, in the order of `index`."""
         out = []
         for factor in factors:
             gaps, shares, mms, found = [], [], [], 0
             for at, query in enumerate(self.index):
-                start, goal = self._ends(query)
+                start, goal = self._endpoints(query)
                 a, b = ((int(self.lookup[0][r]), int(self.lookup[1][c])) for r, c in (start, goal))
                 self.finder.read(probabilities[at])
                 threshold = lowered(self.finder.threshold(a, b), factor)
@@ -120,8 +116,12 @@ class Validator:
                 area = region.area()
                 shares.append(area / self.samples.planes.shape[-1] ** 2)
                 mms.append(cells / area)
-            out.append(
-                Judgement(factor, found / len(self.index), float(np.mean(gaps or [float("inf")])),
-                          float(np.mean(shares)), float(np.mean(mms)))
-            )  # fmt: skip
+            gap = float(np.mean(gaps or [float("inf")]))
+            success = found / len(self.index)
+            out.append(Judgement(factor, success, gap, float(np.mean(shares)), float(np.mean(mms))))
         return out
+
+
+def _cell(place: NDArray[np.float32]) -> Cell:
+    """The cell nearest to a place, (row, col)."""
+    return round(float(place[0])), round(float(place[1]))

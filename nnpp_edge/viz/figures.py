@@ -4,13 +4,17 @@ import io
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nnpp_edge.files import write_whole
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.labels import EXCESS_STEP
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _CYAN = np.array([0.0, 0.9, 1.0])
 
@@ -35,7 +39,7 @@ def sample_sheet(samples: Samples, path: Path, *, seed: int = 1, columns: int = 
     _save(figure, path)
 
 
-def _tinted(samples: Samples, query: int) -> Any:
+def _tinted(samples: Samples, query: int) -> NDArray[np.float64]:
     mean, blocked = samples.planes[samples.map_index[query]].astype(np.float64) / 255.0
     picture = np.repeat(mean[..., None], 3, axis=2)
     picture = np.where(blocked[..., None] > 0.5, [0.35, 0.16, 0.12], picture)
@@ -55,15 +59,17 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
     steps = [row["step"] for row in history]
     factors = sorted({key.partition("@")[2] for key in history[0] if "@" in key}, key=float, reverse=True)
     panels = (
-        ("loss", "training loss", 1.0), ("gap", "mean cost gap, %", 100.0),
-        ("success", "path inside the region, %", 100.0), ("region_share", "region, % of the map", 100.0),
-    )  # fmt: skip
+        ("loss", "training loss", 1.0),
+        ("gap", "mean cost gap, %", 100.0),
+        ("success", "path inside the region, %", 100.0),
+        ("region_share", "region, % of the map", 100.0),
+    )
     for at, (name, title, scale) in enumerate(panels):
         axes = figure.add_subplot(2, 2, at + 1)
         for key in [name] if name in history[0] else [f"{name}@{factor}" for factor in factors]:
             label = f"td × {key.partition('@')[2]}" if "@" in key else None
             axes.plot(steps, [scale * row[key] for row in history], marker="o", markersize=3, label=label)
-        if name != "loss":
+        if axes.get_legend_handles_labels()[1]:
             axes.legend(fontsize="small")
         if name in ("loss", "gap"):
             axes.set_yscale("log")
@@ -93,11 +99,8 @@ def pareto(rows: Sequence[dict[str, Any]], path: Path) -> None:
             gap, high = 100.0 * row["gap_mean"], 100.0 * row["gap_p95"]
             axes.plot(row["time_ms_median"], gap, "o", color=color, label=row["method"], markersize=8)
             axes.vlines(row["time_ms_median"], gap, max(high, gap), color=color, alpha=0.5)
-        chosen.sort(key=lambda row: row["time_ms_median"])
-        front = [
-            (a["time_ms_median"], 100.0 * a["gap_mean"]) for a in chosen
-            if not any(b["time_ms_median"] < a["time_ms_median"] and b["gap_mean"] <= a["gap_mean"] for b in chosen)
-        ]  # fmt: skip
+        points = sorted((row["time_ms_median"], 100.0 * row["gap_mean"]) for row in chosen)
+        front = [(ms, gap) for ms, gap in points if not any(t < ms and g <= gap for t, g in points)]
         axes.plot(*zip(*front, strict=True), color="grey", linewidth=1, zorder=0)
         axes.set(xscale="log", title=f"{name}, {size}", xlabel="ms, median", ylabel="cost gap, %: mean, to p95")
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -109,7 +112,7 @@ def pareto(rows: Sequence[dict[str, Any]], path: Path) -> None:
     _save(figure, path)
 
 
-def _save(figure: Any, path: Path) -> None:
+def _save(figure: "Figure", path: Path) -> None:
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=110)
     write_whole(path, content.getvalue())

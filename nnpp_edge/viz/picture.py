@@ -16,7 +16,7 @@ from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.viz.sheet import INK, Cells, Colour, Picture, Sheet, metres
+from nnpp_edge.viz.sheet import INK, Cells, Colour, MapDrawing, Picture, metres
 
 Mask = NDArray[np.bool_]
 
@@ -50,7 +50,7 @@ def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None
     toward = (math.cos(azimuth) * south - math.sin(azimuth) * east) * gain
     light = (math.sin(height) + math.cos(height) * toward) / np.sqrt(1.0 + gain**2 * (south**2 + east**2))
     light = np.nan_to_num(light, nan=math.sin(height))[: elevation.shape[0], : elevation.shape[1]]
-    return (40.0 + 205.0 * np.clip(light, 0.0, 1.0)).astype(np.uint8)
+    return np.asarray(40.0 + 205.0 * np.clip(light, 0.0, 1.0)).astype(np.uint8)
 
 
 def cost_map_picture(cost: Float2D, *, cell_size_m: float | None = None, title: str = "") -> Picture:
@@ -65,12 +65,12 @@ def cost_map_picture(cost: Float2D, *, cell_size_m: float | None = None, title: 
     title : str
         ASCII.
     """
-    sheet = Sheet(cost_picture(cost))
-    items = [sheet.text_item(title)] if title else []
-    items.append(sheet.grey_bar())
+    drawing = MapDrawing(cost_picture(cost))
+    items = [drawing.text_item(title)] if title else []
+    items.append(drawing.grey_bar())
     if not (cost < 1.0).all():
-        items.append(sheet.swatch(IMPASSABLE, "impassable"))
-    return sheet.finish([items + sheet.scale(cell_size_m)])
+        items.append(drawing.swatch(IMPASSABLE, "impassable"))
+    return drawing.finish([items + drawing.scale(cell_size_m)])
 
 
 def plan_picture(
@@ -91,7 +91,7 @@ def plan_picture(
     cost : (H, W) float32
         Traversability cost.
     plan : Plan
-        Its regions are read here: call this before the planner's next query.
+        Made with its regions, if they are to be drawn.
     start, goal : (row, col)
         By default the ends of the path.
     shade : (H, W) uint8
@@ -116,7 +116,7 @@ def plan_picture(
     for region, strength, _ in regions:
         mask = region.mask() & passable
         ground[mask] = _mixed(ground[mask], strength)
-    sheet = Sheet(ground)
+    drawing = MapDrawing(ground)
     keys = []
     # the optimum lies on the path, thinner, and its rim below: both are seen where they agree
     lines = [(plan.path, PATH, 4.0, False)]
@@ -125,28 +125,28 @@ def plan_picture(
     lines = [line for line in lines if len(line[0])]
     for rim in (True, False):
         for path, colour, width, dashed in reversed(lines) if rim else lines:
-            sheet.line(path, INK if rim else colour, width + 2.0 * rim, dashed)
+            drawing.line(path, INK if rim else colour, width + 2.0 * rim, dashed)
     if len(plan.path):
-        keys.append(sheet.line_key(PATH, "path"))
+        keys.append(drawing.line_key(PATH, "path"))
         start = start or (int(plan.path[0, 0]), int(plan.path[0, 1]))
         goal = goal or (int(plan.path[-1, 0]), int(plan.path[-1, 1]))
     if reference_path is not None and len(reference_path):
-        keys.append(sheet.line_key(OPTIMUM, "exact optimum", dashed=True))
+        keys.append(drawing.line_key(OPTIMUM, "exact optimum", dashed=True))
     if goal is not None:
-        sheet.star(sheet.at(goal))
-        keys.insert(0, sheet.symbol_key(sheet.star, "goal"))
+        drawing.star(drawing.at(goal))
+        keys.insert(0, drawing.symbol_key(drawing.star, "goal"))
     if start is not None:
-        sheet.square(sheet.at(start))
-        keys.insert(0, sheet.symbol_key(sheet.square, "start"))
+        drawing.square(drawing.at(start))
+        keys.insert(0, drawing.symbol_key(drawing.square, "start"))
     middling = 190 if shade is not None else 90
     for _, strength, words in regions:
-        keys.append(sheet.swatch(tuple(_mixed(np.full(3, middling, np.uint8), strength).tolist()), words))
+        keys.append(drawing.swatch(tuple(_mixed(np.full(3, middling, np.uint8), strength).tolist()), words))
     if not passable.all():
-        keys.append(sheet.swatch(IMPASSABLE, "impassable"))
+        keys.append(drawing.swatch(IMPASSABLE, "impassable"))
     if shade is None:
-        keys.append(sheet.grey_bar())
-    facts = [sheet.text_item(text) for text in _facts(plan, length_m)]
-    return sheet.finish([keys, facts + sheet.scale(cell_size_m)])
+        keys.append(drawing.grey_bar())
+    facts = [drawing.text_item(text) for text in _facts(plan, length_m)]
+    return drawing.finish([keys, facts + drawing.scale(cell_size_m)])
 
 
 def save_picture(path: Path, picture: Picture) -> None:

@@ -1,4 +1,4 @@
-"""A map brought to a handy size, what is drawn on it, and a strip of keys below. OpenCV alone.
+"""A map brought to a handy size, what is drawn on it, and a legend below. OpenCV alone.
 
 Lengths in points: a pixel on maps of up to 1000 pixels, more on larger ones. Text is ASCII: OpenCV 4 has no
 other.
@@ -36,8 +36,8 @@ class Item:
     """Called with the left edge and the middle line."""
 
 
-class Sheet:
-    """A map at a handy size on a sheet with a margin, things drawn on it, and a strip of keys below."""
+class MapDrawing:
+    """A map at a handy size with a margin, what is drawn on it, and a legend below."""
 
     def __init__(self, ground: Picture) -> None:
         rows, cols = ground.shape[:2]
@@ -131,8 +131,8 @@ class Sheet:
         pixels = length_m / cell_size_m * self.sides[1]
 
         def draw(x: float, y: float) -> None:
-            ends = np.array([(0, -5), (0, 5), (0, 0), (pixels / self.unit, 0), (pixels / self.unit, -5),
-                             (pixels / self.unit, 5)])  # fmt: skip
+            right = pixels / self.unit
+            ends = np.array([(0, -5), (0, 5), (0, 0), (right, 0), (right, -5), (right, 5)])
             points = self._fixed(np.array([x, y]) + ends * self.unit)
             cv2.polylines(self.picture, [points], False, INK, round(1.5 * self.unit), cv2.LINE_AA, _SHIFT)
 
@@ -143,7 +143,7 @@ class Sheet:
         return Item(self._text_width(words), lambda x, y: self._text(words, x, y))
 
     def finish(self, lines: Sequence[Sequence[Item]]) -> Picture:
-        """The sheet with lines of keys below the map, broken where they are too long for it."""
+        """The picture with lines of keys below the map, broken where they are too long for it."""
         gap, height = 26 * self.unit, round(28 * self.unit)
         room = self.picture.shape[1] - 2 * self.margin
         placed: list[tuple[float, int, Item]] = []
@@ -194,7 +194,7 @@ class Sheet:
 
     @staticmethod
     def _fixed(points: NDArray[np.float64]) -> Cells:
-        return np.rint(points * 2**_SHIFT).astype(np.int32)
+        return np.asarray(np.rint(points * 2**_SHIFT), np.int32)
 
 
 def _dashes(points: NDArray[np.float64], dash: float, gap: float) -> Iterator[NDArray[np.float64]]:

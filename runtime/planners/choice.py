@@ -156,11 +156,15 @@ class MethodChooser:
 
     @functools.cached_property
     def _choice(self) -> MapChoice:
-        path = self._model.path if isinstance(self._model, NetworkModel) else self._model
-        name, saved = Path(path).stem, _saved(choice_path())
-        if saved is not None:
-            return saved.for_map(self._shape, name)
-        return SHIPPED_FOR_LARGE if max(self._shape) >= LARGE_MAP and name == _MEASURED else SHIPPED
+        return choice_for(self._shape, self._model)
+
+
+def choice_for(shape: tuple[int, int], model: str | Path | NetworkModel) -> MapChoice:
+    """What ``auto`` picks on a map of this shape with this model."""
+    saved, name = _saved(choice_path()), Path(model.path if isinstance(model, NetworkModel) else model).stem
+    if saved is not None:
+        return saved.for_map(shape, name)
+    return SHIPPED_FOR_LARGE if max(shape) >= LARGE_MAP and name == _MEASURED else SHIPPED
 
 
 @functools.lru_cache(maxsize=8)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from nnpp_edge.model.registry import architecture_name
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.model_file import FIGURE_NAMES, FIGURES_FORMAT, list_models, read_model_file
 
@@ -36,7 +37,13 @@ def test_the_list_names_every_shipped_model(nnpp_edge):
     rows = {line.split()[0]: line for line in ended.out.splitlines() if line.strip()}
     for found in list_models():
         m = found.metadata
-        for word in (m.precision, m.architecture, f"{found.size_bytes / 1e6:.2f}", m.encoding, found.sha256[:8]):
+        for word in (
+            m.precision,
+            architecture_name(m.architecture),
+            f"{found.size_bytes / 1e6:.2f}",
+            m.encoding,
+            found.sha256[:8],
+        ):
             assert word in rows[found.name]
         assert "–" in rows[found.name] or found.figures is not None
 
@@ -69,6 +76,11 @@ def test_what_lies_beside_a_model_is_shipped():
     for path in MODELS.iterdir():
         if path.suffix != ".py" and path.is_file() and not path.name.startswith("."):
             assert any(fnmatch.fnmatch(path.name, pattern) for pattern in patterns), path
+
+
+def test_an_architectures_former_name_is_shown_as_todays(nnpp_edge, make_tiny_model):
+    path = make_tiny_model(architecture="split")
+    assert ["architecture", "edge"] in [line.split() for line in nnpp_edge("models", path).out.splitlines()]
 
 
 def test_a_shipped_model_is_shown_with_its_metadata_figures_and_card(nnpp_edge):
@@ -128,6 +140,7 @@ def test_the_list_sums_up_the_models_own_rows(model):
     assert "90.00 %" not in shown and "80.00 %" not in shown
 
 
+@pytest.mark.filterwarnings("always:.*another model file")
 def test_figures_of_another_file_are_left_out_with_a_warning(nnpp_edge, model):
     model.with_suffix(".json").write_text(json.dumps(figures_of(model, "nnpp", model_sha256="0" * 64)))
     ended = nnpp_edge("models", model)

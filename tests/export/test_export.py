@@ -2,8 +2,8 @@
 
 import json
 import re
-from dataclasses import asdict
 
+import msgspec
 import numpy as np
 import onnx
 import onnxruntime
@@ -13,26 +13,18 @@ from torch import nn
 
 from nnpp_edge import __version__
 from nnpp_edge.export.parity import parity
-from nnpp_edge.export.to_onnx import dataset_facts, export_network, export_onnx, fold_norms, to_onnx
-from nnpp_edge.model.registry import Network, Spec, encode
+from nnpp_edge.export.to_onnx import checkpoint_facts, dataset_facts, export_network, fold_norms, to_onnx
+from nnpp_edge.model.network import Network, encode
+from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import METADATA_KEY, NetworkModel
 from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.terrain.dataset import Recipe, Samples
+from nnpp_edge.terrain.dataset import Samples
+from nnpp_edge.terrain.shards import Recipe
+from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, load_checkpoint
 
-EDGE = Spec("edge", 64, options={"widths": [8, 8, 8, 8], "stem": 8})
-SPLIT = Spec("split", 64, options={"widths": [8, 8, 8, 8], "stem": 8, "relation": 12, "hidden": [9, 7]})
+EDGE = Spec("edge", 64, options={"widths": (8, 8, 8, 8), "stem": 8, "relation": 12, "hidden": (9, 7)})
 NNPP = Spec("nnpp", 128, options={"width": 2})
-FACTS = {"progress": {"step": 7, "epoch": 2, "spent_s": 1.5}}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    """Networks this small lose more by torch's threads than they gain."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def lived_in(spec: Spec) -> Network:
@@ -55,22 +47,20 @@ def last_layer(network: Network) -> nn.Module:
 
 
 def checkpoint(path, network):
-    settings = {"batch": 32, "learning_rate": 1e-3, "weight_decay": 1e-4, "target": "near", "softness": 0.02}
-    saved = {"spec": network.spec.as_dict(), "average": network.state_dict(), "settings": settings | {"seed": 1}}
-    torch.save(saved | FACTS, path)
+    """A checkpoint of a network that is said to have been trained for 7 steps."""
+    weights, progress = network.state_dict(), Progress(epoch=2, step=7, spent_s=1.5)
+    Checkpoint(network.spec, TrainSettings(), progress, weights, weights, {}).save(path)
     return path
 
 
-@pytest.fixture(scope="module", params=[EDGE, SPLIT, NNPP], ids=lambda spec: spec.architecture)
+@pytest.fixture(scope="module", params=[EDGE, NNPP], ids=lambda spec: spec.architecture)
 def exported(request, tmp_path_factory):
     """A network, its ONNX file, and the report of the export."""
     folder = tmp_path_factory.mktemp("export")
     network = lived_in(request.param)
-    file = folder / "model.onnx"
-    report = export_onnx(
-        checkpoint(folder / "checkpoint.pt", network), file, name="small", region_factor=0.4, training={"of": "us"}
-    )
-    return network, file, report
+    saved = load_checkpoint(checkpoint(folder / "checkpoint.pt", network))
+    file, facts = folder / "model.onnx", checkpoint_facts(saved) | {"of": "us"}
+    return network, file, export_network(saved.trained(), file, name="small", region_factor=0.4, training=facts)
 
 
 def some_samples(size):
@@ -117,16 +107,16 @@ class Counting:
 
 
 @pytest.fixture(scope="module")
-def in_two_parts(tmp_path_factory):
-    file = tmp_path_factory.mktemp("split") / "model.onnx"
-    export_network(lived_in(SPLIT), file, name="split")
+def edge_model(tmp_path_factory):
+    file = tmp_path_factory.mktemp("edge") / "model.onnx"
+    export_network(lived_in(EDGE), file, name="edge")
     return file
 
 
-def test_an_encoder_runs_once_for_each_map(in_two_parts):
-    model = NetworkModel(in_two_parts)
+def test_an_encoder_runs_once_for_each_map(edge_model):
+    model = NetworkModel(edge_model)
     model.session = counting = Counting(model.session)
-    whole = onnxruntime.InferenceSession(in_two_parts)
+    whole = onnxruntime.InferenceSession(edge_model)
     rng = np.random.default_rng(2)
     for maps in (1, 2):
         model.set_map(rng.random((2, 64, 64), np.float32))
@@ -146,8 +136,8 @@ def test_an_encoder_runs_once_for_each_map(in_two_parts):
         assert counting.runs == 2 * maps
 
 
-def test_a_head_that_is_not_its_graphs_is_refused(in_two_parts, tmp_path):
-    model = onnx.load(in_two_parts)
+def test_a_head_that_is_not_its_graphs_is_refused(edge_model, tmp_path):
+    model = onnx.load(edge_model)
     count = next(
         value.type.tensor_type.shape.dim[0].dim_value for value in model.graph.output if value.name == "head"
     )
@@ -161,8 +151,8 @@ def test_a_head_that_is_not_its_graphs_is_refused(in_two_parts, tmp_path):
         NetworkModel(tmp_path / "other.onnx")
 
 
-def test_blocks_that_do_not_fit_the_places_are_refused(in_two_parts, tmp_path):
-    model = onnx.load(in_two_parts)
+def test_blocks_that_do_not_fit_the_places_are_refused(edge_model, tmp_path):
+    model = onnx.load(edge_model)
     facts = json.loads(next(p.value for p in model.metadata_props if p.key == METADATA_KEY))
     facts |= {"blocks": 8, "output_shuffle": 1}
     onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(facts)})
@@ -175,16 +165,16 @@ def test_blocks_that_do_not_fit_the_places_are_refused(in_two_parts, tmp_path):
 def test_parity_passes_for_what_was_exported(exported, drawn):
     network, file, _ = exported
     found = parity(network, file, some_samples(network.spec.input_size) if drawn else None, n=4)
-    assert found["passed"]
-    assert found["mean_difference"] <= found["max_difference"] <= 1e-4
-    assert (found["queries"], found["inputs"]) == (4, "dataset" if drawn else "random")
+    assert found.passed
+    assert found.mean_difference <= found.max_difference <= 1e-4
+    assert (found.queries, found.inputs) == (4, "dataset" if drawn else "random")
 
 
 def test_parity_fails_for_another_network(exported):
     network, file, _ = exported
     other = lived_in(network.spec)
     nn.init.constant_(last_layer(other).bias, 0.5)
-    assert not parity(other, file, n=2)["passed"]
+    assert not parity(other, file, n=2).passed
 
 
 def test_parity_refuses_maps_of_another_size(exported):
@@ -200,7 +190,7 @@ def test_metadata_comes_back_from_the_file(exported):
     assert (m.input_size, m.blocks, m.encoding) == (spec.input_size, spec.blocks, spec.encoding)
     assert (m.sigma, m.omega, m.region_factor) == (0.25, 0.011, 0.4)
     assert (m.map_unshuffle, m.output_shuffle) == ((1, 1) if spec.architecture == "nnpp" else (4, 2))
-    assert m.head == ((12, 9, 7) if spec.architecture == "split" else ())
+    assert m.head == ((12, 9, 7) if spec.architecture == "edge" else ())
     assert Traversability(**m.cost_limits) == Traversability()
     assert m.training["steps"] == 7
     assert m.training["seconds"] == 1.5
@@ -227,8 +217,6 @@ def test_the_file_is_whole_folded_and_free_of_local_paths(exported):
     names = [node.name for node in model.graph.node]
     assert len(set(names)) == len(names)
     if network.spec.architecture == "edge":
-        assert {"stem.0/Conv", "head/Conv", "pyramid.down64.1.second.0/Conv"} <= set(names)
-    if network.spec.architecture == "split":
         assert {"encoder.stem.0/Conv", "encoder.describe/Conv", "head/If"} <= set(names)
         assert all(name.startswith(("encoder.", "head/")) for name in names)
     assert not re.search(rb"\.py\b", file.read_bytes())
@@ -250,15 +238,13 @@ def test_a_newer_opset_is_read_back():
         to_onnx(lived_in(EDGE), opset=17)
 
 
-def test_what_is_no_checkpoint_is_refused_and_nothing_is_written(tmp_path):
+def test_what_is_no_checkpoint_is_refused_and_nothing_is_written(nnpp_edge, tmp_path):
     bad = tmp_path / "checkpoint.pt"
     bad.write_bytes(b"no checkpoint")
-    with pytest.raises(ModelError, match="wanted a checkpoint"):
-        export_onnx(bad, tmp_path / "out.onnx", name="x")
+    nnpp_edge("export", bad, "-o", tmp_path / "out.onnx").refused("checkpoint.pt", "wanted a checkpoint")
     network = lived_in(EDGE)
     torch.save({"spec": network.spec.as_dict(), "average": network.state_dict()}, bad)
-    with pytest.raises(ModelError, match="got one without 'progress'"):
-        export_onnx(bad, tmp_path / "out.onnx", name="x")
+    nnpp_edge("export", bad, "-o", tmp_path / "out.onnx").refused("wanted a checkpoint", "missing required field")
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.pt"]
 
 
@@ -280,7 +266,7 @@ def test_a_failed_write_leaves_what_stood_there(tmp_path, monkeypatch):
 
 def test_a_data_set_is_told_without_its_folders():
     recipe = Recipe(("/somewhere/private/moon.tif",))
-    assert dataset_facts(recipe) == asdict(recipe) | {"terrain": ["moon.tif"]}
+    assert dataset_facts(recipe) == msgspec.structs.asdict(recipe) | {"terrain": ["moon.tif"]}
 
 
 def test_the_command_reports_and_ends_well(nnpp_edge, tmp_path):

@@ -11,6 +11,7 @@ import pytest
 import torch
 from torch import nn
 
+from nnpp_edge.export.quiet import quiet
 from nnpp_edge.model.macs import count_macs
 from nnpp_edge.model.nnpp import NNPP, PRIOR_LOGIT
 from nnpp_edge.model.sppm import SPPM
@@ -295,9 +296,10 @@ def exported(tmp_path_factory) -> tuple[NNPP, Path]:
     network = with_lived_in_statistics(NNPP(128, 8))
     nn.init.normal_(network.classifier.weight, std=0.5)
     path = tmp_path_factory.mktemp("onnx") / "nnpp.onnx"
-    torch.onnx.export(
-        network, (maps(1, 128),), path, dynamo=True, opset_version=18, external_data=False, verbose=False
-    )
+    with quiet():
+        torch.onnx.export(
+            network, (maps(1, 128),), path, dynamo=True, opset_version=18, external_data=False, verbose=False
+        )
     return network, path
 
 

@@ -1,12 +1,11 @@
-import dataclasses
-
+import msgspec
 import numpy as np
 import pytest
 
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.terrain.dataset import make_dataset, read_recipe, read_samples
 from nnpp_edge.terrain.labels import EXCESS_STEP, label_queries
-from nnpp_edge.terrain.shards import Recipe, make_shard
+from nnpp_edge.terrain.shards import Recipe, make_shard, shard_content
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import workload
 from tests import oracles
@@ -25,44 +24,55 @@ def assert_same(one, other):
             np.testing.assert_array_equal(one[name][key], other[name][key])
 
 
-def test_the_parts_together_are_the_whole_and_it_can_be_resumed(tmp_path):
-    make_dataset(RECIPE, tmp_path / "whole", workers=2)
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of a data set made by `RECIPE`."""
+    folder = tmp_path_factory.mktemp("whole")
+    make_dataset(RECIPE, folder, workers=2)
+    return folder
+
+
+def make_in_this_process(recipe, indices):
+    """Shards without the processes that `make_dataset` starts."""
+    for index in indices:
+        yield index, shard_content(recipe, [], index)
+
+
+def test_the_parts_together_are_the_whole_and_it_can_be_resumed(whole, tmp_path):
     for k in (2, 1):
-        make_dataset(RECIPE, tmp_path / "parts", workers=1, part=(k, 2))
-    whole = arrays(tmp_path / "whole")
-    assert [len(s["planes"]) for s in whole.values()] == [3, 3, 3, 1]
-    assert_same(whole, arrays(tmp_path / "parts"))
-    (tmp_path / "whole" / "shard-00001.npz").unlink()
-    counts = make_dataset(RECIPE, tmp_path / "whole", workers=1)
+        make_dataset(RECIPE, tmp_path, make=make_in_this_process, part=(k, 2))
+    wanted = arrays(whole)
+    assert [len(s["planes"]) for s in wanted.values()] == [3, 3, 3, 1]
+    assert_same(wanted, arrays(tmp_path))
+    (tmp_path / "shard-00001.npz").unlink()
+    counts = make_dataset(RECIPE, tmp_path, make=make_in_this_process)
     assert (counts["shards"], counts["maps"]) == (4, 10)
-    assert_same(arrays(tmp_path / "whole"), arrays(tmp_path / "parts"))
-    samples = read_samples(tmp_path / "whole")
+    assert_same(wanted, arrays(tmp_path))
+    samples = read_samples(tmp_path)
     assert samples.map_index.max() == 9
     assert len(samples) == counts["queries"]
-    assert read_recipe(tmp_path / "whole") == RECIPE
+    assert read_recipe(tmp_path) == RECIPE
 
 
-def test_another_recipe_is_refused(tmp_path):
-    make_dataset(RECIPE, tmp_path, workers=1)
+def test_another_recipe_is_refused(whole, tmp_path):
     with pytest.raises(DataSetError, match="another recipe"):
-        make_dataset(dataclasses.replace(RECIPE, seed=2), tmp_path, workers=1)
+        make_dataset(msgspec.structs.replace(RECIPE, seed=2), whole, workers=1)
     with pytest.raises(DataSetError, match="1 <= k <= n"):
         make_dataset(RECIPE, tmp_path, part=(3, 2))
     with pytest.raises(DataSetError, match=r"dataset\.json"):
         read_samples(tmp_path / "nowhere")
 
 
-def test_samples_are_averaged_down_to_a_smaller_network(tmp_path):
-    make_dataset(RECIPE, tmp_path, workers=1)
-    whole, half = read_samples(tmp_path), read_samples(tmp_path, size=RECIPE.size // 2)
+def test_samples_are_averaged_down_to_a_smaller_network(whole):
+    full, half = read_samples(whole), read_samples(whole, size=RECIPE.size // 2)
     side = RECIPE.size // 2
-    assert half.planes.shape == (len(whole.planes), 2, side, side)
-    wanted = whole.planes[3, :, 4:6, 6:8].mean(axis=(1, 2))
+    assert half.planes.shape == (len(full.planes), 2, side, side)
+    wanted = full.planes[3, :, 4:6, 6:8].mean(axis=(1, 2))
     np.testing.assert_allclose(half.planes[3, :, 2, 3], wanted, atol=0.51)
-    np.testing.assert_allclose(half.start, (whole.start - 0.5) / 2)
-    np.testing.assert_array_equal(half.excess, whole.excess)
+    np.testing.assert_allclose(half.start, (full.start - 0.5) / 2)
+    np.testing.assert_array_equal(half.excess, full.excess)
     with pytest.raises(DataSetError, match="a multiple of that"):
-        read_samples(tmp_path, size=RECIPE.size - 1)
+        read_samples(whole, size=RECIPE.size - 1)
 
 
 def test_labels_are_the_optimum_and_the_excess_of_every_block():
@@ -72,7 +82,8 @@ def test_labels_are_the_optimum_and_the_excess_of_every_block():
     points = np.argwhere(np.isfinite(cost))[[3, 60, 150]].astype(np.int32)
     labelled = label_queries(cost, points, 4.0, 8, 0.011)
     assert labelled
-    for (start, goal), optimum, path, excess in labelled:
+    for label in labelled:
+        start, goal, optimum, path, excess = label.start, label.goal, label.optimum, label.path, label.excess
         forward, backward = oracles.dijkstra(cost, start), oracles.dijkstra(cost, goal)
         assert optimum == pytest.approx(forward[goal], rel=1e-5)
         assert oracles.path_cost(path, cost) == pytest.approx(optimum, rel=1e-5)
@@ -83,7 +94,7 @@ def test_labels_are_the_optimum_and_the_excess_of_every_block():
 
 
 def test_samples_keep_their_distance_and_see_obstacles():
-    recipe = dataclasses.replace(RECIPE, obstacle_share=1.0, margin_share=0.0)
+    recipe = msgspec.structs.replace(RECIPE, obstacle_share=1.0, margin_share=0.0)
     shard = make_shard(recipe, [], np.random.default_rng(5), 8)
     apart = np.linalg.norm(shard["start"] - shard["goal"], axis=1)
     assert apart.min() >= 32 / 8 - 1e-3
@@ -105,3 +116,20 @@ def test_workloads_by_name():
     for wrong in ("hard", "limit", "limit0", "limit95"):
         with pytest.raises(InvalidQueryError, match="workload"):
             workload(wrong)
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"format": "another"}, "of format nnpp-edge-dataset-1"),
+        ({"format": None}, "of format nnpp-edge-dataset-1"),
+        ({"maps": "ten"}, "got Expected `int`, got `str` - at `$.maps`"),
+        ({"colour": "grey"}, "got Object contains unknown field `colour`"),
+    ],
+)
+def test_a_recipe_that_was_not_written_by_us_is_refused(whole, tmp_path, changes, word):
+    stored = msgspec.json.decode((whole / "dataset.json").read_bytes())
+    (tmp_path / "dataset.json").write_bytes(msgspec.json.encode(stored | changes))
+    with pytest.raises(DataSetError) as refused:
+        read_recipe(tmp_path)
+    assert word in str(refused.value)

@@ -50,6 +50,7 @@ def kill(nannies):
         os.kill(nanny.pid, signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_killed_workers_change_no_byte_and_a_second_run_makes_what_is_missing(workers, terrain):
     make = partial(shards_on_cluster, workers.scheduler_address)
     seen = []

@@ -9,64 +9,60 @@ import numpy as np
 import pytest
 import torch
 
+from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import PRESETS, Spec
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
-from nnpp_edge.terrain.dataset import make_dataset, read_samples
-from nnpp_edge.terrain.shards import Recipe
-from nnpp_edge.training import train as training
+from nnpp_edge.terrain.dataset import read_samples
 from nnpp_edge.training.batches import Batches
-from nnpp_edge.training.train import TrainSettings, load_checkpoint, train
+from nnpp_edge.training.checkpoint import load_checkpoint
+from nnpp_edge.training.processes import Processes
+from nnpp_edge.training.train import TrainSettings, train
+from tests.networks import RECIPE, SMALL, VALIDATED_AFTER
 
 ROOT = Path(__file__).parent.parent.parent
-SMALL = Spec("edge", 64, options={"widths": [8, 8, 8, 8], "stem": 8})
-RECIPE = Recipe((), maps=24, size=64, blocks=16, maps_per_shard=24, poolings=((1, 1.0),))
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("data")
-    make_dataset(RECIPE, folder, workers=1)
-    return folder
+def run(samples, folder, spec=SMALL, begin_with=None, **changes):
+    """Train on the samples and validate on the first four; the path of the checkpoint."""
+    settings = TrainSettings(**({"epochs": 1, "batch": 16, "warmup_steps": 5} | changes))
+    few = samples.pick(range(4))
+    return train(spec, settings, samples, few, folder, omega=RECIPE.omega, begin_with=begin_with)
 
 
-def run(data, folder, validated=None, **changes):
-    """Train on a data set and validate on its first `validated` queries; the path of the checkpoint."""
-    samples = read_samples(data)
-    few = {name: getattr(samples, name)[:validated] for name in ("map_index", "start", "goal", "excess", "on_path")}
-    settings = TrainSettings(**({"epochs": 4, "batch": 16, "warmup_steps": 5} | changes))
-    return train(SMALL, settings, samples, dataclasses.replace(samples, **few), folder, omega=RECIPE.omega)
-
-
-def test_the_loss_falls_and_validation_searches(data, tmp_path):
-    torch.set_num_threads(1)
-    path = run(data, tmp_path, epochs=8, validate_every_s=0.0)
-    history = json.loads((tmp_path / "history.json").read_text())
+def test_the_loss_falls_and_validation_searches(trained):
+    history = json.loads((trained.folder / "history.json").read_text())
     assert history[-1]["loss"] < 0.8 * history[0]["loss"]
     assert 0.0 <= history[-1]["gap@0.25"] < 0.2
     assert history[-1]["region_share@1"] <= history[-1]["region_share@0.25"]
-    network, saved = load_checkpoint(path)
-    assert saved["progress"]["epoch"] == 8
-    assert not network.training
+    saved = load_checkpoint(trained.folder / "checkpoint.pt")
+    assert saved.progress.epoch == VALIDATED_AFTER[-1]
+    assert saved.progress.history == history
+    assert not saved.trained().training
 
 
-def test_a_stopped_run_goes_on_where_it_was(data, tmp_path):
-    torch.set_num_threads(1)
-    run(data, tmp_path, epochs=1)
-    first = load_checkpoint(tmp_path / "checkpoint.pt")[1]["progress"]
-    run(data, tmp_path, epochs=3)
-    second = load_checkpoint(tmp_path / "checkpoint.pt")[1]["progress"]
-    assert second["step"] == 3 * first["step"]
-    assert len(second["history"]) == 2
+def test_a_stopped_run_goes_on_where_it_was(samples, tmp_path):
+    first = load_checkpoint(run(samples, tmp_path, epochs=1)).progress
+    second = load_checkpoint(run(samples, tmp_path, epochs=2)).progress
+    assert second.step == 2 * first.step
+    assert len(second.history) == 2
     with pytest.raises(ModelError, match="wanted a checkpoint of"):
-        samples = read_samples(data)
-        other = dataclasses.replace(SMALL, sigma=0.1)
-        train(other, TrainSettings(epochs=1, batch=16), samples, samples, tmp_path, omega=RECIPE.omega)
+        run(samples, tmp_path, dataclasses.replace(SMALL, sigma=0.1))
 
 
-def test_a_time_limit_ends_the_run(data, tmp_path):
-    torch.set_num_threads(1)
-    path = run(data, tmp_path, epochs=10_000, time_limit_s=1.0)
-    assert 1.0 <= load_checkpoint(path)[1]["progress"]["spent_s"] < 20.0
+def test_a_run_may_begin_with_anothers_weights(samples, trained, tmp_path):
+    begin_with = trained.folder / "checkpoint.pt"
+    path = run(samples, tmp_path / "fine", begin_with=begin_with, steps=1, learning_rate=1e-12, weight_decay=0.0)
+    theirs, ours = load_checkpoint(begin_with).trained(), load_checkpoint(path).trained()
+    for one, other in zip(theirs.parameters(), ours.parameters(), strict=True):
+        torch.testing.assert_close(one, other)
+    narrow = Spec("edge", 64, options={"widths": (8, 8, 8, 8), "stem": 8})
+    with pytest.raises(ModelError, match="wanted weights for"):
+        run(samples, tmp_path / "other", narrow, begin_with=begin_with)
+
+
+def test_a_time_limit_ends_the_run(samples, tmp_path):
+    path = run(samples, tmp_path, epochs=10_000, time_limit_s=0.3)
+    assert 0.3 <= load_checkpoint(path).progress.spent_s < 20.0
 
 
 def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
@@ -77,27 +73,33 @@ def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
             load_checkpoint(path)
 
 
-def test_batches_turn_map_query_and_target_together(data):
-    samples = read_samples(data)
-    batches = Batches(samples, SMALL, 16)
+def test_a_checkpoint_under_an_architectures_former_name_is_read(trained, tmp_path):
+    saved = torch.load(trained.folder / "checkpoint.pt", weights_only=True)
+    saved["spec"]["architecture"] = "split"
+    torch.save(saved, tmp_path / "older.pt")
+    assert load_checkpoint(tmp_path / "older.pt").spec == SMALL
+
+
+def test_batches_turn_map_query_and_target_together(samples):
+    batches = Batches(samples, SMALL, TrainSettings(batch=16))
     seen = set()
     for planes, query, target in batches.epoch(0):
         assert planes.shape == (16, 2, 64, 64)
-        assert query.shape == (16, 3, 8, 8)
+        assert query.shape == (16, 15, 8, 8)
         assert target.shape == (16, 16, 16)
         for one in range(16):
             # the optimal path's ends are where the target is 1 and the sharp encoding peaks
-            sharp = query[one, 1].repeat(2, axis=0).repeat(2, axis=1)
-            assert sharp[target[one] > 0.99].max() > 0.5
+            sharp = query[one, [5, 11]].max(axis=0).repeat(2, axis=0).repeat(2, axis=1)
+            assert sharp[target[one] > 0.99].max() > 0.4
             assert target[one][planes[one, 1].reshape(16, 4, 16, 4).min(axis=(1, 3)) == 255].max(initial=0) == 0
         seen.add(planes.tobytes())
     assert len(seen) == len(batches)
 
 
-def test_two_processes_share_out_the_very_samples_of_one(data):
-    samples = read_samples(data)
-    whole = Batches(samples, SMALL, 8, seed=3)
-    parts = [Batches(samples, SMALL, 4, seed=3, rank=r, world=2) for r in range(2)]
+def test_two_processes_share_out_the_very_samples_of_one(samples):
+    settings = TrainSettings(batch=8, seed=3)
+    whole = Batches(samples, SMALL, settings)
+    parts = [Batches(samples, SMALL, settings, rank=r, world=2) for r in range(2)]
     assert len(whole) == len(parts[0]) == len(parts[1])
     for batch, first, second in zip(whole.epoch(1), parts[0].epoch(1), parts[1].epoch(1), strict=True):
         for arrays in zip(batch, first, second, strict=True):
@@ -105,25 +107,28 @@ def test_two_processes_share_out_the_very_samples_of_one(data):
             np.testing.assert_array_equal(arrays[0][1::2], arrays[2])
 
 
-def test_the_papers_target_is_the_optimal_path(data):
-    samples = read_samples(data)
-    batches = Batches(samples, SMALL, 16, target="path")
+def test_the_papers_target_is_the_optimal_path(samples):
+    batches = Batches(samples, SMALL, TrainSettings(batch=16, target="path"))
     _, _, target = next(iter(batches.epoch(0)))
     assert set(np.unique(target)) == {0.0, 1.0}
     assert target.sum(axis=(1, 2)).min() >= 2
     assert target.mean() < 0.2
 
 
+NORMS = {"sample norm": 1e-4, "batch norm": 0.01}
+"""The norms to train with, and by how much the losses of one process and of two may differ."""
+
 TWO_PROCESSES = """
 import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
-import torch
-from tests.training.test_training import norm_of_one_sample, run_step_by_step
-torch.set_num_threads(1)
-if sys.argv[4] == "sample norm":
-    torch.nn.BatchNorm2d.forward = norm_of_one_sample
-run_step_by_step(Path(sys.argv[2]), Path(sys.argv[3]))
+from torch import distributed
+start = distributed.init_process_group
+distributed.init_process_group = lambda backend: distributed.is_initialized() or start(backend)
+distributed.destroy_process_group = lambda: None
+from tests.training.test_training import run_with_norm
+for norm in ("sample norm", "batch norm"):
+    run_with_norm(norm, Path(sys.argv[2]), Path(sys.argv[3]) / norm)
 """
 
 
@@ -132,46 +137,58 @@ def norm_of_one_sample(self, x):
     return torch.nn.functional.group_norm(x, 1, self.weight, self.bias)
 
 
-def run_step_by_step(data, folder, **changes):
+def run_with_norm(norm, dataset, folder, **changes):
     """A run whose history has a row for each step; the losses."""
-    run(data, folder, validated=4, epochs=3, validate_every_s=0.0, **changes)
+    torch.set_num_threads(1)
+    with pytest.MonkeyPatch.context() as patch:
+        if norm == "sample norm":
+            patch.setattr(torch.nn.BatchNorm2d, "forward", norm_of_one_sample)
+        run(read_samples(dataset), folder, epochs=2, validate_every_s=0.0, **changes)
+    return losses(folder)
+
+
+def losses(folder):
     return np.array([row["loss"] for row in json.loads((folder / "history.json").read_text())])
 
 
-@pytest.mark.parametrize(("norm", "allowed"), [("sample norm", 1e-4), ("batch norm", 0.01)])
-def test_two_processes_under_torchrun_learn_as_one_does(data, tmp_path, monkeypatch, norm, allowed):
+@pytest.fixture(scope="module")
+def two_processes(dataset, tmp_path_factory):
+    """The folder of what two processes under torchrun learned, with each of `NORMS`."""
+    folder = tmp_path_factory.mktemp("two")
+    (folder / "run.py").write_text(TWO_PROCESSES)
+    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
+    words = [str(folder / "run.py"), str(ROOT), str(dataset), str(folder)]
+    quiet = os.environ | {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1"}
+    ended = subprocess.run([*command, *words], env=quiet, capture_output=True, text=True, timeout=150, check=False)
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("norm", NORMS)
+def test_two_processes_under_torchrun_learn_as_one_does(dataset, two_processes, tmp_path, norm):
     """Step by step the same loss: to rounding, but for what batch norm makes of half a batch.
 
     Another seed, that is, other samples in a step, sets the curves ten times as far apart as is allowed.
     """
-    (tmp_path / "run.py").write_text(TWO_PROCESSES)
-    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
-    words = [str(tmp_path / "run.py"), str(ROOT), str(data), str(tmp_path / "two"), norm]
-    quiet = os.environ | {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1"}
-    ended = subprocess.run([*command, *words], env=quiet, capture_output=True, text=True, timeout=240, check=False)
-    assert ended.returncode == 0, ended.stderr[-2000:]
-    two = np.array([row["loss"] for row in json.loads((tmp_path / "two" / "history.json").read_text())])
-    torch.set_num_threads(1)
-    if norm == "sample norm":
-        monkeypatch.setattr(torch.nn.BatchNorm2d, "forward", norm_of_one_sample)
-    one = run_step_by_step(data, tmp_path / "one")
+    two, one = losses(two_processes / norm), run_with_norm(norm, dataset, tmp_path / "one")
     assert len(one) == len(two) > 10
-    np.testing.assert_allclose(two, one, rtol=allowed)
-    other = run_step_by_step(data, tmp_path / "other", seed=2)
-    assert np.abs(other / one - 1.0).max() > 10 * allowed
+    np.testing.assert_allclose(two, one, rtol=NORMS[norm])
+    other = run_with_norm(norm, dataset, tmp_path / "other", seed=2)
+    assert np.abs(other / one - 1.0).max() > 10 * NORMS[norm]
 
 
-def test_a_batch_that_cannot_be_shared_out_is_refused(data, tmp_path, monkeypatch):
-    monkeypatch.setattr(training, "_join_processes", lambda: (0, 3, torch.device("cpu")))
+def test_a_batch_that_cannot_be_shared_out_is_refused(samples, tmp_path, monkeypatch):
+    monkeypatch.setattr(Processes, "join", lambda: Processes(0, 3, torch.device("cpu")))
     with pytest.raises(InvalidQueryError, match="multiple of the 3 processes, got 16"):
-        run(data, tmp_path)
+        run(samples, tmp_path)
 
 
-def test_only_the_first_process_prints_and_draws(nnpp_edge, data, tmp_path, monkeypatch):
-    monkeypatch.setattr(training, "train", lambda *_, **__: tmp_path / "checkpoint.pt")
+def test_only_the_first_process_prints_and_draws(nnpp_edge, dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr("nnpp_edge.training.train.train", lambda *_, **__: tmp_path / "checkpoint.pt")
     monkeypatch.setattr("nnpp_edge.terrain.dataset.read_samples", lambda *_, **__: None)
     (tmp_path / "history.json").write_text('[{"step": 1, "spent_s": 1.0, "loss": 0.5}]')
-    words = ("train", data, "--validation", data, "-o", tmp_path, "--json")
+    words = ("train", dataset, "--validation", dataset, "-o", tmp_path, "--json")
     monkeypatch.setenv("RANK", "1")
     ended = nnpp_edge(*words)
     assert (ended.code, ended.out, ended.err) == (0, "", "")
@@ -181,7 +198,40 @@ def test_only_the_first_process_prints_and_draws(nnpp_edge, data, tmp_path, monk
 
 
 def test_the_presets_can_be_built():
-    assert (PRESETS["edge"].blocks, PRESETS["edge-256"].blocks) == (16, 64)
-    assert PRESETS["nnpp"].blocks == 32
-    assert PRESETS["edge"].encoding == "ends"
-    assert PRESETS["nnpp"].encoding == "gaussian"
+    assert (PRESETS["edge"].blocks, PRESETS["nnpp"].blocks) == (16, 32)
+    assert (PRESETS["edge"].encoding, PRESETS["nnpp"].encoding) == ("ends", "gaussian")
+    for spec in PRESETS.values():
+        with torch.device("meta"):
+            network = Network(spec)
+            planes = torch.zeros(1, 2, spec.input_size, spec.input_size)
+        query = torch.from_numpy(encode(spec, (1.0, 2.0), (3.0, 4.0)))[None].to("meta")
+        assert network.eval()(planes, query).shape == (1, spec.blocks, spec.blocks)
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"architecture": "none"}, "architecture must be one of edge, nnpp"),
+        ({"encoding": "pixel"}, "encoding of edge"),
+    ],
+)
+def test_a_spec_that_no_network_fits_is_refused(changes, word):
+    with pytest.raises(ModelError, match=word):
+        dataclasses.replace(SMALL, **changes)
+
+
+def test_ablations_train_each_variant_and_compare_them(dataset, tmp_path):
+    from click.testing import CliRunner
+
+    from nnpp_edge.training.ablations import main, variants
+
+    names = {variant.name for variant in variants(1)}
+    assert {"base", "width: half", "input: 128", "loss: focal"} <= names
+    words = [str(dataset), "--validation", str(dataset), "-o", str(tmp_path), "--steps", "1"]
+    ended = CliRunner().invoke(main, [*words, "--only", "base, loss: dice"], catch_exceptions=False)
+    assert ended.exit_code == 0
+    assert "loss: dice" in ended.output and "td × 0.25" in ended.output
+    found = json.loads((tmp_path / "ablations.json").read_text())
+    assert set(found) == {"base", "loss: dice"}
+    assert found["base"]["step"] == 1
+    assert CliRunner().invoke(main, [*words, "--only", "nothing"]).exit_code == 2

@@ -1,0 +1,68 @@
+"""A network of any architecture behind one interface, and the query as it is shown it."""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from nnpp_edge.model import edge
+from nnpp_edge.model.nnpp import NNPP
+from nnpp_edge.model.registry import Spec
+from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS, GAUSSIAN_CHANNELS, encode_ends, encode_gaussian
+
+_BODIES: dict[str, Callable[..., nn.Module]] = {"edge": edge.EdgeNet, "nnpp": NNPP}
+
+
+class Network(nn.Module):
+    """A network built from its `Spec`."""
+
+    def __init__(self, spec: Spec) -> None:
+        super().__init__()
+        self.spec = spec
+        self.body = _BODIES[spec.architecture](spec.input_size, **spec.options)
+
+    def forward(self, planes: Tensor, query: Tensor) -> Tensor:
+        """Logits on blocks × blocks.
+
+        Parameters
+        ----------
+        planes : (N, 2, S, S) float
+            Mean cost and share of impassable cells, in [0, 1]; the paper's network is shown the first alone.
+        query : (N, C, E, E) float
+            Start and goal, from `encode`.
+
+        Returns
+        -------
+        (N, B, B) float
+        """
+        if self.spec.architecture == "nnpp":
+            logits: Tensor = self.body(torch.cat((planes[:, :1], query), 1))
+        else:
+            small = torch.pixel_unshuffle(planes, edge.UNSHUFFLE)
+            logits = torch.pixel_shuffle(self.body(small, query), edge.OUTPUT_SHUFFLE)
+        return logits[:, 0]
+
+
+def encode(spec: Spec, start: Sequence[float], goal: Sequence[float]) -> NDArray[np.float32]:
+    """Start and goal, (row, col) in network cells, as this network is shown them: (C, E, E) float32."""
+    size, sigma = spec.input_size, spec.sigma * spec.input_size
+    ends = (float(start[0]), float(start[1])), (float(goal[0]), float(goal[1]))
+    if spec.encoding == "ends":
+        side = size // edge.QUERY_STRIDE
+        out = np.empty((ENDS_CHANNELS, side, side), np.float32)
+        encode_ends(*ends, side, edge.QUERY_STRIDE, sigma, out)
+        return out
+    out = np.zeros((GAUSSIAN_CHANNELS, size, size), np.float32)
+    if spec.encoding == "gaussian":
+        encode_gaussian(*ends, size, 1, sigma, out)
+        return out
+    axis = np.arange(size, dtype=np.float32)
+    for plane, (row, col) in zip(out, ends, strict=True):
+        if spec.encoding == "pixel":
+            plane[round(row), round(col)] = 1.0
+        else:
+            plane[:] = np.hypot(axis[:, None] - row, axis - col) / (math.sqrt(2.0) * size)
+    return out

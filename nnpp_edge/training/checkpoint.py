@@ -1,0 +1,98 @@
+"""What a training run saves: settings, progress, weights; enough to go on and enough to export."""
+
+import io
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+import msgspec
+import torch
+from torch import Tensor
+
+from nnpp_edge.files import write_whole
+from nnpp_edge.model.network import Network
+from nnpp_edge.model.registry import Spec
+from nnpp_edge.runtime.errors import ModelError
+
+HISTORY = "history.json"
+State: TypeAlias = dict[str, Tensor]
+"""A network's parameters and buffers by name."""
+
+
+@dataclass(frozen=True)
+class TrainSettings:
+    """How to train; the optimiser's defaults are the paper's. `target` and `softness` are those of `Batches`."""
+
+    epochs: int = 150
+    batch: int = 32
+    """Queries in a step, over all processes."""
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-4
+    steps: int | None = None
+    """The training ends after so many steps or after its epochs, whichever comes first."""
+    warmup_steps: int = 200
+    target: str = "near"
+    softness: float = 0.02
+    loss: str = "bce"
+    """One of `LOSSES`."""
+    seed: int = 1
+    time_limit_s: float = math.inf
+    """The training ends when this has passed, over all resumed runs; the learning rate falls towards that end."""
+    validate_every_s: float = 300.0
+    average_decay: float = 0.998
+    """Of the running mean of the weights, which is what is validated and exported."""
+
+
+@dataclass
+class Progress:
+    """Where a training run stands; `history` has a row for each validation."""
+
+    epoch: int = 0
+    step: int = 0
+    step_in_epoch: int = 0
+    spent_s: float = 0.0
+    history: list[dict[str, float]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """All that a run saved; `average` holds the running mean of the weights in `network`."""
+
+    spec: Spec
+    settings: TrainSettings
+    progress: Progress
+    network: State
+    average: State
+    optimiser: dict[str, object]
+
+    def trained(self) -> Network:
+        """The averaged network, in evaluation mode."""
+        network = Network(self.spec)
+        network.load_state_dict(self.average)
+        return network.eval()
+
+    def save(self, path: Path) -> None:
+        """Write the checkpoint, and its history as JSON beside it; OutputError if that fails."""
+        plain = {"spec": self.spec.as_dict(), "settings": asdict(self.settings), "progress": asdict(self.progress)}
+        weights = {"network": self.network, "average": self.average, "optimiser": self.optimiser}
+        content = io.BytesIO()
+        torch.save(plain | weights, content)
+        write_whole(path, content.getbuffer())
+        write_whole(path.with_name(HISTORY), json.dumps(self.progress.history, indent=1).encode())
+
+
+def load_checkpoint(path: Path) -> Checkpoint:
+    """Read a checkpoint; ModelError if the file is none of ours."""
+    wanted = f"{path}: wanted a checkpoint of nnpp-edge train"
+    try:
+        saved = torch.load(path, map_location="cpu", weights_only=True)
+        found = msgspec.convert(saved, Checkpoint)
+        found.trained()
+    except (OSError, RuntimeError, EOFError, ValueError, TypeError) as error:
+        line = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ModelError(f"{wanted}, got {line}") from error
+    except Exception as error:  # torch raises pickle errors of several kinds
+        raise ModelError(f"{wanted}, got another file") from error
+    return found

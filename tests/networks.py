@@ -1,0 +1,77 @@
+"""A small data set and a small network, made once in a run of the tests and shared by several folders' fixtures."""
+
+import functools
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import torch
+
+from nnpp_edge.export.to_onnx import export_network
+from nnpp_edge.model.registry import Spec
+from nnpp_edge.terrain.dataset import Samples, make_dataset, read_samples
+from nnpp_edge.terrain.shards import Recipe
+from nnpp_edge.training.checkpoint import load_checkpoint
+from nnpp_edge.training.train import TrainSettings, train
+
+RECIPE = Recipe((), maps=28, size=64, blocks=16, maps_per_shard=28, poolings=((1, 1.0),))
+SMALL = Spec("edge", 64, options={"widths": (16, 16, 16, 16), "stem": 16})
+VALIDATED_AFTER = (1, 11, 12)
+"""Epochs after which the training of `SMALL` is stopped, validated and resumed."""
+
+
+class TrainedModel(NamedTuple):
+    """A run of a few steps: its folder, and the fp32 model exported from its checkpoint."""
+
+    folder: Path
+    onnx: Path
+
+
+@functools.cache
+def make_small_dataset(base: Path) -> Path:
+    """The folder, in `base`, of a data set made by `RECIPE`."""
+    folder = base / "small-dataset"
+    make_dataset(RECIPE, folder, workers=1)
+    return folder
+
+
+@functools.cache
+def make_trained(base: Path) -> TrainedModel:
+    """`SMALL` after some epochs on the data set, and exported."""
+    folder = base / "small-run"
+    samples = read_samples(make_small_dataset(base))
+    settings = TrainSettings(batch=16, warmup_steps=5, learning_rate=1e-2, average_decay=0.9)
+    for epochs in VALIDATED_AFTER:
+        until = replace(settings, epochs=epochs)
+        path = train(SMALL, until, samples, samples.pick(range(24)), folder, omega=RECIPE.omega)
+    export_network(load_checkpoint(path).trained(), folder / "small.onnx", name="small")
+    return TrainedModel(folder, folder / "small.onnx")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread() -> Iterator[None]:
+    """Networks this small lose more by torch's threads than they gain."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="session")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small data set's folder."""
+    return make_small_dataset(tmp_path_factory.getbasetemp())
+
+
+@pytest.fixture(scope="session")
+def samples(dataset: Path) -> Samples:
+    """All of the small data set."""
+    return read_samples(dataset)
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainedModel:
+    """A small network after some steps of training."""
+    return make_trained(tmp_path_factory.getbasetemp())
