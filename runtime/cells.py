@@ -4,6 +4,8 @@ from collections.abc import Sequence
 
 Cell = tuple[int, int]
 """(row, col)."""
+Endpoints = tuple[Cell, Cell]
+"""Start and goal."""
 Rectangle = tuple[int, int, int, int]
 """(row, col, rows, cols) of a part of a map."""
 

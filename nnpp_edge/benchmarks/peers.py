@@ -17,7 +17,8 @@ import numpy as np
 from nnpp_edge import __version__
 from nnpp_edge.benchmarks.peer_planners import CellPath, PeerPlanner, Search, Weights, peer_planners
 from nnpp_edge.profiling.harness import Harness
-from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, StartGoal, TerrainFiles, cases_from, source_of
+from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, cases_from, source_of
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA
 from nnpp_edge.runtime.warmup import exercise
 from nnpp_edge.terrain.workloads import SOFT
@@ -133,9 +134,9 @@ class _Comparison:
             if counted == queries:
                 return
 
-    def _prepared(self, weights: Weights, first: StartGoal) -> dict[str, Callable[[StartGoal], CellPath | None]]:
+    def _prepared(self, weights: Weights, first: Endpoints) -> dict[str, Callable[[Endpoints], CellPath | None]]:
         """Every planner that is within the limit, ready for a map: compiled, allocated, its network shown the map."""
-        found: dict[str, Callable[[StartGoal], CellPath | None]] = {}
+        found: dict[str, Callable[[Endpoints], CellPath | None]] = {}
         for planner in self.planners:
             answers = self.answers[planner.name]
             if answers.note:
@@ -151,7 +152,7 @@ class _Comparison:
         return found
 
 
-def _of_query(search: Search) -> Callable[[StartGoal], CellPath | None]:
+def _of_query(search: Search) -> Callable[[Endpoints], CellPath | None]:
     return lambda query: search(*query)
 
 

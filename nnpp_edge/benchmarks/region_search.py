@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from nnpp_edge.profiling.harness import Harness
-from nnpp_edge.profiling.suites import StartGoal
 from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -28,7 +28,7 @@ def _map(size: int, seed: int) -> Float2D:
     return np.minimum(traversability_cost(heights, 20.0, warn=False), np.float32(0.99))
 
 
-def _near_the_best(cost: Float2D, ends: StartGoal, share: float) -> Region:
+def _near_the_best(cost: Float2D, ends: Endpoints, share: float) -> Region:
     """The blocks through which the cheapest paths lead, as many as make up that share of the map."""
     grid = Grid.of(cost, StepModel.of("paper"))
     scratch = Workspace(len(grid.weights))
@@ -50,7 +50,7 @@ def _embedded(region: Region, at: int, size: int) -> Region:
 
 
 def _search(
-    grid: Grid, ends: StartGoal, scratch: Workspace, region: Region | None = None
+    grid: Grid, ends: Endpoints, scratch: Workspace, region: Region | None = None
 ) -> Callable[[None], Search]:
     return lambda _: astar(grid, *ends, scratch, region=region)
 

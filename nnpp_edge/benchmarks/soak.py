@@ -15,8 +15,8 @@ import click
 import numpy as np
 
 from nnpp_edge.benchmarks.dynamic_scene import dynamic_methods, run_alone
-from nnpp_edge.profiling.suites import StartGoal, synthetic_cases
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.profiling.suites import synthetic_cases
+from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.histogram import Histogram
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
@@ -187,7 +187,7 @@ class _Course:
         _, goal = self._query(self.scene.robot)
         return list(self.scene.send_to(goal))
 
-    def _query(self, robot: Cell | None) -> StartGoal:
+    def _query(self, robot: Cell | None) -> Endpoints:
         """A start (the robot's cell) and a goal that is far from it and truly connected."""
         for _ in range(_TRIES):
             query = random_query(self._rng, self._ground.true, 0.4 * len(self._ground.true))

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from nnpp_edge.profiling.suites import StartGoal
 from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
@@ -29,12 +29,12 @@ class RivalPlanner:
         return Planner(cost, model=self.model or "edge")
 
 
-def call_on(planner: Planner, method: str) -> Callable[[StartGoal], Plan]:
+def call_on(planner: Planner, method: str) -> Callable[[Endpoints], Plan]:
     """The planner as a function of start and goal."""
     return lambda query: planner.plan(*query, method=method)
 
 
-def plan_with_regions(planner: Planner, query: StartGoal, method: str) -> Plan:
+def plan_with_regions(planner: Planner, query: Endpoints, method: str) -> Plan:
     """A plan whose regions can be read. Not for timing: regions are copied."""
     return planner.plan(*query, method=method, keep_regions=True)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.terrain.dataset import read_recipe
@@ -28,8 +28,6 @@ _TRIES = 50
 
 Size = int | tuple[int, int]
 """Side of a square map, or rows and columns."""
-StartGoal = tuple[Cell, Cell]
-"""Start and goal of a plan."""
 
 
 def shape_of(size: Size) -> tuple[int, int]:
@@ -50,7 +48,7 @@ class Case:
     size: Size
     cost: Float2D
     """(H, W) traversability cost."""
-    queries: tuple[StartGoal, ...]
+    queries: tuple[Endpoints, ...]
     """Start and goal both passable; whether they are connected is not known yet."""
 
 

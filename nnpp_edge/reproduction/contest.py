@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from nnpp_edge.profiling.harness import Harness, Record
 from nnpp_edge.profiling.rivals import FIRST_SOURCES, call_on, plan_with_regions
-from nnpp_edge.profiling.suites import Case, StartGoal
+from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction.experiment import MAPS_TRIED, Context, OnProgress
 from nnpp_edge.reproduction.plain_astar import build_graph, search
 from nnpp_edge.reproduction.report import Row, Table, columns
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Plan, path_costs
@@ -71,17 +71,17 @@ class _OnMap:
     planner: Planner
     harness: Harness
 
-    def call(self, name: str) -> Callable[[StartGoal], "Plan | _PlainSearch"]:
+    def call(self, name: str) -> Callable[[Endpoints], "Plan | _PlainSearch"]:
         """A planner as a function of start and goal."""
         plain = {PLAIN: self._plain, PLAIN_NN: self._plain_nn}
         return plain[name] if name in plain else call_on(self.planner, name)
 
-    def _plain(self, query: StartGoal, inside: NDArray[np.bool_] | None = None) -> _PlainSearch:
+    def _plain(self, query: Endpoints, inside: NDArray[np.bool_] | None = None) -> _PlainSearch:
         graph_s, graph = self.harness.timed(lambda: build_graph(self.case.cost, inside))
         search_s, path = self.harness.timed(lambda: search(graph, *query))
         return _PlainSearch(path, len(graph.edges), {"graph": graph_s, "search": search_s})
 
-    def _plain_nn(self, query: StartGoal) -> _PlainSearch:
+    def _plain_nn(self, query: Endpoints) -> _PlainSearch:
         plan = plan_with_regions(self.planner, query, "nnpp")
         region = plan.network_region
         assert region is not None
@@ -93,7 +93,7 @@ class _OnMap:
         stages = network | {"inference": inference_s, "mask": mask_s} | found.stages_s
         return _PlainSearch(found.path, found.graph_cells, stages)
 
-    def answer(self, record: "Record[StartGoal, Plan | _PlainSearch]", exact: Plan) -> Answer:
+    def answer(self, record: "Record[Endpoints, Plan | _PlainSearch]", exact: Plan) -> Answer:
         """What a planner's calls come to."""
         found = record.results[-1]
         if isinstance(found, Plan):
@@ -211,7 +211,7 @@ def shown(name: str) -> str:
     return name if name in (PLAIN, PLAIN_NN) else f"`{name}`"
 
 
-def answers_table(places: str, answered: Iterable[tuple[Row, StartGoal, Round]]) -> Table:
+def answers_table(places: str, answered: Iterable[tuple[Row, Endpoints, Round]]) -> Table:
     """Every planner's answer to every query, for programs; `places` are the columns of what each row begins with."""
     header = columns(places + " | planner | path_cells | start_row | start_col | goal_row | goal_col")
     rows = [

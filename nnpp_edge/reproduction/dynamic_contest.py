@@ -9,9 +9,10 @@ import numpy as np
 from nnpp_edge.benchmarks.dynamic_episode import LEAST_DISTANCE, STRIDE, Episode, episodes_of
 from nnpp_edge.benchmarks.dynamic_scene import SceneRow, run_scene
 from nnpp_edge.profiling.rivals import FIRST_SOURCES
-from nnpp_edge.profiling.suites import Case, StartGoal
+from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Answer, Round, contest, increase
 from nnpp_edge.reproduction.experiment import MAPS_TRIED, Context
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.terrain.workloads import SOFT
@@ -35,7 +36,7 @@ class Drive:
     episode: Episode
     rounds: tuple[Round, ...]
 
-    def answered(self) -> Iterator[tuple[int, StartGoal, Round]]:
+    def answered(self) -> Iterator[tuple[int, Endpoints, Round]]:
         """Each plan's number, start and goal, and answers."""
         for at, (step, answered) in enumerate(zip(self.episode.steps, self.rounds, strict=True)):
             yield at, (step.start, self.episode.goal), answered

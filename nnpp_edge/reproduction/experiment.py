@@ -8,8 +8,9 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, StartGoal, large_enough, terrain_cases
+from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, large_enough, terrain_cases
 from nnpp_edge.reproduction.report import Result
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.planner import Planner
@@ -63,7 +64,7 @@ class Context:
         """Random crops of the terrain with queries, the paper's cost without hard limits; without end."""
         return terrain_cases(large_enough(self.terrain, size), SOFT, size, self.seed, least_distance)
 
-    def maps(self, size: int, count: int) -> Iterator[tuple[Case, StartGoal]]:
+    def maps(self, size: int, count: int) -> Iterator[tuple[Case, Endpoints]]:
         """`count` random crops, each with one query that has a path; InvalidQueryError if too few have."""
         found = 0
         for case in islice(self.cases(size), MAPS_TRIED * count):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.profiling.rivals import plan_with_regions
-from nnpp_edge.profiling.suites import Case, StartGoal
+from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round, answers_table, contest, increase
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
@@ -36,6 +36,7 @@ from nnpp_edge.reproduction.report import (
     optional,
     seconds,
 )
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.planners.planner import Planner
 
 
@@ -53,7 +54,7 @@ class _Scene:
     """A map with a query, all planners' answers, and what is drawn."""
 
     case: Case
-    query: StartGoal
+    query: Endpoints
     round: Round
     drawn: tuple[tuple[str, NDArray[np.bool_], Cells], ...]
     """Planner, the region that it searched, and its path."""
@@ -76,7 +77,7 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     return Result(_summary(scenes), data, _findings(scenes), _picture(scenes), notes)
 
 
-def _scene(context: Context, case: Case, query: StartGoal, repeats: int) -> _Scene:
+def _scene(context: Context, case: Case, query: Endpoints, repeats: int) -> _Scene:
     one = Case(case.workload, case.size, case.cost, (query,))
     (answered,) = contest([one], context.model, 1, repeats=repeats)
     planner = Planner(case.cost, model=context.model, ask_from=0)

@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.profiling.harness import Harness
-from nnpp_edge.profiling.suites import Case, StartGoal
+from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import PAPER, new_figure, png, tidy
 from nnpp_edge.reproduction.report import Finding, Result, Row, Table, columns, judge
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import SQRT2, StepModel
 from nnpp_edge.runtime.search.astar import astar
@@ -83,7 +84,7 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     return Result(_summary(sweep), _data(sweep), _findings(sweep), _picture(sweep), notes)
 
 
-def _sweep(case: Case, query: StartGoal, omegas: Floats) -> tuple[list[float], list[float], list[float]]:
+def _sweep(case: Case, query: Endpoints, omegas: Floats) -> tuple[list[float], list[float], list[float]]:
     harness, workspace = Harness(), Workspace((len(case.cost) + 2) ** 2)
     lengths, ccs, times = [], [], []
     for omega in omegas:

@@ -6,13 +6,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from nnpp_edge.profiling.harness import Harness
-from nnpp_edge.profiling.suites import StartGoal
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import COLOURS, PAPER, legend_below, new_figure, png, sides_axis, tidy
 from nnpp_edge.reproduction.plain_astar import build_graph, search
 from nnpp_edge.reproduction.report import Finding, Result, Table, Value, columns, judge, percent, seconds, times
 from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -65,7 +65,7 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     return Result(_summary(figures), _data(figures), _findings(figures), _picture(figures), notes)
 
 
-def _scaled(cost: Float2D, query: StartGoal, size: int) -> tuple[Float2D, StartGoal]:
+def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
     """A map of `size` cells a side, each the mean of the passable cells that it covers, and the query on it."""
     factor = len(cost) // size
     if factor * size != len(cost):
@@ -79,7 +79,7 @@ def _scaled(cost: Float2D, query: StartGoal, size: int) -> tuple[Float2D, StartG
     return small, ((a // factor, b // factor), (c // factor, d // factor))
 
 
-def _time(cost: Float2D, query: StartGoal, repeats: int) -> Times:
+def _time(cost: Float2D, query: Endpoints, repeats: int) -> Times:
     harness, workspace = Harness(), Workspace((len(cost) + 2) ** 2)
     graph_s, graph = harness.timed(lambda: build_graph(cost))
     search_s, path = harness.timed(lambda: search(graph, *query))

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -16,10 +16,6 @@ from nnpp_edge.runtime.search.workspace import Workspace
 
 EXCESS_STEP = 0.001
 """The excess is kept in steps of 0.1 %; level 255 stands for 25.5 % and more, and for out of reach."""
-
-Endpoints = tuple[Cell, Cell]
-"""Start and goal."""
-Query = Endpoints  # its name in modules that are not renamed yet
 
 
 @dataclass(frozen=True)

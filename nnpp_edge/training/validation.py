@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
@@ -19,7 +19,6 @@ from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.dataset import Samples
-from nnpp_edge.terrain.labels import Endpoints
 
 
 @dataclass(frozen=True)
