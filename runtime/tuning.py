@@ -45,7 +45,7 @@ bucket, which is not in order within, would expand many of them again and again.
 EXPANSIONS_BETWEEN_CHECKS = 100_000
 """Expansions of A* between two looks at the clock: about 6 ms."""
 DSTAR_EXPANSIONS_BETWEEN_CHECKS = 4096
-"""The same for D* Lite: about 1 ms."""
+"""Expansions of D* Lite between two looks at the clock: about 1 ms."""
 
 # Coarse levels
 
@@ -102,9 +102,9 @@ EXPANDED_TWICE = 2.0
 MEND_FROM = 192
 """Cells to the goal from which on `auto` mends; a shorter corridor is as quickly made anew."""
 MEND_WITHIN = 0.25
-"""`auto` mends where all changes lie nearer to the start than this share of the way to the goal, ..."""
+"""`auto` mends only where all changes lie nearer to the start than this share of the way to the goal."""
 MEND_SHARE = 1.0 / 1024.0
-"""... and at most this share of the map's cells has changed."""
+"""`auto` mends only where at most this share of the map's cells has changed."""
 MOST_DRIFT = 1.02
 """Mended paths are taken until they may cost so many times what paths of a new corridor would."""
 
