@@ -71,7 +71,7 @@ WIDENED_CORRIDOR = CorridorWidth(8, 0.02, nearby=0.12, coarse_radius=2, coarse_b
 LEARNED_CORRIDOR = CorridorWidth(1, 0.0005, nearby=0.08, coarse_radius=2, coarse_band=0.02)
 """Inside a learned region, which is searched for speed: mean gap 0.28 to 0.31 %."""
 REFINE_FROM = MapSize(192)
-"""From this size on a learned region is searched coarsely first."""
+"""Cells of a map's longer side from which on a learned region is searched coarsely first."""
 WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1
 """To widen a learned region, its threshold is multiplied by the first, and so many blocks are added all around."""
 WINDOW_ROUNDING = 32

@@ -45,7 +45,7 @@ def traversability(dem, dy, dx, t):
 
 
 def _edges(cost, step_cost, corner_cutting, omega):
-    """Every step of the grid as arrays (from, to, cost), one direction after the other, by the definition in words."""
+    """Every step of the grid as arrays (from, to, cost), direction by direction, by the definition in words."""
     rows, cols = cost.shape
     weights, nodes = cost.astype(np.float64), np.arange(cost.size).reshape(cost.shape)
     passable = np.isfinite(cost) & (cost < 1.0 if step_cost == "paper" else True)

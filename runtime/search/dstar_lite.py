@@ -96,8 +96,7 @@ class DStarLite:
         self._memory.inside[:] = 1
         self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
         self._pending, self._size, self._km = 0, 0, 0.0
-        self.restarts = 0
-        """How often all that was found has been forgotten: with a new goal, or as cells became too cheap."""
+        self._restarts = 0
         self.set_goal(goal)
 
     def touch(self) -> None:
@@ -108,6 +107,12 @@ class DStarLite:
     def memory(self) -> DStarMemory:
         """What is known of each node, and the open list; to be read only."""
         return self._memory
+
+    @property
+    def restarts(self) -> int:
+        """How often all that was found has been forgotten by now: with a new goal, or as cells became too cheap."""
+        self._read_changes()
+        return self._restarts
 
     @property
     def open_nodes(self) -> int:
@@ -225,7 +230,7 @@ class DStarLite:
 
     def _restart(self) -> None:
         """Forget the search, and read the whole map at the present prices."""
-        self.restarts += 1
+        self._restarts += 1
         model = self._grid.model
         straight = model.step(0, 2.0 * self._least)
         scale = UNITS / straight if straight > 0.0 else UNITS

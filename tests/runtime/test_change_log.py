@@ -97,7 +97,9 @@ def test_of_many_merged_nodes_each_is_kept_once_with_its_oldest_weight():
     log, nodes = ChangeLog(2), np.arange(MANY_NODES, dtype=np.int32)
     reader = log.reader(keeps_old_weights=True)
     for old in range(1, 8):
-        log.append(Change((0, 0, 1, len(nodes)), len(nodes), nodes=nodes, old_weights=np.full(len(nodes), float(old))))
+        log.append(
+            Change((0, 0, 1, len(nodes)), len(nodes), nodes=nodes, old_weights=np.full(len(nodes), float(old)))
+        )
     assert sum(len(change.nodes) for change in kept(log)) <= 3 * len(nodes)
     first = np.zeros(len(nodes))
     for change in reversed(reader.read()):

@@ -1,4 +1,4 @@
-"""Whoever reads the log of a map's changes, at whatever times, is like one that was made afresh on the map as it is."""
+"""Whoever reads the log of a map's changes, at whatever times, is like one made afresh on the map as it is."""
 
 import time
 from functools import partial

@@ -9,7 +9,17 @@ import pickle
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Method, NetworkModel, Plan, Planner, Region, Source, Status
+from nnpp_edge.runtime import (
+    DynamicMethod,
+    DynamicPlanner,
+    Method,
+    NetworkModel,
+    Plan,
+    Planner,
+    Region,
+    Source,
+    Status,
+)
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners.plan import path_costs
@@ -62,7 +72,9 @@ def dynamic_planner(network):
     return planner, plan
 
 
-@pytest.mark.parametrize(("make", "methods"), [(static_planner, tuple(Method)), (dynamic_planner, tuple(DynamicMethod))])
+@pytest.mark.parametrize(
+    ("make", "methods"), [(static_planner, tuple(Method)), (dynamic_planner, tuple(DynamicMethod))]
+)
 def test_a_plan_stays_what_it_was(shared_network, make, methods):
     planner, plan = make(shared_network)
     kept = []
@@ -181,7 +193,9 @@ def test_a_summary_is_ready_for_json():
     assert told["cells"] == len(plan.path)
     assert told["cost"] == pytest.approx(plan.cost, abs=1e-6)
     assert told["bound"] == pytest.approx(plan.cost / plan.lower_bound, abs=1e-6)
-    assert told["timings_ms"]["total"] >= sum(ms for stage, ms in told["timings_ms"].items() if stage != "total") - 0.01
+    assert (
+        told["timings_ms"]["total"] >= sum(ms for stage, ms in told["timings_ms"].items() if stage != "total") - 0.01
+    )
 
 
 @pytest.mark.parametrize("step_cost", ["paper", "length"])
