@@ -7,8 +7,9 @@ from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelEr
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.dynamic import DynamicMethod, DynamicPlanner
+from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
+from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.query import Query, Work
 from tests import oracles
 from tests.runtime.test_standing_path import random_patch, walkable
