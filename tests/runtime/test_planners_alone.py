@@ -376,7 +376,6 @@ def test_what_several_planners_need_is_made_once(state, network):
     assert planners.dynamic(DynamicMethod.CORRIDOR_DSTAR) is planners.corridor_mending
     assert planners.dynamic(DynamicMethod.NNPP_DSTAR) is planners.learned_mending
     assert planners.coarse_to_fine.workspace(0) is planners.astar.workspace
-    planners.touch(coarse=True, goal=QUERY.goal)
 
 
 @pytest.mark.parametrize("method", [method for method in DynamicMethod if method is not DynamicMethod.AUTO])
