@@ -114,6 +114,7 @@ def kept(folder: Path) -> list[Path]:
 # Other processes
 
 
+@pytest.mark.slow
 def test_processes_at_once_keep_every_version(python, tmp_path):
     ended, found = json.loads(python(TOGETHER).stdout)
     assert ended == [0, 0, 0, 0]
@@ -121,6 +122,7 @@ def test_processes_at_once_keep_every_version(python, tmp_path):
     assert len(kept(tmp_path / "cache")) == len(TYPES)
 
 
+@pytest.mark.slow
 def test_a_process_killed_while_saving_leaves_nothing_in_the_way(python):
     ended, left, second, third = json.loads(python(KILLED_WHILE_SAVING).stdout)
     assert ended == signal.SIGKILL

@@ -230,6 +230,7 @@ def test_wanting_the_nearest_of_no_goals_is_refused():
         Planner(np.zeros((4, 4), np.float32)).nearest((0, 0), [])
 
 
+@pytest.mark.slow
 def test_ten_thousand_bounds_lie_below_the_optimum_and_epsilon_zero_finds_it():
     rng = np.random.default_rng(11)
     for _ in range(250):
