@@ -45,7 +45,7 @@ bucket, which is not in order within, would expand many of them again and again.
 EXPANSIONS_BETWEEN_CHECKS = 100_000
 """Expansions of A* between two looks at the clock: about 6 ms."""
 DSTAR_EXPANSIONS_BETWEEN_CHECKS = 4096
-"""The same for D* Lite: about 1 ms."""
+"""Expansions of D* Lite between two looks at the clock: about 1 ms."""
 
 # Coarse levels
 
@@ -71,7 +71,7 @@ WIDENED_CORRIDOR = CorridorWidth(8, 0.02, nearby=0.12, coarse_radius=2, coarse_b
 LEARNED_CORRIDOR = CorridorWidth(1, 0.0005, nearby=0.08, coarse_radius=2, coarse_band=0.02)
 """Inside a learned region, which is searched for speed: mean gap 0.28 to 0.31 %."""
 REFINE_FROM = MapSize(192)
-"""From this size on a learned region is searched coarsely first."""
+"""Cells of a map's longer side from which on a learned region is searched coarsely first."""
 WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1
 """To widen a learned region, its threshold is multiplied by the first, and so many blocks are added all around."""
 WINDOW_ROUNDING = 32
@@ -102,9 +102,9 @@ EXPANDED_TWICE = 2.0
 MEND_FROM = 192
 """Cells to the goal from which on `auto` mends; a shorter corridor is as quickly made anew."""
 MEND_WITHIN = 0.25
-"""`auto` mends where all changes lie nearer to the start than this share of the way to the goal, ..."""
+"""`auto` mends only where all changes lie nearer to the start than this share of the way to the goal."""
 MEND_SHARE = 1.0 / 1024.0
-"""... and at most this share of the map's cells has changed."""
+"""`auto` mends only where at most this share of the map's cells has changed."""
 MOST_DRIFT = 1.02
 """Mended paths are taken until they may cost so many times what paths of a new corridor would."""
 

@@ -105,8 +105,8 @@ def warm_up(*, keep_old: bool = False) -> Warmth:
             before = _compilations()
             exercise()
             compiled = _compilations() - before
-        if (failure := cache.save_error()) is not None:
-            raise failure
+        if cache.save_error is not None:
+            raise cache.save_error
         removed = () if keep_old else _remove_old(folder)
     except OSError as error:
         raise OutputError(f"{folder}: kernels could not be kept ({error.strerror or error})") from error

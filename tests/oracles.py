@@ -1,5 +1,6 @@
 """Slow and obvious answers that the tests compare the code with."""
 
+import itertools
 import math
 
 import numpy as np
@@ -44,38 +45,27 @@ def traversability(dem, dy, dx, t):
 
 
 def _edges(cost, step_cost, corner_cutting, omega):
-    """Every step of the grid as (from, to, cost), by the definition in words."""
+    """Every step of the grid as arrays (from, to, cost), direction by direction, by the definition in words."""
     rows, cols = cost.shape
+    weights, nodes = cost.astype(np.float64), np.arange(cost.size).reshape(cost.shape)
     passable = np.isfinite(cost) & (cost < 1.0 if step_cost == "paper" else True)
     out = []
-    for r in range(rows):
-        for c in range(cols):
-            if not passable[r, c]:
-                continue
-            for dr in (-1, 0, 1):
-                for dc in (-1, 0, 1):
-                    i, j = r + dr, c + dc
-                    if (dr, dc) == (0, 0) or not (0 <= i < rows and 0 <= j < cols) or not passable[i, j]:
-                        continue
-                    if dr and dc and not corner_cutting and not (passable[r, j] and passable[i, c]):
-                        continue
-                    length = math.hypot(dr, dc)
-                    pair = float(cost[r, c]) + float(cost[i, j])
-                    step = length + 255 * omega * pair if step_cost == "paper" else length * pair / 2
-                    out.append((r * cols + c, i * cols + j, step))
-    return out
+    for dr, dc in set(itertools.product((-1, 0, 1), repeat=2)) - {(0, 0)}:
+        here = slice(max(-dr, 0), rows - max(dr, 0)), slice(max(-dc, 0), cols - max(dc, 0))
+        there = slice(max(dr, 0), rows - max(-dr, 0)), slice(max(dc, 0), cols - max(-dc, 0))
+        allowed = passable[here] & passable[there]
+        if dr and dc and not corner_cutting:
+            allowed &= passable[here[0], there[1]] & passable[there[0], here[1]]
+        length, pair = math.hypot(dr, dc), (weights[here] + weights[there])[allowed]
+        step = length + 255 * omega * pair if step_cost == "paper" else length * pair / 2
+        out.append((nodes[here][allowed], nodes[there][allowed], step))
+    return (np.concatenate(each) for each in zip(*out, strict=True))
 
 
 def dijkstra(cost, start, step_cost="paper", corner_cutting=True, omega=0.011):
     """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is none."""
-    edges = _edges(cost, step_cost, corner_cutting, omega)
-    size = cost.size
-    if not edges:
-        out = np.full(size, np.inf)
-        out[start[0] * cost.shape[1] + start[1]] = 0.0
-        return out.reshape(cost.shape)
-    i, j, v = (np.array(x) for x in zip(*edges, strict=True))
-    graph = coo_array((np.maximum(v, 1e-300), (i, j)), shape=(size, size)).tocsr()
+    i, j, v = _edges(cost, step_cost, corner_cutting, omega)
+    graph = coo_array((np.maximum(v, 1e-300), (i, j)), shape=(cost.size, cost.size)).tocsr()
     return scipy_dijkstra(graph, indices=start[0] * cost.shape[1] + start[1]).reshape(cost.shape)
 
 

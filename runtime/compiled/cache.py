@@ -36,7 +36,8 @@ NumbaObject = Any
 """Something of numba's own, which has no types."""
 _CHECKSUM_BYTES = 32
 _OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
-_save_error: OSError | None = None
+save_error: OSError | None = None
+"""Why the first of the kernels that this process could not keep was not kept; None if all were."""
 
 
 class KernelCache(_Cache):
@@ -139,17 +140,12 @@ def count_kept(folder: Path) -> tuple[int, int]:
     return len(set(stems)), len(stems)
 
 
-def save_error() -> OSError | None:
-    """Why the first of the kernels that this process could not keep was not kept; None if all were."""
-    return _save_error
-
-
 def _tell_once(folder: Path, error: OSError) -> None:
     """Warn of the first failure; numba's compiler lock keeps other threads out."""
-    global _save_error
-    if _save_error is not None:
+    global save_error
+    if save_error is not None:
         return
-    _save_error = error.with_traceback(None)
+    save_error = error.with_traceback(None)
     warnings.warn(
         f"compiled kernels cannot be kept in {folder} ({error.strerror or error}): other processes compile them anew",
         RuntimeWarning,

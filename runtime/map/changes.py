@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Rectangle, enclosing
 from nnpp_edge.runtime.tuning import MOST_LOGGED_CHANGES
 
-_MANY_NODES = 1 << 16
-"""From here on the nodes of merged changes are kept once each."""
+MANY_NODES = 1 << 16
+"""From here on the nodes of merged changes are kept once each, and old weights that have been read are dropped."""
 _NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
 
 
@@ -57,6 +57,8 @@ class ChangeLog:
         self._changes: list[Change] = []
         self._numbers: list[int] = []
         """Number of each kept change, of a merged one that of the newest in it."""
+        self._kept_nodes = 0
+        """Nodes of the kept changes, or more."""
         self._readers: WeakSet[ChangeReader] = WeakSet()
 
     @property
@@ -69,6 +71,9 @@ class ChangeLog:
         self.version += 1
         self._changes.append(change)
         self._numbers.append(self.version)
+        self._kept_nodes += len(change.nodes)
+        if self._kept_nodes > MANY_NODES:
+            self._drop_old_weights()
         if len(self._changes) > self._most:
             self._shorten()
         return self.version
@@ -82,6 +87,13 @@ class ChangeLog:
     def since(self, number: int) -> list[Change]:
         """The changes after that number, which must be a reader's place, oldest first."""
         return self._changes[bisect_right(self._numbers, number) :]
+
+    def _drop_old_weights(self) -> None:
+        """Drop the old weights that every reader of old weights has read."""
+        read = min((r.version for r in self._readers if r.keeps_old_weights), default=self.version)
+        for at in range(bisect_right(self._numbers, read)):
+            self._changes[at] = self._changes[at]._replace(nodes=_NO_NODES, old_weights=_NO_WEIGHTS)
+        self._kept_nodes = sum(len(change.nodes) for change in self._changes)
 
     def _shorten(self) -> None:
         """Drop what everybody has read, and merge neighbours until half of the room is free."""
@@ -132,7 +144,7 @@ def _merged(older: Change, newer: Change) -> Change:
     """Two neighbouring changes as one."""
     nodes = np.concatenate((older.nodes, newer.nodes))
     old_weights = np.concatenate((older.old_weights, newer.old_weights))
-    if len(nodes) > _MANY_NODES:
+    if len(nodes) > MANY_NODES:
         nodes, first = np.unique(nodes, return_index=True)
         old_weights = old_weights[first]
     return Change(

@@ -57,8 +57,8 @@ class Region(NamedTuple):
         )
 
     def copy(self) -> "Region":
-        """The same region with a bitmap of its own, which no later search overwrites."""
-        return Region(self.blocks().astype(np.int32), self.row_block, self.col_block)
+        """The same region with arrays of its own, which no later search overwrites."""
+        return Region(self.blocks().astype(np.int32), self.row_block.copy(), self.col_block.copy())
 
 
 def _same(one: NDArray[np.int32], other: NDArray[np.int32]) -> bool:

@@ -36,12 +36,12 @@ from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.tuning import DSTAR_EXPANSIONS_BETWEEN_CHECKS
 
-_UNITS = float(1 << 20)
+UNITS = float(1 << 20)
 """Units in the cheapest straight step: a step is rounded by at most 2 of them."""
 _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 
 
-class _Memory:
+class DStarMemory:
     """What one D* Lite search knows of each node, and its open list."""
 
     def __init__(self, nodes: int) -> None:
@@ -90,19 +90,34 @@ class DStarLite:
     def __init__(self, state: MapState, goal: Cell) -> None:
         self._grid = state.grid
         self._changes = state.log.reader()
-        self._memory = _Memory(len(self._grid.weights))
+        self._memory = DStarMemory(len(self._grid.weights))
         self._everywhere = Region.everywhere(*self._grid.shape)
         self._region, self._blocks = self._everywhere, self._everywhere.blocks()
         self._memory.inside[:] = 1
         self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
         self._pending, self._size, self._km = 0, 0, 0.0
-        self.restarts = 0
-        """How often all that was found has been forgotten: with a new goal, or as cells became too cheap."""
+        self._restarts = 0
         self.set_goal(goal)
 
     def touch(self) -> None:
         """Have the system back all arrays with memory now."""
         touch(self._memory)
+
+    @property
+    def memory(self) -> DStarMemory:
+        """What is known of each node, and the open list; to be read only."""
+        return self._memory
+
+    @property
+    def restarts(self) -> int:
+        """How often all that was found has been forgotten by now: with a new goal, or as cells became too cheap."""
+        self._read_changes()
+        return self._restarts
+
+    @property
+    def open_nodes(self) -> int:
+        """Number of nodes on the open list."""
+        return self._size
 
     @property
     def goal(self) -> Cell:
@@ -215,10 +230,10 @@ class DStarLite:
 
     def _restart(self) -> None:
         """Forget the search, and read the whole map at the present prices."""
-        self.restarts += 1
+        self._restarts += 1
         model = self._grid.model
         straight = model.step(0, 2.0 * self._least)
-        scale = _UNITS / straight if straight > 0.0 else _UNITS
+        scale = UNITS / straight if straight > 0.0 else UNITS
         self._factor = scale * model.weight_term[0]
         diagonal_per_straight = model.weight_term[1] / model.weight_term[0]
         lengths = [float(round(scale * length)) for length in model.length_term]

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.open_list import BUCKETS, CONTROL_SLOTS
 
-_LAST_STAMP = (1 << (31 - STAMP_SHIFT)) - 1
+LAST_STAMP = (1 << (31 - STAMP_SHIFT)) - 1
+"""The greatest number of a search; the next one is 1 again, and the memory is cleared."""
 Int32s = NDArray[np.int32]
 PackedWorkspace = tuple[
     NDArray[np.float32],
@@ -52,7 +53,7 @@ class Workspace:
 
     def next_stamp(self) -> int:
         """Number of a new search; all nodes read as unvisited to it."""
-        if self.stamp == _LAST_STAMP:
+        if self.stamp == LAST_STAMP:
             self.meta[1::2] = 0
             self.stamp = 0
         self.stamp += 1

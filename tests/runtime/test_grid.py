@@ -21,7 +21,7 @@ def test_an_update_says_what_it_changed_and_what_stood_there(step_cost, seed, ke
     patch[rng.random(patch.shape) < 0.3] *= np.float32(0.5)
     patch[rng.random(patch.shape) < 0.2] = np.nan
     before = grid.map().copy()
-    change = grid.update(patch, (row, col), keep=keep)
+    change = grid.update(patch, (row, col), keep_old_weights=keep)
     cost[part] = patch
     np.testing.assert_array_equal(grid.map(), Grid.of(cost, model).map())
     differs = grid.map() != before
@@ -34,8 +34,9 @@ def test_an_update_says_what_it_changed_and_what_stood_there(step_cost, seed, ke
         return
     rows, cols = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
     assert change.part == (rows[0], cols[0], rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1)
-    inside = before[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-    np.testing.assert_array_equal(change.was, inside.ravel() if keep else [])
+    changed = [grid.node(*cell) for cell in np.argwhere(differs).tolist()]
+    np.testing.assert_array_equal(change.nodes, changed if keep else [])
+    np.testing.assert_array_equal(change.old_weights, before[differs] if keep else [])
 
 
 @pytest.mark.parametrize(("step_cost", "bad"), [("paper", -0.1), ("length", -1.0), ("length", 0.0)])

@@ -97,7 +97,7 @@ def folder(tmp_path, monkeypatch):
     """Where kernels made in this process are kept."""
     folder = tmp_path / "cache" / "kernels"
     monkeypatch.setattr(compiling, "CACHE_FOLDER", folder)
-    monkeypatch.setattr(cache, "_save_error", None)
+    monkeypatch.setattr(cache, "save_error", None)
     return folder
 
 
@@ -114,6 +114,7 @@ def kept(folder: Path) -> list[Path]:
 # Other processes
 
 
+@pytest.mark.slow
 def test_processes_at_once_keep_every_version(python, tmp_path):
     ended, found = json.loads(python(TOGETHER).stdout)
     assert ended == [0, 0, 0, 0]
@@ -121,6 +122,7 @@ def test_processes_at_once_keep_every_version(python, tmp_path):
     assert len(kept(tmp_path / "cache")) == len(TYPES)
 
 
+@pytest.mark.slow
 def test_a_process_killed_while_saving_leaves_nothing_in_the_way(python):
     ended, left, second, third = json.loads(python(KILLED_WHILE_SAVING).stdout)
     assert ended == signal.SIGKILL
@@ -240,7 +242,7 @@ def test_a_failure_to_save_is_warned_of_once_and_the_kernel_runs(folder, monkeyp
             assert compilations(double, 1) == (2, 1)
             assert compilations(double, 1.5) == (3.0, 1)
         assert len(warned) == 1
-        assert cache.save_error().errno == number
+        assert cache.save_error.errno == number
     assert not folder.exists() or list(folder.iterdir()) == []
     with warnings.catch_warnings(action="error"):
         compilations(double, 1)
@@ -264,7 +266,7 @@ def test_a_folder_that_vanished_is_made_again_for_us_alone(folder):
     fresh(1)
     assert folder.parent.stat().st_mode & 0o777 == folder.stat().st_mode & 0o777 == 0o700
     assert compilations(double, 1) == (2, 0)
-    assert cache.save_error() is None
+    assert cache.save_error is None
 
 
 def test_nothing_is_kept_in_a_folder_that_others_may_write_to(folder):

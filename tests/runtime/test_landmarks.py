@@ -5,6 +5,14 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Planner, Status
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.planners.plan import path_costs
+from nnpp_edge.runtime.planners.query import Query, Work
+from nnpp_edge.runtime.planners.searchers import AStarSearcher
+from nnpp_edge.runtime.search.landmarks import Landmarks
+from nnpp_edge.runtime.search.workspace import Workspace
 from tests import oracles
 from tests.strategies import cases
 
@@ -25,15 +33,16 @@ def test_with_landmarks_the_optimum_stays_the_optimum(case, count, at_the_goal):
 @settings(deadline=None, max_examples=60)
 @given(cases(24), st.integers(1, 8))
 def test_a_landmarks_bound_is_never_above_the_cost(case, count):
-    planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting)
-    planner.prepare(landmarks=count)
-    fields, at_goal, slack = planner.landmarks.towards(planner.grid.node(*case.goal))
+    grid = Grid.of(case.cost, StepModel.of(case.step_cost), case.corner_cutting)
+    landmarks = Landmarks(grid, Workspace(len(grid.weights)))
+    landmarks.spread(count)
+    fields, at_goal, slack = landmarks.towards(grid.node(*case.goal))
     with np.errstate(invalid="ignore"):
         apart = np.abs(fields - at_goal)
     bounds = np.where(np.isnan(apart), 0.0, apart).max(axis=1) - slack
-    bounds = bounds.reshape(planner.grid.rows + 2, planner.grid.stride)[1:-1, 1:-1]
+    bounds = bounds.reshape(grid.rows + 2, grid.stride)[1:-1, 1:-1]
     cost = oracles.dijkstra(case.cost, case.goal, case.step_cost, case.corner_cutting)
-    passable = np.isfinite(planner.grid.map())
+    passable = np.isfinite(grid.map())
     assert (bounds[passable] <= cost[passable] * (1 + 1e-6)).all()
 
 
@@ -42,19 +51,20 @@ def test_a_landmarks_bound_is_never_above_the_cost(case, count):
 def test_landmarks_outlive_what_makes_cells_dearer_and_nothing_else(seed, dearer):
     rng = np.random.default_rng(seed)
     cost = rng.uniform(0.45, 0.5, (50, 60)).astype(np.float32)
-    planner = Planner(cost)
-    planner.prepare(landmarks=4)
+    state = MapState(cost, StepModel.of("paper"))
+    searcher = AStarSearcher(state)
+    searcher.prepare(4, [])
     for _ in range(4):
         row, col = rng.integers(0, 40, 2)
         patch = cost[row : row + 8, col : col + 8]
         patch *= np.float32(1.2 if dearer else 0.8)
         patch[rng.random(patch.shape) < 0.1] = np.inf if dearer else 0.05
-        planner.update(row, col, patch)
-        assert (planner.landmarks is not None) == dearer
+        state.update(int(row), int(col), patch)
+        assert (searcher.landmarks is not None) == dearer
         ends = [tuple(int(x) for x in end) for end in rng.choice(np.argwhere(cost < 1.0), 2)]
-        plan = planner.plan(*ends, method="astar")
+        found = searcher.search(Query(*ends), Work(), None)
         optimum = oracles.dijkstra(cost, ends[0], "paper", True)[ends[1]]
-        assert plan.cost == pytest.approx(optimum, rel=1e-5, abs=1e-6)
+        assert path_costs(state.grid, found.path)[0] == pytest.approx(optimum, rel=1e-5, abs=1e-6)
 
 
 def test_landmarks_save_work():
@@ -83,6 +93,7 @@ def test_more_landmarks_than_there_is_room_for_or_a_goal_in_a_wall_is_refused():
 
 
 def test_a_map_without_a_passable_cell_gets_no_landmark():
-    planner = Planner(np.full((5, 5), np.inf, np.float32))
-    planner.prepare(landmarks=3)
-    assert planner.landmarks.cells == []
+    grid = Grid(5, 5, StepModel.of("paper"))
+    landmarks = Landmarks(grid, Workspace(len(grid.weights)))
+    landmarks.spread(3)
+    assert landmarks.cells == []

@@ -9,9 +9,12 @@ from nnpp_edge.runtime.memory import touch
 def test_memory_is_there_and_values_stay():
     rng = np.random.default_rng(0)
     values = {
-        "floats": rng.random((300, 70)), "small": np.array([np.nan, -0.0, np.inf], np.float32),
-        "flags": rng.random(5000) < 0.5, "none": np.zeros(0), "words": rng.integers(-9, 9, 3000).astype(np.int16),
-    }  # fmt: skip
+        "floats": rng.random((300, 70)),
+        "small": np.array([np.nan, -0.0, np.inf], np.float32),
+        "flags": rng.random(5000) < 0.5,
+        "none": np.zeros(0),
+        "words": rng.integers(-9, 9, 3000).astype(np.int16),
+    }
     owner = SimpleNamespace(**{name: value.copy() for name, value in values.items()}, other="text")
     touch(owner, SimpleNamespace())
     for name, value in values.items():

@@ -3,20 +3,31 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.expansion import read_field
+from nnpp_edge.runtime.kernels.pooling import FACTOR, pool_and_link
+from nnpp_edge.runtime.kernels.threshold import linked
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.pyramid import FACTOR, Pyramid, _pool_and_link
+from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.region.threshold import linked
+from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
+from nnpp_edge.runtime.planners.plan import Source
+from nnpp_edge.runtime.planners.query import Query, Work
+from nnpp_edge.runtime.planners.searchers import AStarSearcher
+from nnpp_edge.runtime.region.corridor import CoarseLevel
 from nnpp_edge.runtime.search.astar import astar, settle_all
-from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.tuning import CORRIDOR
 
 
 def pyramid_of(cost, corner_cutting=True):
-    return Pyramid(Grid.of(cost, StepModel.of("paper")), corner_cutting)
+    return Pyramid(Grid.of(cost, StepModel.of("paper"), corner_cutting))
+
+
+def search(level, start, goal):
+    """A* on one level."""
+    return astar(level.grid, start, goal, Workspace(len(level.grid.weights)), links=level.links)
 
 
 @settings(deadline=None, max_examples=100)
@@ -25,21 +36,19 @@ def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(se
     rng = np.random.default_rng(seed)
     cost = rng.random((64, 300)).astype(np.float32)
     cost[rng.random(cost.shape) < blocked] = np.inf
-    pyramid = pyramid_of(cost, corner_cutting)
-    fine, coarse = pyramid.levels[:2]
-    piece_cells = np.flatnonzero(coarse.pieces)
-    a, b = rng.choice(piece_cells, 2)
-    ends = [(int(n) // coarse.grid.stride - 1, int(n) % coarse.grid.stride - 1) for n in (a, b)]
-    found = coarse.search(*ends[::-1], None)
+    fine, level = pyramid_of(cost, corner_cutting).levels[:2]
+    coarse, workspace = CoarseLevel(level), Workspace(len(fine.grid.weights))
+    a, b = (int(node) for node in rng.choice(np.flatnonzero(level.pieces), 2))
+    ends = [level.grid.cell(node) for node in (a, b)]
+    found = coarse.search(*ends[::-1], None, beyond=0.0)
     if found.status is not Status.OK:
         return
     walk = []
     for node, (r, c) in zip((a, b), ends, strict=True):
-        bit = int(coarse.pieces[node]).bit_length() - 1
+        bit = int(level.pieces[node]).bit_length() - 1
         walk.append((r * FACTOR + bit // FACTOR, c * FACTOR + bit % FACTOR))
-    region = coarse.around(found, ends[0], 0, 0.0, fine)
-    inside = astar(fine.grid, *walk, fine.workspace, region=region, corner_cutting=corner_cutting)
-    assert inside.status is Status.OK
+    region = coarse.around(found, ends[0], 0, 0.0, fine, workspace)
+    assert astar(fine.grid, *walk, workspace, region=region).status is Status.OK
 
 
 @settings(deadline=None, max_examples=150)
@@ -55,11 +64,9 @@ def test_pieces_and_links_are_the_same_by_passability_and_by_links(seed, blocked
         for k in range(8):
             steps[node] |= linked(fine.grid.weights, None, node, k, fine.grid.stride, corner_cutting) << k
     pieces, links, weights = (np.zeros_like(each) for each in (coarse.pieces, coarse.links, coarse.grid.weights))
-    rows, cols = coarse.grid.rows, coarse.grid.cols
-    _pool_and_link(
-        fine.grid.weights, steps, 22, 27, corner_cutting, 1.0, 0, rows, 0, cols, rows, cols, weights, pieces, links,
-        coarse.grid.stride,
-    )  # fmt: skip
+    rows, cols = coarse.grid.shape
+    packed = weights, pieces, links, coarse.grid.stride, rows, cols
+    pool_and_link(fine.grid.weights, steps, fine.grid.shape, corner_cutting, 1.0, (0, rows, 0, cols), packed)
     np.testing.assert_array_equal(coarse.pieces, pieces)
     np.testing.assert_array_equal(coarse.links, links)
 
@@ -70,25 +77,21 @@ def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(seed, bl
     rng = np.random.default_rng(seed)
     cost = rng.random((120, 90)).astype(np.float32) * 0.9
     cost[rng.random(cost.shape) < blocked] = np.inf
-    fine, coarse = pyramid_of(cost).levels[:2]
-    grid, scratch = coarse.grid, Workspace(len(coarse.grid.weights))
-    ends = [
-        (int(n) // grid.stride - 1, int(n) % grid.stride - 1)
-        for n in rng.choice(np.flatnonzero(np.isfinite(grid.weights)), 2)
-    ]
+    fine, level = pyramid_of(cost).levels[:2]
+    coarse, grid, scratch = CoarseLevel(level), level.grid, Workspace(len(level.grid.weights))
+    ends = [grid.cell(int(node)) for node in rng.choice(np.flatnonzero(np.isfinite(grid.weights)), 2)]
     fields = []
     for end in ends:
-        settle_all(grid, end, scratch, links=coarse.links)
+        settle_all(grid, end, scratch, links=level.links)
         fields.append(np.empty((grid.rows, grid.cols), np.float32))
         read_field(scratch.g, scratch.meta, scratch.stamp, grid.stride, fields[-1])
     if with_landmarks:
-        coarse.landmarks = Landmarks(grid, scratch, links=coarse.links)
-        coarse.landmarks.spread(4)
+        coarse.set_landmarks(4)
     found = coarse.search(*ends[::-1], None, beyond=band)
     if found.status is not Status.OK:
         assert np.isinf(fields[0][ends[1]])
         return
-    region = coarse.around(found, ends[0], 0, band, fine)
+    region = coarse.around(found, ends[0], 0, band, fine, Workspace(len(fine.grid.weights)))
     quarters = (region.bitmap == region.stamp).reshape(grid.rows, 2, grid.cols, 2)
     inside = quarters[:, 0, :, 0]
     assert (quarters == inside[:, None, :, None]).all()
@@ -107,14 +110,13 @@ def test_a_wall_one_cell_thick_is_a_wall_on_every_level_and_a_gap_a_gap():
     pyramid = pyramid_of(cost)
     for level, at in enumerate(pyramid.levels):
         side = 256 // FACTOR**level
-        found = astar(at.grid, (0, 0), (side - 1, 0), at.workspace, links=at.links)
+        found = search(at, (0, 0), (side - 1, 0))
         assert found.status is Status.OK
         crossing = found.path[found.path[:, 0] == 130 // FACTOR**level]
         assert 77 // FACTOR**level in crossing[:, 1]
     cost[130, 77] = np.inf
     for at in pyramid_of(cost).levels:
-        end = (at.grid.rows - 1, 0)
-        assert astar(at.grid, (0, 0), end, at.workspace, links=at.links).status is Status.NO_PATH
+        assert search(at, (0, 0), (at.grid.rows - 1, 0)).status is Status.NO_PATH
 
 
 @settings(deadline=None, max_examples=60)
@@ -123,13 +125,15 @@ def test_updating_a_part_equals_building_anew(seed, corner_cutting, data):
     rng = np.random.default_rng(seed)
     cost = rng.random((300, 290)).astype(np.float32)
     cost[rng.random(cost.shape) < 0.3] = np.inf
-    planner = Planner(cost, corner_cutting=corner_cutting)
+    state = MapState(cost, StepModel.of("paper"), corner_cutting=corner_cutting)
     for _ in range(2):
+        pyramid = state.pyramid
         row, col = data.draw(st.integers(0, 290)), data.draw(st.integers(0, 280))
         patch = rng.choice([0.2, np.inf], (10, 10)).astype(np.float32)
         cost[row : row + 10, col : col + 10] = patch
-        planner.update(row, col, patch)
-    for ours, theirs in zip(planner.pyramid.levels, pyramid_of(cost, corner_cutting).levels, strict=True):
+        state.update(row, col, patch)
+    assert state.pyramid is pyramid
+    for ours, theirs in zip(pyramid.levels, pyramid_of(cost, corner_cutting).levels, strict=True):
         np.testing.assert_allclose(ours.grid.weights, theirs.grid.weights, rtol=1e-6)
         np.testing.assert_array_equal(ours.pieces, theirs.pieces)
         if ours.links is not None:
@@ -145,20 +149,35 @@ def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():
     assert coarse.weights[coarse.node(1, 30)] == pytest.approx(scale * 0.5)
 
 
-@pytest.mark.parametrize(("side", "wanted"), [(256, 4), (12, 3)])
-def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(side, wanted):
+@pytest.mark.parametrize(("side", "wanted_landmarks"), [(256, 4), (12, 3)])
+def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(side, wanted_landmarks):
     cost = np.random.default_rng(4).random((side, side)).astype(np.float32) * 0.9
     cost[:, 8:] = np.inf if side == 12 else cost[:, 8:]
-    planner = Planner(cost)
-    start, goal = (side - 2, 0), (1, 7 if side == 12 else side - 2)
-    coarse = planner.pyramid.levels[1]
-    found = planner.plan(start, goal, method="corridor")
+    state, start, goal = MapState(cost, StepModel.of("paper")), (side - 2, 0), (1, 7 if side == 12 else side - 2)
+    searcher = AStarSearcher(state)
+    coarse_to_fine = CoarseToFine(state, searcher.workspace)
+    coarse = coarse_to_fine.coarse_levels[0]
+    query, top = Query(start, goal), 1
+
+    def cost_of_corridor():
+        found = coarse_to_fine.find(query, Work(), searcher, top, None, CORRIDOR, Source.REGION)
+        return found.cost
+
+    wanted = cost_of_corridor()
     for _ in range(40):
-        assert planner.plan(start, goal, method="corridor").cost == pytest.approx(found.cost)
-    assert 1 <= len(coarse.landmarks.cells) <= wanted
+        assert cost_of_corridor() == pytest.approx(wanted)
+    assert 1 <= len(coarse.landmarks.cells) <= wanted_landmarks
     before = coarse.landmarks
     for _ in range(40):
-        planner.plan(start, goal, method="corridor")
+        cost_of_corridor()
     assert coarse.landmarks is before
-    planner.update(0, 0, cost[:1, :1] + np.float32(0.01))
+    state.update(0, 0, cost[:1, :1] + np.float32(0.01))
+    cost_of_corridor()
     assert coarse.landmarks is None
+
+
+def test_there_is_another_level_as_long_as_one_is_large():
+    assert coarse_shapes(1, 1) == [(1, 1)]
+    assert coarse_shapes(1020, 40) == [(255, 10)]
+    assert coarse_shapes(40, 1021) == [(10, 256), (3, 64)]
+    assert coarse_shapes(4096, 4096) == [(1024, 1024), (256, 256), (64, 64)]

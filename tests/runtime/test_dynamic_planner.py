@@ -1,20 +1,18 @@
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.benchmarks.dynamic_episode import make_episode
-from nnpp_edge.benchmarks.dynamic_scene import run_scene, totals
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError, Status
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
-from nnpp_edge.runtime.planners.incremental import DStarPlanner, Mending
+from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import DynamicMethod
-from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.planners.query import Query, Work
 from tests import oracles
-from tests.runtime.test_validity import random_patch, walkable
+from tests.runtime.test_standing_path import random_patch, walkable
 from tests.strategies import cases
 
 EXACT = ("astar", "dstar")
@@ -96,7 +94,7 @@ def test_auto_says_what_it_picked_and_why():
     planner = DynamicPlanner(cost, (380, 380))
     planner.move((5, 5))
     first = planner.replan()
-    assert first.by is DynamicMethod.CORRIDOR
+    assert first.planner is DynamicMethod.CORRIDOR
     seen = []
     for step in range(1, 4):  # small changes just ahead
         start = tuple(int(x) for x in first.path[5 * step])
@@ -104,12 +102,12 @@ def test_auto_says_what_it_picked_and_why():
         planner.move(start)
         seen.append(planner.replan())
         assert seen[-1].ok
-    assert {plan.by for plan in seen} == {DynamicMethod.CORRIDOR_DSTAR}
+    assert {plan.planner for plan in seen} == {DynamicMethod.CORRIDOR_DSTAR}
     assert "near the start" in seen[-1].reason
     assert seen[-1].expansions < first.expansions
     planner.move((350, 350))
     near = planner.replan()
-    assert near.by is DynamicMethod.ASTAR
+    assert near.planner is DynamicMethod.ASTAR
     assert "less than" in near.reason
     assert near.summary()["method"] == "astar"
 
@@ -121,9 +119,9 @@ def test_auto_does_not_search_long_for_a_goal_beyond_a_wall():
     planner.move((99, 150))
     plan = planner.replan()
     assert plan.ok
-    assert plan.by is DynamicMethod.CORRIDOR
+    assert plan.planner is DynamicMethod.CORRIDOR
     planner.move((110, 140))
-    assert planner.replan().by is DynamicMethod.ASTAR
+    assert planner.replan().planner is DynamicMethod.ASTAR
 
 
 @pytest.mark.parametrize(("method", "base"), [("corridor-dstar", "corridor"), ("nnpp-dstar", "nnpp")])
@@ -169,13 +167,13 @@ def test_what_is_there_already_changes_nothing():
     patch = np.full((5, 6), 0.2)
     patch[2, 3] = np.nan
     assert planner.update(3, 4, patch) == 1
-    assert not planner.grid.is_passable(5, 7)
+    assert not planner.is_passable((5, 7))
 
 
 @pytest.mark.parametrize("method", ["astar", "corridor-dstar"])
 def test_a_refused_patch_leaves_the_map_as_it_was(method):
     planner = DynamicPlanner(free(), (20, 30), method)
-    before = planner.grid.weights.copy()
+    before = planner.state.grid.weights.copy()
     bad = np.full((3, 3), 0.5)
     bad[1, 1] = -0.1
     with pytest.raises(InvalidMapError, match=r"at least 0, got one of -0\.1"):
@@ -183,7 +181,7 @@ def test_a_refused_patch_leaves_the_map_as_it_was(method):
     for row, col in ((-1, 0), (28, 0), (0, 39)):
         with pytest.raises(InvalidMapError, match="inside the map"):
             planner.update(row, col, np.zeros((3, 3)))
-    np.testing.assert_array_equal(planner.grid.weights, before)
+    np.testing.assert_array_equal(planner.state.grid.weights, before)
 
 
 def test_wrong_use_is_told():
@@ -200,10 +198,11 @@ def test_wrong_use_is_told():
 
 
 def test_a_region_that_is_mended_runs_out_of_time():
-    planner = DStarPlanner(np.random.default_rng(0).random((700, 700)).astype(np.float32) * 0.9)
-    planner.mending = Mending.ALWAYS
-    assert planner.plan((5, 5), (690, 690), method="corridor", time_limit_s=0.0).status is Status.TIMEOUT
-    assert planner.plan((5, 5), (690, 690), method="corridor").ok
+    cost = np.random.default_rng(0).random((700, 700)).astype(np.float32) * 0.9
+    planner = MapPlanners(MapState(cost, StepModel.of("paper")), "edge").corridor_mended
+    for time_limit_s, status in ((0.0, Status.TIMEOUT), (60.0, Status.OK)):
+        found = planner.find(Query.within((5, 5), (690, 690), time_limit_s), Work())
+        assert found.search.status is status
 
 
 @pytest.mark.parametrize("method", ["astar", "dstar"])
@@ -212,105 +211,4 @@ def test_out_of_time_is_a_timeout(method):
     planner = DynamicPlanner(cost, (690, 690), method)
     planner.move((5, 5))
     assert planner.replan(time_limit_s=0.0).status is Status.TIMEOUT
-    assert planner.replan(cancelled=lambda: True).status is Status.TIMEOUT
     assert planner.replan().ok
-
-
-class Watched(NetworkModel):
-    """Counts how often it is shown a map."""
-
-    shown = 0
-
-    def set_map(self, planes):
-        self.shown += 1
-        super().set_map(planes)
-
-
-def test_a_network_in_two_parts_looks_again_once_enough_has_changed():
-    rng = np.random.default_rng(4)
-    cost = (rng.random((256, 256)) * 0.4).astype(np.float32)
-    dynamic, static = Watched("edge"), Watched("edge")
-    planners = DynamicPlanner(cost, (240, 240), "nnpp", model=dynamic), Planner(cost, model=static)
-    seen = []
-    for row, side in ((None, 0), (100, 4), (110, 16), (20, 120), (20, 120)):
-        if row is not None:
-            patch = np.full((side, side), 0.9, np.float32)
-            for planner in planners:
-                planner.update(row, row, patch)
-        planners[0].move((10, 10))
-        assert planners[0].replan().ok
-        assert planners[1].plan((10, 10), (240, 240), method="nnpp").ok
-        seen.append((dynamic.shown, static.shown))
-    assert [shown for shown, _ in seen] == [1, 1, 1, 2, 2]
-    assert [shown for _, shown in seen] == [1, 2, 3, 4, 4]  # the last patch says nothing new
-
-
-@pytest.mark.parametrize("shape", [(300, 1300), (1100, 700)])
-def test_a_robot_on_its_way_keeps_its_window_while_that_serves(shape):
-    rng = np.random.default_rng(6)
-    planner = DynamicPlanner((rng.random(shape) * 0.5).astype(np.float32), tuple(x - 20 for x in shape), "nnpp")
-    planner.prepare()
-    windows, start = [], (8, 9)
-    for step in range(40):
-        planner.move(start)
-        plan = planner.replan()
-        assert plan.ok
-        row, col, rows, cols = planner._planner._learned.window
-        for end in (start, planner.goal):
-            assert row <= end[0] < row + rows
-            assert col <= end[1] < col + cols
-        apart = max(abs(a - b) for a, b in zip(start, planner.goal, strict=True))
-        assert max(rows, cols) <= max(4 * (2 * apart + 64), 256)
-        windows.append((row, col, rows, cols))
-        if len(plan.path) <= 32:
-            break
-        start = tuple(int(x) for x in plan.path[30])
-        planner.update(*(int(x) for x in plan.path[-20]), np.full((3, 3), rng.random() * 0.9, np.float32))
-    assert windows[0] == (0, 0, *shape)
-    changes = sum(a != b for a, b in itertools.pairwise(windows))
-    assert 1 <= changes <= 4 < step
-
-
-def test_an_episode_is_the_same_for_the_same_seed_and_can_always_be_walked():
-    cost = (np.random.default_rng(1).random((128, 128)) * 0.5).astype(np.float32)
-    one, two, other = (make_episode(cost, (5, 5), (120, 120), seed) for seed in (4, 4, 5))
-    assert [s.start for s in one.steps] == [s.start for s in two.steps]
-    for a, b in zip(one.steps, two.steps, strict=True):
-        assert all(p[:2] == q[:2] and np.array_equal(p[2], q[2]) for p, q in zip(a.patches, b.patches, strict=True))
-    assert any(
-        [p[:2] for p in a.patches] != [p[:2] for p in b.patches] for a, b in zip(one.steps, other.steps, strict=False)
-    )
-    now = cost.copy()
-    for step in one.steps:
-        for row, col, patch in step.patches:
-            now[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
-        assert np.isfinite(oracles.dijkstra(np.where(now < 1, now, np.inf), step.start)[one.goal])
-    assert len(one.steps) >= 3
-    assert any((patch >= 1.0).any() for step in one.steps for *_, patch in step.patches)
-
-
-def test_the_scene_asks_every_method_the_same(network):
-    cost = (np.random.default_rng(1).random((128, 128)) * 0.5).astype(np.float32)
-    episodes = [make_episode(cost, (5, 5), (120, 120), seed) for seed in (1, 2)]
-    rows = run_scene(episodes, list(DynamicMethod), model=network.path, repeats=1)
-    assert len(rows) == sum(len(e.steps) for e in episodes) * len(DynamicMethod)
-    assert {row.status for row in rows} == {"OK"}
-    for row in rows:
-        assert row.cost >= row.optimal_cost * (1 - 1e-5)
-        assert row.time_ms > 0.0
-        if row.method in EXACT:
-            assert row.cost == pytest.approx(row.optimal_cost, rel=1e-5)
-    by_method = {total.method: total for total in totals(rows)}
-    assert by_method["astar"].speedup_astar == 1.0
-    assert by_method["dstar"].speedup_dstar == 1.0
-    assert all(total.solved == 1.0 and 0.0 <= total.cost_excess + 1e-6 < 0.05 for total in by_method.values())
-    assert {t.plans for t in totals(rows, static=True)} == {2}
-
-
-def test_an_episode_needs_a_way():
-    cost = free((60, 60))
-    cost[30] = 1.0
-    with pytest.raises(InvalidQueryError, match="can be reached"):
-        make_episode(cost, (5, 5), (50, 50), 1)
-    with pytest.raises(InvalidQueryError, match="stride"):
-        make_episode(free(), (5, 5), (20, 20), 1, stride=0)

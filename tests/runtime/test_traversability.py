@@ -101,9 +101,8 @@ def test_more_than_half_saturated_is_said_by_term():
     rough = np.random.default_rng(0).normal(0, 3, (40, 40)).astype(np.float32)
     with pytest.warns(SaturationWarning) as caught:
         traversability_cost(rough, 20.0)
-    assert [str(w.message).split("limit of the ")[1].split(" term")[0] for w in caught] == [
-        "roughness", "elevation difference",
-    ]  # fmt: skip
+    terms = [str(w.message).split("limit of the ")[1].split(" term")[0] for w in caught]
+    assert terms == ["roughness", "elevation difference"]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         traversability_cost(rough, 20.0, Traversability(step_limit_m=20, roughness_limit_m=20))

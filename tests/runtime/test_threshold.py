@@ -2,12 +2,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.pyramid import Level, Pyramid
+from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame
-from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.region.threshold import RegionFinder, lowered, probability_of
+from nnpp_edge.runtime.region.threshold import Ends, RegionFinder, lowered, probability_of
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from tests import oracles
@@ -54,36 +56,33 @@ def test_the_walkable_threshold_is_the_highest_at_which_a_search_of_the_region_s
     cost[rng.random((rows, cols)) < 0.35] = np.inf
     start, goal = ((data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))) for _ in range(2))
     cost[start] = cost[goal] = 0.1
-    grid = Grid.of(cost, StepModel.of("paper", 0.011))
+    grid = Grid.of(cost, StepModel.of("paper"), corner_cutting)
     blocks = (np.arange(rows, dtype=np.int32) // per_block, np.arange(cols, dtype=np.int32) // per_block)
     finder, workspace = RegionFinder(side), Workspace(len(grid.weights))
     probability = (rng.integers(0, 8, (side, side)) / 8).astype(np.float32)
-    ends = tuple((int(blocks[0][r]), int(blocks[1][c])) for r, c in (start, goal))
+    ends = Ends(start, goal, *((int(blocks[0][r]), int(blocks[1][c])) for r, c in (start, goal)))
 
     def succeeds(threshold: int) -> bool:
-        finder.mark(threshold, *ends)
+        finder.mark(threshold, ends.start_block, ends.goal_block)
         region = finder.region(blocks)
-        found = astar(grid, start, goal, Workspace(len(grid.weights)), region=region, corner_cutting=corner_cutting)
-        return found.status is Status.OK
+        return astar(grid, start, goal, Workspace(len(grid.weights)), region=region).status is Status.OK
 
-    td = finder.first(probability, grid, None, workspace, blocks, (start, goal), ends, corner_cutting, 0.0625)
+    level = Level(grid, linked=False)
+    td = finder.first(probability, level, workspace, blocks, ends, 0.0625)
     if td < 0:
         assert not succeeds(0)
     else:
         at_td, wider, stamp = finder.at_td == finder.stamp, finder.bitmap == finder.stamp, finder.stamp
-        finder.mark(td, *ends)
+        finder.mark(td, ends.start_block, ends.goal_block)
         np.testing.assert_array_equal(at_td, finder.bitmap == stamp + 1)
         if td:
-            finder.mark(lowered(td, 0.0625), *ends)
+            finder.mark(lowered(td, 0.0625), ends.start_block, ends.goal_block)
             np.testing.assert_array_equal(wider, finder.bitmap == stamp + 2)
         assert succeeds(td)
-        lower = min(int(finder.levels[end]) for end in ends)
+        lower = min(int(finder.levels[block]) for block in (ends.start_block, ends.goal_block))
         assert td >= lower or not succeeds(td + 1)
     for touching in (False, True):
-        again = finder.first(
-            probability, grid, None, workspace, blocks, (start, goal), ends, corner_cutting, 0.0625, touching=touching
-        )
-        assert again == td
+        assert finder.first(probability, level, workspace, blocks, ends, 0.0625, touching=touching) == td
 
 
 @settings(deadline=None, max_examples=50)
@@ -100,17 +99,17 @@ def test_cells_that_the_network_is_not_shown_belong_to_no_region(side, above, le
     start, goal = (above, left), (above + inside - 1, left + inside - 1)
     cost[start] = cost[goal] = 0.1
     probability = (rng.random((side, side)) ** 2).astype(np.float32)
-    finder, ends = RegionFinder(side), ((0, 0), (side - 1, side - 1))
+    finder = RegionFinder(side)
 
-    def first(cost: np.ndarray, lookup: tuple, cells: tuple) -> int:
-        grid = Grid.of(cost, StepModel.of("paper", 0.011))
-        workspace = Workspace(len(grid.weights))
-        return finder.first(probability, grid, None, workspace, lookup, cells, ends, True, 0.1, touching=True)
+    def first(cost: np.ndarray, lookup: Lookup, start: Cell, goal: Cell) -> int:
+        grid = Grid.of(cost, StepModel.of("paper"))
+        workspace, ends = Workspace(len(grid.weights)), Ends(start, goal, (0, 0), (side - 1, side - 1))
+        return finder.first(probability, Level(grid, linked=False), workspace, lookup, ends, 0.1, touching=True)
 
     corner = inside - 1
     alone = np.arange(inside, dtype=np.int32) // 3
-    td = first(np.ascontiguousarray(cost[shown]), (alone, alone), ((0, 0), (corner, corner)))
-    assert max(td, 0) == max(first(cost, lookup, (start, goal)), 0)
+    td = first(np.ascontiguousarray(cost[shown]), (alone, alone), (0, 0), (corner, corner))
+    assert max(td, 0) == max(first(cost, lookup, start, goal), 0)
     if td > 0:
         assert not (finder.bitmap[-1] == finder.stamp).any()
         assert not (finder.bitmap[:, -1] == finder.stamp).any()
@@ -120,23 +119,19 @@ def test_cells_that_the_network_is_not_shown_belong_to_no_region(side, above, le
 @given(st.integers(70, 400), st.integers(70, 400), st.integers(0, 2**32))
 def test_on_coarse_cells_the_bound_by_blocks_changes_nothing(rows, cols, seed):
     rng = np.random.default_rng(seed)
-    planner = Planner((rng.random((rows, cols)) * 0.5).astype(np.float32))
-    level = planner.pyramid.levels[1]
+    level = Pyramid(Grid.of(rng.random((rows, cols)) * 0.5, StepModel.of("paper"))).levels[1]
     lookup, coarse = Frame(rows, cols, 64).lookup(16), []
     for blocks, cells in zip(lookup, (level.grid.rows, level.grid.cols), strict=True):
         coarse.append(blocks[np.minimum(np.arange(cells) * 4 + 2, len(blocks) - 1)])
     probability = rng.random((16, 16)).astype(np.float32)
-    ends = [(int(rng.integers(0, rows)), int(rng.integers(0, cols))) for _ in range(2)]
-    cells = tuple((row // 4, col // 4) for row, col in ends)
-    blocks = tuple((int(lookup[0][row]), int(lookup[1][col])) for row, col in ends)
-    finder = RegionFinder(16)
+    cells = [(int(rng.integers(0, rows)), int(rng.integers(0, cols))) for _ in range(2)]
+    coarse_cells = ((row // 4, col // 4) for row, col in cells)
+    ends = Ends(*coarse_cells, *((int(lookup[0][row]), int(lookup[1][col])) for row, col in cells))
+    finder, workspace = RegionFinder(16), Workspace(len(level.grid.weights))
     found = {
-        finder.first(
-            probability, level.grid, level.links, level.workspace, tuple(coarse), cells, blocks, True, 0.2,
-            touching=touching,
-        )
+        finder.first(probability, level, workspace, tuple(coarse), ends, 0.2, touching=touching)
         for touching in (False, True)
-    }  # fmt: skip
+    }
     assert len(found) == 1
 
 

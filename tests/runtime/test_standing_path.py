@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath, first_blocked
+from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath
 from tests import oracles
 from tests.strategies import cases
 
@@ -47,12 +47,12 @@ def test_its_bounds_hold_after_any_changes_and_moves(case, seed, method):
     if not plan.ok:
         return
     excess = plan.cost - oracles.dijkstra(cost, case.start, case.step_cost, case.corner_cutting)[case.goal]
-    path = StandingPath(planner.grid, corner_cutting=case.corner_cutting)
+    path = StandingPath(planner.state)
     path.set(plan)
     for _ in range(4):
         for _ in range(rng.integers(1, 3)):
             row, col, patch = random_patch(rng, cost, case.step_cost)
-            tell(planner, path, row, col, patch)
+            planner.update(row, col, patch)
             cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
         index = int(rng.integers(len(plan.path)))
         rest = plan.path[index:]
@@ -76,23 +76,16 @@ def test_its_bounds_hold_after_any_changes_and_moves(case, seed, method):
             assert found.blocked_at is not None
 
 
-def tell(planner, path, row, col, patch):
-    """Put a patch into the map, and tell the path."""
-    change = planner.take(row, col, patch, keep=True)
-    path.changed(change.part, change.was)
-
-
 def corridor_of_ones(**options):
     """A free map of 20 × 60 cells, a straight path along its middle, and the planner."""
     cost = np.full((20, 60), 0.2, np.float32)
     planner = Planner(cost, **options)
-    path = StandingPath(planner.grid, corner_cutting=options.get("corner_cutting", True))
+    path = StandingPath(planner.state)
     plan = planner.plan((10, 0), (10, 59), method="astar")
     path.set(plan)
 
     def put(row, col, patch):
-        patch = np.array(patch, np.float32, ndmin=2)
-        tell(planner, path, row, col, patch)
+        planner.update(row, col, np.array(patch, np.float32, ndmin=2))
 
     return path, plan, put
 
@@ -130,9 +123,9 @@ def test_an_opened_cell_is_bounded_by_the_way_over_it():
     cost = np.full((30, 60), 0.2, np.float32)
     cost[29, 0] = np.inf
     planner = Planner(cost)
-    path = StandingPath(planner.grid)
+    path = StandingPath(planner.state)
     path.set(planner.plan((0, 0), (0, 59), method="astar"))
-    tell(planner, path, 29, 0, np.array([[0.2]], np.float32))
+    planner.update(29, 0, np.array([[0.2]], np.float32))
     assert path.check((0, 0)).added == 0.0
 
 
@@ -140,12 +133,12 @@ def test_a_corner_that_may_not_be_cut_any_more_blocks():
     cost = np.full((6, 6), 0.2, np.float32)
     for corner_cutting, footing in ((True, Footing.VALID), (False, Footing.BLOCKED)):
         planner = Planner(cost, corner_cutting=corner_cutting)
-        path = StandingPath(planner.grid, corner_cutting=corner_cutting)
+        path = StandingPath(planner.state)
         plan = planner.plan((0, 0), (5, 5), method="astar")
         path.set(plan)
-        tell(planner, path, 2, 3, np.array([[np.inf]], np.float32))
+        planner.update(2, 3, np.array([[np.inf]], np.float32))
         assert path.check((0, 0)).footing is footing
-        assert (first_blocked(planner.grid, plan.path, corner_cutting) >= 0) == (footing is Footing.BLOCKED)
+        assert walkable(plan.path, planner.state.grid.map(), corner_cutting) == (footing is Footing.VALID)
 
 
 def test_off_the_path_and_without_one():
@@ -160,7 +153,7 @@ def test_only_a_path_to_the_goal_can_stand():
     cost = np.full((5, 5), 0.2, np.float32)
     cost[:, 2] = np.inf
     planner = Planner(cost)
-    path = StandingPath(planner.grid)
+    path = StandingPath(planner.state)
     with pytest.raises(InvalidQueryError, match="NO_PATH"):
         path.set(planner.plan((0, 0), (4, 4), method="astar"))
     plan = planner.plan((0, 0), (4, 0), method="astar")

@@ -1,0 +1,319 @@
+"""Whoever reads the log of a map's changes, at whatever times, is like one made afresh on the map as it is."""
+
+import time
+from functools import partial
+from unittest.mock import patch as replaced
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.runtime import NetworkModel, Status
+from nnpp_edge.runtime.cells import apart
+from nnpp_edge.runtime.kernels.encoding import mean_difference
+from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.map import state as state_module
+from nnpp_edge.runtime.map.changes import ChangeLog
+from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.planners import dynamic_choice
+from nnpp_edge.runtime.planners.dynamic_choice import DynamicChooser
+from nnpp_edge.runtime.planners.map_planners import MapPlanners
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, path_costs
+from nnpp_edge.runtime.planners.query import Query, Work
+from nnpp_edge.runtime.planners.searchers import AStarSearcher, RegionMender
+from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath
+from nnpp_edge.runtime.region.map_view import MapView
+from nnpp_edge.runtime.search.dstar_lite import DStarLite
+from nnpp_edge.runtime.tuning import MEND_SHARE, MEND_WITHIN, UNSEEN_CHANGE
+from tests import oracles
+from tests.runtime.test_standing_path import random_patch, walkable
+
+CLOSE = {"rel": 1e-5, "abs": 1e-5}
+MEND_FROM = 12
+"""Cells to the goal from which on the chooser may mend, here."""
+
+
+class ChangingMap:
+    """A map that is patched, and one reader of each kind on it; each method reads one and holds it against a new one.
+
+    The log merges all but a few changes. `unmerged` is a map that is patched alike, whose log holds every change.
+    """
+
+    def __init__(self, rng, shape, step_cost, corner_cutting, most, networks):
+        self.rng, self.step_cost, self.corner_cutting = rng, step_cost, corner_cutting
+        self.model, (self.network, self.network_in_parts) = StepModel.of(step_cost), networks
+        cost = rng.random(shape) * 0.9 + (0.01 if step_cost == "length" else 0.0)
+        cost[rng.random(shape) < 0.15] = np.inf
+        self.cost = cost.astype(np.float32)
+        self.goal, self.start = self.cell(), self.cell()
+        with replaced.object(state_module, "ChangeLog", partial(ChangeLog, most)):
+            self.state = MapState(self.cost, self.model, corner_cutting=corner_cutting)
+        self.unmerged = MapState(self.cost, self.model, corner_cutting=corner_cutting)
+        self.dstar, self.mender = DStarLite(self.state, self.goal), RegionMender(self.state)
+        self.view = MapView(self.state, self.network)
+        self.view_in_parts = MapView(self.state, self.network_in_parts, UNSEEN_CHANGE)
+        self.path, self.unmerged_path = StandingPath(self.state), StandingPath(self.unmerged)
+        self.astar, self.dearer_only = AStarSearcher(self.state), True
+        planners, self.chooser_path = MapPlanners(self.state, self.network), StandingPath(self.state)
+        self.chooser = DynamicChooser(self.state, planners, self.chooser_path)
+        self.since_answer = []
+        self.plain = self.state.log.reader()
+        self.weighing = self.state.log.reader(keeps_old_weights=True)
+        self.at_last = {reader: self.state.grid.map().copy() for reader in (self.plain, self.weighing)}
+        self.set_landmarks()
+
+    def afresh(self):
+        """A map state made now; its bounds are those of the old one, which may be wider than need be."""
+        state = MapState(self.cost, self.model, corner_cutting=self.corner_cutting)
+        state.grid.set_bounds(self.state.grid.least, self.state.grid.greatest)
+        return state
+
+    def cell(self):
+        return int(self.rng.integers(self.cost.shape[0])), int(self.rng.integers(self.cost.shape[1]))
+
+    def passable(self, *cells):
+        return all(np.isfinite(self.cost[cell]) for cell in cells)
+
+    def optimum(self, start):
+        """By Dijkstra, on the costs alone."""
+        if not self.passable(start, self.goal):
+            return np.inf
+        return oracles.dijkstra(self.cost, start, self.step_cost, self.corner_cutting)[self.goal]
+
+    def check_path(self, path, start):
+        """It leads from start to goal, and costs what the map says; its cost."""
+        assert (tuple(path[0]), tuple(path[-1])) == (start, self.goal)
+        assert walkable(path, self.cost, self.corner_cutting)
+        cost = path_costs(self.state.grid, path)[0]
+        assert cost == pytest.approx(oracles.path_cost(path, self.cost, self.step_cost), **CLOSE)
+        return cost
+
+    # Changes
+
+    def patch_part(self):
+        self.put(*random_patch(self.rng, self.cost, self.step_cost))
+
+    def patch_with_extremes(self):
+        """Weights below and above all so far: in the `length` model all that is relative to them is out of date."""
+        row, col, patch = random_patch(self.rng, self.cost, self.step_cost)
+        finite = self.cost[np.isfinite(self.cost)]
+        least, greatest = (finite.min(), finite.max()) if finite.size else (0.4, 0.5)
+        greatest = min(greatest * 1.5, 0.99) if self.step_cost == "paper" else greatest * 1.5
+        self.put(row, col, np.where(self.rng.random(patch.shape) < 0.5, least / 2, greatest).astype(np.float32))
+
+    def patch_whole(self):
+        cost = self.cost * np.float32(self.rng.choice([0.5, 1.0, 1.2]))
+        if self.step_cost == "paper":
+            cost[cost >= 1.0] = np.inf
+        cost[self.rng.random(cost.shape) < 0.05] = 0.3
+        self.put(0, 0, cost)
+
+    def put(self, row, col, patch):
+        before = self.state.grid.map().copy()
+        change = self.state.update(row, col, patch)
+        self.unmerged.update(row, col, patch)
+        self.unmerged_path.check(self.start)
+        self.cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
+        assert change.cells == (self.state.grid.map() != before).sum()
+        self.dearer_only = self.dearer_only and not (self.state.grid.map() < before).any()
+        if change.cells:
+            self.since_answer.append(change)
+
+    def move(self):
+        self.start = self.cell()
+
+    # Readers
+
+    def read_pyramid(self):
+        for ours, wanted in zip(self.state.pyramid.levels, self.afresh().pyramid.levels, strict=True):
+            np.testing.assert_allclose(ours.grid.weights, wanted.grid.weights, rtol=1e-6)
+            np.testing.assert_array_equal(ours.pieces, wanted.pieces)
+            assert (ours.links is None) == (wanted.links is None)
+            if ours.links is not None:
+                np.testing.assert_array_equal(ours.links, wanted.links)
+            known = ours.grid.weights[np.isfinite(ours.grid.weights)]
+            assert known.size == 0 or ours.grid.least <= known.min() <= known.max() <= ours.grid.greatest
+
+    def read_dstar(self):
+        if self.rng.random() < 0.2:
+            self.dstar.plan(self.start, deadline=time.monotonic())
+        found, optimum = self.dstar.plan(self.start), self.optimum(self.start)
+        assert (found.status is Status.OK) == np.isfinite(optimum)
+        if found.status is Status.OK:
+            assert self.check_path(found.path, self.start) == pytest.approx(optimum, **CLOSE)
+
+    def region(self):
+        """At times everywhere, else some blocks and those of start and goal."""
+        blocks = [2 * -(-cells // FACTOR) for cells in self.cost.shape]
+        bitmap = (self.rng.random(blocks) < self.rng.choice([0.6, 0.9, 1.0])).astype(np.int32)
+        lookup = self.state.pyramid.levels[0].quarters
+        for cell in (self.start, self.goal):
+            bitmap[lookup[0][cell[0]], lookup[1][cell[1]]] = 1
+        return Region(bitmap, *lookup)
+
+    def read_mender(self):
+        """What it knows may hold more than the region, never less."""
+        query, region = Query(self.start, self.goal), self.region()
+        if not self.passable(*query[:2]) or query.apart == 0:
+            return
+        if self.rng.random() < 0.5:
+            self.mender.worth_mending(query, Work(), region)
+        if self.rng.random() < 0.2:
+            self.mender.search(query._replace(deadline=time.monotonic()), Work(), region)
+        found, optimum = self.mender.search(query, Work(), region), self.optimum(self.start)
+        again = self.mender.search(query, Work(), None)
+        new = RegionMender(self.afresh()).search(query, Work(), region)
+        inside = path_costs(self.state.grid, new.path)[0]
+        assert np.isfinite(inside) <= (found.status is Status.OK) <= np.isfinite(optimum)
+        if found.status is Status.OK:
+            cost = self.check_path(found.path, self.start)
+            assert optimum - 1e-4 <= cost <= inside * (1.0 + 1e-5) + 1e-5
+            assert path_costs(self.state.grid, again.path)[0] == pytest.approx(cost, **CLOSE)
+            if region.blocks().all():
+                assert cost == pytest.approx(optimum, **CLOSE)
+
+    def read_view(self):
+        new = MapView(self.afresh(), self.network)
+        for view in (self.view, new):
+            view.show(self.start, self.goal)
+        assert self.view.window == new.window
+        np.testing.assert_allclose(self.view.network.inputs["map"], new.network.inputs["map"], atol=1e-6)
+
+    def read_view_in_parts(self):
+        """It may differ from a new one by a share of the window, until it is refreshed."""
+        view, new = self.view_in_parts, MapView(self.afresh(), self.network_in_parts)
+        for each in (view, new):
+            each.show(self.start, self.goal)
+        if view.window == new.window:
+            shown, wanted = (each.network.inputs["map"][0] for each in (view, new))
+            cells = new.frame.inner[0] * new.frame.inner[1]
+            assert mean_difference(shown, wanted) * view.size**2 <= (UNSEEN_CHANGE + 1e-4) * cells
+            view.refresh()
+            np.testing.assert_allclose(shown, wanted, atol=1e-6)
+
+    def stand_on_path(self):
+        """Follow the optimal path from here."""
+        if np.isfinite(self.optimum(self.start)):
+            search = AStarSearcher(self.state)
+            query, work = Query(self.start, self.goal), Work()
+            for state, path in ((self.state, self.path), (self.unmerged, self.unmerged_path)):
+                found = MapPlanners(state, self.network).exact.find(query, work)
+                path.set(found.plan(Method.ASTAR, work, planner="astar"))
+            assert search.landmarks is None
+
+    def read_standing_path(self):
+        """Its bounds are those of one that has read each change at once, and they hold."""
+        if self.path.plan is None:
+            assert self.path.check(self.start).footing is Footing.NONE
+            return
+        path = self.path.plan.path
+        at = tuple(int(x) for x in path[int(self.rng.integers(len(path)))])
+        found, wanted = self.path.check(at), self.unmerged_path.check(at)
+        assert (found.footing, found.index, found.blocked_at) == (wanted.footing, wanted.index, wanted.blocked_at)
+        assert (found.cost, found.lower_bound, found.floor) == pytest.approx(
+            (wanted.cost, wanted.lower_bound, wanted.floor), **CLOSE
+        )
+        rest, goal = path[found.index :], self.goal
+        assert found.valid == walkable(rest, self.cost, self.corner_cutting)
+        optimum = self.optimum(at)
+        slack = 2e-5 * (self.path.plan.cost + 1.0)
+        if np.isfinite(optimum) and tuple(path[-1]) == goal:
+            assert max(found.lower_bound, found.floor) <= optimum + slack
+            assert not found.valid or found.cost <= found.bound * optimum + slack
+
+    def set_landmarks(self):
+        self.astar.prepare(3, [self.goal] if self.passable(self.goal) else [])
+        self.dearer_only = True
+
+    def read_landmarks(self):
+        """They are gone exactly when something became cheaper, and what is found by them is the optimum."""
+        assert (self.astar.landmarks is not None) == self.dearer_only
+        optimum = self.optimum(self.start)
+        if self.passable(self.start, self.goal):
+            found = self.astar.search(Query(self.start, self.goal), Work(), None)
+            assert (found.status is Status.OK) == np.isfinite(optimum)
+            if found.status is Status.OK:
+                assert self.check_path(found.path, self.start) == pytest.approx(optimum, **CLOSE)
+
+    def read_chooser(self):
+        """It mends only where all that has changed since its last answer is little and near, merged or not."""
+        query, work = Query(self.start, self.goal), Work()
+        if not self.passable(*query[:2]):
+            return
+        reach, merged = MEND_WITHIN * query.apart, self.state.log.merged
+        small = sum(change.cells for change in self.since_answer) <= MEND_SHARE * self.cost.size * 16
+        near = all(apart(c.part, self.start) + max(c.part[2:]) <= reach for c in self.since_answer)
+        worth = self.chooser_path.plan is not None and query.apart >= MEND_FROM and small and near
+        values = {"MEND_FROM": MEND_FROM, "NEAR": 0, "MEND_SHARE": MEND_SHARE * 16}
+        with replaced.multiple(dynamic_choice, **values):
+            found, method, _ = self.chooser.find(query, work)
+        assert (method is DynamicMethod.CORRIDOR_DSTAR) <= worth
+        if merged == 0:
+            assert (method is DynamicMethod.CORRIDOR_DSTAR) == worth
+        optimum = self.optimum(self.start)
+        assert (found.search.status is Status.OK) == np.isfinite(optimum)
+        if found.search.status is Status.OK:
+            assert self.check_path(found.search.path, self.start) >= optimum * (1 - 1e-5) - 1e-5
+            self.chooser_path.set(found.plan(method.base, work, planner=method))
+            self.chooser.answered()
+            self.since_answer.clear()
+
+    def read_plain(self):
+        self.read_reader(self.plain)
+
+    def read_old_weights(self):
+        """Of a node that stands in several changes the first old weight is the one at the last reading."""
+        first = {}
+        for change in self.weighing.peek():
+            for node, old in zip(change.nodes.tolist(), change.old_weights.tolist(), strict=True):
+                first.setdefault(self.state.grid.cell(node), old)
+        before, now = self.at_last[self.weighing], self.state.grid.map()
+        assert {cell: before[cell] for cell in first} == first
+        assert {tuple(cell) for cell in np.argwhere(before != now).tolist()} <= first.keys()
+        self.read_reader(self.weighing)
+
+    def read_reader(self, reader):
+        """Its changes cover every cell that is another one, and it knows of every one that is cheaper."""
+        changes, before = reader.read(), self.at_last[reader]
+        covered = np.zeros(self.cost.shape, bool)
+        for row, col, rows, cols in (change.part for change in changes):
+            covered[row : row + rows, col : col + cols] = True
+        now = self.at_last[reader] = self.state.grid.map().copy()
+        assert covered[now != before].all()
+        assert sum(change.cells for change in changes) >= (now != before).sum()
+        assert any(change.cheaper for change in changes) >= (now < before).any()
+        assert reader.behind == 0 and not reader.read()
+
+
+PATCHES = ("patch_part", "patch_part", "patch_part", "patch_with_extremes", "patch_whole")
+READERS = tuple(name for name in vars(ChangingMap) if name.startswith("read_") and name != "read_reader")
+STEPS = st.lists(st.sampled_from((*PATCHES * 3, *READERS, "move", "stand_on_path", "set_landmarks")), max_size=40)
+
+
+@pytest.fixture(scope="module")
+def networks(network):
+    """One that sees map and query at once, and one that sees the map first."""
+    return network, NetworkModel("edge")
+
+
+@settings(deadline=None, max_examples=120)
+@given(
+    steps=STEPS,
+    shape=st.sampled_from([(7, 12), (24, 31), (33, 150)]),
+    step_cost=st.sampled_from(["paper", "length"]),
+    corner_cutting=st.booleans(),
+    most=st.sampled_from([1, 2, 5, 64]),
+    seed=st.integers(0, 2**32),
+)
+@example([*["stand_on_path", *["patch_part"] * 9, "patch_whole"] * 2, *READERS], (24, 31), "length", True, 2, 5)
+@example([*["patch_with_extremes", "read_pyramid", "move"] * 6, *READERS], (33, 150), "length", False, 1, 6)
+@example(["read_chooser", *["patch_part", "read_chooser", "read_mender"] * 12], (33, 150), "paper", True, 64, 7)
+def test_every_reader_of_the_log_is_like_one_made_afresh(
+    networks, steps, shape, step_cost, corner_cutting, most, seed
+):
+    world = ChangingMap(np.random.default_rng(seed), shape, step_cost, corner_cutting, most, networks)
+    for step in (*steps, *READERS):
+        getattr(world, step)()

@@ -1,0 +1,211 @@
+"""A plan is frozen and owns its data; planners that share a network do not notice each other."""
+
+import copy
+import dataclasses
+import json
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import (
+    DynamicMethod,
+    DynamicPlanner,
+    Method,
+    NetworkModel,
+    Plan,
+    Planner,
+    Region,
+    Source,
+    Status,
+)
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.planners.plan import path_costs
+from tests import oracles
+
+SHAPE = (210, 250)
+START, GOAL = (8, 9), (200, 240)
+
+
+def rough(seed=3):
+    return (np.random.default_rng(seed).random(SHAPE) * 0.6).astype(np.float32)
+
+
+def facts(value):
+    """A plan, or a part of it, as plain values that can be compared."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.tolist()
+    if isinstance(value, Region):
+        return [facts(part) for part in value]
+    if isinstance(value, Plan):
+        return {field.name: facts(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    return repr(value)
+
+
+@pytest.fixture(scope="module", params=["sees all at once", "in two parts"])
+def shared_network(network, request):
+    """The tiny network, and the shipped one; every planner here is given the same."""
+    return network if request.param == "sees all at once" else NetworkModel("edge")
+
+
+def static_planner(network):
+    """A planner, and the question that its methods are asked."""
+    planner = Planner(rough(), model=network)
+
+    def plan(method, start):
+        return planner.plan(start, GOAL, method=method, keep_regions=True)
+
+    return planner, plan
+
+
+def dynamic_planner(network):
+    """A planner for a map that changes, and the same."""
+    planner = DynamicPlanner(rough(), GOAL, "auto", also=tuple(DynamicMethod), model=network)
+    planner.prepare()
+
+    def plan(method, start):
+        planner.move(start)
+        return planner.replan(method=method, keep_regions=True)
+
+    return planner, plan
+
+
+@pytest.mark.parametrize(
+    ("make", "methods"), [(static_planner, tuple(Method)), (dynamic_planner, tuple(DynamicMethod))]
+)
+def test_a_plan_stays_what_it_was(shared_network, make, methods):
+    planner, plan = make(shared_network)
+    kept = []
+    for turn in range(3):
+        for method in methods:
+            found = plan(method, (START[0] + turn, START[1] + 7 * turn))
+            assert found.ok
+            kept.append((found, facts(found), pickle.dumps(found), copy.deepcopy(found)))
+        planner.update(20 + 30 * turn, 30, np.full((20, 25), 0.8, np.float32))
+    planner.update(0, 0, rough(4))
+    for method in methods:
+        plan(method, (START[0] + 50, START[1]))
+    for found, wanted, pickled, copied in kept:
+        for each in (found, pickle.loads(pickled), copied, pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
+            assert facts(each) == wanted
+
+
+@pytest.mark.parametrize("make", [static_planner, dynamic_planner])
+def test_what_is_written_into_a_plans_arrays_reaches_no_planner(shared_network, make):
+    (_, spoiled), (_, plan) = make(shared_network), make(shared_network)
+    for method in ("corridor", "nnpp"):
+        for start in (START, (30, 9)):
+            found, wanted = spoiled(method, start), plan(method, start)
+            assert facts(found.path) == facts(wanted.path)
+            assert facts(found.region) == facts(wanted.region)
+            found.path[:] = 0
+            for region in (found.region, found.network_region):
+                for array in () if region is None else region[:3]:
+                    array[:] = 7
+
+
+def test_a_plan_cannot_be_changed():
+    plan = Planner(rough()).plan(START, GOAL, method="astar")
+    for name in ("cost", "path", "status", "region"):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(plan, name, None)
+
+
+@pytest.mark.parametrize("make", [static_planner, dynamic_planner])
+def test_regions_are_kept_only_when_asked_for(network, make):
+    planner, plan = make(network)
+    for method, has_region, by_network in (("astar", False, False), ("corridor", True, False), ("nnpp", True, True)):
+        found = plan(method, START)
+        assert (found.region is not None, found.network_region is not None) == (has_region, by_network)
+        assert (found.threshold > 0.0) == by_network
+        if has_region:
+            assert found.region.mask()[tuple(found.path.T)].all()
+        if by_network:
+            assert found.network_region.mask()[tuple(np.array([START, GOAL]).T)].all()
+        static = isinstance(planner, Planner)
+        plain = planner.plan(START, GOAL, method=method) if static else planner.replan(method=method)
+        assert (plain.region, plain.network_region) == (None, None)
+        np.testing.assert_array_equal(plain.path, found.path)
+
+
+def test_planners_that_share_a_network_answer_in_turns_as_those_with_one_of_their_own(shared_network):
+    other = NetworkModel(shared_network.path)
+    maps = [rough(seed) for seed in (1, 2)]
+    sharing = [Planner(cost, model=shared_network, ask_from=0) for cost in maps]
+    sharing.append(DynamicPlanner(rough(5), GOAL, "nnpp", model=shared_network))
+    alone = [Planner(cost, model=other.path, ask_from=0) for cost in maps]
+    alone.append(DynamicPlanner(rough(5), GOAL, "nnpp", model=other.path))
+    for turn in range(4):
+        start = (START[0] + 3 * turn, START[1] + turn)
+        for ours, theirs in zip(sharing, alone, strict=True):
+            plans = []
+            for planner in (ours, theirs):
+                if isinstance(planner, DynamicPlanner):
+                    planner.move(start)
+                    plans.append(planner.replan(keep_regions=True))
+                else:
+                    plans.append(planner.plan(start, GOAL, method="nnpp", keep_regions=True))
+                planner.update(60, 70 + turn, np.full((30, 30), 0.9 - 0.1 * turn, np.float32))
+            one, two = (facts(dataclasses.replace(plan, timings_ms={})) for plan in plans)
+            assert one == two
+            assert plans[0].threshold > 0.0
+
+
+def test_a_shared_network_has_a_map_a_query_and_an_answer_of_its_own(shared_network):
+    size = shared_network.metadata.input_size
+    rng = np.random.default_rng(0)
+    one, two = shared_network.share(), shared_network.share()
+    planes, ends = rng.random((2, 2, size, size)).astype(np.float32), ((3.0, 4.0), (size - 9.0, size - 5.0))
+    answers = []
+    for network, map_planes in ((one, planes[0]), (two, planes[1])):
+        network.set_map(map_planes)
+        answers.append(network.answer(*ends))
+    before = [answer.copy() for answer in answers]
+    assert not np.array_equal(*before)
+    two.answer(*ends[::-1])
+    np.testing.assert_array_equal(answers[0], before[0])
+    np.testing.assert_array_equal(one.answer(*ends), before[0])
+    np.testing.assert_array_equal(two.answer(*ends), before[1])
+    assert one.metadata == shared_network.metadata and one.path == shared_network.path
+
+
+# What a plan says
+
+
+def test_without_a_path_numbers_are_inf_or_0():
+    plan = Plan(Status.NO_PATH, Method.ASTAR)
+    assert (plan.cost, plan.length, plan.traverse_cost, plan.lower_bound) == (math.inf, math.inf, math.inf, 0.0)
+    assert (plan.ok, plan.path.shape, plan.path.dtype, plan.bound) == (False, (0, 2), np.int32, math.inf)
+    told = json.loads(json.dumps(plan.summary(), allow_nan=False))
+    assert (told["status"], told["method"], told["source"]) == ("NO_PATH", "astar", None)
+    assert told["cost"] is told["bound"] is told["threshold"] is None
+
+
+def test_a_summary_is_ready_for_json():
+    planner = DynamicPlanner(rough(), GOAL, "corridor-dstar")
+    planner.move(START)
+    plan = planner.replan()
+    told = json.loads(json.dumps(plan.summary(), allow_nan=False))
+    assert (told["method"], told["source"], told["status"]) == ("corridor-dstar", "region", "OK")
+    assert plan.method is Method.CORRIDOR and plan.source is Source.REGION
+    assert told["cells"] == len(plan.path)
+    assert told["cost"] == pytest.approx(plan.cost, abs=1e-6)
+    assert told["bound"] == pytest.approx(plan.cost / plan.lower_bound, abs=1e-6)
+    assert (
+        told["timings_ms"]["total"] >= sum(ms for stage, ms in told["timings_ms"].items() if stage != "total") - 0.01
+    )
+
+
+@pytest.mark.parametrize("step_cost", ["paper", "length"])
+def test_a_paths_costs_are_the_sums_over_its_steps_and_cells(step_cost):
+    cost = rough()[:20, :30] + np.float32(0.01)
+    grid = Grid.of(cost, StepModel.of(step_cost))
+    path = np.array([(1, 1), (2, 2), (2, 3), (3, 3), (4, 2)], np.int32)
+    total, length, traverse = path_costs(grid, path)
+    assert total == pytest.approx(oracles.path_cost(path, cost, step_cost), rel=1e-6)
+    assert length == pytest.approx(2 + 2 * math.sqrt(2))
+    assert traverse == pytest.approx(cost[tuple(path.T)].sum(), rel=1e-5)
+    assert path_costs(grid, path[:0]) == (math.inf, math.inf, math.inf)
+    assert path_costs(grid, path[:1])[:2] == (0.0, 0.0)
