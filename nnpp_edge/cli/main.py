@@ -28,11 +28,13 @@ COMMANDS = {
 }
 """Name and one line each; the command itself is `command` in the module of that name."""
 
-
-_EXTRAS = {"torch": "train", "onnx": "train", "onnxscript": "train", "matplotlib": "viz", "rasterio": "geo",
-           "jinja2": "viz", "PIL": "viz", "rerun": "viz", "mcap": "robot",
-           "zenoh": "robot"}  # fmt: skip
-"""Packages that the onboard install lacks, and the extra that brings each."""
+_EXTRAS = {
+    "geo": ("rasterio",),
+    "robot": ("mcap", "mcap_ros2", "zenoh"),
+    "train": ("torch", "onnx", "onnxscript", "safetensors"),
+    "viz": ("jinja2", "matplotlib", "PIL", "rerun"),
+}
+"""Packages that the onboard install lacks, by the extra that brings them."""
 
 
 class LazyGroup(click.Group):
@@ -46,7 +48,8 @@ class LazyGroup(click.Group):
         """Import one."""
         if name not in COMMANDS:
             return None
-        return import_module(f"nnpp_edge.cli.{name}").command
+        command: click.Command = import_module(f"nnpp_edge.cli.{name}").command
+        return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
@@ -67,7 +70,7 @@ def _show_warning(message: Warning | str, category: type[Warning], *_: object, *
 
 def main() -> None:
     """Run the command. Wrong use and bad input end in one line and exit code 2."""
-    warnings.showwarning = _show_warning  # type: ignore[assignment]
+    warnings.showwarning = _show_warning
     if sys.stderr.isatty():
         notice.tell = functools.partial(click.echo, err=True)
     try:
@@ -76,9 +79,10 @@ def main() -> None:
         click.echo(f"error: {error}", err=True)
         sys.exit(2)
     except ModuleNotFoundError as error:
-        if (extra := _EXTRAS.get((error.name or "").partition(".")[0])) is None:
+        package = (error.name or "").partition(".")[0]
+        if (extra := next((extra for extra, names in _EXTRAS.items() if package in names), None)) is None:
             raise
-        click.echo(f"error: this needs {error.name}: pip install 'nnpp-edge[{extra}]'", err=True)
+        click.echo(f"error: this needs {package}: pip install 'nnpp-edge[{extra}]'", err=True)
         sys.exit(2)
 
 

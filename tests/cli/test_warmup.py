@@ -52,7 +52,7 @@ WARM_UP = "from nnpp_edge.cli.main import main; import sys; sys.argv[0] = 'nnpp-
 
 
 TOLD_OF_COMPILING = """
-from nnpp_edge.runtime import notice
+from nnpp_edge.runtime.compiled import notice
 heard = []
 notice.tell = heard.append
 from nnpp_edge.runtime.kernels.expansion import octile
