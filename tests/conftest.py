@@ -12,8 +12,25 @@ import pytest
 
 os.environ["NNPP_EDGE_CHOICE"] = ""  # what was measured on this machine decides nothing in tests
 
+LONGEST_FILES = (
+    "test_warmup.py",
+    "test_training.py",
+    "test_experiments.py",
+    "test_quantize.py",
+    "test_dataset.py",
+    "test_dataset_cluster.py",
+    "test_run.py",
+    "test_profile.py",
+    "test_main.py",
+)
 TINY_SIDE = 64
 TINY_UNSHUFFLE = 4
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files that take longest come first, so that several processes end at about the same time."""
+    order = {name: at for at, name in enumerate(LONGEST_FILES)}
+    items.sort(key=lambda item: order.get(item.path.name, len(order)))
 
 
 def write_tiny_model(path: Path, **changes: Any) -> Path:

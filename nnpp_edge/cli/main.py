@@ -4,6 +4,7 @@ import functools
 import sys
 import warnings
 from importlib import import_module
+from typing import NoReturn
 
 import click
 
@@ -57,10 +58,14 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=LazyGroup, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="nnpp-edge")
-def cli() -> None:
+@click.pass_context
+def cli(context: click.Context) -> None:
     """Learned path planning on a robot's own computer: elevation map in, safe and nearly optimal path out."""
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help(), err=True)
+        context.exit(2)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
@@ -74,16 +79,30 @@ def main() -> None:
     if sys.stderr.isatty():
         notice.tell = functools.partial(click.echo, err=True)
     try:
-        cli(prog_name="nnpp-edge")
-    except NnppEdgeError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(2)
+        sys.exit(cli.main(prog_name="nnpp-edge", standalone_mode=False))
+    except click.Abort:  # Ctrl-C
+        click.echo("stopped", err=True)
+        sys.exit(1)
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx else "nnpp-edge"
+        _refuse(f"{_plain(error.format_message())}; see {command} --help")
+    except (NnppEdgeError, click.ClickException) as error:
+        _refuse(str(error))
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         if (extra := next((extra for extra, names in _EXTRAS.items() if package in names), None)) is None:
             raise
-        click.echo(f"error: this needs {package}: pip install 'nnpp-edge[{extra}]'", err=True)
-        sys.exit(2)
+        _refuse(f"this needs {package}: pip install 'nnpp-edge[{extra}]'")
+
+
+def _refuse(message: str) -> NoReturn:
+    click.echo(f"error: {message}", err=True)
+    sys.exit(2)
+
+
+def _plain(message: str) -> str:
+    """click's sentence as part of ours."""
+    return message[0].lower() + message[1:].rstrip(".")
 
 
 if __name__ == "__main__":
