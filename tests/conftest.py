@@ -63,22 +63,26 @@ def write_tiny_model(path: Path, **changes: Any) -> Path:
         helper.make_node("Slice", ["query", "third", "end", "channel_axis"], ["nearness"]),
         helper.make_node("Mul", ["nearness", "ease"], ["probability"]),
     ]
-    graph = helper.make_graph(
-        nodes,
-        "tiny",
-        [tensor("map", 1, channels, side, side), tensor("query", 1, 3, query_side, query_side)],
-        [tensor("probability", 1, 1, query_side, query_side)],
-        [number("half", 0.5), number("one", 1.0), integers("channel_axis", 1), integers("third", 2),
-         integers("end", 3)],
-    )  # fmt: skip
+    inputs = [tensor("map", 1, channels, side, side), tensor("query", 1, 3, query_side, query_side)]
+    outputs = [tensor("probability", 1, 1, query_side, query_side)]
+    axes = [integers("channel_axis", 1), integers("third", 2), integers("end", 3)]
+    graph = helper.make_graph(nodes, "tiny", inputs, outputs, [number("half", 0.5), number("one", 1.0), *axes])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
     checker.check_model(model)
-    told: dict[str, Any] = {
-        "name": "tiny", "architecture": "edge", "input_size": TINY_SIDE, "blocks": query_side,
-        "encoding": "pair", "channels": ("cost", "blocked", "pair"), "sigma": 0.25, "omega": 0.011,
-        "cost_limits": {}, "map_unshuffle": TINY_UNSHUFFLE, "version": "0",
-    }  # fmt: skip
-    helper.set_model_props(model, {METADATA_KEY: ModelMetadata(**{**told, **changes}).to_json()})
+    metadata: dict[str, Any] = {
+        "name": "tiny",
+        "architecture": "edge",
+        "input_size": TINY_SIDE,
+        "blocks": query_side,
+        "encoding": "pair",
+        "channels": ("cost", "blocked", "pair"),
+        "sigma": 0.25,
+        "omega": 0.011,
+        "cost_limits": {},
+        "map_unshuffle": TINY_UNSHUFFLE,
+        "version": "0",
+    }
+    helper.set_model_props(model, {METADATA_KEY: ModelMetadata(**{**metadata, **changes}).to_json()})
     save(model, path)
     return path
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.costmap import MapSize, cost_of
 from nnpp_edge.cli.options import TerrainOptions
+from nnpp_edge.cli.plan_answer import Answer, Compared
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
@@ -21,15 +22,12 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.planners.plan import Plan
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.terrain.dem import Dem
-    from nnpp_edge.terrain.route import Route
     from nnpp_edge.viz.sheet import Cells
 
 _MOST_UNEQUAL_SIDES = 0.02
 """Cells whose sides differ by more than this share are warned of."""
 _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
-_PROPERTIES = ("status", "method", "source", "cost", "length_m")
-"""Figures that path.geojson repeats."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +103,9 @@ def command(
     """Plan a path over the elevation map DEM.
 
     Give start and goal as cells, or with --start-xy and --goal-xy in the map's coordinates. With several
-    goals a path to each is planned, and the one that costs least is taken. The time shown is that of the one
-    planning that was made, which includes loading compiled code and the network; with --compare, and with
-    --time-limit, these are loaded first. Exit codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or
-    goal lies outside the map or is impassable.
+    goals a path to each is planned, and the one that costs least is taken. The time shown includes loading
+    compiled code and the network; with --compare and with --time-limit these are loaded first. Exit codes: 0
+    for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is impassable.
 
     path.geojson is in the map's own coordinates, not in longitude and latitude; its properties say which.
     Without a georeference they are x = column and y = row, times the side of a cell, in metres.
@@ -135,126 +132,10 @@ def command(
         if as_json:
             click.echo(json.dumps(answer.plan.summary()))
         raise InvalidQueryError(_refusal(answer, cost, limits))
-    files = [] if output is None else _write(output, answer, cost, hillshade)
+    files = [] if output is None else answer.save(output, cost, hillshade)
     click.echo(json.dumps(answer.figures(files)) if as_json else answer.text(files))
     if not answer.plan.ok:
         click.get_current_context().exit(1)
-
-
-@dataclass(frozen=True)
-class Compared:
-    """One method beside exact A*."""
-
-    method: str
-    source: str | None
-    status: str
-    cost: float | None
-    length: float | None
-    expansions: int
-    gap: float | None
-    """Share by which the cost is above the optimum; None without both paths."""
-    time_ms: float
-    """Median over the repeats."""
-    speedup: float | None
-    """Time of exact A* over this one; None without both paths."""
-
-    @classmethod
-    def of(cls, plan: Plan, exact: Plan, time_ms: float, exact_ms: float) -> Compared:
-        """Set a plan beside the exact one."""
-        gap = speedup = None
-        if plan.ok and exact.ok:
-            gap = plan.cost / exact.cost - 1.0 if exact.cost else 0.0
-            speedup = exact_ms / time_ms
-        cost, length = (round(plan.cost, 6), round(plan.length, 6)) if plan.ok else (None, None)
-        source = None if plan.source is None else str(plan.source)
-        return cls(str(plan.method), source, str(plan.status), cost, length, plan.expansions, gap, time_ms, speedup)
-
-    def row(self) -> list[str]:
-        """For people."""
-        gap = None if self.gap is None else 100.0 * self.gap
-        cost, percent, speedup = (
-            "–" if value is None else form.format(value)
-            for value, form in ((self.cost, "{:.6g}"), (gap, "{:.2f} %"), (self.speedup, "{:.2f}"))
-        )
-        time_ms, expansions = f"{self.time_ms:.2f}", str(self.expansions)
-        return [self.method, self.source or "–", self.status, cost, percent, time_ms, speedup, expansions]
-
-
-@dataclass(frozen=True)
-class Answer:
-    """A plan on its map, and what was planned beside it."""
-
-    plan: Plan
-    route: Route
-    start: Cell
-    goal: Cell
-    goals: list[tuple[Cell, Plan]]
-    """Where several goals were given: each with its plan, the nearest first."""
-    compared: list[Compared]
-    exact_path: Cells | None
-    """The exact optimum where another method was compared with it."""
-    loading_included: bool
-    """Whether the plan's times hold those of loading compiled code and the network."""
-
-    def figures(self, files: list[str]) -> dict[str, object]:
-        """Ready for JSON."""
-        figures: dict[str, object] = {
-            **self.plan.summary(),
-            "loading_included": self.loading_included,
-            "length_m": self.route.length_m if self.plan.ok else None,
-            "start": self.start,
-            "goal": self.goal,
-            **asdict(MapSize.of(self.route.dem)),
-        }
-        if self.compared:
-            figures["compare"] = [asdict(compared) for compared in self.compared]
-        if self.goals:
-            figures["goals"] = [
-                {"goal": goal, "status": str(plan.status), "cost": round(plan.cost, 6) if plan.ok else None}
-                for goal, plan in self.goals
-            ]
-        if files:
-            figures["files"] = files
-        return figures
-
-    def text(self, files: list[str]) -> str:
-        """For people."""
-        from nnpp_edge.progress import render_table
-        from nnpp_edge.viz.sheet import metres
-
-        plan, length = self.plan, metres(self.route.length_m)
-        lines = {str(plan.status): f"{plan.method} ({plan.source})" + (f": {plan.reason}" if plan.reason else "")}
-        lines["map"] = str(MapSize.of(self.route.dem))
-        if self.goals:
-            results = (f"{goal} {f'{plan.cost:.6g}' if plan.ok else plan.status}" for goal, plan in self.goals)
-            lines["goals"] = ", ".join(results)
-        if plan.ok:
-            lines["path"] = f"{len(plan.path)} cells, {length}"
-            lines["cost"] = f"{plan.cost:.6g}, {self._optimality()}"
-            lines["CC"] = f"{plan.traverse_cost:.6g}"
-        elif len(plan.path):
-            lines["path"] = f"{len(plan.path)} cells so far, {length}"
-        lines["expansions"] = str(plan.expansions)
-        stages = ", ".join(f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total")
-        loading = ", with the loading of code and network" if self.loading_included else ""
-        lines["time"] = f"{plan.timings_ms['total']:.2f} ms{loading} ({stages})"
-        if files:
-            lines["written"] = ", ".join(files)
-        text = "\n".join(f"{name:<12}{value}" for name, value in lines.items())
-        if not self.compared:
-            return text
-        header = ("method", "source", "status", "cost", "gap", "ms", "speed-up", "expansions")
-        return text + "\n" + render_table(header, [compared.row() for compared in self.compared])
-
-    def _optimality(self) -> str:
-        """How far from the optimum the path's cost is, or may be."""
-        if self.plan.bound <= 1.0 + 1e-6:
-            return "the optimum"
-        if self.compared and self.compared[0].gap is not None:
-            return f"{100.0 * self.compared[0].gap:.2f} % above the optimum"
-        return (
-            f"at most {self.plan.bound:.3f} times the optimum (no path costs less than {self.plan.lower_bound:.6g})"
-        )
 
 
 def find(request: Request, dem: Dem, cost: Float2D) -> Answer:
@@ -269,7 +150,7 @@ def find(request: Request, dem: Dem, cost: Float2D) -> Answer:
     planner = Planner(cost, omega=request.omega, corner_cutting=request.corner_cutting, model=request.model)
     if request.landmarks:
         planner.prepare(landmarks=request.landmarks)
-    if request.time_limit is not None:  # loading compiled code would use it up
+    if request.time_limit is not None:  # loading would use it up
         from nnpp_edge.runtime.warmup import exercise
 
         exercise()
@@ -311,7 +192,7 @@ def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Compa
     times = {method: median(plans[method].timings_ms["total"] for plans in rounds[1:]) for method in methods}
     last = rounds[-1]
     exact = last[Method.ASTAR]
-    compared = [Compared.of(last[method], exact, times[method], times[Method.ASTAR]) for method in methods]
+    compared = [Compared(last[method], exact, times[method], times[Method.ASTAR]) for method in methods]
     exact_path = exact.path if exact.ok and plan.method != exact.method else None
     return replace(plan, timings_ms=last[plan.method].timings_ms), compared, exact_path
 
@@ -325,32 +206,6 @@ def _with_own_regions(plan: Plan) -> Plan:
         for region in (plan.region, plan.network_region)
     )
     return replace(plan, region=next(copies), network_region=next(copies))
-
-
-def _write(folder: Path, answer: Answer, cost: Float2D, shaded: bool) -> list[str]:
-    """Path, picture and figures; their names."""
-    from nnpp_edge.files import write_whole
-    from nnpp_edge.viz.picture import hillshade, plan_picture, save_picture
-
-    geojson, csv, png, json_file = paths = [folder / n for n in ("path.geojson", "path.csv", "plan.png", "plan.json")]
-    files = [str(path) for path in paths]
-    figures = answer.figures(files)
-    write_whole(geojson, answer.route.geojson({key: figures[key] for key in _PROPERTIES}))
-    write_whole(csv, answer.route.csv())
-    dem = answer.route.dem
-    picture = plan_picture(
-        cost,
-        answer.plan,
-        start=answer.start,
-        goal=answer.goal,
-        shade=hillshade(dem.elevation, dem.cell_size_m, dem.cell_width_m) if shaded else None,
-        reference_path=answer.exact_path,
-        cell_size_m=dem.cell_width_m,
-        length_m=answer.route.length_m,
-    )
-    save_picture(png, picture)
-    write_whole(json_file, json.dumps(figures, indent=1).encode())
-    return files
 
 
 def _warn_if_not_square(dem: Dem) -> None:

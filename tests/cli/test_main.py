@@ -62,10 +62,8 @@ def test_the_whole_chain_from_terrain_to_an_int8_model(nnpp_edge, tmp_path):
     ended = nnpp_edge("quantize", tmp_path / "fp32.onnx", "--dataset", data, "-o", int8, "--samples", 8)
     assert ended.code == 0, ended.err
     np.savez(tmp_path / "dem.npz", elevation_m=np.random.default_rng(0).normal(0, 0.1, (90, 120)), cell_size_m=1.0)
-    ended = nnpp_edge(
-        "plan", tmp_path / "dem.npz", "--start", "2,3", "--goal", "80,110", "--method", "nnpp",
-        "--model", int8, "-o", tmp_path / "out",
-    )  # fmt: skip
+    words = ["plan", tmp_path / "dem.npz", "--start", "2,3", "--goal", "80,110", "--method", "nnpp", "--model", int8]
+    ended = nnpp_edge(*words, "-o", tmp_path / "out")
     assert ended.code == 0, ended.err
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"path.geojson", "path.csv", "plan.png", "plan.json"}
 
