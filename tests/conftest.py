@@ -158,13 +158,14 @@ def nnpp_edge(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str
 
     def run(*words: object) -> Ended:
         monkeypatch.setattr(sys, "argv", ["nnpp-edge", *map(str, words)])
-        monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)  # main replaces it
         capsys.readouterr()
         code = 0
-        try:
-            main()
-        except SystemExit as ended:
-            code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+        with warnings.catch_warnings():  # main replaces how they are shown
+            warnings.simplefilter("default")  # a user's Python shows them; in tests they are errors
+            try:
+                main()
+            except SystemExit as ended:
+                code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
         out, err = capsys.readouterr()
         return Ended(code, out, err)
 

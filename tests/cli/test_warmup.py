@@ -28,7 +28,6 @@ for shape in ((30, 30), (1, 60), (260, 230), (600, 530), (1100, 60)):
                     assert planner.plan(start, goal, method=method).ok
                     assert planner.plan(start, start, method=method).ok
                     planner.plan(start, goal, method=method, time_limit_s=0.0)
-                    planner.plan(start, goal, method=method, cancelled=lambda: False)
                 planner.update(0, 2, np.full((1, 3), np.inf))
                 for method in ("astar", "corridor", "nnpp"):
                     planner.plan(start, goal, method=method, time_limit_s=30.0)
