@@ -31,7 +31,7 @@ COMMANDS = {
 
 _EXTRAS = {
     "geo": ("rasterio",),
-    "robot": ("mcap", "mcap_ros2", "zenoh"),
+    "robot": ("mcap", "prometheus_client", "zenoh"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),
     "viz": ("jinja2", "matplotlib", "PIL", "rerun"),
 }

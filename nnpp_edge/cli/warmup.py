@@ -35,7 +35,7 @@ def command(keep_old: bool, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(warmth.summary(), indent=1))
         return
-    versions = f"{warmth.signatures} versions, {warmth.compiled} of them new"
-    click.echo(f"{warmth.kernels} kernels ({versions}) in {warmth.folder}, {warmth.seconds:.1f} s")
+    click.echo(f"{warmth.kernels} kernels ({warmth.signatures} versions, {warmth.compiled} of them new) "
+               f"in {warmth.folder}, {warmth.seconds:.1f} s")  # fmt: skip
     for folder in warmth.removed:
         click.echo(f"deleted {folder}")

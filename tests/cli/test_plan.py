@@ -108,7 +108,7 @@ def test_the_files_hold_the_path_in_map_coordinates(nnpp_edge, tmp_path):
     assert feature["geometry"] == {"type": "LineString", "coordinates": wanted}
     assert "UTM" in feature["properties"]["crs"]
     assert feature["crs"]["properties"]["name"] == "urn:ogc:def:crs:EPSG::32615"
-    rows = list(csv.DictReader((folder / "path.csv").open()))
+    rows = list(csv.DictReader((folder / "path.csv").read_text().splitlines()))
     assert list(rows[0]) == ["row", "col", "x", "y", "elevation_m", "cost", "distance_m"]
     assert [[int(row["row"]), int(row["col"])] for row in rows] == path.tolist()
     assert [[float(row["x"]), float(row["y"])] for row in rows] == wanted
