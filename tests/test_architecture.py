@@ -17,6 +17,7 @@ KERNELS = "runtime/kernels/"
 KERNEL_IMPORTS = (
     "numpy",
     "numba",
+    "llvmlite",
     "math",
     "enum",
     "typing",

@@ -32,7 +32,8 @@ def test_examples_in_docstrings_are_true(name):
 
 
 def test_the_public_api_has_examples():
-    assert "nnpp_edge.runtime" in MODULES
+    planners = {f"nnpp_edge.runtime.planners.{name}" for name in ("planner", "dynamic")}
+    assert planners <= set(MODULES)
 
 
 def test_python_in_the_readme_runs():

@@ -39,41 +39,9 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]  # click has made it ge
             self.fail(f"wanted {self.wanted}, got {value!r}", param, ctx)
 
 
-class Cell(Parsed):
-    """`R,C`: two whole numbers."""
-
-    def __init__(self) -> None:
-        super().__init__("R,C", "ROW,COL as two whole numbers", _cell)
-
-
-class Numbers(Parsed):
-    """Numbers joined by commas."""
-
-    def __init__(self, kind: Callable[[str], float] = int) -> None:
-        super().__init__("N,…", "numbers joined by commas", lambda word: tuple(map(kind, word.split(","))))
-
-
-class Sizes(Parsed):
-    """Sides of square maps as ints, or ROWSxCOLS as pairs of ints, joined by commas."""
-
-    def __init__(self) -> None:
-        super().__init__("N|RxC,…", "sides of at least 2 cells, or ROWSxCOLS, joined by commas", _sizes)
-
-
-class Names(Parsed):
-    """Names joined by commas."""
-
-    def __init__(self) -> None:
-        super().__init__("NAME,…", "names joined by commas", lambda word: tuple(map(str.strip, word.split(","))))
-
-
 def _cell(word: str) -> tuple[int, int]:
     row, col = map(int, word.split(","))
     return row, col
-
-
-def _sizes(word: str) -> tuple[int | tuple[int, int], ...]:
-    return tuple(map(_size, word.split(",")))
 
 
 def _size(word: str) -> int | tuple[int, int]:
@@ -82,6 +50,22 @@ def _size(word: str) -> int | tuple[int, int]:
         raise ValueError
     return rows if rows == cols else (rows, cols)
 
+
+def _joined(item: Callable[[str], object]) -> Callable[[str], object]:
+    return lambda word: tuple(map(item, word.split(",")))
+
+
+def Numbers(kind: Callable[[str], float] = int) -> Parsed:
+    """Numbers joined by commas."""
+    return Parsed("N,…", "numbers joined by commas", _joined(kind))
+
+
+Cell = functools.partial(Parsed, "R,C", "ROW,COL as two whole numbers", _cell)
+Names = functools.partial(Parsed, "NAME,…", "names joined by commas", _joined(str.strip))
+Sizes = functools.partial(
+    Parsed, "N|RxC,…", "sides of at least 2 cells, or ROWSxCOLS, joined by commas", _joined(_size)
+)
+"""Sides of square maps as ints, others as pairs of ints."""
 
 as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 view = click.option(

@@ -49,14 +49,12 @@ class Request:
 
     def __post_init__(self) -> None:
         """Refuse a start or goals that are missing, or given as cells and as coordinates."""
-        places = {"start": [self.start_xy] if self.start_xy else [], "goal": self.goals_xy}
-        cells = {"start": [self.start] if self.start else [], "goal": self.goals}
-        for name in ("start", "goal"):
-            if bool(cells[name]) == bool(places[name]):
+        start_xy = (self.start_xy,) if self.start_xy else ()
+        for name, cells, places in (("start", self.start, start_xy), ("goal", self.goals, self.goals_xy)):
+            if bool(cells) == bool(places):
                 raise click.UsageError(f"give either --{name} ROW,COL or --{name}-xy X,Y")
-            for place in places[name]:
-                if len(place) != 2:
-                    raise click.UsageError(f"--{name}-xy must be two numbers X,Y, got {len(place)}")
+            if any(len(place) != 2 for place in places):
+                raise click.UsageError(f"--{name}-xy must be two numbers X,Y")
 
     def cells(self, dem: Dem) -> tuple[Cell, list[Cell]]:
         """Start and goals as cells of the map."""
@@ -80,17 +78,10 @@ class Request:
     show_default=True,
     help="Whether a diagonal step may pass beside an impassable cell.",
 )
+@click.option("--epsilon", type=click.FloatRange(0.0), help="Cost at most this share above the optimum; 0 is exact.")
+@click.option("--time-limit", type=click.FloatRange(0.0, min_open=True), help="Seconds for one planning.")
 @click.option(
-    "--epsilon",
-    type=click.FloatRange(min=0.0),
-    help="Widen until the cost is certain to be within this share of the optimum; 0 is exact.",
-)
-@click.option("--time-limit", type=click.FloatRange(min=0.0, min_open=True), help="Seconds for one planning.")
-@click.option(
-    "--landmarks",
-    type=click.IntRange(0, 8),
-    default=0,
-    help="Landmarks to prepare first: exact A* then expands a fraction of the cells.",
+    "--landmarks", type=click.IntRange(0, 8), default=0, help="Prepare as many: exact A* expands fewer cells."
 )
 @click.option("--compare", is_flag=True, help="Plan with exact A* and the corridor planner too.")
 @click.option("--hillshade", is_flag=True, help="Draw the relief in place of the cost.")
