@@ -58,7 +58,10 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(cls=LazyGroup, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+_CONTEXT = {"help_option_names": ["-h", "--help"], "show_default": True}
+
+
+@click.group(cls=LazyGroup, invoke_without_command=True, context_settings=_CONTEXT)
 @click.version_option(__version__, prog_name="nnpp-edge")
 @click.pass_context
 def cli(context: click.Context) -> None:

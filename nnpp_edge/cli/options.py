@@ -73,8 +73,8 @@ view = click.option(
     metavar="WHERE",
     help="Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, FILE.rrd is written.",
 )
-seed = click.option("--seed", type=int, default=1, show_default=True, help="Seed of every random choice.")
-model = click.option("--model", default="edge", show_default=True, help="Name of a shipped network, or an ONNX file.")
+seed = click.option("--seed", type=int, default=1, help="Seed of every random choice.")
+model = click.option("--model", default="edge", help="Name of a shipped network, or an ONNX file.")
 cell_size = click.option("--cell-size", type=float, help="Side of a cell in metres, where the file does not say.")
 rescale = click.option(
     "--rescale", type=float, help="Make cells this many metres wide and scale heights alike, so that slopes stay."
@@ -100,9 +100,9 @@ dem_input = together(
 """How a DEM is read: `cell_size`, `vertical_scale`, `rescale`."""
 
 traversability = together(
-    click.option("--slope-limit", type=float, default=30.0, show_default=True, help="φ_s, degrees."),
-    click.option("--roughness-limit", type=float, default=0.6, show_default=True, help="r_s, metres."),
-    click.option("--step-limit", type=float, default=0.2, show_default=True, help="H_s, metres."),
+    click.option("--slope-limit", type=float, default=30.0, help="φ_s, degrees."),
+    click.option("--roughness-limit", type=float, default=0.6, help="r_s, metres."),
+    click.option("--step-limit", type=float, default=0.2, help="H_s, metres."),
     click.option("--hard-slope", type=float, help="Cells steeper than this many degrees are impassable."),
     click.option("--hard-roughness", type=float, help="Cells rougher than this many metres are impassable."),
     click.option("--hard-step", type=float, help="Cells with a larger step, in metres, are impassable."),

@@ -68,20 +68,17 @@ class Request:
 @click.option("--goal", "goals", type=options.Cell(), multiple=True, help="Cell; of several, the nearest is taken.")
 @click.option("--start-xy", type=options.Numbers(float), metavar="X,Y", help="In the map's own coordinates.")
 @click.option("--goal-xy", "goals_xy", type=options.Numbers(float), metavar="X,Y", multiple=True, help="Likewise.")
-@click.option("--method", type=click.Choice(["auto", "astar", "corridor", "nnpp"]), default="auto", show_default=True)
+@click.option("--method", type=click.Choice(["auto", "astar", "corridor", "nnpp"]), default="auto")
 @options.model
 @options.terrain
-@click.option("--omega", default=0.011, show_default=True, help="Weight of the cost against length, per grey level.")
+@click.option("--omega", default=0.011, help="Weight of the cost against length, per grey level.")
 @click.option(
-    "--corner-cutting/--no-corner-cutting",
-    default=True,
-    show_default=True,
-    help="Whether a diagonal step may pass beside an impassable cell.",
+    "--corner-cutting/--no-corner-cutting", default=True, help="Allow diagonal steps beside impassable cells."
 )
 @click.option("--epsilon", type=click.FloatRange(0.0), help="Cost at most this share above the optimum; 0 is exact.")
 @click.option("--time-limit", type=click.FloatRange(0.0, min_open=True), help="Seconds for one planning.")
 @click.option(
-    "--landmarks", type=click.IntRange(0, 8), default=0, help="Prepare as many: exact A* expands fewer cells."
+    "--landmarks", type=click.IntRange(0, 8), default=0, help="Landmarks to prepare: exact A* expands fewer cells."
 )
 @click.option("--compare", is_flag=True, help="Plan with exact A* and the corridor planner too.")
 @click.option("--hillshade", is_flag=True, help="Draw the relief in place of the cost.")
