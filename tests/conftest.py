@@ -23,14 +23,19 @@ LONGEST_FILES = (
     "test_profile.py",
     "test_main.py",
 )
+SLOW_FOLDERS = ("calibrate", "export", "model", "reproduction", "training")
+SLOW_FILES = ("test_dataset.py", "test_dataset_cluster.py", "test_kernel_cache.py", "test_run.py", "test_warmup.py")
 TINY_SIDE = 64
 TINY_UNSHUFFLE = 4
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that take longest come first, so that several processes end at about the same time."""
+    """Mark what is slow as a whole; files that take longest come first, so that two processes end together."""
     order = {name: at for at, name in enumerate(LONGEST_FILES)}
     items.sort(key=lambda item: order.get(item.path.name, len(order)))
+    for item in items:
+        if item.path.parent.name in SLOW_FOLDERS or item.path.name in SLOW_FILES:
+            item.add_marker(pytest.mark.slow)
 
 
 def write_tiny_model(path: Path, **changes: Any) -> Path:

@@ -56,6 +56,7 @@ def heavy_modules(code, names):
     return ended.stdout.split()
 
 
+@pytest.mark.slow
 def test_the_runtime_imports_neither_torch_nor_onnx():
     code = (
         "import numpy as np\n"

@@ -47,6 +47,7 @@ def test_help_and_version_succeed(nnpp_edge, words):
     assert nnpp_edge(*words).code == 0
 
 
+@pytest.mark.slow
 def test_the_whole_chain_from_terrain_to_an_int8_model(nnpp_edge, tmp_path):
     """A model far too small and trained far too short, but every link is the real one."""
     data, run, int8 = (tmp_path / name for name in ("data", "run", "int8.onnx"))

@@ -283,6 +283,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_read(nnpp
         nnpp_edge("plan", tmp_path / "no-dem.tif", *EXACT, "-o", folder).refused(str(folder), "folder to write to")
 
 
+@pytest.mark.slow
 def test_the_command_itself_ends_with_the_same_code(split, tmp_path):
     """The whole of it in a process of its own, once."""
     for dem, code in ((split, 1), (tmp_path / "none.tif", 2)):
