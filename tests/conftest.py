@@ -29,12 +29,22 @@ TINY_SIDE = 64
 TINY_UNSHUFFLE = 4
 
 
+def is_slow(path: Path) -> bool:
+    """Whether all tests of a file take long, or need what takes long to import."""
+    return path.parent.name in SLOW_FOLDERS or path.name in SLOW_FILES
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave slow files unread where slow tests are left out: reading them imports torch."""
+    return True if config.option.markexpr == "not slow" and is_slow(collection_path) else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what is slow as a whole; files that take longest come first, so that two processes end together."""
     order = {name: at for at, name in enumerate(LONGEST_FILES)}
     items.sort(key=lambda item: order.get(item.path.name, len(order)))
     for item in items:
-        if item.path.parent.name in SLOW_FOLDERS or item.path.name in SLOW_FILES:
+        if is_slow(item.path):
             item.add_marker(pytest.mark.slow)
 
 
