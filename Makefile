@@ -1,13 +1,14 @@
 # make demo: the onboard package alone, in an environment of its own, and a plan over real lunar terrain.
-# make test: what the tests need, in another, and all tests.
+# make check: lint, types, import contract and the fast tests, in less than a minute.
+# make test: the same with all tests.
 # make bench: our planners beside other libraries' grid search, what a
 # region's search costs, and how long the first plan takes.
 PYTHON ?= python3
 DEMO := .venv-demo
 DEV := .venv-dev
-SOURCES := nnpp_edge runtime export calibrate tests
+PYTEST := $(DEV)/bin/python -m pytest --numprocesses 2
 
-.PHONY: demo test bench lint types typing-tree format clean
+.PHONY: demo check test bench lint types contract format clean
 
 $(DEMO)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEMO)
@@ -23,11 +24,26 @@ $(DEV)/ready: pyproject.toml
 	$(DEV)/bin/pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	touch $@
 
-test: $(DEV)/ready
+check: lint types contract
+	$(PYTEST) -m 'not slow'
+
+test: lint types contract
+	$(DEV)/bin/nnpp-edge warmup --keep-old
+	$(PYTEST)
+
+lint: $(DEV)/ready
 	$(DEV)/bin/ruff check .
 	$(DEV)/bin/ruff format --check .
-	$(MAKE) --no-print-directory types
-	$(DEV)/bin/python -m pytest
+
+types: $(DEV)/ready
+	$(DEV)/bin/mypy -p nnpp_edge
+
+contract: $(DEV)/ready
+	$(DEV)/bin/lint-imports
+
+format: $(DEV)/ready
+	$(DEV)/bin/ruff check --fix .
+	$(DEV)/bin/ruff format .
 
 $(DEV)/ready-to-bench: $(DEV)/ready
 	$(DEV)/bin/pip install --quiet --disable-pip-version-check --editable '.[bench]'
@@ -38,22 +54,5 @@ bench: $(DEV)/ready-to-bench
 	$(DEV)/bin/python -m nnpp_edge.benchmarks.region_search
 	$(DEV)/bin/python -m nnpp_edge.profiling.cold_start
 
-lint: $(DEV)/ready
-	$(DEV)/bin/ruff check .
-	$(DEV)/bin/ruff format --check .
-
-format: $(DEV)/ready
-	$(DEV)/bin/ruff check --fix .
-	$(DEV)/bin/ruff format .
-
-# The stage folders are installed inside nnpp_edge; a type checker wants to see them there.
-typing-tree:
-	rm -rf build/typing && mkdir -p build/typing
-	cp -rs $(CURDIR)/nnpp_edge build/typing/nnpp_edge
-	for stage in runtime export calibrate profiles; do cp -rs $(CURDIR)/$$stage build/typing/nnpp_edge/$$stage; done
-
-types: $(DEV)/ready typing-tree
-	cd build/typing && MYPYPATH=. $(CURDIR)/$(DEV)/bin/mypy --config-file $(CURDIR)/pyproject.toml -p nnpp_edge
-
 clean:
-	rm -rf $(DEMO) $(DEV) build demo-out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(DEMO) $(DEV) build demo-out *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

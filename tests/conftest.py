@@ -12,8 +12,40 @@ import pytest
 
 os.environ["NNPP_EDGE_CHOICE"] = ""  # what was measured on this machine decides nothing in tests
 
+LONGEST_FILES = (
+    "test_warmup.py",
+    "test_training.py",
+    "test_experiments.py",
+    "test_quantize.py",
+    "test_dataset.py",
+    "test_dataset_cluster.py",
+    "test_run.py",
+    "test_profile.py",
+    "test_main.py",
+)
+SLOW_FOLDERS = ("calibrate", "export", "model", "reproduction", "training")
+SLOW_FILES = ("test_dataset.py", "test_dataset_cluster.py", "test_kernel_cache.py", "test_run.py", "test_warmup.py")
 TINY_SIDE = 64
 TINY_UNSHUFFLE = 4
+
+
+def is_slow(path: Path) -> bool:
+    """Whether all tests of a file take long, or need what takes long to import."""
+    return path.parent.name in SLOW_FOLDERS or path.name in SLOW_FILES
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave slow files unread where slow tests are left out: reading them imports torch."""
+    return True if config.option.markexpr == "not slow" and is_slow(collection_path) else None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what is slow as a whole; files that take longest come first, so that two processes end together."""
+    order = {name: at for at, name in enumerate(LONGEST_FILES)}
+    items.sort(key=lambda item: order.get(item.path.name, len(order)))
+    for item in items:
+        if is_slow(item.path):
+            item.add_marker(pytest.mark.slow)
 
 
 def write_tiny_model(path: Path, **changes: Any) -> Path:
@@ -46,22 +78,26 @@ def write_tiny_model(path: Path, **changes: Any) -> Path:
         helper.make_node("Slice", ["query", "third", "end", "channel_axis"], ["nearness"]),
         helper.make_node("Mul", ["nearness", "ease"], ["probability"]),
     ]
-    graph = helper.make_graph(
-        nodes,
-        "tiny",
-        [tensor("map", 1, channels, side, side), tensor("query", 1, 3, query_side, query_side)],
-        [tensor("probability", 1, 1, query_side, query_side)],
-        [number("half", 0.5), number("one", 1.0), integers("channel_axis", 1), integers("third", 2),
-         integers("end", 3)],
-    )  # fmt: skip
+    inputs = [tensor("map", 1, channels, side, side), tensor("query", 1, 3, query_side, query_side)]
+    outputs = [tensor("probability", 1, 1, query_side, query_side)]
+    axes = [integers("channel_axis", 1), integers("third", 2), integers("end", 3)]
+    graph = helper.make_graph(nodes, "tiny", inputs, outputs, [number("half", 0.5), number("one", 1.0), *axes])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
     checker.check_model(model)
-    told: dict[str, Any] = {
-        "name": "tiny", "architecture": "edge", "input_size": TINY_SIDE, "blocks": query_side,
-        "encoding": "pair", "channels": ("cost", "blocked", "pair"), "sigma": 0.25, "omega": 0.011,
-        "cost_limits": {}, "map_unshuffle": TINY_UNSHUFFLE, "version": "0",
-    }  # fmt: skip
-    helper.set_model_props(model, {METADATA_KEY: ModelMetadata(**{**told, **changes}).to_json()})
+    metadata: dict[str, Any] = {
+        "name": "tiny",
+        "architecture": "edge",
+        "input_size": TINY_SIDE,
+        "blocks": query_side,
+        "encoding": "pair",
+        "channels": ("cost", "blocked", "pair"),
+        "sigma": 0.25,
+        "omega": 0.011,
+        "cost_limits": {},
+        "map_unshuffle": TINY_UNSHUFFLE,
+        "version": "0",
+    }
+    helper.set_model_props(model, {METADATA_KEY: ModelMetadata(**{**metadata, **changes}).to_json()})
     save(model, path)
     return path
 
@@ -137,13 +173,14 @@ def nnpp_edge(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str
 
     def run(*words: object) -> Ended:
         monkeypatch.setattr(sys, "argv", ["nnpp-edge", *map(str, words)])
-        monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)  # main replaces it
         capsys.readouterr()
         code = 0
-        try:
-            main()
-        except SystemExit as ended:
-            code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+        with warnings.catch_warnings():  # main replaces how they are shown
+            warnings.simplefilter("default")  # a user's Python shows them; in tests they are errors
+            try:
+                main()
+            except SystemExit as ended:
+                code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
         out, err = capsys.readouterr()
         return Ended(code, out, err)
 

@@ -1,34 +1,34 @@
 """`nnpp-edge costmap`: what crossing each cell of an elevation map costs."""
 
+from __future__ import annotations
+
 import json
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from nnpp_edge.cli import options
+from nnpp_edge.cli.options import TerrainOptions
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.arrays import Float2D
+    from nnpp_edge.runtime.terrain.traversability import Traversability
+    from nnpp_edge.terrain.dem import Dem
 
 _RASTERS = (".tif", ".tiff")
 _ARRAYS = (".npy", ".npz")
 _SHARES = (0.1, 0.5, 0.9, 0.99)
-
-workload_option = click.option(
-    "--workload", help="soft (the paper's cost), or limitN: φ_s = N degrees, steeper cells are impassable."
-)
 
 
 @click.command(name="costmap")
 @click.argument("dem", type=options.PATH)
 @click.option("-o", "--output", type=options.NEW_FILE, required=True, help=".tif, .npy or .npz.")
 @click.option("--picture", type=options.NEW_FILE, help="PNG; by default beside the output, under its name.")
-@options.dem_input
-@options.traversability
-@workload_option
+@options.terrain
 @options.as_json
-def command(
-    dem: Path, output: Path, picture: Path | None, cell_size: float | None, vertical_scale: float | None,
-    rescale: float | None, workload: str | None, as_json: bool, **limits: Any,
-) -> None:  # fmt: skip
+def command(dem: Path, output: Path, picture: Path | None, as_json: bool, terrain: TerrainOptions) -> None:
     """Write the traversability cost of an elevation map, and a picture of it.
 
     Costs lie in [0, 1). A GeoTIFF keeps the DEM's georeference; its impassable cells are NaN, declared as
@@ -40,90 +40,99 @@ def command(
     """
     picture = picture or output.with_suffix(".png")
     _check_names(dem, output, picture)
+    limits = terrain.limits()
 
     from nnpp_edge.viz.picture import cost_map_picture, save_picture
 
-    terrain = options.load_dem(dem, cell_size, vertical_scale, rescale)
-    rules = make_rules(workload, limits)
-    cost = cost_of(terrain, rules)
-    _write(output, cost, terrain)
-    save_picture(picture, cost_map_picture(cost, cell_size_m=terrain.cell_width_m))
-    told = {**summary(cost, terrain, rules), "files": [str(output), str(picture)]}
-    click.echo(json.dumps(told) if as_json else text(dem, told))
+    ground = terrain.read(dem)
+    cost = cost_of(ground, limits)
+    _write(output, cost, ground)
+    save_picture(picture, cost_map_picture(cost, cell_size_m=ground.cell_width_m))
+    summary = summarise(cost, ground, limits)
+    files = [str(output), str(picture)]
+    click.echo(json.dumps({**summary.figures(), "files": files}) if as_json else summary.text(dem, files))
 
 
-def make_rules(workload: str | None, limits: dict[str, Any]) -> Any:
-    """The `Traversability` of the options; UsageError where a workload sets a limit that was given too."""
-    from nnpp_edge.terrain.workloads import SOFT
-    from nnpp_edge.terrain.workloads import workload as named
+@dataclass(frozen=True)
+class MapSize:
+    """Cells of a map, and their sides in metres."""
 
-    rules = options.make_traversability(**limits)
-    if workload is None:
-        return rules
-    context = click.get_current_context()
-    for name in ("slope_limit", "hard_slope"):
-        source = context.get_parameter_source(name)
-        if workload != SOFT and source is not click.core.ParameterSource.DEFAULT:
-            raise click.UsageError(
-                f"--workload {workload} sets the slope limits: leave out --{name.replace('_', '-')}"
-            )
-    return named(workload, rules)
+    rows: int
+    cols: int
+    cell_size_m: float
+    cell_width_m: float
+
+    @classmethod
+    def of(cls, dem: Dem) -> MapSize:
+        """Size of an elevation map."""
+        rows, cols = dem.elevation.shape
+        return cls(rows, cols, dem.cell_size_m, dem.cell_width_m)
+
+    def __str__(self) -> str:
+        size, width = self.cell_size_m, self.cell_width_m
+        square = abs(size - width) <= 5e-4 * size
+        cell = f"{size:.4g} m" if square else f"{size:.4g} m (north) × {width:.4g} m (east)"
+        return f"{self.rows} × {self.cols} cells of {cell}"
 
 
-def cost_of(terrain: Any, rules: Any) -> Any:
-    """The cost map of a `Dem`."""
+@dataclass(frozen=True)
+class CostSummary:
+    """What a cost map holds."""
+
+    size: MapSize
+    passable_share: float
+    """Share of the cells that are passable."""
+    cost_quantiles: dict[str, float | None]
+    """Cost that a share of the passable cells does not pass, by that share."""
+    saturated_share: dict[str, float]
+    """Share of the cells of known height at which a term is at its limit, by the term."""
+
+    def figures(self) -> dict[str, object]:
+        """Ready for JSON."""
+        return {**asdict(self.size), **{key: value for key, value in vars(self).items() if key != "size"}}
+
+    def text(self, dem: Path, files: list[str]) -> str:
+        """For people."""
+        shares = ((100 * float(share), cost) for share, cost in self.cost_quantiles.items() if cost is not None)
+        costs = ", ".join(f"{share:.0f} % of cells up to {cost:.3f}" for share, cost in shares)
+        at_limit = ", ".join(f"{term} {100 * share:.1f} %" for term, share in self.saturated_share.items())
+        lines = (
+            f"map       {dem.name}: {self.size}",
+            f"passable  {100 * self.passable_share:.2f} % of cells",
+            f"cost      {costs or 'no cell is passable'}",
+            f"at limit  {at_limit}",
+            f"written   {', '.join(files)}",
+        )
+        return "\n".join(lines)
+
+
+def cost_of(dem: Dem, limits: Traversability) -> Float2D:
+    """The cost map of an elevation map."""
     from nnpp_edge.runtime.terrain.traversability import traversability_cost
 
-    return traversability_cost(terrain.elevation, terrain.cell_size_m, rules, cell_width_m=terrain.cell_width_m)
+    return traversability_cost(dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m)
 
 
-def summary(cost: Any, terrain: Any, rules: Any) -> dict[str, Any]:
-    """Size, share passable, quantiles of the passable cells' cost, share of known cells at each limit."""
+def summarise(cost: Float2D, dem: Dem, limits: Traversability) -> CostSummary:
+    """Describe the cost map of an elevation map."""
     import numpy as np
 
     from nnpp_edge.runtime.terrain.traversability import TERMS, terrain_terms
 
     passable = cost[np.isfinite(cost)]
     quantiles = np.quantile(passable, _SHARES).round(6).tolist() if passable.size else [None] * len(_SHARES)
-    terms = terrain_terms(terrain.elevation, terrain.cell_size_m, cell_width_m=terrain.cell_width_m)
-    known = max(np.isfinite(terms[0]).sum(), 1)
-    full = (np.radians(rules.slope_limit_deg), rules.roughness_limit_m, rules.step_limit_m)
-    return {
-        "rows": cost.shape[0], "cols": cost.shape[1],
-        "cell_size_m": terrain.cell_size_m, "cell_width_m": terrain.cell_width_m,
-        "passable_share": passable.size / cost.size,
-        "cost_quantiles": {f"{share:g}": q for share, q in zip(_SHARES, quantiles, strict=True)},
-        "saturated_share": {
+    terms = terrain_terms(dem.elevation, dem.cell_size_m, cell_width_m=dem.cell_width_m)
+    known = max(int(np.isfinite(terms[0]).sum()), 1)
+    at_limit = (np.radians(limits.slope_limit_deg), limits.roughness_limit_m, limits.step_limit_m)
+    return CostSummary(
+        MapSize.of(dem),
+        passable.size / cost.size,
+        {f"{share:g}": quantile for share, quantile in zip(_SHARES, quantiles, strict=True)},
+        {
             name: round(float((term >= limit).sum() / known), 6)
-            for name, term, limit in zip(TERMS, terms, full, strict=True)
+            for name, term, limit in zip(TERMS, terms, at_limit, strict=True)
         },
-    }  # fmt: skip
-
-
-def text(dem: Path, told: dict[str, Any]) -> str:
-    """The summary for people."""
-    quantiles = [
-        f"{100 * float(share):.0f} % of cells up to {q:.3f}"
-        for share, q in told["cost_quantiles"].items()
-        if q is not None
-    ]
-    limits = [f"{name} {100 * share:.1f} %" for name, share in told["saturated_share"].items()]
-    return "\n".join(
-        (
-            f"map       {dem.name}: {size_text(told)}",
-            f"passable  {100 * told['passable_share']:.2f} % of cells",
-            f"cost      {', '.join(quantiles) or 'no cell is passable'}",
-            f"at limit  {', '.join(limits)}",
-            f"written   {', '.join(told['files'])}",
-        )
     )
-
-
-def size_text(told: dict[str, Any]) -> str:
-    """Rows, columns and cell size for people."""
-    size, width = told["cell_size_m"], told["cell_width_m"]
-    cell = f"{size:.4g} m" if abs(size - width) <= 5e-4 * size else f"{size:.4g} m (north) × {width:.4g} m (east)"
-    return f"{told['rows']} × {told['cols']} cells of {cell}"
 
 
 def _check_names(dem: Path, output: Path, picture: Path) -> None:
@@ -138,7 +147,7 @@ def _check_names(dem: Path, output: Path, picture: Path) -> None:
             raise click.UsageError(f"{name} would replace the elevation map {dem}: give another name")
 
 
-def _write(output: Path, cost: Any, terrain: Any) -> None:
+def _write(output: Path, cost: Float2D, dem: Dem) -> None:
     """The cost in the format that the name's ending asks for."""
     import io
 
@@ -148,12 +157,19 @@ def _write(output: Path, cost: Any, terrain: Any) -> None:
     from nnpp_edge.terrain.dem import write_raster
 
     if output.suffix.lower() in _RASTERS:
-        write_raster(output, np.where(np.isfinite(cost), cost, np.nan), terrain)
+        write_raster(output, np.where(np.isfinite(cost), cost, np.float32(np.nan)), dem)
         return
     content = io.BytesIO()
     if output.suffix.lower() == ".npy":
         np.save(content, cost)
     else:
-        sides = {"cell_size_m": terrain.cell_size_m, "cell_width_m": terrain.cell_width_m}
-        np.savez_compressed(content, cost=cost, **sides)
+        np.savez_compressed(content, cost=cost, cell_size_m=dem.cell_size_m, cell_width_m=dem.cell_width_m)
     write_whole(output, content.getvalue())
+
+
+workload_option = options.workload
+
+
+def make_rules(workload: str | None, limits: dict[str, Any]) -> Traversability:
+    """Until `run` and `simulate` take `options.terrain`."""
+    return TerrainOptions(None, None, None, workload=workload, **limits).limits()

@@ -4,6 +4,7 @@ import functools
 import sys
 import warnings
 from importlib import import_module
+from typing import NoReturn
 
 import click
 
@@ -28,11 +29,13 @@ COMMANDS = {
 }
 """Name and one line each; the command itself is `command` in the module of that name."""
 
-
-_EXTRAS = {"torch": "train", "onnx": "train", "onnxscript": "train", "matplotlib": "viz", "rasterio": "geo",
-           "jinja2": "viz", "PIL": "viz", "rerun": "viz", "mcap": "robot",
-           "zenoh": "robot"}  # fmt: skip
-"""Packages that the onboard install lacks, and the extra that brings each."""
+_EXTRAS = {
+    "geo": ("rasterio",),
+    "robot": ("mcap", "prometheus_client", "zenoh"),
+    "train": ("torch", "onnx", "onnxscript", "safetensors"),
+    "viz": ("jinja2", "matplotlib", "PIL", "rerun"),
+}
+"""Packages that the onboard install lacks, by the extra that brings them."""
 
 
 class LazyGroup(click.Group):
@@ -46,7 +49,8 @@ class LazyGroup(click.Group):
         """Import one."""
         if name not in COMMANDS:
             return None
-        return import_module(f"nnpp_edge.cli.{name}").command
+        command: click.Command = import_module(f"nnpp_edge.cli.{name}").command
+        return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
@@ -54,10 +58,17 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+_CONTEXT = {"help_option_names": ["-h", "--help"], "show_default": True}
+
+
+@click.group(cls=LazyGroup, invoke_without_command=True, context_settings=_CONTEXT)
 @click.version_option(__version__, prog_name="nnpp-edge")
-def cli() -> None:
+@click.pass_context
+def cli(context: click.Context) -> None:
     """Learned path planning on a robot's own computer: elevation map in, safe and nearly optimal path out."""
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help(), err=True)
+        context.exit(2)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
@@ -67,19 +78,34 @@ def _show_warning(message: Warning | str, category: type[Warning], *_: object, *
 
 def main() -> None:
     """Run the command. Wrong use and bad input end in one line and exit code 2."""
-    warnings.showwarning = _show_warning  # type: ignore[assignment]
+    warnings.showwarning = _show_warning
     if sys.stderr.isatty():
         notice.tell = functools.partial(click.echo, err=True)
     try:
-        cli(prog_name="nnpp-edge")
-    except NnppEdgeError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(2)
+        sys.exit(cli.main(prog_name="nnpp-edge", standalone_mode=False))
+    except click.Abort:  # Ctrl-C
+        click.echo("stopped", err=True)
+        sys.exit(1)
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx else "nnpp-edge"
+        _refuse(f"{_plain(error.format_message())}; see {command} --help")
+    except (NnppEdgeError, click.ClickException) as error:
+        _refuse(str(error))
     except ModuleNotFoundError as error:
-        if (extra := _EXTRAS.get((error.name or "").partition(".")[0])) is None:
+        package = (error.name or "").partition(".")[0]
+        if (extra := next((extra for extra, names in _EXTRAS.items() if package in names), None)) is None:
             raise
-        click.echo(f"error: this needs {error.name}: pip install 'nnpp-edge[{extra}]'", err=True)
-        sys.exit(2)
+        _refuse(f"this needs {package}: pip install 'nnpp-edge[{extra}]'")
+
+
+def _refuse(message: str) -> NoReturn:
+    click.echo(f"error: {message}", err=True)
+    sys.exit(2)
+
+
+def _plain(message: str) -> str:
+    """click's sentence as part of ours."""
+    return message[0].lower() + message[1:].rstrip(".")
 
 
 if __name__ == "__main__":

@@ -1,138 +1,191 @@
 """Options and arguments that several commands share."""
 
+from __future__ import annotations
+
+import functools
 from collections.abc import Callable
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
-F = TypeVar("F", bound=Callable[..., Any])
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from nnpp_edge.runtime.terrain.traversability import Traversability
+    from nnpp_edge.terrain.dem import Dem
+
+Command = TypeVar("Command", bound=Callable[..., object])
 
 PATH = click.Path(path_type=Path)
 NEW_FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
-class Cell(click.ParamType):
-    """`R,C`: two whole numbers."""
+class Parsed(click.ParamType):  # type: ignore[type-arg]  # click has made it generic, its older versions have not
+    """What a function makes of a word; its ValueError becomes a line that says what was wanted and what came."""
 
-    name = "R,C"
+    def __init__(self, name: str, wanted: str, parse: Callable[[str], object]) -> None:
+        self.name, self.wanted, self.parse = name, wanted, parse
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """Parse, or fail with what came."""
-        if isinstance(value, tuple):
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:
+        """Parse a word; a value that is none, such as a default, stays."""
+        if not isinstance(value, str):
             return value
         try:
-            row, col = (int(part) for part in str(value).split(","))
+            return self.parse(value)
         except ValueError:
-            self.fail(f"wanted ROW,COL as two whole numbers, got {value!r}", param, ctx)
-        return row, col
+            self.fail(f"wanted {self.wanted}, got {value!r}", param, ctx)
 
 
-class Numbers(click.ParamType):
+def _cell(word: str) -> tuple[int, int]:
+    row, col = map(int, word.split(","))
+    return row, col
+
+
+def _size(word: str) -> int | tuple[int, int]:
+    rows, cols = map(int, word.split("x")) if "x" in word else (int(word), int(word))
+    if min(rows, cols) < 2:
+        raise ValueError
+    return rows if rows == cols else (rows, cols)
+
+
+def _joined(item: Callable[[str], object]) -> Callable[[str], object]:
+    return lambda word: tuple(map(item, word.split(",")))
+
+
+def Numbers(kind: Callable[[str], float] = int) -> Parsed:
     """Numbers joined by commas."""
-
-    name = "N,…"
-
-    def __init__(self, kind: type = int) -> None:
-        self.kind = kind
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[Any, ...]:
-        """Parse, or fail with what came."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            return tuple(self.kind(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"wanted numbers joined by commas, got {value!r}", param, ctx)
+    return Parsed("N,…", "numbers joined by commas", _joined(kind))
 
 
-class Sizes(click.ParamType):
-    """Sides of square maps, or ROWSxCOLS, joined by commas."""
+Cell = functools.partial(Parsed, "R,C", "ROW,COL as two whole numbers", _cell)
+Names = functools.partial(Parsed, "NAME,…", "names joined by commas", _joined(str.strip))
+Sizes = functools.partial(
+    Parsed, "N|RxC,…", "sides of at least 2 cells, or ROWSxCOLS, joined by commas", _joined(_size)
+)
+"""Sides of square maps as ints, others as pairs of ints."""
 
-    name = "N|RxC,…"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[Any, ...]:
-        """Parse to ints and pairs of ints, or fail with what came."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            parts = [tuple(int(side) for side in part.split("x")) for part in str(value).split(",")]
-        except ValueError:
-            parts = [()]
-        if not all(len(sides) in (1, 2) and min(sides) >= 2 for sides in parts):
-            self.fail(f"wanted sides of at least 2 cells, or ROWSxCOLS, joined by commas, got {value!r}", param, ctx)
-        return tuple(sides[0] if len(set(sides)) == 1 else sides for sides in parts)
-
-
-class Names(click.ParamType):
-    """Names joined by commas."""
-
-    name = "NAME,…"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
-        """Parse."""
-        return value if isinstance(value, tuple) else tuple(part.strip() for part in str(value).split(","))
+as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+view = click.option(
+    "--view",
+    metavar="WHERE",
+    help="Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, FILE.rrd is written.",
+)
+seed = click.option("--seed", type=int, default=1, help="Seed of every random choice.")
+model = click.option("--model", default="edge", help="Name of a shipped network, or an ONNX file.")
+cell_size = click.option("--cell-size", type=float, help="Side of a cell in metres, where the file does not say.")
+rescale = click.option(
+    "--rescale", type=float, help="Make cells this many metres wide and scale heights alike, so that slopes stay."
+)
 
 
-def _all(*options: Callable[[F], F]) -> Callable[[F], F]:
-    def add(function: F) -> F:
+def together(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """One decorator for several options, in this order."""
+
+    def add(command: Command) -> Command:
         for option in reversed(options):
-            function = option(function)
-        return function
+            command = option(command)
+        return command
 
     return add
 
 
-as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
-view = click.option(
-    "--view", metavar="WHERE",
-    help="Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, FILE.rrd is written.",
-)  # fmt: skip
-seed = click.option("--seed", type=int, default=1, show_default=True, help="Of every random choice.")
-
-dem_input = _all(
-    click.option("--cell-size", type=float, help="Side of a cell in metres; needed where the file does not say."),
+dem_input = together(
+    cell_size,
     click.option("--vertical-scale", type=float, help="Metres per grey level, for 16-bit PNG."),
-    click.option(
-        "--rescale",
-        type=float,
-        help="Take the terrain as self-similar: make cells this many metres, heights by the same factor.",
-    ),  # fmt: skip
+    rescale,
 )
 """How a DEM is read: `cell_size`, `vertical_scale`, `rescale`."""
 
-traversability = _all(
-    click.option("--slope-limit", type=float, default=30.0, show_default=True, help="φ_s, degrees."),
-    click.option("--roughness-limit", type=float, default=0.6, show_default=True, help="r_s, metres."),
-    click.option("--step-limit", type=float, default=0.2, show_default=True, help="H_s, metres."),
+traversability = together(
+    click.option("--slope-limit", type=float, default=30.0, help="φ_s, degrees."),
+    click.option("--roughness-limit", type=float, default=0.6, help="r_s, metres."),
+    click.option("--step-limit", type=float, default=0.2, help="H_s, metres."),
     click.option("--hard-slope", type=float, help="Cells steeper than this many degrees are impassable."),
     click.option("--hard-roughness", type=float, help="Cells rougher than this many metres are impassable."),
     click.option("--hard-step", type=float, help="Cells with a larger step, in metres, are impassable."),
 )
-"""Eq. 1's limits, as the arguments of `make_traversability`."""
+"""Eq. 1's limits."""
+
+workload = click.option(
+    "--workload", help="soft (the paper's cost), or limitN: φ_s = N degrees, steeper cells are impassable."
+)
 
 
-def make_traversability(
-    slope_limit: float, roughness_limit: float, step_limit: float,
-    hard_slope: float | None, hard_roughness: float | None, hard_step: float | None,
-) -> Any:  # fmt: skip
-    """The `Traversability` that the options describe."""
-    from math import inf
+@dataclass(frozen=True)
+class TerrainOptions:
+    """How an elevation map is read, and by which limits it becomes a cost map. The options' values, as given."""
 
-    from nnpp_edge.runtime.terrain.traversability import Traversability
+    cell_size: float | None
+    vertical_scale: float | None
+    rescale: float | None
+    slope_limit: float
+    roughness_limit: float
+    step_limit: float
+    hard_slope: float | None
+    hard_roughness: float | None
+    hard_step: float | None
+    workload: str | None
 
-    return Traversability(
-        slope_limit_deg=slope_limit, roughness_limit_m=roughness_limit, step_limit_m=step_limit,
-        hard_slope_deg=inf if hard_slope is None else hard_slope,
-        hard_roughness_m=inf if hard_roughness is None else hard_roughness,
-        hard_step_m=inf if hard_step is None else hard_step,
-    )  # fmt: skip
+    def read(self, path: Path) -> Dem:
+        """The elevation map in a file."""
+        from nnpp_edge.terrain.dem import read_dem
+
+        dem = read_dem(path, cell_size_m=self.cell_size, vertical_scale=self.vertical_scale)
+        return dem if self.rescale is None else dem.rescaled(self.rescale)
+
+    def limits(self) -> Traversability:
+        """The limits of the cost map; UsageError where the workload sets one that was given too."""
+        from math import inf
+
+        from nnpp_edge.runtime.terrain.traversability import Traversability
+        from nnpp_edge.terrain.workloads import SOFT
+        from nnpp_edge.terrain.workloads import workload as limits_of
+
+        limits = Traversability(
+            slope_limit_deg=self.slope_limit,
+            roughness_limit_m=self.roughness_limit,
+            step_limit_m=self.step_limit,
+            hard_slope_deg=inf if self.hard_slope is None else self.hard_slope,
+            hard_roughness_m=inf if self.hard_roughness is None else self.hard_roughness,
+            hard_step_m=inf if self.hard_step is None else self.hard_step,
+        )
+        if self.workload is None:
+            return limits
+        given = [name for name in given_options() if name in ("slope_limit", "hard_slope")]
+        if given and self.workload != SOFT:
+            option = given[0].replace("_", "-")
+            raise click.UsageError(f"--workload {self.workload} sets the slope limits: leave out --{option}")
+        return limits_of(self.workload, limits)
 
 
-def load_dem(path: Path, cell_size: float | None, vertical_scale: float | None, rescale: float | None) -> Any:
-    """Read a DEM as the options of `dem_input` say."""
-    from nnpp_edge.terrain.dem import read_dem
+def gathered(name: str, kind: type[DataclassInstance]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the values of the options that `kind` has fields for as one `kind`, under this name."""
 
-    dem = read_dem(path, cell_size_m=cell_size, vertical_scale=vertical_scale)
-    return dem if rescale is None else dem.rescaled(rescale)
+    def gather(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def with_gathered(**values: object) -> None:
+            own = {field.name: values.pop(field.name) for field in fields(kind)}
+            command(**values, **{name: kind(**own)})
+
+        return with_gathered
+
+    return gather
+
+
+terrain = together(dem_input, traversability, workload, gathered("terrain", TerrainOptions))
+"""How an elevation map is read and becomes a cost map; the command is given them as `terrain`."""
+
+
+def given_options() -> list[str]:
+    """Names of the running command's options that the user has given."""
+    context = click.get_current_context()
+    default = click.core.ParameterSource.DEFAULT
+    return [name for name in context.params if context.get_parameter_source(name) is not default]
+
+
+def load_dem(path: Path, cell_size: float | None, vertical_scale: float | None, rescale: float | None) -> Dem:
+    """Until `run` and `simulate` take `terrain`."""
+    return TerrainOptions(cell_size, vertical_scale, rescale, 30.0, 0.6, 0.2, None, None, None, None).read(path)

@@ -22,8 +22,24 @@ def test_reading_a_geotiff_without_rasterio_names_the_extra(nnpp_edge, tmp_path,
     nnpp_edge("costmap", tmp_path / "dem.tif", "-o", tmp_path / "cost.npy").refused("nnpp-edge[geo]")
 
 
-def test_an_unknown_command_is_wrong_use(nnpp_edge):
-    assert nnpp_edge("fly").code == 2
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["fly"], "no such command 'fly'; see nnpp-edge --help"),
+        (["plan"], "missing argument 'DEM'; see nnpp-edge plan --help"),
+        (["plan", "dem.tif", "--start", "1", "--goal", "2,2"], "wanted ROW,COL as two whole numbers, got '1'"),
+        (["costmap", "dem.tif"], "missing option '-o' / '--output'"),
+    ],
+)
+def test_wrong_use_is_one_line_that_says_where_to_look(nnpp_edge, words, complaint):
+    ended = nnpp_edge(*words)
+    ended.refused(complaint)
+    assert ended.err.count("\n") == 1
+
+
+def test_without_a_command_the_commands_are_listed(nnpp_edge):
+    ended = nnpp_edge()
+    assert ended.code == 2 and all(name in ended.err for name in ("plan", "warmup"))
 
 
 @pytest.mark.parametrize("words", [["--version"], ["--help"], ["plan", "--help"]])
@@ -31,6 +47,7 @@ def test_help_and_version_succeed(nnpp_edge, words):
     assert nnpp_edge(*words).code == 0
 
 
+@pytest.mark.slow
 def test_the_whole_chain_from_terrain_to_an_int8_model(nnpp_edge, tmp_path):
     """A model far too small and trained far too short, but every link is the real one."""
     data, run, int8 = (tmp_path / name for name in ("data", "run", "int8.onnx"))
@@ -46,10 +63,8 @@ def test_the_whole_chain_from_terrain_to_an_int8_model(nnpp_edge, tmp_path):
     ended = nnpp_edge("quantize", tmp_path / "fp32.onnx", "--dataset", data, "-o", int8, "--samples", 8)
     assert ended.code == 0, ended.err
     np.savez(tmp_path / "dem.npz", elevation_m=np.random.default_rng(0).normal(0, 0.1, (90, 120)), cell_size_m=1.0)
-    ended = nnpp_edge(
-        "plan", tmp_path / "dem.npz", "--start", "2,3", "--goal", "80,110", "--method", "nnpp",
-        "--model", int8, "-o", tmp_path / "out",
-    )  # fmt: skip
+    words = ["plan", tmp_path / "dem.npz", "--start", "2,3", "--goal", "80,110", "--method", "nnpp", "--model", int8]
+    ended = nnpp_edge(*words, "-o", tmp_path / "out")
     assert ended.code == 0, ended.err
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"path.geojson", "path.csv", "plan.png", "plan.json"}
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import plan_path, traversability_cost
+from nnpp_edge.runtime import Planner, plan_path, traversability_cost
 from nnpp_edge.terrain.dem import Dem, Georeference, write_raster
 
 PLACE = Georeference("EPSG:32615", (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_000.0))
@@ -62,7 +62,23 @@ def test_json_holds_what_the_planner_answers(nnpp_edge, hills):
         assert told[name] == pytest.approx(getattr(plan, name))
     assert told["length_m"] == pytest.approx(2.0 * plan.length)
     assert (told["start"], told["goal"], told["rows"], told["cols"]) == ([5, 5], [70, 80], 80, 90)
-    assert told["timings_ms"]["total"] < 200  # not the time that compiled code takes to load
+    assert told["loading_included"]
+
+
+@pytest.mark.parametrize(
+    ("words", "plans", "loading"),
+    [((), 1, True), (("--time-limit", "9"), 1, False), (("--compare",), 1 + 4 * 2, False)],
+)
+def test_it_plans_once_unless_asked_to_compare(nnpp_edge, hills, tmp_path, monkeypatch, words, plans, loading):
+    from nnpp_edge.runtime import warmup
+
+    made, plan = [], Planner.plan
+    monkeypatch.setattr(warmup, "exercise", lambda: None)
+    monkeypatch.setattr(Planner, "plan", lambda *given, **options: made.append(given) or plan(*given, **options))
+    ended = nnpp_edge("plan", hills, *EXACT, *words, "-o", tmp_path / "out")
+    assert ended.code == 0 and len(made) == plans
+    assert ("loading included" in ended.out) == loading
+    assert json.loads((tmp_path / "out" / "plan.json").read_text())["loading_included"] == loading
 
 
 def test_options_reach_the_planner(nnpp_edge, hills):
@@ -92,7 +108,7 @@ def test_the_files_hold_the_path_in_map_coordinates(nnpp_edge, tmp_path):
     assert feature["geometry"] == {"type": "LineString", "coordinates": wanted}
     assert "UTM" in feature["properties"]["crs"]
     assert feature["crs"]["properties"]["name"] == "urn:ogc:def:crs:EPSG::32615"
-    rows = list(csv.DictReader((folder / "path.csv").open()))
+    rows = list(csv.DictReader((folder / "path.csv").read_text().splitlines()))
     assert list(rows[0]) == ["row", "col", "x", "y", "elevation_m", "cost", "distance_m"]
     assert [[int(row["row"]), int(row["col"])] for row in rows] == path.tolist()
     assert [[float(row["x"]), float(row["y"])] for row in rows] == wanted
@@ -267,6 +283,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_read(nnpp
         nnpp_edge("plan", tmp_path / "no-dem.tif", *EXACT, "-o", folder).refused(str(folder), "folder to write to")
 
 
+@pytest.mark.slow
 def test_the_command_itself_ends_with_the_same_code(split, tmp_path):
     """The whole of it in a process of its own, once."""
     for dem, code in ((split, 1), (tmp_path / "none.tif", 2)):

@@ -202,7 +202,7 @@ def test_a_bad_profile_ends_in_one_line(nnpp_edge, profile, changes, words):
 )
 def test_options_that_do_not_go_together_are_wrong_use(nnpp_edge, words):
     ended = nnpp_edge("profile", *words)
-    assert ended.code == 2 and "Error: " in ended.err
+    assert ended.code == 2 and "error: " in ended.err
 
 
 def test_an_unknown_profile_is_refused(nnpp_edge):

@@ -28,7 +28,6 @@ for shape in ((30, 30), (1, 60), (260, 230), (600, 530), (1100, 60)):
                     assert planner.plan(start, goal, method=method).ok
                     assert planner.plan(start, start, method=method).ok
                     planner.plan(start, goal, method=method, time_limit_s=0.0)
-                    planner.plan(start, goal, method=method, cancelled=lambda: False)
                 planner.update(0, 2, np.full((1, 3), np.inf))
                 for method in ("astar", "corridor", "nnpp"):
                     planner.plan(start, goal, method=method, time_limit_s=30.0)
@@ -52,7 +51,7 @@ WARM_UP = "from nnpp_edge.cli.main import main; import sys; sys.argv[0] = 'nnpp-
 
 
 TOLD_OF_COMPILING = """
-from nnpp_edge.runtime import notice
+from nnpp_edge.runtime.compiled import notice
 heard = []
 notice.tell = heard.append
 from nnpp_edge.runtime.kernels.expansion import octile

@@ -1,0 +1,156 @@
+"""What `nnpp-edge plan` answers: for people, for programs, and as files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nnpp_edge.cli.costmap import MapSize
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.arrays import Float2D
+    from nnpp_edge.runtime.cells import Cell
+    from nnpp_edge.runtime.planners.plan import Plan
+    from nnpp_edge.terrain.route import Route
+    from nnpp_edge.viz.sheet import Cells
+
+_PROPERTIES = ("status", "method", "source", "cost", "length_m")
+"""Figures that path.geojson repeats."""
+_COMPARED = ("method", "source", "status", "cost", "length", "expansions")
+"""Figures of a plan that the comparison repeats."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A method's plan beside that of exact A*; times are medians."""
+
+    plan: Plan
+    exact: Plan
+    time_ms: float
+    exact_time_ms: float
+
+    @property
+    def gap(self) -> float | None:
+        """Share by which the plan costs more than the optimum; None without both paths."""
+        if not (self.plan.ok and self.exact.ok):
+            return None
+        return self.plan.cost / self.exact.cost - 1.0 if self.exact.cost else 0.0
+
+    def figures(self) -> dict[str, object]:
+        """Ready for JSON."""
+        summary = self.plan.summary()
+        speedup = None if self.gap is None else self.exact_time_ms / self.time_ms
+        own = {"gap": self.gap, "time_ms": self.time_ms, "speedup": speedup}
+        return {**{name: summary[name] for name in _COMPARED}, **own}
+
+    def row(self) -> list[str]:
+        """For people."""
+        cost = gap = speedup = "–"
+        if self.plan.ok:
+            cost = f"{self.plan.cost:.6g}"
+        if self.gap is not None:
+            gap, speedup = f"{100.0 * self.gap:.2f} %", f"{self.exact_time_ms / self.time_ms:.2f}"
+        ends = [str(self.plan.method), str(self.plan.source), str(self.plan.status)]
+        return [*ends, cost, gap, f"{self.time_ms:.2f}", speedup, str(self.plan.expansions)]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A plan on its map, and what was planned beside it."""
+
+    plan: Plan
+    route: Route
+    start: Cell
+    goal: Cell
+    goals: list[tuple[Cell, Plan]]
+    """Where several goals were given: each with its plan, the nearest first."""
+    compared: list[Compared]
+    exact_path: Cells | None
+    """The exact optimum where another method was compared with it."""
+    loading_included: bool
+    """Whether the plan's times hold those of loading compiled code and the network."""
+
+    def figures(self, files: list[str]) -> dict[str, object]:
+        """Ready for JSON."""
+        figures: dict[str, object] = {
+            **self.plan.summary(),
+            "loading_included": self.loading_included,
+            "length_m": self.route.length_m if self.plan.ok else None,
+            "start": self.start,
+            "goal": self.goal,
+            **asdict(MapSize.of(self.route.dem)),
+        }
+        if self.compared:
+            figures["compare"] = [compared.figures() for compared in self.compared]
+        if self.goals:
+            plans = ((goal, plan.summary()) for goal, plan in self.goals)
+            figures["goals"] = [{"goal": goal, "status": s["status"], "cost": s["cost"]} for goal, s in plans]
+        if files:
+            figures["files"] = files
+        return figures
+
+    def text(self, files: list[str]) -> str:
+        """For people."""
+        from nnpp_edge.progress import render_table
+        from nnpp_edge.viz.sheet import metres
+
+        plan, length = self.plan, metres(self.route.length_m)
+        lines = {str(plan.status): f"{plan.method} ({plan.source})" + (f": {plan.reason}" if plan.reason else "")}
+        lines["map"] = str(MapSize.of(self.route.dem))
+        if self.goals:
+            results = (f"{goal} {f'{plan.cost:.6g}' if plan.ok else plan.status}" for goal, plan in self.goals)
+            lines["goals"] = ", ".join(results)
+        if plan.ok:
+            lines["path"] = f"{len(plan.path)} cells, {length}"
+            lines["cost"] = f"{plan.cost:.6g}, {self._optimality()}"
+            lines["CC"] = f"{plan.traverse_cost:.6g}"
+        elif len(plan.path):
+            lines["path"] = f"{len(plan.path)} cells so far, {length}"
+        lines["expansions"] = str(plan.expansions)
+        stages = ", ".join(f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total")
+        loading = ", loading included" if self.loading_included else ""
+        lines["time"] = f"{plan.timings_ms['total']:.2f} ms{loading} ({stages})"
+        if files:
+            lines["written"] = ", ".join(files)
+        text = "\n".join(f"{name:<12}{value}" for name, value in lines.items())
+        if not self.compared:
+            return text
+        header = ("method", "source", "status", "cost", "gap", "ms", "speed-up", "expansions")
+        return text + "\n" + render_table(header, [compared.row() for compared in self.compared])
+
+    def save(self, folder: Path, cost: Float2D, shaded: bool) -> list[str]:
+        """Write path, picture and figures into a folder; the names of the files."""
+        from nnpp_edge.files import write_whole
+        from nnpp_edge.viz.picture import hillshade, plan_picture, save_picture
+
+        names = ("path.geojson", "path.csv", "plan.png", "plan.json")
+        geojson, csv, png, json_file = (folder / name for name in names)
+        files = [str(folder / name) for name in names]
+        figures = self.figures(files)
+        write_whole(geojson, self.route.geojson({key: figures[key] for key in _PROPERTIES}))
+        write_whole(csv, self.route.csv())
+        dem = self.route.dem
+        picture = plan_picture(
+            cost,
+            self.plan,
+            start=self.start,
+            goal=self.goal,
+            shade=hillshade(dem.elevation, dem.cell_size_m, dem.cell_width_m) if shaded else None,
+            reference_path=self.exact_path,
+            cell_size_m=dem.cell_width_m,
+            length_m=self.route.length_m,
+        )
+        save_picture(png, picture)
+        write_whole(json_file, json.dumps(figures, indent=1).encode())
+        return files
+
+    def _optimality(self) -> str:
+        """How far from the optimum the path's cost is, or may be."""
+        if self.plan.bound <= 1.0 + 1e-6:
+            return "the optimum"
+        if self.compared and self.compared[0].gap is not None:
+            return f"{100.0 * self.compared[0].gap:.2f} % above the optimum"
+        least = f"{self.plan.lower_bound:.6g}"
+        return f"at most {self.plan.bound:.3f} times the optimum (no path costs less than {least})"

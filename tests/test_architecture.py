@@ -1,0 +1,121 @@
+"""Rules on the source that no other tool checks. Which way imports point is import-linter's (pyproject.toml)."""
+
+import ast
+import functools
+import io
+import re
+import tokenize
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+SOURCES = sorted(
+    path for top in ("nnpp_edge", "runtime", "export", "calibrate") for path in (ROOT / top).rglob("*.py")
+)
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+KERNELS = "runtime/kernels/"
+KERNEL_IMPORTS = (
+    "numpy",
+    "numba",
+    "llvmlite",
+    "math",
+    "enum",
+    "typing",
+    "nnpp_edge.runtime.tuning",
+    "nnpp_edge.runtime.compiled",
+    "nnpp_edge.runtime.kernels",
+    "nnpp_edge.runtime.errors",
+)
+MOST_PARAMETERS = 10
+MORE_PARAMETERS: dict[str, float] = {}
+"""Kernels with more parameters: the microseconds that a call would have cost with them bundled."""
+PUBLIC_WITH_UNDERSCORE = {"_replace", "_asdict", "_fields", "_make", "_exit"}
+"""Of NamedTuples, and os._exit."""
+
+
+def name_of(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+@functools.cache
+def tree_of(path):
+    return ast.parse(path.read_text(), str(path))
+
+
+def kernels(path):
+    """The functions of a file that are decorated with `kernel`."""
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.FunctionDef):
+            decorators = (d.func if isinstance(d, ast.Call) else d for d in node.decorator_list)
+            if any(ast.unparse(decorator).rpartition(".")[2] == "kernel" for decorator in decorators):
+                yield node
+
+
+def private(name):
+    return name.startswith("_") and not name.endswith("__") and name not in PUBLIC_WITH_UNDERSCORE
+
+
+def private_chains(path):
+    """Places where a test reaches into an object that is not its own: `a._b`, but not `self._b`."""
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Attribute) and private(node.attr):
+            owner = node.value
+            if not (isinstance(owner, ast.Name) and owner.id in ("self", "cls")):
+                yield f"{name_of(path)}:{node.lineno}: {ast.unparse(node)}"
+
+
+def test_the_source_stays_small():
+    assert sum(len(path.read_text().splitlines()) for path in SOURCES) < 22_000
+
+
+def test_the_formatter_is_seldom_overruled():
+    skipped = [
+        name_of(path) for path in SOURCES + TESTS for line in path.read_text().splitlines() if "# fmt: skip" in line
+    ]
+    assert len(skipped) <= 30
+
+
+def test_few_lines_say_any():
+    found = []
+    for path in SOURCES:
+        if "Any" not in (text := path.read_text()):
+            continue
+        tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+        lines = {token.start[0] for token in tokens if token.type == tokenize.NAME and token.string == "Any"}
+        found += [f"{name_of(path)}:{line}" for line in sorted(lines)]
+    assert len(found) <= 30
+
+
+def test_every_kernel_stands_among_the_kernels():
+    outside = [f"{name_of(p)}: {k.name}" for p in SOURCES if not name_of(p).startswith(KERNELS) for k in kernels(p)]
+    assert outside == []
+
+
+@pytest.mark.parametrize("path", [p for p in SOURCES if name_of(p).startswith(KERNELS)], ids=lambda path: path.stem)
+def test_kernels_import_numbers_and_nothing_else(path):
+    imported = set()
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Import):
+            imported |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are written out"
+            imported |= {node.module or ""}
+    roots = re.compile("|".join(rf"{re.escape(name)}(\.|$)" for name in KERNEL_IMPORTS))
+    assert [name for name in sorted(imported) if not roots.match(name)] == []
+
+
+def test_kernels_take_few_parameters():
+    many = {}
+    for path in SOURCES:
+        for node in kernels(path):
+            given = node.args
+            count = len(given.posonlyargs + given.args + given.kwonlyargs)
+            if count > MOST_PARAMETERS:
+                many[node.name] = count
+    assert set(many) == set(MORE_PARAMETERS)
+
+
+def test_tests_use_what_is_public():
+    found = [chain for path in TESTS for chain in private_chains(path)]
+    assert found == []
