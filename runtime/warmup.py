@@ -26,11 +26,11 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.compiled import cache, kernel
 from nnpp_edge.runtime.compiled.cache import NumbaObject
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS, PAIR_CHANNELS
+from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.network.encoding import encode_gaussian, encode_pair
+from nnpp_edge.runtime.network.encoding import encode_gaussian
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
@@ -128,7 +128,6 @@ def exercise() -> None:
                 _exercise_planner(shape, step_cost, corner_cutting, network)
     size = 16
     encode_gaussian((1.0, 2.0), (9.0, 3.0), size, 1, 4.0, np.empty((GAUSSIAN_CHANNELS, size, size), np.float32))
-    encode_pair((1.0, 2.0), (9.0, 3.0), size, 1, 4.0, np.empty((PAIR_CHANNELS, size, size), np.float32))
     finder = RegionFinder(size)
     finder.threshold((1, 2), (9, 3))
     finder.mark(lowered(3, 0.5), (1, 2), (9, 3), 1)

@@ -26,7 +26,6 @@ LONGEST_FILES = (
 SLOW_FOLDERS = ("calibrate", "export", "model", "reproduction", "training")
 SLOW_FILES = ("test_dataset.py", "test_dataset_cluster.py", "test_kernel_cache.py", "test_run.py", "test_warmup.py")
 TINY_SIDE = 64
-TINY_UNSHUFFLE = 4
 
 
 def is_slow(path: Path) -> bool:
@@ -49,7 +48,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def write_tiny_model(path: Path, **changes: Any) -> Path:
-    """An ONNX model of the `edge` kind without a single weight to train; `changes` go to its metadata.
+    """An ONNX model of the paper's kind without a single weight to train; `changes` go to its metadata.
 
     Its probability is high on the straight line between start and goal and falls off to the sides, and it is
     lower where the map is costly.
@@ -58,43 +57,49 @@ def write_tiny_model(path: Path, **changes: Any) -> Path:
 
     from nnpp_edge.runtime.network.inference import METADATA_KEY, ModelMetadata
 
-    side, query_side = TINY_SIDE // TINY_UNSHUFFLE, TINY_SIDE // 8
-    channels = 2 * TINY_UNSHUFFLE**2
+    blocks, sigma = TINY_SIDE // 8, 0.25
 
     def tensor(name: str, *shape: int) -> Any:
         return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
 
-    def number(name: str, value: float) -> Any:
-        return helper.make_tensor(name, TensorProto.FLOAT, (), [value])
-
-    def integers(name: str, *values: int) -> Any:
-        return helper.make_tensor(name, TensorProto.INT64, (len(values),), values)
-
-    nodes = [
-        helper.make_node("AveragePool", ["map"], ["pooled"], kernel_shape=[2, 2], strides=[2, 2]),
-        helper.make_node("ReduceMean", ["pooled", "channel_axis"], ["mean"], keepdims=1),
-        helper.make_node("Mul", ["mean", "half"], ["malus"]),
-        helper.make_node("Sub", ["one", "malus"], ["ease"]),
-        helper.make_node("Slice", ["query", "third", "end", "channel_axis"], ["nearness"]),
-        helper.make_node("Mul", ["nearness", "ease"], ["probability"]),
+    numbers = {"least": 1e-30, "minus": -2.0 * (sigma * TINY_SIDE) ** 2, "slope": -4.0, "half": 0.5, "one": 1.0}
+    constants = [helper.make_tensor(name, TensorProto.FLOAT, (), [value]) for name, value in numbers.items()]
+    constants.append(helper.make_tensor("axes", TensorProto.INT64, (3,), [1, 2, 3]))
+    constants.append(helper.make_tensor("parts", TensorProto.INT64, (2,), [1, 2]))
+    constants.append(helper.make_tensor("channel", TensorProto.INT64, (1,), [1]))
+    steps = [
+        ("Split", ["input", "parts"], ["cost", "gaussians"]),
+        ("Max", ["gaussians", "least"], ["positive"]),
+        ("Log", ["positive"], ["exponent"]),
+        ("Mul", ["exponent", "minus"], ["squares"]),
+        ("Sqrt", ["squares"], ["distances"]),  # to start and to goal
+        ("ReduceSum", ["distances", "channel"], ["by_way"]),
+        ("ReduceMin", ["by_way", "axes"], ["apart"]),
+        ("Sub", ["by_way", "apart"], ["detour"]),
+        ("Max", ["apart", "one"], ["unit"]),
+        ("Div", ["detour", "unit"], ["share"]),
+        ("Mul", ["share", "slope"], ["logarithm"]),
+        ("Exp", ["logarithm"], ["nearness"]),
+        ("Mul", ["cost", "half"], ["malus"]),
+        ("Sub", ["one", "malus"], ["ease"]),
+        ("Mul", ["nearness", "ease"], ["fine"]),
     ]
-    inputs = [tensor("map", 1, channels, side, side), tensor("query", 1, 3, query_side, query_side)]
-    outputs = [tensor("probability", 1, 1, query_side, query_side)]
-    axes = [integers("channel_axis", 1), integers("third", 2), integers("end", 3)]
-    graph = helper.make_graph(nodes, "tiny", inputs, outputs, [number("half", 0.5), number("one", 1.0), *axes])
+    nodes = [helper.make_node(*step, **({"axis": 1} if step[0] == "Split" else {})) for step in steps]
+    nodes.append(helper.make_node("AveragePool", ["fine"], ["probability"], kernel_shape=[8, 8], strides=[8, 8]))
+    inputs, outputs = [tensor("input", 1, 3, TINY_SIDE, TINY_SIDE)], [tensor("probability", 1, 1, blocks, blocks)]
+    graph = helper.make_graph(nodes, "tiny", inputs, outputs, constants)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
     checker.check_model(model)
     metadata: dict[str, Any] = {
         "name": "tiny",
-        "architecture": "edge",
+        "architecture": "nnpp",
         "input_size": TINY_SIDE,
-        "blocks": query_side,
-        "encoding": "pair",
-        "channels": ("cost", "blocked", "pair"),
-        "sigma": 0.25,
+        "blocks": blocks,
+        "encoding": "gaussian",
+        "channels": ("cost", "start_map", "goal_map"),
+        "sigma": sigma,
         "omega": 0.011,
         "cost_limits": {},
-        "map_unshuffle": TINY_UNSHUFFLE,
         "version": "0",
     }
     helper.set_model_props(model, {METADATA_KEY: ModelMetadata(**{**metadata, **changes}).to_json()})

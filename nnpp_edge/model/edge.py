@@ -12,7 +12,7 @@ from torch.nn import functional
 from nnpp_edge.model.blocks import ConvBNReLU
 from nnpp_edge.model.registry import OUTPUT_STRIDES
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.encoding import END_CHANNELS, PAIR_CHANNELS
+from nnpp_edge.runtime.network.encoding import BETWEEN_CHANNELS, END_CHANNELS
 from nnpp_edge.runtime.network.place_head import ANSWERS
 
 MAP_CHANNELS = 2
@@ -132,7 +132,7 @@ class Head(nn.Module):
         self.way = nn.Linear(END_CHANNELS - 1, relation)
         self.both = nn.Linear(relation, first)
         self.across = nn.Linear(relation, first, bias=False)
-        self.between = nn.Linear(PAIR_CHANNELS, first, bias=False)
+        self.between = nn.Linear(BETWEEN_CHANNELS, first, bias=False)
         self.mix = nn.Linear(first, second)
         self.answer = nn.Linear(second, ANSWERS)
 

@@ -7,9 +7,9 @@ import numpy as np
 from nnpp_edge.runtime.compiled.kernel import kernel
 
 GAUSSIAN_CHANNELS = 2
-PAIR_CHANNELS = 3
+BETWEEN_CHANNELS = 3
 END_CHANNELS = 6
-ENDS_CHANNELS = 2 * END_CHANNELS + PAIR_CHANNELS
+ENDS_CHANNELS = 2 * END_CHANNELS + BETWEEN_CHANNELS
 
 
 @kernel
@@ -70,23 +70,6 @@ def encode_gaussian_into(out, row, col, spacing, sigma):
 def _detour(row, col, row_a, col_a, row_b, col_b, apart):
     """How much longer the way from a to b, which lie so far apart, is by way of a point."""
     return max(math.hypot(row - row_a, col - col_a) + math.hypot(row - row_b, col - col_b) - apart, 0.0)
-
-
-@kernel
-def encode_pair_into(out, row_a, col_a, row_b, col_b, spacing, sigma, sharp_sigma, slack):
-    size = out.shape[1]
-    offset = (spacing - 1.0) / 2.0
-    apart = max(math.hypot(row_a - row_b, col_a - col_b), spacing)
-    wide, sharp = -0.5 / sigma**2, -0.5 / sharp_sigma**2
-    for i in range(size):
-        for j in range(size):
-            y, x = i * spacing + offset, j * spacing + offset
-            a2 = (y - row_a) ** 2 + (x - col_a) ** 2
-            b2 = (y - row_b) ** 2 + (x - col_b) ** 2
-            out[0, i, j] = 0.5 * (math.exp(wide * a2) + math.exp(wide * b2))
-            out[1, i, j] = min(math.exp(sharp * a2) + math.exp(sharp * b2), 1.0)
-            detour = _detour(y, x, row_a, col_a, row_b, col_b, apart)
-            out[2, i, j] = math.exp(-detour / (slack * apart))
 
 
 @kernel

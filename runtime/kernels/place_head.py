@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.kernels.encoding import END_CHANNELS, PAIR_CHANNELS, fill_ends
+from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS, fill_ends
 
 ANSWERS = 4
 """Blocks to a place, two by two."""
@@ -79,7 +79,7 @@ def answer_query(places, query, parameters, units, scratch, out):
     both, at = _matrix(parameters, at, width, first_units)
     both_bias, at = _matrix(parameters, at, 1, first_units)
     across, at = _matrix(parameters, at, width, first_units)
-    between, at = _matrix(parameters, at, PAIR_CHANNELS, first_units)
+    between, at = _matrix(parameters, at, BETWEEN_CHANNELS, first_units)
     mix, at = _matrix(parameters, at, first_units, second_units)
     mix_bias, at = _matrix(parameters, at, 1, second_units)
     answer, at = _matrix(parameters, at, second_units, ANSWERS)

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.encoding import (
+    BETWEEN_CHANNELS,
     END_CHANNELS,
     ENDS_CHANNELS,
     GAUSSIAN_CHANNELS,
-    PAIR_CHANNELS,
     encode_gaussian_into,
-    encode_pair_into,
     fill_ends,
     mean_difference,
     pool_planes,
@@ -29,15 +28,14 @@ Point = tuple[float, float]
 """(row, col) in network cells."""
 
 __all__ = [
+    "BETWEEN_CHANNELS",
     "ENDS_CHANNELS",
     "END_CHANNELS",
     "GAUSSIAN_CHANNELS",
-    "PAIR_CHANNELS",
     "Frame",
     "Point",
     "encode_ends",
     "encode_gaussian",
-    "encode_pair",
     "map_planes",
     "mean_difference",
 ]
@@ -142,21 +140,6 @@ def encode_gaussian(
     _check_out(out, GAUSSIAN_CHANNELS, size)
     encode_gaussian_into(out[0], start[0], start[1], float(spacing), sigma)
     encode_gaussian_into(out[1], goal[0], goal[1], float(spacing), sigma)
-
-
-def encode_pair(start: Point, goal: Point, size: int, spacing: int, sigma: float, out: NDArray[np.float32]) -> None:
-    """Start and goal as an unordered pair: a step costs the same both ways, so their order means nothing.
-
-    Parameters
-    ----------
-    start, goal, size, spacing, sigma
-        As for `encode_gaussian`.
-    out : (3, size, size) float32
-        Written: the mean of the two Gaussians; the sum of two sharp ones, of σ / 4; and
-        exp(-(a + b - d) / (0.25 d)) for distances a and b to the two, which lie d apart.
-    """
-    _check_out(out, PAIR_CHANNELS, size)
-    encode_pair_into(out, *start, *goal, float(spacing), sigma, sigma / 4.0, 0.25)
 
 
 def encode_ends(start: Point, goal: Point, size: int, spacing: int, sigma: float, out: NDArray[np.float32]) -> None:

@@ -12,11 +12,9 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.encoding import (
     ENDS_CHANNELS,
-    PAIR_CHANNELS,
     Point,
     encode_ends,
     encode_gaussian,
-    encode_pair,
 )
 from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata, model_path, open_session
 from nnpp_edge.runtime.network.place_head import ANSWERS, PlaceHead, count_parameters
@@ -106,8 +104,7 @@ class NetworkModel:
         if m.encoding == "gaussian":
             encode_gaussian(start, goal, m.input_size, 1, sigma, self._query[1:])
         else:
-            encode = encode_pair if m.encoding == "pair" else encode_ends
-            encode(start, goal, m.input_size // QUERY_SPACING, QUERY_SPACING, sigma, self._query)
+            encode_ends(start, goal, m.input_size // QUERY_SPACING, QUERY_SPACING, sigma, self._query)
 
     def run(self, *, anew: bool = False) -> Float2D:
         """The probability that a nearly optimal path passes: (B, B) float32 in [0, 1]. The next call overwrites it.
@@ -206,8 +203,8 @@ def _checked_shapes(path: Path, session: "InferenceSession", m: ModelMetadata) -
     size, places = m.input_size, m.input_size // QUERY_SPACING
     inputs: Shapes = {"input": (1, 3, size, size)}
     if m.encoding != "gaussian":
-        side, channels = size // m.map_unshuffle, PAIR_CHANNELS if m.encoding == "pair" else ENDS_CHANNELS
-        inputs = {"map": (1, 2 * m.map_unshuffle**2, side, side), "query": (1, channels, places, places)}
+        side = size // m.map_unshuffle
+        inputs = {"map": (1, 2 * m.map_unshuffle**2, side, side), "query": (1, ENDS_CHANNELS, places, places)}
     side = m.blocks // m.output_shuffle
     outputs: Shapes = {OUTPUT: (1, m.output_shuffle**2, side, side)}
     if m.encoding == "ends":

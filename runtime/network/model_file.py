@@ -26,7 +26,6 @@ FIGURE_NAMES = (
 
 _CHANNELS = {
     "gaussian": ("cost", "start_map", "goal_map"),
-    "pair": ("cost", "blocked", "pair"),
     "ends": ("cost", "blocked", "ends"),
 }
 _MODELS = Path(str(files("nnpp_edge.models")))
@@ -43,8 +42,7 @@ class ModelMetadata:
     blocks: int
     """The answer comes on blocks × blocks."""
     encoding: str
-    """``gaussian`` (the paper's: one input of cost, start and goal map), or map and query apart: ``pair``, or
-    ``ends`` where an encoder sees the map alone."""
+    """``gaussian`` (the paper's): cost, start and goal map in one input. ``ends``: an encoder sees the map alone."""
     channels: tuple[str, ...]
     """Their order in the input."""
     sigma: float

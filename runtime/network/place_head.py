@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.kernels.place_head import ANSWERS, answer_ends, answer_query
-from nnpp_edge.runtime.network.encoding import END_CHANNELS, PAIR_CHANNELS, Point
+from nnpp_edge.runtime.network.encoding import BETWEEN_CHANNELS, END_CHANNELS, Point
 
 __all__ = ["ANSWERS", "PlaceHead", "count_parameters", "parameter_shapes"]
 
@@ -30,7 +30,7 @@ def parameter_shapes(sizes: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
         "both": (relation, first),
         "both_bias": (first,),
         "across": (relation, first),
-        "between": (PAIR_CHANNELS, first),
+        "between": (BETWEEN_CHANNELS, first),
         "mix": (first, second),
         "mix_bias": (second,),
         "answer": (second, ANSWERS),

@@ -7,7 +7,7 @@ overestimates and is consistent. Landmarks sharpen it, see `landmarks`.
 
 import math
 import time
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,12 +35,16 @@ from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS, EXPANSIONS_BETWEEN_CHECKS
 
-if TYPE_CHECKING:
-    from nnpp_edge.runtime.search.landmarks import Landmarks
-
 _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
 """The directions in which each node may be left, as bits; None where passability decides."""
+
+
+class LowerBounds(Protocol):
+    """What sharpens the heuristic, such as `Landmarks`."""
+
+    def towards(self, goal: int) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
+        """The ``hints`` of a search to a goal's node."""
 
 
 class Search(NamedTuple):
@@ -68,7 +72,7 @@ def astar(
     *,
     region: Region | None = None,
     links: Links = None,
-    landmarks: "Landmarks | None" = None,
+    landmarks: LowerBounds | None = None,
     beyond: float = 0.0,
     limit: int | None = None,
     deadline: float = math.inf,
@@ -87,7 +91,7 @@ def astar(
         Search only there.
     links : (nodes,) uint8
         The directions in which each cell may be left, as bits; by default all.
-    landmarks : Landmarks
+    landmarks : LowerBounds
         Of this grid and these links: fewer cells are expanded, for the same cost.
     beyond : float
         Settle also every cell on a path that costs less than 1 + `beyond` times the optimum.

@@ -186,7 +186,7 @@ def test_a_file_cut_anywhere_is_refused(tiny_model, tmp_path, share):
         read_model_file(path)
 
 
-@pytest.mark.parametrize("changes", [{"input_size": "64"}, {"encoding": ["pair"]}, {"sigma": None}])
+@pytest.mark.parametrize("changes", [{"input_size": "64"}, {"encoding": ["ends"]}, {"sigma": None}])
 def test_metadata_of_wrong_kinds_is_refused_in_one_line(nnpp_edge, make_tiny_model, changes):
     nnpp_edge("models", make_tiny_model(**changes)).refused("metadata cannot be read")
 

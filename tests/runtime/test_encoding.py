@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.network.encoding import Frame, encode_ends, encode_gaussian, encode_pair, map_planes
+from nnpp_edge.runtime.network.encoding import Frame, encode_ends, encode_gaussian, map_planes
 
 
 def planes_of(cost, size, parts=None, out=None):
@@ -71,18 +71,6 @@ def test_the_gaussian_is_equation_5_with_a_peak_of_one():
         np.testing.assert_allclose(plane, np.exp(-((i - r) ** 2 + (j - c) ** 2) / (2 * 16**2)), atol=1e-6)
 
 
-def test_the_pair_does_not_tell_start_from_goal_and_peaks_on_both():
-    there, back = np.empty((2, 3, 32, 32), np.float32)
-    encode_pair((40.0, 44.0), (200.0, 90.0), 32, 8, 64.0, there)
-    encode_pair((200.0, 90.0), (40.0, 44.0), 32, 8, 64.0, back)
-    np.testing.assert_allclose(there, back, atol=1e-6)
-    for r, c in ((40, 44), (200, 90)):
-        assert there[1, r // 8, c // 8] > 0.9
-        assert there[2, r // 8, c // 8] > 0.8
-    assert there.min() >= 0
-    assert there.max() <= 1
-
-
 @given(st.floats(0.0, 63.0), st.floats(0.0, 63.0), st.floats(0.0, 63.0), st.floats(0.0, 63.0))
 def test_an_end_is_read_off_the_points_and_the_way_leads_there(row_a, col_a, row_b, col_b):
     out = np.empty((15, 8, 8), np.float32)
@@ -108,7 +96,7 @@ def test_an_end_is_read_off_the_points_and_the_way_leads_there(row_a, col_a, row
 
 
 def test_what_is_to_be_written_must_have_the_right_shape():
-    for write, channels in ((encode_gaussian, 2), (encode_pair, 3), (encode_ends, 15)):
+    for write, channels in ((encode_gaussian, 2), (encode_ends, 15)):
         with pytest.raises(InvalidQueryError, match=rf"out must be \({channels}, 8, 8\)"):
             write((1.0, 1.0), (5.0, 5.0), 8, 8, 16.0, np.empty((channels + 1, 8, 8), np.float32))
 

@@ -23,7 +23,7 @@ def test_a_model_answers_with_probabilities_of_its_blocks(network):
     ("change", "word"),
     [
         ({"format": "other"}, "format"),
-        ({"channels": ("blocked", "cost", "pair")}, "channels"),
+        ({"channels": ("start_map", "cost", "goal_map")}, "channels"),
         ({"encoding": "sine"}, "encoding"),
         ({"input_size": 128}, "inputs"),
         ({"blocks": 16}, "output"),
