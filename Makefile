@@ -8,7 +8,7 @@ DEMO := .venv-demo
 DEV := .venv-dev
 PYTEST := $(DEV)/bin/python -m pytest --numprocesses 2
 
-.PHONY: demo check test bench lint types contract format clean
+.PHONY: demo check test bench kernels lint types contract format clean
 
 $(DEMO)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEMO)
@@ -25,11 +25,14 @@ $(DEV)/ready: pyproject.toml
 	touch $@
 
 check: lint types contract
-	$(PYTEST) -m 'not slow'
+	$(PYTEST) --dist worksteal -m 'not slow'
 
-test: lint types contract
-	$(DEV)/bin/nnpp-edge warmup --keep-old
+test: $(DEV)/ready
+	$(MAKE) --no-print-directory --jobs 2 lint types contract kernels
 	$(PYTEST)
+
+kernels: $(DEV)/ready
+	$(DEV)/bin/nnpp-edge warmup --keep-old
 
 lint: $(DEV)/ready
 	$(DEV)/bin/ruff check .
