@@ -184,8 +184,3 @@ def given_options() -> list[str]:
     context = click.get_current_context()
     default = click.core.ParameterSource.DEFAULT
     return [name for name in context.params if context.get_parameter_source(name) is not default]
-
-
-def load_dem(path: Path, cell_size: float | None, vertical_scale: float | None, rescale: float | None) -> Dem:
-    """Until `run` and `simulate` take `terrain`."""
-    return TerrainOptions(cell_size, vertical_scale, rescale, 30.0, 0.6, 0.2, None, None, None, None).read(path)

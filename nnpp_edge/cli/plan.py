@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.runtime.planners.plan import Plan
+    from nnpp_edge.runtime.planners.query import PlanOptions
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.terrain.dem import Dem
     from nnpp_edge.viz.sheet import Cells
@@ -115,7 +116,7 @@ def command(
         if as_json:
             click.echo(json.dumps({"status": "INVALID_MAP"}))
         raise InvalidMapError(f"{dem}: wanted a map to plan on, got {MapSize.of(ground)}, all impassable")
-    answer = find(request, ground, cost)
+    answer = find(request, ground, cost, keep_regions=output is not None)
     if answer.plan.source is None:  # no search was made
         if as_json:
             click.echo(json.dumps(answer.plan.summary()))
@@ -126,7 +127,7 @@ def command(
         click.get_current_context().exit(1)
 
 
-def find(request: Request, dem: Dem, cost: Float2D) -> Answer:
+def find(request: Request, dem: Dem, cost: Float2D, *, keep_regions: bool) -> Answer:
     """Plan to the nearest goal, once; and by the other methods where a comparison is wanted."""
     from functools import partial
     from math import inf
@@ -142,16 +143,17 @@ def find(request: Request, dem: Dem, cost: Float2D) -> Answer:
         from nnpp_edge.runtime.warmup import exercise
 
         exercise()
-    epsilon = inf if request.epsilon is None else request.epsilon
-    time_limit_s = request.time_limit or inf
-    ranked = planner.nearest(
-        start, goals, count=len(goals), method=request.method, epsilon=epsilon, time_limit_s=time_limit_s
-    )
-    goal, plan = goals[ranked[0][0]], _with_own_regions(ranked[0][1])
+    limits: PlanOptions = {
+        "epsilon": inf if request.epsilon is None else request.epsilon,
+        "time_limit_s": request.time_limit or inf,
+    }
+    wanted: PlanOptions = {**limits, "method": request.method, "keep_regions": keep_regions}
+    ranked = planner.nearest(start, goals, count=len(goals), **wanted)
+    goal, plan = goals[ranked[0][0]], ranked[0][1]
     compared: list[Compared] = []
     exact_path = None
     if request.compare and plan.source is not None:
-        plan_by = partial(planner.plan, start, goal, epsilon=epsilon, time_limit_s=time_limit_s)
+        plan_by = partial(planner.plan, start, goal, **limits)
         plan, compared, exact_path = _compare(plan_by, plan)
     return Answer(
         plan,
@@ -183,17 +185,6 @@ def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Compa
     compared = [Compared(last[method], exact, times[method], times[Method.ASTAR]) for method in methods]
     exact_path = exact.path if exact.ok and plan.method != exact.method else None
     return replace(plan, timings_ms=last[plan.method].timings_ms), compared, exact_path
-
-
-def _with_own_regions(plan: Plan) -> Plan:
-    """The plan with copies of its regions, which the planner's next plan would overwrite."""
-    from dataclasses import replace
-
-    copies = (
-        None if region is None else region._replace(bitmap=region.bitmap.copy())
-        for region in (plan.region, plan.network_region)
-    )
-    return replace(plan, region=next(copies), network_region=next(copies))
 
 
 def _warn_if_not_square(dem: Dem) -> None:

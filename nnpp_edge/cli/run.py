@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.costmap import make_rules, workload_option
+from nnpp_edge.cli.options import TerrainOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
@@ -42,11 +42,11 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
 @click.option("--metrics-port", type=click.IntRange(0, 65535), help="Serve the counters to Prometheus at this port.")
 @click.option("--metrics-file", type=options.NEW_FILE, help="Keep the counters in this file, in Prometheus' format.")
 @options.view
-@options.dem_input
-@options.traversability
-@workload_option
+@options.terrain
 @options.as_json
-def command(map_file: Path, profile: str | None, ticks: int | None, as_json: bool, **given: Any) -> None:
+def command(
+    map_file: Path, profile: str | None, ticks: int | None, as_json: bool, terrain: TerrainOptions, **given: Any
+) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
 
     Inputs and answers are JSON; see docs/run.md. SIGTERM ends the run after its tick with exit code 0, SIGHUP reads
@@ -68,7 +68,7 @@ def command(map_file: Path, profile: str | None, ticks: int | None, as_json: boo
         raise click.UsageError("--json prints on stdout, which answers go to: add --output none, or zenoh")
     changes = {key: given.pop(key) for key in ("rate_hz", "method", "model", "cores", "priority", "tolerance")}
     loop = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **changes)
-    world, cell_size_m = _world(map_file, given)
+    world, cell_size_m = _world(map_file, terrain)
     counters = run(
         world,
         NavigatorSettings(
@@ -107,19 +107,17 @@ def summary(counters: "Counters") -> str:
     return "\n".join(f"{name:<10}{value}" for name, value in lines.items())
 
 
-def _world(path: Path, given: dict[str, Any]) -> tuple["World", float]:
+def _world(path: Path, terrain: TerrainOptions) -> tuple["World", float]:
     """The first map, and the side of its cells in metres."""
     from nnpp_edge.runtime.loop.world import World
 
     if (found := _cost_map(path)) is not None:
-        context = click.get_current_context()
-        for name in given:
-            if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT:
+        for name in options.given_options():
+            if hasattr(terrain, name):
                 raise click.UsageError(f"{path.name} holds costs: --{name.replace('_', '-')} does not go with it")
         return World(found[0]), found[1]
-    dem = options.load_dem(path, given.pop("cell_size"), given.pop("vertical_scale"), given.pop("rescale"))
-    rules = make_rules(given.pop("workload"), given)
-    world = World.of_elevation(dem.elevation, dem.cell_size_m, rules, cell_width_m=dem.cell_width_m)
+    dem = terrain.read(path)
+    world = World.of_elevation(dem.elevation, dem.cell_size_m, terrain.limits(), cell_width_m=dem.cell_width_m)
     return world, dem.cell_size_m
 
 
@@ -134,5 +132,5 @@ def _cost_map(path: Path) -> "tuple[Float2D, float] | None":
             if "cost" not in content.files:
                 return None
             return content["cost"], float(content["cell_size_m"]) if "cell_size_m" in content.files else 1.0
-    except (OSError, ValueError, EOFError):  # a broken file: `load_dem` says what is wrong with it
+    except (OSError, ValueError, EOFError):  # a broken file: `read_dem` says what is wrong with it
         return None

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.costmap import make_rules, workload_option
+from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.runtime.cells import Cell
 
 if TYPE_CHECKING:
@@ -33,16 +34,14 @@ _FROM_0, _FROM_1 = click.IntRange(0), click.IntRange(1)
 @click.option("--start", type=options.Cell(), help="Cell of that part, row first; by default picked by the seed.")
 @click.option("--goal", type=options.Cell(), help="Likewise.")
 @click.option("--method", type=click.Choice(_METHODS), default="auto")
-@click.option("--model", default="edge", help="Shipped network's name, or an ONNX file.")
+@options.model
 @click.option("--rate", type=click.FloatRange(0.0, min_open=True), help="Ticks a second; else as fast as possible.")
 @click.option("--ticks", type=_FROM_1, default=5000, help="At most.")
 @click.option("--changes", type=_FROM_0, default=1, help="Obstacles that appear, move or vanish between two ticks.")
 @click.option("--survey", type=_FROM_1, default=8, help="Blur the first map's heights over so many cells; 1: none.")
 @click.option("--sight", type=_FROM_1, default=12, help="Cells to each side whose true cost the robot sees.")
 @click.option("--speed", type=_FROM_1, default=1, help="Cells a tick.")
-@options.dem_input
-@options.traversability
-@workload_option
+@options.terrain
 @options.seed
 @click.option("--log", type=options.NEW_FILE, help="Write inputs and answers as MCAP with ROS 2 messages.")
 @options.view
@@ -54,11 +53,11 @@ def command(
     start: Cell | None,
     goal: Cell | None,
     survey: int,
-    workload: str | None,
     log: Path | None,
     view: str | None,
     picture: Path | None,
     as_json: bool,
+    terrain: TerrainOptions,
     **given: Any,
 ) -> None:
     """Drive a simulated robot to its goal through the onboard loop.
@@ -81,8 +80,7 @@ def command(
     names = ("method", "model", "ticks", "changes", "sight", "speed")
     rate, seed = given.pop("rate"), given.pop("seed")
     settings = SimulationSettings(rate_hz=rate, seed=seed, **{name: given.pop(name) for name in names})
-    cell_size, vertical_scale, rescale = (given.pop(name) for name in ("cell_size", "vertical_scale", "rescale"))
-    rules = make_rules(workload, given)
+    limits = terrain.limits()
     if picture is not None:
         check_name(picture)
     written = [file for file in (log, picture) if file is not None]
@@ -90,8 +88,8 @@ def command(
         make_folder(file.parent)
     if dem is None:
         dem = Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE))
-        rescale = rescale or _SAMPLE_RESCALE
-    ground = _ground(options.load_dem(dem, cell_size, vertical_scale, rescale), size, rules, survey, seed)
+        terrain = replace(terrain, rescale=terrain.rescale or _SAMPLE_RESCALE)
+    ground = _ground(terrain.read(dem), size, limits, survey, seed)
     if start is None or goal is None:
         start, goal = random_drive(ground, seed)
     film = Film() if picture is not None and picture.suffix.lower() == ".gif" else None
