@@ -161,14 +161,14 @@ class MethodChooser:
 
 def choice_for(shape: tuple[int, int], model: str | Path | NetworkModel) -> MapChoice:
     """What ``auto`` picks on a map of this shape with this model."""
-    saved, name = _saved(choice_path()), Path(model.path if isinstance(model, NetworkModel) else model).stem
+    saved, name = saved_choice(choice_path()), Path(model.path if isinstance(model, NetworkModel) else model).stem
     if saved is not None:
         return saved.for_map(shape, name)
     return SHIPPED_FOR_LARGE if max(shape) >= LARGE_MAP and name == _MEASURED else SHIPPED
 
 
 @functools.lru_cache(maxsize=8)
-def _saved(path: Path | None) -> Choice | None:
+def saved_choice(path: Path | None) -> Choice | None:
     """What the file says; None where there is none, or where it cannot be used, which is warned of once."""
     try:
         return None if path is None else Choice.from_json(path.read_text(encoding="utf-8"))

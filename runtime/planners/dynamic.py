@@ -51,8 +51,8 @@ class DynamicPlanner:
     >>> planner.move((2, 3))
     >>> len(planner.replan().path)
     25
-    >>> planner.update(5, 10, np.ones((12, 2)))  # an obstacle
-    24
+    >>> planner.update(0, 10, np.ones((19, 2)))  # an obstacle
+    38
     >>> planner.standing().footing
     <Footing.BLOCKED: 'blocked'>
     >>> planner.replan().ok

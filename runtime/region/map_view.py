@@ -49,8 +49,9 @@ class MapView:
         self._grid = state.grid
         _warn_of_another_omega(state, self.network)
         self._unseen_change = unseen_change if self.network.in_parts else 0.0
-        self._planes: NDArray[np.float32] = np.empty((2, self.size, self.size), np.float32)
-        self._shown = np.full_like(self._planes, np.inf)
+        self.planes: NDArray[np.float32] = np.empty((2, self.size, self.size), np.float32)
+        """The window at the network's size, as it was when the network was last shown it, or later."""
+        self._shown = np.full_like(self.planes, np.inf)
         """What the network saw last."""
         self._counted, self._averaged = state.log.reader(), state.log.reader()
         """Up to where changes are counted in the drift, and up to where they are averaged in the planes."""
@@ -70,8 +71,8 @@ class MapView:
     def refresh(self) -> None:
         """Show the network the window as it is now."""
         self._average_changes()
-        self.network.set_map(self._planes)
-        self._shown[:] = self._planes
+        self.network.set_map(self.planes)
+        self._shown[:] = self.planes
         self._drift = 0.0
 
     def block(self, cell: Cell) -> Cell:
@@ -124,7 +125,7 @@ class MapView:
         if 0.0 < self._unseen_change < self._drift < math.inf:  # some may have changed back
             self._average_changes()
             rows, cols = self.frame.inner
-            self._drift = mean_difference(self._planes, self._shown) * self.size**2 / (rows * cols)
+            self._drift = mean_difference(self.planes, self._shown) * self.size**2 / (rows * cols)
         return self._drift > self._unseen_change
 
     def _average_changes(self) -> None:
@@ -144,7 +145,7 @@ class MapView:
         """Bring the planes up to date with the map: these parts of the window, or all of it."""
         grid, (row0, col0, *_) = self._grid, self.window
         first = grid.weights[row0 * grid.stride + col0 :]
-        map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self._planes, parts)
+        map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self.planes, parts)
 
     def _window_for(self, start: Cell, goal: Cell) -> Rectangle:
         """What to show the network: a square around start and goal where it shows them finer than the whole map.

@@ -62,9 +62,9 @@ def profile(tmp_path, tiny_model, core, monkeypatch):
 def no_saved_choice(monkeypatch, tmp_path):
     monkeypatch.delenv("NNPP_EDGE_CHOICE", raising=False)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    choice._saved.cache_clear()
+    choice.saved_choice.cache_clear()
     yield
-    choice._saved.cache_clear()
+    choice.saved_choice.cache_clear()
 
 
 KEYS = {
@@ -215,7 +215,7 @@ def test_auto_goes_by_what_was_saved(nnpp_edge, profile, tmp_path, no_saved_choi
     path = tmp_path / "config" / "nnpp-edge" / "choice.json"
     stored = json.loads(path.read_text())
     assert stored["model"] == "tiny" and {rule["size"] for rule in stored["rules"]} == {64}
-    choice._saved.cache_clear()
+    choice.saved_choice.cache_clear()
     picked, reason = choice.choice_for((64, 64), "tiny").pick(0)
     assert picked == stored["rules"][0]["method"]
     assert reason.startswith(f"measured on this machine {stored['measured']}: {picked} soonest from 0 cells at 64²")

@@ -31,9 +31,9 @@ for shape in ((30, 30), (1, 60), (260, 230), (600, 530), (1100, 60)):
                 planner.update(0, 2, np.full((1, 3), np.inf))
                 for method in ("astar", "corridor", "nnpp"):
                     planner.plan(start, goal, method=method, time_limit_s=30.0)
-                search = DStarLite(planner.grid, goal, corner_cutting=corner_cutting)
+                search = DStarLite(planner.state, goal)
                 search.plan(start)
-                search.cells_changed(0, 1, 1, 2)
+                planner.update(0, 1, np.full((1, 2), 0.7))
                 search.plan((0, 1))
 assert plan_path(frozen, start, goal).ok
 Planner(frozen).plan(start, goal)

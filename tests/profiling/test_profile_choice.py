@@ -27,9 +27,9 @@ def no_home(monkeypatch, tmp_path):
     """Whatever this user has measured stays out of it."""
     monkeypatch.delenv("NNPP_EDGE_CHOICE", raising=False)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    choice._saved.cache_clear()
+    choice.saved_choice.cache_clear()
     yield
-    choice._saved.cache_clear()
+    choice.saved_choice.cache_clear()
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def save(monkeypatch, tmp_path):
         path = tmp_path / "choice.json"
         path.write_text(content if isinstance(content, str) else json.dumps(content))
         monkeypatch.setenv("NNPP_EDGE_CHOICE", str(path))
-        choice._saved.cache_clear()
+        choice.saved_choice.cache_clear()
         return path
 
     return save

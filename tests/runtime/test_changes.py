@@ -180,7 +180,7 @@ class ChangingMap:
         for view in (self.view, new):
             view.show(self.start, self.goal)
         assert self.view.window == new.window
-        np.testing.assert_allclose(self.view.network.inputs["map"], new.network.inputs["map"], atol=1e-6)
+        np.testing.assert_allclose(self.view.planes, new.planes, atol=1e-6)
 
     def read_view_in_parts(self):
         """It may differ from a new one by a share of the window, until it is refreshed."""

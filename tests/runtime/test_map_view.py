@@ -44,7 +44,7 @@ def test_after_patches_a_network_is_shown_what_a_new_one_would_be(network, step_
         np.testing.assert_array_equal(ours.links, wanted.links)
         passable = ours.grid.weights[np.isfinite(ours.grid.weights)]
         assert passable.size == 0 or ours.grid.least <= passable.min() <= passable.max() <= ours.grid.greatest
-    ours, wanted = (each.network.inputs["map"] for each in views)
+    ours, wanted = (each.planes for each in views)
     np.testing.assert_allclose(ours, wanted, atol=1e-6)
 
 
