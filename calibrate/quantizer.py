@@ -114,8 +114,6 @@ class Quantizer:
             raise ModelError(f"wanted nodes out of {', '.join(self.nodes)}, got {', '.join(sorted(unknown))}")
         chosen = [only, self._relus.get(self._outputs[only], only)] if only else []
         with quiet():
-            types = {"weight_qType": QuantType.QInt8, "activation_qType": QuantType.QUInt8}
-            nodes = {"nodes_to_quantize": chosen, "nodes_to_exclude": [*self.head, *exclude]}
             quantizer = QDQQuantizer(
                 onnx.load(self.prepared),
                 per_channel=True,
@@ -123,8 +121,10 @@ class Quantizer:
                 tensors_range=self.ranges,
                 op_types_to_quantize=list(OPERATORS),
                 extra_options={},
-                **types,
-                **nodes,
+                weight_qType=QuantType.QInt8,
+                activation_qType=QuantType.QUInt8,
+                nodes_to_quantize=chosen,
+                nodes_to_exclude=[*self.head, *exclude],
             )
             quantizer.quantize_model()
             quantizer.model.topological_sort()
@@ -142,8 +142,9 @@ def with_facts(path: Path, facts: Mapping[str, object]) -> bytes:
     model = onnx.load(path)
     stored = {p.key: p.value for p in model.metadata_props}.get(METADATA_KEY)
     metadata = ModelMetadata.from_json(stored, str(path))
-    known = metadata.training.get("calibration", {})
-    return _finish(model, replace(metadata, training=metadata.training | {"calibration": {**known, **facts}}))
+    known = metadata.training.get("calibration")
+    calibration = {**(known if isinstance(known, dict) else {}), **facts}
+    return _finish(model, replace(metadata, training=metadata.training | {"calibration": calibration}))
 
 
 def _finish(model: onnx.ModelProto, metadata: ModelMetadata) -> bytes:

@@ -22,8 +22,8 @@ RECIPE_FILE = "dataset.json"
 
 Shards = Generator[tuple[int, bytes], None, None]
 """Numbers and contents of shards, in the order in which they are done."""
-
-
+Query = tuple[NDArray[np.float32], tuple[float, float], tuple[float, float]]
+"""Planes (2, S, S) in [0, 1]; start and goal, (row, col) in network cells."""
 Arrays = dict[str, NDArray[np.generic]]
 """The arrays of a shard, by name."""
 
@@ -53,6 +53,11 @@ class Samples:
         """(M,) whether a map's cells are each impassable wholly or not at all: it is shown at its own resolution."""
         blocked = self.planes[:, 1]
         return np.asarray(((blocked == 0) | (blocked == 255)).all(axis=(1, 2)))
+
+    def query(self, at: int) -> Query:
+        """One query as a network is fed with it."""
+        start, goal = self.start[at].tolist(), self.goal[at].tolist()
+        return self.planes[self.map_index[at]].astype(np.float32) / 255.0, tuple(start), tuple(goal)
 
     def pick(self, queries: NDArray[np.generic] | range) -> "Samples":
         """Some of the queries, by a mask or by their numbers; the maps stay."""

@@ -32,6 +32,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.robot.closing import Closing
 from nnpp_edge.ros.messages import (
     definition,
     grid_message,
@@ -63,7 +64,7 @@ _MOST_WAITING = 256
 _LEAST_LIMIT_MB = 0.1
 
 
-class McapLog:
+class McapLog(Closing):
     """A sink that writes inputs and answers to a file. Any thread may call any method.
 
     Messages older than a second, or 64 kB, are with the operating system: they survive any end of the process, and
@@ -153,14 +154,6 @@ class McapLog:
             with self._stopping_on_error():
                 self._finish()
             self._stream = None
-
-    def __enter__(self) -> "McapLog":
-        """The log."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close it."""
-        self.close()
 
     def _write_waiting(self) -> None:
         while self._waiting:

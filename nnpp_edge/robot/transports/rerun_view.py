@@ -8,6 +8,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.robot.closing import Closing
 from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Output, PathMessage, Pose
 from nnpp_edge.runtime.loop.world import World
@@ -21,7 +22,7 @@ _SECONDS = "time"
 _TICKS = "tick"
 
 
-class RerunSink:
+class RerunSink(Closing):
     """A sink for rerun. Columns run to the right and rows down; the map is drawn as in the toolkit's pictures.
 
     Parameters
@@ -140,14 +141,6 @@ class RerunSink:
         """Write the rest and disconnect."""
         self._stream.flush()
         self._stream.disconnect()
-
-    def __enter__(self) -> "RerunSink":
-        """The sink."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close it."""
-        self.close()
 
     def _set_time(self) -> None:
         self._stream.set_time(_SECONDS, duration=time.monotonic() - self._began)

@@ -6,9 +6,10 @@ import threading
 from collections.abc import Iterator
 
 from nnpp_edge.robot.transports.framing import LIMIT_BYTES, Framer, WireError, framed
-from nnpp_edge.robot.transports.mailbox import FaultQueue, Mailbox, Refusals
+from nnpp_edge.robot.transports.refusals import FaultQueue, Refusals
 from nnpp_edge.robot.transports.wire import decode, encode
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.loop.mailbox import Mailbox
 from nnpp_edge.runtime.loop.messages import Input, Output
 
 _CHUNK = 1 << 16
@@ -80,7 +81,7 @@ class StdioSource:
         try:
             if isinstance(found, WireError):
                 raise found
-            self._mailbox.put(decode(found, self._limit), wait=True)
+            self._mailbox.put(decode(found, self._limit), when_full="wait")
         except WireError as error:
             self._refusals.add(error)
 

@@ -8,10 +8,12 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
+from nnpp_edge.robot.closing import Closing
 from nnpp_edge.robot.transports.framing import LIMIT_BYTES, WireError
-from nnpp_edge.robot.transports.mailbox import FaultQueue, Mailbox, Refusals
+from nnpp_edge.robot.transports.refusals import FaultQueue, Refusals
 from nnpp_edge.robot.transports.wire import decode, encode
 from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
+from nnpp_edge.runtime.loop.mailbox import Mailbox
 from nnpp_edge.runtime.loop.messages import Input, Output, PathMessage
 
 if TYPE_CHECKING:
@@ -23,7 +25,7 @@ TOPICS = ("patch", "pose", "goal")
 _PATIENCE_S = 1.0
 
 
-class ZenohLink:
+class ZenohLink(Closing):
     """A Zenoh session without discovery: it listens at one address, or connects to one.
 
     Parameters
@@ -122,7 +124,7 @@ class ZenohSource:
             except WireError as error:
                 self._refusals.add(error)
                 return
-            for _ in range(self._mailbox.put(message, wait=False)):
+            for _ in range(self._mailbox.put(message, when_full="drop oldest")):
                 self._count_error("input dropped")
 
         return heard
