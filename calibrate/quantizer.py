@@ -33,17 +33,12 @@ _AT_ONCE = 8
 class Quantizer:
     """Static quantisation in QDQ form: uint8 activations, int8 weights with a scale for each channel.
 
-    Parameters
-    ----------
-    model : NetworkModel
-        In fp32.
-    folder : Path
-        For the files in between.
+    The `folder` is for the files in between.
 
     Raises
     ------
     ModelError
-        The model is int8 already.
+        The model is not fp32.
 
     Notes
     -----

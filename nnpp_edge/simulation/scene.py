@@ -64,8 +64,6 @@ class Scene:
 
     Parameters
     ----------
-    ground : SurveyedGround
-        True and surveyed costs.
     start, goal : (row, col)
         Cells that are truly passable. Around both the true costs are known from the beginning.
     rng : numpy.random.Generator

@@ -78,8 +78,6 @@ def make_dataset(
 
     Parameters
     ----------
-    recipe : Recipe
-        What to make.
     folder : Path
         Made if need be. A folder with another recipe is refused; shards that are there are kept.
     workers : int
@@ -147,14 +145,7 @@ def read_recipe(folder: Path) -> Recipe:
 def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None = None) -> Samples:
     """All samples of a data set (or of its first shards, up to `most_maps`).
 
-    Parameters
-    ----------
-    folder : Path
-        Of the data set.
-    most_maps : int
-        Read shards until there are so many maps.
-    size : int
-        Side of the network's input; maps that are larger by a whole factor are averaged down to it.
+    Maps that are larger than the network's input, of side `size`, by a whole factor are averaged down to it.
 
     Raises
     ------

@@ -51,29 +51,8 @@ def run(
 ) -> Counters:
     """Load kernels and network, connect everything, and run the loop until it is stopped or its input ends.
 
-    SIGTERM and SIGINT end it after the tick, SIGHUP reloads the model. For the main thread.
-
-    Parameters
-    ----------
-    world : World
-        The first map.
-    settings : NavigatorSettings
-        How to plan.
-    wiring : Wiring
-        Inputs, outputs and observers.
-    pace : Pace
-        Rate, cores and priority.
-    ticks : int
-        End after so many.
-    cell_size_m : float
-        Side of a cell, for logs.
-    report : callable
-        Called with a line for each thing that is started.
-
-    Returns
-    -------
-    Counters
-        What was done.
+    SIGTERM and SIGINT end it after the tick, as do so many `ticks`; SIGHUP reloads the model. For the main thread.
+    The side of a cell is for logs; `report` is called with a line for each thing that is started.
     """
     with ExitStack() as stack:
         # until the loop runs, SIGTERM ends the process with exit code 0, and there is nothing to reload
@@ -179,8 +158,6 @@ def _observers(
         sinks.append(view)
         records.append(lambda message, at_s: view.record(message))
     if (file := wiring.metrics_file) is not None:
-        write_metrics(
-            file, Counters()
-        )  # now, so that a file that cannot be written is an error before the first tick
+        write_metrics(file, Counters())  # now: a file that cannot be written is an error before the first tick
         sinks.append(_StatusSink("metrics", lambda status: write_metrics(file, status.counters)))
     return sinks, records

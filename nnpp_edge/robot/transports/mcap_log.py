@@ -26,7 +26,6 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import ModuleType
 from typing import IO
 
 import numpy as np
@@ -41,7 +40,7 @@ from nnpp_edge.ros.messages import (
     pose_message,
     string_message,
 )
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, Output, PathMessage, Pose
 from nnpp_edge.runtime.loop.world import World
 
@@ -99,16 +98,12 @@ class McapLog(Closing):
     def __init__(
         self, path: Path, *, limit_mb: float = 512.0, world: World | None = None, cell_size_m: float = 1.0
     ) -> None:
-        try:
-            import mcap.writer
-        except ModuleNotFoundError as error:
-            raise MissingExtraError(f"a log needs {error.name}: pip install 'nnpp-edge[robot]'") from error
+        self._mcap = optional_module("mcap.writer", "a log", "robot")
         least = max(_LEAST_LIMIT_MB, 4e-6 * math.prod(world.shape)) if world else _LEAST_LIMIT_MB
         if not limit_mb >= least:
             raise InvalidQueryError(f"the log's limit must be at least {least:.3g} MB here, got {limit_mb:g}")
         if not 0.0 < cell_size_m < math.inf:
             raise InvalidQueryError(f"the side of a cell must be above 0 m, got {cell_size_m}")
-        self._mcap: ModuleType = mcap.writer
         self._path, self._limit = Path(path), 0.5e6 * limit_mb
         self._world, self._cell = world, cell_size_m
         self._lock = threading.Lock()

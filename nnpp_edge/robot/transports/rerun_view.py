@@ -3,13 +3,12 @@
 import math
 import time
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.robot.closing import Closing
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Output, PathMessage, Pose
 from nnpp_edge.runtime.loop.world import World
 
@@ -59,16 +58,12 @@ class RerunSink(Closing):
     ) -> None:
         if path is not None and address is not None:
             raise InvalidQueryError("give rerun either a file or an address, got both")
-        try:
-            import rerun
-        except ModuleNotFoundError as error:
-            raise MissingExtraError(f"a view needs {error.name}: pip install 'nnpp-edge[viz]'") from error
-        self._rr: ModuleType = rerun
+        self._rr = optional_module("rerun", "a view", "viz")
         self._world, self._map_every_s = world, map_every_s
         self._version, self._mapped = -1, -math.inf
         self._began = time.monotonic()
         self._outcome = ""
-        self._stream = rerun.RecordingStream("nnpp-edge")
+        self._stream = self._rr.RecordingStream("nnpp-edge")
         try:
             if path is not None:
                 Path(path).open("wb").close()  # rerun reports a missing folder only in its log
@@ -86,12 +81,7 @@ class RerunSink(Closing):
     def at(cls, where: str, world: World | None = None) -> "RerunSink":
         """By a word: ``here`` starts a viewer, ``rerun+http://…`` is one's address, ``….rrd`` is a file to write.
 
-        Raises
-        ------
-        InvalidQueryError
-            It is none of these.
-        MissingExtraError, OutputError
-            As the class itself.
+        InvalidQueryError if it is none of these; other errors as of the class itself.
         """
         if where == "here":
             return cls(world=world)

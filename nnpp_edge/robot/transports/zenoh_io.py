@@ -12,7 +12,7 @@ from nnpp_edge.robot.closing import Closing
 from nnpp_edge.robot.transports.framing import LIMIT_BYTES, WireError
 from nnpp_edge.robot.transports.refusals import FaultQueue, Refusals
 from nnpp_edge.robot.transports.wire import decode, encode
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
+from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.loop.mailbox import Mailbox
 from nnpp_edge.runtime.loop.messages import Input, Output, PathMessage
 
@@ -46,10 +46,7 @@ class ZenohLink(Closing):
     """
 
     def __init__(self, endpoint: str = LOOPBACK, *, connect: str | None = None, prefix: str = PREFIX) -> None:
-        try:
-            import zenoh
-        except ModuleNotFoundError as error:
-            raise MissingExtraError("Zenoh is not installed: pip install 'nnpp-edge[robot]'") from error
+        zenoh = optional_module("zenoh", "a Zenoh session", "robot")
         if not prefix or prefix != prefix.strip("/") or any(c in prefix for c in "*$?# ") or "//" in prefix:
             raise InvalidQueryError(f"the prefix must be words joined by /, got {prefix!r}")
         self.zenoh, self.prefix = zenoh, prefix
@@ -80,18 +77,7 @@ class ZenohLink(Closing):
 class ZenohSource:
     """Inputs from Zenoh's topics. If patches come faster than the loop reads them, the oldest are dropped.
 
-    Parameters
-    ----------
-    link : ZenohLink
-        The session.
-    refusals : Refusals
-        Each message that is refused is added to it.
-    count_error : callable
-        Called with ``input dropped`` for each patch that is dropped.
-    limit : int
-        Most bytes of a message.
-    mailbox : Mailbox
-        Holds the inputs that wait; by default one with the usual limits.
+    `count_error` is called with ``input dropped`` for each; messages that are refused are added to `refusals`.
     """
 
     ended = False
@@ -131,13 +117,7 @@ class ZenohSource:
 
 
 class ZenohSink(FaultQueue):
-    """Sends each answer to Zenoh's topics. Messages for listeners that do not keep up are dropped by Zenoh.
-
-    Parameters
-    ----------
-    link : ZenohLink
-        The session.
-    """
+    """Sends each answer to Zenoh's topics. Messages for listeners that do not keep up are dropped by Zenoh."""
 
     name = "zenoh"
 
