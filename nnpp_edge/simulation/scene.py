@@ -66,8 +66,6 @@ class Scene:
     ----------
     start, goal : (row, col)
         Cells that are truly passable. Around both the true costs are known from the beginning.
-    rng : numpy.random.Generator
-        Of the obstacles.
     sight : int
         Cells that the robot sees to each side, at least 1.
     speed : int

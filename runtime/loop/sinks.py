@@ -29,17 +29,7 @@ class Sink(Protocol):
 
 
 class Worker(Generic[T]):
-    """A queue, and a thread that hands each item in it to a function, in order.
-
-    Parameters
-    ----------
-    name : str
-        Of the thread.
-    use : callable
-        Must not raise.
-    most : int
-        Items that may wait.
-    """
+    """A queue of at most so many items, and a thread that hands each to `use`, in order; `use` must not raise."""
 
     def __init__(self, name: str, use: Callable[[T], None], most: int) -> None:
         self._use, self._most = use, most

@@ -18,12 +18,8 @@ class Notifier(Closing):
 
     No call raises or waits: a notification that cannot be sent is dropped, with a warning the first time.
 
-    Parameters
-    ----------
-    environment : mapping
-        ``NOTIFY_SOCKET`` (a path, or ``@`` and an abstract name), ``WATCHDOG_USEC``, ``WATCHDOG_PID``.
-    clock : callable
-        Monotonic seconds.
+    Of the environment it reads ``NOTIFY_SOCKET`` (a path, or ``@`` and an abstract name), ``WATCHDOG_USEC`` and
+    ``WATCHDOG_PID``.
     """
 
     def __init__(

@@ -151,17 +151,8 @@ def _read_line(line: bytes, shape: tuple[int, int] | None) -> tuple[float, Input
 class RecordingFile(Closing):
     """Writes inputs to a new file, line by line: what was written survives the end of the process, however it ends.
 
-    Parameters
-    ----------
-    path : Path
-        Where to write. A file of that name is left alone: ``scene-2.jsonl`` is written instead of ``scene.jsonl``.
-    shape : (int, int)
-        Of the map.
-
-    Raises
-    ------
-    OutputError
-        It cannot be written.
+    A file of that name is left alone: ``scene-2.jsonl`` is written instead of ``scene.jsonl``. The `shape` is that of
+    the map. OutputError if the file cannot be written.
     """
 
     def __init__(self, path: Path, shape: tuple[int, int]) -> None:
@@ -212,8 +203,6 @@ class RecordedSource(Closing):
 
     Parameters
     ----------
-    source : EndingSource
-        Gives the inputs.
     recorders : sequence of callables
         Called with an input, and the seconds from the first call of `poll` to the one that gave the input.
     count_error : callable

@@ -32,12 +32,8 @@ class FaultQueue:
 class Refusals:
     """Counts refused inputs, answers each, and logs the first few. For any thread.
 
-    Parameters
-    ----------
-    count_error : callable
-        `Navigator.count_error`; called with ``input`` for each.
-    answer : callable
-        Sends the fault to the sender of the input; None if there is no way back.
+    `count_error` is called with ``input`` for each. `answer` sends the fault to the sender of the input; None if
+    there is no way back.
     """
 
     def __init__(self, count_error: Callable[[str], None], answer: Callable[[Fault], None] | None = None) -> None:

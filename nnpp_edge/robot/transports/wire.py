@@ -98,14 +98,8 @@ def encode(message: Input | Output | Fault) -> bytes:
 def decode(payload: bytes, limit: int = LIMIT_BYTES, kind: str | None = None) -> Input:
     """The input that a message holds.
 
-    Parameters
-    ----------
-    payload : bytes
-        One JSON object in UTF-8.
-    limit : int
-        Most bytes that it may have.
-    kind : str
-        ``pose``, ``goal`` or ``patch`` where only this may come; then the message need not name its type.
+    The message is one JSON object in UTF-8. Where only a `kind` may come, ``pose``, ``goal`` or ``patch``, it need
+    not name its type.
 
     Raises
     ------
