@@ -30,9 +30,9 @@ class QueryReader(CalibrationDataReader):  # type: ignore[misc]  # onnxruntime h
 
 def feed(model: NetworkModel, samples: Samples, query: int) -> None:
     """Write a query and its map into a network's inputs."""
-    start, goal = samples.start[query], samples.goal[query]
-    model.set_map(samples.planes[samples.map_index[query]].astype(np.float32) / 255.0)
-    model.set_query((float(start[0]), float(start[1])), (float(goal[0]), float(goal[1])))
+    planes, start, goal = samples.query(query)
+    model.set_map(planes)
+    model.set_query(start, goal)
 
 
 def probabilities(model: NetworkModel, samples: Samples) -> NDArray[np.float32]:

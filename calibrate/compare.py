@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from nnpp_edge.calibrate.calibration_set import feed, probabilities
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.runtime.kernels.threshold import quantise
 from nnpp_edge.runtime.network.encoding import Frame
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.region.threshold import RegionFinder, lowered, quantise
+from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.training.validation import Judgement, Validator
 

@@ -33,17 +33,12 @@ _AT_ONCE = 8
 class Quantizer:
     """Static quantisation in QDQ form: uint8 activations, int8 weights with a scale for each channel.
 
-    Parameters
-    ----------
-    model : NetworkModel
-        In fp32.
-    folder : Path
-        For the files in between.
+    The `folder` is for the files in between.
 
     Raises
     ------
     ModelError
-        The model is int8 already.
+        The model is not fp32.
 
     Notes
     -----
@@ -114,8 +109,6 @@ class Quantizer:
             raise ModelError(f"wanted nodes out of {', '.join(self.nodes)}, got {', '.join(sorted(unknown))}")
         chosen = [only, self._relus.get(self._outputs[only], only)] if only else []
         with quiet():
-            types = {"weight_qType": QuantType.QInt8, "activation_qType": QuantType.QUInt8}
-            nodes = {"nodes_to_quantize": chosen, "nodes_to_exclude": [*self.head, *exclude]}
             quantizer = QDQQuantizer(
                 onnx.load(self.prepared),
                 per_channel=True,
@@ -123,8 +116,10 @@ class Quantizer:
                 tensors_range=self.ranges,
                 op_types_to_quantize=list(OPERATORS),
                 extra_options={},
-                **types,
-                **nodes,
+                weight_qType=QuantType.QInt8,
+                activation_qType=QuantType.QUInt8,
+                nodes_to_quantize=chosen,
+                nodes_to_exclude=[*self.head, *exclude],
             )
             quantizer.quantize_model()
             quantizer.model.topological_sort()
@@ -142,8 +137,9 @@ def with_facts(path: Path, facts: Mapping[str, object]) -> bytes:
     model = onnx.load(path)
     stored = {p.key: p.value for p in model.metadata_props}.get(METADATA_KEY)
     metadata = ModelMetadata.from_json(stored, str(path))
-    known = metadata.training.get("calibration", {})
-    return _finish(model, replace(metadata, training=metadata.training | {"calibration": {**known, **facts}}))
+    known = metadata.training.get("calibration")
+    calibration = {**(known if isinstance(known, dict) else {}), **facts}
+    return _finish(model, replace(metadata, training=metadata.training | {"calibration": calibration}))
 
 
 def _finish(model: onnx.ModelProto, metadata: ModelMetadata) -> bytes:

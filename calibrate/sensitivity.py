@@ -13,21 +13,9 @@ MOST_FLOAT = 3
 
 
 def node_errors(quantizer: Quantizer, samples: Samples, *, reduce_range: bool = True) -> dict[str, float]:
-    """Quantise one convolution at a time; what that does to the probabilities.
+    """Quantise one convolution at a time; what that does to the probabilities of a few queries.
 
-    Parameters
-    ----------
-    quantizer : Quantizer
-        Calibrated.
-    samples : Samples
-        A few queries to judge on.
-    reduce_range : bool
-        As for `Quantizer.build`.
-
-    Returns
-    -------
-    dict
-        For each node the signal-to-noise ratio, of probability to error, in dB, the worst node first.
+    Gives the signal-to-noise ratio for each node, of probability to error, in dB, the worst node first.
     """
     wanted = probabilities(quantizer.model, samples)
     found = {}
@@ -47,11 +35,8 @@ def exclude_worst(
 ) -> tuple[tuple[str, ...], dict[str, float]]:
     """Leave the worst nodes float, one, two, four, …, until the mean difference is at most `target`.
 
-    Returns
-    -------
-    tuple of names, dict
-        The nodes to exclude (none if int8 throughout is good enough; no more than a third of them), and
-        the ranking of `node_errors` if it was needed.
+    Gives the nodes to exclude (none if int8 throughout is good enough; no more than a third of them), and the ranking
+    of `node_errors` if it was needed.
     """
     wanted = probabilities(quantizer.model, samples)
     errors = errors or {}

@@ -1,25 +1,19 @@
 """Whether the exported model computes the same probabilities as the network."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.terrain.dataset import Samples
+from nnpp_edge.terrain.dataset import Query, Samples
 
 LIMIT = 1e-4
 """Largest difference of two probabilities that passes; both sides compute in float32."""
-
-Planes: TypeAlias = NDArray[np.float32]
-"""(2, S, S)."""
-Place: TypeAlias = tuple[float, float]
-"""(row, col) in network cells."""
 
 
 @dataclass(frozen=True)
@@ -38,20 +32,7 @@ class Parity:
 def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n: int = 32, seed: int = 1) -> Parity:
     """Compare a network in torch with its ONNX file as the runtime runs it, over whole queries.
 
-    Parameters
-    ----------
-    network : Network
-        What was exported.
-    onnx_path : Path
-        What it was exported to.
-    samples : Samples, optional
-        Queries to compare on; without, maps and queries are random.
-    n, seed : int
-        How many queries, and of their choice.
-
-    Returns
-    -------
-    Parity
+    Compares `n` queries: some of the `samples`, chosen by `seed`, or random maps and ends without samples.
 
     Notes
     -----
@@ -72,23 +53,14 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n:
     return Parity(len(differences), source, worst, float(np.mean(differences)), LIMIT, worst <= LIMIT)
 
 
-def _queries(size: int, samples: Samples | None, n: int, seed: int) -> list[tuple[Planes, Place, Place]]:
+def _queries(size: int, samples: Samples | None, n: int, seed: int) -> Iterator[Query]:
     """Planes, start and goal of each query."""
     rng = np.random.default_rng(seed)
     if samples is None:
-        ends = rng.uniform(0, size - 1, (n, 2, 2))
-        return [
-            (rng.random((2, size, size), np.float32), (float(a[0]), float(a[1])), (float(b[0]), float(b[1])))
-            for a, b in ends
-        ]
+        for start, goal in rng.uniform(0, size - 1, (n, 2, 2)).tolist():
+            yield rng.random((2, size, size), np.float32), tuple(start), tuple(goal)
+        return
     if samples.planes.shape[-1] != size:
         raise DataSetError(f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}")
-    chosen = rng.choice(len(samples), min(n, len(samples)), replace=False)
-    return [
-        (
-            samples.planes[samples.map_index[q]].astype(np.float32) / 255.0,
-            (float(samples.start[q, 0]), float(samples.start[q, 1])),
-            (float(samples.goal[q, 0]), float(samples.goal[q, 1])),
-        )
-        for q in chosen
-    ]
+    for query in rng.choice(len(samples), min(n, len(samples)), replace=False):
+        yield samples.query(query)

@@ -72,18 +72,14 @@ def export_network(
     ----------
     network : Network
         In evaluation mode or not: its norms' running statistics are what is written.
-    output : Path
-        The file; weights and metadata are inside.
-    name : str
-        Of the model, in its metadata.
     region_factor : float
         Factor on the adaptive threshold that the runtime is to use, in (0, 1].
     omega : float
         Weight of the traversability cost per grey level that the labels were made with.
     opset : int
         Asked for; the report says what the file has.
-    training : mapping
-        Facts on the training, for the metadata.
+    name, training
+        For the metadata.
 
     Raises
     ------

@@ -5,6 +5,8 @@ what was wanted and what came. That no path exists is an outcome, not an error: 
 """
 
 from enum import StrEnum
+from importlib import import_module
+from types import ModuleType
 
 
 class NnppEdgeError(Exception):
@@ -33,6 +35,15 @@ class DataSetError(NnppEdgeError, ValueError):
 
 class MissingExtraError(NnppEdgeError, ImportError):
     """An optional package is needed; the message names the extra that brings it."""
+
+
+def optional_module(name: str, purpose: str, extra: str) -> ModuleType:
+    """A module that an extra brings; a MissingExtraError says what needs it, and how to get it."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        package = name.partition(".")[0]
+        raise MissingExtraError(f"{purpose} needs {package}: pip install 'nnpp-edge[{extra}]'") from error
 
 
 class OutputError(NnppEdgeError, OSError):

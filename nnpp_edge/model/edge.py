@@ -117,12 +117,7 @@ class Encoder(nn.Module):
 class Head(nn.Module):
     """From the places' descriptions and a query to logits.
 
-    Parameters
-    ----------
-    relation : int
-        R, numbers that relate a place to an end.
-    hidden : two ints
-        Units of the two layers after.
+    `relation` (R) numbers relate a place to an end; `hidden` are the units of the two layers after.
     """
 
     def __init__(self, relation: int, hidden: tuple[int, ...]) -> None:

@@ -9,18 +9,9 @@ from torch import Tensor, nn
 def count_macs(model: nn.Module, example_inputs: Tensor | tuple[Tensor, ...]) -> int:
     """Multiply-accumulates that the Conv2d and Linear layers spend on one forward pass over `example_inputs`.
 
-    Parameters
-    ----------
-    model : nn.Module
-        Any network; it is copied, so its mode, hooks and running statistics stay as they are.
-    example_inputs : Tensor or tuple of Tensors
-        Arguments of `model`. The whole batch is counted: give a batch of 1 for the cost of one map.
-
-    Returns
-    -------
-    int
-        Sum over the layers of outputs × inputs read for each. Biases, normalisation (it folds), additions,
-        pooling and other kinds of layers are left out. On the `meta` device nothing is computed.
+    That is the sum over the layers of outputs × inputs read for each, for the whole batch. Biases, normalisation (it
+    folds), additions, pooling and other kinds of layers are left out. The model is copied, so its mode, hooks and
+    running statistics stay as they are. On the `meta` device nothing is computed.
     """
     inputs = example_inputs if isinstance(example_inputs, tuple) else (example_inputs,)
     counted = 0

@@ -4,7 +4,7 @@ Nothing here needs torch, so that commands can list the names at once.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 from nnpp_edge.runtime.errors import ModelError
 
@@ -55,10 +55,6 @@ class Spec:
     def blocks(self) -> int:
         """The output has blocks × blocks probabilities."""
         return self.input_size // OUTPUT_STRIDES[self.architecture]
-
-    def as_dict(self) -> dict[str, object]:
-        """Plain values, for checkpoints."""
-        return asdict(self)
 
 
 PRESETS = {

@@ -16,14 +16,7 @@ class SPPM(nn.Module):
 
     (N, in_channels, size, size) to (N, out_channels, size, size).
 
-    Parameters
-    ----------
-    in_channels, out_channels : int
-        Channels before and after.
-    size : int
-        Side of the input; a multiple of each scale.
-    scales : ints
-        Parts along a side, one branch for each.
+    `size` is a multiple of each of the `scales`; there is a branch for each.
 
     Notes
     -----

@@ -57,8 +57,6 @@ class STDC(nn.Module):
     depth : three ints
         STDC modules in stages 3, 4 and 5; the first of each has stride 2. (2, 2, 2) is STDC1,
         (4, 5, 3) is STDC2.
-    in_channels : int
-        Channels of the input.
 
     Notes
     -----

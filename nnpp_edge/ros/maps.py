@@ -53,9 +53,8 @@ class MapFrame:
         places = np.asarray(cells)
         places = (places + 0.5 if places.dtype.kind in "iu" else places.astype(np.float64)).reshape(-1, 2)
         rows, cols = self.resolution * places[:, 0], self.resolution * places[:, 1]
-        if self.rows_along_x:
-            return np.stack([self.x - rows, self.y - cols], axis=1)
-        return np.stack([self.x + cols, self.y + rows], axis=1)
+        x, y = (-rows, -cols) if self.rows_along_x else (cols, rows)
+        return np.stack([self.x + x, self.y + y], axis=1)
 
     def places(self, points: ArrayLike) -> NDArray[np.float64]:
         """Places (row, col) of points (x, y) in metres, (N, 2); their floor is the cell, as in a `Pose`."""
@@ -233,25 +232,17 @@ def grid_map_patch(
 ) -> MapPatch:
     """A grid map's layer as new heights, or new costs, for the map that lies in `frame`; see `placed`."""
     values, row, col = placed(grid.layer(layer), grid.frame, frame)
-    if cost:
-        return MapPatch(row, col, cost=values, keep_known=keep_known, stamp=stamp)
-    return MapPatch(row, col, elevation=values, keep_known=keep_known, stamp=stamp)
+    elevation, costs = (None, values) if cost else (values, None)
+    return MapPatch(row, col, elevation, costs, keep_known, stamp)
 
 
 def placed(values: NDArray[np.float32], source: MapFrame, target: MapFrame) -> tuple[NDArray[np.float32], int, int]:
-    """Cells of one map, laid out as another wants them; also row and column of the first, moved to the nearest cell.
-
-    Parameters
-    ----------
-    values : (h, w) float
-        Cells that lie in `source`.
-    source, target : MapFrame
-        Of the same resolution, to a thousandth.
+    """Cells (h, w) of one map, laid out as another wants them; also row and column of the first, to the nearest cell.
 
     Raises
     ------
     InvalidMapError
-        The resolutions differ: values would have to be mixed, which is for the sender to do.
+        The resolutions differ by over a thousandth: values would have to be mixed, which is for the sender to do.
     """
     if abs(source.resolution - target.resolution) > _SAME * target.resolution:
         raise InvalidMapError(f"wanted cells of {target.resolution} m, got {source.resolution} m")
@@ -267,20 +258,10 @@ def placed(values: NDArray[np.float32], source: MapFrame, target: MapFrame) -> t
 
 
 def path_poses(path: NDArray[np.int32], frame: MapFrame) -> NDArray[np.float64]:
-    """The poses of a path, as nav_msgs/Path wants them.
+    """The poses (N, 3) of a path's cells (N, 2), as nav_msgs/Path wants them: x, y and heading.
 
-    Parameters
-    ----------
-    path : (N, 2) int
-        Cells (row, col).
-    frame : MapFrame
-        Of the map.
-
-    Returns
-    -------
-    (N, 3) float64
-        x and y of the cells' middles in metres, and the heading in radians, counted from x towards y: to the next
-        cell, and at the end as it was before. Its quaternion has z = sin(heading / 2) and w = cos(heading / 2).
+    x and y are those of the cells' middles in metres; the heading is in radians, counted from x towards y: to the
+    next cell, and at the end as it was before. Its quaternion has z = sin(heading / 2) and w = cos(heading / 2).
     """
     points = frame.metres(np.asarray(path, np.int64).reshape(-1, 2))
     heading = np.zeros(len(points))

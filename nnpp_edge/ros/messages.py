@@ -52,18 +52,17 @@ def definition(name: str) -> str:
 
 def path_message(cells: NDArray[np.int32], cell_size_m: float, stamp_ns: int) -> bytes:
     """nav_msgs/Path of (N, 2) cells."""
-    cdr = _Cdr()
-    cdr.header(stamp_ns)
-    cdr.number("I", len(cells))
+    cdr = _Cdr(stamp_ns)
+    cdr.numbers("I", len(cells))
     if len(cells):
         x, y = (cells[:, 1] + 0.5) * cell_size_m, (cells[:, 0] + 0.5) * cell_size_m
         cdr.header(stamp_ns)
         cdr.pose(x[0], y[0])
         # each further pose begins at a multiple of eight bytes, so all of them are laid out alike
-        head = _header(stamp_ns)
+        head = _Cdr(stamp_ns).data[4:]
         padded = -(-len(head) // 8) * 8
         poses = np.zeros(len(cells) - 1, np.dtype([("head", f"V{padded}"), ("pose", "<f8", 7)]))
-        poses["head"] = np.void(head.ljust(padded, b"\0"))
+        poses["head"] = np.void(bytes(head).ljust(padded, b"\0"))
         poses["pose"][:, 0], poses["pose"][:, 1], poses["pose"][:, 6] = x[1:], y[1:], 1.0
         cdr.data += poses.tobytes()
     return bytes(cdr.data)
@@ -71,30 +70,19 @@ def path_message(cells: NDArray[np.int32], cell_size_m: float, stamp_ns: int) ->
 
 def pose_message(row: float, col: float, cell_size_m: float, stamp_ns: int) -> bytes:
     """geometry_msgs/PoseStamped of a place in cells; (0.5, 0.5) is the middle of the first."""
-    cdr = _Cdr()
-    cdr.header(stamp_ns)
+    cdr = _Cdr(stamp_ns)
     cdr.pose(col * cell_size_m, row * cell_size_m)
     return bytes(cdr.data)
 
 
 def grid_message(cost: NDArray[np.float32], corner: tuple[int, int], cell_size_m: float, stamp_ns: int) -> bytes:
-    """nav_msgs/OccupancyGrid of a part of the map.
-
-    Parameters
-    ----------
-    cost : (h, w) float32
-        Becomes occupancies by the rule of `nnpp_edge.ros.occupancy`.
-    corner : (row, col)
-        Of the part's first cell.
-    """
-    cdr = _Cdr()
-    cdr.header(stamp_ns)
+    """nav_msgs/OccupancyGrid of the part of the map (h, w) whose first cell is `corner`, (row, col)."""
+    cdr = _Cdr(stamp_ns)
     cdr.time(stamp_ns)
-    cdr.number("f", cell_size_m)
-    cdr.number("I", cost.shape[1])
-    cdr.number("I", cost.shape[0])
+    cdr.numbers("f", cell_size_m)
+    cdr.numbers("I", cost.shape[1], cost.shape[0])
     cdr.pose(corner[1] * cell_size_m, corner[0] * cell_size_m)
-    cdr.number("I", cost.size)
+    cdr.numbers("I", cost.size)
     cdr.data += as_occupancy(cost).tobytes()
     return bytes(cdr.data)
 
@@ -107,26 +95,19 @@ def heights_message(
     grid_map counts its cells from the corner of largest x and y, x first, and stores columns one after another.
     """
     rows, cols = heights.shape
-    cdr = _Cdr()
-    cdr.header(stamp_ns)
-    cdr.number("d", cell_size_m)
-    cdr.number("d", cols * cell_size_m)
-    cdr.number("d", rows * cell_size_m)
+    cdr = _Cdr(stamp_ns)
+    cdr.numbers("d", cell_size_m, cols * cell_size_m, rows * cell_size_m)
     cdr.pose((corner[1] + cols / 2) * cell_size_m, (corner[0] + rows / 2) * cell_size_m)
     for _ in range(2):  # layers, basic layers
-        cdr.number("I", 1)
+        cdr.numbers("I", 1)
         cdr.string("elevation")
-    cdr.number("I", 1)
-    cdr.number("I", 2)
+    cdr.numbers("I", 1, 2)
     for label, size, stride in (("column_index", rows, rows * cols), ("row_index", cols, cols)):
         cdr.string(label)
-        cdr.number("I", size)
-        cdr.number("I", stride)
-    cdr.number("I", 0)
-    cdr.number("I", heights.size)
+        cdr.numbers("I", size, stride)
+    cdr.numbers("I", 0, heights.size)
     cdr.data += np.ascontiguousarray(heights[::-1, ::-1], "<f4").tobytes()
-    cdr.number("H", 0)
-    cdr.number("H", 0)
+    cdr.numbers("H", 0, 0)
     return bytes(cdr.data)
 
 
@@ -140,33 +121,26 @@ def string_message(text: str) -> bytes:
 class _Cdr:
     """Little-endian CDR: numbers stand at multiples of their own size, counted after the four bytes of the head."""
 
-    def __init__(self) -> None:
+    def __init__(self, stamp_ns: int | None = None) -> None:
         self.data = bytearray(b"\x00\x01\x00\x00")
+        if stamp_ns is not None:
+            self.header(stamp_ns)
 
-    def number(self, form: str, value: float) -> None:
-        size = struct.calcsize(form)
-        self.data += bytes(-(len(self.data) - 4) % size)
-        self.data += struct.pack("<" + form, value)
+    def numbers(self, form: str, *values: float) -> None:
+        self.data += bytes(-(len(self.data) - 4) % struct.calcsize(form))
+        self.data += struct.pack(f"<{len(values)}{form}", *values)
 
     def string(self, text: str) -> None:
         encoded = text.encode() + b"\x00"
-        self.number("I", len(encoded))
+        self.numbers("I", len(encoded))
         self.data += encoded
 
     def time(self, stamp_ns: int) -> None:
-        self.number("i", stamp_ns // 1_000_000_000)
-        self.number("I", stamp_ns % 1_000_000_000)
+        self.numbers("I", *divmod(stamp_ns, 1_000_000_000))
 
     def header(self, stamp_ns: int) -> None:
         self.time(stamp_ns)
         self.string(FRAME)
 
     def pose(self, x: float, y: float) -> None:
-        for value in (x, y, 0.0, 0.0, 0.0, 0.0, 1.0):
-            self.number("d", value)
-
-
-def _header(stamp_ns: int) -> bytes:
-    cdr = _Cdr()
-    cdr.header(stamp_ns)
-    return bytes(cdr.data[4:])
+        self.numbers("d", x, y, 0.0, 0.0, 0.0, 0.0, 1.0)

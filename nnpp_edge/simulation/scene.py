@@ -1,6 +1,6 @@
 """A small simulated world for the onboard loop: ground that is not what the map says, a robot, and obstacles."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -64,12 +64,8 @@ class Scene:
 
     Parameters
     ----------
-    ground : SurveyedGround
-        True and surveyed costs.
     start, goal : (row, col)
         Cells that are truly passable. Around both the true costs are known from the beginning.
-    rng : numpy.random.Generator
-        Of the obstacles.
     sight : int
         Cells that the robot sees to each side, at least 1.
     speed : int
@@ -140,10 +136,7 @@ class Scene:
         ]
         self.seen = seen = self._around(self.robot, self._sight)
         self.known[_slices(seen)] = self.ground.true[_slices(seen)]
-        for part in (*parts, seen):
-            cost = self.obstacles.cover(self.known, part)
-            self.told[_slices(part)] = cost
-            yield MapPatch(part[0], part[1], cost=cost)
+        yield from self._patches((*parts, seen))
         yield Pose(self.robot[0] + 0.5, self.robot[1] + 0.5)
 
     def send_to(self, goal: Cell) -> Iterator[Input]:
@@ -151,7 +144,11 @@ class Scene:
         self.goal = goal
         self.path = self.path[:0]
         yield Goal(*goal)
-        for part in self.obstacles.clear_of(goal):
+        yield from self._patches(self.obstacles.clear_of(goal))
+
+    def _patches(self, parts: Iterable[Rectangle]) -> Iterator[MapPatch]:
+        """What is known of these parts, and the obstacles there."""
+        for part in parts:
             cost = self.obstacles.cover(self.known, part)
             self.told[_slices(part)] = cost
             yield MapPatch(part[0], part[1], cost=cost)

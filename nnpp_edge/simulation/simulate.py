@@ -134,10 +134,6 @@ def simulate(
     ----------
     ground : SurveyedGround
         True costs, which decide where the robot can go and what it sees; surveyed costs, which are its first map.
-    start, goal : (row, col)
-        Truly passable and connected.
-    settings : SimulationSettings
-        How.
     make_sinks : callable
         Makes the sinks of the answers, given the loop's world. Sinks with a method `record` get the inputs too.
     watch : callable
@@ -167,11 +163,8 @@ def simulate(
 
     planning = NavigatorSettings(method=settings.method, model=settings.model)
     _load_kernels(scene, planning)
-    navigator = Navigator(world, planning)
-    if settings.rate_hz is None:
-        counters = _at_full_speed(navigator, source, sinks, settings.ticks, after_tick)
-    else:
-        counters = _at_rate(navigator, source, sinks, settings.ticks, settings.rate_hz, after_tick)
+    run = _at_full_speed if settings.rate_hz is None else _at_rate
+    counters = run(Navigator(world, planning), source, sinks, settings, after_tick)
     driven = np.array(scene.driven, np.int32)
     return Drive(
         settings.method,
@@ -214,31 +207,31 @@ def _at_rate(
     navigator: Navigator,
     source: _RecordedScene,
     sinks: Sequence[Sink],
-    ticks: int,
-    rate_hz: float,
+    settings: SimulationSettings,
     after_tick: Callable[[PathMessage], None],
 ) -> Counters:
     """By the loop itself."""
+    assert settings.rate_hz is not None
 
     def until_reached(message: PathMessage) -> None:
         after_tick(message)
         if source.scene.reached:
             loop.stop()
 
-    loop = Loop(navigator, source, sinks, rate_hz=rate_hz, after_tick=until_reached)
-    return loop.run(ticks)
+    loop = Loop(navigator, source, sinks, rate_hz=settings.rate_hz, after_tick=until_reached)
+    return loop.run(settings.ticks)
 
 
 def _at_full_speed(
     navigator: Navigator,
     source: _RecordedScene,
     sinks: Sequence[Sink],
-    ticks: int,
+    settings: SimulationSettings,
     after_tick: Callable[[PathMessage], None],
 ) -> Counters:
     """The same steps without waiting; an overrun is an answer that took longer than `PERIOD_S`."""
     overruns = 0
-    for _ in range(ticks):
+    for _ in range(settings.ticks):
         for message in source.poll():
             navigator.offer(message)
         deadline = time.monotonic() + PERIOD_S

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import ModuleType
 
 from nnpp_edge import __version__
-from nnpp_edge.runtime.errors import MissingExtraError, NnppEdgeError
+from nnpp_edge.runtime.errors import NnppEdgeError, optional_module
 from nnpp_edge.terrain.dataset import Shards
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.shards import Recipe, read_terrain, shard_content
@@ -59,7 +59,8 @@ def shards_on_cluster(address: str, recipe: Recipe, indices: Sequence[int]) -> S
     """
     if not indices:
         return
-    dask, distributed = _dask()
+    distributed = optional_module("distributed", "a Dask cluster", "cluster")
+    dask = optional_module("dask", "a Dask cluster", "cluster")
     tiles = read_terrain(recipe)
     with _one_line_error(address, distributed):
         asyncio.run(_try(address, distributed))
@@ -90,16 +91,6 @@ def _make(version: str, recipe: Recipe, tiles: list[Dem], index: int) -> bytes:
     if version != __version__:
         raise ClusterError(f"wanted workers with nnpp-edge {version}, got one with {__version__}")
     return zlib.compress(shard_content(recipe, tiles, index), 1)
-
-
-def _dask() -> tuple[ModuleType, ModuleType]:
-    """The modules dask and distributed, or the error that says how to get them."""
-    try:
-        import dask
-        import distributed
-    except ImportError as error:
-        raise MissingExtraError("a Dask cluster needs distributed: pip install 'nnpp-edge[cluster]'") from error
-    return dask, distributed
 
 
 async def _try(address: str, distributed: ModuleType) -> None:

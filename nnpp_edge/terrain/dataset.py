@@ -22,8 +22,8 @@ RECIPE_FILE = "dataset.json"
 
 Shards = Generator[tuple[int, bytes], None, None]
 """Numbers and contents of shards, in the order in which they are done."""
-
-
+Query = tuple[NDArray[np.float32], tuple[float, float], tuple[float, float]]
+"""Planes (2, S, S) in [0, 1]; start and goal, (row, col) in network cells."""
 Arrays = dict[str, NDArray[np.generic]]
 """The arrays of a shard, by name."""
 
@@ -54,6 +54,11 @@ class Samples:
         blocked = self.planes[:, 1]
         return np.asarray(((blocked == 0) | (blocked == 255)).all(axis=(1, 2)))
 
+    def query(self, at: int) -> Query:
+        """One query as a network is fed with it."""
+        start, goal = self.start[at].tolist(), self.goal[at].tolist()
+        return self.planes[self.map_index[at]].astype(np.float32) / 255.0, tuple(start), tuple(goal)
+
     def pick(self, queries: NDArray[np.generic] | range) -> "Samples":
         """Some of the queries, by a mask or by their numbers; the maps stay."""
         names = ("map_index", "start", "goal", "excess", "on_path")
@@ -73,8 +78,6 @@ def make_dataset(
 
     Parameters
     ----------
-    recipe : Recipe
-        What to make.
     folder : Path
         Made if need be. A folder with another recipe is refused; shards that are there are kept.
     workers : int
@@ -142,14 +145,7 @@ def read_recipe(folder: Path) -> Recipe:
 def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None = None) -> Samples:
     """All samples of a data set (or of its first shards, up to `most_maps`).
 
-    Parameters
-    ----------
-    folder : Path
-        Of the data set.
-    most_maps : int
-        Read shards until there are so many maps.
-    size : int
-        Side of the network's input; maps that are larger by a whole factor are averaged down to it.
+    Maps that are larger than the network's input, of side `size`, by a whole factor are averaged down to it.
 
     Raises
     ------

@@ -154,14 +154,8 @@ def read_dem(
 def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
     """Write a map of `dem`'s cells as a float32 GeoTIFF (deflate, nodata NaN) with `dem`'s georeference.
 
-    Parameters
-    ----------
-    path : Path or str
-        Replaced in one step: a reader finds the old file or the whole new one.
-    array : (H, W) numbers or bools
-        As many cells as `dem.elevation`.
-    dem : Dem
-        Where the cells lie. Without a georeference the file has none either.
+    The array holds numbers or bools. The file is replaced in one step: a reader finds the old file or the whole new
+    one. Without a georeference of `dem` the file has none either.
 
     Raises
     ------

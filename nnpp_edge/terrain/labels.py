@@ -54,20 +54,16 @@ def random_query(
 def label_queries(
     cost: NDArray[np.float32], points: NDArray[np.int32], least_distance: float, blocks: int, omega: float
 ) -> list[Label]:
-    """The labels of every pair of points that is far enough apart and connected.
+    """The labels of every pair of points that is at least so many cells apart and connected.
 
     Parameters
     ----------
     cost : (S, S) float32
-        Traversability cost.
+        Traversability cost; `omega` is its weight per grey level.
     points : (P, 2) int32
         One cost field is computed for each.
-    least_distance : float
-        In cells.
     blocks : int
         The excess is given for blocks × blocks blocks of the map.
-    omega : float
-        Weight of the traversability cost per grey level.
     """
     grid = Grid.of(cost, StepModel.of("paper", omega))
     workspace = Workspace(len(grid.weights))

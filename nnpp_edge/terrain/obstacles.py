@@ -31,15 +31,7 @@ _VANISHES, _MOVES = 0.25, 0.35
 
 
 class Obstacles:
-    """Obstacles on a map, the same for the same generator.
-
-    Parameters
-    ----------
-    shape : (H, W)
-        Of the map.
-    rng : numpy.random.Generator
-        Of every choice.
-    """
+    """Obstacles on a map of this shape, (H, W); the same for the same generator."""
 
     def __init__(self, shape: tuple[int, int], rng: np.random.Generator) -> None:
         self.shape, self._rng = shape, rng

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from nnpp_edge.runtime.errors import MissingExtraError, TerrainError
+from nnpp_edge.runtime.errors import TerrainError, optional_module
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.heights import Reading, Window, checked_window, metres
 
@@ -35,7 +35,7 @@ def read_raster(path: Path, vertical_scale: float | None, window: Window | None)
     Raises TerrainError, InvalidQueryError and MissingExtraError as `read_dem` does, and whatever else rasterio
     raises for a broken file.
     """
-    rasterio = _rasterio(f"reading {path.name}")
+    rasterio = optional_module("rasterio", f"reading {path.name}", "geo")
     # An ASCII grid without a decimal point would be read as whole numbers, and its nan as 0.
     options = {"DATATYPE": "Float64"} if path.suffix.lower() == ".asc" else {}
     with _quiet(rasterio), rasterio.open(_openable(path), **options) as dataset:
@@ -65,7 +65,7 @@ def geotiff_bytes(name: str, values: npt.NDArray[np.generic], place: Georeferenc
 
     Raises MissingExtraError, with the file's `name`, where rasterio is not installed.
     """
-    rasterio = _rasterio(f"writing {name}")
+    rasterio = optional_module("rasterio", f"writing {name}", "geo")
     where = {"crs": place.crs, "transform": rasterio.Affine(*place.transform)} if place else {}
     shape = {"height": values.shape[0], "width": values.shape[1], "count": 1, "dtype": "float32"}
     kind = {"driver": "GTiff", "compress": "deflate", "predictor": 3, "nodata": math.nan}
@@ -127,17 +127,6 @@ def _openable(path: Path) -> Path:
     """The detached label of a PDS3 image, which GDAL opens in its stead; else the path itself."""
     endings = (".lbl", ".LBL") if path.suffix.lower() == ".img" else ()
     return next((label for end in endings if (label := path.with_suffix(end)).is_file()), path)
-
-
-def _rasterio(purpose: str) -> ModuleType:
-    """The rasterio module, or the error that says how to get it."""
-    try:
-        import rasterio
-        import rasterio.io
-    except ImportError as error:
-        raise MissingExtraError(f"{purpose} needs rasterio: pip install 'nnpp-edge[geo]'") from error
-    module: ModuleType = rasterio
-    return module
 
 
 @contextmanager

@@ -26,8 +26,6 @@ class Batches:
 
     Parameters
     ----------
-    samples : Samples
-        The training set.
     spec : Spec
         What the network is fed with, and its number of blocks.
     settings : TrainSettings

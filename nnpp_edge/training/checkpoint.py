@@ -75,7 +75,7 @@ class Checkpoint:
 
     def save(self, path: Path) -> None:
         """Write the checkpoint, and its history as JSON beside it; OutputError if that fails."""
-        plain = {"spec": self.spec.as_dict(), "settings": asdict(self.settings), "progress": asdict(self.progress)}
+        plain = {"spec": asdict(self.spec), "settings": asdict(self.settings), "progress": asdict(self.progress)}
         weights = {"network": self.network, "average": self.average, "optimiser": self.optimiser}
         content = io.BytesIO()
         torch.save(plain | weights, content)

@@ -1,6 +1,7 @@
 """The processes that share one training: this one alone, or those that torchrun started."""
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -40,19 +41,19 @@ class Processes:
 
     def of_the_first(self, value: float) -> float:
         """The first process's value, so that all of them decide alike."""
-        if self.world == 1:
-            return value
-        shared = torch.tensor([value], dtype=torch.float64, device=self.device)
-        distributed.broadcast(shared, 0)
-        return float(shared.item())
+        return self._shared(value, lambda shared: distributed.broadcast(shared, 0))
 
     def mean(self, value: float) -> float:
         """Mean over the processes."""
+        return self._shared(value, distributed.all_reduce) / self.world
+
+    def _shared(self, value: float, share: Callable[[torch.Tensor], object]) -> float:
+        """What becomes of a value when all processes share it so."""
         if self.world == 1:
             return value
-        shared = torch.tensor([value], dtype=torch.float64, device=self.device)
-        distributed.all_reduce(shared)
-        return float(shared.item()) / self.world
+        tensor = torch.tensor([value], dtype=torch.float64, device=self.device)
+        share(tensor)
+        return float(tensor.item())
 
     def leave(self) -> None:
         """Wait for the others and end the group."""

@@ -43,14 +43,12 @@ def train(
     begin_with: Path | None = None,
     report: Callable[[Progress, float, float], None] = lambda progress, loss, share: None,
 ) -> Path:
-    """Train a network, going on from the folder's checkpoint if there is one.
+    """Train a network, going on from the folder's checkpoint if there is one; the path of its checkpoint.
 
     Parameters
     ----------
     spec, settings
         What to train, and how. A checkpoint of another spec is refused.
-    training, validation : Samples
-        Labelled queries.
     folder : Path
         Gets ``checkpoint.pt`` (weights, running mean, optimiser, progress; loads with weights_only) and
         ``history.json``.
@@ -61,11 +59,6 @@ def train(
         another size.
     report : callable
         Called after each step with the progress, the latest mean loss and the share of the training that is done.
-
-    Returns
-    -------
-    Path
-        Of the checkpoint.
 
     Raises
     ------

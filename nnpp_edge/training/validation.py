@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.cells import Cell, Endpoints
-from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame
+from nnpp_edge.runtime.planners.plan import path_costs
 from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
@@ -68,13 +68,7 @@ class Validator:
         """Cost and number of cells of the cheapest path; inf if there is none."""
         grid = self._grid(query)
         found = astar(grid, *self._endpoints(query), self.workspace, region=region)
-        if found.status is not Status.OK:
-            return float("inf"), 0
-        weights = grid.weights[(found.path[:, 0] + 1) * grid.stride + found.path[:, 1] + 1].astype(np.float64)
-        diagonals = int((np.abs(np.diff(found.path, axis=0)).sum(axis=1) == 2).sum())
-        straights = len(found.path) - 1 - diagonals
-        length = straights * self.model.length_term[0] + diagonals * self.model.length_term[1]
-        return length + float((weights[:-1] + weights[1:]).sum()), len(found.path)
+        return path_costs(grid, found.path)[0], len(found.path)
 
     @torch.no_grad()
     def probabilities(self, network: Network, batch: int = 32) -> NDArray[np.float32]:

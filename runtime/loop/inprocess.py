@@ -1,52 +1,31 @@
 """An input source and a sink for Python programs and tests."""
 
-import threading
+import sys
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterator
 
-from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Output, PathMessage, Pose
+from nnpp_edge.runtime.loop.mailbox import Mailbox
+from nnpp_edge.runtime.loop.messages import Input, Output, PathMessage
 
 
 class InProcessSource:
-    """Inputs put by any thread. Of poses and goals the newest counts; patches keep their order.
-
-    Parameters
-    ----------
-    most_patches : int
-        Most patches that wait; `put` refuses the next, so that the sender knows.
-    """
+    """Inputs put by any thread, in a `Mailbox` of at most so many patches."""
 
     def __init__(self, most_patches: int = 256) -> None:
-        self._lock = threading.Lock()
-        self._patches: deque[MapPatch] = deque()
-        self._most = most_patches
-        self._pose: Pose | None = None
-        self._goal: Goal | None = None
-        self.refused = 0
+        self._mailbox = Mailbox(most_patches, sys.maxsize)
+
+    @property
+    def refused(self) -> int:
         """Patches that were refused."""
+        return self._mailbox.drops
 
     def put(self, message: Input) -> bool:
-        """Add an input; False if it is a patch and too many are waiting."""
-        with self._lock:
-            if isinstance(message, Pose):
-                self._pose = message
-            elif isinstance(message, Goal):
-                self._goal = message
-            elif len(self._patches) >= self._most:
-                self.refused += 1
-                return False
-            else:
-                self._patches.append(message)
-            return True
+        """Add an input; False if it is a patch and too many are waiting, so that the sender knows."""
+        return not self._mailbox.put(message, when_full="refuse")
 
-    def poll(self) -> Iterable[Input]:
+    def poll(self) -> Iterator[Input]:
         """What has come since the last call."""
-        with self._lock:
-            inputs: list[Input] = [*self._patches]
-            inputs += [message for message in (self._pose, self._goal) if message is not None]
-            self._patches.clear()
-            self._pose = self._goal = None
-        return inputs
+        return self._mailbox.read()
 
 
 class InProcessSink:

@@ -117,14 +117,8 @@ class Tick:
 class Ladder:
     """Comes to the answer of a tick whose start and goal are known and passable. Serves one thread at a time.
 
-    Parameters
-    ----------
-    world : World
-        The newest map; every path is checked on it.
-    settings : NavigatorSettings
-        How to plan.
-    count_error : callable
-        Called with ``full`` or ``corridor`` when planning raised.
+    Every path is checked on the newest map of `world`; `count_error` is called with ``full`` or ``corridor`` when
+    planning raised.
     """
 
     def __init__(self, world: World, settings: NavigatorSettings, count_error: Callable[[str], None]) -> None:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,43 +176,39 @@ class PathMessage:
         }
 
 
+CountBy = dict[str, int]
+"""Counts by kind, place or sink."""
+
+
 @dataclass(frozen=True)
 class Counters:
-    """What a loop has done since it started."""
+    """What a loop has done since it started; each count says what it counts, and what by, for metrics too."""
 
-    ticks: int = 0
-    planned: int = 0
-    """Ticks that planned a new path."""
-    kept: int = 0
-    """Ticks that kept the standing path."""
-    failed: int = 0
-    """Ticks with pose and goal, but without a path."""
-    overruns: int = 0
-    """Ticks that took longer than the period."""
-    skipped: int = 0
-    """Deadlines that passed unused because a tick overran."""
-    degraded: dict[str, int] = field(default_factory=dict)
-    """Degraded answers, by kind of failure."""
-    errors: dict[str, int] = field(default_factory=dict)
-    """Errors that were caught, by place."""
-    patches: int = 0
-    cells_changed: int = 0
-    patches_clipped: int = 0
-    patches_rejected: int = 0
-    patches_merged: int = 0
-    """Changes of the map that were merged with the next because too many were waiting. No changed cell is lost."""
-    starts_moved: int = 0
-    reloads: int = 0
-    drops: dict[str, int] = field(default_factory=dict)
-    """Messages that a sink was too slow for, by sink."""
+    ticks: Annotated[int, "Ticks of the loop."] = 0
+    planned: Annotated[int, "Ticks that planned a new path."] = 0
+    kept: Annotated[int, "Ticks that kept the standing path."] = 0
+    failed: Annotated[int, "Ticks with pose and goal, but without a path."] = 0
+    overruns: Annotated[int, "Ticks that took longer than the period."] = 0
+    skipped: Annotated[int, "Deadlines that passed unused."] = 0
+    degraded: Annotated[CountBy, "Degraded answers.", "kind"] = field(default_factory=dict)
+    errors: Annotated[CountBy, "Errors that were caught.", "place"] = field(default_factory=dict)
+    patches: Annotated[int, "Map patches that came."] = 0
+    cells_changed: Annotated[int, "Cells that patches changed."] = 0
+    patches_clipped: Annotated[int, "Map patches that stuck out of the map."] = 0
+    patches_rejected: Annotated[int, "Map patches that were refused."] = 0
+    patches_merged: Annotated[int, "Changes of the map that were merged with the next."] = 0
+    """Too many were waiting. No changed cell is lost."""
+    starts_moved: Annotated[int, "Ticks whose path starts beside the robot, which stood in an impassable cell."] = 0
+    reloads: Annotated[int, "Times that the model was loaded again."] = 0
+    drops: Annotated[CountBy, "Messages that a sink was too slow for.", "sink"] = field(default_factory=dict)
+    lost: Annotated[CountBy, "Messages that a sink took and could not keep.", "sink"] = field(default_factory=dict)
+    """Only of sinks that count them."""
     tick_ms: dict[str, float] = field(default_factory=dict)
     """Work of a tick: ``p50``, ``p90``, ``p99``, ``max``, ``mean``."""
     tick_histogram: dict[str, int] = field(default_factory=dict)
     """Number of ticks whose work took less than so many milliseconds; ``inf``: number of measured ticks."""
     tick_sum_s: float = 0.0
     """Work of all measured ticks, seconds."""
-    lost: dict[str, int] = field(default_factory=dict)
-    """Messages that a sink took and could not keep, by sink; only of sinks that count them."""
     rss_bytes: int = 0
     """Memory of the process; 0 where the system does not say."""
 

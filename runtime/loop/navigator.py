@@ -29,8 +29,6 @@ class Navigator:
     ----------
     world : World
         The map; its patches come through `offer`.
-    settings : NavigatorSettings
-        How to plan.
     clock : callable
         Monotonic seconds; deadlines given to `tick` are readings of it.
 
@@ -79,15 +77,7 @@ class Navigator:
     def reload(self, model: str | Path | None = None) -> None:
         """Load a network, try it, and use it from the next tick on; if that fails, the old one stays.
 
-        Parameters
-        ----------
-        model : str or Path
-            By default the file of the present one, read again.
-
-        Raises
-        ------
-        ModelError
-            The model cannot be used; the loop goes on with the old one.
+        By default the file of the present one is read again. ModelError if the model cannot be used.
         """
         try:
             present = self.model.path if isinstance(self.model, NetworkModel) else self.model

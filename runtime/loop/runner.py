@@ -43,8 +43,6 @@ class Loop:
 
     Parameters
     ----------
-    navigator : Navigator
-        Answers.
     source : InputSource
         Polled at the beginning of each tick, in the loop's thread.
     sinks : sequence of Sink
@@ -204,9 +202,8 @@ class Loop:
             writer.put(message)
 
     def _status(self, last: PathMessage) -> StatusMessage:
-        counters = self.counters()
         text = f"{last.outcome} by {last.origin}" if last.outcome is Status.OK else f"{last.outcome}: {last.reason}"
-        return StatusMessage(last.tick, last.outcome, text, counters)
+        return StatusMessage(last.tick, last.outcome, text, self.counters())
 
     def _finish(self, message: PathMessage) -> None:
         if self._after_tick is None:
@@ -221,11 +218,13 @@ class Loop:
 
     def _collect(self, done: int) -> None:
         """Collect garbage where the idle time is enough for it."""
-        if done % _GC_EVERY == 0 and self._ticker.remaining() > 2.0 * self._collection_s:
+        if done % _GC_EVERY:
+            return
+        if self._ticker.remaining() > 2.0 * self._collection_s:
             began = time.monotonic()
             gc.collect()
             self._collection_s = time.monotonic() - began
-        elif done % _GC_EVERY == 0:
+        else:
             self._collection_s *= 0.9
 
 

@@ -5,10 +5,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
+from typing import Generic, Literal, Protocol, TypeVar
 
 from nnpp_edge.runtime.loop.messages import Output
 
+T = TypeVar("T")
 _LOG = logging.getLogger(__name__)
 _CALM_S = 10.0
 """What has failed counts as working again once it has worked for so long."""
@@ -27,6 +28,49 @@ class Sink(Protocol):
         """Send the message on. If it raises, that is counted, and the next message is tried."""
 
 
+class Worker(Generic[T]):
+    """A queue of at most so many items, and a thread that hands each to `use`, in order; `use` must not raise."""
+
+    def __init__(self, name: str, use: Callable[[T], None], most: int) -> None:
+        self._use, self._most = use, most
+        self._queue: deque[T] = deque()
+        self._news = threading.Condition()
+        self._closing = False
+        self._thread = threading.Thread(target=self._work, name=f"nnpp-edge {name}", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def put(self, item: T, *, when_full: Literal["drop oldest", "refuse"]) -> bool:
+        """Queue an item; False if the queue was full, and the oldest item was dropped or this one refused."""
+        with self._news:
+            room = len(self._queue) < self._most
+            if not room and when_full == "refuse":
+                return False
+            if not room:
+                self._queue.popleft()
+            self._queue.append(item)
+            self._news.notify()
+            return room
+
+    def close(self, patience_s: float = 1.0) -> None:
+        """Let the queued items be used, for so long at most; a function that hangs is left behind."""
+        with self._news:
+            self._closing = True
+            self._news.notify()
+        self._thread.join(patience_s)
+
+    def _work(self) -> None:
+        while True:
+            with self._news:
+                self._news.wait_for(lambda: self._queue or self._closing)
+                if not self._queue:
+                    return
+                item = self._queue.popleft()
+            self._use(item)
+
+
 class SinkWriter:
     """A sink's queue, and the thread that empties it."""
 
@@ -34,16 +78,10 @@ class SinkWriter:
         self.name = sink.name
         self.drops = 0
         """Messages that were dropped because too many were waiting."""
-        self._sink, self._count_error, self._most = sink, count_error, most
+        self._sink, self._count_error = sink, count_error
         self._failures = FailureLog(f"the sink {self.name}")
-        self._queue: deque[Output] = deque()
-        self._news = threading.Condition()
-        self._closing = False
-        self._thread = threading.Thread(target=self._work, name=f"nnpp-edge sink {sink.name}", daemon=True)
-
-    def start(self) -> None:
-        """Start the thread."""
-        self._thread.start()
+        self._worker = Worker(f"sink {sink.name}", self._publish, most)
+        self.start, self.close = self._worker.start, self._worker.close
 
     @property
     def lost(self) -> int | None:
@@ -53,35 +91,16 @@ class SinkWriter:
 
     def put(self, message: Output) -> None:
         """Queue a message; if the queue is full, the oldest one is dropped."""
-        with self._news:
-            if len(self._queue) >= self._most:
-                self._queue.popleft()
-                self.drops += 1
-            self._queue.append(message)
-            self._news.notify()
+        self.drops += not self._worker.put(message, when_full="drop oldest")
 
-    def close(self, patience_s: float = 1.0) -> None:
-        """Let the queued messages be sent, for so long at most; a sink that hangs is left behind."""
-        with self._news:
-            self._closing = True
-            self._news.notify()
-        self._thread.join(patience_s)
-
-    def _work(self) -> None:
-        while True:
-            with self._news:
-                while not self._queue and not self._closing:
-                    self._news.wait()
-                if not self._queue:
-                    return
-                message = self._queue.popleft()
-            try:
-                self._sink.publish(message)
-            except Exception:
-                self._failures.failed()
-                self._count_error(f"sink {self.name}")
-            else:
-                self._failures.worked()
+    def _publish(self, message: Output) -> None:
+        try:
+            self._sink.publish(message)
+        except Exception:
+            self._failures.failed()
+            self._count_error(f"sink {self.name}")
+        else:
+            self._failures.worked()
 
 
 class FailureLog:

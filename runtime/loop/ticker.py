@@ -10,14 +10,8 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 class Ticker:
     """Deadlines at start + k · period on a monotonic clock: lateness of one tick does not move the next.
 
-    Parameters
-    ----------
-    period_s : float
-        Seconds, greater than 0.
-    clock : callable
-        Monotonic seconds.
-    sleep : callable
-        Sleeps for at most so many seconds, greater than 0; may wake early. True means: stop waiting.
+    The clock reads monotonic seconds; `sleep` sleeps for at most so many, greater than 0. It may wake early, and True
+    means: stop waiting.
     """
 
     def __init__(

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import asdict
 
 import msgspec
 import numpy as np
@@ -243,7 +244,7 @@ def test_what_is_no_checkpoint_is_refused_and_nothing_is_written(nnpp_edge, tmp_
     bad.write_bytes(b"no checkpoint")
     nnpp_edge("export", bad, "-o", tmp_path / "out.onnx").refused("checkpoint.pt", "wanted a checkpoint")
     network = lived_in(EDGE)
-    torch.save({"spec": network.spec.as_dict(), "average": network.state_dict()}, bad)
+    torch.save({"spec": asdict(network.spec), "average": network.state_dict()}, bad)
     nnpp_edge("export", bad, "-o", tmp_path / "out.onnx").refused("wanted a checkpoint", "missing required field")
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.pt"]
 

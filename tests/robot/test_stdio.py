@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from nnpp_edge.robot.transports.framing import Framer, framed
-from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.transports.refusals import Refusals
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault, decode_output, encode
 from nnpp_edge.runtime.errors import OutputError, Status
 from nnpp_edge.runtime.loop.inprocess import InProcessSource
+from nnpp_edge.runtime.loop.mailbox import Mailbox
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.loop.runner import Loop
 from tests.robot.conftest import free, wait_until

@@ -12,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nnpp_edge.robot.transports.framing import Framer, WireError, framed
-from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.transports.refusals import Refusals
 from nnpp_edge.robot.transports.wire import Fault, decode, decode_output, encode
 from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.loop.mailbox import Mailbox
 from nnpp_edge.runtime.loop.messages import (
     Counters,
     Goal,
@@ -233,10 +234,10 @@ def patch(value, side=2):
 
 def test_a_full_mailbox_drops_the_oldest_patches_and_counts_them():
     box = Mailbox(most_patches=3)
-    assert [box.put(patch(n), wait=False) for n in range(5)] == [0, 0, 0, 1, 1]
+    assert [box.put(patch(n), when_full="drop oldest") for n in range(5)] == [0, 0, 0, 1, 1]
     for col in range(4):
-        box.put(Pose(0, col), wait=False)
-    box.put(Goal(5, 5), wait=False)
+        box.put(Pose(0, col), when_full="drop oldest")
+    box.put(Goal(5, 5), when_full="drop oldest")
     first, second, *rest = box.read()
     assert (first, second) == (Pose(0, 3), Goal(5, 5))
     assert [float(p.cost[0, 0]) for p in rest] == [2.0, 3.0, 4.0]
@@ -246,15 +247,15 @@ def test_a_full_mailbox_drops_the_oldest_patches_and_counts_them():
 
 def test_room_is_counted_in_cells_too_and_one_patch_always_fits():
     box = Mailbox(most_cells=100)
-    assert box.put(patch(1, 20), wait=True) == 0
-    assert box.put(patch(2, 10), wait=False) == 1
-    assert box.put(patch(3, 1), wait=False) == 1
+    assert box.put(patch(1, 20), when_full="wait") == 0
+    assert box.put(patch(2, 10), when_full="drop oldest") == 1
+    assert box.put(patch(3, 1), when_full="drop oldest") == 1
     assert [p.shape for p in box.read()] == [(1, 1)]
 
 
 def test_a_mailbox_ends_when_it_is_closed_and_empty():
     box = Mailbox()
-    box.put(patch(1), wait=True)
+    box.put(patch(1), when_full="wait")
     assert not box.ended
     box.close()
     assert not box.ended

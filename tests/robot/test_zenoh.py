@@ -13,10 +13,11 @@ import pytest
 
 pytest.importorskip("zenoh")
 
-from nnpp_edge.robot.transports.mailbox import Mailbox, Refusals
+from nnpp_edge.robot.transports.refusals import Refusals
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.robot.transports.zenoh_io import ZenohLink, ZenohSink, ZenohSource
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.mailbox import Mailbox
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
 from tests.robot.conftest import wait_until
 

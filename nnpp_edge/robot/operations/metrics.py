@@ -8,10 +8,11 @@ import time
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_type_hints
 
 from nnpp_edge import __version__
 from nnpp_edge.files import write_whole
+from nnpp_edge.robot.closing import Closing
 from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
 from nnpp_edge.runtime.loop.messages import Counters
 
@@ -19,27 +20,6 @@ if TYPE_CHECKING:
     from prometheus_client import Metric
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
-_TOTALS = {
-    "ticks": "Ticks of the loop.",
-    "planned": "Ticks that planned a new path.",
-    "kept": "Ticks that kept the standing path.",
-    "failed": "Ticks with pose and goal, but without a path.",
-    "overruns": "Ticks that took longer than the period.",
-    "skipped": "Deadlines that passed unused.",
-    "patches": "Map patches that came.",
-    "cells_changed": "Cells that patches changed.",
-    "patches_clipped": "Map patches that stuck out of the map.",
-    "patches_rejected": "Map patches that were refused.",
-    "patches_merged": "Changes of the map that were merged with the next.",
-    "starts_moved": "Ticks whose path starts beside the robot, which stood in an impassable cell.",
-    "reloads": "Times that the model was loaded again.",
-}
-_LABELLED = {
-    "degraded": ("kind", "Degraded answers."),
-    "errors": ("place", "Errors that were caught."),
-    "drops": ("sink", "Messages that a sink was too slow for."),
-    "lost": ("sink", "Messages that a sink took and could not keep."),
-}
 
 
 def metrics_text(counters: Counters) -> str:
@@ -64,7 +44,7 @@ def write_metrics(path: Path, counters: Counters) -> None:
     write_whole(Path(path), metrics_text(counters).encode())
 
 
-class MetricsServer:
+class MetricsServer(Closing):
     """Serves ``/metrics`` for Prometheus and ``/health`` for supervisors, from threads of its own.
 
     Health is 200 while the loop ticks, and 503 if it has not ticked for `stale_s` seconds or its counters cannot be
@@ -127,14 +107,6 @@ class MetricsServer:
         self._server.server_close()
         self._thread.join()
 
-    def __enter__(self) -> "MetricsServer":
-        """The server."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close it."""
-        self.close()
-
     def answer(self, path: str) -> tuple[int, str, str]:
         """HTTP status, content type and body for a path."""
         try:
@@ -185,12 +157,17 @@ def _families(counters: Counters) -> "Iterator[Metric]":
     build = GaugeMetricFamily("nnpp_edge_build_info", "The version that runs.", labels=["version"])
     build.add_metric([__version__], 1)
     yield build
-    for name, words in _TOTALS.items():
-        yield CounterMetricFamily(f"nnpp_edge_{name}", words, value=getattr(counters, name))
-    for name, (label, words) in _LABELLED.items():
-        family = CounterMetricFamily(f"nnpp_edge_{name}", words, labels=[label])
-        for value, count in sorted(getattr(counters, name).items()):
-            family.add_metric([value], count)
+    for name, kind in get_type_hints(Counters, include_extras=True).items():
+        words, *labels = getattr(kind, "__metadata__", ("",))
+        if not words:
+            continue
+        family = CounterMetricFamily(f"nnpp_edge_{name}", words, labels=labels)
+        count = getattr(counters, name)
+        if not labels:
+            family.add_metric([], count)
+        else:
+            for label, number in sorted(count.items()):
+                family.add_metric([label], number)
         yield family
     bounds = counters.tick_histogram or {"inf": 0}
     buckets = [("+Inf" if ms == "inf" else repr(1e-3 * float(ms)), float(count)) for ms, count in bounds.items()]

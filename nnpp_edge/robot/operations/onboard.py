@@ -2,17 +2,17 @@
 
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 from nnpp_edge.robot.operations.metrics import MetricsServer, write_metrics
 from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring, kind_and_place
-from nnpp_edge.robot.transports.mailbox import Refusals
 from nnpp_edge.robot.transports.mcap_log import McapLog
 from nnpp_edge.robot.transports.recording import EndingSource, RecordedSource, RecordingFile, ReplaySource
+from nnpp_edge.robot.transports.refusals import Refusals
 from nnpp_edge.robot.transports.rerun_view import RerunSink
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault
@@ -51,29 +51,8 @@ def run(
 ) -> Counters:
     """Load kernels and network, connect everything, and run the loop until it is stopped or its input ends.
 
-    SIGTERM and SIGINT end it after the tick, SIGHUP reloads the model. For the main thread.
-
-    Parameters
-    ----------
-    world : World
-        The first map.
-    settings : NavigatorSettings
-        How to plan.
-    wiring : Wiring
-        Inputs, outputs and observers.
-    pace : Pace
-        Rate, cores and priority.
-    ticks : int
-        End after so many.
-    cell_size_m : float
-        Side of a cell, for logs.
-    report : callable
-        Called with a line for each thing that is started.
-
-    Returns
-    -------
-    Counters
-        What was done.
+    SIGTERM and SIGINT end it after the tick, as do so many `ticks`; SIGHUP reloads the model. For the main thread.
+    The side of a cell is for logs; `report` is called with a line for each thing that is started.
     """
     with ExitStack() as stack:
         # until the loop runs, SIGTERM ends the process with exit code 0, and there is nothing to reload
@@ -83,14 +62,15 @@ def run(
         notifier = stack.enter_context(Notifier())
         exercise()
         navigator = Navigator(world, settings)
-        link = stack.enter_context(_zenoh_link(wiring))
+        link = None
+        if wiring.uses_zenoh:
+            endpoint = wiring.endpoint or LOOPBACK
+            link = stack.enter_context(ZenohLink(endpoint, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix))
         sinks, answer_fault = _answer_sinks(wiring, link)
         source = _input_source(wiring, navigator, link, answer_fault)
         observers, records = _observers(stack, wiring, world, cell_size_m, report)
         if records:
-            recorded = RecordedSource(source, records, navigator.count_error)
-            stack.callback(recorded.close)
-            source = recorded
+            source = stack.enter_context(RecordedSource(source, records, navigator.count_error))
         observers.append(_StatusSink("systemd", lambda status: notifier.status(status.text)))
 
         def after_tick(message: PathMessage) -> None:
@@ -159,19 +139,6 @@ def _input_source(
     return ZenohSource(link, refusals, navigator.count_error)
 
 
-@contextmanager
-def _zenoh_link(wiring: Wiring) -> Iterator[ZenohLink | None]:
-    """The session, if input or output need one."""
-    if not wiring.uses_zenoh:
-        yield None
-        return
-    link = ZenohLink(wiring.endpoint or LOOPBACK, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix)
-    try:
-        yield link
-    finally:
-        link.close()
-
-
 def _observers(
     stack: ExitStack, wiring: Wiring, world: World, cell_size_m: float, report: Callable[[str], None]
 ) -> tuple[list[Sink], list[Record]]:
@@ -179,8 +146,7 @@ def _observers(
     sinks: list[Sink] = []
     records: list[Record] = []
     if wiring.record is not None:
-        recording = RecordingFile(wiring.record, world.shape)
-        stack.callback(recording.close)
+        recording = stack.enter_context(RecordingFile(wiring.record, world.shape))
         records.append(recording.record)
         report(f"recording: {recording.path}")
     if wiring.log is not None:
@@ -192,8 +158,6 @@ def _observers(
         sinks.append(view)
         records.append(lambda message, at_s: view.record(message))
     if (file := wiring.metrics_file) is not None:
-        write_metrics(
-            file, Counters()
-        )  # now, so that a file that cannot be written is an error before the first tick
+        write_metrics(file, Counters())  # now: a file that cannot be written is an error before the first tick
         sinks.append(_StatusSink("metrics", lambda status: write_metrics(file, status.counters)))
     return sinks, records

@@ -7,21 +7,19 @@ import socket
 import time
 from collections.abc import Callable, Mapping
 
+from nnpp_edge.robot.closing import Closing
+
 _LOG = logging.getLogger(__name__)
 _LONGEST_STATUS = 200
 
 
-class Notifier:
+class Notifier(Closing):
     """Notifies the service manager; without one, every call does nothing and returns False.
 
     No call raises or waits: a notification that cannot be sent is dropped, with a warning the first time.
 
-    Parameters
-    ----------
-    environment : mapping
-        ``NOTIFY_SOCKET`` (a path, or ``@`` and an abstract name), ``WATCHDOG_USEC``, ``WATCHDOG_PID``.
-    clock : callable
-        Monotonic seconds.
+    Of the environment it reads ``NOTIFY_SOCKET`` (a path, or ``@`` and an abstract name), ``WATCHDOG_USEC`` and
+    ``WATCHDOG_PID``.
     """
 
     def __init__(
@@ -67,14 +65,6 @@ class Notifier:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
-
-    def __enter__(self) -> "Notifier":
-        """The notifier."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close it."""
-        self.close()
 
     def _send(self, text: str) -> bool:
         if self._address is None:

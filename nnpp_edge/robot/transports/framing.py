@@ -21,15 +21,7 @@ def framed(payload: bytes, framing: str) -> bytes:
 
 
 class Framer:
-    """Cuts a stream into messages. The bytes of a message that is too long are skipped, not kept.
-
-    Parameters
-    ----------
-    framing : str
-        ``lines`` or ``length``.
-    limit : int
-        Most bytes of a message.
-    """
+    """Cuts a stream into messages, by ``lines`` or by ``length``. Those of more than `limit` bytes are skipped."""
 
     def __init__(self, framing: str = "lines", limit: int = LIMIT_BYTES) -> None:
         if framing not in FRAMINGS:

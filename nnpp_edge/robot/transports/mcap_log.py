@@ -26,12 +26,12 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import ModuleType
 from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.robot.closing import Closing
 from nnpp_edge.ros.messages import (
     definition,
     grid_message,
@@ -40,7 +40,7 @@ from nnpp_edge.ros.messages import (
     pose_message,
     string_message,
 )
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, Output, PathMessage, Pose
 from nnpp_edge.runtime.loop.world import World
 
@@ -63,7 +63,7 @@ _MOST_WAITING = 256
 _LEAST_LIMIT_MB = 0.1
 
 
-class McapLog:
+class McapLog(Closing):
     """A sink that writes inputs and answers to a file. Any thread may call any method.
 
     Messages older than a second, or 64 kB, are with the operating system: they survive any end of the process, and
@@ -98,16 +98,12 @@ class McapLog:
     def __init__(
         self, path: Path, *, limit_mb: float = 512.0, world: World | None = None, cell_size_m: float = 1.0
     ) -> None:
-        try:
-            import mcap.writer
-        except ModuleNotFoundError as error:
-            raise MissingExtraError(f"a log needs {error.name}: pip install 'nnpp-edge[robot]'") from error
+        self._mcap = optional_module("mcap.writer", "a log", "robot")
         least = max(_LEAST_LIMIT_MB, 4e-6 * math.prod(world.shape)) if world else _LEAST_LIMIT_MB
         if not limit_mb >= least:
             raise InvalidQueryError(f"the log's limit must be at least {least:.3g} MB here, got {limit_mb:g}")
         if not 0.0 < cell_size_m < math.inf:
             raise InvalidQueryError(f"the side of a cell must be above 0 m, got {cell_size_m}")
-        self._mcap: ModuleType = mcap.writer
         self._path, self._limit = Path(path), 0.5e6 * limit_mb
         self._world, self._cell = world, cell_size_m
         self._lock = threading.Lock()
@@ -153,14 +149,6 @@ class McapLog:
             with self._stopping_on_error():
                 self._finish()
             self._stream = None
-
-    def __enter__(self) -> "McapLog":
-        """The log."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close it."""
-        self.close()
 
     def _write_waiting(self) -> None:
         while self._waiting:

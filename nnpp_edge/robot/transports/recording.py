@@ -6,15 +6,14 @@ read in the same tick have the same time. The first line may hold the size of th
 
 import json
 import logging
-import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Protocol
 
 import msgspec
 
+from nnpp_edge.robot.closing import Closing
 from nnpp_edge.robot.transports.framing import LIMIT_BYTES, WireError
 from nnpp_edge.robot.transports.wire import (
     VERSION,
@@ -28,6 +27,7 @@ from nnpp_edge.robot.transports.wire import (
 )
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.loop.messages import Input
+from nnpp_edge.runtime.loop.sinks import Worker
 
 _LOG = logging.getLogger(__name__)
 _MOST_WAITING = 1024
@@ -148,20 +148,11 @@ def _read_line(line: bytes, shape: tuple[int, int] | None) -> tuple[float, Input
     return record.at, as_input(record)
 
 
-class RecordingFile:
+class RecordingFile(Closing):
     """Writes inputs to a new file, line by line: what was written survives the end of the process, however it ends.
 
-    Parameters
-    ----------
-    path : Path
-        Where to write. A file of that name is left alone: ``scene-2.jsonl`` is written instead of ``scene.jsonl``.
-    shape : (int, int)
-        Of the map.
-
-    Raises
-    ------
-    OutputError
-        It cannot be written.
+    A file of that name is left alone: ``scene-2.jsonl`` is written instead of ``scene.jsonl``. The `shape` is that of
+    the map. OutputError if the file cannot be written.
     """
 
     def __init__(self, path: Path, shape: tuple[int, int]) -> None:
@@ -204,7 +195,7 @@ class EndingSource(Protocol):
         """As `InputSource.poll`."""
 
 
-class RecordedSource:
+class RecordedSource(Closing):
     """Passes on the inputs of another source, and records them in a thread of its own.
 
     The loop never waits for a recorder: if more than a thousand inputs wait to be recorded, the next are left out
@@ -212,8 +203,6 @@ class RecordedSource:
 
     Parameters
     ----------
-    source : EndingSource
-        Gives the inputs.
     recorders : sequence of callables
         Called with an input, and the seconds from the first call of `poll` to the one that gave the input.
     count_error : callable
@@ -228,11 +217,8 @@ class RecordedSource:
     ) -> None:
         self._source, self._recorders, self._count_error = source, recorders, count_error
         self._began: float | None = None
-        self._waiting: deque[tuple[Input, float]] = deque()
-        self._news = threading.Condition()
-        self._closing = False
-        self._thread = threading.Thread(target=self._work, name="nnpp-edge record", daemon=True)
-        self._thread.start()
+        self._worker = Worker("record", self._record, _MOST_WAITING)
+        self._worker.start()
 
     @property
     def ended(self) -> bool:
@@ -245,35 +231,18 @@ class RecordedSource:
         if self._began is None:
             self._began = now
         for message in self._source.poll():
-            self._put(message, now - self._began)
+            if not self._worker.put((message, now - self._began), when_full="refuse"):
+                self._count_error("record")
             yield message
 
     def close(self, patience_s: float = 2.0) -> None:
         """Let the waiting inputs be recorded, for so long at most."""
-        with self._news:
-            self._closing = True
-            self._news.notify()
-        self._thread.join(patience_s)
+        self._worker.close(patience_s)
 
-    def _put(self, message: Input, at_s: float) -> None:
-        with self._news:
-            if len(self._waiting) < _MOST_WAITING:
-                self._waiting.append((message, at_s))
-                self._news.notify()
-                return
-        self._count_error("record")
-
-    def _work(self) -> None:
-        while True:
-            with self._news:
-                while not self._waiting and not self._closing:
-                    self._news.wait()
-                if not self._waiting:
-                    return
-                message, at_s = self._waiting.popleft()
-            for record in self._recorders:
-                try:
-                    record(message, at_s)
-                except Exception as error:
-                    _LOG.warning("an input could not be recorded: %s", error)
-                    self._count_error("record")
+    def _record(self, timed: tuple[Input, float]) -> None:
+        for record in self._recorders:
+            try:
+                record(*timed)
+            except Exception as error:
+                _LOG.warning("an input could not be recorded: %s", error)
+                self._count_error("record")

@@ -3,12 +3,12 @@
 import math
 import time
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
+from nnpp_edge.robot.closing import Closing
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Output, PathMessage, Pose
 from nnpp_edge.runtime.loop.world import World
 
@@ -21,7 +21,7 @@ _SECONDS = "time"
 _TICKS = "tick"
 
 
-class RerunSink:
+class RerunSink(Closing):
     """A sink for rerun. Columns run to the right and rows down; the map is drawn as in the toolkit's pictures.
 
     Parameters
@@ -58,16 +58,12 @@ class RerunSink:
     ) -> None:
         if path is not None and address is not None:
             raise InvalidQueryError("give rerun either a file or an address, got both")
-        try:
-            import rerun
-        except ModuleNotFoundError as error:
-            raise MissingExtraError(f"a view needs {error.name}: pip install 'nnpp-edge[viz]'") from error
-        self._rr: ModuleType = rerun
+        self._rr = optional_module("rerun", "a view", "viz")
         self._world, self._map_every_s = world, map_every_s
         self._version, self._mapped = -1, -math.inf
         self._began = time.monotonic()
         self._outcome = ""
-        self._stream = rerun.RecordingStream("nnpp-edge")
+        self._stream = self._rr.RecordingStream("nnpp-edge")
         try:
             if path is not None:
                 Path(path).open("wb").close()  # rerun reports a missing folder only in its log
@@ -85,12 +81,7 @@ class RerunSink:
     def at(cls, where: str, world: World | None = None) -> "RerunSink":
         """By a word: ``here`` starts a viewer, ``rerun+http://…`` is one's address, ``….rrd`` is a file to write.
 
-        Raises
-        ------
-        InvalidQueryError
-            It is none of these.
-        MissingExtraError, OutputError
-            As the class itself.
+        InvalidQueryError if it is none of these; other errors as of the class itself.
         """
         if where == "here":
             return cls(world=world)
@@ -140,14 +131,6 @@ class RerunSink:
         """Write the rest and disconnect."""
         self._stream.flush()
         self._stream.disconnect()
-
-    def __enter__(self) -> "RerunSink":
-        """The sink."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close it."""
-        self.close()
 
     def _set_time(self) -> None:
         self._stream.set_time(_SECONDS, duration=time.monotonic() - self._began)

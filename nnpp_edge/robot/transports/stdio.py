@@ -6,31 +6,20 @@ import threading
 from collections.abc import Iterator
 
 from nnpp_edge.robot.transports.framing import LIMIT_BYTES, Framer, WireError, framed
-from nnpp_edge.robot.transports.mailbox import FaultQueue, Mailbox, Refusals
+from nnpp_edge.robot.transports.refusals import FaultQueue, Refusals
 from nnpp_edge.robot.transports.wire import decode, encode
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.loop.mailbox import Mailbox
 from nnpp_edge.runtime.loop.messages import Input, Output
 
 _CHUNK = 1 << 16
 
 
 class StdioSource:
-    """Reads messages from a file descriptor in a thread of its own.
+    """Reads messages, framed as by a `Framer`, from a file descriptor in a thread of its own.
 
-    If patches come faster than the loop reads them, reading pauses: the sender waits, and no patch is lost.
-
-    Parameters
-    ----------
-    refusals : Refusals
-        Each message that is refused is added to it; the next is read nevertheless.
-    descriptor : int
-        To read from.
-    framing : str
-        ``lines`` or ``length``, as for `Framer`.
-    limit : int
-        Most bytes of a message.
-    mailbox : Mailbox
-        Holds the inputs that wait; by default one with the usual limits.
+    If patches come faster than the loop reads them, reading pauses: the sender waits, and no patch is lost. Each
+    message that is refused is added to `refusals`, and the next is read.
     """
 
     def __init__(
@@ -60,10 +49,8 @@ class StdioSource:
     def _read(self) -> None:
         try:
             while chunk := self._chunk():
-                for found in self._framer.feed(chunk):
-                    self._put(found)
-            for found in self._framer.end():
-                self._put(found)
+                self._put(self._framer.feed(chunk))
+            self._put(self._framer.end())
         except OSError as error:
             self._refusals.add(WireError(f"standard input cannot be read ({error.strerror})"))
         finally:
@@ -76,25 +63,18 @@ class StdioSource:
             except BlockingIOError:  # the parent process made the descriptor non-blocking
                 select.select([self._descriptor], [], [])
 
-    def _put(self, found: bytes | WireError) -> None:
-        try:
-            if isinstance(found, WireError):
-                raise found
-            self._mailbox.put(decode(found, self._limit), wait=True)
-        except WireError as error:
-            self._refusals.add(error)
+    def _put(self, messages: Iterator[bytes | WireError]) -> None:
+        for found in messages:
+            try:
+                if isinstance(found, WireError):
+                    raise found
+                self._mailbox.put(decode(found, self._limit), when_full="wait")
+            except WireError as error:
+                self._refusals.add(error)
 
 
 class StdioSink(FaultQueue):
-    """Writes each answer to a file descriptor. Faults wait for the next answer, and are written before it.
-
-    Parameters
-    ----------
-    descriptor : int
-        To write to.
-    framing : str
-        ``lines`` or ``length``.
-    """
+    """Writes each answer to a file descriptor. Faults wait for the next answer, and are written before it."""
 
     name = "stdout"
 

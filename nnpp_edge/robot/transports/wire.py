@@ -53,25 +53,13 @@ class Record(msgspec.Struct, tag_field="type", forbid_unknown_fields=True, kw_on
     col: _Place
     stamp: _Stamp = 0.0
 
-    def input(self) -> Input:
-        """The input; InvalidMessageError if its values make no sense."""
-        raise NotImplementedError
-
 
 class PoseRecord(Record, tag="pose"):
     """A `Pose` on the wire."""
 
-    def input(self) -> Pose:
-        """The input."""
-        return Pose(self.row, self.col, self.stamp)
-
 
 class GoalRecord(Record, tag="goal"):
     """A `Goal` on the wire."""
-
-    def input(self) -> Goal:
-        """The input."""
-        return Goal(self.row, self.col, self.stamp)  # type: ignore[arg-type]  # it refuses fractions
 
 
 class Packed(msgspec.Struct, forbid_unknown_fields=True):
@@ -87,17 +75,6 @@ class PatchRecord(Record, tag="patch"):
     elevation: _Rows | Packed | None = None
     cost: _Rows | Packed | None = None
     keep_known: bool = False
-
-    def input(self) -> MapPatch:
-        """The input."""
-        return MapPatch(
-            self.row,  # type: ignore[arg-type]  # it refuses fractions
-            self.col,  # type: ignore[arg-type]
-            elevation=_values("elevation", self.elevation),
-            cost=_values("cost", self.cost),
-            keep_known=self.keep_known,
-            stamp=self.stamp,
-        )
 
 
 _RECORDS = {"pose": PoseRecord, "goal": GoalRecord, "patch": PatchRecord}
@@ -121,14 +98,8 @@ def encode(message: Input | Output | Fault) -> bytes:
 def decode(payload: bytes, limit: int = LIMIT_BYTES, kind: str | None = None) -> Input:
     """The input that a message holds.
 
-    Parameters
-    ----------
-    payload : bytes
-        One JSON object in UTF-8.
-    limit : int
-        Most bytes that it may have.
-    kind : str
-        ``pose``, ``goal`` or ``patch`` where only this may come; then the message need not name its type.
+    The message is one JSON object in UTF-8. Where only a `kind` may come, ``pose``, ``goal`` or ``patch``, it need
+    not name its type.
 
     Raises
     ------
@@ -170,7 +141,11 @@ def decoded(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit
 def as_input(record: Record) -> Input:
     """The input of a decoded record; WireError if its values make no sense."""
     try:
-        return record.input()
+        if isinstance(record, PatchRecord):
+            values = _values("elevation", record.elevation), _values("cost", record.cost)
+            return MapPatch(record.row, record.col, *values, record.keep_known, record.stamp)  # type: ignore[arg-type]
+        kind = Pose if isinstance(record, PoseRecord) else Goal
+        return kind(record.row, record.col, record.stamp)  # type: ignore[arg-type]  # a goal refuses fractions
     except InvalidMessageError as error:
         raise WireError(str(error)) from None
 

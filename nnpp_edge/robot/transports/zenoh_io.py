@@ -8,10 +8,12 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
+from nnpp_edge.robot.closing import Closing
 from nnpp_edge.robot.transports.framing import LIMIT_BYTES, WireError
-from nnpp_edge.robot.transports.mailbox import FaultQueue, Mailbox, Refusals
+from nnpp_edge.robot.transports.refusals import FaultQueue, Refusals
 from nnpp_edge.robot.transports.wire import decode, encode
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
+from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
+from nnpp_edge.runtime.loop.mailbox import Mailbox
 from nnpp_edge.runtime.loop.messages import Input, Output, PathMessage
 
 if TYPE_CHECKING:
@@ -23,7 +25,7 @@ TOPICS = ("patch", "pose", "goal")
 _PATIENCE_S = 1.0
 
 
-class ZenohLink:
+class ZenohLink(Closing):
     """A Zenoh session without discovery: it listens at one address, or connects to one.
 
     Parameters
@@ -44,10 +46,7 @@ class ZenohLink:
     """
 
     def __init__(self, endpoint: str = LOOPBACK, *, connect: str | None = None, prefix: str = PREFIX) -> None:
-        try:
-            import zenoh
-        except ModuleNotFoundError as error:
-            raise MissingExtraError("Zenoh is not installed: pip install 'nnpp-edge[robot]'") from error
+        zenoh = optional_module("zenoh", "a Zenoh session", "robot")
         if not prefix or prefix != prefix.strip("/") or any(c in prefix for c in "*$?# ") or "//" in prefix:
             raise InvalidQueryError(f"the prefix must be words joined by /, got {prefix!r}")
         self.zenoh, self.prefix = zenoh, prefix
@@ -78,18 +77,7 @@ class ZenohLink:
 class ZenohSource:
     """Inputs from Zenoh's topics. If patches come faster than the loop reads them, the oldest are dropped.
 
-    Parameters
-    ----------
-    link : ZenohLink
-        The session.
-    refusals : Refusals
-        Each message that is refused is added to it.
-    count_error : callable
-        Called with ``input dropped`` for each patch that is dropped.
-    limit : int
-        Most bytes of a message.
-    mailbox : Mailbox
-        Holds the inputs that wait; by default one with the usual limits.
+    `count_error` is called with ``input dropped`` for each; messages that are refused are added to `refusals`.
     """
 
     ended = False
@@ -122,20 +110,14 @@ class ZenohSource:
             except WireError as error:
                 self._refusals.add(error)
                 return
-            for _ in range(self._mailbox.put(message, wait=False)):
+            for _ in range(self._mailbox.put(message, when_full="drop oldest")):
                 self._count_error("input dropped")
 
         return heard
 
 
 class ZenohSink(FaultQueue):
-    """Sends each answer to Zenoh's topics. Messages for listeners that do not keep up are dropped by Zenoh.
-
-    Parameters
-    ----------
-    link : ZenohLink
-        The session.
-    """
+    """Sends each answer to Zenoh's topics. Messages for listeners that do not keep up are dropped by Zenoh."""
 
     name = "zenoh"
 
