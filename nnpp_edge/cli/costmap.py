@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -165,11 +165,3 @@ def _write(output: Path, cost: Float2D, dem: Dem) -> None:
     else:
         np.savez_compressed(content, cost=cost, cell_size_m=dem.cell_size_m, cell_width_m=dem.cell_width_m)
     write_whole(output, content.getvalue())
-
-
-workload_option = options.workload
-
-
-def make_rules(workload: str | None, limits: dict[str, Any]) -> Traversability:
-    """Until `run` and `simulate` take `options.terrain`."""
-    return TerrainOptions(None, None, None, workload=workload, **limits).limits()

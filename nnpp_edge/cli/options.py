@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., object])
 
+COUNT = click.IntRange(1)
 PATH = click.Path(path_type=Path)
 NEW_FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -98,6 +99,13 @@ dem_input = together(
     rescale,
 )
 """How a DEM is read: `cell_size`, `vertical_scale`, `rescale`."""
+
+
+def terrain_files(default: str = "") -> Callable[[Command], Command]:
+    """Elevation files and how they are read: `terrain`, `cell_size`, `rescale`; the help says what `default` is."""
+    files = click.option("--terrain", multiple=True, type=PATH, help=f"Elevation file, or several{default}.")
+    return together(files, cell_size, rescale)
+
 
 traversability = together(
     click.option("--slope-limit", type=float, default=30.0, help="φ_s, degrees."),
@@ -184,8 +192,3 @@ def given_options() -> list[str]:
     context = click.get_current_context()
     default = click.core.ParameterSource.DEFAULT
     return [name for name in context.params if context.get_parameter_source(name) is not default]
-
-
-def load_dem(path: Path, cell_size: float | None, vertical_scale: float | None, rescale: float | None) -> Dem:
-    """Until `run` and `simulate` take `terrain`."""
-    return TerrainOptions(cell_size, vertical_scale, rescale, 30.0, 0.6, 0.2, None, None, None, None).read(path)

@@ -2,13 +2,14 @@
 
 import json
 from dataclasses import asdict, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.costmap import make_rules, workload_option
+from nnpp_edge.cli.options import COUNT, TerrainOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
@@ -20,7 +21,7 @@ _INPUTS, _OUTPUTS = "stdin|replay:FILE|zenoh[:ENDPOINT]", "stdout|zenoh[:ENDPOIN
 _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the inputs, and of a replay to stdout."
 
 
-@click.command(name="run", context_settings={"show_default": True})
+@click.command(name="run")
 @click.option("--map", "map_file", type=options.PATH, required=True, help="Elevation map, or an .npz of `costmap`.")
 @click.option("--profile", metavar="NAME|FILE", help="A shipped profile or a TOML file; its table [loop] counts.")
 @click.option("--input", default="stdin", metavar=_INPUTS, help="Where patches, poses and goals come from.")
@@ -31,7 +32,7 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
 @click.option("--cores", type=options.Numbers(), help="Pin the loop to these cores.")
 @click.option("--priority", type=int, help="1 to 99: run the loop under SCHED_FIFO.")
 @click.option("--tolerance", type=float, help="Keep a path while a new one can save at most this share (else 0.02).")
-@click.option("--ticks", type=click.IntRange(1), help="End after so many.")
+@click.option("--ticks", type=COUNT, help="End after so many.")
 @click.option("--framing", type=_FRAMINGS, default="lines", help="A message a line, or after its length in 4 bytes.")
 @click.option("--fast", is_flag=True, help="Replay one recorded tick a tick, and ticks without a pause.")
 @click.option("--stay", is_flag=True, help="Go on when stdin is closed or the replay is over.")
@@ -42,11 +43,11 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
 @click.option("--metrics-port", type=click.IntRange(0, 65535), help="Serve the counters to Prometheus at this port.")
 @click.option("--metrics-file", type=options.NEW_FILE, help="Keep the counters in this file, in Prometheus' format.")
 @options.view
-@options.dem_input
-@options.traversability
-@workload_option
+@options.terrain
 @options.as_json
-def command(map_file: Path, profile: str | None, ticks: int | None, as_json: bool, **given: Any) -> None:
+def command(
+    map_file: Path, profile: str | None, ticks: int | None, as_json: bool, terrain: TerrainOptions, **given: Any
+) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
 
     Inputs and answers are JSON; see docs/run.md. SIGTERM ends the run after its tick with exit code 0, SIGHUP reads
@@ -66,20 +67,14 @@ def command(map_file: Path, profile: str | None, ticks: int | None, as_json: boo
     wiring = Wiring(**{field.name: given.pop(field.name) for field in fields(Wiring)})
     if as_json and STDOUT in wiring.output_kinds:
         raise click.UsageError("--json prints on stdout, which answers go to: add --output none, or zenoh")
-    changes = {key: given.pop(key) for key in ("rate_hz", "method", "model", "cores", "priority", "tolerance")}
-    loop = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **changes)
-    world, cell_size_m = _world(map_file, given)
-    counters = run(
-        world,
-        NavigatorSettings(
-            method=loop.method, model=loop.model, tolerance=loop.tolerance, corner_cutting=loop.corner_cutting
-        ),
-        wiring,
-        Pace(loop.rate_hz, loop.cores, loop.priority),
-        ticks=ticks,
-        cell_size_m=cell_size_m,
-        report=lambda line: click.echo(line, err=True),
+    loop = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **given)
+    settings = NavigatorSettings(
+        method=loop.method, model=loop.model, tolerance=loop.tolerance, corner_cutting=loop.corner_cutting
     )
+    pace = Pace(loop.rate_hz, loop.cores, loop.priority)
+    world, cell_size_m = _world(map_file, terrain)
+    report = partial(click.echo, err=True)
+    counters = run(world, settings, wiring, pace, ticks=ticks, cell_size_m=cell_size_m, report=report)
     if as_json:
         click.echo(json.dumps(asdict(counters)))
     else:
@@ -107,19 +102,17 @@ def summary(counters: "Counters") -> str:
     return "\n".join(f"{name:<10}{value}" for name, value in lines.items())
 
 
-def _world(path: Path, given: dict[str, Any]) -> tuple["World", float]:
+def _world(path: Path, terrain: TerrainOptions) -> tuple["World", float]:
     """The first map, and the side of its cells in metres."""
     from nnpp_edge.runtime.loop.world import World
 
     if (found := _cost_map(path)) is not None:
-        context = click.get_current_context()
-        for name in given:
-            if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT:
+        for name in options.given_options():
+            if hasattr(terrain, name):
                 raise click.UsageError(f"{path.name} holds costs: --{name.replace('_', '-')} does not go with it")
         return World(found[0]), found[1]
-    dem = options.load_dem(path, given.pop("cell_size"), given.pop("vertical_scale"), given.pop("rescale"))
-    rules = make_rules(given.pop("workload"), given)
-    world = World.of_elevation(dem.elevation, dem.cell_size_m, rules, cell_width_m=dem.cell_width_m)
+    limits, dem = terrain.limits(), terrain.read(path)
+    world = World.of_elevation(dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m)
     return world, dem.cell_size_m
 
 

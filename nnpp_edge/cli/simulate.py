@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.costmap import make_rules, workload_option
+from nnpp_edge.cli.options import COUNT, TerrainOptions
 from nnpp_edge.runtime.cells import Cell
 
 if TYPE_CHECKING:
@@ -24,25 +25,24 @@ if TYPE_CHECKING:
 
 _SAMPLE, _SAMPLE_RESCALE = "moon_highlands.npz", 20.0
 _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
-_FROM_0, _FROM_1 = click.IntRange(0), click.IntRange(1)
 
 
-@click.command(name="simulate", context_settings={"show_default": True})
+@click.command(name="simulate")
 @click.option("--map", "dem", type=options.PATH, help="Elevation map; by default the shipped lunar sample.")
 @click.option("--size", type=click.IntRange(16), default=256, help="Side of the part of the map, picked by the seed.")
 @click.option("--start", type=options.Cell(), help="Cell of that part, row first; by default picked by the seed.")
 @click.option("--goal", type=options.Cell(), help="Likewise.")
 @click.option("--method", type=click.Choice(_METHODS), default="auto")
-@click.option("--model", default="edge", help="Shipped network's name, or an ONNX file.")
+@options.model
 @click.option("--rate", type=click.FloatRange(0.0, min_open=True), help="Ticks a second; else as fast as possible.")
-@click.option("--ticks", type=_FROM_1, default=5000, help="At most.")
-@click.option("--changes", type=_FROM_0, default=1, help="Obstacles that appear, move or vanish between two ticks.")
-@click.option("--survey", type=_FROM_1, default=8, help="Blur the first map's heights over so many cells; 1: none.")
-@click.option("--sight", type=_FROM_1, default=12, help="Cells to each side whose true cost the robot sees.")
-@click.option("--speed", type=_FROM_1, default=1, help="Cells a tick.")
-@options.dem_input
-@options.traversability
-@workload_option
+@click.option("--ticks", type=COUNT, default=5000, help="At most.")
+@click.option(
+    "--changes", type=click.IntRange(0), default=1, help="Obstacles that appear, move or vanish between two ticks."
+)
+@click.option("--survey", type=COUNT, default=8, help="Blur the first map's heights over so many cells; 1: none.")
+@click.option("--sight", type=COUNT, default=12, help="Cells to each side whose true cost the robot sees.")
+@click.option("--speed", type=COUNT, default=1, help="Cells a tick.")
+@options.terrain
 @options.seed
 @click.option("--log", type=options.NEW_FILE, help="Write inputs and answers as MCAP with ROS 2 messages.")
 @options.view
@@ -54,7 +54,9 @@ def command(
     start: Cell | None,
     goal: Cell | None,
     survey: int,
-    workload: str | None,
+    terrain: TerrainOptions,
+    rate: float | None,
+    seed: int,
     log: Path | None,
     view: str | None,
     picture: Path | None,
@@ -78,11 +80,8 @@ def command(
     from nnpp_edge.simulation.scene import Scene
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
 
-    names = ("method", "model", "ticks", "changes", "sight", "speed")
-    rate, seed = given.pop("rate"), given.pop("seed")
-    settings = SimulationSettings(rate_hz=rate, seed=seed, **{name: given.pop(name) for name in names})
-    cell_size, vertical_scale, rescale = (given.pop(name) for name in ("cell_size", "vertical_scale", "rescale"))
-    rules = make_rules(workload, given)
+    settings = SimulationSettings(rate_hz=rate, seed=seed, **given)
+    limits = terrain.limits()
     if picture is not None:
         check_name(picture)
     written = [file for file in (log, picture) if file is not None]
@@ -90,8 +89,8 @@ def command(
         make_folder(file.parent)
     if dem is None:
         dem = Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE))
-        rescale = rescale or _SAMPLE_RESCALE
-    ground = _ground(options.load_dem(dem, cell_size, vertical_scale, rescale), size, rules, survey, seed)
+        terrain = replace(terrain, rescale=terrain.rescale or _SAMPLE_RESCALE)
+    ground = _ground(terrain.read(dem), size, limits, survey, seed)
     if start is None or goal is None:
         start, goal = random_drive(ground, seed)
     film = Film() if picture is not None and picture.suffix.lower() == ".gif" else None
@@ -103,14 +102,11 @@ def command(
             film(scene, message)
 
     with ExitStack() as stack:
-        drive = simulate(
-            ground,
-            start,
-            goal,
-            settings,
-            make_sinks=lambda world: _sinks(stack, world, log, view, ground.cell_size_m),
-            watch=watch,
-        )
+
+        def make_sinks(world: "World") -> "list[Sink]":
+            return _sinks(stack, world, log, view, ground.cell_size_m)
+
+        drive = simulate(ground, start, goal, settings, make_sinks=make_sinks, watch=watch)
     if picture is not None:
         save_drive(picture, scenes[0], drive, film)
     rows, cols = ground.true.shape
@@ -144,7 +140,7 @@ def text(drive: "Drive", shape: tuple[int, int], written: Sequence[Path]) -> str
     return "\n".join(f"{name:<{width}}{value}" for name, value in lines.items())
 
 
-def _ground(terrain: "Dem", size: int, rules: "Traversability", survey: int, seed: int) -> "SurveyedGround":
+def _ground(terrain: "Dem", size: int, limits: "Traversability", survey: int, seed: int) -> "SurveyedGround":
     """A random part of the terrain."""
     import numpy as np
 
@@ -155,7 +151,7 @@ def _ground(terrain: "Dem", size: int, rules: "Traversability", survey: int, see
     rng = np.random.default_rng([seed, 3])
     row, col = int(rng.integers(height - rows + 1)), int(rng.integers(width - cols + 1))
     part = np.ascontiguousarray(terrain.elevation[row : row + rows, col : col + cols])
-    return SurveyedGround.of(part, terrain.cell_size_m, rules, survey, terrain.cell_width_m)
+    return SurveyedGround.of(part, terrain.cell_size_m, limits, survey, terrain.cell_width_m)
 
 
 def _sinks(stack: ExitStack, world: "World", log: Path | None, view: str | None, cell_size_m: float) -> "list[Sink]":

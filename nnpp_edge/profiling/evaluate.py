@@ -93,22 +93,11 @@ def evaluate(
     harness: Harness | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> dict[str, Figures]:
-    """Have every planner answer the same queries.
+    """Have every planner, exact A* among them, answer the same queries.
 
-    Parameters
-    ----------
-    cases : iterable of Case
-        Maps and queries. Queries that exact A* finds no path for are passed over.
-    rivals : sequence of RivalPlanner
-        Exact A* must be among them.
-    queries : int
-        How many to judge by; fewer if the cases run out.
-    repeats : int
-        Each planner answers each query so often, in turn with the others; its median time counts.
-    harness : Harness
-        That times the calls.
-    progress : callable
-        Called with the number of queries that are done.
+    Queries that exact A* finds no path for are passed over; `queries` others are judged by, fewer if the cases run
+    out. Each planner answers each of them `repeats` times, in turn with the others; its median time counts.
+    `progress` is called with the number of queries that are done.
 
     Returns
     -------

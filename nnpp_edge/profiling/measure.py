@@ -152,25 +152,11 @@ def run(
     harness: Harness | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Run:
-    """Have every planner answer every query, in both halves of the run.
+    """Have every planner, exact A* first, answer every query, in both halves of the run.
 
-    Parameters
-    ----------
-    rivals : sequence of RivalPlanner
-        Exact A* first.
-    load : Load
-        What is planned.
-    cores : sequence of int
-        That this process is pinned to: the time that others use on them is counted.
-    harness : Harness
-        That times the calls.
-    progress : callable
-        Called with the number of queries that are done, of `queries_in`.
-
-    Raises
-    ------
-    InvalidQueryError
-        The terrain has too few queries with a path.
+    `cores` are those that this process is pinned to: the time that others use on them is counted. `progress` is
+    called with the number of queries that are done, of `queries_in`. InvalidQueryError if the terrain has too few
+    queries with a path.
 
     Notes
     -----

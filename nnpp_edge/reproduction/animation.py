@@ -102,14 +102,7 @@ def legend(figure: "Figure", axes: "Axes", *, changes: bool = True) -> None:
 def animate(views: Sequence[View], stride: int, cells_a_frame: int) -> bytes:
     """The episode as a GIF: the map changes, the path is replanned, the robot drives on.
 
-    Parameters
-    ----------
-    views : sequence of View
-        Of all plans.
-    stride : int
-        Cells that the robot drives between two plans.
-    cells_a_frame : int
-        Cells that it drives from one picture to the next.
+    The robot drives `stride` cells between two plans, and `cells_a_frame` from one picture to the next.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image

@@ -113,25 +113,10 @@ class _OnMap:
 def contest(
     cases: Iterable[Case], model: NetworkModel, queries: int, *, planners: Sequence[str] = PLANNERS, repeats: int = 3
 ) -> Iterator[Round]:
-    """Have all planners answer queries, in turns; those without a path are passed over.
+    """Have some of `PLANNERS` answer queries, in turns; those without a path are passed over.
 
-    Parameters
-    ----------
-    cases : iterable of Case
-        Maps and queries.
-    model : NetworkModel
-        For `PLAIN_NN` and ``nnpp``.
-    queries : int
-        How many.
-    planners : sequence of str
-        Of `PLANNERS`.
-    repeats : int
-        How often each of ours answers each query; the median time counts. Plain Python answers once.
-
-    Raises
-    ------
-    InvalidQueryError
-        Too few of the queries have a path.
+    The model is that of `PLAIN_NN` and ``nnpp``. Ours answer each query `repeats` times, and the median time counts;
+    plain Python answers once. InvalidQueryError if too few of the queries have a path.
     """
     done, harness = 0, Harness()
     for case in islice(cases, MAPS_TRIED * queries):

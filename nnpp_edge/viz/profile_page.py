@@ -29,15 +29,7 @@ _WIDTH = 640
 
 
 def page(report: Report, profile: Profile) -> str:
-    """The page.
-
-    Parameters
-    ----------
-    report : Report
-        From `profile_machine`.
-    profile : Profile
-        That it was made by: the example plans come from its terrain.
-    """
+    """The page of a report, with example plans from the terrain of the profile that it was made by."""
     template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     template.filters |= {"number": _number, "percent": _percent}
     text = (files("nnpp_edge.viz") / _TEMPLATE).read_text(encoding="utf-8")

@@ -248,7 +248,7 @@ def test_ticks_end_it_and_the_profile_and_its_model_count(nnpp_edge, dem, record
         (("--output", "none", "--output", "stdout"), "none goes with no other"),
         (("--output", "stdout", "--output", "stdout"), "different ones"),
         (("--input", "zenoh:tcp/a:1", "--output", "zenoh:tcp/b:1"), "one endpoint"),
-        (("--rate", "0"), "rate_hz: wanted ticks a second"),
+        (("--rate", "0"), "rate_hz: wanted a number above 0.0"),
         (("--rate", "nan"), "rate_hz"),
         (("--method", "magic"), "method: wanted one of auto, astar"),
         (("--priority", "100"), "priority"),
