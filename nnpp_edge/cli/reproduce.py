@@ -61,7 +61,7 @@ def command(
     from nnpp_edge.reproduction.runner import Request, reproduce
 
     if unknown := [name for name in experiments if name not in NAMES]:
-        raise click.UsageError(f"EXPERIMENT must be of {', '.join(NAMES)}, got {', '.join(unknown)}")
+        raise click.UsageError(f"wanted EXPERIMENT of {', '.join(NAMES)}, got {', '.join(unknown)}")
     names = [name for name in NAMES if not experiments or name in experiments]
     files = TerrainFiles.or_sample(terrain, rescale, cell_size)
     request = Request(names, files, output, seed, model, quick, steps, dataset, again)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nnpp_edge.profiling.harness import Harness
-from nnpp_edge.profiling.rivals import EXACT, FIRST_SOURCES, RivalPlanner, call_on, plan_with_regions
+from nnpp_edge.profiling.rivals import EXACT, FIRST_SOURCES, RivalPlanner, call_on
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.warmup import exercise
@@ -123,7 +123,7 @@ def evaluate(
             exact_s = records[EXACT].median_s
             for rival in rivals:
                 record = records[rival.name]
-                plan = plan_with_regions(planners[rival.name], record.case, rival.method)
+                plan = planners[rival.name].plan(*record.case, method=rival.method, keep_regions=True)
                 answers[rival.name].add(plan, record.median_s, exact[record.case], exact_s, case.cost.size)
             progress(done := done + 1)
         if done == queries:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.benchmarks.dynamic_episode import Episode, Patch
-from nnpp_edge.profiling.rivals import plan_with_regions
 from nnpp_edge.reproduction.pictures import (
     OPTIMUM,
     PATH,
@@ -62,7 +61,7 @@ def view_episode(episode: Episode, model: NetworkModel) -> list[View]:
     for at, step in enumerate(episode.steps):
         cost = episode.map_at(at)
         planner = Planner(cost, model=model, ask_from=0)
-        plan = plan_with_regions(planner, (step.start, episode.goal), "nnpp")
+        plan = planner.plan(step.start, episode.goal, method="nnpp", keep_regions=True)
         assert plan.network_region is not None
         region = plan.network_region.mask()
         optimum = planner.plan(step.start, episode.goal, method="astar").path
