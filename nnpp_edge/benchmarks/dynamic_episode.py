@@ -58,23 +58,10 @@ class Episode:
 
 
 def make_episode(cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int = STRIDE) -> Episode:
-    """An episode on a map, the same for the same seed.
+    """An episode on a cost map (H, W), the same for the same seed; start and goal are passable and connected.
 
-    Parameters
-    ----------
-    cost : (H, W) float
-        Traversability cost; left as it is.
-    start, goal : (row, col)
-        Passable cells that are connected.
-    seed : int
-        Of where rectangles appear, how large they are, and what becomes of them.
-    stride : int
-        Cells that the robot walks between two plans, at least 1.
-
-    Raises
-    ------
-    InvalidQueryError
-        The goal cannot be reached from the start, or the stride is less than 1.
+    `stride` is the number of cells that the robot walks between two plans. InvalidQueryError if it is less than 1, or
+    the goal cannot be reached.
     """
     if stride < 1:
         raise InvalidQueryError(f"the stride must be at least 1 cell, got {stride}")

@@ -85,24 +85,9 @@ def run_scene(
 ) -> list[SceneRow]:
     """Have every method go through the same episodes, one after another at each step, in an order drawn anew.
 
-    Parameters
-    ----------
-    episodes : iterable of Episode
-        Made with the same `stride`.
-    methods : sequence of str
-        Of `DynamicMethod`; exact A* always takes part.
-    model : str or Path
-        For the methods with a network: a shipped model's name, or a file.
-    repeats : int
-        So often new planners go through every episode, after once without the clock; a step's median
-        time counts.
-    progress : callable
-        Called with the number of episodes that are done.
-
-    Returns
-    -------
-    list of SceneRow
-        By episode, step and method.
+    The episodes are made with the same `stride`; exact A* always takes part. New planners go through every episode
+    `repeats` times, after once without the clock; a step's median time counts. `progress` is called with the number
+    of episodes that are done. Rows come by episode, step and method.
 
     Notes
     -----

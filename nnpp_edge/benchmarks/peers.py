@@ -166,29 +166,11 @@ def compare(
     harness: Harness | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> dict[str, PeerFigures]:
-    """Have every planner answer the same queries, in turns.
+    """Have every planner answer the same queries on maps of one size, in turns: a row of figures for each.
 
-    Parameters
-    ----------
-    planners : sequence of PeerPlanner
-        Our exact A*, `REFERENCE`, among them.
-    cases : iterator of Case
-        Maps and queries of one size. Queries that exact A* finds no path for are passed over.
-    queries : int
-        How many to judge by.
-    limit_s : float
-        A planner that would take longer for a query is left out.
-    expected_s : dict
-        Time that a query is expected to take, by planner, where a smaller size has shown it.
-    harness : Harness
-        That times the calls.
-    progress : callable
-        Called with the number of queries that are done.
-
-    Returns
-    -------
-    dict
-        A row of figures for each planner.
+    Our exact A*, `REFERENCE`, must be among them; queries that it finds no path for are passed over. A planner that
+    would take longer than `limit_s` for a query is left out; `expected_s` is the time by planner that a smaller size
+    has shown. `progress` is called with the number of queries that are done.
 
     Notes
     -----

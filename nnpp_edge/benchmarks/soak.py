@@ -69,10 +69,6 @@ class Soaked:
     """After a tenth of the ticks."""
     rss_end_mb: float
 
-    def summary(self) -> dict[str, object]:
-        """Ready for JSON."""
-        return asdict(self)
-
 
 def soak(
     method: str,
@@ -84,34 +80,11 @@ def soak(
     model: str = "edge",
     progress: Callable[[int], None] = lambda done: None,
 ) -> Soaked:
-    """Let one method plan for many ticks.
+    """Let one method plan for `ticks` (at least 1) on a synthetic map of `size` (at least 32) cells a side.
 
-    Parameters
-    ----------
-    method : str
-        One of `DynamicMethod`.
-    ticks : int
-        At least 1.
-    size : int
-        Side of the synthetic map, at least 32.
-    changes : int
-        Events of obstacles at every tick: one appears, moves or vanishes.
-    seed : int
-        Of map, goals and obstacles.
-    model : str
-        For the methods that ask a network.
-    progress : callable
-        Told how many ticks are done.
-
-    Returns
-    -------
-    Soaked
-        A tick's time is that of taking its changes in and of its answer, not that of the simulated world.
-
-    Raises
-    ------
-    InvalidQueryError
-        A number is out of range, or there is no such method.
+    At every tick `changes` obstacles appear, move or vanish. A tick's time is that of taking its changes in and of
+    its answer, not that of the simulated world. InvalidQueryError if a number is out of range, or there is no such
+    method.
     """
     if ticks < 1 or size < 32:
         raise InvalidQueryError(f"a soak needs at least 1 tick and a map of 32 cells, got {ticks} and {size}")
@@ -228,9 +201,6 @@ def render(rows: Sequence[Soaked]) -> str:
     return render_table(header, body)
 
 
-_METHODS = f"Of {', '.join(DynamicMethod)}, joined by commas."
-
-
 @click.command()
 @click.option("--ticks", type=click.IntRange(1), default=60_000, show_default=True)
 @click.option("--size", type=click.IntRange(32), default=512, show_default=True, help="Side of the map.")
@@ -249,7 +219,7 @@ def main(ticks: int, size: int, changes: int, methods: str, model: str, seed: in
     for name in dynamic_methods(methods):
         with bar(f"soak {name}", ticks, quiet=True) as advance:
             rows.append(soak(name, ticks=ticks, size=size, changes=changes, seed=seed, model=model, progress=advance))
-    click.echo(json.dumps([row.summary() for row in rows], indent=1) if json_wanted else render(rows))
+    click.echo(json.dumps([asdict(row) for row in rows], indent=1) if json_wanted else render(rows))
     sys.exit(int(any(row.invalid for row in rows)))
 
 

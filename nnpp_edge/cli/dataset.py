@@ -9,41 +9,28 @@ import click
 from nnpp_edge.cli import options
 
 _SHARE = click.FloatRange(0, 1)
-setting = partial(click.option, show_default=True)
+_POINTS = "On a map; pairs far enough apart are queries."
+_SHARDS = "Make every N-th shard from the K-th on; the union is the whole set."
 
 
-def _part(_: click.Context, __: click.Parameter, value: str) -> tuple[int, int]:
-    """`K/N` as two numbers."""
-    try:
-        k, n = (int(part) for part in value.split("/"))
-    except ValueError:
-        raise click.BadParameter(f"wanted K/N, such as 2/8, got {value!r}") from None
+def _part(word: str) -> tuple[int, int]:
+    k, n = map(int, word.split("/"))
     return k, n
+
+
+_PART = options.Parsed("K/N", "K/N, such as 2/8", _part)
 
 
 @click.command(name="dataset")
 @click.argument("terrain", nargs=-1, type=options.PATH)
 @click.option("-o", "--output", type=options.FOLDER, required=True, help="Folder; resumed if it holds a part.")
-@setting("--maps", type=click.IntRange(1), default=4096, help="Number of maps.")
-@setting("--size", type=click.IntRange(16), default=256, help="Side of the network's input.")
-@setting(
-    "--points",
-    "points_per_map",
-    type=click.IntRange(2),
-    default=4,
-    help="On a map; pairs far enough apart are queries.",
-)
-@setting("--synthetic-share", type=_SHARE, default=0.25)
-@setting("--obstacle-share", type=_SHARE, default=0.3, help="Share of maps with rectangles of cost 1.")
-@setting(
-    "--shard",
-    "part",
-    metavar="K/N",
-    callback=_part,
-    default="1/1",
-    help="Make every N-th shard from the K-th on; the union is the whole set.",
-)
-@click.option("--workers", type=click.IntRange(1), help="Processes; by default one a core.")
+@click.option("--maps", type=options.COUNT, default=4096, help="Number of maps.")
+@click.option("--size", type=click.IntRange(16), default=256, help="Side of the network's input.")
+@click.option("--points", "points_per_map", type=click.IntRange(2), default=4, help=_POINTS)
+@click.option("--synthetic-share", type=_SHARE, default=0.25)
+@click.option("--obstacle-share", type=_SHARE, default=0.3, help="Share of maps with rectangles of cost 1.")
+@click.option("--shard", "part", type=_PART, default="1/1", help=_SHARDS)
+@click.option("--workers", type=options.COUNT, help="Processes; by default one a core.")
 @click.option("--scheduler", metavar="ADDRESS", help="Of a Dask scheduler (tcp://10.0.0.5:8786) to make the shards.")
 @click.option("--picture", type=options.NEW_FILE, help="Sheet of random samples; by default DIR/samples.png.")
 @options.seed

@@ -33,32 +33,24 @@ COLUMNS = {
 }
 _SHARES = {"success_raw", "success", "region_share_mean"}
 _GAPS = {"gap_mean", "gap_p99"}
+_WORKLOADS = "soft, limit20, limit15 or any limitN."
 _MODEL = "Shipped model or file for nnpp; several are set beside each other."
 _REPEATS = "Times each planner answers each query; its median time counts."
 _MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
 
 
 @click.command(name="evaluate")
-@click.option("--terrain", multiple=True, type=options.PATH, help="Elevation file; may be given several times.")
+@options.terrain_files()
 @click.argument("more_terrain", nargs=-1, type=options.PATH, metavar="[FILE]...")
 @click.option("--dataset", type=options.FOLDER, help="Judge by a data set's maps and queries instead.")
-@click.option("--cell-size", type=float, help="Side of a cell in metres, where the files do not say.")
-@click.option("--rescale", type=float, help="Rescale the terrain to cells of so many metres, slopes kept.")
-@click.option(
-    "--workload",
-    "workloads",
-    type=options.Names(),
-    default="soft",
-    show_default=True,
-    help="soft, limit20, limit15 or any limitN.",
-)
+@click.option("--workload", "workloads", type=options.Names(), default="soft", help=_WORKLOADS)
 @click.option("--synthetic", is_flag=True, help="Judge by synthetic terrain instead.")
-@click.option("--sizes", type=options.Sizes(), default="256", show_default=True, help="Sides of the maps.")
-@click.option("--queries", type=click.IntRange(1), default=300, show_default=True, help="For each row.")
-@click.option("--min-distance", type=click.FloatRange(0.0, 1.0), default=0.35, show_default=True, help=_MIN_DISTANCE)
-@click.option("--methods", type=options.Names(), default="astar,corridor,nnpp", show_default=True)
-@click.option("--model", "models", multiple=True, default=("edge",), show_default=True, help=_MODEL)
-@click.option("--repeats", type=click.IntRange(1), default=3, show_default=True, help=_REPEATS)
+@click.option("--sizes", type=options.Sizes(), default="256", help="Sides of the maps.")
+@click.option("--queries", type=options.COUNT, default=300, help="For each row.")
+@click.option("--min-distance", type=click.FloatRange(0.0, 1.0), default=0.35, help=_MIN_DISTANCE)
+@click.option("--methods", type=options.Names(), default="astar,corridor,nnpp")
+@click.option("--model", "models", multiple=True, default=("edge",), help=_MODEL)
+@click.option("--repeats", type=options.COUNT, default=3, help=_REPEATS)
 @click.option("--plot", type=options.NEW_FILE, help="PNG to draw: cost gap against time, every planner.")
 @options.seed
 @options.as_json

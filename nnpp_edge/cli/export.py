@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,30 +13,19 @@ if TYPE_CHECKING:
     from nnpp_edge.export.parity import Parity
     from nnpp_edge.export.to_onnx import ExportReport
 
-setting = partial(click.option, show_default=True)
+_FACTOR = "Factor on the adaptive threshold that planners are to use with this model."
+_DATASET = "What it was trained on, for the metadata and to compare torch and ONNX on."
 
 
 @click.command(name="export")
 @click.argument("checkpoint", type=options.PATH)
 @click.option("-o", "--output", type=options.NEW_FILE, required=True, help="The ONNX file.")
 @click.option("--name", help="Of the model, in its metadata; by default the output's name.")
-@setting(
-    "--region-factor",
-    type=click.FloatRange(0, 1, min_open=True),
-    default=0.5,
-    help="Factor on the adaptive threshold that planners are to use with this model.",
-)
-@click.option(
-    "--dataset",
-    type=options.FOLDER,
-    help="What it was trained on, for the metadata and to compare torch and ONNX on.",
-)
-@setting("--opset", type=int, default=18)
+@click.option("--region-factor", type=click.FloatRange(0, 1, min_open=True), default=0.5, help=_FACTOR)
+@click.option("--dataset", type=options.FOLDER, help=_DATASET)
+@click.option("--opset", default=18)
 @options.as_json
-@click.pass_context
 def command(
-    context: click.Context,
-    /,
     checkpoint: Path,
     output: Path,
     name: str | None,
@@ -78,7 +66,7 @@ def command(
     else:
         click.echo(render(report, compared))
     if not compared.passed:
-        context.exit(1)
+        click.get_current_context().exit(1)
 
 
 def render(report: "ExportReport", compared: "Parity") -> str:

@@ -117,7 +117,7 @@ def _figures(figures: "Figures") -> str:
     from nnpp_edge.progress import render_table
 
     body = [
-        [row["workload"], f"{row['size']}²", row["method"], str(row["n"])]
+        [str(row["workload"]), f"{row['size']}²", str(row["method"]), str(row["n"])]
         + [_shown(row[key], form) for key, form in _FIGURES.values()]
         for row in figures.rows
     ]
@@ -128,12 +128,12 @@ def _figures(figures: "Figures") -> str:
     return f"{grid}\n\n{source}"
 
 
-def _shown(value: float | None, form: str) -> str:
+def _shown(value: str | float | None, form: str) -> str:
     """One figure; a space before the sign of percent."""
     return _MISSING if value is None else format(value, form).replace("%", " %")
 
 
-def _own_rows(found: "ModelFile") -> list[dict[str, float | None]]:
+def _own_rows(found: "ModelFile") -> list[dict[str, str | float | None]]:
     """The listed size's rows of figures that are the model's own, not another planner's."""
     rows = [] if found.figures is None else found.figures.rows
     return [row for row in rows if row["size"] == _SIZE and row["method"] in ("nnpp", f"nnpp:{found.name}")]
@@ -141,7 +141,7 @@ def _own_rows(found: "ModelFile") -> list[dict[str, float | None]]:
 
 def _span(found: "ModelFile", key: str, form: str) -> str:
     """Least and greatest of one figure."""
-    values = [value for row in _own_rows(found) if (value := row[key]) is not None]
+    values = [value for row in _own_rows(found) if isinstance(value := row[key], int | float)]
     if not values:
         return _MISSING
     least, greatest = (_shown(value, form) for value in (min(values), max(values)))

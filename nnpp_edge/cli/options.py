@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., object])
 
+COUNT = click.IntRange(1)
 PATH = click.Path(path_type=Path)
 NEW_FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -98,6 +99,13 @@ dem_input = together(
     rescale,
 )
 """How a DEM is read: `cell_size`, `vertical_scale`, `rescale`."""
+
+
+def terrain_files(default: str = "") -> Callable[[Command], Command]:
+    """Elevation files and how they are read: `terrain`, `cell_size`, `rescale`; the help says what `default` is."""
+    files = click.option("--terrain", multiple=True, type=PATH, help=f"Elevation file, or several{default}.")
+    return together(files, cell_size, rescale)
+
 
 traversability = together(
     click.option("--slope-limit", type=float, default=30.0, help="φ_s, degrees."),

@@ -10,7 +10,8 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.profile_run import STDOUT, ProfileOptions
 
 _ONLY_WITH_PROFILE, _ONLY_WITH_PEERS = ("html", "start_up", "save_choice"), ("limit_s", "output")
-_TERRAIN = "Elevation file, or several, in place of the profile's; else the sample."
+_PROFILE = "A shipped profile (paper, edge-2core, single-core, quick) or a TOML file."
+_JSON = "The report as JSON: to a file, or printed."
 _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain where no file is "
     "large enough."
@@ -19,31 +20,18 @@ _QUERIES = "For each workload and size, in place of the profile's; for --peers 5
 _SEED = "Of every random choice; by default the profile's, else 1."
 _START_UP = "Also measure import to first plan in new processes; takes a minute."
 _CHOICE = "Let the method `auto` go by the figures of this run from now on."
+_TOLERANCE = "Share by which a figure may become worse."
 _LIMIT = "With --peers: seconds; a planner that needs longer for a query is left out at that size (by default 5)."
 
 
 @click.group(name="profile", invoke_without_command=True)
-@click.option(
-    "--profile",
-    "profile_name",
-    metavar="NAME|FILE",
-    help="A shipped profile (paper, edge-2core, single-core, quick) or a TOML file.",
-)
+@click.option("--profile", "profile_name", metavar="NAME|FILE", help=_PROFILE)
 @click.option("--peers", is_flag=True, help="Instead: beside other libraries' grid search.")
-@click.option("--terrain", multiple=True, type=options.PATH, help=_TERRAIN)
-@click.option("--cell-size", type=float, help="Side of a cell in metres, where the files do not say.")
-@click.option("--rescale", type=float, help="Rescale the terrain to cells of so many metres, slopes kept.")
+@options.terrain_files(", in place of the profile's; else the sample")
 @click.option("--sizes", type=options.Numbers(), help=_SIZES)
-@click.option("--queries", type=click.IntRange(1), help=_QUERIES)
+@click.option("--queries", type=options.COUNT, help=_QUERIES)
 @click.option("--seed", type=click.IntRange(0), help=_SEED)
-@click.option(
-    "--json",
-    "json_file",
-    is_flag=False,
-    flag_value=STDOUT,
-    metavar="[FILE]",
-    help="The report as JSON: to a file, or printed.",
-)
+@click.option("--json", "json_file", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_JSON)
 @click.option("--html", type=options.NEW_FILE, help="The report as one self-contained page.")
 @click.option("--start-up", is_flag=True, help=_START_UP)
 @click.option("--save-choice", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_CHOICE)
@@ -91,13 +79,7 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
 @command.command(name="compare")
 @click.argument("before", type=options.PATH)
 @click.argument("after", type=options.PATH)
-@click.option(
-    "--tolerance",
-    type=click.FloatRange(0.0),
-    default=0.1,
-    show_default=True,
-    help="Share by which a figure may become worse.",
-)
+@click.option("--tolerance", type=click.FloatRange(0.0), default=0.1, help=_TOLERANCE)
 @options.as_json
 def compare_command(before: Path, after: Path, tolerance: float, as_json: bool) -> None:
     """Look for regressions between two reports written with --json.

@@ -49,7 +49,7 @@ def run_peers(given: ProfileOptions) -> None:
     if given.json_path is not None:
         write_whole(given.json_path, content.encode())
     if given.output is not None:
-        from nnpp_edge.viz.peers import times_by_size
+        from nnpp_edge.viz.figures import times_by_size
 
         write_whole(given.output / "peers.json", content.encode())
         times_by_size(rows, given.output / "peers.png")

@@ -49,15 +49,9 @@ def run_profile(name: str, given: ProfileOptions) -> int:
             make_folder(file.parent)
     if given.html is not None:
         from nnpp_edge.viz.profile_page import page  # before the run: what it needs may not be installed
-    profile, dropped = overridden(
-        read_profile(name),
-        terrain=tuple(map(str, given.terrain)) or None,
-        cell_size=given.cell_size,
-        rescale=given.rescale,
-        sizes=given.sizes,
-        queries=given.queries,
-        seed=given.seed,
-    )
+    changes = {key: getattr(given, key) for key in ("cell_size", "rescale", "sizes", "queries", "seed")}
+    terrain = tuple(map(str, given.terrain)) or None
+    profile, dropped = overridden(read_profile(name), terrain=terrain, **changes)
     notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
     with bar("profile", queries_in(profile.load), quiet=True) as advance:
         watchers = Watchers(advance, lambda line: click.echo(line, err=True))

@@ -1,6 +1,5 @@
 """`nnpp-edge quantize`: an int8 model, and whether it pays."""
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,8 @@ if TYPE_CHECKING:
     from nnpp_edge.calibrate.quantize import QuantizeReport
 
 _METHOD = click.Choice(["minmax", "percentile", "entropy"])
-setting = partial(click.option, show_default=True)
+_EXCLUDE = "Nodes to leave float; auto leaves the worst ones, if the probabilities differ too much."
+_FULL_RANGE = "Weights of 8 bits in place of 7: for CPUs with VNNI, or ARM; others saturate."
 
 
 @click.command(name="quantize")
@@ -20,17 +20,10 @@ setting = partial(click.option, show_default=True)
 @click.option("--dataset", type=options.FOLDER, required=True, help="Data set to calibrate on.")
 @click.option("--validation", type=options.FOLDER, help="Data set to judge on; by default held-out maps.")
 @click.option("-o", "--output", type=options.NEW_FILE, required=True, help="The int8 ONNX file.")
-@setting("--samples", type=click.IntRange(1), default=200, help="Queries to calibrate on.")
-@setting("--method", type=_METHOD, default="minmax", help="How the range of each tensor is chosen.")
-@setting(
-    "--exclude",
-    type=options.Names(),
-    default="auto",
-    help="Nodes to leave float; auto leaves the worst ones, if the probabilities differ too much.",
-)
-@click.option(
-    "--full-range", is_flag=True, help="Weights of 8 bits in place of 7: for CPUs with VNNI, or ARM; others saturate."
-)
+@click.option("--samples", type=options.COUNT, default=200, help="Queries to calibrate on.")
+@click.option("--method", type=_METHOD, default="minmax", help="How the range of each tensor is chosen.")
+@click.option("--exclude", type=options.Names(), default="auto", help=_EXCLUDE)
+@click.option("--full-range", is_flag=True, help=_FULL_RANGE)
 @click.option("--rank", is_flag=True, help="Print how sensitive each node is.")
 @options.seed
 @options.as_json

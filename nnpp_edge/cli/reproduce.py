@@ -12,7 +12,6 @@ from nnpp_edge.cli import options
 if TYPE_CHECKING:
     from nnpp_edge.reproduction.runner import ExperimentOutcome
 
-_TERRAIN = "Elevation file, or several; by default the bundled sample at cells of 20 m."
 _DATASET = "Training set for fig13; by default one is made from the terrain."
 _STEPS = "Training steps for each encoding of fig13; by default 1000."
 _OUTPUT = "Folder for the results; what is complete in it is kept."
@@ -20,15 +19,13 @@ _OUTPUT = "Folder for the results; what is complete in it is kept."
 
 @click.command(name="reproduce")
 @click.argument("experiments", nargs=-1, metavar="[EXPERIMENT]...")
-@click.option("--terrain", multiple=True, type=options.PATH, help=_TERRAIN)
-@click.option("--cell-size", type=float, help="Side of a cell in metres, where the files do not say.")
-@click.option("--rescale", type=float, help="Rescale the terrain to cells of so many metres, slopes kept.")
-@click.option("--model", default="edge", show_default=True, help="Shipped model or file for the network.")
+@options.terrain_files("; by default the bundled sample at cells of 20 m")
+@options.model
 @click.option("--dataset", type=options.FOLDER, help=_DATASET)
-@click.option("--steps", type=click.IntRange(1), help=_STEPS)
+@click.option("--steps", type=options.COUNT, help=_STEPS)
 @click.option("--quick", is_flag=True, help="A smoke run of less than a minute; its figures mean nothing.")
 @click.option("--again", is_flag=True, help="Run experiments that are complete, too.")
-@click.option("-o", "--output", type=options.FOLDER, default="reproduction", show_default=True, help=_OUTPUT)
+@click.option("-o", "--output", type=options.FOLDER, default="reproduction", help=_OUTPUT)
 @options.seed
 @options.as_json
 def command(
@@ -64,7 +61,7 @@ def command(
     from nnpp_edge.reproduction.runner import Request, reproduce
 
     if unknown := [name for name in experiments if name not in NAMES]:
-        raise click.UsageError(f"EXPERIMENT must be of {', '.join(NAMES)}, got {', '.join(unknown)}")
+        raise click.UsageError(f"wanted EXPERIMENT of {', '.join(NAMES)}, got {', '.join(unknown)}")
     names = [name for name in NAMES if not experiments or name in experiments]
     files = TerrainFiles.or_sample(terrain, rescale, cell_size)
     request = Request(names, files, output, seed, model, quick, steps, dataset, again)

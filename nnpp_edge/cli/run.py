@@ -2,13 +2,14 @@
 
 import json
 from dataclasses import asdict, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.options import TerrainOptions
+from nnpp_edge.cli.options import COUNT, TerrainOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
@@ -20,7 +21,7 @@ _INPUTS, _OUTPUTS = "stdin|replay:FILE|zenoh[:ENDPOINT]", "stdout|zenoh[:ENDPOIN
 _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the inputs, and of a replay to stdout."
 
 
-@click.command(name="run", context_settings={"show_default": True})
+@click.command(name="run")
 @click.option("--map", "map_file", type=options.PATH, required=True, help="Elevation map, or an .npz of `costmap`.")
 @click.option("--profile", metavar="NAME|FILE", help="A shipped profile or a TOML file; its table [loop] counts.")
 @click.option("--input", default="stdin", metavar=_INPUTS, help="Where patches, poses and goals come from.")
@@ -31,7 +32,7 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
 @click.option("--cores", type=options.Numbers(), help="Pin the loop to these cores.")
 @click.option("--priority", type=int, help="1 to 99: run the loop under SCHED_FIFO.")
 @click.option("--tolerance", type=float, help="Keep a path while a new one can save at most this share (else 0.02).")
-@click.option("--ticks", type=click.IntRange(1), help="End after so many.")
+@click.option("--ticks", type=COUNT, help="End after so many.")
 @click.option("--framing", type=_FRAMINGS, default="lines", help="A message a line, or after its length in 4 bytes.")
 @click.option("--fast", is_flag=True, help="Replay one recorded tick a tick, and ticks without a pause.")
 @click.option("--stay", is_flag=True, help="Go on when stdin is closed or the replay is over.")
@@ -66,20 +67,14 @@ def command(
     wiring = Wiring(**{field.name: given.pop(field.name) for field in fields(Wiring)})
     if as_json and STDOUT in wiring.output_kinds:
         raise click.UsageError("--json prints on stdout, which answers go to: add --output none, or zenoh")
-    changes = {key: given.pop(key) for key in ("rate_hz", "method", "model", "cores", "priority", "tolerance")}
-    loop = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **changes)
-    world, cell_size_m = _world(map_file, terrain)
-    counters = run(
-        world,
-        NavigatorSettings(
-            method=loop.method, model=loop.model, tolerance=loop.tolerance, corner_cutting=loop.corner_cutting
-        ),
-        wiring,
-        Pace(loop.rate_hz, loop.cores, loop.priority),
-        ticks=ticks,
-        cell_size_m=cell_size_m,
-        report=lambda line: click.echo(line, err=True),
+    loop = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **given)
+    settings = NavigatorSettings(
+        method=loop.method, model=loop.model, tolerance=loop.tolerance, corner_cutting=loop.corner_cutting
     )
+    pace = Pace(loop.rate_hz, loop.cores, loop.priority)
+    world, cell_size_m = _world(map_file, terrain)
+    report = partial(click.echo, err=True)
+    counters = run(world, settings, wiring, pace, ticks=ticks, cell_size_m=cell_size_m, report=report)
     if as_json:
         click.echo(json.dumps(asdict(counters)))
     else:
@@ -116,8 +111,8 @@ def _world(path: Path, terrain: TerrainOptions) -> tuple["World", float]:
             if hasattr(terrain, name):
                 raise click.UsageError(f"{path.name} holds costs: --{name.replace('_', '-')} does not go with it")
         return World(found[0]), found[1]
-    dem = terrain.read(path)
-    world = World.of_elevation(dem.elevation, dem.cell_size_m, terrain.limits(), cell_width_m=dem.cell_width_m)
+    limits, dem = terrain.limits(), terrain.read(path)
+    world = World.of_elevation(dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m)
     return world, dem.cell_size_m
 
 
@@ -132,5 +127,5 @@ def _cost_map(path: Path) -> "tuple[Float2D, float] | None":
             if "cost" not in content.files:
                 return None
             return content["cost"], float(content["cell_size_m"]) if "cell_size_m" in content.files else 1.0
-    except (OSError, ValueError, EOFError):  # a broken file: `read_dem` says what is wrong with it
+    except (OSError, ValueError, EOFError):  # a broken file: `load_dem` says what is wrong with it
         return None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.options import TerrainOptions
+from nnpp_edge.cli.options import COUNT, TerrainOptions
 from nnpp_edge.runtime.cells import Cell
 
 if TYPE_CHECKING:
@@ -25,10 +25,9 @@ if TYPE_CHECKING:
 
 _SAMPLE, _SAMPLE_RESCALE = "moon_highlands.npz", 20.0
 _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
-_FROM_0, _FROM_1 = click.IntRange(0), click.IntRange(1)
 
 
-@click.command(name="simulate", context_settings={"show_default": True})
+@click.command(name="simulate")
 @click.option("--map", "dem", type=options.PATH, help="Elevation map; by default the shipped lunar sample.")
 @click.option("--size", type=click.IntRange(16), default=256, help="Side of the part of the map, picked by the seed.")
 @click.option("--start", type=options.Cell(), help="Cell of that part, row first; by default picked by the seed.")
@@ -36,11 +35,13 @@ _FROM_0, _FROM_1 = click.IntRange(0), click.IntRange(1)
 @click.option("--method", type=click.Choice(_METHODS), default="auto")
 @options.model
 @click.option("--rate", type=click.FloatRange(0.0, min_open=True), help="Ticks a second; else as fast as possible.")
-@click.option("--ticks", type=_FROM_1, default=5000, help="At most.")
-@click.option("--changes", type=_FROM_0, default=1, help="Obstacles that appear, move or vanish between two ticks.")
-@click.option("--survey", type=_FROM_1, default=8, help="Blur the first map's heights over so many cells; 1: none.")
-@click.option("--sight", type=_FROM_1, default=12, help="Cells to each side whose true cost the robot sees.")
-@click.option("--speed", type=_FROM_1, default=1, help="Cells a tick.")
+@click.option("--ticks", type=COUNT, default=5000, help="At most.")
+@click.option(
+    "--changes", type=click.IntRange(0), default=1, help="Obstacles that appear, move or vanish between two ticks."
+)
+@click.option("--survey", type=COUNT, default=8, help="Blur the first map's heights over so many cells; 1: none.")
+@click.option("--sight", type=COUNT, default=12, help="Cells to each side whose true cost the robot sees.")
+@click.option("--speed", type=COUNT, default=1, help="Cells a tick.")
 @options.terrain
 @options.seed
 @click.option("--log", type=options.NEW_FILE, help="Write inputs and answers as MCAP with ROS 2 messages.")
@@ -53,11 +54,13 @@ def command(
     start: Cell | None,
     goal: Cell | None,
     survey: int,
+    terrain: TerrainOptions,
+    rate: float | None,
+    seed: int,
     log: Path | None,
     view: str | None,
     picture: Path | None,
     as_json: bool,
-    terrain: TerrainOptions,
     **given: Any,
 ) -> None:
     """Drive a simulated robot to its goal through the onboard loop.
@@ -77,9 +80,7 @@ def command(
     from nnpp_edge.simulation.scene import Scene
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
 
-    names = ("method", "model", "ticks", "changes", "sight", "speed")
-    rate, seed = given.pop("rate"), given.pop("seed")
-    settings = SimulationSettings(rate_hz=rate, seed=seed, **{name: given.pop(name) for name in names})
+    settings = SimulationSettings(rate_hz=rate, seed=seed, **given)
     limits = terrain.limits()
     if picture is not None:
         check_name(picture)
@@ -101,14 +102,11 @@ def command(
             film(scene, message)
 
     with ExitStack() as stack:
-        drive = simulate(
-            ground,
-            start,
-            goal,
-            settings,
-            make_sinks=lambda world: _sinks(stack, world, log, view, ground.cell_size_m),
-            watch=watch,
-        )
+
+        def make_sinks(world: "World") -> "list[Sink]":
+            return _sinks(stack, world, log, view, ground.cell_size_m)
+
+        drive = simulate(ground, start, goal, settings, make_sinks=make_sinks, watch=watch)
     if picture is not None:
         save_drive(picture, scenes[0], drive, film)
     rows, cols = ground.true.shape
@@ -142,7 +140,7 @@ def text(drive: "Drive", shape: tuple[int, int], written: Sequence[Path]) -> str
     return "\n".join(f"{name:<{width}}{value}" for name, value in lines.items())
 
 
-def _ground(terrain: "Dem", size: int, rules: "Traversability", survey: int, seed: int) -> "SurveyedGround":
+def _ground(terrain: "Dem", size: int, limits: "Traversability", survey: int, seed: int) -> "SurveyedGround":
     """A random part of the terrain."""
     import numpy as np
 
@@ -153,7 +151,7 @@ def _ground(terrain: "Dem", size: int, rules: "Traversability", survey: int, see
     rng = np.random.default_rng([seed, 3])
     row, col = int(rng.integers(height - rows + 1)), int(rng.integers(width - cols + 1))
     part = np.ascontiguousarray(terrain.elevation[row : row + rows, col : col + cols])
-    return SurveyedGround.of(part, terrain.cell_size_m, rules, survey, terrain.cell_width_m)
+    return SurveyedGround.of(part, terrain.cell_size_m, limits, survey, terrain.cell_width_m)
 
 
 def _sinks(stack: ExitStack, world: "World", log: Path | None, view: str | None, cell_size_m: float) -> "list[Sink]":

@@ -4,7 +4,6 @@ import dataclasses
 import json
 import math
 import os
-from functools import partial
 from pathlib import Path
 
 import click
@@ -20,29 +19,29 @@ _ENCODING = click.Choice([name for names in ENCODINGS.values() for name in names
 _SHARE = click.FloatRange(0.0, 1.0, min_open=True)
 _TARGET = click.Choice(["near", "path"])
 
-setting = partial(click.option, show_default=True)
-
 
 @click.command(name="train")
 @click.argument("dataset", type=options.FOLDER)
 @click.option("--validation", type=options.FOLDER, required=True, help="Data set of other terrain.")
 @click.option("-o", "--output", type=options.FOLDER, required=True, help="Folder of the run; resumed if begun.")
-@setting("--architecture", type=_PRESET, default="edge", help="nnpp is the paper's full width, nnpp-w16 a quarter.")
+@click.option(
+    "--architecture", type=_PRESET, default="edge", help="nnpp is the paper's full width, nnpp-w16 a quarter."
+)
 @click.option("--input-size", type=click.IntRange(64), help="Side of the network's map, if not the preset's.")
 @click.option("--encoding", type=_ENCODING, help="How start and goal are shown, if not the preset's way.")
-@setting("--sigma", type=_SHARE, default=0.25, help="Of the Gaussians, as a share of the map's side.")
+@click.option("--sigma", type=_SHARE, default=0.25, help="Of the Gaussians, as a share of the map's side.")
 @click.option("--begin-with", type=options.PATH, help="Checkpoint of another run whose weights to begin with.")
-@setting("--epochs", type=click.IntRange(1), default=150)
-@click.option("--steps", type=click.IntRange(1), help="Most steps, if its epochs do not end the training before.")
-@setting("--batch", type=click.IntRange(1), default=32, help="Over all processes.")
-@setting("--learning-rate", type=float, default=1e-3)
-@setting("--weight-decay", type=float, default=1e-4)
-@setting("--target", type=_TARGET, default="near", help="Nearness to the optimum, or the paper's single path.")
-@setting("--softness", type=float, default=0.02, help="Excess at which nearness is 1/e.")
-@setting("--loss", type=click.Choice(["bce", "focal", "dice"]), default="bce")
-@click.option("--time-limit", type=float, default=math.inf, help="Minutes; the learning rate falls towards that end.")
-@setting("--validate-every", type=float, default=5.0, help="Minutes.")
-@click.option("--threads", type=click.IntRange(1), help="Of torch on the CPU.")
+@click.option("--epochs", type=options.COUNT, default=150)
+@click.option("--steps", type=options.COUNT, help="Most steps, if its epochs do not end the training before.")
+@click.option("--batch", type=options.COUNT, default=32, help="Over all processes.")
+@click.option("--learning-rate", default=1e-3)
+@click.option("--weight-decay", default=1e-4)
+@click.option("--target", type=_TARGET, default="near", help="Nearness to the optimum, or the paper's single path.")
+@click.option("--softness", default=0.02, help="Excess at which nearness is 1/e.")
+@click.option("--loss", type=click.Choice(["bce", "focal", "dice"]), default="bce")
+@click.option("--time-limit", default=math.inf, help="Minutes; the learning rate falls towards that end.")
+@click.option("--validate-every", default=5.0, help="Minutes.")
+@click.option("--threads", type=options.COUNT, help="Of torch on the CPU.")
 @options.seed
 @options.as_json
 def command(

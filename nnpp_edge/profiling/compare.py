@@ -55,25 +55,11 @@ def read_report(path: Path) -> Report:
 
 
 def compare(before: Report, after: Report, tolerance: float) -> Comparison:
-    """Every figure that both reports have.
+    """Every figure that both reports have, as ``comparison`` in docs/profile.md.
 
-    Parameters
-    ----------
-    before, after : Report
-        As `read_report` gives them.
-    tolerance : float
-        Share by which a figure may become worse. A success share may lose so much of what is missing to 1.
-
-    Returns
-    -------
-    Comparison
-        ``verdict`` (worse, noisy or same), ``notes`` and ``lines``: workload, size, planner, figure, before,
-        after, change (share, above 0 where it became worse), verdict.
-
-    Raises
-    ------
-    InvalidQueryError
-        They have no workload, size and planner in common.
+    `tolerance` is the share by which a figure may become worse. A success share may lose so much of what is missing
+    to 1. A line's change is above 0 where the figure became worse. InvalidQueryError if the reports have no workload,
+    size and planner in common.
     """
     notes = list(_differences(before, after))
     doubtful = any(report["disturbance"]["words"] for report in (before, after))

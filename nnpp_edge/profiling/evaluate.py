@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nnpp_edge.profiling.harness import Harness
-from nnpp_edge.profiling.rivals import EXACT, FIRST_SOURCES, RivalPlanner, call_on, plan_with_regions
+from nnpp_edge.profiling.rivals import EXACT, FIRST_SOURCES, RivalPlanner, call_on
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.warmup import exercise
@@ -93,22 +93,11 @@ def evaluate(
     harness: Harness | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> dict[str, Figures]:
-    """Have every planner answer the same queries.
+    """Have every planner, exact A* among them, answer the same queries.
 
-    Parameters
-    ----------
-    cases : iterable of Case
-        Maps and queries. Queries that exact A* finds no path for are passed over.
-    rivals : sequence of RivalPlanner
-        Exact A* must be among them.
-    queries : int
-        How many to judge by; fewer if the cases run out.
-    repeats : int
-        Each planner answers each query so often, in turn with the others; its median time counts.
-    harness : Harness
-        That times the calls.
-    progress : callable
-        Called with the number of queries that are done.
+    Queries that exact A* finds no path for are passed over; `queries` others are judged by, fewer if the cases run
+    out. Each planner answers each of them `repeats` times, in turn with the others; its median time counts.
+    `progress` is called with the number of queries that are done.
 
     Returns
     -------
@@ -134,7 +123,7 @@ def evaluate(
             exact_s = records[EXACT].median_s
             for rival in rivals:
                 record = records[rival.name]
-                plan = plan_with_regions(planners[rival.name], record.case, rival.method)
+                plan = planners[rival.name].plan(*record.case, method=rival.method, keep_regions=True)
                 answers[rival.name].add(plan, record.median_s, exact[record.case], exact_s, case.cost.size)
             progress(done := done + 1)
         if done == queries:

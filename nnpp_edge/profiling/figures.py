@@ -23,13 +23,14 @@ def _row(of: WorkloadRun, name: str, energy_problem: str) -> ResultRow:
     answers, exact = of.answers[name], of.answers[EXACT]
     judged = np.array([query.judged for query in of.queries])
     times, exact_times = answers.times(), exact.times()
-    gaps = np.array(answers.cost) / np.array(exact.cost) - 1.0
-    solved = np.array(answers.solved)
+    cost, optimum = (np.array([plan.cost for plan in each.plans]) for each in (answers, exact))
+    gaps = cost / optimum - 1.0
+    solved = np.array([plan.ok for plan in answers.plans])
     kept = judged & solved
     whole, stages = _spread(times[judged]), _stages(answers, judged)
     network_ms = _median_network(answers, judged) if answers.network_ms[0] else None
     fp32 = of.answers.get("nnpp-fp32") if name == "nnpp" else None
-    first = np.array([source in (None, *FIRST_SOURCES) for source in answers.sources]) & solved
+    first = np.array([plan.source in (None, *FIRST_SOURCES) for plan in answers.plans]) & solved
     return ResultRow(
         workload=of.workload,
         size=of.size,
@@ -46,10 +47,10 @@ def _row(of: WorkloadRun, name: str, energy_problem: str) -> ResultRow:
         gap_mean=_of(np.mean, gaps[kept]),
         gap_p99=_of(lambda values: np.quantile(values, 0.99), gaps[kept]),
         gap_max=_of(np.max, gaps[kept]),
-        cc_excess=_excess(np.array(answers.traverse_cost)[kept], np.array(exact.traverse_cost)[kept]),
+        cc_excess=_excess(_traverse_costs(answers)[kept], _traverse_costs(exact)[kept]),
         success_first=float(first[judged].mean()),
         success=float(solved[judged].mean()),
-        expansions_median=float(np.median(np.array(answers.expansions)[judged])),
+        expansions_median=float(np.median(np.array([plan.expansions for plan in answers.plans])[judged])),
         energy_mj=None if energy_problem else 1e3 * answers.energy_j / answers.calls,
         inference_ms_median=network_ms,
         inference_fps=network_ms and 1e3 / network_ms,
@@ -97,6 +98,10 @@ def _stages(answers: Answers, judged: Chosen) -> dict[str, Spread]:
 def _median_network(answers: Answers, judged: Chosen, half: int | None = None) -> float:
     halves = range(HALVES) if half is None else (half,)
     return float(np.median([np.array(answers.network_ms[at])[judged] for at in halves]))
+
+
+def _traverse_costs(answers: Answers) -> Floats:
+    return np.array([plan.traverse_cost for plan in answers.plans])
 
 
 def _excess(costs: Floats, optima: Floats) -> float | None:

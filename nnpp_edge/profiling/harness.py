@@ -54,15 +54,7 @@ class Observer(Generic[ResultT]):
 
 @dataclass
 class Harness:
-    """Times calls. Garbage is not collected while it does.
-
-    Parameters
-    ----------
-    seed : int
-        Of the order in which rivals take their turns.
-    clock : callable
-        Read before and after each call, in seconds.
-    """
+    """Times calls by a clock in seconds. Garbage is not collected meanwhile. `seed` draws the order of the turns."""
 
     seed: int = 0
     clock: Clock = time.perf_counter
@@ -89,22 +81,11 @@ class Harness:
         warm_up: Sequence[CaseT] = (),
         observer: Observer[ResultT] | None = None,
     ) -> Iterator[dict[str, Record[CaseT, ResultT]]]:
-        """Let every rival answer every case.
+        """Let every rival, a function of a case, answer every case.
 
-        Parameters
-        ----------
-        rivals : mapping
-            Name to function of a case.
-        cases : iterable
-            Taken one by one, when the records of the one before have been used.
-        repeats : int
-            Turns for each case. In a turn each rival is called once, in an order that is drawn anew.
-        once : collection of str
-            Names of rivals that take part in the first turn only.
-        warm_up : sequence
-            Cases that every rival answers before the clock starts.
-        observer : Observer
-            Notified around each timed call.
+        Cases are taken one by one, when the records of the one before have been used. In each of `repeats` turns
+        every rival is called once, in an order that is drawn anew; those in `once` take part in the first turn only.
+        The cases of `warm_up` are answered before the clock starts.
 
         Yields
         ------

@@ -25,19 +25,7 @@ class Noise:
 
 
 def judged(profile: Profile, results: list[ResultRow], whole_run: WholeRun, noise: Noise) -> list[BudgetLine]:
-    """A line for each budget, at each workload and size that it is set for.
-
-    Parameters
-    ----------
-    profile : Profile
-        With the budgets and the shares that still count as stable.
-    results : list of ResultRow
-        Rows of `figures.rows`.
-    whole_run : mapping
-        By quantity and planner, what there is one figure of.
-    noise : Noise
-        What others took.
-    """
+    """A line for each budget, at each workload and size that it is set for, by the rows of `figures.rows`."""
     lines = []
     for budget in profile.budgets:
         for workload, size in _places(budget, profile):

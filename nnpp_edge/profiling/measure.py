@@ -13,9 +13,9 @@ from nnpp_edge.profiling.machine import CoreTimes, EnergyMeter
 from nnpp_edge.profiling.profile_file import Device, Load, Networks
 from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileMaps, ProfileQuery
 from nnpp_edge.profiling.rivals import EXACT, RivalPlanner
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
 
 HALVES = 2
@@ -39,11 +39,7 @@ class Answers:
     """For each half, for each query, the stages of its middle call, and ``other``: what no stage counts."""
     network_ms: list[list[float]] = field(default_factory=_per_half)
     """For each half, for each query, the time of the whole network on map and query; empty without a network."""
-    cost: list[float] = field(default_factory=list)
-    traverse_cost: list[float] = field(default_factory=list)
-    expansions: list[int] = field(default_factory=list)
-    sources: list[Source | None] = field(default_factory=list)
-    solved: list[bool] = field(default_factory=list)
+    plans: list[Plan] = field(default_factory=list)
     energy_j: float = 0.0
     calls: int = 0
 
@@ -61,11 +57,7 @@ class Answers:
         stages["other"] = 1e3 * seconds - sum(stages.values())
         self.stages_ms[half].append(stages)
         if half == 0:
-            self.cost.append(plan.cost)
-            self.traverse_cost.append(plan.traverse_cost)
-            self.expansions.append(plan.expansions)
-            self.sources.append(plan.source)
-            self.solved.append(plan.status is Status.OK)
+            self.plans.append(plan)
 
 
 @dataclass
@@ -152,25 +144,11 @@ def run(
     harness: Harness | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Run:
-    """Have every planner answer every query, in both halves of the run.
+    """Have every planner, exact A* first, answer every query, in both halves of the run.
 
-    Parameters
-    ----------
-    rivals : sequence of RivalPlanner
-        Exact A* first.
-    load : Load
-        What is planned.
-    cores : sequence of int
-        That this process is pinned to: the time that others use on them is counted.
-    harness : Harness
-        That times the calls.
-    progress : callable
-        Called with the number of queries that are done, of `queries_in`.
-
-    Raises
-    ------
-    InvalidQueryError
-        The terrain has too few queries with a path.
+    `cores` are those that this process is pinned to: the time that others use on them is counted. `progress` is
+    called with the number of queries that are done, of `queries_in`. InvalidQueryError if the terrain has too few
+    queries with a path.
 
     Notes
     -----

@@ -1,62 +1,105 @@
 """Profiles: a device, a workload, a model, and budgets, read from TOML."""
 
-import math
+import re
 import tomllib
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Collection
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, TypeVar, cast
+
+import msgspec
+from msgspec import Meta
+from msgspec.structs import asdict, fields, replace
 
 from nnpp_edge.profiling.quantities import DIRECTIONS, QUANTITIES
-from nnpp_edge.profiling.toml_table import ProfileError, TomlTable
 from nnpp_edge.runtime.errors import InvalidQueryError
 
 PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
 LOOP_METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
 SAMPLE, SYNTHETIC = "sample", "synthetic"
 _SHIPPED = Path(str(files("nnpp_edge.profiles")))
-_LEAST_SIDE = 16
-_FASTEST_HZ = 1000.0
+_LARGEST = 1e300
+"""Neither inf nor NaN is a number here."""
+
+Whole = Annotated[int, Meta(ge=0)]
+Count = Annotated[int, Meta(ge=1)]
+Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
+Positive = Annotated[float, Meta(gt=0.0, le=_LARGEST)]
+Names = Annotated[tuple[str, ...], Meta(min_length=1)]
 
 
-@dataclass(frozen=True)
-class Device:
+class ProfileError(InvalidQueryError):
+    """A profile that cannot be used; the message names the file and the key."""
+
+
+class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of the file. Types are checked where it is read; what no type says, where it is made."""
+
+    def refuse_unless(self, fits: bool, key: str, wanted: str) -> None:
+        """ValueError about a key's value."""
+        if not fits:
+            raise ValueError(f"{key}: wanted {wanted}, got {getattr(self, key)!r}")
+
+    def check_choice(self, key: str, choices: Collection[str]) -> None:
+        """Refuse a value that is none of these."""
+        self.refuse_unless(getattr(self, key) in choices, key, f"one of {', '.join(choices)}")
+
+    def check_different(self, *keys: str) -> None:
+        """Refuse lists that hold a value twice."""
+        for key in keys:
+            values = getattr(self, key)
+            self.refuse_unless(len(set(values)) == len(values), key, "different values")
+
+
+class Device(_Table, frozen=True):
     """Where the run takes place."""
 
-    cores: tuple[int, ...]
+    cores: Annotated[tuple[Whole, ...], Meta(min_length=1)] = (0,)
     """Numbers of the cores to pin to."""
-    threads: int | None = None
+    threads: Count | None = None
     """Of onnxruntime; None for what the runtime chooses by the network's size."""
     spinning: bool = False
     """Whether onnxruntime's threads spin after a run."""
 
+    def __post_init__(self) -> None:
+        self.check_different("cores")
 
-@dataclass(frozen=True)
-class Load:
+
+class Load(_Table, frozen=True):
     """What is planned."""
 
-    terrain: tuple[str, ...] = (SAMPLE,)
+    terrain: Names = (SAMPLE,)
     """Elevation files, ``sample`` for the one that travels with the package, or ``synthetic``."""
-    rescale: float | None = None
+    rescale: Positive | None = None
     """Side of a cell in metres that the terrain is rescaled to, slopes kept."""
-    cell_size: float | None = None
+    cell_size: Positive | None = None
     """Side of a cell in metres, where the files do not say."""
-    workloads: tuple[str, ...] = ("soft",)
-    sizes: tuple[int, ...] = (256,)
-    queries: int = 60
+    workloads: Names = ("soft",)
+    sizes: Annotated[tuple[Annotated[int, Meta(ge=16)], ...], Meta(min_length=1)] = (256,)
+    queries: Count = 60
     """For each workload and size."""
-    near: int = 20
+    near: Whole = 20
     """Queries of shorter distances besides, which only the break-even is found from."""
-    repeats: int = 2
+    repeats: Count = 2
     """Times each planner answers each query, in each half of the run."""
-    min_distance: float = 0.35
+    min_distance: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
     """Between start and goal, as a share of the map's side."""
-    seed: int = 1
+    seed: Whole = 1
+
+    def __post_init__(self) -> None:
+        self.check_different("terrain", "workloads", "sizes")
+        mixed = SYNTHETIC in self.terrain and len(self.terrain) > 1
+        self.refuse_unless(not mixed, "terrain", f"{SYNTHETIC!r} alone, or files")
+        from nnpp_edge.terrain.workloads import workload
+
+        for name in self.workloads:
+            try:
+                workload(name)
+            except InvalidQueryError:
+                self.refuse_unless(False, "workloads", "'soft' or 'limitN' with N in (0, 90) degrees")
 
 
-@dataclass(frozen=True)
-class Networks:
+class Networks(_Table, frozen=True):
     """The model in both precisions."""
 
     int8: str = "edge"
@@ -64,51 +107,84 @@ class Networks:
     """None: not measured."""
 
 
-@dataclass(frozen=True)
-class Stability:
+class Stability(_Table, frozen=True):
     """When a run is called noisy."""
 
-    halves: float = 0.15
+    halves: Positive = 0.15
     """Share by which the medians of the two halves of the run may differ."""
-    disturbance: float = 0.10
+    disturbance: Positive = 0.10
     """Share of the cores' time that others may take."""
 
 
-@dataclass(frozen=True)
-class OnboardLoop:
+class OnboardLoop(_Table, frozen=True):
     """How `nnpp-edge run` plans on this device."""
 
-    rate_hz: float = 17.0
+    rate_hz: Annotated[float, Meta(gt=0.0, le=1000.0)] = 17.0
     method: str = "auto"
     """As `DynamicPlanner` takes it."""
     model: str = "edge"
     """By default the profile's int8 model."""
-    cores: tuple[int, ...] = ()
+    cores: tuple[Whole, ...] = ()
     """To pin the loop's thread to; by default the device's, and without a profile none."""
-    priority: int = 0
+    priority: Annotated[int, Meta(ge=0, le=99)] = 0
     """Under SCHED_FIFO; 0 for the usual scheduler."""
-    tolerance: float = 0.02
+    tolerance: Annotated[float, Meta(ge=0.0, le=_LARGEST)] = 0.02
     """A standing path is kept while it cannot cost more than this share above what a new plan might."""
     corner_cutting: bool = True
 
+    def __post_init__(self) -> None:
+        self.check_choice("method", LOOP_METHODS)
+        self.check_different("cores")
 
-@dataclass(frozen=True)
-class Budget:
+
+class Budget(_Table, frozen=True):
     """One line of the table of budgets."""
 
     name: str
     quantity: str
-    limit: float
+    limit: Finite
     direction: str
     unit: str
-    planner: str
+    planner: str = ""
+    """By default the profile's."""
     workload: str | None = None
     """None: at each of the profile's."""
     size: int | None = None
 
+    def __post_init__(self) -> None:
+        self.check_choice("quantity", QUANTITIES)
+        self.check_choice("direction", DIRECTIONS)
+        unit = QUANTITIES[self.quantity].unit
+        self.refuse_unless(self.unit == unit, "unit", f"{unit!r}, the unit of {self.quantity}")
 
-@dataclass(frozen=True)
-class Profile:
+    def check(self, profile: "Profile") -> None:
+        """Refuse what this profile does not measure."""
+        self.check_choice("planner", profile.measured)
+        known = self.quantity != "int8_speedup" or profile.networks.fp32 is not None
+        self.refuse_unless(known, "quantity", "one that is measured (model.fp32 is not set)")
+        if self.workload is not None:
+            self.check_choice("workload", profile.load.workloads)
+        sizes = profile.load.sizes
+        self.refuse_unless(self.size in (None, *sizes), "size", f"one of {', '.join(map(str, sizes))}")
+
+
+class _File(_Table, frozen=True):
+    """The whole file, as it is written."""
+
+    title: str = ""
+    planner: str = "auto"
+    device: Device = Device()
+    workload: Load = msgspec.field(default_factory=Load)
+    model: Networks = Networks()
+    stability: Stability = Stability()
+    loop: OnboardLoop = OnboardLoop()
+    budgets: tuple[Budget, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.check_choice("planner", PLANNERS)
+
+
+class Profile(msgspec.Struct, frozen=True):
     """All that a run of `nnpp-edge profile` needs to know."""
 
     name: str
@@ -117,15 +193,20 @@ class Profile:
     """Whom a budget judges that names no planner."""
     device: Device
     load: Load
-    networks: Networks = field(default_factory=Networks)
-    stability: Stability = field(default_factory=Stability)
+    networks: Networks = Networks()
+    stability: Stability = Stability()
     budgets: tuple[Budget, ...] = ()
-    loop: OnboardLoop = field(default_factory=OnboardLoop)
+    loop: OnboardLoop = OnboardLoop()
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """The planners that take part."""
+        return tuple(name for name in PLANNERS if self.networks.fp32 is not None or name != "nnpp-fp32")
 
     def facts(self) -> dict[str, object]:
         """For JSON: terrain by name only; without the loop, which is not measured."""
         load = replace(self.load, terrain=tuple(Path(each).name for each in self.load.terrain))
-        facts: dict[str, object] = asdict(replace(self, load=load))
+        facts: dict[str, object] = msgspec.to_builtins(replace(self, load=load))
         del facts["loop"]
         return facts
 
@@ -155,11 +236,10 @@ def read_profile(name: str | Path) -> Profile:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ProfileError(f"{path}: wanted a profile in TOML, got: {' '.join(str(error).split())}") from error
-    return _profile(TomlTable(path.name, "", content), path.stem)
-
-
-Error = Callable[[str, str, object], ProfileError]
-"""From a key, what was wanted and what came."""
+    try:
+        return _profile(content, path.stem)
+    except ProfileError as error:
+        raise ProfileError(f"{path.name}: {error}") from None
 
 
 def overridden(profile: Profile, **changes: object) -> tuple[Profile, list[str]]:
@@ -167,8 +247,7 @@ def overridden(profile: Profile, **changes: object) -> tuple[Profile, list[str]]
 
     Also the names of the budgets that were left out because their size is no longer measured.
     """
-    load = replace(profile.load, **_given(changes))
-    _check_load(load, _option_error)
+    load = _changed(profile.load, changes)
     kept = tuple(budget for budget in profile.budgets if budget.size is None or budget.size in load.sizes)
     dropped = [budget.name for budget in profile.budgets if budget not in kept]
     return replace(profile, load=load, budgets=kept), dropped
@@ -176,164 +255,84 @@ def overridden(profile: Profile, **changes: object) -> tuple[Profile, list[str]]
 
 def overridden_loop(loop: OnboardLoop, **changes: object) -> OnboardLoop:
     """The loop as options on the command line ask for; None changes nothing. ProfileError if out of range."""
-    changed = replace(loop, **_given(changes))
-    _check_loop(changed, _option_error)
-    return changed
+    return _changed(loop, changes)
 
 
-def _given(changes: dict[str, object]) -> dict[str, Any]:
-    return {key: value for key, value in changes.items() if value is not None}
+TableT = TypeVar("TableT", bound=_Table)
 
 
-def _option_error(key: str, wanted: str, got: object) -> ProfileError:
-    return ProfileError(f"{key}: wanted {wanted}, got {got!r}")
+def _changed(table: TableT, changes: dict[str, object]) -> TableT:
+    given = {key: value for key, value in changes.items() if value is not None}
+    return _converted(asdict(table) | given, type(table))
 
 
-def _profile(top: TomlTable, name: str) -> Profile:
-    title = top.optional("title", str, "a line of text", name)
-    planner = top.choice("planner", PLANNERS, "auto")
-    device, load = _device(top.table("device")), _load(top.table("workload"))
-    networks = _networks(top.table("model"))
-    stability = _stability(top.table("stability"))
-    loop = _loop(top.table("loop"), device, networks)
-    budgets = _budgets(top, planner, load, networks)
-    top.finish()
-    if planner == "nnpp-fp32" and networks.fp32 is None:
-        raise top.error("planner", "a planner that is measured (model.fp32 is not set)", planner)
-    return Profile(name, title, planner, device, load, networks, stability, budgets, loop)
+_LISTS = {"device": ("cores",), "loop": ("cores",), "workload": ("terrain", "workloads", "sizes")}
+"""Keys, by table, whose value may stand alone."""
 
 
-def _device(table: TomlTable) -> Device:
-    cores = table.several("cores", int, "the number of a core", (0,))
-    if min(cores) < 0:
-        raise table.error("cores", "numbers of cores from 0", list(cores))
-    threads = table.optional("threads", int, "a whole number of at least 1", None)
-    if threads is not None and threads < 1:
-        raise table.error("threads", "a whole number of at least 1", threads)
-    device = Device(cores, threads, table.optional("spinning", bool, "true or false", Device.spinning))
-    table.finish()
-    return device
-
-
-def _networks(table: TomlTable) -> Networks:
-    int8 = table.optional("int8", str, "a model's name or file", Networks.int8)
-    networks = Networks(int8, table.optional("fp32", str, "a model's name or file", None))
-    table.finish()
-    return networks
-
-
-def _load(table: TomlTable) -> Load:
-    number, whole = "a number", "a whole number"
-    load = Load(
-        terrain=table.several("terrain", str, f"a file, {SAMPLE!r} or {SYNTHETIC!r}", Load.terrain),
-        rescale=table.optional("rescale", float, number, None),
-        cell_size=table.optional("cell_size", float, number, None),
-        workloads=table.several("workloads", str, "a workload such as 'soft' or 'limit20'", Load.workloads),
-        sizes=table.several("sizes", int, "the side of a map in cells", Load.sizes),
-        queries=table.optional("queries", int, whole, Load.queries),
-        near=table.optional("near", int, whole, Load.near),
-        repeats=table.optional("repeats", int, whole, Load.repeats),
-        min_distance=table.optional("min_distance", float, number, Load.min_distance),
-        seed=table.optional("seed", int, whole, Load.seed),
-    )
-    table.finish()
-    _check_load(load, table.error)
-    return load
-
-
-def _check_load(load: Load, error: Error) -> None:
-    """What every load must fulfil, whether from a file or from the command line."""
-    from nnpp_edge.terrain.workloads import workload
-
-    for name in load.workloads:
+def _profile(content: dict[str, object], name: str) -> Profile:
+    for place, keys in _LISTS.items():
+        table = content.get(place)
+        for key in keys:
+            if isinstance(table, dict) and key in table and not isinstance(table[key], list):
+                table[key] = [table[key]]
+    file = _converted(content, _File)
+    own = cast(dict[str, object], content.get("loop", {}))
+    inherited = {"cores": file.device.cores, "model": file.model.int8}
+    loop = replace(file.loop, **{key: inherited[key] for key in inherited.keys() - own.keys()})
+    budgets = tuple(replace(each, planner=each.planner or file.planner) for each in file.budgets)
+    parts = (file.device, file.workload, file.model, file.stability, budgets, loop)
+    profile = Profile(name, file.title or name, file.planner, *parts)
+    if file.planner not in profile.measured:
+        raise ProfileError(f"planner: wanted one that is measured (model.fp32 is not set), got {file.planner!r}")
+    names = [budget.name for budget in budgets]
+    for at, budget in enumerate(budgets):
         try:
-            workload(name)
-        except InvalidQueryError:
-            raise error("workloads", "'soft' or 'limitN' with N in (0, 90) degrees", name) from None
-    if min(load.sizes) < _LEAST_SIDE or len(set(load.sizes)) < len(load.sizes):
-        raise error("sizes", f"different sides of at least {_LEAST_SIDE} cells", list(load.sizes))
-    for key, least in (("queries", 1), ("near", 0), ("repeats", 1), ("seed", 0)):
-        if getattr(load, key) < least:
-            raise error(key, f"a whole number of at least {least}", getattr(load, key))
-    if not 0.0 < load.min_distance <= 1.0:
-        raise error("min_distance", "a share in (0, 1]", load.min_distance)
-    for key in ("rescale", "cell_size"):
-        if (value := getattr(load, key)) is not None and not (value > 0.0 and math.isfinite(value)):
-            raise error(key, "metres above 0", value)
-    if len(load.terrain) > 1 and SYNTHETIC in load.terrain:
-        raise error("terrain", f"{SYNTHETIC!r} alone, or files", list(load.terrain))
+            budget.check(profile)
+            budget.refuse_unless(budget.name not in names[:at], "name", "a name of its own")
+        except ValueError as error:
+            raise ProfileError(f"budgets[{at}].{error}") from None
+    return profile
 
 
-def _stability(table: TomlTable) -> Stability:
-    halves = table.optional("halves", float, "a share", Stability.halves)
-    found = Stability(halves, table.optional("disturbance", float, "a share", Stability.disturbance))
-    table.finish()
-    for key in ("halves", "disturbance"):
-        if getattr(found, key) <= 0.0:
-            raise table.error(key, "a share above 0", getattr(found, key))
-    return found
+def _converted(content: dict[str, object], kind: type[TableT]) -> TableT:
+    """The table; ProfileError names the key, what was wanted and what came."""
+    try:
+        return msgspec.convert(content, kind)
+    except msgspec.ValidationError as error:
+        problem, _, place = str(error).replace("`", "").partition(" - at $")
+        raise ProfileError(_explained(problem, place.strip("."), content)) from None
 
 
-def _loop(table: TomlTable, device: Device, networks: Networks) -> OnboardLoop:
-    loop = OnboardLoop(
-        rate_hz=float(table.optional("rate_hz", float, "ticks a second", OnboardLoop.rate_hz)),
-        method=table.optional("method", str, "a planner's name", OnboardLoop.method),
-        model=table.optional("model", str, "a model's name or file", networks.int8),
-        cores=table.several("cores", int, "the number of a core", device.cores),
-        priority=table.optional("priority", int, "a whole number", OnboardLoop.priority),
-        tolerance=float(table.optional("tolerance", float, "a share", OnboardLoop.tolerance)),
-        corner_cutting=table.optional("corner_cutting", bool, "true or false", OnboardLoop.corner_cutting),
-    )
-    table.finish()
-    _check_loop(loop, table.error)
-    return loop
+_WORDS = {
+    "object": "a table",
+    "array": "a list",
+    "str": "text",
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+    " | null": "",
+    ">=": "of at least",
+    "<=": "of at most",
+    ">": "above",
+}
+"""What is wanted, in msgspec's words and in ours."""
 
 
-def _check_loop(loop: OnboardLoop, error: Error) -> None:
-    """What every loop must fulfil, whether from a file or from the command line."""
-    if loop.method not in LOOP_METHODS:
-        raise error("method", f"one of {', '.join(LOOP_METHODS)}", loop.method)
-    if not 0.0 < loop.rate_hz <= _FASTEST_HZ:
-        raise error("rate_hz", f"ticks a second, above 0 and at most {_FASTEST_HZ:g}", loop.rate_hz)
-    if min(loop.cores, default=0) < 0:
-        raise error("cores", "numbers of cores from 0", list(loop.cores))
-    if not 0 <= loop.priority <= 99:
-        raise error("priority", "0, or 1 to 99 for SCHED_FIFO", loop.priority)
-    if not 0.0 <= loop.tolerance < math.inf:
-        raise error("tolerance", "a share of at least 0", loop.tolerance)
-
-
-def _budgets(top: TomlTable, planner: str, load: Load, networks: Networks) -> tuple[Budget, ...]:
-    found: list[Budget] = []
-    for at, line in enumerate(top.optional("budgets", list, "a list of tables", [])):
-        place = f"budgets[{at}]"
-        if not isinstance(line, dict):
-            raise top.error(place, "a table", line)
-        found.append(_budget(TomlTable(top.file, place, line), planner, load, networks))
-        if found[-1].name in {budget.name for budget in found[:-1]}:
-            raise top.error(f"{place}.name", "a name of its own", found[-1].name)
-    return tuple(found)
-
-
-def _budget(table: TomlTable, planner: str, load: Load, networks: Networks) -> Budget:
-    measured = tuple(p for p in PLANNERS if networks.fp32 is not None or p != "nnpp-fp32")
-    name = table.needed("name", str, "a name of its own")
-    quantity = table.choice("quantity", tuple(QUANTITIES))
-    limit = float(table.needed("limit", float, "a number"))
-    words = " or ".join(map(repr, DIRECTIONS))
-    direction = table.needed("direction", str, words)
-    if direction not in DIRECTIONS:
-        raise table.error("direction", words, direction)
-    unit = table.needed("unit", str, f"the unit of {quantity}")
-    if unit != QUANTITIES[quantity].unit:
-        raise table.error("unit", f"{QUANTITIES[quantity].unit!r}, the unit of {quantity}", unit)
-    judged = table.choice("planner", measured, planner)
-    if quantity == "int8_speedup" and networks.fp32 is None:
-        raise table.error("quantity", "one that is measured (model.fp32 is not set)", quantity)
-    workload, size = table.optional("workload", str, "a workload", None), table.optional("size", int, "a size", None)
-    if workload is not None and workload not in load.workloads:
-        raise table.error("workload", f"one of {', '.join(load.workloads)}", workload)
-    if size is not None and size not in load.sizes:
-        raise table.error("size", f"one of {', '.join(map(str, load.sizes))}", size)
-    table.finish()
-    return Budget(name, quantity, limit, direction, unit, judged, workload, size)
+def _explained(problem: str, place: str, content: object) -> str:
+    """msgspec's sentence on a key as ours, with the value that came."""
+    before = f"{place}." if place else ""
+    if unknown := re.fullmatch(r"Object contains unknown field (.*)", problem):
+        tables = {field.name: field.type for field in fields(_File)} | {"": _File, "budgets": Budget}
+        known = [field.name for field in fields(tables[place.partition("[")[0]])]
+        return f"{before}{unknown[1]} is unknown: wanted one of {', '.join(known)}"
+    if missing := re.fullmatch(r"Object missing required field (.*)", problem):
+        return f"{before}{missing[1]} is missing"
+    if not problem.startswith("Expected "):
+        return before + problem
+    wanted = problem.removeprefix("Expected ").partition(", got")[0]
+    for theirs, ours in _WORDS.items():
+        wanted = wanted.replace(theirs, ours)
+    for key in re.findall(r"\w+", place):
+        content = content[int(key)] if isinstance(content, list | tuple) else cast(dict[str, object], content)[key]
+    return f"{place}: wanted {wanted}, got {content!r}"

@@ -43,29 +43,11 @@ class Watchers:
 def profile_machine(
     profile: Profile, *, start_up: bool = False, notes: Sequence[str] = (), watchers: Watchers | None = None
 ) -> Report:
-    """Pin, warm up, measure, judge.
+    """Pin, warm up, measure, judge: the report that docs/profile.md describes, ready for JSON.
 
-    Parameters
-    ----------
-    profile : Profile
-        What is measured and what is wanted of it.
-    start_up : bool
-        Also measure the time from import to first plan, which takes a minute; without it that is done only
-        where a budget asks for it.
-    notes : sequence of str
-        Further notes for the report.
-    watchers : Watchers
-        Called while the run goes on.
-
-    Returns
-    -------
-    Report
-        As docs/profile.md describes it, ready for JSON.
-
-    Raises
-    ------
-    NnppEdgeError
-        A terrain or model file cannot be used, or the terrain has too few queries with a path.
+    `start_up` also measures the time from import to first plan, which takes a minute; without it that is done only
+    where a budget asks for it. `notes` are put before the report's own. NnppEdgeError if a terrain or model file
+    cannot be used, or the terrain has too few queries with a path.
     """
     watchers = watchers or Watchers()
     said = list(notes)

@@ -34,11 +34,6 @@ def call_on(planner: Planner, method: str) -> Callable[[Endpoints], Plan]:
     return lambda query: planner.plan(*query, method=method)
 
 
-def plan_with_regions(planner: Planner, query: Endpoints, method: str) -> Plan:
-    """A plan whose regions can be read. Not for timing: regions are copied."""
-    return planner.plan(*query, method=method, keep_regions=True)
-
-
 def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> list[RivalPlanner]:
     """Exact A*, and a rival for each other method; for ``nnpp`` one for each model.
 

@@ -91,51 +91,33 @@ def check_sizes(dems: Sequence[Dem], sizes: Sequence[Size]) -> None:
 def terrain_cases(
     dems: Sequence[Dem], name: str, size: Size, seed: int = 1, least_distance: float = LEAST_DISTANCE
 ) -> Iterator[Case]:
-    """Cases of one workload and size on random crops of terrain, without end.
+    """Cases of one workload and size on random crops of terrain, without end; the same for the same seed on any
+    machine.
 
-    The same settings give the same cases on any machine.
-
-    Parameters
-    ----------
-    dems : sequence of Dem
-        Each at least of the size.
-    name : str
-        Workload.
-    size : int or (rows, cols)
-        Of the maps.
-    seed : int
-        Of crops and queries.
-    least_distance : float
-        Between start and goal, as a share of the map's longer side.
-
-    Raises
-    ------
-    InvalidQueryError
-        The terrain has no fitting query.
+    Each terrain must be at least of the size. `least_distance` is that between start and goal, as a share of the
+    map's longer side. InvalidQueryError if the terrain has no fitting query.
     """
     limits, (rows, cols) = workload(name), shape_of(size)
-    rng = np.random.default_rng([seed, *dict.fromkeys((rows, cols))])
 
-    def cost() -> Float2D:
+    def cost(rng: np.random.Generator) -> Float2D:
         dem = dems[int(rng.integers(len(dems)))]
         row = int(rng.integers(0, dem.elevation.shape[0] - rows + 1))
         col = int(rng.integers(0, dem.elevation.shape[1] - cols + 1))
         crop = dem.elevation[row : row + rows, col : col + cols]
         return traversability_cost(crop, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m, warn=False)
 
-    yield from _with_queries(name, size, cost, rng, least_distance)
+    return _with_queries(name, size, cost, seed, least_distance)
 
 
 def synthetic_cases(name: str, size: Size, seed: int, least_distance: float = LEAST_DISTANCE) -> Iterator[Case]:
     """Cases on fractal and cratered ground (`synthetic_terrain`), as of `terrain_cases`, for what no file holds."""
     limits, (rows, cols) = workload(name), shape_of(size)
-    rng = np.random.default_rng([seed, *dict.fromkeys((rows, cols))])
 
-    def cost() -> Float2D:
+    def cost(rng: np.random.Generator) -> Float2D:
         heights = synthetic_terrain(rng, max(rows, cols), SYNTHETIC_CELL_M)[:rows, :cols]
         return traversability_cost(heights, SYNTHETIC_CELL_M, limits, warn=False)
 
-    yield from _with_queries(name, size, cost, rng, least_distance)
+    return _with_queries(name, size, cost, seed, least_distance)
 
 
 def large_enough(dems: Sequence[Dem], size: int) -> list[Dem]:
@@ -159,14 +141,15 @@ def cases_from(
 
 
 def _with_queries(
-    name: str, size: Size, cost: Callable[[], Float2D], rng: np.random.Generator, least_distance: float
+    name: str, size: Size, cost: Callable[[np.random.Generator], Float2D], seed: int, least_distance: float
 ) -> Iterator[Case]:
     """Map after map with random queries; InvalidQueryError where many maps in a row have no fitting one."""
     rows, cols = shape_of(size)
+    rng = np.random.default_rng([seed, *dict.fromkeys((rows, cols))])
     least = least_distance * max(rows, cols)
     while True:
         for _ in range(_TRIES):
-            of_map = cost()
+            of_map = cost(rng)
             wanted = (random_query(rng, of_map, least) for _ in range(QUERIES_PER_MAP))
             queries = tuple(query for query in wanted if query is not None)
             if queries:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.benchmarks.dynamic_episode import Episode, Patch
-from nnpp_edge.profiling.rivals import plan_with_regions
 from nnpp_edge.reproduction.pictures import (
     OPTIMUM,
     PATH,
@@ -62,7 +61,7 @@ def view_episode(episode: Episode, model: NetworkModel) -> list[View]:
     for at, step in enumerate(episode.steps):
         cost = episode.map_at(at)
         planner = Planner(cost, model=model, ask_from=0)
-        plan = plan_with_regions(planner, (step.start, episode.goal), "nnpp")
+        plan = planner.plan(step.start, episode.goal, method="nnpp", keep_regions=True)
         assert plan.network_region is not None
         region = plan.network_region.mask()
         optimum = planner.plan(step.start, episode.goal, method="astar").path
@@ -102,14 +101,7 @@ def legend(figure: "Figure", axes: "Axes", *, changes: bool = True) -> None:
 def animate(views: Sequence[View], stride: int, cells_a_frame: int) -> bytes:
     """The episode as a GIF: the map changes, the path is replanned, the robot drives on.
 
-    Parameters
-    ----------
-    views : sequence of View
-        Of all plans.
-    stride : int
-        Cells that the robot drives between two plans.
-    cells_a_frame : int
-        Cells that it drives from one picture to the next.
+    The robot drives `stride` cells between two plans, and `cells_a_frame` from one picture to the next.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image

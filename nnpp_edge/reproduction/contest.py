@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.profiling.harness import Harness, Record
-from nnpp_edge.profiling.rivals import FIRST_SOURCES, call_on, plan_with_regions
+from nnpp_edge.profiling.rivals import FIRST_SOURCES, call_on
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction.experiment import MAPS_TRIED, Context, OnProgress
 from nnpp_edge.reproduction.plain_astar import build_graph, search
@@ -82,7 +82,7 @@ class _OnMap:
         return _PlainSearch(path, len(graph.edges), {"graph": graph_s, "search": search_s})
 
     def _plain_nn(self, query: Endpoints) -> _PlainSearch:
-        plan = plan_with_regions(self.planner, query, "nnpp")
+        plan = self.planner.plan(*query, method="nnpp", keep_regions=True)
         region = plan.network_region
         assert region is not None
         mask_s, inside = self.harness.timed(region.mask)
@@ -97,7 +97,7 @@ class _OnMap:
         """What a planner's calls come to."""
         found = record.results[-1]
         if isinstance(found, Plan):
-            region = plan_with_regions(self.planner, record.case, record.rival).region
+            region = self.planner.plan(*record.case, method=record.rival, keep_regions=True).region
             mm = None if region is None else len(exact.path) / region.area()
             stages = {stage: 1e-3 * ms for stage, ms in found.timings_ms.items() if stage != "total"}
             excess = found.cost / exact.cost - 1.0
@@ -113,25 +113,10 @@ class _OnMap:
 def contest(
     cases: Iterable[Case], model: NetworkModel, queries: int, *, planners: Sequence[str] = PLANNERS, repeats: int = 3
 ) -> Iterator[Round]:
-    """Have all planners answer queries, in turns; those without a path are passed over.
+    """Have some of `PLANNERS` answer queries, in turns; those without a path are passed over.
 
-    Parameters
-    ----------
-    cases : iterable of Case
-        Maps and queries.
-    model : NetworkModel
-        For `PLAIN_NN` and ``nnpp``.
-    queries : int
-        How many.
-    planners : sequence of str
-        Of `PLANNERS`.
-    repeats : int
-        How often each of ours answers each query; the median time counts. Plain Python answers once.
-
-    Raises
-    ------
-    InvalidQueryError
-        Too few of the queries have a path.
+    The model is that of `PLAIN_NN` and ``nnpp``. Ours answer each query `repeats` times, and the median time counts;
+    plain Python answers once. InvalidQueryError if too few of the queries have a path.
     """
     done, harness = 0, Harness()
     for case in islice(cases, MAPS_TRIED * queries):
@@ -175,10 +160,14 @@ class Means:
     """What one planner came to over many queries."""
 
     time_s: float
+    total_s: float
+    """Summed over the queries."""
     time_sd_s: float
     success: float
     traverse_cost: float
     """Mean CC of the paths."""
+    total_cc: float
+    """Summed over the paths."""
     cc_increase: float
     """Mean CC over exact A*'s on the same queries, less 1; of the queries with a path."""
     excess: float
@@ -196,9 +185,11 @@ def means(rounds: Sequence[Round], name: str) -> Means:
     mms = [a.mm for a in answers if a.mm is not None]
     return Means(
         time_s=float(np.mean([a.time_s for a in answers])),
+        total_s=sum(a.time_s for a in answers),
         time_sd_s=float(np.std([a.time_s for a in answers])),
         success=float(np.mean([a.found for a in answers])),
         traverse_cost=cc,
+        total_cc=float(sum(a.traverse_cost for a, _ in solved)),
         cc_increase=increase(cc, exact_cc),
         excess=float(np.mean([a.excess for a, _ in solved])) if solved else np.nan,
         mm=float(np.mean(mms)) if mms else None,

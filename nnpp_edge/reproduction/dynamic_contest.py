@@ -4,13 +4,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
-import numpy as np
-
 from nnpp_edge.benchmarks.dynamic_episode import LEAST_DISTANCE, STRIDE, Episode, episodes_of
 from nnpp_edge.benchmarks.dynamic_scene import SceneRow, run_scene
 from nnpp_edge.profiling.rivals import FIRST_SOURCES
 from nnpp_edge.profiling.suites import Case
-from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Answer, Round, contest, increase
+from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Answer, Round, contest, means
 from nnpp_edge.reproduction.experiment import MAPS_TRIED, Context
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -75,29 +73,6 @@ def _answer(row: SceneRow) -> Answer:
     return Answer(1e-3 * row.time_ms, in_first, row.cc, excess)
 
 
-@dataclass(frozen=True)
-class Sums:
-    """One planner over several plans."""
-
-    time_s: float
-    cc: float
-    """Of the plans with a path."""
-    cc_increase: float
-    """Over exact A*'s on the same plans, as a share."""
-    mm: float | None
-    """Mean, of the regions searched."""
-
-
-def sums(rounds: Sequence[Round], name: str) -> Sums:
-    """A planner over these rounds."""
-    answers = [(r.answers[name], r.answers["astar"].traverse_cost) for r in rounds]
-    solved = [(a.traverse_cost, exact) for a, exact in answers if np.isfinite(a.traverse_cost)]
-    cc = float(sum(own for own, _ in solved))
-    mms = [a.mm for a, _ in answers if a.mm is not None]
-    cc_increase = increase(cc, float(sum(exact for _, exact in solved)))
-    return Sums(sum(a.time_s for a, _ in answers), cc, cc_increase, float(np.mean(mms)) if mms else None)
-
-
 def speedup(rounds: Sequence[Round], slower: str, faster: str) -> float:
     """Summed time of one planner over that of another."""
-    return sums(rounds, slower).time_s / sums(rounds, faster).time_s
+    return means(rounds, slower).total_s / means(rounds, faster).total_s

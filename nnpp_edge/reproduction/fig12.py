@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.profiling.rivals import plan_with_regions
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round, answers_table, contest, increase
@@ -82,7 +81,7 @@ def _scene(context: Context, case: Case, query: Endpoints, repeats: int) -> _Sce
     (answered,) = contest([one], context.model, 1, repeats=repeats)
     planner = Planner(case.cost, model=context.model, ask_from=0)
     optimum = planner.plan(*query, method="astar").path
-    plan = plan_with_regions(planner, query, "nnpp")
+    plan = planner.plan(*query, method="nnpp", keep_regions=True)
     assert plan.network_region is not None
     at_threshold = plan.network_region.mask()
     searched = np.ones(case.cost.shape, bool) if plan.region is None else plan.region.mask()

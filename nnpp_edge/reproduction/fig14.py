@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nnpp_edge.profiling.rivals import plan_with_regions
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction.animation import View, draw_view, frame, legend
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
@@ -107,7 +106,7 @@ def _moving(context: Context, case: Case, start: Cell, goal: Cell) -> list[_Scen
 
 
 def _scene(planner: Planner, cost: Float2D, start: Cell, goal: Cell, name: str) -> _Scene:
-    plan = plan_with_regions(planner, (start, goal), "nnpp")
+    plan = planner.plan(start, goal, method="nnpp", keep_regions=True)
     assert plan.ok and plan.network_region is not None
     region = plan.network_region.mask()
     best = planner.plan(start, goal, method="astar")

@@ -74,11 +74,11 @@ def index_page(stored: Sequence[Stored], missing: Sequence[str]) -> str:
     for verdict, head in _HEADS.items():
         chosen = [(facts, f) for facts in stored for f in findings_of(facts) if f.verdict is verdict]
         if chosen:
-            rows = [(f"[{_short(x)}](#{_anchor(x)})", f.claim, f.paper, f.ours, f.rule) for x, f in chosen]
+            rows = [(f"[{x['where']}](#{x['name']})", f.claim, f.paper, f.ours, f.rule) for x, f in chosen]
             lines += [f"## {head}", "", Table(columns(" | claim | paper | ours | rule"), rows).markdown()]
     for facts in stored:
         folder = f"{facts['name']}/{facts['name']}"
-        lines += [f'<a id="{_anchor(facts)}"></a>', "", f"## {facts['where']}: {facts['title']}", ""]
+        lines += [f'<a id="{facts["name"]}"></a>', "", f"## {facts['where']}: {facts['title']}", ""]
         lines += [f"![{facts['title']}]({folder}.png)", "", facts["summary"], *_notes(facts)]
         lines += [f"[Page]({folder}.md), [figures]({folder}.csv)", ""]
     if missing:
@@ -93,20 +93,12 @@ def findings_of(facts: Stored) -> list[Finding]:
     return [Finding(f["claim"], f["paper"], f["ours"], f["rule"], Verdict(f["verdict"])) for f in facts["findings"]]
 
 
-def _short(facts: Stored) -> str:
-    return str(facts["where"])
-
-
-def _anchor(facts: Stored) -> str:
-    return str(facts["name"])
-
-
 def _counts(stored: Sequence[Stored]) -> Table:
     rows = []
     for facts in stored:
         verdicts = [f.verdict for f in findings_of(facts)]
         counts = [verdicts.count(verdict) or None for verdict in (Verdict.AGREES, Verdict.BETTER, Verdict.DIFFERS)]
-        rows.append((f"[{_short(facts)}](#{_anchor(facts)})", facts["title"], *counts))
+        rows.append((f"[{facts['where']}](#{facts['name']})", facts["title"], *counts))
     return Table(("", "experiment", "agrees", "better", "does not agree"), rows)
 
 
@@ -115,7 +107,7 @@ def _notes(facts: Stored) -> list[str]:
 
 
 def _quick_warning(stored: Sequence[Stored]) -> list[str]:
-    quick = [_short(facts) for facts in stored if facts["made_with"]["quick"]]
+    quick = [facts["where"] for facts in stored if facts["made_with"]["quick"]]
     if not quick:
         return []
     subject = "This is" if len(stored) == len(quick) else f"{', '.join(quick)}:"
@@ -151,5 +143,5 @@ def _makings(stored: Sequence[Stored]) -> list[str]:
         shared.setdefault(tuple(_making(facts)), []).append(facts)
     lines: list[str] = []
     for made, of in shared.items():
-        lines += [f"{', '.join(map(_short, of))}:", "", *made, ""]
+        lines += [f"{', '.join(facts['where'] for facts in of)}:", "", *made, ""]
     return [*lines, "Each experiment's own settings stand on its page."]

@@ -62,17 +62,7 @@ def reproduce(
 ) -> Iterator[ExperimentOutcome]:
     """Run the experiments asked for, one at a time; the folder's index is brought up to date after each.
 
-    Parameters
-    ----------
-    request : Request
-        What to run, on what, and where to.
-    bar : callable
-        Opens a progress bar from a name and a total; its value is called with how much is done.
-
-    Yields
-    ------
-    ExperimentOutcome
-        As each ends.
+    `bar` opens a progress bar from a name and a total; its value is called with how much is done.
 
     Raises
     ------

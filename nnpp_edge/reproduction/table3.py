@@ -6,16 +6,8 @@ from dataclasses import dataclass
 
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.animation import View, animate, draw_driven, draw_view, frame, legend, view_episode
-from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round, answers_table, shown
-from nnpp_edge.reproduction.dynamic_contest import (
-    PLANNERS,
-    TIMES_NOTE,
-    drive,
-    find_episodes,
-    speedup,
-    stride_on,
-    sums,
-)
+from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round, answers_table, means, shown
+from nnpp_edge.reproduction.dynamic_contest import PLANNERS, TIMES_NOTE, drive, find_episodes, speedup, stride_on
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import bare, new_figure, png
 from nnpp_edge.reproduction.report import Finding, Result, Row, Table, judge, judge_increase, judge_ratio, seconds
@@ -84,8 +76,8 @@ def _of_paper(line: Sequence[Sequence[float]]) -> list[str | None]:
 def _pairs(rounds: Sequence[Round]) -> list[str]:
     out = []
     for name in PLANNERS:
-        of_it = sums(rounds, name)
-        out += [seconds(of_it.time_s), f"{of_it.cc:.2f}"]
+        of_it = means(rounds, name)
+        out += [seconds(of_it.total_s), f"{of_it.total_cc:.2f}"]
     return out
 
 
@@ -106,10 +98,10 @@ def _findings(rounds: Sequence[Round]) -> Sequence[Finding]:
     for name, theirs in ((PLAIN_NN, "A*NN"), ("nnpp-dstar", "D*NN")):
         increase = _total(theirs, 1) / _total("A*", 1) - 1.0
         found.append(
-            judge_increase(f"CC increase of {theirs} ({shown(name)})", increase, sums(rounds, name).cc_increase)
+            judge_increase(f"CC increase of {theirs} ({shown(name)})", increase, means(rounds, name).cc_increase)
         )
     theirs_s = [paper.TABLE_3[name][-1][0] for name in ("D*NN", "D*")]
-    nn_s, dstar_s = ours_s = [sums(rounds[-1:], name).time_s for name in ("nnpp-dstar", "dstar")]
+    nn_s, dstar_s = ours_s = [means(rounds[-1:], name).total_s for name in ("nnpp-dstar", "dstar")]
     claim, rule = (
         "near the goal, in the last frame, D*NN takes longer than D*",
         "`nnpp-dstar` takes longer than `dstar`",

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from nnpp_edge.reproduction import paper
-from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round, answers_table
-from nnpp_edge.reproduction.dynamic_contest import TIMES_NOTE, Drive, drive, find_episodes, speedup, stride_on, sums
+from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round, answers_table, means
+from nnpp_edge.reproduction.dynamic_contest import TIMES_NOTE, Drive, drive, find_episodes, speedup, stride_on
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import COLOURS, OURS, PAPER, new_figure, png, tidy
 from nnpp_edge.reproduction.report import (
@@ -105,15 +105,15 @@ def _rounds(drives: Sequence[Drive], static: bool) -> list[Round]:
 
 def _lines(label: str, rounds: Sequence[Round]) -> list[Row]:
     """A scenario's two lines: the plain planners, and ours."""
-    plain, plain_nn = sums(rounds, PLAIN), sums(rounds, PLAIN_NN)
-    exact, ours, dstar, dstar_nn = (sums(rounds, name) for name in ("astar", "nnpp", "dstar", "nnpp-dstar"))
-    plain_times = (seconds(plain.time_s), seconds(plain_nn.time_s), None, None)
-    plain_cc = (f"{plain.cc:.2f}", f"{plain_nn.cc:.2f}", None, optional(plain_nn.mm, ".3f"))
-    our_times = (seconds(each.time_s) for each in (exact, ours, dstar, dstar_nn))
-    our_gains = (times(exact.time_s, ours.time_s), times(dstar.time_s, dstar_nn.time_s))
-    our_cc = (f"{exact.cc:.2f}", f"{ours.cc:.2f}", f"{dstar_nn.cc:.2f}", None)
+    plain, plain_nn = means(rounds, PLAIN), means(rounds, PLAIN_NN)
+    exact, ours, dstar, dstar_nn = (means(rounds, name) for name in ("astar", "nnpp", "dstar", "nnpp-dstar"))
+    plain_times = (seconds(plain.total_s), seconds(plain_nn.total_s), None, None)
+    plain_cc = (f"{plain.total_cc:.2f}", f"{plain_nn.total_cc:.2f}", None, optional(plain_nn.mm, ".3f"))
+    our_times = (seconds(each.total_s) for each in (exact, ours, dstar, dstar_nn))
+    our_gains = (times(exact.total_s, ours.total_s), times(dstar.total_s, dstar_nn.total_s))
+    our_cc = (f"{exact.total_cc:.2f}", f"{ours.total_cc:.2f}", f"{dstar_nn.total_cc:.2f}", None)
     return [
-        (f"{label}, plain", *plain_times, times(plain.time_s, plain_nn.time_s), None, *plain_cc),
+        (f"{label}, plain", *plain_times, times(plain.total_s, plain_nn.total_s), None, *plain_cc),
         (f"{label}, ours", *our_times, *our_gains, *our_cc),
     ]
 
@@ -145,7 +145,7 @@ def _findings(drives: Sequence[Drive]) -> Sequence[Finding]:
         ("A*NN, dynamic, plain", PLAIN_NN, False, _ratio(_D, "nn_cc", "astar_cc")),
         ("D*NN, dynamic, ours", "nnpp-dstar", False, _ratio(_D, "dstar_nn_cc", "astar_cc")),
     ):
-        own = sums(_rounds(drives, static), name).cc_increase
+        own = means(_rounds(drives, static), name).cc_increase
         found.append(judge_increase(f"CC increase of {label}", gain - 1.0, own))
     return found
 

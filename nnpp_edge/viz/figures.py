@@ -4,7 +4,7 @@ import io
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from nnpp_edge.terrain.labels import EXCESS_STEP
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+OURS = ("astar", "corridor", "nnpp")
 _CYAN = np.array([0.0, 0.9, 1.0])
 
 
@@ -76,6 +77,36 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
         axes.set_title(title)
         axes.set_xlabel("step")
         axes.grid(alpha=0.3)
+    _save(figure, path)
+
+
+class SizeTime(TypedDict):
+    """Of a row of `nnpp-edge profile --peers`, what the picture shows."""
+
+    planner: str
+    size: int
+    time_ms_median: float | None
+
+
+def times_by_size(rows: Sequence[SizeTime], path: Path) -> None:
+    """Median time of a query of each planner against the side of the map, both axes logarithmic."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 5.5), layout="constrained")
+    axes = figure.add_subplot()
+    for name in dict.fromkeys(row["planner"] for row in rows):
+        measured = [row for row in rows if row["planner"] == name and row["time_ms_median"] is not None]
+        if measured:
+            times = [row["time_ms_median"] or 0.0 for row in measured]
+            line, width = ("o-", 2.2) if name in OURS else ("s--", 1.2)
+            axes.plot([row["size"] for row in measured], times, line, linewidth=width, label=name)
+    axes.set_xscale("log", base=2)
+    axes.set(yscale="log", xlabel="side of the map, cells", ylabel="median time of a query, ms")
+    sides = sorted({row["size"] for row in rows})
+    axes.set_xticks(sides, [str(side) for side in sides])
+    axes.minorticks_off()
+    axes.grid(alpha=0.3)
+    axes.legend()
     _save(figure, path)
 
 

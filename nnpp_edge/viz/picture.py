@@ -54,17 +54,7 @@ def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None
 
 
 def cost_map_picture(cost: Float2D, *, cell_size_m: float | None = None, title: str = "") -> Picture:
-    """A cost map above a colour bar, a scale and the key to impassable cells.
-
-    Parameters
-    ----------
-    cost : (H, W) float32
-        Traversability cost.
-    cell_size_m : float
-        Side of a cell, for the scale.
-    title : str
-        ASCII.
-    """
+    """A cost map (H, W) above a colour bar, a scale and the key to impassable cells; the title is ASCII."""
     drawing = MapDrawing(cost_picture(cost))
     items = [drawing.text_item(title)] if title else []
     items.append(drawing.grey_bar())

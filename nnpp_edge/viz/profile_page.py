@@ -13,7 +13,6 @@ from markupsafe import Markup
 from nnpp_edge.profiling.profile_file import Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
 from nnpp_edge.profiling.report_format import Report
-from nnpp_edge.profiling.rivals import plan_with_regions
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
@@ -29,15 +28,7 @@ _WIDTH = 640
 
 
 def page(report: Report, profile: Profile) -> str:
-    """The page.
-
-    Parameters
-    ----------
-    report : Report
-        From `profile_machine`.
-    profile : Profile
-        That it was made by: the example plans come from its terrain.
-    """
+    """The page of a report, with example plans from the terrain of the profile that it was made by."""
     template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     template.filters |= {"number": _number, "percent": _percent}
     text = (files("nnpp_edge.viz") / _TEMPLATE).read_text(encoding="utf-8")
@@ -64,7 +55,7 @@ def _examples(maps: ProfileMaps, name: str, size: int, model: NetworkModel) -> I
         start, goal = on_map.queries[0].start, on_map.queries[0].goal
         exact = Planner(on_map.cost).plan(start, goal, method=Method.ASTAR)
         if exact.ok:
-            plan = plan_with_regions(Planner(on_map.cost, model=model), (start, goal), Method.NNPP)
+            plan = Planner(on_map.cost, model=model).plan(start, goal, method=Method.NNPP, keep_regions=True)
             picture = plan_picture(on_map.cost, plan, start=start, goal=goal, reference_path=exact.path)
             yield _words(name, size, plan, exact), picture
 

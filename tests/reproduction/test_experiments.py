@@ -212,7 +212,8 @@ def scale_of(row, *, gain, cc_increase, success):
     """Means of all planners, theirs from a row of Table 2 except for what the network's ways come to."""
 
     def one(time_s, cc=0.0, found=1.0):
-        return Means(time_s, 0.0, found, row.astar_cc * (1.0 + cc), cc, cc, None, None)
+        traverse_cost = row.astar_cc * (1.0 + cc)
+        return Means(time_s, time_s, 0.0, found, traverse_cost, traverse_cost, cc, cc, None, None)
 
     with_network = one(row.astar_s / gain, cc_increase, success)
     by_name = {
@@ -395,7 +396,7 @@ def test_the_command_prints_a_line_for_each_experiment_and_json_for_programs(
 @pytest.mark.parametrize(
     ("words", "wanted"),
     [
-        (["fig99"], "EXPERIMENT must be of table1"),
+        (["fig99"], "wanted EXPERIMENT of table1"),
         (["fig13", "--steps", "0"], "--steps"),
         (["--seed", "many"], "--seed"),
     ],
