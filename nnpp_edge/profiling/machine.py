@@ -82,13 +82,13 @@ class CoreTimes:
 
     def start(self) -> None:
         """Start or resume the count."""
-        self._at = (time.perf_counter(), time.process_time(), _core_seconds(self.cores))
+        self._at = (time.perf_counter(), time.process_time(), core_seconds(self.cores))
 
     def stop(self) -> None:
         """Add what has passed since `start`."""
         assert self._at is not None
         began, own, before = self._at
-        after = _core_seconds(self.cores)
+        after = core_seconds(self.cores)
         self.elapsed += time.perf_counter() - began
         self.own += time.process_time() - own
         if before is None or after is None or self.busy is None or self.stolen is None:
@@ -144,7 +144,7 @@ def _pin(cores: Sequence[int] | set[int]) -> None:
             os.sched_setaffinity(int(thread.name), cores)
 
 
-def _core_seconds(cores: Sequence[int]) -> tuple[float, float] | None:
+def core_seconds(cores: Sequence[int]) -> tuple[float, float] | None:
     """Seconds that the cores have worked since the machine started, and those stolen among them."""
     wanted = {f"cpu{core}" for core in cores}
     busy = stolen = 0.0

@@ -166,7 +166,7 @@ def run(
             for size in load.sizes:
                 of = runs.setdefault((name, size), WorkloadRun(name, size, maps.source(size)))
                 of.answers = of.answers or {rival.name: Answers() for rival in rivals}
-                for on_map, queries in _first_half_again(maps, of) if half else _solvable(maps, of, load):
+                for on_map, queries in first_half_again(maps, of) if half else _solvable(maps, of, load):
                     session.measure(on_map, queries, of, half, disturbance[half])
                     progress(done := done + len(queries))
     return Run(list(runs.values()), disturbance, meter.problem)
@@ -177,7 +177,7 @@ def queries_in(load: Load) -> int:
     return HALVES * len(load.workloads) * len(load.sizes) * (load.queries + load.near)
 
 
-def _first_half_again(maps: ProfileMaps, of: WorkloadRun) -> Iterator[tuple[ProfileMap, list[ProfileQuery]]]:
+def first_half_again(maps: ProfileMaps, of: WorkloadRun) -> Iterator[tuple[ProfileMap, list[ProfileQuery]]]:
     """The maps of the first half again, with its queries."""
     found = zip(of.queries_by_map, maps.maps(of.workload, of.size), strict=False)
     return ((on_map, queries) for queries, on_map in found if queries)

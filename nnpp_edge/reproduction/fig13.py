@@ -83,7 +83,7 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
 
     if len(settings.encodings) < 2 or settings.steps < 1:
         raise InvalidQueryError(f"wanted at least 1 step for 2 encodings, got {settings.steps}")
-    training, validation = _samples(context, settings)
+    training, validation = make_samples(context, settings)
     scores: dict[str, _Scores] = {}
     turns = len(settings.encodings) * settings.repeats
     for at, encoding in enumerate(settings.encodings):
@@ -137,7 +137,7 @@ def _train_settings(settings: Settings, queries: int, seed: int) -> "TrainSettin
     )
 
 
-def _samples(context: Context, settings: Settings) -> tuple[Samples, Samples]:
+def make_samples(context: Context, settings: Settings) -> tuple[Samples, Samples]:
     """Training and validation queries, from different ground."""
     if context.dataset is not None:
         return _split(read_samples(context.dataset, settings.maps + settings.validation_maps, size=_SIDE))
@@ -155,13 +155,13 @@ def _samples(context: Context, settings: Settings) -> tuple[Samples, Samples]:
     )
     parts = []
     for number, (held_out, maps) in enumerate(((False, settings.maps), (True, settings.validation_maps))):
-        tiles = [_part(dem, held_out) for dem in context.terrain]
+        tiles = [side_of(dem, held_out) for dem in context.terrain]
         arrays = make_shard(recipe, tiles, np.random.default_rng([context.seed, number]), maps)
-        parts.append(Samples(**{name: arrays[name] for name in Samples.__dataclass_fields__}))
+        parts.append(Samples.of(arrays))
     return parts[0], parts[1]
 
 
-def _part(dem: Dem, held_out: bool) -> Dem:
+def side_of(dem: Dem, held_out: bool) -> Dem:
     """The side of a DEM that training, or validation, may see."""
     rows, cols = dem.elevation.shape
     kept = min(int((1.0 - _HELD_OUT) * cols), cols - _SIDE)

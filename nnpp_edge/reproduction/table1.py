@@ -62,7 +62,7 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
         "goal; the paper's is one map. Our exact A* builds no graph: what stands in that place is the taking over of "
         "the map into its padded weights, which is done once for all queries on a map."
     )
-    return Result(_summary(figures), _data(figures), _findings(figures), _picture(figures), notes)
+    return Result(summary(figures), _data(figures), findings(figures), _picture(figures), notes)
 
 
 def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
@@ -106,7 +106,7 @@ _COLUMNS: tuple[tuple[str, Callable[[float], str]], ...] = (
 """What the paper gives too, and how it is shown."""
 
 
-def _summary(figures: Figures) -> Table:
+def summary(figures: Figures) -> Table:
     header = columns(
         "map | graph, paper | graph, plain A* | search, paper | search, plain A* | graph's share, paper | "
         "graph's share, plain A* | path, paper | path, ours | our exact A*: map | our exact A*: search | "
@@ -136,7 +136,7 @@ def _data(figures: Figures) -> Table:
     return Table(header, rows)
 
 
-def _findings(figures: Figures) -> Sequence[Finding]:
+def findings(figures: Figures) -> Sequence[Finding]:
     shares = [t.graph_share for t in figures.values()]
     lowest, highest = min(shares), max(shares)
     span = percent(lowest, 0) if len(shares) == 1 else f"{percent(lowest, 0)} to {percent(highest, 0)}"

@@ -52,10 +52,10 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
         "of that region alone, a search in it. `nnpp` is this toolkit's: a wider region, narrowed from coarse to "
         "fine, searched in place by the compiled A*. Success is a path in the first region; both widen it otherwise."
     )
-    return Result(_summary(figures), _data(figures), _findings(figures, context), _picture(figures), notes)
+    return Result(summary(figures), _data(figures), findings(figures, context), _picture(figures), notes)
 
 
-def _summary(figures: Figures) -> Table:
+def summary(figures: Figures) -> Table:
     header = columns(
         "map | planner | AT | speed-up over plain A* | speed-up over our exact A* | CC | CC increase | success | MM"
     )
@@ -97,7 +97,7 @@ def _data(figures: Figures) -> Table:
     return Table(header, rows)
 
 
-def _findings(figures: Figures, context: Context) -> Sequence[Finding]:
+def findings(figures: Figures, context: Context) -> Sequence[Finding]:
     found: list[Finding] = []
     for size, by_name in figures.items():
         if theirs := paper.TABLE_2.get(size):

@@ -48,10 +48,10 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     )
     notes.append("The paper's table gives D* 2.58 s in all; its frames sum to 2.68 s, which is compared with here.")
     data = answers_table("frame", (((at,), query, answered) for at, query, answered in driven.answered()))
-    return Result(_summary(driven.rounds), data, _findings(driven.rounds), _picture(views, stride), notes, animation)
+    return Result(summary(driven.rounds), data, findings(driven.rounds), _picture(views, stride), notes, animation)
 
 
-def _summary(rounds: Sequence[Round]) -> Table:
+def summary(rounds: Sequence[Round]) -> Table:
     header = ("frame", *(f"{shown(name)}: {what}" for name in PLANNERS for what in ("AT", "CC")))
     rows: list[Row] = []
     for at, answered in enumerate(rounds):
@@ -85,7 +85,7 @@ def _total(name: str, figure: int) -> float:
     return math.fsum(line[figure] for line in paper.TABLE_3[name])
 
 
-def _findings(rounds: Sequence[Round]) -> Sequence[Finding]:
+def findings(rounds: Sequence[Round]) -> Sequence[Finding]:
     found = [
         judge_ratio(claim, _total(theirs[0], 0) / _total(theirs[1], 0), speedup(rounds, *ours))
         for claim, theirs, ours in (

@@ -81,10 +81,10 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     )
     answered = (((at, n), query, of) for at, each in enumerate(drives, 1) for n, query, of in each.answered())
     data = answers_table("map | plan", answered)
-    return Result(_summary(drives), data, _findings(drives), _picture(drives), notes)
+    return Result(summary(drives), data, findings(drives), _picture(drives), notes)
 
 
-def _summary(drives: Sequence[Drive]) -> Table:
+def summary(drives: Sequence[Drive]) -> Table:
     header = columns(
         "scenario | A*: AT | A*NN: AT | D*: AT | D*NN: AT | A*NN over A* | D*NN over D* | CC of A* | CC of A*NN | "
         "CC of D*NN | MM"
@@ -129,7 +129,7 @@ def _paper_row(label: str, row: paper.Static) -> Row:
     )
 
 
-def _findings(drives: Sequence[Drive]) -> Sequence[Finding]:
+def findings(drives: Sequence[Drive]) -> Sequence[Finding]:
     found = []
     for each in _COMPARISONS:
         for pair, kind in ((each.plain, "plain"), (each.compiled, "ours")):

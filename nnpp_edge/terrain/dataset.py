@@ -2,10 +2,10 @@
 
 import multiprocessing
 import os
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import msgspec
@@ -43,6 +43,11 @@ class Samples:
     """(Q, B, B) excess of each block over the optimum, in steps of 0.1 %."""
     on_path: NDArray[np.uint8]
     """(Q, B, B / 8) bits: whether the optimal path crosses a block."""
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, NDArray[np.generic]]) -> "Samples":
+        """The arrays of these names; others are left out."""
+        return cls(*(np.asarray(arrays[field.name]) for field in fields(cls)))
 
     def __len__(self) -> int:
         """Number of queries."""

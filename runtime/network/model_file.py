@@ -1,6 +1,7 @@
 """Model files: where they are, what they say of themselves, and what was measured with them."""
 
 import hashlib
+import itertools
 import json
 import warnings
 from dataclasses import dataclass, field, fields
@@ -265,9 +266,11 @@ def _figures(path: Path, sha256: str) -> Figures | None:
         if not isinstance(stored, dict) or stored.get("format") != FIGURES_FORMAT:
             return None
         found = msgspec.convert(stored, _FigureFile)
-        missing = next((key for row in found.figures for key in FIGURE_NAMES if key not in row), None)
-        if missing:
-            raise ModelError(f"{path}: wanted figures as JSON, got some without {missing!r}")
+        for row, key in itertools.product(found.figures, FIGURE_NAMES):
+            if key not in row:
+                raise ModelError(f"{path}: wanted figures as JSON, got some without {key!r}")
+            if isinstance(row[key], str) != (key in ("workload", "method")):
+                raise ModelError(f"{path}: wanted figures as JSON, got some whose {key} is {row[key]!r}")
     except (ValueError, msgspec.ValidationError) as error:
         if isinstance(error, ModelError):
             raise

@@ -202,7 +202,7 @@ def test_a_dimension_that_is_not_fixed_has_its_name(model):
     changed = onnx.load(model)
     changed.graph.input[0].type.tensor_type.shape.dim[0].dim_param = "batch"
     onnx.save(changed, model)
-    assert read_model_file(model).inputs["map"][0] == "batch"
+    assert read_model_file(model).inputs["input"][0] == "batch"
 
 
 @pytest.mark.parametrize("words", [["models", "--json"], ["models", "edge"], ["models", "--help"]])

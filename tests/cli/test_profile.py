@@ -161,11 +161,11 @@ def test_a_run_disturbed_in_one_half_is_noisy(nnpp_edge, profile, core, monkeypa
     monkeypatch.setattr(machine, "_core_seconds", lambda cores: None)
     with ExitStack() as disturbances:
 
-        def first_half_again(*words, real=measure._first_half_again):
+        def first_half_again(*words, real=measure.first_half_again):
             disturbances.enter_context(busy_core(core))
             return real(*words)
 
-        monkeypatch.setattr(measure, "_first_half_again", first_half_again)
+        monkeypatch.setattr(measure, "first_half_again", first_half_again)
         ended = nnpp_edge("profile", "--profile", longer(profile(disturbance=0.1)), "--json")
     told = json.loads(ended.out)
     assert ended.code == 3 and told["verdict"] == "noisy"

@@ -203,9 +203,9 @@ def test_the_papers_own_figures_agree_with_the_paper():
         size: table1.Times(row.graph_s, row.search_s, row.path_cells, 1e-3, 1e-3)
         for size, row in paper.TABLE_1.items()
     }
-    assert set(verdicts(table1._findings(times))) == {Verdict.AGREES}
+    assert set(verdicts(table1.findings(times))) == {Verdict.AGREES}
     searching = {size: replace(t, graph_s=0.5 * t.search_s) for size, t in times.items()}
-    assert verdicts(table1._findings(searching))[:2] == [Verdict.DIFFERS, Verdict.DIFFERS]
+    assert verdicts(table1.findings(searching))[:2] == [Verdict.DIFFERS, Verdict.DIFFERS]
 
 
 def scale_of(row, *, gain, cc_increase, success):
@@ -228,11 +228,11 @@ def test_table_2_is_judged_by_the_figures(tiny_model):
         size: scale_of(row, gain=row.speedup, cc_increase=row.cc_increase, success=row.nn_success)
         for size, row in paper.TABLE_2.items()
     }
-    assert set(verdicts(table2._findings(same, context))) == {Verdict.AGREES}
+    assert set(verdicts(table2.findings(same, context))) == {Verdict.AGREES}
     worse = {size: scale_of(row, gain=0.5, cc_increase=0.2, success=0.5) for size, row in paper.TABLE_2.items()}
-    assert set(verdicts(table2._findings(worse, context))) == {Verdict.DIFFERS}
+    assert set(verdicts(table2.findings(worse, context))) == {Verdict.DIFFERS}
     better = {size: scale_of(row, gain=50.0, cc_increase=0.0, success=1.0) for size, row in paper.TABLE_2.items()}
-    assert verdicts(table2._findings(better, context))[:2] == [Verdict.BETTER, Verdict.BETTER]
+    assert verdicts(table2.findings(better, context))[:2] == [Verdict.BETTER, Verdict.BETTER]
 
 
 def plan_of(astar, nn, dstar, dstar_nn):
@@ -250,12 +250,12 @@ def plan_of(astar, nn, dstar, dstar_nn):
 
 def test_table_3_is_judged_by_the_figures():
     same = [plan_of(*line) for line in zip(*paper.TABLE_3.values(), strict=True)]
-    assert set(verdicts(table3._findings(same))) == {Verdict.AGREES}
-    assert table3._summary(same).rows[4][1] == "3.04 s"
+    assert set(verdicts(table3.findings(same))) == {Verdict.AGREES}
+    assert table3.summary(same).rows[4][1] == "3.04 s"
     worse = [plan_of((1.0, 10.0), (2.0, 12.0), (3.0, 10.0), (9.0, 12.0))]
-    assert verdicts(table3._findings(worse)) == [Verdict.DIFFERS] * 6 + [Verdict.AGREES]
+    assert verdicts(table3.findings(worse)) == [Verdict.DIFFERS] * 6 + [Verdict.AGREES]
     better = [plan_of((9.0, 10.0), (1.0, 10.0), (3.0, 10.0), (0.1, 9.0))]
-    assert verdicts(table3._findings(better)) == [Verdict.BETTER] * 7
+    assert verdicts(table3.findings(better)) == [Verdict.BETTER] * 7
 
 
 def test_table_4_is_judged_by_the_figures():
@@ -272,7 +272,7 @@ def test_table_4_is_judged_by_the_figures():
             out.append(Drive(None, (change(first), rest)))
         return out
 
-    assert set(verdicts(table4._findings(drives()))) == {Verdict.AGREES}
+    assert set(verdicts(table4.findings(drives()))) == {Verdict.AGREES}
 
     def slow(first):
         late = {
@@ -282,7 +282,7 @@ def test_table_4_is_judged_by_the_figures():
         }
         return replace(first, answers={**first.answers, **late})
 
-    found = table4._findings(drives(slow))
+    found = table4.findings(drives(slow))
     assert [f.claim for f in found if f.verdict is Verdict.AGREES] == ["speed-up of D* over A*, dynamic, both ours"]
 
 
@@ -355,7 +355,7 @@ def test_each_encoding_is_trained_for_the_steps_asked_for(made):
 
 def test_training_and_validation_see_different_ground(terrain):
     dem = read_dem(terrain)
-    mine, held_out = fig13._part(dem, False).elevation, fig13._part(dem, True).elevation
+    mine, held_out = fig13.side_of(dem, False).elevation, fig13.side_of(dem, True).elevation
     assert mine.shape[1] + held_out.shape[1] == 256 and held_out.shape[1] == 128
     assert np.array_equal(np.hstack([mine, held_out]), dem.elevation)
 
@@ -364,7 +364,7 @@ def test_a_data_sets_maps_are_split_between_training_and_validation(tmp_path):
     make_dataset(Recipe((), maps=8, size=128, blocks=32, maps_per_shard=8), tmp_path, workers=1)
     samples = read_samples(tmp_path)
     context = experiment.Context([], 1, None, tmp_path, dataset=tmp_path)
-    mine, held_out = fig13._samples(context, fig13.EXPERIMENT.full)
+    mine, held_out = fig13.make_samples(context, fig13.EXPERIMENT.full)
     assert set(mine.map_index) | set(held_out.map_index) == set(range(8))
     assert set(mine.map_index) == set(range(6)) and len(mine) + len(held_out) == len(samples)
 
