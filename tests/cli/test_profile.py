@@ -158,7 +158,7 @@ def test_a_run_disturbed_in_one_half_is_noisy(nnpp_edge, profile, core, monkeypa
     """The same with a kernel that counts no core's time: the planners stand still."""
     from nnpp_edge.profiling import machine, measure
 
-    monkeypatch.setattr(machine, "_core_seconds", lambda cores: None)
+    monkeypatch.setattr(machine, "core_seconds", lambda cores: None)
     with ExitStack() as disturbances:
 
         def first_half_again(*words, real=measure.first_half_again):
