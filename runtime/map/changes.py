@@ -127,7 +127,9 @@ class ChangeReader:
 
     def read(self) -> Sequence[Change]:
         """The changes since the last call, oldest first."""
-        changes = self.peek()
+        if self.version == self._log.version:
+            return ()
+        changes = self._log.since(self.version)
         self.version = self._log.version
         return changes
 

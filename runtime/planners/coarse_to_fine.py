@@ -71,12 +71,19 @@ class CoarseToFine:
         """
         self._levels = self._state.pyramid.levels  # brought up to date
         for number in range(top, 0, -1):
-            coarse = self._search_level(query, work, number, region, width)
-            if coarse.status is Status.NO_PATH:
+            coarse, (radius, band) = self._coarse[number - 1], _margins(query, number, width)
+            start, goal = _at_level(query.start, number), _at_level(query.goal, number)
+            found = coarse.search(goal, start, region, beyond=band, deadline=query.deadline)
+            work.expansions += found.expansions
+            work.stage_ends("coarse")
+            if found.status is Status.NO_PATH:
                 return None
-            if coarse.status is Status.TIMEOUT:  # a coarse path leads nowhere on the map
+            if found.status is Status.TIMEOUT:  # a coarse path leads nowhere on the map
                 return Search.without_path(Status.TIMEOUT), None
-            region = self._corridor(query, work, number, coarse, width)
+            finer, memory = self._levels[number - 1], self.workspace(number - 1)
+            region = coarse.around(found, start, radius, band, finer, memory)
+            coarse.invest()
+            work.stage_ends("coarse")
         assert region is not None
         found = searcher.search(query, work, region)
         return None if found.status is Status.NO_PATH else (found, region)
@@ -101,28 +108,6 @@ class CoarseToFine:
             touch(level, level.grid)
         for coarse in self._coarse:
             touch(coarse, coarse.workspace)
-
-    def _search_level(
-        self, query: Query, work: Work, number: int, region: Region | None, width: CorridorWidth
-    ) -> Search:
-        """Search a coarse level from the goal to the start, and settle the band of nearly optimal paths."""
-        start, goal = _at_level(query.start, number), _at_level(query.goal, number)
-        _, band = _margins(query, number, width)
-        coarse = self._coarse[number - 1]
-        found = coarse.search(goal, start, region, beyond=band, deadline=query.deadline)
-        work.expansions += found.expansions
-        work.stopwatch.stage_ends("coarse")
-        return found
-
-    def _corridor(self, query: Query, work: Work, number: int, found: Search, width: CorridorWidth) -> Region:
-        """What to search on the next finer level."""
-        radius, band = _margins(query, number, width)
-        coarse, finer = self._coarse[number - 1], self._levels[number - 1]
-        start, memory = _at_level(query.start, number), self.workspace(number - 1)
-        region = coarse.around(found, start, radius, band, finer, memory)
-        coarse.invest()
-        work.stopwatch.stage_ends("coarse")
-        return region
 
 
 def _at_level(cell: Cell, number: int) -> Cell:

@@ -62,5 +62,5 @@ class MendingExactPlanner:
             self._dstar.set_goal(query.goal)
         found = self._dstar.plan(query.start, deadline=query.deadline)
         work.expansions += found.expansions
-        work.stopwatch.stage_ends("search")
+        work.stage_ends("search")
         return Found.of(self._state.grid, found, Source.MAP, None, work)

@@ -41,6 +41,8 @@ class LearnedPlanner:
     ) -> None:
         self._state, self._regions, self._coarse_to_fine = state, regions, coarse_to_fine
         self._searcher, self._exact, self._network_from = searcher, exact, network_from
+        self._top = len(coarse_to_fine.coarse_levels) if max(state.shape) >= REFINE_FROM else 0
+        """Number of the level that a learned region is searched on first."""
 
     def find(self, query: Query, work: Work) -> Found:
         """A path, good enough for the query.
@@ -54,7 +56,7 @@ class LearnedPlanner:
             return found
         top, descent = self._top, self._coarse_to_fine
         level, memory = self._state.pyramid.levels[top], descent.workspace(top)
-        answer, regions = self._regions.regions(query.start, query.goal, level, top, memory, work.stopwatch)
+        answer, regions = self._regions.regions(query.start, query.goal, level, top, memory, work)
         for number, region in enumerate(regions):
             source = Source.WIDENED if number else Source.REGION
             found = descent.find(query, work, self._searcher, top, region, LEARNED_CORRIDOR, source)
@@ -65,8 +67,3 @@ class LearnedPlanner:
     def prepare(self) -> None:
         """Load the network and show it the map now; ModelError if it cannot be loaded."""
         self._regions.prepare(self._state.pyramid.levels[self._top], self._top)
-
-    @property
-    def _top(self) -> int:
-        """Number of the level that a learned region is searched on first."""
-        return len(self._coarse_to_fine.coarse_levels) if max(self._state.shape) >= REFINE_FROM else 0

@@ -2,7 +2,6 @@
 
 import math
 import time
-from dataclasses import dataclass, replace
 from typing import NamedTuple, TypedDict
 
 from nnpp_edge.runtime.cells import Cell
@@ -44,19 +43,18 @@ class PlanOptions(TypedDict, total=False):
     keep_regions: bool
 
 
-class Work:
+class Work(Stopwatch):
     """What answering a query has taken so far."""
 
     def __init__(self) -> None:
-        self.stopwatch = Stopwatch()
+        super().__init__()
         self.expansions = 0
         """Cells expanded, at all levels."""
         self.remark = ""
         """How the search was made, where there was a choice."""
 
 
-@dataclass(frozen=True, slots=True)
-class Found:
+class Found(NamedTuple):
     """What a method came to: the search that it ended with, and where that was made."""
 
     search: Search
@@ -77,7 +75,7 @@ class Found:
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
             bound = min(costs[0], search.refused_f * (1.0 - 1e-6))
-        work.stopwatch.stage_ends("path")
+        work.stage_ends("path")
         return cls(search, source, *costs, bound, region)
 
     def suffices(self, query: Query) -> bool:
@@ -86,11 +84,11 @@ class Found:
 
     def by_network(self, threshold: float, region: Region) -> "Found":
         """The same, found by a network's region."""
-        return replace(self, threshold=threshold, network_region=region)
+        return self._replace(threshold=threshold, network_region=region)
 
     def plan(self, method: Method, work: Work, *, planner: str, reason: str = "", keep_regions: bool = False) -> Plan:
         """The finished plan, which owns its data."""
-        timings = work.stopwatch.timings_ms | {"total": work.stopwatch.total_ms()}
+        timings = work.timings_ms | {"total": work.total_ms()}
         return Plan(
             self.search.status,
             method,

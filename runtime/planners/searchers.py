@@ -49,7 +49,7 @@ class AStarSearcher:
             self.grid, start, goal, self.workspace, region=region, landmarks=hints, limit=limit, deadline=deadline
         )
         work.expansions += found.expansions
-        work.stopwatch.stage_ends("search")
+        work.stage_ends("search")
         return found
 
     @property
@@ -136,7 +136,7 @@ class RegionMender:
         work.expansions += found.expansions
         self._saving_missed, self._restarts = 0.0, dstar.restarts
         self._changes.skip()
-        work.stopwatch.stage_ends("search")
+        work.stage_ends("search")
         # D* Lite does not say what it refused: the octile distance is the bound
         straight = octile.py_func(*query.start, *query.goal, *self._state.grid.prices)
         return found._replace(refused_f=straight)

@@ -64,7 +64,7 @@ class MapView:
         self._count_changes()
         if (window := self._window_for(start, goal)) != self.window:
             self._show_window(window)
-        if self._differs():
+        if self._drift and self._differs():
             self.refresh()
         return self._place(start), self._place(goal)
 

@@ -94,7 +94,7 @@ def test_astar_searches_the_map_or_a_region_and_counts_its_work(state, cost):
     upper = searcher.search(Query((4, 5), (50, 150)), work, Region(bitmap, *lookup))
     assert upper.path[:, 0].max() < 60
     assert work.expansions == first + upper.expansions
-    assert set(work.stopwatch.timings_ms) == {"search", "path"}
+    assert set(work.timings_ms) == {"search", "path"}
 
 
 def test_astar_gives_up_after_its_limit_or_its_deadline(state):
@@ -347,7 +347,7 @@ def test_a_networks_regions_widen_and_hold_start_and_goal(state, network):
     descent = CoarseToFine(state, astar.workspace)
     learned, work = LearnedRegions(state, network), Work()
     learned.prepare(level, 1)
-    answer, regions = learned.regions(*QUERY[:2], level, 1, descent.workspace(1), work.stopwatch)
+    answer, regions = learned.regions(*QUERY[:2], level, 1, descent.workspace(1), work)
     assert 0.0 < answer.threshold <= 1.0
     ends = tuple(np.array([QUERY.start, QUERY.goal]).T)
     assert answer.region.mask()[ends].all()
@@ -361,7 +361,7 @@ def test_a_networks_regions_widen_and_hold_start_and_goal(state, network):
     first, wider, whole = masks
     assert (first <= wider).all() and first.sum() < wider.sum()
     assert whole.all()
-    assert {"encode", "inference", "threshold"} <= set(work.stopwatch.timings_ms)
+    assert {"encode", "inference", "threshold"} <= set(work.timings_ms)
 
 
 # All of one map
