@@ -1,7 +1,7 @@
 """A map that is planned on: its grid, its coarse levels, and the log of its changes."""
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.map.changes import Change, ChangeLog
+from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -31,7 +31,7 @@ class MapState:
         self.grid = Grid.of(cost, model, corner_cutting)
         self.log = ChangeLog()
         self._pyramid: Pyramid | None = None
-        self._unpooled = self.log.reader()
+        self._unpooled: ChangeReader | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -41,9 +41,8 @@ class MapState:
     @property
     def pyramid(self) -> Pyramid:
         """The coarse levels, as the map is now. Made when first read, and brought up to date when read again."""
-        if self._pyramid is None:
-            self._pyramid = Pyramid(self.grid)
-            self._unpooled.skip()
+        if self._pyramid is None or self._unpooled is None:
+            self._pyramid, self._unpooled = Pyramid(self.grid), self.log.reader()
         elif self._unpooled.behind:
             changes = self._unpooled.read()
             whole = (0, 0, *self.shape)

@@ -11,6 +11,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.corridor import count_new_blocks
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.map.changes import ChangeReader
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.query import Query, Work, problem_with
@@ -39,8 +40,10 @@ class AStarSearcher:
 
     def __init__(self, state: MapState) -> None:
         self.grid, self.workspace = state.grid, Workspace(len(state.grid.weights))
+        self._log = state.log
         self._landmarks: Landmarks | None = None
-        self._changes = state.log.reader()
+        self._changes: ChangeReader | None = None
+        """Since landmarks were set: without any, nothing has to be kept for it."""
 
     def search(self, query: Query, work: Work, region: Region | None, *, limit: int | None = None) -> Search:
         """As `Searcher`; without a region the whole map, and after `limit` expansions it gives up with TIMEOUT."""
@@ -55,8 +58,8 @@ class AStarSearcher:
     @property
     def landmarks(self) -> Landmarks | None:
         """What `prepare` computed; None before, and after a cell has become cheaper."""
-        if self._landmarks is not None and any(change.cheaper for change in self._changes.read()):
-            self._landmarks = None
+        if self._changes is not None and any(change.cheaper for change in self._changes.read()):
+            self._landmarks = self._changes = None
         return self._landmarks
 
     def prepare(self, landmarks: int, goals: Sequence[Cell]) -> None:
@@ -73,7 +76,7 @@ class AStarSearcher:
         for goal in goals:
             if problem := problem_with(self.grid, goal, goal):
                 raise InvalidQueryError(f"goal {goal}: {problem.removeprefix('START_').lower().replace('_', ' ')}")
-        self._changes.skip()
+        self._changes = self._log.reader()
         self._landmarks = Landmarks(self.grid, self.workspace)
         for goal in goals:
             self._landmarks.add(goal)
