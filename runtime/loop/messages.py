@@ -8,8 +8,9 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import as_map
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.errors import NnppEdgeError, Status
+from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status
 
 
 class InvalidMessageError(NnppEdgeError, ValueError):
@@ -57,10 +58,10 @@ class MapPatch:
         if (self.elevation is None) == (self.cost is None):
             raise InvalidMessageError("a patch must hold either elevation or cost, got both or neither")
         name = "cost" if self.elevation is None else "elevation"
-        given = np.asarray(getattr(self, name))
-        if given.ndim != 2 or given.size == 0 or given.dtype.kind not in "fiu":
-            raise InvalidMessageError(f"a patch's {name} must be (h, w) numbers, got {given.shape} {given.dtype}")
-        values = np.array(given, np.float32, order="C")
+        try:
+            values = np.array(as_map(getattr(self, name), f"a patch's {name}"))
+        except InvalidMapError as error:
+            raise InvalidMessageError(str(error)) from None
         if name == "cost" and (values < 0.0).any():
             raise InvalidMessageError(f"a patch's cost must be at least 0, got one of {np.nanmin(values):g}")
         object.__setattr__(self, name, values)

@@ -177,7 +177,7 @@ def test_a_histogram_takes_any_duration():
     [
         (lambda: MapPatch(0, 0), "either elevation or cost"),
         (lambda: MapPatch(0, 0, elevation=free(), cost=free()), "either elevation or cost"),
-        (lambda: MapPatch(0, 0, cost=np.zeros(3)), r"\(h, w\) numbers, got \(3,\)"),
+        (lambda: MapPatch(0, 0, cost=np.zeros(3)), r"map of numbers, got \(3,\)"),
         (lambda: MapPatch(0, 0, cost=np.zeros((0, 3))), "numbers"),
         (lambda: MapPatch(0, 0, cost=np.array([["a"]])), "numbers"),
         (lambda: MapPatch(0, 0, cost=np.array([[0.5, -2.0]])), "at least 0, got one of -2"),
