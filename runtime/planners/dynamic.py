@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
@@ -86,21 +87,30 @@ class DynamicPlanner:
         self._make_planners()
         self.set_goal(goal)
 
-    def _make_planners(self) -> None:
+    def _make_planners(self, standing: Plan | None = None) -> None:
+        """From the map's weights; of a standing path's plan nothing but its bound is forgotten."""
         self._planners = MapPlanners(self._state, self._model, unseen_change=UNSEEN_CHANGE)
         self._path = StandingPath(self._state)
         self._chooser = DynamicChooser(self._state, self._planners, self._path)
         if not self._only_whole_map:
             self._planners.make_coarse_levels()
-
-    def _begin_anew(self) -> None:
-        """Keep the map's weights, and the standing path without its bound."""
-        standing = self._path.plan
-        self._state.begin_anew()
-        self._make_planners()
-        if standing is not None and (standing.path[-1] == self._goal).all():
+        if standing is not None and tuple(standing.path[-1]) == self._goal:
             with suppress(InvalidQueryError):  # it may not be walkable any more
                 self._path.set(replace(standing, lower_bound=0.0))
+
+    def _begin_anew(self) -> None:
+        self._state.begin_anew()
+        self._make_planners(self._path.plan)
+
+    def __getstate__(self) -> dict[str, object]:
+        """The map, the model, the ends, and the standing path: a copy begins anew with these."""
+        kept = "_state", "_model", "_start", "_goal", "method", "methods", "standing_plan"
+        return {name: getattr(self, name) for name in kept}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        standing = cast("Plan | None", state.pop("standing_plan"))
+        self.__dict__.update(state, _turns=Turns())
+        self._make_planners(standing)
 
     @property
     def goal(self) -> Cell:

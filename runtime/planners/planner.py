@@ -85,6 +85,14 @@ class Planner:
         self._planners.make_coarse_levels()
         self._chooser = MethodChooser(self.shape, self._model)
 
+    def __getstate__(self) -> dict[str, object]:
+        """The map and the model: copies, pickled or not, are to be prepared anew."""
+        return {"_state": self._state, "_model": self._model, "_ask_from": self._ask_from}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state, _turns=Turns())
+        self._make_planners()
+
     def _begin_anew(self) -> None:
         """Keep the map's weights alone: landmarks are gone, and the network is loaded again."""
         self._state.begin_anew()
