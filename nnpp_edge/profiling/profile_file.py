@@ -13,6 +13,7 @@ from msgspec.structs import asdict, fields, replace
 
 from nnpp_edge.profiling.quantities import DIRECTIONS, QUANTITIES
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.reading import parse, problem_with, read_text, reason
 
 PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
 LOOP_METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
@@ -225,17 +226,15 @@ def read_profile(name: str | Path) -> Profile:
         There is no such profile, or a key is missing, unknown, of the wrong type or out of range.
     """
     path = _SHIPPED / f"{name}.toml"
-    if not path.is_file():
+    if problem_with(path):
         path = Path(name)
-    if not path.is_file():
-        raise ProfileError(
-            f"wanted a profile's file or the name of a shipped one ({', '.join(shipped_profiles())}), "
-            f"got {str(name)!r}"
-        )
+    if (problem := problem_with(path)) is not None:
+        wanted = f"wanted a profile's file or the name of a shipped one ({', '.join(shipped_profiles())})"
+        raise ProfileError(f"{wanted}, got {str(name)!r} ({problem})")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = parse(read_text(path), tomllib.loads)
     except (OSError, ValueError) as error:
-        raise ProfileError(f"{path}: wanted a profile in TOML, got: {' '.join(str(error).split())}") from error
+        raise ProfileError(f"{path}: wanted a profile in TOML ({reason(error)})") from error
     try:
         return _profile(content, path.stem)
     except ProfileError as error:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.reading import parse, problem_with, read_text, reason
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession, SessionOptions
@@ -79,7 +80,7 @@ class ModelMetadata:
         if not text:
             raise ModelError(f"{source}: wanted an ONNX model with '{METADATA_KEY}' metadata, got one without")
         try:
-            stored = json.loads(text)
+            stored = parse(text)
             if not isinstance(stored, dict) or stored.get("format") != FORMAT:
                 got = stored.get("format") if isinstance(stored, dict) else stored
                 raise ModelError(f"{source}: wanted metadata of format {FORMAT}, got {got!r}")
@@ -174,12 +175,11 @@ def model_path(name: str | Path) -> Path:
         There is neither.
     """
     shipped = _MODELS / f"{name}.onnx"
-    if shipped.is_file():
-        return shipped
-    if Path(name).is_file():
-        return Path(name)
+    for path in (shipped, Path(name)):
+        if (problem := problem_with(path)) is None:
+            return path
     names = ", ".join(sorted(p.stem for p in _MODELS.glob("*.onnx"))) or "none"
-    raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r}")
+    raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r} ({problem})")
 
 
 def open_session(path: Path, options: "SessionOptions | None" = None) -> "InferenceSession":
@@ -254,15 +254,15 @@ def _bytes(path: Path) -> bytes:
 
 
 def _card(path: Path) -> str | None:
-    return _bytes(path).decode(errors="replace") if path.is_file() else None
+    return _bytes(path).decode(errors="replace") if problem_with(path) is None else None
 
 
 def _figures(path: Path, sha256: str) -> Figures | None:
     """Those in `path`; None if there is no such file, or it is a JSON file of another kind or another model."""
-    if not path.is_file():
+    if problem_with(path) is not None:
         return None
     try:
-        stored = json.loads(_bytes(path))
+        stored = parse(read_text(path))
         if not isinstance(stored, dict) or stored.get("format") != FIGURES_FORMAT:
             return None
         found = msgspec.convert(stored, _FigureFile)
@@ -271,10 +271,10 @@ def _figures(path: Path, sha256: str) -> Figures | None:
                 raise ModelError(f"{path}: wanted figures as JSON, got some without {key!r}")
             if isinstance(row[key], str) != (key in ("workload", "method")):
                 raise ModelError(f"{path}: wanted figures as JSON, got some whose {key} is {row[key]!r}")
-    except (ValueError, msgspec.ValidationError) as error:
+    except (OSError, ValueError, msgspec.ValidationError) as error:
         if isinstance(error, ModelError):
             raise
-        raise ModelError(f"{path}: wanted figures as JSON, got a file that cannot be read: {error}") from error
+        raise ModelError(f"{path}: wanted figures as JSON, got a file that cannot be read: {reason(error)}") from error
     if found.model_sha256 != sha256:
         warnings.warn(f"{path}: its figures are of another model file and are left out", stacklevel=3)
         return None
