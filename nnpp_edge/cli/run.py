@@ -12,7 +12,6 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.options import COUNT, TerrainOptions
 
 if TYPE_CHECKING:
-    from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.loop.messages import Counters
     from nnpp_edge.runtime.loop.world import World
 
@@ -105,8 +104,9 @@ def summary(counters: "Counters") -> str:
 def _world(path: Path, terrain: TerrainOptions) -> tuple["World", float]:
     """The first map, and the side of its cells in metres."""
     from nnpp_edge.runtime.loop.world import World
+    from nnpp_edge.terrain.array_files import read_cost_map
 
-    if (found := _cost_map(path)) is not None:
+    if (found := read_cost_map(path)) is not None:
         for name in options.given_options():
             if hasattr(terrain, name):
                 raise click.UsageError(f"{path.name} holds costs: --{name.replace('_', '-')} does not go with it")
@@ -114,18 +114,3 @@ def _world(path: Path, terrain: TerrainOptions) -> tuple["World", float]:
     limits, dem = terrain.limits(), terrain.read(path)
     world = World.of_elevation(dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m)
     return world, dem.cell_size_m
-
-
-def _cost_map(path: Path) -> "tuple[Float2D, float] | None":
-    """Costs and cell size of a file that `nnpp-edge costmap` has written; None for any other file."""
-    if path.suffix.lower() != ".npz" or not path.is_file():
-        return None
-    import numpy as np
-
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            if "cost" not in content.files:
-                return None
-            return content["cost"], float(content["cell_size_m"]) if "cell_size_m" in content.files else 1.0
-    except (OSError, ValueError, EOFError):  # a broken file: `load_dem` says what is wrong with it
-        return None
