@@ -35,7 +35,7 @@ def write_all(contents: Mapping[Path, Content]) -> None:
         try:
             streams: list[tuple[Path, Content]] = []
             for path, content in contents.items():
-                if (stands := _stands(path)) is not None and not stat.S_ISREG(stands.st_mode) or _own(stands):
+                if _is_stream(_stands(path)):
                     streams.append((path, content))
                     continue
                 target = Path(os.path.realpath(path))
@@ -77,14 +77,15 @@ def check_outputs(
         An output is an input or another output, no file or character device, or its folder cannot be written to.
     """
     wanted = [(name, path) for name, path in outputs if path is not None]
-    read = [os.path.realpath(path) for path in inputs if os.path.exists(path)]
+    read = [os.path.realpath(path) for path in inputs if "\0" not in str(path)]
     places: dict[str, str] = {}
     for name, path in wanted:
         try:
-            if (stands := _stands(path)) is not None and stat.S_ISCHR(stands.st_mode) or _own(stands):
-                continue
+            stands = _stands(path)
         except (OSError, ValueError) as error:
             raise OutputError(f"{name} {path}: could not be written ({reason(error)})") from error
+        if _is_stream(stands):
+            continue
         place = os.path.realpath(path)
         if any(_same(place, each) or (stands and place.startswith(each + os.sep)) for each in read):
             raise OutputError(f"{name} would replace {path}, which is read: give another name")
@@ -93,7 +94,7 @@ def check_outputs(
     for folder in {path.parent for _, path in wanted}:
         if make_folders:
             make_folder(folder)
-        elif not os.path.isdir(folder):
+        elif not folder.is_dir():
             raise OutputError(f"{folder}: could not be written to (no such folder)")
 
 
@@ -111,19 +112,24 @@ def make_folder(path: Path) -> None:
 def _stands(path: Path) -> os.stat_result | None:
     """What stands at a path; OutputError for what is neither to be replaced nor to be written to."""
     try:
-        found = os.stat(path)
+        found = path.stat()
     except (FileNotFoundError, NotADirectoryError):
         return None
     kinds = {stat.S_ISDIR: "a folder", stat.S_ISFIFO: "a pipe", stat.S_ISSOCK: "a socket", stat.S_ISBLK: "a disk"}
     for is_kind, kind in kinds.items():
-        if is_kind(found.st_mode) and not _own(found):
+        if is_kind(found.st_mode) and _own(found) is None:
             raise OutputError(f"{path}: could not be written (it is {kind})")
     return found
 
 
-def _own(found: os.stat_result | None) -> int | None:
+def _is_stream(found: os.stat_result | None) -> bool:
+    """Whether it is written to as it is: a device, or our own stdout or stderr."""
+    return found is not None and (stat.S_ISCHR(found.st_mode) or _own(found) is not None)
+
+
+def _own(found: os.stat_result) -> int | None:
     """The descriptor, 1 or 2, of our own stream that goes to this file or pipe."""
-    for descriptor in (1, 2) if found is not None and not stat.S_ISCHR(found.st_mode) else ():
+    for descriptor in (1, 2) if not stat.S_ISCHR(found.st_mode) else ():
         try:
             if os.path.samestat(found, os.fstat(descriptor)):
                 return descriptor
@@ -135,7 +141,7 @@ def _own(found: os.stat_result | None) -> int | None:
 def _write_in_place(path: Path, content: Content) -> None:
     """Write to a device, or to where one of our streams goes, after what the stream holds."""
     sys.stdout.flush()
-    own = _own(os.stat(path))
+    own = _own(path.stat())
     with open(path if own is None else own, "wb", buffering=0, closefd=own is None) as stream:
         rest = memoryview(content)
         while rest:
@@ -145,6 +151,6 @@ def _write_in_place(path: Path, content: Content) -> None:
 def _same(one: str, other: str) -> bool:
     """Whether two resolved paths lead to one file, also by hard links."""
     try:
-        return one == other or os.path.samefile(one, other)
-    except (OSError, ValueError):
+        return one == other or Path(one).samefile(other)
+    except OSError:
         return one == other

@@ -18,7 +18,7 @@ MOST_BYTES = 1 << 24
 def problem_with(path: Path | str | int) -> str | None:
     """Why no file can be read there (a path, or an open descriptor), in a few words; None for a regular file."""
     try:
-        mode = os.stat(path).st_mode
+        mode = os.stat(path).st_mode  # noqa: PTH116  # of a descriptor, too
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
         return reason(error)
     return None if stat.S_ISREG(mode) else "a folder" if stat.S_ISDIR(mode) else "not a regular file"
@@ -49,7 +49,7 @@ def refused_as(kind: type[NnppEdgeError], what: str) -> Iterator[None]:
 
 
 def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
-    """A regular file's UTF-8 text of at most so many bytes; OSError or ValueError (see `reason`) for anything else."""
+    """A regular file's UTF-8 text of at most so many bytes; OSError or ValueError for anything else."""
     # O_NONBLOCK: a pipe without a writer would be waited for
     with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
         if (problem := problem_with(file.fileno())) is not None:

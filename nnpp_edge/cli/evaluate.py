@@ -93,6 +93,7 @@ def command(
         raise click.UsageError("give one of --terrain FILE, --dataset DIR and --synthetic")
     if unknown := set(methods) - set(Method):
         raise click.UsageError(f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}")
+    options.check_outputs(("--plot", plot))
     needed = models if {Method.NNPP, Method.AUTO} & set(methods) else ()
     rivals = exact_and(methods, {Path(name).stem: NetworkModel(name) for name in needed})
     dems = suites.TerrainFiles(files, rescale, cell_size).read()

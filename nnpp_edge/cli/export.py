@@ -41,6 +41,8 @@ def command(
     \b
     nnpp-edge export runs/edge/checkpoint.pt -o edge.onnx --dataset data/train
     """
+    options.check_outputs(("--output", output))
+
     from nnpp_edge.export.parity import parity
     from nnpp_edge.export.to_onnx import checkpoint_facts, dataset_facts, export_network
     from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA

@@ -106,7 +106,7 @@ def _refuse(message: str) -> NoReturn:
 
 
 def _tell(line: str) -> None:
-    """Print a line on stderr; what a file's name or content brought along can neither break it nor steer a terminal."""
+    """Print a line on stderr; what a file's name brought along can neither break it nor steer a terminal."""
     click.echo("".join(each if each.isprintable() else repr(each)[1:-1] for each in line), err=True)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -185,6 +185,31 @@ def gathered(name: str, kind: type[DataclassInstance]) -> Callable[[Callable[...
 
 terrain = together(dem_input, traversability, workload, gathered("terrain", TerrainOptions))
 """How an elevation map is read and becomes a cost map; the command is given them as `terrain`."""
+
+
+def check_outputs(
+    *outputs: tuple[str, Path | None], more_inputs: Iterable[str | Path] = (), make_folders: bool = False
+) -> None:
+    """`nnpp_edge.files.check_outputs` against every file that the running command's other options name."""
+    from nnpp_edge.files import check_outputs
+
+    context, names = click.get_current_context(), {name for name, _ in outputs}
+    read = [context.params[p.name] for p in context.command.params if p.name and not names.intersection(p.opts)]
+    check_outputs(outputs, _paths([*read, *more_inputs]), make_folders=make_folders)
+
+
+def view_file(view: str | None) -> Path | None:
+    """The file that --view asks for."""
+    return Path(view) if view is not None and view.endswith(".rrd") else None
+
+
+def _paths(values: Iterable[object]) -> Iterator[Path]:
+    """Those among an option's values, and in its lists."""
+    for value in values:
+        if isinstance(value, tuple | list):
+            yield from _paths(value)
+        elif isinstance(value, str | Path):
+            yield Path(str(value).removeprefix("replay:"))
 
 
 def given_options() -> list[str]:

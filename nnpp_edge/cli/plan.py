@@ -14,7 +14,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.costmap import MapSize, cost_of
 from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.plan_answer import Answer, Compared
+from nnpp_edge.cli.plan_answer import Answer, Compared, files_in
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
@@ -104,11 +104,10 @@ def command(
     """
     limits = terrain.limits()
 
-    from nnpp_edge.files import make_folder
     from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 
     if output is not None:
-        make_folder(output)
+        options.check_outputs(*(("--output", path) for path in files_in(output)), make_folders=True)
     ground = terrain.read(dem)
     _warn_if_not_square(ground)
     cost = cost_of(ground, limits)

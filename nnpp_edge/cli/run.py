@@ -70,6 +70,11 @@ def command(
     settings = NavigatorSettings(
         method=loop.method, model=loop.model, tolerance=loop.tolerance, corner_cutting=loop.corner_cutting
     )
+    options.check_outputs(
+        *(("--record", wiring.record), ("--log", wiring.log), ("--metrics-file", wiring.metrics_file)),
+        ("--view", options.view_file(wiring.view)),
+        more_inputs=[loop.model],
+    )
     pace = Pace(loop.rate_hz, loop.cores, loop.priority)
     world, cell_size_m = _world(map_file, terrain)
     report = partial(click.echo, err=True)

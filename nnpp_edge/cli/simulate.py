@@ -75,7 +75,6 @@ def command(
     if (start is None) != (goal is None):
         raise click.UsageError("give both --start and --goal, or neither")
 
-    from nnpp_edge.files import make_folder
     from nnpp_edge.simulation.drive_picture import Film, check_name, save_drive
     from nnpp_edge.simulation.scene import Scene
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
@@ -85,8 +84,9 @@ def command(
     if picture is not None:
         check_name(picture)
     written = [file for file in (log, picture) if file is not None]
-    for file in written:
-        make_folder(file.parent)
+    options.check_outputs(
+        ("--log", log), ("--picture", picture), ("--view", options.view_file(view)), make_folders=True
+    )
     if dem is None:
         dem = Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE))
         terrain = replace(terrain, rescale=terrain.rescale or _SAMPLE_RESCALE)

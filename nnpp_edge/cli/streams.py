@@ -1,4 +1,4 @@
-"""Standard streams that may be closed or full: what is lost on stderr ends nothing, and what on stdout, in one line."""
+"""Standard streams that may be closed or full: what is lost on stderr ends nothing, on stdout it is an error."""
 
 import io
 import os

@@ -123,6 +123,10 @@ class _Archive:
     def elevation_name(self) -> str:
         """That of the array of heights: one of ours, or the only one of two dimensions; TerrainError for others."""
         name = next((name for name in _ARRAY_NAMES if name in self), None)
+        if name is None and "cost" in self:
+            raise TerrainError(
+                f"{self._path}: wanted heights, got costs: `nnpp-edge run` takes them, no other command"
+            )
         if name is None:
             grids = [name for name in self._names if self.promise(name).ndim == 2]
             if len(grids) != 1:

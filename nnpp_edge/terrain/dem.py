@@ -162,12 +162,18 @@ def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
     MissingExtraError
         rasterio is not installed.
     """
-    path, values = Path(path), np.asarray(array)
+    path = Path(path)
+    write_whole(path, raster_bytes(path, array, dem))
+
+
+def raster_bytes(path: Path, array: npt.ArrayLike, dem: Dem) -> bytes:
+    """What `write_raster` writes, and its errors."""
+    values = np.asarray(array)
     if values.shape != dem.elevation.shape or values.dtype.kind not in "biuf":
         wanted = f"wanted a {dem.elevation.shape} array of numbers"
         raise OutputError(f"{path}: {wanted}, got {values.shape} {values.dtype}")
     with refused_as(OutputError, f"{path}: could not be written"):
-        write_whole(path, geotiff_bytes(path.name, values, dem.georeference))
+        return geotiff_bytes(path.name, values, dem.georeference)
 
 
 def _check_option(name: str, value: float | None) -> None:

@@ -274,7 +274,9 @@ def _figures(path: Path, sha256: str) -> Figures | None:
     except (OSError, ValueError, msgspec.ValidationError) as error:
         if isinstance(error, ModelError):
             raise
-        raise ModelError(f"{path}: wanted figures as JSON, got a file that cannot be read: {reason(error)}") from error
+        raise ModelError(
+            f"{path}: wanted figures as JSON, got a file that cannot be read: {reason(error)}"
+        ) from error
     if found.model_sha256 != sha256:
         warnings.warn(f"{path}: its figures are of another model file and are left out", stacklevel=3)
         return None
