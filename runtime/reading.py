@@ -15,7 +15,7 @@ MOST_BYTES = 1 << 24
 """Of a file of settings or figures; the longest of ours take a hundredth of it."""
 
 
-def problem_with(path: Path | str | int) -> str | None:
+def problem_with_file(path: Path | str | int) -> str | None:
     """Why no file can be read there (a path, or an open descriptor), in a few words; None for a regular file."""
     try:
         mode = os.stat(path).st_mode  # noqa: PTH116  # of a descriptor, too
@@ -52,7 +52,7 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
     """A regular file's UTF-8 text of at most so many bytes; OSError or ValueError for anything else."""
     # O_NONBLOCK: a pipe without a writer would be waited for
     with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
-        if (problem := problem_with(file.fileno())) is not None:
+        if (problem := problem_with_file(file.fileno())) is not None:
             raise OSError(errno.EINVAL, problem)
         content = file.read(most_bytes + 1)
     if len(content) > most_bytes:

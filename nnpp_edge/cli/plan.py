@@ -72,12 +72,21 @@ class Request:
 @click.option("--method", type=click.Choice(["auto", "astar", "corridor", "nnpp"]), default="auto")
 @options.model
 @options.terrain
-@click.option("--omega", default=0.011, help="Weight of the cost against length, per grey level.")
+@click.option(
+    "--omega",
+    type=options.Real(0.0, options.LARGEST),
+    default=0.011,
+    help="Weight of the cost against length, per grey level.",
+)
 @click.option(
     "--corner-cutting/--no-corner-cutting", default=True, help="Allow diagonal steps beside impassable cells."
 )
-@click.option("--epsilon", type=click.FloatRange(0.0), help="Cost at most this share above the optimum; 0 is exact.")
-@click.option("--time-limit", type=click.FloatRange(0.0, min_open=True), help="Seconds for one planning.")
+@click.option(
+    "--epsilon",
+    type=options.Real(0.0, options.LARGEST),
+    help="Cost at most this share above the optimum; 0 is exact.",
+)
+@click.option("--time-limit", type=options.POSITIVE, help="Seconds for one planning.")
 @click.option(
     "--landmarks", type=click.IntRange(0, 8), default=0, help="Landmarks to prepare: exact A* expands fewer cells."
 )

@@ -37,8 +37,9 @@ def run_peers(given: ProfileOptions) -> None:
 
     sizes, queries, limit_s = given.sizes or _SIZES, given.queries or _QUERIES, given.limit_s or _LIMIT_S
     seed = 1 if given.seed is None else given.seed
-    if min(sizes) < 16 or len(set(sizes)) < len(sizes):
-        raise click.UsageError(f"--sizes must be different numbers of at least 16, got {sizes}")
+    if not 16 <= min(sizes) <= max(sizes) <= options.LARGEST_SIDE or len(set(sizes)) < len(sizes):
+        words = ",".join(map(str, sizes))
+        raise click.UsageError(f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}")
     json_file, picture = (given.output and given.output / name for name in ("peers.json", "peers.png"))
     outputs = (("--json", given.json_path), ("--output", json_file), ("--output", picture))
     options.check_outputs(*outputs, make_folders=True)

@@ -25,12 +25,22 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
 @click.option("--profile", metavar="NAME|FILE", help="A shipped profile or a TOML file; its table [loop] counts.")
 @click.option("--input", default="stdin", metavar=_INPUTS, help="Where patches, poses and goals come from.")
 @click.option("--output", "outputs", multiple=True, metavar=_OUTPUTS, help=_OUTPUT_HELP)
-@click.option("--rate", "rate_hz", type=float, help="Ticks a second, in place of the profile's (else 17).")
+@click.option(
+    "--rate", "rate_hz", type=options.Real(0.001, 1000.0), help="Ticks a second, in place of the profile's (else 17)."
+)
 @click.option("--method", help="Planner, in place of the profile's (else auto).")
-@click.option("--model", help="Shipped network's name, or an ONNX file, in place of the profile's (else edge).")
-@click.option("--cores", type=options.Numbers(), help="Pin the loop to these cores.")
-@click.option("--priority", type=int, help="1 to 99: run the loop under SCHED_FIFO.")
-@click.option("--tolerance", type=float, help="Keep a path while a new one can save at most this share (else 0.02).")
+@click.option(
+    "--model",
+    type=options.ModelName(),
+    help="Shipped network's name, or an ONNX file, in place of the profile's (else edge).",
+)
+@click.option("--cores", type=options.Cores(), help="Pin the loop to these cores.")
+@click.option("--priority", type=click.IntRange(0, 99), help="1 to 99: run the loop under SCHED_FIFO.")
+@click.option(
+    "--tolerance",
+    type=options.Real(0.0, options.LARGEST),
+    help="Keep a path while a new one can save at most this share (else 0.02).",
+)
 @click.option("--ticks", type=COUNT, help="End after so many.")
 @click.option("--framing", type=_FRAMINGS, default="lines", help="A message a line, or after its length in 4 bytes.")
 @click.option("--fast", is_flag=True, help="Replay one recorded tick a tick, and ticks without a pause.")
@@ -70,9 +80,8 @@ def command(
     settings = NavigatorSettings(
         method=loop.method, model=loop.model, tolerance=loop.tolerance, corner_cutting=loop.corner_cutting
     )
-    options.check_outputs(
-        *(("--record", wiring.record), ("--log", wiring.log), ("--metrics-file", wiring.metrics_file)),
-        ("--view", options.view_file(wiring.view)),
+    options.check_outputs(  # --record never replaces a file
+        *(("--log", wiring.log), ("--metrics-file", wiring.metrics_file), ("--view", options.view_file(wiring.view))),
         more_inputs=[loop.model],
     )
     pace = Pace(loop.rate_hz, loop.cores, loop.priority)

@@ -29,17 +29,30 @@ _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnp
 
 @click.command(name="simulate")
 @click.option("--map", "dem", type=options.PATH, help="Elevation map; by default the shipped lunar sample.")
-@click.option("--size", type=click.IntRange(16), default=256, help="Side of the part of the map, picked by the seed.")
+@click.option(
+    "--size",
+    type=click.IntRange(16, options.MOST),
+    default=256,
+    help="Side of the part of the map, picked by the seed.",
+)
 @click.option("--start", type=options.Cell(), help="Cell of that part, row first; by default picked by the seed.")
 @click.option("--goal", type=options.Cell(), help="Likewise.")
 @click.option("--method", type=click.Choice(_METHODS), default="auto")
 @options.model
-@click.option("--rate", type=click.FloatRange(0.0, min_open=True), help="Ticks a second; else as fast as possible.")
+@click.option("--rate", type=options.Real(0.001, 1000.0), help="Ticks a second; else as fast as possible.")
 @click.option("--ticks", type=COUNT, default=5000, help="At most.")
 @click.option(
-    "--changes", type=click.IntRange(0), default=1, help="Obstacles that appear, move or vanish between two ticks."
+    "--changes",
+    type=click.IntRange(0, 1000),
+    default=1,
+    help="Obstacles that appear, move or vanish between two ticks.",
 )
-@click.option("--survey", type=COUNT, default=8, help="Blur the first map's heights over so many cells; 1: none.")
+@click.option(
+    "--survey",
+    type=click.IntRange(1, 1000),
+    default=8,
+    help="Blur the first map's heights over so many cells; 1: none.",
+)
 @click.option("--sight", type=COUNT, default=12, help="Cells to each side whose true cost the robot sees.")
 @click.option("--speed", type=COUNT, default=1, help="Cells a tick.")
 @options.terrain

@@ -15,7 +15,7 @@ from numpy.lib import format as npy
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.memory import free_bytes
-from nnpp_edge.runtime.reading import problem_with, refused_as
+from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.heights import Reading, Window, check_grid, checked_window, metres
 
 _ZIP_STARTS = (b"PK\x03\x04", b"PK\x05\x06")
@@ -69,7 +69,7 @@ def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
     TerrainError
         The archive is damaged, holds no map of costs, or one that is larger than the memory that is free.
     """
-    if path.suffix.lower() != ".npz" or problem_with(path) is not None:
+    if path.suffix.lower() != ".npz" or problem_with_file(path) is not None:
         return None
     with refused_as(TerrainError, f"{path}: wanted a map, got a file that cannot be read"), _Archive(path) as archive:
         if "cost" not in archive:

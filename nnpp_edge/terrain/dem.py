@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, TerrainError
-from nnpp_edge.runtime.reading import problem_with, refused_as
+from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import read_arrays, read_png
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.heights import Window, check_grid
+from nnpp_edge.terrain.heights import Window, check_grid, metres
 from nnpp_edge.terrain.rasters import geotiff_bytes, read_raster
 
 _FARTHEST_M = 1e9
@@ -67,7 +67,7 @@ class Dem:
         """
         _check_option("cell size", cell_size_m)
         factor = cell_size_m / self.cell_size_m
-        elevation = self.elevation * np.float32(factor)
+        elevation = metres(self.elevation, factor, 0.0)
         return replace(
             self, elevation=elevation, cell_size_m=float(cell_size_m), cell_width_m=self.cell_width_m * factor
         )
@@ -136,7 +136,7 @@ def read_dem(
     path = Path(path)
     _check_option("cell size", cell_size_m)
     _check_option("vertical scale", vertical_scale)
-    if (problem := problem_with(path)) is not None:
+    if (problem := problem_with_file(path)) is not None:
         raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
     read = {".npy": read_arrays, ".npz": read_arrays, ".png": read_png}.get(path.suffix.lower(), read_raster)
     with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):

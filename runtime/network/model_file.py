@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.reading import parse, problem_with, read_text, reason
+from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession, SessionOptions
@@ -176,7 +176,7 @@ def model_path(name: str | Path) -> Path:
     """
     shipped = _MODELS / f"{name}.onnx"
     for path in (shipped, Path(name)):
-        if (problem := problem_with(path)) is None:
+        if (problem := problem_with_file(path)) is None:
             return path
     names = ", ".join(sorted(p.stem for p in _MODELS.glob("*.onnx"))) or "none"
     raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r} ({problem})")
@@ -254,12 +254,12 @@ def _bytes(path: Path) -> bytes:
 
 
 def _card(path: Path) -> str | None:
-    return _bytes(path).decode(errors="replace") if problem_with(path) is None else None
+    return _bytes(path).decode(errors="replace") if problem_with_file(path) is None else None
 
 
 def _figures(path: Path, sha256: str) -> Figures | None:
     """Those in `path`; None if there is no such file, or it is a JSON file of another kind or another model."""
-    if problem_with(path) is not None:
+    if problem_with_file(path) is not None:
         return None
     try:
         stored = parse(read_text(path))
