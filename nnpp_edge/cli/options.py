@@ -37,14 +37,18 @@ class Real(click.FloatRange):
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Parse a word."""
-        number = float(super().convert(value, param, ctx))
+        number = float(super().convert(value, param, ctx))  # type: ignore[arg-type]  # click takes any
         if not math.isfinite(number):
             self.fail(f"wanted a finite number, got {number}", param, ctx)
         return number
 
 
 POSITIVE = Real(0.0, LARGEST, min_open=True)
+NOT_NEGATIVE = Real(0.0, LARGEST)
 SHARE = Real(0.0, 1.0)
+ANGLE = Real(0.0, 90.0, min_open=True)
+RATE = Real(0.001, 1000.0)
+SEED = click.IntRange(0, 2**32 - 1)
 
 
 class ModelName(click.ParamType):  # type: ignore[type-arg]  # as below
@@ -123,7 +127,7 @@ view = click.option(
     metavar="WHERE",
     help="Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, FILE.rrd is written.",
 )
-seed = click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, help="Seed of every random choice.")
+seed = click.option("--seed", type=SEED, default=1, help="Seed of every random choice.")
 model = click.option("--model", type=ModelName(), default="edge", help="Name of a shipped network, or an ONNX file.")
 cell_size = click.option("--cell-size", type=POSITIVE, help="Side of a cell in metres, where the file does not say.")
 rescale = click.option(
@@ -157,14 +161,12 @@ def terrain_files(default: str = "") -> Callable[[Command], Command]:
 
 
 traversability = together(
-    click.option(
-        "--slope-limit", type=Real(0.0, 90.0, min_open=True, max_open=True), default=30.0, help="φ_s, degrees."
-    ),
+    click.option("--slope-limit", type=ANGLE, default=30.0, help="φ_s, degrees."),
     click.option("--roughness-limit", type=POSITIVE, default=0.6, help="r_s, metres."),
     click.option("--step-limit", type=POSITIVE, default=0.2, help="H_s, metres."),
     click.option(
         "--hard-slope",
-        type=Real(0.0, 90.0, min_open=True),
+        type=ANGLE,
         help="Cells steeper than this many degrees are impassable.",
     ),
     click.option("--hard-roughness", type=POSITIVE, help="Cells rougher than this many metres are impassable."),

@@ -74,7 +74,7 @@ class Request:
 @options.terrain
 @click.option(
     "--omega",
-    type=options.Real(0.0, options.LARGEST),
+    type=options.NOT_NEGATIVE,
     default=0.011,
     help="Weight of the cost against length, per grey level.",
 )
@@ -83,7 +83,7 @@ class Request:
 )
 @click.option(
     "--epsilon",
-    type=options.Real(0.0, options.LARGEST),
+    type=options.NOT_NEGATIVE,
     help="Cost at most this share above the optimum; 0 is exact.",
 )
 @click.option("--time-limit", type=options.POSITIVE, help="Seconds for one planning.")

@@ -25,9 +25,7 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
 @click.option("--profile", metavar="NAME|FILE", help="A shipped profile or a TOML file; its table [loop] counts.")
 @click.option("--input", default="stdin", metavar=_INPUTS, help="Where patches, poses and goals come from.")
 @click.option("--output", "outputs", multiple=True, metavar=_OUTPUTS, help=_OUTPUT_HELP)
-@click.option(
-    "--rate", "rate_hz", type=options.Real(0.001, 1000.0), help="Ticks a second, in place of the profile's (else 17)."
-)
+@click.option("--rate", "rate_hz", type=options.RATE, help="Ticks a second, in place of the profile's (else 17).")
 @click.option("--method", help="Planner, in place of the profile's (else auto).")
 @click.option(
     "--model",
@@ -38,7 +36,7 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
 @click.option("--priority", type=click.IntRange(0, 99), help="1 to 99: run the loop under SCHED_FIFO.")
 @click.option(
     "--tolerance",
-    type=options.Real(0.0, options.LARGEST),
+    type=options.NOT_NEGATIVE,
     help="Keep a path while a new one can save at most this share (else 0.02).",
 )
 @click.option("--ticks", type=COUNT, help="End after so many.")

@@ -39,7 +39,7 @@ _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnp
 @click.option("--goal", type=options.Cell(), help="Likewise.")
 @click.option("--method", type=click.Choice(_METHODS), default="auto")
 @options.model
-@click.option("--rate", type=options.Real(0.001, 1000.0), help="Ticks a second; else as fast as possible.")
+@click.option("--rate", type=options.RATE, help="Ticks a second; else as fast as possible.")
 @click.option("--ticks", type=COUNT, default=5000, help="At most.")
 @click.option(
     "--changes",

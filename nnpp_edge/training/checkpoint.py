@@ -93,6 +93,8 @@ def load_checkpoint(path: Path) -> Checkpoint:
         saved = torch.load(path, map_location="cpu", weights_only=True)
         found = msgspec.convert(saved, Checkpoint)
         found.trained()
+    except msgspec.ValidationError as error:
+        raise ModelError(f"{wanted}, got {error}") from error
     except Exception as error:  # torch meets bad bytes with nearly every kind there is, and with many words
         raise ModelError(f"{wanted}, got another file, or a damaged one") from error
     return found

@@ -124,7 +124,7 @@ class MapDrawing:
         return self._key(150.0, draw, "traversability cost, 0 to 1")
 
     def scale(self, cell_size_m: float | None) -> list[Item]:
-        """A key: a bar of a round length; none where the size of a cell is not known, or is no length of this world."""
+        """A key: a bar of a round length; none where the size of a cell is not known, or absurd."""
         if cell_size_m is None or not _SHORTEST_M < cell_size_m < _LONGEST_M:
             return []
         most = 0.22 * self._cells_across * cell_size_m
