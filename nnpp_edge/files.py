@@ -1,5 +1,6 @@
 """Writing files whole or not at all, and never over what is read."""
 
+import errno
 import os
 import secrets
 import stat
@@ -51,8 +52,6 @@ def write_all(contents: Mapping[Path, Content]) -> None:
             for temporary, _ in staged:
                 temporary.unlink(missing_ok=True)
     except (OSError, ValueError) as error:
-        if isinstance(error, OutputError):
-            raise
         why = "no such folder" if isinstance(error, FileNotFoundError) else reason(error)
         raise OutputError(f"{path}: could not be written ({why})") from error
 
@@ -110,7 +109,7 @@ def make_folder(path: Path) -> None:
 
 
 def _stands(path: Path) -> os.stat_result | None:
-    """What stands at a path; OutputError for what is neither to be replaced nor to be written to."""
+    """What stands at a path; OSError for what is neither to be replaced nor to be written to."""
     try:
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):
@@ -118,7 +117,7 @@ def _stands(path: Path) -> os.stat_result | None:
     kinds = {stat.S_ISDIR: "a folder", stat.S_ISFIFO: "a pipe", stat.S_ISSOCK: "a socket", stat.S_ISBLK: "a disk"}
     for is_kind, kind in kinds.items():
         if is_kind(found.st_mode) and _own(found) is None:
-            raise OutputError(f"{path}: could not be written (it is {kind})")
+            raise OSError(errno.EINVAL, f"it is {kind}")
     return found
 
 

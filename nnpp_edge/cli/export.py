@@ -23,7 +23,7 @@ _DATASET = "What it was trained on, for the metadata and to compare torch and ON
 @click.option("--name", help="Of the model, in its metadata; by default the output's name.")
 @click.option("--region-factor", type=options.Real(0.0, 1.0, min_open=True), default=0.5, help=_FACTOR)
 @click.option("--dataset", type=options.FOLDER, help=_DATASET)
-@click.option("--opset", default=18)
+@click.option("--opset", type=click.IntRange(18, 25), default=18)
 @options.as_json
 def command(
     checkpoint: Path,

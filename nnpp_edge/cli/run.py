@@ -70,6 +70,7 @@ def command(
     from nnpp_edge.robot.operations.onboard import Pace, run
     from nnpp_edge.robot.operations.wiring import STDOUT, Wiring
     from nnpp_edge.runtime.loop.ladder import NavigatorSettings
+    from nnpp_edge.runtime.network.model_file import model_path
 
     wiring = Wiring(**{field.name: given.pop(field.name) for field in fields(Wiring)})
     if as_json and STDOUT in wiring.output_kinds:
@@ -80,7 +81,7 @@ def command(
     )
     options.check_outputs(  # --record never replaces a file
         *(("--log", wiring.log), ("--metrics-file", wiring.metrics_file), ("--view", options.view_file(wiring.view))),
-        more_inputs=[loop.model],
+        more_inputs=[model_path(loop.model)],
     )
     pace = Pace(loop.rate_hz, loop.cores, loop.priority)
     world, cell_size_m = _world(map_file, terrain)

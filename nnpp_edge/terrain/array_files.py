@@ -14,9 +14,8 @@ from numpy.lib import format as npy
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import TerrainError
-from nnpp_edge.runtime.memory import free_bytes
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
-from nnpp_edge.terrain.heights import Reading, Window, check_grid, checked_window, metres
+from nnpp_edge.terrain.heights import Reading, Window, check_grid, check_room, checked_window, metres
 
 _ZIP_STARTS = (b"PK\x03\x04", b"PK\x05\x06")
 _ARRAY_NAMES = ("elevation_m", "elevation", "dem")
@@ -27,8 +26,6 @@ _PNG_HEAD = struct.Struct(">8s4s4sIIBB")
 _CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
 _LAST_FILTER = 4
 _NO_PNG = "wanted a grey 16-bit PNG, got a file that is not a whole PNG"
-_CELL_BYTES = 32
-"""Memory for a cell of a map that is read and planned on: height or cost, weight, and what a search keeps."""
 
 
 def read_arrays(path: Path, vertical_scale: float | None, window: Window | None) -> Reading:
@@ -42,15 +39,16 @@ def read_arrays(path: Path, vertical_scale: float | None, window: Window | None)
             with _Archive(path) as archive:
                 cell = archive.cell()
                 name = archive.elevation_name()
-                row0, col0, rows, cols = checked_window(path, archive.promise(name).shape, window)
-                check_room(path, (rows, cols), archive.promise(name).nbytes)
+                promised = archive.promise(name)
+                row0, col0, rows, cols = checked_window(path, promised.shape, window)
+                check_room(path, (rows, cols), promised.dtype, promised.nbytes)
                 loaded = archive.array(name)
         else:
             file.seek(0)
             promised = _promised(file)
             check_grid(path, promised)
             row0, col0, rows, cols = checked_window(path, promised.shape, window)
-            check_room(path, (rows, cols))
+            check_room(path, (rows, cols), promised.dtype)
             loaded = np.load(path, mmap_mode="r", allow_pickle=False)
     part = loaded[row0 : row0 + rows, col0 : col0 + cols]
     return metres(part, vertical_scale or 1.0, 0.0), cell, None
@@ -77,19 +75,8 @@ def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
         promised, cell = archive.promise("cost"), archive.cell()
         if promised.ndim != 2 or promised.size == 0 or promised.dtype.kind not in "biuf":
             raise TerrainError(f"{path}: wanted an (H, W) array of costs, got {promised.shape} {promised.dtype}")
-        check_room(path, promised.shape, promised.nbytes)
+        check_room(path, promised.shape, promised.dtype)
         return metres(archive.array("cost"), 1.0, 0.0), cell[0] if cell else 1.0
-
-
-def check_room(path: Path, shape: tuple[int, ...], more_bytes: int = 0) -> None:
-    """TerrainError for a map of more cells than fit into the memory that is free, with so many bytes besides."""
-    wanted, free = math.prod(shape) * _CELL_BYTES + more_bytes, free_bytes()
-    if wanted > free:
-        sides = " × ".join(map(str, shape))
-        raise TerrainError(
-            f"{path}: wanted a map that fits into memory, got one of {sides} cells: "
-            f"{wanted / 1e9:.3g} GB, of {free / 1e9:.3g} GB free"
-        )
 
 
 class _Archive:
@@ -186,7 +173,7 @@ def read_png(path: Path, vertical_scale: float | None, window: Window | None) ->
     if vertical_scale is None:
         raise TerrainError(f"{path}: no unit of height in a PNG; give metres per level with --vertical-scale")
     row0, col0, height, width = checked_window(path, (rows, cols), window)
-    check_room(path, (rows, cols), path.stat().st_size)
+    check_room(path, (rows, cols), np.dtype(np.uint16), 2 * path.stat().st_size)
     with refused_as(TerrainError, f"{path}: {_NO_PNG}"):
         content = _checked_png(path.read_bytes(), rows, cols)
     levels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)

@@ -44,9 +44,8 @@ def be_realtime(cores: Sequence[int], priority: int) -> Callable[[], None]:
             before = os.sched_getaffinity(0)
             os.sched_setaffinity(0, cores)
             undo.append(lambda: os.sched_setaffinity(0, before))
-        except (OSError, ValueError, OverflowError):
-            usable = sorted(os.sched_getaffinity(0))
-            _LOG.warning("the loop is not pinned to cores %s: this process may use %s", list(cores), usable)
+        except (OSError, ValueError) as error:
+            _LOG.warning("the loop is not pinned to cores %s: %s", list(cores), error)
     if priority:
         try:
             policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)

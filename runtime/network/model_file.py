@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
+from nnpp_edge.runtime.reading import problem_with_file
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession, SessionOptions
@@ -80,7 +80,7 @@ class ModelMetadata:
         if not text:
             raise ModelError(f"{source}: wanted an ONNX model with '{METADATA_KEY}' metadata, got one without")
         try:
-            stored = parse(text)
+            stored = json.loads(text)
             if not isinstance(stored, dict) or stored.get("format") != FORMAT:
                 got = stored.get("format") if isinstance(stored, dict) else stored
                 raise ModelError(f"{source}: wanted metadata of format {FORMAT}, got {got!r}")
@@ -262,7 +262,7 @@ def _figures(path: Path, sha256: str) -> Figures | None:
     if problem_with_file(path) is not None:
         return None
     try:
-        stored = parse(read_text(path))
+        stored = json.loads(_bytes(path))
         if not isinstance(stored, dict) or stored.get("format") != FIGURES_FORMAT:
             return None
         found = msgspec.convert(stored, _FigureFile)
@@ -271,12 +271,10 @@ def _figures(path: Path, sha256: str) -> Figures | None:
                 raise ModelError(f"{path}: wanted figures as JSON, got some without {key!r}")
             if isinstance(row[key], str) != (key in ("workload", "method")):
                 raise ModelError(f"{path}: wanted figures as JSON, got some whose {key} is {row[key]!r}")
-    except (OSError, ValueError, msgspec.ValidationError) as error:
+    except (ValueError, msgspec.ValidationError) as error:
         if isinstance(error, ModelError):
             raise
-        raise ModelError(
-            f"{path}: wanted figures as JSON, got a file that cannot be read: {reason(error)}"
-        ) from error
+        raise ModelError(f"{path}: wanted figures as JSON, got a file that cannot be read: {error}") from error
     if found.model_sha256 != sha256:
         warnings.warn(f"{path}: its figures are of another model file and are left out", stacklevel=3)
         return None
