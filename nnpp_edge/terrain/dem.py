@@ -5,8 +5,6 @@ these need; NumPy arrays and 16-bit PNGs do not.
 """
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, OutputError, TerrainError
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, TerrainError
+from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import read_arrays, read_png
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.heights import Window, check_grid
+from nnpp_edge.terrain.heights import Window, check_grid, metres
 from nnpp_edge.terrain.rasters import geotiff_bytes, read_raster
 
 _FARTHEST_M = 1e9
@@ -68,7 +67,7 @@ class Dem:
         """
         _check_option("cell size", cell_size_m)
         factor = cell_size_m / self.cell_size_m
-        elevation = self.elevation * np.float32(factor)
+        elevation = metres(self.elevation, factor, 0.0)
         return replace(
             self, elevation=elevation, cell_size_m=float(cell_size_m), cell_width_m=self.cell_width_m * factor
         )
@@ -137,11 +136,10 @@ def read_dem(
     path = Path(path)
     _check_option("cell size", cell_size_m)
     _check_option("vertical scale", vertical_scale)
-    if not path.is_file():
-        got = "a folder" if path.is_dir() else "no such file"
-        raise TerrainError(f"{path}: wanted a file with an elevation map, got {got}")
+    if (problem := problem_with_file(path)) is not None:
+        raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
     read = {".npy": read_arrays, ".npz": read_arrays, ".png": read_png}.get(path.suffix.lower(), read_raster)
-    with _one_line_error(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
+    with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
         elevation, cell, georeference = read(path, vertical_scale, window)
         elevation[~(np.abs(elevation) < _FARTHEST_M)] = np.nan
     if cell_size_m is not None:
@@ -164,30 +162,21 @@ def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
     MissingExtraError
         rasterio is not installed.
     """
-    path, values = Path(path), np.asarray(array)
+    path = Path(path)
+    write_whole(path, raster_bytes(path, array, dem))
+
+
+def raster_bytes(path: Path, array: npt.ArrayLike, dem: Dem) -> bytes:
+    """What `write_raster` writes, and its errors."""
+    values = np.asarray(array)
     if values.shape != dem.elevation.shape or values.dtype.kind not in "biuf":
         wanted = f"wanted a {dem.elevation.shape} array of numbers"
         raise OutputError(f"{path}: {wanted}, got {values.shape} {values.dtype}")
-    with _one_line_error(OutputError, f"{path}: could not be written"):
-        write_whole(path, geotiff_bytes(path.name, values, dem.georeference))
+    with refused_as(OutputError, f"{path}: could not be written"):
+        return geotiff_bytes(path.name, values, dem.georeference)
 
 
 def _check_option(name: str, value: float | None) -> None:
     """Refuse an option that is given and not above 0 and finite."""
     if value is not None and not (math.isfinite(value) and value > 0):
         raise InvalidQueryError(f"{name} must be above 0 and finite, got {value}")
-
-
-@contextmanager
-def _one_line_error(kind: type[NnppEdgeError], what: str) -> Iterator[None]:
-    """Turn whatever a broken file or a full disk raises into one `kind` that ends with the first cause."""
-    try:
-        yield
-    except NnppEdgeError:
-        raise
-    except Exception as error:  # libraries meet bad bytes with nearly every kind there is
-        cause: BaseException = error
-        while cause.__cause__ is not None:
-            cause = cause.__cause__
-        reason = " ".join(str(cause).split()) or type(cause).__name__
-        raise kind(f"{what} ({reason})") from error

@@ -15,6 +15,7 @@ from nnpp_edge.files import write_whole
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.reading import problem_with_file
 
 HISTORY = "history.json"
 State: TypeAlias = dict[str, Tensor]
@@ -86,13 +87,14 @@ class Checkpoint:
 def load_checkpoint(path: Path) -> Checkpoint:
     """Read a checkpoint; ModelError if the file is none of ours."""
     wanted = f"{path}: wanted a checkpoint of nnpp-edge train"
+    if (problem := problem_with_file(path)) is not None:
+        raise ModelError(f"{wanted} ({problem})")
     try:
         saved = torch.load(path, map_location="cpu", weights_only=True)
         found = msgspec.convert(saved, Checkpoint)
         found.trained()
-    except (OSError, RuntimeError, EOFError, ValueError, TypeError) as error:
-        line = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise ModelError(f"{wanted}, got {line}") from error
-    except Exception as error:  # torch raises pickle errors of several kinds
-        raise ModelError(f"{wanted}, got another file") from error
+    except msgspec.ValidationError as error:
+        raise ModelError(f"{wanted}, got {error}") from error
+    except Exception as error:  # torch meets bad bytes with nearly every kind there is, and with many words
+        raise ModelError(f"{wanted}, got another file, or a damaged one") from error
     return found

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.reading import problem_with_file
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession, SessionOptions
@@ -174,12 +175,11 @@ def model_path(name: str | Path) -> Path:
         There is neither.
     """
     shipped = _MODELS / f"{name}.onnx"
-    if shipped.is_file():
-        return shipped
-    if Path(name).is_file():
-        return Path(name)
+    for path in (shipped, Path(name)):
+        if (problem := problem_with_file(path)) is None:
+            return path
     names = ", ".join(sorted(p.stem for p in _MODELS.glob("*.onnx"))) or "none"
-    raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r}")
+    raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r} ({problem})")
 
 
 def open_session(path: Path, options: "SessionOptions | None" = None) -> "InferenceSession":
@@ -254,12 +254,12 @@ def _bytes(path: Path) -> bytes:
 
 
 def _card(path: Path) -> str | None:
-    return _bytes(path).decode(errors="replace") if path.is_file() else None
+    return _bytes(path).decode(errors="replace") if problem_with_file(path) is None else None
 
 
 def _figures(path: Path, sha256: str) -> Figures | None:
     """Those in `path`; None if there is no such file, or it is a JSON file of another kind or another model."""
-    if not path.is_file():
+    if problem_with_file(path) is not None:
         return None
     try:
         stored = json.loads(_bytes(path))

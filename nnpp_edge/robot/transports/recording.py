@@ -161,7 +161,7 @@ class RecordingFile(Closing):
         """A line could not be written whole: none may follow it."""
         for number in range(2, 100_000):
             try:
-                self._file = self.path.open("xb", buffering=0)
+                self._file = self.path.open("wb" if self.path.is_char_device() else "xb", buffering=0)
                 break
             except FileExistsError:
                 self.path = path.with_name(f"{path.stem}-{number}{path.suffix}")
