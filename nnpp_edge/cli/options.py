@@ -77,6 +77,7 @@ view = click.option(
 seed = click.option("--seed", type=int, default=1, help="Seed of every random choice.")
 model = click.option("--model", default="edge", help="Name of a shipped network, or an ONNX file.")
 cell_size = click.option("--cell-size", type=float, help="Side of a cell in metres, where the file does not say.")
+allow_vrt = click.option("--allow-vrt", is_flag=True, help="Read a GDAL VRT, too, of GeoTIFFs in its own folder.")
 rescale = click.option(
     "--rescale", type=float, help="Make cells this many metres wide and scale heights alike, so that slopes stay."
 )
@@ -97,14 +98,15 @@ dem_input = together(
     cell_size,
     click.option("--vertical-scale", type=float, help="Metres per grey level, for 16-bit PNG."),
     rescale,
+    allow_vrt,
 )
-"""How a DEM is read: `cell_size`, `vertical_scale`, `rescale`."""
+"""How a DEM is read: `cell_size`, `vertical_scale`, `rescale`, `allow_vrt`."""
 
 
 def terrain_files(default: str = "") -> Callable[[Command], Command]:
-    """Elevation files and how they are read: `terrain`, `cell_size`, `rescale`; the help says what `default` is."""
+    """How they are read: `terrain`, `cell_size`, `rescale`, `allow_vrt`; the help says what `default` is."""
     files = click.option("--terrain", multiple=True, type=PATH, help=f"Elevation file, or several{default}.")
-    return together(files, cell_size, rescale)
+    return together(files, cell_size, rescale, allow_vrt)
 
 
 traversability = together(
@@ -129,6 +131,7 @@ class TerrainOptions:
     cell_size: float | None
     vertical_scale: float | None
     rescale: float | None
+    allow_vrt: bool
     slope_limit: float
     roughness_limit: float
     step_limit: float
@@ -141,7 +144,7 @@ class TerrainOptions:
         """The elevation map in a file."""
         from nnpp_edge.terrain.dem import read_dem
 
-        dem = read_dem(path, cell_size_m=self.cell_size, vertical_scale=self.vertical_scale)
+        dem = read_dem(path, self.cell_size, self.vertical_scale, allow_vrt=self.allow_vrt)
         return dem if self.rescale is None else dem.rescaled(self.rescale)
 
     def limits(self) -> Traversability:

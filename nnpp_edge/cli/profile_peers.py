@@ -41,7 +41,7 @@ def run_peers(given: ProfileOptions) -> None:
     for folder in (given.output, given.json_path and given.json_path.parent):
         if folder is not None:
             make_folder(folder)
-    terrain = TerrainFiles.or_sample(given.terrain, given.rescale, given.cell_size)
+    terrain = TerrainFiles.or_sample(given.terrain, given.rescale, given.cell_size, given.allow_vrt)
     with bar("profile", queries * len(sizes)) as advance:
         rows, missing = run(sizes, queries, terrain, seed=seed, limit_s=limit_s, progress=advance)
     facts = {"queries": queries, "seed": seed, "limit_s": limit_s, "left_out": missing, "rows": rows}

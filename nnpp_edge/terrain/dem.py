@@ -1,13 +1,14 @@
 """Digital elevation models: read from the files that space agencies and surveyors publish, and written back.
 
-GeoTIFF, PDS3 (`.img`, `.lbl`), ESRI ASCII grid and the rest of GDAL's rasters go through rasterio, which only
-these need; NumPy arrays and 16-bit PNGs do not.
+GeoTIFF, PDS3 (`.img`, `.lbl`), ESRI ASCII grid and others (`gdal_files`) go through rasterio, which only these need;
+NumPy arrays and 16-bit PNGs do not.
 """
 
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -93,13 +94,16 @@ def read_dem(
     cell_size_m: float | None = None,
     vertical_scale: float | None = None,
     window: Window | None = None,
+    *,
+    allow_vrt: bool = False,
 ) -> Dem:
     """Read an elevation map; the ending `.npy`, `.npz` or `.png` decides, all else is GDAL's.
 
     Parameters
     ----------
     path : Path or str
-        A raster of one band that GDAL reads (for a PDS3 `.img` with a `.lbl` beside it, the label is opened);
+        A raster of one band in one of `gdal_files.FORMATS` (for a PDS3 `.img` with a `.lbl` beside it, the label is
+        opened), whatever its name; files and addresses that it names elsewhere are not opened;
         a 2-D `.npy`; an `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D array, and perhaps
         `cell_size_m` (or `cell_m`) and `cell_width_m`; a grey 16-bit PNG.
     cell_size_m : float, optional
@@ -109,6 +113,8 @@ def read_dem(
         elsewhere it wins over the unit that the file names, which is metres where it names none.
     window : (row0, col0, rows, cols), optional
         The part to read; the georeference is the part's own.
+    allow_vrt : bool
+        Whether a GDAL VRT is read, too, if it is made of GeoTIFFs in its own folder.
 
     Returns
     -------
@@ -118,7 +124,8 @@ def read_dem(
     Raises
     ------
     TerrainError
-        The file is missing, broken, not an elevation map, or lacks a cell size that was not given.
+        The file is missing, broken, not an elevation map, too large for the memory that is left, or lacks a cell size
+        that was not given.
     InvalidQueryError
         `cell_size_m`, `vertical_scale` or `window` makes no sense.
     MissingExtraError
@@ -140,7 +147,8 @@ def read_dem(
     if not path.is_file():
         got = "a folder" if path.is_dir() else "no such file"
         raise TerrainError(f"{path}: wanted a file with an elevation map, got {got}")
-    read = {".npy": read_arrays, ".npz": read_arrays, ".png": read_png}.get(path.suffix.lower(), read_raster)
+    gdal = partial(read_raster, allow_vrt=allow_vrt)
+    read = {".npy": read_arrays, ".npz": read_arrays, ".png": read_png}.get(path.suffix.lower(), gdal)
     with _one_line_error(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
         elevation, cell, georeference = read(path, vertical_scale, window)
         elevation[~(np.abs(elevation) < _FARTHEST_M)] = np.nan

@@ -127,7 +127,7 @@ def test_an_ellipsoid_in_feet_is_measured_in_metres(tmp_path):
         <SourceFilename relativeToVRT="1">heights.tif</SourceFilename><SourceBand>1</SourceBand>
         </SimpleSource></VRTRasterBand></VRTDataset>"""
     )
-    dem = read_dem(tmp_path / "old.vrt")
+    dem = read_dem(tmp_path / "old.vrt", allow_vrt=True)
     assert "ELLIPSOID" in dem.georeference.crs  # not turned into the older form, which is in metres anyway
     assert dem.cell_size_m == pytest.approx(304_800 * math.radians(0.001))
 
