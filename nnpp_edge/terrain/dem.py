@@ -18,7 +18,7 @@ from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, OutputError, TerrainError
 from nnpp_edge.terrain.array_files import read_arrays, read_png
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.heights import Window, check_grid
+from nnpp_edge.terrain.heights import Window, check_grid, unmasked
 from nnpp_edge.terrain.rasters import geotiff_bytes, read_raster
 
 _FARTHEST_M = 1e9
@@ -31,7 +31,7 @@ class Dem:
     Attributes
     ----------
     elevation : (H, W) float32
-        Metres; NaN where unknown, finite in at least one cell.
+        Metres; NaN where unknown, finite in at least one cell. Masked cells become unknown.
     cell_size_m, cell_width_m : float
         Side of a cell along a column of the map (north-south) and along a row (east-west).
     georeference : Georeference or None
@@ -52,6 +52,7 @@ class Dem:
     source: Path
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "elevation", unmasked(self.elevation))
         check_grid(self.source, self.elevation)
         if self.elevation.dtype != np.float32:
             raise TerrainError(f"{self.source}: elevation must be float32, got {self.elevation.dtype}")
@@ -162,8 +163,8 @@ def read_dem(
 def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
     """Write a map of `dem`'s cells as a float32 GeoTIFF (deflate, nodata NaN) with `dem`'s georeference.
 
-    The array holds numbers or bools. The file is replaced in one step: a reader finds the old file or the whole new
-    one. Without a georeference of `dem` the file has none either.
+    The array holds numbers or bools; masked ones become NaN. The file is replaced in one step: a reader finds the old
+    file or the whole new one. Without a georeference of `dem` the file has none either.
 
     Raises
     ------
@@ -172,7 +173,7 @@ def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
     MissingExtraError
         rasterio is not installed.
     """
-    path, values = Path(path), np.asarray(array)
+    path, values = Path(path), unmasked(array)
     if values.shape != dem.elevation.shape or values.dtype.kind not in "biuf":
         wanted = f"wanted a {dem.elevation.shape} array of numbers"
         raise OutputError(f"{path}: {wanted}, got {values.shape} {values.dtype}")

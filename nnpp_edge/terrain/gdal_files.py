@@ -39,7 +39,7 @@ def openable(path: Path, allow_vrt: bool) -> tuple[Path, list[str]]:
     """What GDAL is to open for an elevation map, and by which drivers.
 
     For a PDS3 image with a detached label it is the label. TerrainError where GDAL would open what is no plain
-    raster: a VRT that is not allowed, or not one of GeoTIFFs in its own folder; a label or sidecar that leads elsewhere.
+    raster: a VRT that is not allowed, or not made of GeoTIFFs beside it; a label or a sidecar that leads elsewhere.
     """
     endings = (".lbl", ".LBL") if path.suffix.lower() == ".img" else ()
     # GDAL takes names in a file as they stand where the file's own has no folder: `/vsicurl/…`, say.

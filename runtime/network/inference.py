@@ -16,7 +16,14 @@ from nnpp_edge.runtime.network.encoding import (
     encode_ends,
     encode_gaussian,
 )
-from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata, model_path, open_session
+from nnpp_edge.runtime.network.model_file import (
+    METADATA_KEY,
+    ModelMetadata,
+    model_errors,
+    model_path,
+    open_session,
+    read_metadata,
+)
 from nnpp_edge.runtime.network.place_head import ANSWERS, PlaceHead, count_parameters
 from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
 
@@ -65,20 +72,21 @@ class NetworkModel:
     Raises
     ------
     ModelError
-        The file is missing, truncated, without our metadata, or its inputs do not fit the metadata.
+        The file is missing, truncated, without our metadata, or its inputs do not fit the metadata. While it answers:
+        its graph fails.
     """
 
     def __init__(self, model: str | Path = "edge", *, threads: int | None = None, spinning: bool = False) -> None:
         path = model_path(model)
         cores = min(DEFAULT_THREADS, len(os.sched_getaffinity(0)))
-        session = open_session(path, _options(threads or cores, spinning))
-        text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
-        metadata = ModelMetadata.from_json(text, str(path))
-        if threads is None and cores > 1 and metadata.input_size < TWO_THREADS_FROM:
-            session = open_session(path, _options(1, spinning))
-        self._bind(_Loaded(path, session, metadata, *_checked_shapes(path, session, metadata)))
-        if metadata.encoding == "ends":
-            self._split()
+        metadata = read_metadata(path)
+        if threads is None:
+            threads = 1 if metadata.input_size < TWO_THREADS_FROM else cores
+        session = open_session(path, _options(threads, spinning))
+        with model_errors(path, "got one that does not fit its metadata"):
+            self._bind(_Loaded(path, session, metadata, *_checked_shapes(path, session, metadata)))
+            if metadata.encoding == "ends":
+                self._split()
 
     def share(self) -> "NetworkModel":
         """Another network on the same session: it has a map, a query and an answer of its own."""
@@ -112,7 +120,7 @@ class NetworkModel:
         The encoder of a network in two parts runs only once after `set_map`, but with `anew`, for timing, again.
         """
         if self._head is None:
-            self.session.run_with_iobinding(self._binding)
+            self._infer()
             return self._in_place()
         self._encode(self._head, anew)
         self._head.answer(self._query, self._answer)
@@ -166,7 +174,7 @@ class NetworkModel:
         self.inputs["map"][:] = rng.random(self.inputs["map"].shape)
         far = float(self.metadata.input_size - 1)
         self.set_query((0.3 * far, 0.0), (far, 0.6 * far))
-        self.session.run_with_iobinding(self._binding)
+        self._infer()
         wanted, parameters, known = self._in_place(), self._outputs[HEAD].copy(), self._loaded
         self._use_head(parameters)
         if not np.abs(self.run(anew=True) - wanted).max() <= _ROUNDING:
@@ -176,9 +184,14 @@ class NetworkModel:
 
     def _encode(self, head: PlaceHead, anew: bool = False) -> None:
         if anew or not self._encoded:
-            self.session.run_with_iobinding(self._binding)
+            self._infer()
             head.places[:] = self._outputs[PLACES].reshape(head.places.shape[1], -1).T
             self._encoded = True
+
+    def _infer(self) -> None:
+        """Run the session; ModelError where its graph fails."""
+        with model_errors(self.path, "got one whose graph fails"):
+            self.session.run_with_iobinding(self._binding)
 
     def _in_place(self) -> Float2D:
         """The session's answer with each block where it lies."""
