@@ -78,6 +78,7 @@ seed = click.option("--seed", type=int, default=1, help="Seed of every random ch
 model = click.option("--model", default="edge", help="Name of a shipped network, or an ONNX file.")
 cell_size = click.option("--cell-size", type=float, help="Side of a cell in metres, where the file does not say.")
 allow_vrt = click.option("--allow-vrt", is_flag=True, help="Read a GDAL VRT, too, of GeoTIFFs in its own folder.")
+omega = click.option("--omega", default=0.011, help="Weight of the cost against length, per grey level.")
 rescale = click.option(
     "--rescale", type=float, help="Make cells this many metres wide and scale heights alike, so that slopes stay."
 )
@@ -139,6 +140,11 @@ class TerrainOptions:
     hard_roughness: float | None
     hard_step: float | None
     workload: str | None
+
+    @property
+    def limits_given(self) -> bool:
+        """Whether the user has set a limit or a workload."""
+        return any("limit" in name or "hard" in name or name == "workload" for name in given_options())
 
     def read(self, path: Path) -> Dem:
         """The elevation map in a file."""

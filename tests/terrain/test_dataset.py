@@ -32,10 +32,10 @@ def whole(tmp_path_factory):
     return folder
 
 
-def make_in_this_process(recipe, indices):
+def make_in_this_process(recipe, tiles, indices):
     """Shards without the processes that `make_dataset` starts."""
     for index in indices:
-        yield index, shard_content(recipe, [], index)
+        yield index, shard_content(recipe, tiles, index)
 
 
 def test_the_parts_together_are_the_whole_and_it_can_be_resumed(whole, tmp_path):
