@@ -1,7 +1,6 @@
 """`nnpp-edge dataset`: labelled samples from terrain."""
 
 import json
-import math
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -125,7 +124,9 @@ def _of_terrain(terrain: TerrainOptions, own_cell_size: bool) -> dict[str, Any]:
     if own_cell_size or terrain.rescale:
         fields["cell_sizes_m"] = () if terrain.rescale is None else (terrain.rescale,)
     if terrain.limits_given:
-        limits = asdict(terrain.limits())
-        fields["limits"] = {name: value for name, value in limits.items() if value < math.inf}
+        from nnpp_edge.runtime.terrain.traversability import Traversability
+
+        limits, papers = asdict(terrain.limits()), asdict(Traversability())
+        fields["limits"] = {name: value for name, value in limits.items() if value != papers[name]}
         fields["workloads"] = ((terrain.workload or "soft", 1.0),)
     return fields

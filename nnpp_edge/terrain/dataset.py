@@ -146,7 +146,7 @@ def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
     """The arrays of each shard in the folder, by name; DataSetError for one that is damaged or of another recipe."""
     for path in sorted(folder.glob("shard-*.npz")):
         try:
-            with np.load(path, allow_pickle=False) as content:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
                 shard = {name: content[name] for name in content.files}
             _check_shard(shard, recipe)
         except Exception as error:  # NumPy meets bad bytes with nearly every kind there is
