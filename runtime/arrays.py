@@ -8,19 +8,25 @@ from nnpp_edge.runtime.errors import InvalidMapError
 Float2D = NDArray[np.float32]
 
 
+def unmasked(array: ArrayLike) -> NDArray[np.generic]:
+    """An array, with NaN for the masked values of a masked one: what is masked is unknown."""
+    values = np.asarray(array)
+    if not isinstance(array, np.ma.MaskedArray) or not np.ma.is_masked(array) or values.dtype.kind not in "fiub":
+        return values
+    return np.where(np.ma.getmaskarray(array), np.nan, values)
+
+
 def as_map(array: ArrayLike, name: str) -> Float2D:
     """`array` as a C-contiguous (H, W) float32 map, or an InvalidMapError that says what came.
 
     Masked cells become NaN, which is unknown wherever a map is read.
     """
     try:
-        values = np.asarray(array)
+        values = unmasked(array)
     except ValueError:
         raise InvalidMapError(f"{name} must be a (H, W) map of numbers, got rows of different lengths") from None
     if values.ndim != 2 or values.size == 0 or values.dtype.kind not in "fiub":
         raise InvalidMapError(f"{name} must be a (H, W) map of numbers, got {values.shape} {values.dtype}")
-    if isinstance(array, np.ma.MaskedArray) and array.mask is not np.ma.nomask:
-        values = np.where(np.ma.getmaskarray(array), np.nan, values)
     if values.dtype == np.float32:
         return np.ascontiguousarray(values)
     try:

@@ -60,6 +60,7 @@ def command(
     dataset: Path | None,
     cell_size: float | None,
     rescale: float | None,
+    allow_vrt: bool,
     workloads: tuple[str, ...],
     synthetic: bool,
     sizes: "tuple[Size, ...]",
@@ -96,7 +97,7 @@ def command(
     options.check_outputs(("--plot", plot))
     needed = models if {Method.NNPP, Method.AUTO} & set(methods) else ()
     rivals = exact_and(methods, {Path(name).stem: NetworkModel(name) for name in needed})
-    dems = suites.TerrainFiles(files, rescale, cell_size).read()
+    dems = suites.TerrainFiles(files, rescale, cell_size, allow_vrt).read()
     suites.check_sizes(dems, sizes)
 
     def cases(name: str, size: "Size") -> "Iterator[Case]":

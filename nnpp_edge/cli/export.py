@@ -44,7 +44,7 @@ def command(
     options.check_outputs(("--output", output))
 
     from nnpp_edge.export.parity import parity
-    from nnpp_edge.export.to_onnx import checkpoint_facts, dataset_facts, export_network
+    from nnpp_edge.export.to_onnx import dataset_facts, export_network
     from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
     from nnpp_edge.terrain.dataset import read_recipe, read_samples
     from nnpp_edge.training.checkpoint import load_checkpoint
@@ -59,8 +59,9 @@ def command(
         name=name or output.stem,
         region_factor=region_factor,
         omega=recipe.omega if recipe else PAPER_OMEGA,
+        limits=recipe.common_limits if recipe else None,
         opset=opset,
-        training=checkpoint_facts(saved) | ({"dataset": dataset_facts(recipe)} if recipe else {}),
+        training=saved.facts() | ({"dataset": dataset_facts(recipe)} if recipe else {}),
     )
     compared = parity(network, output, samples)
     if as_json:

@@ -130,6 +130,10 @@ view = click.option(
 seed = click.option("--seed", type=SEED, default=1, help="Seed of every random choice.")
 model = click.option("--model", type=ModelName(), default="edge", help="Name of a shipped network, or an ONNX file.")
 cell_size = click.option("--cell-size", type=POSITIVE, help="Side of a cell in metres, where the file does not say.")
+allow_vrt = click.option("--allow-vrt", is_flag=True, help="Read a GDAL VRT, too, of GeoTIFFs in its own folder.")
+omega = click.option(
+    "--omega", type=NOT_NEGATIVE, default=0.011, help="Weight of the cost against length, per grey level."
+)
 rescale = click.option(
     "--rescale", type=POSITIVE, help="Make cells this many metres wide and scale heights alike, so that slopes stay."
 )
@@ -150,14 +154,15 @@ dem_input = together(
     cell_size,
     click.option("--vertical-scale", type=POSITIVE, help="Metres per grey level, for 16-bit PNG."),
     rescale,
+    allow_vrt,
 )
-"""How a DEM is read: `cell_size`, `vertical_scale`, `rescale`."""
+"""How a DEM is read: `cell_size`, `vertical_scale`, `rescale`, `allow_vrt`."""
 
 
 def terrain_files(default: str = "") -> Callable[[Command], Command]:
-    """Elevation files and how they are read: `terrain`, `cell_size`, `rescale`; the help says what `default` is."""
+    """How they are read: `terrain`, `cell_size`, `rescale`, `allow_vrt`; the help says what `default` is."""
     files = click.option("--terrain", multiple=True, type=PATH, help=f"Elevation file, or several{default}.")
-    return together(files, cell_size, rescale)
+    return together(files, cell_size, rescale, allow_vrt)
 
 
 traversability = together(
@@ -186,6 +191,7 @@ class TerrainOptions:
     cell_size: float | None
     vertical_scale: float | None
     rescale: float | None
+    allow_vrt: bool
     slope_limit: float
     roughness_limit: float
     step_limit: float
@@ -194,11 +200,16 @@ class TerrainOptions:
     hard_step: float | None
     workload: str | None
 
+    @property
+    def limits_given(self) -> bool:
+        """Whether the user has set a limit or a workload."""
+        return any("limit" in name or "hard" in name or name == "workload" for name in given_options())
+
     def read(self, path: Path) -> Dem:
         """The elevation map in a file."""
         from nnpp_edge.terrain.dem import read_dem
 
-        dem = read_dem(path, cell_size_m=self.cell_size, vertical_scale=self.vertical_scale)
+        dem = read_dem(path, self.cell_size, self.vertical_scale, allow_vrt=self.allow_vrt)
         return dem if self.rescale is None else dem.rescaled(self.rescale)
 
     def limits(self) -> Traversability:

@@ -72,12 +72,7 @@ class Request:
 @click.option("--method", type=click.Choice(["auto", "astar", "corridor", "nnpp"]), default="auto")
 @options.model
 @options.terrain
-@click.option(
-    "--omega",
-    type=options.NOT_NEGATIVE,
-    default=0.011,
-    help="Weight of the cost against length, per grey level.",
-)
+@options.omega
 @click.option(
     "--corner-cutting/--no-corner-cutting", default=True, help="Allow diagonal steps beside impassable cells."
 )

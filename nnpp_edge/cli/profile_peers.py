@@ -43,7 +43,7 @@ def run_peers(given: ProfileOptions) -> None:
     json_file, picture = (given.output and given.output / name for name in ("peers.json", "peers.png"))
     outputs = (("--json", given.json_path), ("--output", json_file), ("--output", picture))
     options.check_outputs(*outputs, make_folders=True)
-    terrain = TerrainFiles.or_sample(given.terrain, given.rescale, given.cell_size)
+    terrain = TerrainFiles.or_sample(given.terrain, given.rescale, given.cell_size, given.allow_vrt)
     with bar("profile", queries * len(sizes)) as advance:
         rows, missing = run(sizes, queries, terrain, seed=seed, limit_s=limit_s, progress=advance)
     facts = {"queries": queries, "seed": seed, "limit_s": limit_s, "left_out": missing, "rows": rows}

@@ -19,6 +19,7 @@ class ProfileOptions:
     terrain: tuple[Path, ...]
     cell_size: float | None
     rescale: float | None
+    allow_vrt: bool
     sizes: tuple[int, ...] | None
     queries: int | None
     seed: int | None
@@ -55,6 +56,7 @@ def run_profile(name: str, given: ProfileOptions) -> int:
     if given.html is not None:
         from nnpp_edge.viz.profile_page import page  # before the run: what it needs may not be installed
     changes = {key: getattr(given, key) for key in ("cell_size", "rescale", "sizes", "queries", "seed")}
+    changes |= {"allow_vrt": given.allow_vrt or None}
     terrain = tuple(map(str, given.terrain)) or None
     profile, dropped = overridden(profile, terrain=terrain, **changes)
     notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []

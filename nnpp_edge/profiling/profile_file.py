@@ -77,6 +77,8 @@ class Load(_Table, frozen=True):
     """Side of a cell in metres that the terrain is rescaled to, slopes kept."""
     cell_size: Positive | None = None
     """Side of a cell in metres, where the files do not say."""
+    allow_vrt: bool = False
+    """Whether a GDAL VRT is read, too."""
     workloads: Names = ("soft",)
     sizes: Annotated[tuple[Annotated[int, Meta(ge=16, le=1 << 15)], ...], Meta(min_length=1)] = (256,)
     queries: Count = 60

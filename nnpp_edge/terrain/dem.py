@@ -1,17 +1,19 @@
 """Digital elevation models: read from the files that space agencies and surveyors publish, and written back.
 
-GeoTIFF, PDS3 (`.img`, `.lbl`), ESRI ASCII grid and the rest of GDAL's rasters go through rasterio, which only
-these need; NumPy arrays and 16-bit PNGs do not.
+GeoTIFF, PDS3 (`.img`, `.lbl`), ESRI ASCII grid and others (`gdal_files`) go through rasterio, which only these need;
+NumPy arrays and 16-bit PNGs do not.
 """
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.files import write_whole
+from nnpp_edge.runtime.arrays import unmasked
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, TerrainError
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import read_arrays, read_png
@@ -29,7 +31,7 @@ class Dem:
     Attributes
     ----------
     elevation : (H, W) float32
-        Metres; NaN where unknown, finite in at least one cell.
+        Metres; NaN where unknown, finite in at least one cell. Masked cells become unknown.
     cell_size_m, cell_width_m : float
         Side of a cell along a column of the map (north-south) and along a row (east-west).
     georeference : Georeference or None
@@ -50,6 +52,7 @@ class Dem:
     source: Path
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "elevation", unmasked(self.elevation))
         check_grid(self.source, self.elevation)
         if self.elevation.dtype != np.float32:
             raise TerrainError(f"{self.source}: elevation must be float32, got {self.elevation.dtype}")
@@ -92,13 +95,16 @@ def read_dem(
     cell_size_m: float | None = None,
     vertical_scale: float | None = None,
     window: Window | None = None,
+    *,
+    allow_vrt: bool = False,
 ) -> Dem:
     """Read an elevation map; the ending `.npy`, `.npz` or `.png` decides, all else is GDAL's.
 
     Parameters
     ----------
     path : Path or str
-        A raster of one band that GDAL reads (for a PDS3 `.img` with a `.lbl` beside it, the label is opened);
+        A raster of one band in one of `gdal_files.FORMATS` (for a PDS3 `.img` with a `.lbl` beside it, the label is
+        opened), whatever its name; files and addresses that it names elsewhere are not opened;
         a 2-D `.npy`; an `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D array, and perhaps
         `cell_size_m` (or `cell_m`) and `cell_width_m`; a grey 16-bit PNG.
     cell_size_m : float, optional
@@ -108,6 +114,8 @@ def read_dem(
         elsewhere it wins over the unit that the file names, which is metres where it names none.
     window : (row0, col0, rows, cols), optional
         The part to read; the georeference is the part's own.
+    allow_vrt : bool
+        Whether a GDAL VRT is read, too, if it is made of GeoTIFFs in its own folder.
 
     Returns
     -------
@@ -117,7 +125,8 @@ def read_dem(
     Raises
     ------
     TerrainError
-        The file is missing, broken, not an elevation map, or lacks a cell size that was not given.
+        The file is missing, broken, not an elevation map, too large for the memory that is left, or lacks a cell size
+        that was not given.
     InvalidQueryError
         `cell_size_m`, `vertical_scale` or `window` makes no sense.
     MissingExtraError
@@ -138,7 +147,8 @@ def read_dem(
     _check_option("vertical scale", vertical_scale)
     if (problem := problem_with_file(path)) is not None:
         raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
-    read = {".npy": read_arrays, ".npz": read_arrays, ".png": read_png}.get(path.suffix.lower(), read_raster)
+    gdal = partial(read_raster, allow_vrt=allow_vrt)
+    read = {".npy": read_arrays, ".npz": read_arrays, ".png": read_png}.get(path.suffix.lower(), gdal)
     with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
         elevation, cell, georeference = read(path, vertical_scale, window)
         elevation[~(np.abs(elevation) < _FARTHEST_M)] = np.nan
@@ -152,8 +162,8 @@ def read_dem(
 def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
     """Write a map of `dem`'s cells as a float32 GeoTIFF (deflate, nodata NaN) with `dem`'s georeference.
 
-    The array holds numbers or bools. The file is replaced in one step: a reader finds the old file or the whole new
-    one. Without a georeference of `dem` the file has none either.
+    The array holds numbers or bools; masked ones become NaN. The file is replaced in one step: a reader finds the old
+    file or the whole new one. Without a georeference of `dem` the file has none either.
 
     Raises
     ------
@@ -168,7 +178,7 @@ def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
 
 def raster_bytes(path: Path, array: npt.ArrayLike, dem: Dem) -> bytes:
     """What `write_raster` writes, and its errors."""
-    values = np.asarray(array)
+    values = unmasked(array)
     if values.shape != dem.elevation.shape or values.dtype.kind not in "biuf":
         wanted = f"wanted a {dem.elevation.shape} array of numbers"
         raise OutputError(f"{path}: {wanted}, got {values.shape} {values.dtype}")

@@ -35,14 +35,6 @@ def check_room(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], 
         )
 
 
-def unmasked(values: npt.ArrayLike) -> npt.NDArray[np.generic]:
-    """An array, with NaN for the masked values of a masked one: what is masked is unknown."""
-    if not isinstance(values, np.ma.MaskedArray):
-        return np.asarray(values)
-    kind = values.dtype if values.dtype.kind == "f" else np.float64
-    return np.where(np.ma.getmaskarray(values), np.nan, values.data).astype(kind)
-
-
 def metres(values: npt.NDArray[np.generic], scale: float, offset: float) -> npt.NDArray[np.float32]:
     """A fresh float32 array of scale * values + offset, worked out in float64."""
     with np.errstate(over="ignore", invalid="ignore"):
