@@ -22,8 +22,8 @@ class InterruptibleSleep:
         os.set_blocking(self._write, False)
 
     def wait(self, seconds: float) -> bool:
-        """Sleep for so long; True if woken."""
-        return bool(select.select([self._read], [], [], seconds)[0])
+        """Sleep for so long, an hour at most; True if woken."""
+        return bool(select.select([self._read], [], [], min(seconds, 3600.0))[0])
 
     def set(self) -> None:
         """End this sleep and all that follow."""
@@ -44,14 +44,14 @@ def be_realtime(cores: Sequence[int], priority: int) -> Callable[[], None]:
             before = os.sched_getaffinity(0)
             os.sched_setaffinity(0, cores)
             undo.append(lambda: os.sched_setaffinity(0, before))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, OverflowError) as error:
             _LOG.warning("the loop is not pinned to cores %s: %s", list(cores), error)
     if priority:
         try:
             policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
             undo.append(lambda: os.sched_setscheduler(0, policy, parameters))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, OverflowError) as error:
             _LOG.warning("the loop does not run under SCHED_FIFO %d: %s", priority, error)
 
     def restore() -> None:

@@ -154,7 +154,7 @@ def test_it_may_be_stopped_while_it_starts(dem):
     maps = Path(f"/proc/{program.process.pid}/maps")
     wait_until(lambda: b"llvmlite" in maps.read_bytes() and handles(program.process.pid, signal.SIGTERM), 60.0)
     code, out, err = program.end(signal.SIGTERM)
-    assert (code, "Traceback" in err) == (0, False), err
+    assert (code in (0, -signal.SIGTERM), err) == (True, "")
 
 
 def handles(pid, number):

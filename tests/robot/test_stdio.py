@@ -188,10 +188,20 @@ def test_descriptors_that_do_not_block_are_waited_for(incoming, outgoing, naviga
     writer.join(5.0)
 
 
-def test_an_input_that_cannot_be_read_is_told_and_is_over(navigator, tmp_path):
-    faults = []
+def test_an_input_that_cannot_be_read_is_over_and_says_why(navigator, tmp_path):
     folder = os.open(tmp_path, os.O_RDONLY)
-    source = StdioSource(Refusals(navigator.count_error, faults.append), descriptor=folder)
+    source = StdioSource(Refusals(navigator.count_error), descriptor=folder)
     wait_until(lambda: source.ended)
-    assert "cannot be read" in faults[0].error
+    assert "Is a directory" in source.failure
     os.close(folder)
+
+
+def test_a_reader_that_runs_out_of_memory_is_a_failure_and_not_the_end(incoming, navigator):
+    class Full(Mailbox):
+        def put(self, message, *, when_full):
+            raise MemoryError
+
+    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Full())
+    send(incoming, POSE)
+    wait_until(lambda: source.ended)
+    assert source.failure.startswith("MemoryError")

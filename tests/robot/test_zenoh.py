@@ -105,14 +105,15 @@ class Running:
     def __init__(self, navigator, drive, link, **options):
         self.sink = ZenohSink(link)
         refusals = Refusals(navigator.count_error, self.sink.answer)
-        self.source = ZenohSource(link, refusals, navigator.count_error, **options)
+        self.mailbox = Mailbox()
+        self.source = ZenohSource(link, refusals, navigator.count_error, mailbox=self.mailbox, **options)
         self._thread = threading.Thread(
             target=lambda: setattr(self, "ended", drive(navigator, self.source, [self.sink]))
         )
         self._thread.start()
 
     def stop(self):
-        self.source.ended = True
+        self.mailbox.close()
         self._thread.join(10.0)
         return self.ended
 
