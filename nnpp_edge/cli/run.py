@@ -1,8 +1,8 @@
 """`nnpp-edge run`: the onboard loop as a program."""
 
 import json
-from contextlib import suppress
 from dataclasses import asdict, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,17 +73,12 @@ def command(
     )
     pace = Pace(loop.rate_hz, loop.cores, loop.priority)
     world, cell_size_m = _world(map_file, terrain)
-    counters = run(world, settings, wiring, pace, ticks=ticks, cell_size_m=cell_size_m, report=_report)
+    report = partial(click.echo, err=True)
+    counters = run(world, settings, wiring, pace, ticks=ticks, cell_size_m=cell_size_m, report=report)
     if as_json:
         click.echo(json.dumps(asdict(counters)))
     else:
-        _report(summary(counters))
-
-
-def _report(line: str) -> None:
-    """Print on stderr; whether it can be written decides nothing."""
-    with suppress(OSError):
-        click.echo(line, err=True)
+        click.echo(summary(counters), err=True)
 
 
 def summary(counters: "Counters") -> str:

@@ -4,6 +4,7 @@ import logging
 import os
 import select
 import signal
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -12,6 +13,9 @@ from types import FrameType
 Handler = Callable[[int, FrameType | None], None] | signal.Handlers
 
 _LOG = logging.getLogger(__name__)
+_TURN_S = 0.0005
+"""Longest that a tick waits each time for another thread of Python; by default ten times as long. Beside 80,000
+refused inputs a second the 99th percentile of a tick fell from 16 to 6–10 ms."""
 
 
 class InterruptibleSleep:
@@ -37,8 +41,10 @@ class InterruptibleSleep:
 
 
 def be_realtime(cores: Sequence[int], priority: int) -> Callable[[], None]:
-    """Pin this thread and raise its priority, as far as the system allows; how to undo it."""
-    undo: list[Callable[[], None]] = []
+    """Let threads take turns more often, pin this one, raise its priority, as far as is allowed; how to undo it."""
+    turn_s = sys.getswitchinterval()
+    sys.setswitchinterval(_TURN_S)
+    undo: list[Callable[[], object]] = [lambda: sys.setswitchinterval(turn_s)]
     if cores:
         try:
             before = os.sched_getaffinity(0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.robot.transports.framing import Framer, framed
-from nnpp_edge.robot.transports.refusals import Refusals
+from nnpp_edge.robot.transports.refusals import FaultQueue, Refusals
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault, decode_output, encode
 from nnpp_edge.runtime.errors import OutputError, Status
@@ -168,6 +168,18 @@ def test_faults_wait_for_the_next_answer_and_the_newest_are_kept(outgoing):
     assert len(answers) == 65
     assert answers[-2] == Fault("no", 999)
     assert answers[-1].outcome is Status.NO_POSE
+
+
+def test_refused_inputs_that_come_while_others_are_answered_wait_for_the_next_answer():
+    queue = FaultQueue()
+    queue.answer(Fault("first"))
+    taken = []
+    for fault in queue.waiting_faults():
+        taken.append(fault)
+        if len(taken) < 100:
+            queue.answer(Fault("meanwhile"))
+    assert taken == [Fault("first")]
+    assert list(queue.waiting_faults()) == [Fault("meanwhile")]
 
 
 def test_descriptors_that_do_not_block_are_waited_for(incoming, outgoing, navigator):

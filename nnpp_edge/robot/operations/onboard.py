@@ -1,6 +1,5 @@
 """Putting the onboard loop together: world, input, sinks, and what watches over it."""
 
-import os
 import signal
 import sys
 from collections.abc import Callable
@@ -72,7 +71,6 @@ def run(
     SourceError
         Inputs could no longer be read.
     """
-    _reserve_descriptors()
     with signal_handlers(_STARTING), ExitStack() as stack:
         notifier = stack.enter_context(Notifier())
         exercise()
@@ -119,13 +117,6 @@ def run(
     if source.failure:
         raise SourceError(f"the input failed, and the loop has ended: {source.failure}")
     return counters
-
-
-def _reserve_descriptors() -> None:
-    """Standard streams that are closed become /dev/null: else the next file would get their number and their text."""
-    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
-        pass
-    os.close(descriptor)
 
 
 class _Statuses:

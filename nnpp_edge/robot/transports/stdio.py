@@ -67,12 +67,8 @@ class StdioSink(FaultQueue):
         """Write the waiting faults and the answer. OutputError, once, if the reader has gone."""
         if self._broken:
             return
-        for fault in self.waiting_faults():
-            self._write(encode(fault))
-        self._write(encode(message))
-
-    def _write(self, payload: bytes) -> None:
-        content = memoryview(framed(payload, self._framing))
+        messages = (*self.waiting_faults(), message)
+        content = memoryview(b"".join(framed(encode(each), self._framing) for each in messages))
         try:
             while content:
                 try:
