@@ -78,7 +78,9 @@ class Shadow:
     def put(self, patch: MapPatch) -> None:
         """Write a patch, cell by cell."""
         values, target = (patch.cost, self.cost) if patch.elevation is None else (patch.elevation, self.elevation)
-        if target is None or values is None:
+        rows, cols = self.cost.shape
+        misses = patch.row >= rows or patch.col >= cols or patch.row + patch.shape[0] <= 0 or patch.col + patch.shape[1] <= 0
+        if target is None or values is None or misses:
             return
         unseen = np.float32(np.inf if patch.elevation is None else np.nan)
         for (i, j), value in np.ndenumerate(values):
@@ -90,8 +92,12 @@ class Shadow:
                 target[row, col] = value
             elif not patch.keep_known:
                 target[row, col] = unseen
-        if patch.elevation is not None:
-            self.cost = self._priced()
+        if patch.elevation is not None:  # costs that came as such stay, but for the heights' cells and those beside them
+            here = tuple(
+                slice(max(first - 1, 0), max(first + count + 1, 0))
+                for first, count in zip((patch.row, patch.col), patch.shape, strict=True)
+            )
+            self.cost[here] = self._priced()[here]
 
     def seen(self) -> np.ndarray:
         """Costs in float64, impassable as inf."""
@@ -221,14 +227,17 @@ class _Log(logging.Handler):
 
 
 def check(
-    case: Case, folder: Path | None = None, answer: Callable[[Navigator, float], PathMessage] = Navigator.tick
+    case: Case,
+    samples: Path | None = None,
+    folder: Path | None = None,
+    answer: Callable[[Navigator, float], PathMessage] = Navigator.tick,
 ) -> Problem | None:
-    """Let the messages come, and look at each answer."""
+    """Let the messages come, and look at each answer. The log, if one is kept, is written to `folder`."""
     log, logger = _Log(), logging.getLogger("nnpp_edge")
     logger.addHandler(log)
     propagated, logger.propagate = logger.propagate, False
     try:
-        return _drive(case, folder, log, answer)
+        return _drive(case, samples, folder, log, answer)
     except Exception:
         return Problem("the loop raised", f"{traceback.format_exc()}\n{case!r}")
     finally:
@@ -237,10 +246,14 @@ def check(
 
 
 def _drive(
-    case: Case, folder: Path | None, log: _Log, answer: Callable[[Navigator, float], PathMessage]
+    case: Case,
+    samples: Path | None,
+    folder: Path | None,
+    log: _Log,
+    answer: Callable[[Navigator, float], PathMessage],
 ) -> Problem | None:
     shadow, clock = Shadow(case), [100.0]
-    settings = NavigatorSettings(case.method, corner_cutting=case.corner_cutting, model=small_model(folder))  # type: ignore[arg-type]
+    settings = NavigatorSettings(case.method, corner_cutting=case.corner_cutting, model=small_model(samples))  # type: ignore[arg-type]
     navigator = Navigator(shadow.world(), settings, clock=lambda: clock[0])
     framer = Framer(case.framing, _LIMIT)
     taken: list[Input] = []

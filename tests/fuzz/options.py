@@ -117,7 +117,7 @@ def drawn(rng: random.Random, name: str, heavy: bool = True) -> Command:
 
 
 def disturbed(rng: random.Random, command: Command) -> Command:
-    """The same, now and then with standard streams that are closed, full or broken, a full disk, or as nobody."""
+    """The same, now and then with standard streams that are closed, full or broken, a full disk, or fewer rights."""
     kind = rng.random()
     if kind < 0.12:
         stdin = "pipe" if command.stdin else rng.choice(("null", "closed"))
