@@ -1,10 +1,11 @@
 """Work done in a forked process under limits of time and memory, and what became of it.
 
-A fork of a process that has loaded everything costs milliseconds where a fresh interpreter costs a second. The process
-that forks must have no threads: `threads` counts them.
+A fork of a process that has loaded everything costs milliseconds where a fresh interpreter costs a second. The
+process that forks must have no threads of its own: `threads` counts them.
 """
 
 import contextlib
+import mmap
 import os
 import resource
 import selectors
@@ -44,7 +45,7 @@ class Ended:
     err: bytes = b""
     wall_s: float = 0.0
     peak_bytes: int = 0
-    """Memory beyond the parent's, at most."""
+    """Memory beyond what it began with, at most."""
     late: str = ""
     """Which limit of time it passed, and where it then was; empty if none."""
     interrupted: bool = False
@@ -53,7 +54,7 @@ class Ended:
 
 def threads() -> int:
     """Threads of this process, those of libraries too."""
-    return len(os.listdir("/proc/self/task"))
+    return len(list(Path("/proc/self/task").iterdir()))
 
 
 def run_forked(
@@ -74,7 +75,7 @@ def run_forked(
     trace : Path
         File for the stacks of a process that passes its limit of time.
     """
-    base = _resident_bytes()
+    base = mmap.mmap(-1, 8)  # shared with the fork
     space = _address_bytes() + limits.memory_bytes
     pipes = {n: os.pipe() for n in range(3) if streams[n] == "pipe"}
     if 0 in pipes and stdin:
@@ -84,7 +85,7 @@ def run_forked(
     began = time.monotonic()
     pid = os.fork()
     if pid == 0:
-        _child(work, limits, space, streams, pipes, trace)
+        _child(work, limits, space, base, streams, pipes, trace)
     for n, (read, write) in pipes.items():
         os.close(read if n == 0 else write)
     if 0 in pipes:
@@ -103,6 +104,7 @@ def _child(
     work: Callable[[], int],
     limits: Limits,
     space: int,
+    base: mmap.mmap,
     streams: tuple[str, str, str],
     pipes: dict[int, tuple[int, int]],
     trace: Path | None,
@@ -110,6 +112,7 @@ def _child(
     """The forked process; never returns."""
     code = 70
     try:
+        base[:] = _resident_bytes().to_bytes(8, "little")
         os.setsid()
         signal.signal(signal.SIGINT, signal.default_int_handler)
         if trace is not None:
@@ -162,14 +165,14 @@ def _connect(streams: tuple[str, str, str], pipes: dict[int, tuple[int, int]]) -
         if streams[n] == "closed":
             return None
         errors = "backslashreplace" if n == 2 else "strict"
-        return open(n, mode, encoding="utf-8", errors=errors, closefd=False)  # noqa: PTH123, SIM115
+        return open(n, mode, encoding="utf-8", errors=errors, closefd=False)
 
     sys.stdin, sys.stdout, sys.stderr = stream(0, "r"), stream(1, "w"), stream(2, "w")
     sys.__stdin__, sys.__stdout__, sys.__stderr__ = sys.stdin, sys.stdout, sys.stderr  # type: ignore[misc]
 
 
 def _watch(
-    pid: int, began: float, limits: Limits, readers: dict[int, int], base: int, trace: Path | None
+    pid: int, began: float, limits: Limits, readers: dict[int, int], base: mmap.mmap, trace: Path | None
 ) -> Ended:
     """Read what a process writes until it ends; interrupt it, then kill it, when it is late."""
     content: dict[int, bytearray] = {1: bytearray(), 2: bytearray()}
@@ -205,7 +208,7 @@ def _watch(
         late = f"it took more than {limits.cpu_s} s of processor time"
     if late and trace is not None and trace.exists():
         late += "\n" + trace.read_text(errors="replace")[-3000:]
-    peak = max(usage.ru_maxrss * 1024 - base, 0) if usage else 0
+    peak = max(usage.ru_maxrss * 1024 - int.from_bytes(base[:], "little"), 0) if usage else 0
     by_itself = bool(interrupted_at) and interrupted_at < float("inf") and code >= 0
     return Ended(
         code, bytes(content[1]), bytes(content[2]), time.monotonic() - began, peak, late, interrupted=by_itself

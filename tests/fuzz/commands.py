@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import itertools
 import json
 import os
 import re
@@ -20,15 +21,19 @@ SLOW_COMMANDS = ("dataset", "train", "export", "quantize", "reproduce", "profile
 """They train, trace or measure: they get more time."""
 RESUMED_COMMANDS = ("dataset", "train", "reproduce")
 """They leave what is complete, to go on from."""
+STREAMED = ("--log", "--record", "--view", "--metrics-file")
 EXIT_CODES = {"profile": (0, 1, 2, 3)}
 USUAL_CODES = (0, 1, 2)
 LOGGING_COMMANDS = ("run", "simulate")
 """They log what they refuse, before they end."""
 _TEMPORARY = re.compile(r"^\..*\.[0-9a-f]{6,}$")
-_PROGRESS = re.compile(r"^([\w ]+: \d+ %, [\d.]+ min|(ready|recording|metrics|listening): .*|warning: .*)$")
+_PROGRESS = re.compile(
+    r"^([\w ]+: \d+ %, [\d.]+ min|(ready|recording|metrics|listening): .*|warning: .*|others use .*)$"
+)
 _CHATTER = re.compile(
-    r"^(libpng|ERROR \d|Warning \d|CPLE_|TIFF|.*\[[WEF]:onnxruntime|\[ ?(WARN|ERROR)|OpenCV|corrupted|free\(\)|malloc|"
-    r"double free|munmap|terminate called|Fatal Python|Exception ignored|sys:1: |.*\.py:\d+: \w*Warning|JPEG|warn\()",
+    r"^(libpng|ERROR \d|Warning \d|CPLE_|TIFF|.*\[[WEF]:onnxruntime|\[ ?(WARN|ERROR)|OpenCV|corrupted|free\(\)|"
+    r"malloc|double free|munmap|terminate called|Fatal Python|Exception ignored|sys:1: |JPEG|warn\(|"
+    r".*\.py:\d+: \w*Warning)",
     re.MULTILINE,
 )
 _TRACEBACK = "Traceback (most recent call last)"
@@ -83,7 +88,11 @@ class Problem:
     def signature(self) -> str:
         """The same for findings of the same cause, as far as that can be told."""
         frames = re.findall(r'File "[^"]*?((?:nnpp_edge|tests)/[^"]+|[^"/]+)", line \d+, in (\w+)', self.detail)
-        last = [line for line in self.detail.splitlines() if re.match(r"^[\w.]+(Error|Exception|Interrupt|Warning)\b", line)]
+        last = [
+            line
+            for line in self.detail.splitlines()
+            if re.match(r"^[\w.]+(Error|Exception|Interrupt|Warning)\b", line)
+        ]
         ours = [f"{file}:{name}" for file, name in frames if "/" in file and "fuzz" not in file]
         return " | ".join([self.kind, *ours[-1:], *(re.sub(r"\W.*", "", line) for line in last[-1:])])
 
@@ -104,7 +113,7 @@ def limits_of(command: Command) -> Limits:
     """Time and memory of a case."""
     slow = next((word for word in command.words if not word.startswith("-")), "") in SLOW_COMMANDS
     if command.patient:
-        return Limits(8.0 if slow else 4.0, 90, file_bytes=command.file_bytes)
+        return Limits(5.0 if slow else 2.5, 90, file_bytes=command.file_bytes)
     return Limits(180.0 if slow else 60.0, 90 if slow else 25, file_bytes=command.file_bytes)
 
 
@@ -114,7 +123,7 @@ def prepare(command: Command, samples: Path, folder: Path) -> None:
     for name in ("in", "out", "old", "odd", "home"):
         (folder / name).mkdir(parents=True)
     named = re.findall(r"in/([\w.-]+)", " ".join([*command.words, *command.env.values(), *command.files]))
-    for name in sorted({*named, *command.needs}):
+    for name in sorted({name for name in (*named, *command.needs) if len(name) < 100}):
         if name.endswith(".toml") and (samples / "tiny.onnx").exists():
             shutil.copy(samples / "tiny.onnx", folder / "in" / "tiny.onnx")
         if (samples / name).is_dir():
@@ -211,7 +220,7 @@ def snapshot(folder: Path) -> Tree:
                 continue
             place = path.relative_to(folder).as_posix()
             if stat.S_ISLNK(mode):
-                found[place] = f"link to {os.readlink(path)}"
+                found[place] = f"link to {path.readlink()}"
             elif stat.S_ISREG(mode):
                 found[place] = hashlib.sha1(path.read_bytes()).hexdigest() + f" {path.stat().st_size}"
             else:
@@ -222,7 +231,8 @@ def snapshot(folder: Path) -> Tree:
 def judge(command: Command, ended: Ended, before: Tree, after: Tree) -> Problem | None:
     """What is wrong with how a command ended, and with what it left."""
     out, err = ended.out.decode("utf-8", "replace"), ended.err.decode("utf-8", "replace")
-    told = f"{command!r}\nexit code {ended.code} after {ended.wall_s:.1f} s\n--- stdout\n{out[-1500:]}\n--- stderr\n{err[-6000:]}"
+    told = f"{command!r}\nexit code {ended.code} after {ended.wall_s:.1f} s\n"
+    told += f"--- stdout\n{out[-1500:]}\n--- stderr\n{err[-6000:]}"
     name = next((word for word in command.words if not word.startswith("-")), "")
     asked_to_stop = ended.interrupted and command.patient
     if ended.late and not asked_to_stop and not (command.patient and "processor" in ended.late):
@@ -261,9 +271,8 @@ def _problem_of_words(
         return None
     lines = [line for line in err.split("\n") if line.strip()]
     if ended.code == 2 and not stopped:
-        if not lines or not lines[-1].startswith("error: ") or not lines[-1].removeprefix("error: ").strip():
-            if not lines and not command.words:
-                return None
+        told_at = lines if name in LOGGING_COMMANDS else lines[-1:]  # a reader's thread may log after it
+        if not any(line.startswith("error: ") and line.removeprefix("error: ").strip() for line in told_at):
             return Problem(f"exit code 2 without a last line 'error: …': {name}", told)
         others = [line for line in lines[:-1] if not _PROGRESS.match(line) and name not in LOGGING_COMMANDS]
         if others:
@@ -290,10 +299,20 @@ def _problem_of_files(
     if temporary := [place for place in added if _TEMPORARY.match(Path(place).name)]:
         return Problem(f"temporary file left: {name}", f"{temporary}\n{told}")
     refused = ended.code == 2 or (ended.code == 1 and err.rstrip().rpartition("\n")[2].startswith("error: "))
-    left = [place for place in added if not place.startswith("home/")]
+    streamed = _streamed(command) if name in LOGGING_COMMANDS else []
+    left = [place for place in added if not place.startswith(("home/", *streamed))]
     if refused and left and not ended.interrupted and name not in RESUMED_COMMANDS:
         return Problem(f"partial output: {name}", f"{left}\n{told}")
     return None
+
+
+def _streamed(command: Command) -> list[str]:
+    """How the names of logs and recordings begin, which are kept however the loop ends."""
+    pairs = [
+        word.partition("=")[::2] if "=" in word else (word, after)
+        for word, after in itertools.pairwise((*command.words, ""))
+    ]
+    return [value.rpartition(".")[0] or value for word, value in pairs if word in STREAMED and value]
 
 
 def _problem_of_json(command: Command, ended: Ended, out: str, told: str) -> Problem | None:

@@ -29,6 +29,7 @@ _OF_DEM_SELDOM = (
     ("profile", "--profile", "in/profile.toml", "--terrain", "{f}", "--sizes", "16"),
 )
 MAP = ("run", "--map", "in/dem.npz", "--method", "corridor")
+_ONE_STEP = ("--steps", "1", "--input-size", "64", "--batch", "2", "--validate-every", "0")
 PLAN = ("plan", "in/dem.npz", "--start", "2,2", "--goal", "20,28")
 
 
@@ -81,9 +82,37 @@ def _cost_map(rng: random.Random, samples: Path) -> Command:
 
 def _odd_array(rng: random.Random) -> bytes:
     """A .npy whose header is whole but odd, or says more than there is."""
-    shapes = ((ROWS, COLS), (0, 5), (5, 0), (), (7,), (2, 3, 4), (1, 1), (10**9, 10**9), (-1, 5), (2**40,), (10**5, 10**5))
+    shapes = (
+        (ROWS, COLS),
+        (0, 5),
+        (5, 0),
+        (),
+        (7,),
+        (2, 3, 4),
+        (1, 1),
+        (10**9, 10**9),
+        (-1, 5),
+        (2**40,),
+        (10**5, 10**5),
+    )
     shapes += ("x", None, [24, 32], (24.0, 32), (True, 2), (2**63, 1), (65536, 8192))
-    descrs = ("<f4", ">f4", "<f8", "<f2", "<f16", "|b1", "|i1", "|u1", "<i8", ">u2", "<c8", "|O", "|S4", "<U4", "<M8[s]")
+    descrs = (
+        "<f4",
+        ">f4",
+        "<f8",
+        "<f2",
+        "<f16",
+        "|b1",
+        "|i1",
+        "|u1",
+        "<i8",
+        ">u2",
+        "<c8",
+        "|O",
+        "|S4",
+        "<U4",
+        "<M8[s]",
+    )
     descrs += ([("a", "<f4")], [("a", "<f4"), ("b", "<f4", (2,))], "junk", None, 5, "|V0", "<m8")
     known = heights(rng.randrange(100)).astype("<f4")
     data = rng.choice((known.tobytes(), known.tobytes()[: rng.randrange(3000)], b"", known.tobytes() * 3))
@@ -109,7 +138,11 @@ def _odd_archive(rng: random.Random, only: str = "") -> bytes:
     for name in ("cell_size_m", "cell_m", "cell_width_m"):
         if rng.random() < 0.6:
             value = rng.choice((2.0, 2.0, 0.0, -1.0, float("nan"), float("inf"), 1e-320, 1e300, -0.0, 1e-9, 5e-324))
-            kinds = (npy("<f8", (), struct.pack("<d", value)), npy("<f8", (1,), struct.pack("<d", value)), _odd_array(rng))
+            kinds = (
+                npy("<f8", (), struct.pack("<d", value)),
+                npy("<f8", (1,), struct.pack("<d", value)),
+                _odd_array(rng),
+            )
             arrays[f"{name}.npy"] = rng.choices(kinds, (4, 1, 1))[0]
     if rng.random() < 0.1:
         arrays[rng.choice(("cell_size_m.npy", "x.txt", "../x.npy", "cell_size_m", "cost.npy"))] = rng.randbytes(30)
@@ -121,19 +154,32 @@ def _odd_raster(rng: random.Random) -> tuple[str, bytes]:
     """A raster that a writer could have made, or a text that makes GDAL do something else."""
     kind = rng.randrange(6)
     if kind == 0:
-        vrt = '<VRTDataset rasterXSize="32" rasterYSize="24"><VRTRasterBand dataType="Float32" band="1"><SimpleSource>'
-        place = rng.choice(("/vsicurl/http://127.0.0.1:9/x.tif", "/etc/passwd", "../in/dem.tif", "/vsistdin/", "dem.tif"))
+        vrt = (
+            '<VRTDataset rasterXSize="32" rasterYSize="24"><VRTRasterBand dataType="Float32" band="1"><SimpleSource>'
+        )
+        place = rng.choice(
+            ("/vsicurl/http://127.0.0.1:9/x.tif", "/etc/passwd", "../in/dem.tif", "/vsistdin/", "dem.tif")
+        )
         vrt += f"<SourceFilename>{place}</SourceFilename></SimpleSource></VRTRasterBand></VRTDataset>"
         wms = "<GDAL_WMS><Service name='TMS'><ServerUrl>http://127.0.0.1:9/${z}</ServerUrl></Service></GDAL_WMS>"
         return rng.choice(("dem.tif", "dem.vrt", "dem.asc", "dem.xyz")), rng.choice((vrt, wms)).encode()
     if kind == 1:
-        words = {"ncols": "32", "nrows": "24", "xllcorner": "0", "yllcorner": "0", "cellsize": "2", "NODATA_value": "-9999"}
+        words = {
+            "ncols": "32",
+            "nrows": "24",
+            "xllcorner": "0",
+            "yllcorner": "0",
+            "cellsize": "2",
+            "NODATA_value": "-9999",
+        }
         key = rng.choice(list(words))
         words[key] = rng.choice(("0", "-1", "nan", "inf", "1e9", "1000000000", "1e400", "x", "", "31", "2147483648"))
         body = " ".join(f"{z:.2f}" for z in np.nan_to_num(heights()).ravel())
         return "dem.asc", ("\n".join(f"{k} {v}" for k, v in words.items()) + "\n" + body).encode()
     if kind == 2:
-        head = struct.pack(">IIBBBBB", rng.choice((32, 2**31 - 1, 65535, 0)), rng.choice((24, 2**31 - 1, 0)), 16, 0, 0, 0, 0)
+        head = struct.pack(
+            ">IIBBBBB", rng.choice((32, 2**31 - 1, 65535, 0)), rng.choice((24, 2**31 - 1, 0)), 16, 0, 0, 0, 0
+        )
         import zlib
 
         def chunk(name: bytes, data: bytes) -> bytes:
@@ -148,7 +194,9 @@ def _odd_raster(rng: random.Random) -> tuple[str, bytes]:
     dtype = rng.choice(("float32", "float64", "int16", "uint8", "int32", "complex64", "float32", "int8"))
     size = rng.choice((COLS, COLS, 1, 500))
     numbers = (2.0, 2.0, 0.0, -2.0, float("nan"), float("inf"), 1e-300, 1e300)
-    place = rasterio.Affine(rng.choice(numbers), rng.choice((0, 0, 1.0)), 0, rng.choice((0, 0, 2.0)), rng.choice(numbers), 9)
+    place = rasterio.Affine(
+        rng.choice(numbers), rng.choice((0, 0, 1.0)), 0, rng.choice((0, 0, 2.0)), rng.choice(numbers), 9
+    )
     kind_of = {"driver": "GTiff", "dtype": dtype, "count": rng.choice((1, 1, 1, 2, 5)), "height": ROWS, "width": size}
     kind_of |= {"transform": place, "nodata": rng.choice((None, 0, None))}
     if rng.random() < 0.5:
@@ -167,14 +215,18 @@ def _recording(rng: random.Random, samples: Path) -> Command:
     lines = (samples / "drive.jsonl").read_bytes().splitlines()
     for _ in range(rng.choice((1, 2, 4))):
         at = rng.randrange(len(lines))
-        lines[at] = rng.choice((mutated_json, mutated))(rng, lines[at]) if _is_json(lines[at]) else mutated(rng, lines[at])
+        lines[at] = (
+            rng.choice((mutated_json, mutated))(rng, lines[at]) if _is_json(lines[at]) else mutated(rng, lines[at])
+        )
     content = b"\n".join(lines) + rng.choice((b"\n", b"\n", b""))
     if rng.random() < 0.1:
         content = mutated(rng, content)
     if rng.random() < 0.02:
         content += b" " * (64 << 20)
     words = (*MAP, "--input", "replay:{f}", "--fast", "--output", rng.choice(("none", "stdout")))
-    words += rng.choice(((), (), ("--record", "out/again.jsonl"), ("--log", "out/drive.mcap"), ("--metrics-file", "out/m")))
+    words += rng.choice(
+        ((), (), ("--record", "out/again.jsonl"), ("--log", "out/drive.mcap"), ("--metrics-file", "out/m"))
+    )
     return _reading(words, "in/played.jsonl", content)
 
 
@@ -190,7 +242,14 @@ def _stdin(rng: random.Random, samples: Path) -> Command:
         parts.append(framed(line, framing))
     content = b"".join(parts)
     content = mutated(rng, content) if rng.random() < 0.3 else content
-    words = (*MAP, "--framing", framing, "--rate", "200", *rng.choice(((), ("--log", "out/x.mcap"), ("--record", "out/r"))))
+    words = (
+        *MAP,
+        "--framing",
+        framing,
+        "--rate",
+        "200",
+        *rng.choice(((), ("--log", "out/x.mcap"), ("--record", "out/r"))),
+    )
     return Command(words, stdin=content, streams=("pipe", "pipe", "pipe"))
 
 
@@ -214,7 +273,9 @@ def _model_notes(rng: random.Random, samples: Path) -> Command:
     figures, card = (samples / "tiny.json").read_bytes(), (samples / "tiny.md").read_bytes()
     figures = mutated_json(rng, figures) if rng.random() < 0.8 else mutated(rng, figures)
     card = mutated(rng, card) if rng.random() < 0.3 else card
-    words = rng.choice((("models", "in/own.onnx"), ("models", "in/own.onnx", "--json"), (*PLAN, "--model", "in/own.onnx")))
+    words = rng.choice(
+        (("models", "in/own.onnx"), ("models", "in/own.onnx", "--json"), (*PLAN, "--model", "in/own.onnx"))
+    )
     return Command(words, {"in/own.onnx": model, "in/own.json": figures, "in/own.md": card})
 
 
@@ -237,7 +298,13 @@ def _data_set(rng: random.Random, samples: Path) -> Command:
         with np.load(io.BytesIO(content)) as shards:
             arrays = dict(shards)
         key = rng.choice(list(arrays))
-        changes = (lambda a: a[:0], lambda a: a[:1], lambda a: a.astype(np.float64), lambda a: a.ravel(), lambda a: a[None])
+        changes = (
+            lambda a: a[:0],
+            lambda a: a[:1],
+            lambda a: a.astype(np.float64),
+            lambda a: a.ravel(),
+            lambda a: a[None],
+        )
         changes += (lambda a: np.full_like(a, 255) if a.dtype.kind in "iuf" else a, lambda a: np.array(5))
         arrays[key] = rng.choice(changes)(arrays[key])
         if rng.random() < 0.15:
@@ -250,9 +317,20 @@ def _data_set(rng: random.Random, samples: Path) -> Command:
     words = rng.choice(
         (
             ("evaluate", "--dataset", f"in/{size}", "--queries", "1", "--methods", "astar", "--repeats", "1"),
-            ("dataset", "-o", f"in/{size}", "--maps", "2", "--size", size[3:] or "64", "--points", "2", "--workers", "1"),
-            ("train", "in/set", "--validation", f"in/{size}", "-o", "out/run", "--steps", "1", "--input-size", "64")
-            + ("--batch", "2", "--validate-every", "0"),
+            (
+                "dataset",
+                "-o",
+                f"in/{size}",
+                "--maps",
+                "2",
+                "--size",
+                size[3:] or "64",
+                "--points",
+                "2",
+                "--workers",
+                "1",
+            ),
+            ("train", "in/set", "--validation", f"in/{size}", "-o", "out/run", *_ONE_STEP),
         )
     )
     return Command(words, {f"in/{size}/{name}": content}, needs=("set", size))
@@ -260,7 +338,7 @@ def _data_set(rng: random.Random, samples: Path) -> Command:
 
 def _checkpoint(rng: random.Random, samples: Path) -> Command:
     content = mutated(rng, (samples / "trained" / "checkpoint.pt").read_bytes())
-    train = ("train", "in/set", "--validation", "in/set", "--steps", "1", "--input-size", "64", "--batch", "2")
+    train = ("train", "in/set", "--validation", "in/set", *_ONE_STEP)
     if rng.random() < 0.4:
         return Command(("export", "in/own.pt", "-o", "out/net.onnx"), {"in/own.pt": content})
     if rng.random() < 0.5:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from nnpp_edge.ros.maps import GridMap, MapFrame, OccupancyGrid, grid_map_patch, occupancy_patch
 from nnpp_edge.robot.transports.framing import Framer, WireError, framed
 from nnpp_edge.robot.transports.wire import decode, decode_output, encode
+from nnpp_edge.ros.maps import GridMap, MapFrame, OccupancyGrid, grid_map_patch, occupancy_patch
 from nnpp_edge.runtime.errors import NnppEdgeError, Status
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
@@ -79,7 +79,12 @@ class Shadow:
         """Write a patch, cell by cell."""
         values, target = (patch.cost, self.cost) if patch.elevation is None else (patch.elevation, self.elevation)
         rows, cols = self.cost.shape
-        misses = patch.row >= rows or patch.col >= cols or patch.row + patch.shape[0] <= 0 or patch.col + patch.shape[1] <= 0
+        misses = (
+            patch.row >= rows
+            or patch.col >= cols
+            or patch.row + patch.shape[0] <= 0
+            or patch.col + patch.shape[1] <= 0
+        )
         if target is None or values is None or misses:
             return
         unseen = np.float32(np.inf if patch.elevation is None else np.nan)
@@ -92,7 +97,9 @@ class Shadow:
                 target[row, col] = value
             elif not patch.keep_known:
                 target[row, col] = unseen
-        if patch.elevation is not None:  # costs that came as such stay, but for the heights' cells and those beside them
+        if (
+            patch.elevation is not None
+        ):  # costs that came as such stay, but for the heights' cells and those beside them
             here = tuple(
                 slice(max(first - 1, 0), max(first + count + 1, 0))
                 for first, count in zip((patch.row, patch.col), patch.shape, strict=True)
@@ -197,7 +204,15 @@ def _ros(rng: random.Random, rows: int, cols: int, by_heights: bool) -> dict[str
     data = [rng.choice((-1, 0, 50, 98, 99, 100)) for _ in range(max(width * height, 0))]
     if rng.random() < 0.1:
         data = data[:-1] if rng.random() < 0.5 else [*data, 127, -128]
-    return {"grid_map": by_heights, "resolution": size, "width": width, "height": height, "x": x, "y": y, "data": data}
+    return {
+        "grid_map": by_heights,
+        "resolution": size,
+        "width": width,
+        "height": height,
+        "x": x,
+        "y": y,
+        "data": data,
+    }
 
 
 def ros_patch(fields: dict[str, object]) -> MapPatch:
@@ -306,7 +321,9 @@ def problem_with_answer(message: PathMessage, shadow: Shadow, case: Case, taken:
     if decode_output(encode(message), 1 << 24).outcome is not message.outcome:  # type: ignore[union-attr]
         return "an answer that reads back as another"
     if pose is None or goal is None:
-        return "" if message.outcome in (Status.NO_POSE, Status.NO_GOAL) else f"{message.outcome} without pose or goal"
+        return (
+            "" if message.outcome in (Status.NO_POSE, Status.NO_GOAL) else f"{message.outcome} without pose or goal"
+        )
     seen = shadow.seen()
     if message.outcome is Status.TIMEOUT or not message.ok:
         if message.outcome is Status.NO_PATH and message.start is not None:

@@ -18,8 +18,38 @@ _READERS = (
     (("models", _FILE), 2.0),
     (("models", _FILE, "--json"), 1.0),
     ((*MAP[:3], "--method", "nnpp", "--model", _FILE, "--input", "replay:in/drive.jsonl", "--fast"), 2.0),
-    (("simulate", "--map", "in/dem.npz", "--size", "16", "--ticks", "3", "--method", "nnpp-dstar", "--model", _FILE), 1.0),
-    (("evaluate", "--terrain", "in/dem.npz", "--sizes", "16", "--queries", "1", "--methods", "nnpp", "--model", _FILE), 0.5),
+    (
+        (
+            "simulate",
+            "--map",
+            "in/dem.npz",
+            "--size",
+            "16",
+            "--ticks",
+            "3",
+            "--method",
+            "nnpp-dstar",
+            "--model",
+            _FILE,
+        ),
+        1.0,
+    ),
+    (
+        (
+            "evaluate",
+            "--terrain",
+            "in/dem.npz",
+            "--sizes",
+            "16",
+            "--queries",
+            "1",
+            "--methods",
+            "nnpp",
+            "--model",
+            _FILE,
+        ),
+        0.5,
+    ),
 )
 
 
@@ -40,7 +70,9 @@ def generate(rng: random.Random, samples: Path, heavy: bool = True) -> Command:
         files[_FILE] = _odd_graph(rng, samples)
     if rng.random() < 0.05:
         files["in/own.onnx.data"] = b"\x00" * 64
-    return disturbed(rng, Command(words, files, needs=("dem.npz", "drive.jsonl", "set") if heavy else ("dem.npz", "drive.jsonl")))
+    return disturbed(
+        rng, Command(words, files, needs=("dem.npz", "drive.jsonl", "set") if heavy else ("dem.npz", "drive.jsonl"))
+    )
 
 
 def _load(samples: Path) -> Any:
@@ -81,7 +113,9 @@ def _odd_graph(rng: random.Random, samples: Path) -> bytes:
     model = _load(samples)
     graph, kind = model.graph, rng.randrange(9)
     if kind == 0:  # a loop without an end
-        body_in = [helper.make_tensor_value_info(n, t, ()) for n, t in (("i", TensorProto.INT64), ("go", TensorProto.BOOL))]
+        body_in = [
+            helper.make_tensor_value_info(n, t, ()) for n, t in (("i", TensorProto.INT64), ("go", TensorProto.BOOL))
+        ]
         body_out = [helper.make_tensor_value_info("go_on", TensorProto.BOOL, ())]
         body = helper.make_graph([helper.make_node("Identity", ["go"], ["go_on"])], "body", body_in, body_out)
         graph.initializer.append(helper.make_tensor("forever", TensorProto.INT64, (), [2**62]))
@@ -93,7 +127,11 @@ def _odd_graph(rng: random.Random, samples: Path) -> bytes:
         tensor.ClearField("raw_data")
         tensor.data_location = TensorProto.EXTERNAL
         places = ("/etc/passwd", "../../../../etc/passwd", "own.onnx.data", "missing", "/dev/zero", "", "in/dem.npz")
-        for key, value in (("location", rng.choice(places)), ("offset", rng.choice(("0", "-1", "9" * 30))), ("length", "4")):
+        for key, value in (
+            ("location", rng.choice(places)),
+            ("offset", rng.choice(("0", "-1", "9" * 30))),
+            ("length", "4"),
+        ):
             entry = tensor.external_data.add()
             entry.key, entry.value = key, value
     elif kind == 2:  # other shapes
@@ -109,7 +147,9 @@ def _odd_graph(rng: random.Random, samples: Path) -> bytes:
         rng.choice([*graph.input, *graph.output]).name = rng.choice(("", "x", "cost", "input", "probability", "é"))
     elif kind == 4:  # numbers that are none
         tensor = next(t for t in graph.initializer if t.name in ("half", "slope"))
-        tensor.CopyFrom(helper.make_tensor(tensor.name, 1, (), [rng.choice((float("nan"), float("inf"), -1e38, 1e38))]))
+        tensor.CopyFrom(
+            helper.make_tensor(tensor.name, 1, (), [rng.choice((float("nan"), float("inf"), -1e38, 1e38))])
+        )
     elif kind == 5:
         node = graph.node[rng.randrange(len(graph.node))]
         node.op_type = rng.choice(("Nope", "Add", "MatMul", "Reshape", "Concat", "NonZero", "Gather", ""))

@@ -16,7 +16,10 @@ Values = dict[str, list[str]]
 """Words given for each parameter, by its name; a flag that is set has none."""
 
 BASES: dict[str, list[Values]] = {
-    "costmap": [{"dem": ["in/dem.npz"], "output": ["out/cost.npz"]}, {"dem": ["in/dem.tif"], "output": ["out/c.tif"]}],
+    "costmap": [
+        {"dem": ["in/dem.npz"], "output": ["out/cost.npz"]},
+        {"dem": ["in/dem.tif"], "output": ["out/c.tif"]},
+    ],
     "plan": [
         {"dem": ["in/dem.npz"], "start": ["2,2"], "goals": ["20,28"]},
         {"dem": ["in/dem.tif"], "start_xy": ["1005,1995"], "goals_xy": ["1050,1960"], "output": ["out/plan"]},
@@ -31,7 +34,13 @@ BASES: dict[str, list[Values]] = {
     "quantize": [{"model": ["in/edge64.onnx"], "dataset": ["in/set"], "output": ["out/int8.onnx"], "samples": ["2"]}],
     "evaluate": [
         {"synthetic": [], "sizes": ["16"], "queries": ["1"], "repeats": ["1"], "methods": ["astar"]},
-        {"terrain": ["in/dem.npz"], "sizes": ["16"], "queries": ["1"], "repeats": ["1"], "methods": ["astar,corridor"]},
+        {
+            "terrain": ["in/dem.npz"],
+            "sizes": ["16"],
+            "queries": ["1"],
+            "repeats": ["1"],
+            "methods": ["astar,corridor"],
+        },
     ],
     "reproduce": [{"experiments": ["table9"], "quick": [], "output": ["out/paper"]}],
     "profile": [{"profile_name": ["in/profile.toml"]}, {"peers": [], "sizes": ["16"], "queries": ["1"]}],
@@ -50,13 +59,54 @@ BASES: dict[str, list[Values]] = {
 """For each command what makes it end well and soon; the cases depart from these."""
 HEAVY = ("train", "export", "quantize", "profile compare")
 """Commands whose samples must be trained or measured first."""
-SELDOM = {"reproduce": 0.15, "export": 0.1, "quantize": 0.1, "train": 0.25, "profile": 0.2, "evaluate": 0.6, "warmup": 0.2}
+SELDOM = {
+    "reproduce": 0.15,
+    "export": 0.1,
+    "quantize": 0.1,
+    "train": 0.25,
+    "profile": 0.2,
+    "evaluate": 0.6,
+    "warmup": 0.2,
+}
 _INPUTS = ("in/dem.npz", "in/dem.npy", "in/dem.tif", "in/dem.png", "in/dem.asc", "in/cost.npz", "in/drive.jsonl")
-_INPUTS += ("in/profile.toml", "in/tiny.onnx", "in/choice.json", "in/dem.img", "in/sparse.tif", "in/bomb.npz", "in/set16")
+_INPUTS += (
+    "in/profile.toml",
+    "in/tiny.onnx",
+    "in/choice.json",
+    "in/dem.img",
+    "in/sparse.tif",
+    "in/bomb.npz",
+    "in/set16",
+)
 _ODD_INPUTS = ("", ".", "/", "in", "missing", "odd/loop", "odd/" + "x" * 300, "y/" * 2500, "in/dem.npz/x", "odd/null")
 _ODD_INPUTS += ("odd/zero", "odd/locked/dem.npz", "odd/link", "~", "in/\x01", "in/\udcff.npz", "/proc/self/mem")
-_ENDINGS = (".tif", ".tiff", ".npy", ".npz", ".png", ".gif", ".json", ".jsonl", ".mcap", ".onnx", ".html", ".rrd", "", ".X")
-_ODD_OUTPUTS = ("", ".", "out", "odd/loop", "odd/full", "odd/null", "in/dem.npz/x.png", "odd/" + "x" * 300, "odd/link")
+_ENDINGS = (
+    ".tif",
+    ".tiff",
+    ".npy",
+    ".npz",
+    ".png",
+    ".gif",
+    ".json",
+    ".jsonl",
+    ".mcap",
+    ".onnx",
+    ".html",
+    ".rrd",
+    "",
+    ".X",
+)
+_ODD_OUTPUTS = (
+    "",
+    ".",
+    "out",
+    "odd/loop",
+    "odd/full",
+    "odd/null",
+    "in/dem.npz/x.png",
+    "odd/" + "x" * 300,
+    "odd/link",
+)
 _ODD_OUTPUTS += ("/proc/none/x", "odd/locked/x", "old/old.png", "old/old.npz", "old/old.json", "y/" * 2500 + "x")
 
 
@@ -105,7 +155,9 @@ def drawn(rng: random.Random, name: str, heavy: bool = True) -> Command:
         patient = patient or long
     words = words_of(name, command, values)
     if rng.random() < 0.04:
-        words.insert(rng.randrange(len(words) + 1), rng.choice(("--nope", "-h", "--help", "extra", "--json=1", "--", "")))
+        words.insert(
+            rng.randrange(len(words) + 1), rng.choice(("--nope", "-h", "--help", "extra", "--json=1", "--", ""))
+        )
     if name == "warmup" and "--keep-old" not in words:
         words.append("--keep-old")  # what others compiled is left alone
     found = Command(tuple(words), patient=patient or name in ("reproduce", "warmup"))
@@ -151,7 +203,7 @@ def words_of(name: str, command: click.Command, values: Values) -> list[str]:
 def draw_value(rng: random.Random, parameter: click.Parameter, values: Values) -> tuple[list[str], bool]:
     """Words for a parameter, and whether with them the command may rightly take long."""
     if isinstance(parameter, click.Option) and parameter.is_flag:
-        return ([] if parameter.secondary_opts == [] or rng.random() < 0.5 else []), parameter.name == "stay"
+        return [], parameter.name == "stay"
     times = rng.choice((0, 1, 2, 3)) if parameter.multiple or parameter.nargs != 1 else 1
     words = [draw_word(rng, parameter, values) for _ in range(times)]
     return words, any(map(may_take_long, words))
@@ -206,5 +258,12 @@ def may_take_long(word: str) -> bool:
 
 def _messages(rng: random.Random) -> bytes:
     """A little for stdin."""
-    lines = (b'{"type":"pose","row":2,"col":2}', b'{"type":"goal","row":20,"col":28}', b"junk", b"[" * 500, b"", b"\xff")
+    lines = (
+        b'{"type":"pose","row":2,"col":2}',
+        b'{"type":"goal","row":20,"col":28}',
+        b"junk",
+        b"[" * 500,
+        b"",
+        b"\xff",
+    )
     return b"\n".join(rng.choices(lines, k=rng.randrange(8))) + rng.choice((b"", b"\n"))

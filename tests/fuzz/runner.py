@@ -13,7 +13,7 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -63,7 +63,9 @@ class Tally:
         for finding in self.findings:
             first.setdefault(f"{finding.target}: {finding.problem.signature}", finding)
         for cause, count in causes.most_common():
-            lines.append(f"{count:>6} × {cause}; again with --target {first[cause].target} --seed {first[cause].seed}")
+            lines.append(
+                f"{count:>6} × {cause}; again with --target {first[cause].target} --seed {first[cause].seed}"
+            )
         return "\n".join(lines)
 
 
@@ -201,7 +203,7 @@ def work(
     base: int,
     targets: Sequence[str],
     until: float,
-    most: int,
+    most: Mapping[str, int],
     folder: Path,
     heavy: bool,
 ) -> None:
@@ -212,7 +214,9 @@ def work(
     seeds = {name: seeds_of(base, worker, workers) for name in targets}
     done, spent = Counter[str](), Counter[str]()
     connection.send(("ready", 0, 0.0, []))
-    while (open_targets := [name for name in targets if done[name] < most]) and time.time() < until:
+    while (
+        open_targets := [name for name in targets if done[name] < most.get(name, sys.maxsize)]
+    ) and time.time() < until:
         name = min(open_targets, key=lambda each: spent[each] / SHARES[each])
         began = time.monotonic()
         if name in COMMAND_TARGETS:
@@ -220,7 +224,7 @@ def work(
             found = [(seed, problem)] if (problem := _checked(name, seed, samples, case_folder, heavy)) else []
             count = 1
         else:
-            most_now = min(BATCH, most - done[name])
+            most_now = min(BATCH, most.get(name, sys.maxsize) - done[name])
             count, found = run_batch(name, seeds[name], most_now, samples, case_folder)
         seconds = time.monotonic() - began
         done[name] += count
@@ -270,7 +274,9 @@ def run_batch(
     found = [(entry["seed"], Problem(*entry["problem"])) for entry in finished if entry["problem"]]
     if ended.code and told and "problem" not in told[-1]:
         kind = f"hangs: {name}" if ended.late else f"killed by signal {-ended.code}: {name}"
-        found.append((told[-1]["seed"], Problem(kind, f"{ended.late}\n{ended.err.decode('utf-8', 'replace')[-4000:]}")))
+        found.append(
+            (told[-1]["seed"], Problem(kind, f"{ended.late}\n{ended.err.decode('utf-8', 'replace')[-4000:]}"))
+        )
     return max(len(finished), 1), found
 
 
@@ -292,14 +298,14 @@ def run(
     *,
     base: int,
     minutes: float = math.inf,
-    most: int = sys.maxsize,
+    most: Mapping[str, int] | None = None,
     workers: int = 2,
     targets: Sequence[str] = tuple(SHARES),
     folder: Path = FOLDER,
     heavy: bool = True,
     tell: Callable[[str], None] = print,
 ) -> Tally:
-    """Run workers until the time has passed, or each has done so many cases of each target."""
+    """Run workers until the time has passed, or so many cases of each target are done."""
     folder.mkdir(parents=True, exist_ok=True)
     findings = folder / "findings"
     findings.mkdir(exist_ok=True)
@@ -309,7 +315,7 @@ def run(
     processes = {}
     for at in range(workers):
         ours, theirs = context.Pipe()
-        share = most if most == sys.maxsize else -(-most // workers)
+        share = {name: -(-count // workers) for name, count in (most or {}).items()}
         arguments = (theirs, at, workers, base, tuple(targets), until, share, folder.resolve(), heavy)
         process = context.Process(target=work, args=arguments)
         process.start()

@@ -70,7 +70,9 @@ def make_light(folder: Path) -> None:
     rows = "\n".join(" ".join(f"{value:.3f}" for value in row) for row in np.nan_to_num(ground, nan=-9999.0))
     (folder / "dem.asc").write_text(head + rows + "\n")
     (folder / "N10E010.hgt").write_bytes(np.tile(known[:1, :1], (1201, 1201)).astype(">i2").tobytes())
-    label = f"PDS_VERSION_ID = PDS3\nRECORD_TYPE = FIXED_LENGTH\nRECORD_BYTES = {4 * COLS}\nFILE_RECORDS = {ROWS + 8}\n"
+    label = (
+        f"PDS_VERSION_ID = PDS3\nRECORD_TYPE = FIXED_LENGTH\nRECORD_BYTES = {4 * COLS}\nFILE_RECORDS = {ROWS + 8}\n"
+    )
     label += f"^IMAGE = 9\nOBJECT = IMAGE\n  LINES = {ROWS}\n  LINE_SAMPLES = {COLS}\n  SAMPLE_TYPE = PC_REAL\n"
     label += "  SAMPLE_BITS = 32\n  BANDS = 1\nEND_OBJECT = IMAGE\nEND\n"
     (folder / "dem.img").write_bytes(label.encode().ljust(8 * 4 * COLS) + known.astype("<f4").tobytes())

@@ -123,7 +123,11 @@ def interrupting(after: int) -> Iterator[list[str]]:
             by_c = not (child_returned[0] and last.startswith("CALL"))
             before[0] = frame.f_lasti
             child_returned[0] = False
-            if last in _CHECKED_AFTER and by_c and operations.get(frame.f_lasti) not in ("RESUME", "CACHE", "PRECALL"):
+            if (
+                last in _CHECKED_AFTER
+                and by_c
+                and operations.get(frame.f_lasti) not in ("RESUME", "CACHE", "PRECALL")
+            ):
                 left[0] -= 1
                 if left[0] == 0:
                     where.append(f"{frame.f_code.co_filename}:{frame.f_lineno} {frame.f_code.co_name}")
@@ -134,7 +138,11 @@ def interrupting(after: int) -> Iterator[list[str]]:
         return trace
 
     def begin(frame: FrameType, event: str, argument: Any) -> Any:
-        if left[0] <= 0 or not any(part in frame.f_code.co_filename for part in _OURS) or "/kernels/" in frame.f_code.co_filename:
+        if (
+            left[0] <= 0
+            or not any(part in frame.f_code.co_filename for part in _OURS)
+            or "/kernels/" in frame.f_code.co_filename
+        ):
             return None
         frame.f_trace_opcodes = True
         frame.f_trace_lines = False
@@ -174,7 +182,11 @@ class Driver:
     def fresh(self) -> Any:
         """A planner of the map as it is."""
         case, cost = self.case, self.cost.copy()
-        settings = {"step_cost": case.step_cost, "corner_cutting": case.corner_cutting, "model": small_model(self.folder)}
+        settings = {
+            "step_cost": case.step_cost,
+            "corner_cutting": case.corner_cutting,
+            "model": small_model(self.folder),
+        }
         if not case.method:
             return Planner(cost, ask_from=0, **settings)
         planner = DynamicPlanner(cost, self.goal, case.method, also=case.also, **settings)
@@ -226,11 +238,8 @@ class Driver:
     def _interrupted(self, step: Step, after: int) -> Problem | None:
         """Do a step that may be interrupted on the way."""
         problem = None
-        with interrupting(after) as where:
-            try:
-                problem = self.do(step)
-            except KeyboardInterrupt:
-                pass
+        with interrupting(after) as where, contextlib.suppress(KeyboardInterrupt):
+            problem = self.do(step)
         if not where:
             return problem
         self.interrupted += where
@@ -305,7 +314,9 @@ class Driver:
         for number, call in enumerate(calls):
             with contextlib.suppress(NnppEdgeError):
                 call()
-                return Problem(f"nonsense was taken: call {number} of a {type(self.planner).__name__}", repr(self.case))
+                return Problem(
+                    f"nonsense was taken: call {number} of a {type(self.planner).__name__}", repr(self.case)
+                )
         return None
 
 
@@ -318,7 +329,9 @@ def check(case: Case, folder: Path | None = None) -> Problem | None:
             problem = driver.do(step)
         except NnppEdgeError as error:
             if not driver.interrupted and not (isinstance(error, InvalidMapError) and driver.weights_far_apart()):
-                return Problem(f"refused: {type(error).__name__}", f"{error} at {step}\n{traceback.format_exc()}\n{case!r}")
+                return Problem(
+                    f"refused: {type(error).__name__}", f"{error} at {step}\n{traceback.format_exc()}\n{case!r}"
+                )
             # an interrupted planner may refuse until it is made anew; the map is what it was, or has the patch
             driver.interrupted, driver.maps = [], []
             driver.planner = driver.fresh()

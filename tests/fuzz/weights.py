@@ -177,7 +177,11 @@ def problem_with_plan(
     optimum = oracles.cheapest(seen, start, goal, step_cost, corner_cutting, omega)
     name, facts = str(getattr(found, "planner", "")), f"{found}\noptimum {optimum!r}\n{told}"
     if not math.isfinite(optimum):
-        return None if found.status is Status.NO_PATH else Problem(f"{found.status} where there is no path: {name}", facts)
+        return (
+            None
+            if found.status is Status.NO_PATH
+            else Problem(f"{found.status} where there is no path: {name}", facts)
+        )
     if found.status is not Status.OK:
         return Problem(f"{found.status} where there is a path: {name}", facts)
     path = [tuple(map(int, cell)) for cell in found.path]
