@@ -14,7 +14,9 @@ from nnpp_edge.profiling.report_format import find
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
 
-LOAD = Load(terrain=("synthetic",), workloads=("soft", "limit20"), sizes=(96, 256), queries=12, near=5, repeats=1, seed=3)
+LOAD = Load(
+    terrain=("synthetic",), workloads=("soft", "limit20"), sizes=(96, 256), queries=12, near=5, repeats=1, seed=3
+)
 NAMES = ["astar", "corridor", "nnpp", "nnpp-fp32", "auto"]
 
 
@@ -74,7 +76,9 @@ def clock_outside(measured, of, name):
     for query in of.queries:
         calls = outside[(of.size, of.size), query.start, query.goal, rival.method, rival.model or "edge"]
         assert len(calls) in (2, 4)
-        times.append(calls[1::2] if len(calls) == 4 else calls)  # the first on a map is answered once before, each half
+        times.append(
+            calls[1::2] if len(calls) == 4 else calls
+        )  # the first on a map is answered once before, each half
     return np.array(times)
 
 
@@ -83,7 +87,9 @@ def test_the_stages_add_up_to_the_time_by_a_clock_outside_within_5_percent(measu
     """Query by query, and the better of its two calls: a disturbance between two stages does not decide."""
     for of in measured[0].workloads:
         halves = of.answers[name].stages_ms
-        named = [[sum(ms for stage, ms in of_half.items() if stage != "other") for of_half in half] for half in halves]
+        named = [
+            [sum(ms for stage, ms in of_half.items() if stage != "other") for of_half in half] for half in halves
+        ]
         shares = np.array(named).T / clock_outside(measured, of, name)
         assert shares.max() <= 1.0
         assert np.median(shares.max(axis=1)) > 0.95, (of.workload, of.size)
