@@ -3,12 +3,14 @@
 # make test: the same with all tests.
 # make bench: our planners beside other libraries' grid search, what a
 # region's search costs, and how long the first plan takes.
+# make fuzz MINUTES=30: damaged files, odd options, odd weights and the rest (docs/fuzzing.md).
 PYTHON ?= python3
+MINUTES ?= 30
 DEMO := .venv-demo
 DEV := .venv-dev
 PYTEST := $(DEV)/bin/python -m pytest --numprocesses 2
 
-.PHONY: demo check test bench kernels lint types contract format clean
+.PHONY: demo check test bench fuzz kernels lint types contract format clean
 
 $(DEMO)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEMO)
@@ -56,6 +58,9 @@ bench: $(DEV)/ready-to-bench
 	$(DEV)/bin/nnpp-edge profile --peers --sizes 256,512,1024,2048,4096 -o build/bench
 	$(DEV)/bin/python -m nnpp_edge.benchmarks.region_search
 	$(DEV)/bin/python -m nnpp_edge.profiling.cold_start
+
+fuzz: $(DEV)/ready
+	$(DEV)/bin/python -m tests.fuzz --minutes $(MINUTES)
 
 clean:
 	rm -rf $(DEMO) $(DEV) build demo-out *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

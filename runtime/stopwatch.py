@@ -7,9 +7,9 @@ class Stopwatch:
     """Milliseconds by stage, from the moment it is made."""
 
     def __init__(self) -> None:
+        self._began = self._stage_began = time.perf_counter()
         self.timings_ms: dict[str, float] = {}
         """Milliseconds by stage, in the order in which the stages first ended."""
-        self._began = self._stage_began = time.perf_counter()
 
     def stage_ends(self, stage: str) -> None:
         """Add the time since the last stage ended to this one."""

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from typing import Protocol
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -89,3 +90,41 @@ def threshold_by_loop(levels, start, goal):
         if labels[start] and labels[start] == labels[goal]:
             return td
     return -1
+
+
+class Answer(Protocol):
+    """What the oracles look at of a plan."""
+
+    status: object
+    path: object
+    cost: float
+    lower_bound: float
+    expansions: int
+
+
+def cheapest(cost, start, goal, step_cost="paper", corner_cutting=True, omega=0.011):
+    """Cost of the cheapest path between two cells, by Dijkstra in float64; inf where there is none.
+
+    Weights of any size: they are scaled by a power of two, so that none is lost beside scipy's idea of an edge.
+    """
+    passable = cost[np.isfinite(cost) & (cost > 0.0)]
+    scale = 2.0 ** -math.floor(math.log2(passable.min())) if step_cost == "length" and passable.size else 1.0
+    scaled = np.where(np.isfinite(cost), cost * scale, np.inf)
+    return float(dijkstra(scaled, start, step_cost, corner_cutting, omega)[goal]) / scale
+
+
+def path_problem(path, cost, start, goal, corner_cutting=True):
+    """What forbids a path over a map whose impassable cells are inf; empty if nothing does."""
+    if not len(path) or tuple(path[0]) != tuple(start) or tuple(path[-1]) != tuple(goal):
+        return "a path with other ends"
+    for r, c in path:
+        if not (0 <= r < cost.shape[0] and 0 <= c < cost.shape[1]):
+            return "a path that leaves the map"
+        if not np.isfinite(cost[r, c]):
+            return "a path through what is forbidden"
+    for (r, c), (i, j) in itertools.pairwise(path):
+        if max(abs(i - r), abs(j - c)) != 1:
+            return "a path with a leap"
+        if not corner_cutting and r != i and c != j and not (np.isfinite(cost[r, j]) and np.isfinite(cost[i, c])):
+            return "a path that cuts a corner"
+    return ""

@@ -2,6 +2,7 @@
 
 import math
 import time
+from dataclasses import replace
 from typing import NamedTuple, TypedDict
 
 from nnpp_edge.runtime.cells import Cell
@@ -91,8 +92,7 @@ class Found(NamedTuple):
 
     def plan(self, method: Method, work: Work, *, planner: str, reason: str = "", keep_regions: bool = False) -> Plan:
         """The finished plan, which owns its data."""
-        timings = work.timings_ms | {"total": work.total_ms()}
-        return Plan(
+        plan = Plan(
             self.search.status,
             method,
             self.source,
@@ -102,13 +102,17 @@ class Found(NamedTuple):
             self.traverse_cost,
             self.lower_bound,
             work.expansions,
-            region=self.region.copy() if keep_regions and self.region else None,
-            network_region=self.network_region.copy() if keep_regions and self.network_region else None,
             threshold=self.threshold,
             planner=planner,
             reason=reason or work.remark,
-            timings_ms=timings,
+            timings_ms=work.timings_ms,
         )
+        work.stage_ends("path")  # the plan's own making counts
+        work.timings_ms["total"] = work.total_ms()
+        if not keep_regions:
+            return plan
+        region, network_region = (None if found is None else found.copy() for found in (self.region, self.network_region))
+        return replace(plan, region=region, network_region=network_region)
 
 
 def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:

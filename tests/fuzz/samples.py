@@ -1,0 +1,151 @@
+"""Small valid files of every format that the commands read, made once into a folder."""
+
+import io
+import json
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+ROWS, COLS = 24, 32
+START, GOAL = (2, 2), (20, 28)
+CELL_M = 2.0
+DEMS = ("dem.npy", "dem.npz", "dem.tif", "dem.asc", "dem.png", "N10E010.hgt", "dem.img")
+PROFILE = """planner = "auto"
+
+budgets = [
+  { name = "mean gap", quantity = "gap_mean", limit = 100.0, direction = "at most", unit = "%" },
+]
+
+[device]
+cores = [0]
+
+[workload]
+terrain = "synthetic"
+workloads = ["soft"]
+sizes = [32]
+queries = 1
+near = 0
+repeats = 1
+
+[model]
+int8 = "in/tiny.onnx"
+
+[loop]
+rate_hz = 500.0
+method = "corridor"
+"""
+
+
+def heights(seed: int = 0, rows: int = ROWS, cols: int = COLS) -> np.ndarray:
+    """Gentle hills with a hole in them, metres."""
+    rng = np.random.default_rng(seed)
+    ground = np.cumsum(np.cumsum(rng.normal(0.0, 0.02, (rows, cols)), axis=0), axis=1)
+    ground[rows // 3, cols // 3 : cols // 2] = np.nan
+    return ground.astype(np.float32)
+
+
+def make_light(folder: Path) -> None:
+    """All that needs no training: terrain, cost maps, recordings, profiles, choices, the smallest model."""
+    import cv2
+    import rasterio
+
+    from nnpp_edge.robot.transports.wire import encode
+    from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
+    from tests.conftest import write_tiny_model
+
+    folder.mkdir(parents=True, exist_ok=True)
+    ground = heights()
+    known = np.where(np.isfinite(ground), ground, 0.0)
+    np.save(folder / "dem.npy", ground)
+    np.savez(folder / "dem.npz", elevation_m=ground, cell_size_m=CELL_M)
+    place = rasterio.Affine(CELL_M, 0, 1000, 0, -CELL_M, 2000)
+    kind = {"count": 1, "height": ROWS, "width": COLS, "transform": place}
+    with rasterio.open(folder / "dem.tif", "w", driver="GTiff", dtype="float32", nodata=-9999.0, **kind) as dataset:
+        dataset.write(np.where(np.isfinite(ground), ground, -9999.0), 1)
+    levels = np.round(100.0 * (known - known.min())).astype(np.uint16)
+    (folder / "dem.png").write_bytes(cv2.imencode(".png", levels)[1].tobytes())
+    head = f"ncols {COLS}\nnrows {ROWS}\nxllcorner 0\nyllcorner 0\ncellsize {CELL_M}\nNODATA_value -9999\n"
+    rows = "\n".join(" ".join(f"{value:.3f}" for value in row) for row in np.nan_to_num(ground, nan=-9999.0))
+    (folder / "dem.asc").write_text(head + rows + "\n")
+    (folder / "N10E010.hgt").write_bytes(np.tile(known[:1, :1], (1201, 1201)).astype(">i2").tobytes())
+    label = (
+        f"PDS_VERSION_ID = PDS3\nRECORD_TYPE = FIXED_LENGTH\nRECORD_BYTES = {4 * COLS}\nFILE_RECORDS = {ROWS + 8}\n"
+    )
+    label += f"^IMAGE = 9\nOBJECT = IMAGE\n  LINES = {ROWS}\n  LINE_SAMPLES = {COLS}\n  SAMPLE_TYPE = PC_REAL\n"
+    label += "  SAMPLE_BITS = 32\n  BANDS = 1\nEND_OBJECT = IMAGE\nEND\n"
+    (folder / "dem.img").write_bytes(label.encode().ljust(8 * 4 * COLS) + known.astype("<f4").tobytes())
+    cost = np.random.default_rng(1).uniform(0.0, 0.9, (ROWS, COLS)).astype(np.float32)
+    cost[5, 3:20] = np.inf
+    np.savez_compressed(folder / "cost.npz", cost=cost, cell_size_m=CELL_M, cell_width_m=CELL_M)
+    inputs = [Pose(*(float(part) for part in START)), Goal(*GOAL), MapPatch(3, 4, elevation=ground[:4, :5])]
+    inputs += [Pose(4.0, 4.0), MapPatch(10, 9, cost=np.full((2, 3), 1.0, np.float32), keep_known=True)]
+    lines = [b'{"at":%.3f,' % (0.01 * at) + encode(message)[1:] for at, message in enumerate(inputs)]
+    lines.insert(0, json.dumps({"v": 1, "type": "recording", "map": [ROWS, COLS]}).encode())
+    (folder / "drive.jsonl").write_bytes(b"\n".join(lines) + b"\n")
+    (folder / "messages.jsonl").write_bytes(b"\n".join(map(encode, inputs)) + b"\n")
+    (folder / "profile.toml").write_text(PROFILE)
+    rules = [{"size": 32, "from": 0, "method": "astar"}, {"size": 32, "from": 8, "method": "corridor"}]
+    choice = {"format": "nnpp-edge-choice-1", "measured": "2024-01-01", "machine": "any", "model": "edge"}
+    (folder / "choice.json").write_text(json.dumps(choice | {"rules": rules}))
+    write_tiny_model(folder / "tiny.onnx")
+    (folder / "tiny.md").write_text("# tiny\n\nA model without weights.\n")
+    row = {"workload": "soft", "size": 256, "method": "nnpp", "n": 2, "success_raw": 1.0, "success": 1.0}
+    row |= {"gap_mean": 0.0, "gap_p99": 0.0, "time_ms_median": 1.0, "time_ms_p99": 1.0, "speedup_median": 2.0}
+    row |= {"speedup_total": 2.0, "mm_mean": 0.1}
+    (folder / "tiny.json").write_text(json.dumps({"machine": "any", "commands": ["none"], "rows": [row]}))
+    (folder / "bomb.npz").write_bytes(_bomb("elevation_m.npy", 20_000))
+    (folder / "bomb-cost.npz").write_bytes(_bomb("cost.npy", 20_000))
+    shape = {"height": 100_000, "width": 100_000, "count": 1, "dtype": "float32", "transform": place}
+    with rasterio.open(folder / "sparse.tif", "w", driver="GTiff", SPARSE_OK=True, tiled=True, **shape):
+        pass
+
+
+def make_heavy(folder: Path, run: "object") -> list[str]:
+    """A data set, a checkpoint, a trained model and a report, by the commands themselves; what could not be made.
+
+    `run` takes the words of a command, and is true where it has ended well.
+    """
+    assert callable(run)
+    data = ["dataset", "-o", folder / "set", "--maps", 2, "--size", 64, "--points", 2, "--workers", 1]
+    train = ["train", folder / "set", "--validation", folder / "set", "-o", folder / "trained", "--steps", 1]
+    train += ["--input-size", 64, "--batch", 2, "--validate-every", 0]
+    export = ["export", folder / "trained" / "checkpoint.pt", "-o", folder / "edge64.onnx"]
+    small = ["dataset", "-o", folder / "set16", "--maps", 2, "--size", 16, "--points", 2, "--workers", 1]
+    report = ["profile", "--profile", folder / "profile.toml", "--json", folder / "report.json"]
+    return [words[0] for words in (data, train, export, small, report) if not run(*words)]
+
+
+def npz(arrays: dict[str, bytes]) -> bytes:
+    """An archive of these files."""
+    import zipfile
+
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for name, data in arrays.items():
+            archive.writestr(name, data)
+    return content.getvalue()
+
+
+def npy(descr: object, shape: object, data: bytes = b"", fortran: object = False) -> bytes:
+    """A NumPy file with a header of one's own."""
+    header = repr({"descr": descr, "fortran_order": fortran, "shape": shape}).encode() + b"\n"
+    return b"\x93NUMPY\x02\x00" + struct.pack("<I", len(header)) + header + data
+
+
+def _bomb(name: str, side: int) -> bytes:
+    """A small archive of a huge array of zeros: one deflated block, repeated."""
+    head = npy("<f4", (side, side))
+    block = 1 << 24
+    packer = zlib.compressobj(9, wbits=-15)
+    first = packer.compress(head) + packer.flush(zlib.Z_FULL_FLUSH)
+    repeated = packer.compress(bytes(block)) + packer.flush(zlib.Z_FULL_FLUSH)
+    times = 4 * side * side // block
+    data = first + times * repeated + packer.flush(zlib.Z_FINISH)
+    size = min(len(head) + times * block, 0xFFFFFFFE)
+    entry = struct.pack("<HHHHHIIIHH", 20, 0, 8, 0, 33, 0, len(data), size, len(name), 0)
+    local = b"PK\x03\x04" + entry + name.encode()
+    central = b"PK\x01\x02" + struct.pack("<H", 20) + entry + struct.pack("<HHHII", 0, 0, 0, 0, 0) + name.encode()
+    end = struct.pack("<HHHHIIH", 0, 0, 1, 1, len(central), len(local) + len(data), 0)
+    return local + data + central + b"PK\x05\x06" + end

@@ -1,0 +1,93 @@
+"""The certified bound: whatever the method, no path costs less than a plan's lower bound."""
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from nnpp_edge.runtime import DynamicPlanner, NetworkModel, Planner
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
+from tests import oracles
+
+CLOSE = 1e-5
+"""g is kept in float32."""
+
+
+@pytest.fixture(scope="module")
+def network():
+    """The shipped network: the tiny one of other tests leaves no optimum out."""
+    return NetworkModel("edge")
+
+
+def maps(step_cost, count, seed):
+    """Maps of 60 to 120 cells a side, with walls, on which regions are smaller than the map.
+
+    On every other one costs are nearly equal but for a swamp: there bounds are tight, and one that is too high shows.
+    """
+    rng = np.random.default_rng(seed)
+    for number in range(count):
+        shape = tuple(rng.integers(60, 120, 2))
+        cost = rng.random(shape) ** rng.choice([0.5, 2.0]) * 0.9
+        if number % 2:
+            hills = gaussian_filter(cost, rng.choice([1.0, 3.0, 8.0]))
+            cost = 0.02 * (hills - hills.min()) / np.ptp(hills)
+            rows, cols = np.ogrid[: shape[0], : shape[1]]  # a swamp on the straight line, to be walked around
+            away = np.hypot(rows / shape[0] - 0.5, cols / shape[1] - 0.5)
+            cost += rng.choice([0.0, 0.05, 0.15, 0.4]) * (away < rng.choice([0.1, 0.2, 0.3]))
+        cost = (cost + 0.05).astype(np.float32)
+        cost[rng.random(shape) < rng.choice([0.0, 0.02, 0.2, 0.35])] = np.inf
+        start, goal = (1, 1), (shape[0] - 2, shape[1] - 2)
+        cost[start] = cost[goal] = 0.5
+        yield cost * (100.0 if step_cost == "length" else 1.0), start, goal, bool(rng.integers(2))
+
+
+def check(plan, optimum):
+    """The bound of a plan, against Dijkstra's optimum."""
+    assert plan.ok == math.isfinite(optimum)
+    if plan.ok:
+        assert 0.0 < plan.lower_bound <= min(optimum * (1.0 + CLOSE), plan.cost)
+        assert optimum * (1.0 - CLOSE) <= plan.cost <= plan.bound * optimum * (1.0 + CLOSE)
+
+
+@pytest.mark.parametrize("epsilon", [math.inf, 0.3, 0.02, 0.0])
+@pytest.mark.parametrize("step_cost", ["paper", "length"])
+@pytest.mark.parametrize("method", Method)
+def test_every_methods_bound_holds_and_is_as_close_as_asked(network, method, step_cost, epsilon):
+    sources = Counter()
+    for cost, start, goal, corner_cutting in maps(step_cost, 12, 1):
+        options = {"step_cost": step_cost, "corner_cutting": corner_cutting, "model": network, "ask_from": 0}
+        plan = Planner(cost, **options).plan(start, goal, method=method, epsilon=epsilon)
+        optimum = oracles.dijkstra(cost, start, step_cost, corner_cutting)[goal]
+        check(plan, optimum)
+        if plan.ok:
+            assert plan.cost <= (1.0 + epsilon) * plan.lower_bound * (1.0 + 1e-9)
+            assert plan.cost <= (1.0 + epsilon) * optimum * (1.0 + CLOSE)
+        sources[plan.source] += 1
+    if epsilon == math.inf and method is not Method.ASTAR:
+        assert sources[Source.REGION] + sources[Source.WIDENED] >= 2  # else the bound was that of an exact search
+
+
+@pytest.mark.parametrize("step_cost", ["paper", "length"])
+@pytest.mark.parametrize("method", DynamicMethod)
+def test_every_dynamic_methods_bound_holds_while_the_map_changes(network, method, step_cost):
+    rng = np.random.default_rng(2)
+    for cost, start, goal, corner_cutting in maps(step_cost, 2, 3):
+        options = {"step_cost": step_cost, "corner_cutting": corner_cutting, "model": network}
+        planner = DynamicPlanner(cost, goal, method, **options)
+        for at in range(4):
+            planner.move((start[0] + at, start[1]))
+            cost[start[0] + at, start[1]] = cost[5, 5]
+            planner.update(0, 0, cost)
+            plan = planner.replan()
+            check(plan, oracles.dijkstra(cost, (start[0] + at, start[1]), step_cost, corner_cutting)[goal])
+            row, col = rng.integers(10, 50, 2)
+            factor = rng.choice([0.5, 2.0]) if step_cost == "length" else 0.5
+            cost[row : row + 8, col : col + 8] *= np.float32(factor)
+            planner.update(row, col, cost[row : row + 8, col : col + 8])
+            standing = planner.standing()
+            optimum = oracles.dijkstra(cost, (start[0] + at, start[1]), step_cost, corner_cutting)[goal]
+            if standing.valid:
+                assert standing.lower_bound <= optimum * (1.0 + CLOSE)
+                assert standing.cost >= optimum * (1.0 - CLOSE)
