@@ -87,6 +87,7 @@ class Loop:
         self.navigator, self._source = navigator, source
         self._sleep = InterruptibleSleep()
         self._ticker = Ticker(1.0 / rate_hz, sleep=self._sleep.wait)
+        self._stopping = self._hurried = False
         count, patient = navigator.count_error, lambda: not (paced or self._hurried)
         self._writers = [SinkWriter(sink, queue, count, patient) for sink in sinks]
         self._status_every_s = status_every_s
@@ -94,7 +95,6 @@ class Loop:
         self._paced, self._after_tick = paced, after_tick
         self._source_failures, self._after_tick_failures = FailureLog("the source"), FailureLog("after_tick")
         self._histogram = Histogram()
-        self._stopping = self._hurried = False
         self._reload_wanted = False
         self._reloader: threading.Thread | None = None
         self._unread: Iterator[Input] = iter(())

@@ -111,7 +111,9 @@ class Found(NamedTuple):
         work.timings_ms["total"] = work.total_ms()
         if not keep_regions:
             return plan
-        region, network_region = (None if found is None else found.copy() for found in (self.region, self.network_region))
+        region, network_region = (
+            None if found is None else found.copy() for found in (self.region, self.network_region)
+        )
         return replace(plan, region=region, network_region=network_region)
 
 
