@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -143,6 +144,12 @@ def _opened(rasterio: ModuleType, path: Path, opened: Path, **options: object) -
 @contextmanager
 def _quiet(rasterio: ModuleType) -> Iterator[None]:
     """Keep GDAL from talking, to the user as to the network: its errors become exceptions, its warnings nothing."""
-    with warnings.catch_warnings(), rasterio.Env(**NO_NETWORK):
-        warnings.simplefilter("ignore")
-        yield
+    hooks = sys.excepthook, sys.unraisablehook
+    try:
+        # both are told of GDAL's messages that are no UTF-8
+        sys.excepthook, sys.unraisablehook = lambda *_: None, lambda _: None
+        with warnings.catch_warnings(), rasterio.Env(**NO_NETWORK):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        sys.excepthook, sys.unraisablehook = hooks

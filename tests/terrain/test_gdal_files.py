@@ -1,6 +1,7 @@
 """Terrain files that lead elsewhere, or to more memory than there is: refused before GDAL follows them."""
 
 import socket
+import sys
 import threading
 from pathlib import Path
 
@@ -187,6 +188,16 @@ def test_an_srtm_tile_is_read(tmp_path):
     levels = np.arange(1201 * 1201, dtype=">i2").reshape(1201, 1201) % 900
     (tmp_path / "N10E020.hgt").write_bytes(levels.astype(">i2").tobytes())
     np.testing.assert_array_equal(read_dem(tmp_path / "N10E020.hgt").elevation, levels)
+
+
+def test_a_message_that_nobody_can_read_is_not_printed(tmp_path, capfd):
+    """GDAL quotes the file's own bytes."""
+    path = raster(tmp_path / "dem.img", driver="HFA")
+    path.write_bytes(path.read_bytes().replace(b"{1:lversion", b"{1:\x81version"))
+    hooks = sys.excepthook, sys.unraisablehook
+    refusal(path)
+    assert capfd.readouterr() == ("", "")
+    assert (sys.excepthook, sys.unraisablehook) == hooks
 
 
 def test_another_format_is_refused_by_name(tmp_path):
