@@ -184,7 +184,6 @@ class DynamicPlanner:
         if any(method.base is Method.NNPP for method in self.methods):
             self._planners.learned.prepare()
 
-    @one_at_a_time
     def replan(
         self, *, method: str | None = None, time_limit_s: float = math.inf, keep_regions: bool = False
     ) -> Plan:
@@ -212,7 +211,11 @@ class DynamicPlanner:
         ModelError
             The network is needed and cannot be loaded.
         """
-        work, reason = Work(), ""
+        return self._replan(Work(), method, time_limit_s, keep_regions)
+
+    @one_at_a_time
+    def _replan(self, work: Work, method: str | None, time_limit_s: float, keep_regions: bool) -> Plan:
+        reason = ""
         wanted = self.method if method is None else DynamicMethod.named(method)
         if wanted not in self.methods:
             known = ", ".join(sorted(self.methods))

@@ -223,10 +223,9 @@ class Planner:
             known = sorted(plan.cost for plan in plans.values())
             if len(known) >= count and known[count - 1] <= bounds[at]:
                 break
-            plans[at] = self._plan(begin, cells[at], **options)
+            plans[at] = self._answer(Work(), begin, cells[at], **options)
         return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
 
-    @one_at_a_time
     def plan(
         self,
         start: Cell,
@@ -269,10 +268,11 @@ class Planner:
         ModelError
             ``nnpp`` was asked for and the model cannot be loaded.
         """
-        return self._plan(start, goal, method, epsilon, time_limit_s, keep_regions)
+        return self._plan(Work(), start, goal, method, epsilon, time_limit_s, keep_regions)
 
-    def _plan(
+    def _answer(
         self,
+        work: Work,
         start: Cell,
         goal: Cell,
         method: str = Method.AUTO,
@@ -280,7 +280,6 @@ class Planner:
         time_limit_s: float = math.inf,
         keep_regions: bool = False,
     ) -> Plan:
-        work = Work()
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
         chosen, reason = self._chooser.choose(method, query)
         if problem := problem_with(self._state.grid, query.start, query.goal):
@@ -292,3 +291,5 @@ class Planner:
                 chosen, reason = Method.CORRIDOR, f"{reason}, but the way is long"
         found = found or self._planners.planner(chosen).find(query, work)
         return found.plan(chosen, work, planner=chosen, reason=reason, keep_regions=keep_regions)
+
+    _plan = one_at_a_time(_answer)  # within the time that it takes

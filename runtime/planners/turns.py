@@ -11,35 +11,24 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-class Turns:
-    """Who is at work in a planner, and whether a call was broken off.
+class Turns(dict[str, tuple[int]]):
+    """The thread that is at work in a planner, and whether a call was broken off.
 
     A call that ends with an error of ours has changed nothing or finished what it changed. Any other exception, such
     as a KeyboardInterrupt, may have come between two steps that belong together.
     """
 
-    def __init__(self) -> None:
-        self.broken_off = False
-        """Whether what the planner keeps may be half written."""
-        self._at_work: dict[str, tuple[int]] = {}
-        """The thread of the present call. Setting the default of a dictionary cannot be interrupted."""
+    broken_off = False
+    """Whether what the planner keeps may be half written."""
 
-    def __enter__(self) -> "Turns":
-        mine = (get_ident(),)
-        holder = self._at_work.setdefault("thread", mine)
-        if holder is not mine:
-            if holder != mine:
-                raise ConcurrentUseError(
-                    "wanted one call at a time, got one while another thread's is at work: give each thread a "
-                    "planner of its own (and make a planner anew whose call was broken off in another thread)"
-                )
-            self.broken_off = True  # before it could say so itself
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is not None and not issubclass(kind, NnppEdgeError):
-            self.broken_off = True
-        self._at_work.clear()
+    def not_first(self, mine: tuple[int]) -> None:
+        """Somebody is at work: refuse another thread. This one was broken off before it could say so."""
+        if self.get("thread", mine) != mine:
+            raise ConcurrentUseError(
+                "wanted one call at a time, got one while another thread's is at work: give each thread a planner of "
+                "its own (and make a planner anew whose call was broken off in another thread)"
+            )
+        self.broken_off = True
 
 
 class TakesTurns(Protocol):
@@ -63,10 +52,20 @@ def one_at_a_time(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenat
 
     @functools.wraps(method)
     def guarded(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        with self._turns as turns:
+        turns, mine = self._turns, (get_ident(),)
+        if turns.setdefault("thread", mine) is not mine:  # one step, which nothing can come between
+            turns.not_first(mine)
+        try:
             if turns.broken_off:
                 self._begin_anew()
                 turns.broken_off = False
             return method(self, *args, **kwargs)
+        except NnppEdgeError:
+            raise
+        except BaseException:
+            turns.broken_off = True
+            raise
+        finally:
+            turns.clear()
 
     return guarded

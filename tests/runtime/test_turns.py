@@ -69,6 +69,22 @@ def expected(cost):
     return dijkstra(cost, ENDS[0], "length")[ENDS[1]]
 
 
+@pytest.fixture(autouse=True, scope="module")
+def kernels():
+    """Compiled beforehand: to break off a compiler is another matter."""
+    cost, patch = walled(np.random.default_rng(0))
+    Planner(cost, step_cost="length").prepare(landmarks=4)
+    for method in DynamicMethod:
+        planner = DynamicPlanner(cost, ENDS[1], method, also=["corridor"], step_cost="length")
+        for start in (ENDS[0], (1, 0)):
+            planner.move(start)
+            planner.replan()
+            planner.replan(method="corridor")
+            planner.update(*patch)
+            planner.standing()
+    Planner(patched(cost, *patch), step_cost="length").plan(*ENDS, method="corridor", epsilon=0.0)
+
+
 LINES = [*range(1, 40), *range(40, 400, 7)]
 
 
