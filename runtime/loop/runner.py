@@ -85,6 +85,7 @@ class Loop:
         if not rate_hz > 0.0:
             raise InvalidQueryError(f"the rate must be a positive number of ticks a second, got {rate_hz}")
         self.navigator, self._source = navigator, source
+        self._stopping = self._hurried = False
         self._sleep = InterruptibleSleep()
         self._ticker = Ticker(1.0 / rate_hz, sleep=self._sleep.wait)
         count, patient = navigator.count_error, lambda: not (paced or self._hurried)
@@ -94,7 +95,6 @@ class Loop:
         self._paced, self._after_tick = paced, after_tick
         self._source_failures, self._after_tick_failures = FailureLog("the source"), FailureLog("after_tick")
         self._histogram = Histogram()
-        self._stopping = self._hurried = False
         self._reload_wanted = False
         self._reloader: threading.Thread | None = None
         self._unread: Iterator[Input] = iter(())
