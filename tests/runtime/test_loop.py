@@ -188,6 +188,7 @@ def test_a_histogram_takes_any_duration():
         (lambda: MapPatch(0, 0, cost=free(), stamp=math.nan), "finite"),
         (lambda: Pose(math.nan, 0.0), "finite number, got nan"),
         (lambda: Pose("a", 0.0), "finite number"),
+        (lambda: Pose(0.0, 10**400), "a pose's col must be a finite number, got 1000"),
         (lambda: Goal(1.5, 0), "whole number, got 1.5"),
         (lambda: Goal(None, 0), "whole number"),
         (lambda: PathMessage(1, Status.OK, Origin.FULL), "comes with a path"),
