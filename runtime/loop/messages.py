@@ -65,9 +65,8 @@ class MapPatch:
         if name == "cost" and (values < 0.0).any():
             raise InvalidMessageError(f"a patch's cost must be at least 0, got one of {np.nanmin(values):g}")
         object.__setattr__(self, name, values)
-        for word in ("row", "col"):
-            object.__setattr__(self, word, _as_whole(f"a patch's {word}", getattr(self, word)))
-        _check_finite("a patch's stamp", self.stamp)
+        _make_whole(self, "row", "col")
+        _check_finite(self, "stamp")
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -87,8 +86,7 @@ class Pose:
 
     def __post_init__(self) -> None:
         """Check."""
-        for word in ("row", "col", "stamp"):
-            _check_finite(f"a pose's {word}", getattr(self, word))
+        _check_finite(self, "row", "col", "stamp")
 
     @property
     def cell(self) -> Cell:
@@ -106,9 +104,8 @@ class Goal:
 
     def __post_init__(self) -> None:
         """Check."""
-        for word in ("row", "col"):
-            object.__setattr__(self, word, _as_whole(f"a goal's {word}", getattr(self, word)))
-        _check_finite("a goal's stamp", self.stamp)
+        _make_whole(self, "row", "col")
+        _check_finite(self, "stamp")
 
     @property
     def cell(self) -> Cell:
@@ -232,19 +229,28 @@ class StatusMessage:
 Output = PathMessage | StatusMessage
 
 
-def _check_finite(name: str, value: float) -> None:
-    try:
-        if math.isfinite(value):
-            return
-    except TypeError:
-        pass
-    raise InvalidMessageError(f"{name} must be a finite number, got {value!r}")
+def _check_finite(message: Input, *words: str) -> None:
+    for word in words:
+        value = getattr(message, word)
+        try:
+            finite = math.isfinite(value)
+        except (TypeError, OverflowError):
+            finite = False
+        if not finite:
+            raise InvalidMessageError(f"{_owner(message)} {word} must be a finite number, got {value!r:.80}")
 
 
-def _as_whole(name: str, value: float) -> int:
-    try:
-        if int(value) == value:
-            return int(value)
-    except (TypeError, ValueError, OverflowError):
-        pass
-    raise InvalidMessageError(f"{name} must be a whole number, got {value!r}")
+def _make_whole(message: Input, *words: str) -> None:
+    for word in words:
+        value = getattr(message, word)
+        try:
+            whole = int(value)
+        except (TypeError, ValueError, OverflowError):
+            whole = None
+        if whole is None or whole != value:
+            raise InvalidMessageError(f"{_owner(message)} {word} must be a whole number, got {value!r:.80}")
+        object.__setattr__(message, word, whole)
+
+
+def _owner(message: Input) -> str:
+    return f"a {'patch' if isinstance(message, MapPatch) else type(message).__name__.lower()}'s"

@@ -85,6 +85,7 @@ class Loop:
         if not rate_hz > 0.0:
             raise InvalidQueryError(f"the rate must be a positive number of ticks a second, got {rate_hz}")
         self.navigator, self._source = navigator, source
+        self._stopping = self._hurried = False
         self._sleep = InterruptibleSleep()
         self._ticker = Ticker(1.0 / rate_hz, sleep=self._sleep.wait)
         self._stopping = self._hurried = False

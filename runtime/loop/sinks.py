@@ -33,14 +33,21 @@ class Sink(Protocol):
 class Worker(Generic[T]):
     """A queue of at most so many items, and a thread that hands each to `use`, in order; `use` must not raise.
 
-    While `patient` says so, `put` waits for room, and `close` for the end of the queue.
+    While `patient` says so, `put` waits for room, and `close` for the end of the queue. `size` says what an item
+    counts.
     """
 
     def __init__(
-        self, name: str, use: Callable[[T], None], most: int, patient: Callable[[], bool] = lambda: False
+        self,
+        name: str,
+        use: Callable[[T], None],
+        most: int,
+        patient: Callable[[], bool] = lambda: False,
+        size: Callable[[T], int] = lambda item: 1,
     ) -> None:
-        self._use, self._most, self._patient = use, most, patient
+        self._use, self._most, self._patient, self._size = use, most, patient, size
         self._queue: deque[T] = deque()
+        self._used = 0
         self._news = threading.Condition()
         self._closing = False
         self._thread = threading.Thread(target=self._work, name=f"nnpp-edge {name}", daemon=True)
@@ -51,15 +58,18 @@ class Worker(Generic[T]):
 
     def put(self, item: T, *, when_full: Literal["drop oldest", "refuse"]) -> bool:
         """Queue an item; False if the queue was full, and the oldest item was dropped or this one refused."""
+        size, room = self._size(item), True
         with self._news:
-            while len(self._queue) >= self._most and self._patient():
-                self._news.wait(_LOOK_EVERY_S)
-            room = len(self._queue) < self._most
-            if not room and when_full == "refuse":
-                return False
-            if not room:
-                self._queue.popleft()
+            while self._queue and self._used + size > self._most:
+                if self._patient():
+                    self._news.wait(_LOOK_EVERY_S)
+                    continue
+                if when_full == "refuse":
+                    return False
+                self._oldest()
+                room = False
             self._queue.append(item)
+            self._used += size
             self._news.notify_all()
             return room
 
@@ -78,9 +88,14 @@ class Worker(Generic[T]):
                 self._news.wait_for(lambda: self._queue or self._closing)
                 if not self._queue:
                     return
-                item = self._queue.popleft()
+                item = self._oldest()
                 self._news.notify_all()
             self._use(item)
+
+    def _oldest(self) -> T:
+        item = self._queue.popleft()
+        self._used -= self._size(item)
+        return item
 
 
 class SinkWriter:

@@ -215,7 +215,12 @@ class FullDisk:
 
 def test_a_full_disk_ends_the_log_with_one_warning_and_not_the_loop(tmp_path, monkeypatch, caplog):
     open_file = Path.open
-    monkeypatch.setattr(Path, "open", lambda path, mode: FullDisk(open_file(path, mode), 9000))
+
+    def open_full(path, *words, **options):
+        file = open_file(path, *words, **options)
+        return FullDisk(file, 9000) if path.suffix == ".mcap" else file
+
+    monkeypatch.setattr(Path, "open", open_full)
     log = McapLog(tmp_path / "log.mcap")
     monkeypatch.undo()
     monkeypatch.setattr(mcap_log, "_FLUSH_EVERY_S", 0.0)

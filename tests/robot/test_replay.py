@@ -1,6 +1,7 @@
 """Recordings: what goes in comes out, at its pace or as fast as can be, and a crash costs a line at most."""
 
 import json
+import threading
 import time
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from nnpp_edge.robot.transports.recording import (
 )
 from nnpp_edge.robot.transports.wire import encode
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.loop.inprocess import InProcessSource
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
@@ -179,6 +181,25 @@ def test_an_empty_recording_is_over_at_once(tmp_path):
     source = ReplaySource(tmp_path / "scene.jsonl", fast=True)
     assert source.ended
     assert not list(source.poll())
+
+
+def test_large_patches_that_wait_for_a_slow_recorder_are_few(tmp_path):
+    free, counted, seen = threading.Event(), [], []
+
+    def stuck(message, at_s):
+        free.wait(20.0)
+        seen.append(message)
+
+    patch = MapPatch(0, 0, cost=np.zeros((1000, 1000)))
+    source = InProcessSource()
+    recorded = RecordedSource(source, [stuck], counted.append)
+    for _ in range(100):
+        source.put(patch)
+    assert len(list(recorded.poll())) == 100
+    free.set()
+    recorded.close()
+    assert 10 <= len(seen) <= 20
+    assert len(seen) + len(counted) == 100
 
 
 def test_a_slow_recorder_is_waited_for_where_nothing_may_be_left_out(tmp_path):

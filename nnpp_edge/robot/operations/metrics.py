@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from prometheus_client import Metric
 
 _LOG = logging.getLogger(__name__)
-_MOST_THREADS = 40
-"""Of the process; a connection that would need one more is closed."""
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 
@@ -161,10 +159,9 @@ class MetricsServer(Closing):
 
 
 class _Server(ThreadingHTTPServer):
-    """Closes connections that break, or are too many at once, in silence."""
+    """A connection that breaks is closed in silence."""
 
-    def verify_request(self, request: object, client_address: object) -> bool:
-        return threading.active_count() < _MOST_THREADS
+    daemon_threads = True
 
     def handle_error(self, request: object, client_address: object) -> None:
         _LOG.debug("a request from %s broke off", client_address, exc_info=True)
@@ -172,7 +169,7 @@ class _Server(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     owner: MetricsServer
-    timeout = 1.0
+    timeout = 5.0
     server_version = "nnpp-edge"
 
     def do_GET(self) -> None:

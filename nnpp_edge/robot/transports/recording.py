@@ -29,11 +29,13 @@ from nnpp_edge.robot.transports.wire import (
 )
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.loop.ladder import one_line
-from nnpp_edge.runtime.loop.messages import Input
+from nnpp_edge.runtime.loop.messages import Input, MapPatch
 from nnpp_edge.runtime.loop.sinks import FailureLog, Worker
 
 _LOG = logging.getLogger(__name__)
-_MOST_WAITING = 1024
+_MOST_WAITING = 4096
+_CELLS_AS_ONE = 4096
+"""A patch counts as one waiting input, and one more for each so many cells."""
 _LONGEST_LINE = LIMIT_BYTES + 64
 _Time = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
 
@@ -215,8 +217,8 @@ class EndingSource(Protocol):
 class RecordedSource(Closing):
     """Passes on the inputs of another source, and records them in a thread of its own.
 
-    If more than a thousand inputs wait to be recorded, the next are left out and counted, unless `wait` has the loop
-    wait for its recorders.
+    If 4096 inputs or 16 million cells wait to be recorded, the next are left out and counted, unless `wait` has the
+    loop wait for its recorders.
 
     Parameters
     ----------
@@ -240,7 +242,7 @@ class RecordedSource(Closing):
         self._source, self._count_error = source, count_error
         self._recorders = [(recorder, FailureLog("recording an input")) for recorder in recorders]
         self._began: float | None = None
-        self._worker = Worker("record", self._record, _MOST_WAITING, lambda: wait)
+        self._worker = Worker("record", self._record, _MOST_WAITING, lambda: wait, _size)
         self._worker.start()
 
     @property
@@ -276,3 +278,8 @@ class RecordedSource(Closing):
                 self._count_error("record")
             else:
                 failures.worked()
+
+
+def _size(timed: tuple[Input, float]) -> int:
+    message = timed[0]
+    return 1 + message.shape[0] * message.shape[1] // _CELLS_AS_ONE if isinstance(message, MapPatch) else 1
