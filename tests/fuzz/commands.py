@@ -13,6 +13,7 @@ import traceback
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from nnpp_edge.runtime.compiled import kernel
 from tests.fuzz.children import Ended, Limits, run_forked
 
 MOST_BYTES = 1 << 30
@@ -153,7 +154,15 @@ def prepare(command: Command, samples: Path, folder: Path) -> None:
 def execute(command: Command, folder: Path, limits: Limits) -> Ended:
     """Run the command in a fork of this process."""
     home = folder / "home"
-    env = {"HOME": home, "XDG_CACHE_HOME": home, "XDG_CONFIG_HOME": home, "XDG_DATA_HOME": home, "TMPDIR": home}
+    kernels = kernel.CACHE_FOLDER.parent if kernel.CACHE_FOLDER else home  # others compiled them
+    env = {
+        "NUMBA_CACHE_DIR": kernels,
+        "HOME": home,
+        "XDG_CACHE_HOME": home,
+        "XDG_CONFIG_HOME": home,
+        "XDG_DATA_HOME": home,
+        "TMPDIR": home,
+    }
 
     def work() -> int:
         os.chdir(folder)

@@ -10,7 +10,7 @@ import numpy as np
 
 from tests.fuzz.commands import Command
 from tests.fuzz.mutations import junk_value, mutated, mutated_json, mutated_toml
-from tests.fuzz.options import disturbed
+from tests.fuzz.options import command_of, disturbed
 from tests.fuzz.samples import COLS, DEMS, ROWS, heights, npy, npz
 
 NAME = "files"
@@ -61,10 +61,11 @@ def _dem(rng: random.Random, samples: Path) -> Command:
     else:
         name, content = _odd_raster(rng)
         content = content or (samples / name).read_bytes()
-    words = rng.choice(_OF_DEM if rng.random() < 0.93 else _OF_DEM_SELDOM)
-    if rng.random() < 0.5 and words[0] != "profile":
+    words = rng.choice(_OF_DEM if rng.random() < 0.95 else _OF_DEM_SELDOM)
+    known = {parameter.name for parameter in command_of(words[0]).params}
+    if rng.random() < 0.5 and "cell_size" in known:
         words += ("--cell-size", "2")
-    if name.endswith("png") and words[0] in ("costmap", "plan", "run", "simulate"):
+    if name.endswith("png") and "vertical_scale" in known:
         words += ("--vertical-scale", "0.01")
     return _reading(words, f"in/{name}", content)
 
@@ -174,7 +175,7 @@ def _odd_raster(rng: random.Random) -> tuple[str, bytes]:
         }
         key = rng.choice(list(words))
         words[key] = rng.choice(("0", "-1", "nan", "inf", "1e9", "1000000000", "1e400", "x", "", "31", "2147483648"))
-        body = " ".join(f"{z:.2f}" for z in np.nan_to_num(heights()).ravel())
+        body = " ".join(f"{z:.2f}" for z in np.nan_to_num(heights(0, 24, 32)).ravel())
         return "dem.asc", ("\n".join(f"{k} {v}" for k, v in words.items()) + "\n" + body).encode()
     if kind == 2:
         head = struct.pack(

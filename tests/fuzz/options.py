@@ -64,7 +64,7 @@ SELDOM = {
     "export": 0.1,
     "quantize": 0.1,
     "train": 0.25,
-    "profile": 0.2,
+    "profile": 0.1,
     "evaluate": 0.6,
     "warmup": 0.2,
 }
@@ -203,7 +203,7 @@ def words_of(name: str, command: click.Command, values: Values) -> list[str]:
 def draw_value(rng: random.Random, parameter: click.Parameter, values: Values) -> tuple[list[str], bool]:
     """Words for a parameter, and whether with them the command may rightly take long."""
     if isinstance(parameter, click.Option) and parameter.is_flag:
-        return [], parameter.name == "stay"
+        return [], parameter.name in ("stay", "start_up")
     times = rng.choice((0, 1, 2, 3)) if parameter.multiple or parameter.nargs != 1 else 1
     words = [draw_word(rng, parameter, values) for _ in range(times)]
     return words, any(map(may_take_long, words))

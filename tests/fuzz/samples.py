@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-ROWS, COLS = 24, 32
+ROWS, COLS = 68, 72  # enough for a data set
 START, GOAL = (2, 2), (20, 28)
 CELL_M = 2.0
 DEMS = ("dem.npy", "dem.npz", "dem.tif", "dem.asc", "dem.png", "N10E010.hgt", "dem.img")
