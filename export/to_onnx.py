@@ -30,7 +30,6 @@ from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.network.inference import HEAD, METADATA_KEY, OUTPUT, PLACES, ModelMetadata
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.shards import Recipe
-from nnpp_edge.training.checkpoint import Checkpoint
 
 OPSET = 18
 """The oldest that torch's exporter writes of itself, so that older onnxruntimes read the file too."""
@@ -63,6 +62,7 @@ def export_network(
     name: str,
     region_factor: float = 0.5,
     omega: float = PAPER_OMEGA,
+    limits: Traversability | None = None,
     opset: int = OPSET,
     training: Mapping[str, object] | None = None,
 ) -> ExportReport:
@@ -76,6 +76,8 @@ def export_network(
         Factor on the adaptive threshold that the runtime is to use, in (0, 1].
     omega : float
         Weight of the traversability cost per grey level that the labels were made with.
+    limits : Traversability, optional
+        Of the cost maps that it was trained on; by default the paper's.
     opset : int
         Asked for; the report says what the file has.
     name, training
@@ -98,7 +100,7 @@ def export_network(
         channels=("cost", "blocked", "ends") if isinstance(body, EdgeNet) else ("cost", "start_map", "goal_map"),
         sigma=spec.sigma,
         omega=omega,
-        cost_limits={k: v for k, v in asdict(Traversability()).items() if math.isfinite(v)},
+        cost_limits={k: v for k, v in asdict(limits or Traversability()).items() if math.isfinite(v)},
         region_factor=region_factor,
         map_unshuffle=edge.UNSHUFFLE if isinstance(body, EdgeNet) else 1,
         output_shuffle=edge.OUTPUT_SHUFFLE if isinstance(body, EdgeNet) else 1,
@@ -162,14 +164,6 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
         "map": torch.zeros(1, edge.MAP_CHANNELS * edge.UNSHUFFLE**2, map_side, map_side),
         "query": torch.zeros(1, ENDS_CHANNELS, query_side, query_side),
     }
-
-
-def checkpoint_facts(saved: Checkpoint) -> dict[str, object]:
-    """What a checkpoint says of its training, for a model's metadata."""
-    progress, settings = saved.progress, saved.settings
-    names = ("batch", "learning_rate", "weight_decay", "target", "softness", "seed")
-    done = {"steps": progress.step, "epochs": progress.epoch, "seconds": round(progress.spent_s, 1)}
-    return done | {name: getattr(settings, name) for name in names}
 
 
 def dataset_facts(recipe: Recipe) -> dict[str, object]:

@@ -1,31 +1,100 @@
-"""Writing files whole or not at all."""
+"""Writing files whole or not at all, and never over what is read."""
 
+import errno
+import os
 import secrets
+import stat
+import sys
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.reading import reason
+
+Content = bytes | memoryview
 
 
-def write_whole(path: Path, content: bytes | memoryview) -> None:
-    """Put `content` at `path` by way of a temporary file beside it, then a rename.
+def write_whole(path: Path, content: Content) -> None:
+    """Put `content` at `path`; as `write_all` for one file."""
+    write_all({path: content})
 
-    A reader finds the old file or the whole new one.
+
+def write_all(contents: Mapping[Path, Content]) -> None:
+    """Put each content at its path: all or none, by way of temporary files beside them and then renames.
+
+    A reader finds the old file or the whole new one. Links are followed. A character device, and what stdout or
+    stderr goes to, is written to and stays what it is.
 
     Raises
     ------
     OutputError
-        It could not be written; what stood there is untouched.
+        One could not be written, or is a folder, a pipe, a socket or a disk; what stood in the files is untouched.
     """
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    staged: list[tuple[Path, Path]] = []
+    path = Path()
     try:
         try:
-            with temporary.open("xb") as file:
-                file.write(content)
-            temporary.replace(path)
+            streams: list[tuple[Path, Content]] = []
+            for path, content in contents.items():
+                if _is_stream(_stands(path)):
+                    streams.append((path, content))
+                    continue
+                target = Path(os.path.realpath(path))
+                temporary = target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}")
+                staged.append((temporary, target))
+                with temporary.open("xb") as file:
+                    file.write(content)
+            for path, content in streams:
+                _write_in_place(path, content)
+            for temporary, path in staged:
+                temporary.replace(path)
         finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: could not be written ({_reason(error)})") from error
+            for temporary, _ in staged:
+                temporary.unlink(missing_ok=True)
+    except (OSError, ValueError) as error:
+        why = "no such folder" if isinstance(error, FileNotFoundError) else reason(error)
+        raise OutputError(f"{path}: could not be written ({why})") from error
+
+
+def check_outputs(
+    outputs: Sequence[tuple[str, Path | None]], inputs: Iterable[Path], *, make_folders: bool = False
+) -> None:
+    """Refuse, before any work, outputs that could not be written or would replace what is read.
+
+    Parameters
+    ----------
+    outputs : sequence of (str, Path or None)
+        Name of the option that asks for each, and the file; None where none was asked for.
+    inputs : paths
+        Files, and folders of files, that the command reads; those that are not there do not matter.
+    make_folders : bool
+        Whether the outputs' folders are made, or must be there.
+
+    Raises
+    ------
+    OutputError
+        An output is an input or another output, no file or character device, or its folder cannot be written to.
+    """
+    wanted = [(name, path) for name, path in outputs if path is not None]
+    read = [os.path.realpath(path) for path in inputs if "\0" not in str(path)]
+    places: dict[str, str] = {}
+    for name, path in wanted:
+        try:
+            stands = _stands(path)
+        except (OSError, ValueError) as error:
+            raise OutputError(f"{name} {path}: could not be written ({reason(error)})") from error
+        if _is_stream(stands):
+            continue
+        place = os.path.realpath(path)
+        if any(_same(place, each) or (stands and place.startswith(each + os.sep)) for each in read):
+            raise OutputError(f"{name} would replace {path}, which is read: give another name")
+        if (other := places.setdefault(place, name)) != name:
+            raise OutputError(f"{name} and {other} name the same file, {path}: give another name")
+    for folder in {path.parent for _, path in wanted}:
+        if make_folders:
+            make_folder(folder)
+        elif not folder.is_dir():
+            raise OutputError(f"{folder}: could not be written to (no such folder)")
 
 
 def make_folder(path: Path) -> None:
@@ -35,10 +104,52 @@ def make_folder(path: Path) -> None:
         probe = path / f".{secrets.token_hex(4)}"
         probe.touch()
         probe.unlink()
-    except OSError as error:
-        raise OutputError(f"{path}: wanted a folder to write to ({_reason(error)})") from error
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{path}: wanted a folder to write to ({reason(error)})") from error
 
 
-def _reason(error: OSError) -> str:
-    """What went wrong, in one line and without the temporary file's name."""
-    return " ".join((error.strerror or str(error)).split())
+def _stands(path: Path) -> os.stat_result | None:
+    """What stands at a path; OSError for what is neither to be replaced nor to be written to."""
+    try:
+        found = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    kinds = {stat.S_ISDIR: "a folder", stat.S_ISFIFO: "a pipe", stat.S_ISSOCK: "a socket", stat.S_ISBLK: "a disk"}
+    for is_kind, kind in kinds.items():
+        if is_kind(found.st_mode) and _own(found) is None:
+            raise OSError(errno.EINVAL, f"it is {kind}")
+    return found
+
+
+def _is_stream(found: os.stat_result | None) -> bool:
+    """Whether it is written to as it is: a device, or our own stdout or stderr."""
+    return found is not None and (stat.S_ISCHR(found.st_mode) or _own(found) is not None)
+
+
+def _own(found: os.stat_result) -> int | None:
+    """The descriptor, 1 or 2, of our own stream that goes to this file or pipe."""
+    for descriptor in (1, 2) if not stat.S_ISCHR(found.st_mode) else ():
+        try:
+            if os.path.samestat(found, os.fstat(descriptor)):
+                return descriptor
+        except OSError:  # it is closed
+            continue
+    return None
+
+
+def _write_in_place(path: Path, content: Content) -> None:
+    """Write to a device, or to where one of our streams goes, after what the stream holds."""
+    sys.stdout.flush()
+    own = _own(path.stat())
+    with open(path if own is None else own, "wb", buffering=0, closefd=own is None) as stream:
+        rest = memoryview(content)
+        while rest:
+            rest = rest[stream.write(rest) :]
+
+
+def _same(one: str, other: str) -> bool:
+    """Whether two resolved paths lead to one file, also by hard links."""
+    try:
+        return one == other or Path(one).samefile(other)
+    except OSError:
+        return one == other

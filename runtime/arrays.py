@@ -1,16 +1,37 @@
 """Maps as arrays: their type, and how what a user hands over becomes one."""
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.runtime.errors import InvalidMapError
 
 Float2D = NDArray[np.float32]
 
 
-def as_map(array: NDArray[np.generic], name: str) -> Float2D:
-    """`array` as a C-contiguous (H, W) float32 map, or an InvalidMapError that says what came."""
-    array = np.asarray(array)
-    if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "fiub":
-        raise InvalidMapError(f"{name} must be a (H, W) map of numbers, got {array.shape} {array.dtype}")
-    return np.ascontiguousarray(array, np.float32)
+def unmasked(array: ArrayLike) -> NDArray[np.generic]:
+    """An array, with NaN for the masked values of a masked one: what is masked is unknown."""
+    values = np.asarray(array)
+    if not isinstance(array, np.ma.MaskedArray) or not np.ma.is_masked(array) or values.dtype.kind not in "fiub":
+        return values
+    return np.where(np.ma.getmaskarray(array), np.nan, values)
+
+
+def as_map(array: ArrayLike, name: str) -> Float2D:
+    """`array` as a C-contiguous (H, W) float32 map, or an InvalidMapError that says what came.
+
+    Masked cells become NaN, which is unknown wherever a map is read.
+    """
+    try:
+        values = unmasked(array)
+    except ValueError:
+        raise InvalidMapError(f"{name} must be a (H, W) map of numbers, got rows of different lengths") from None
+    if values.ndim != 2 or values.size == 0 or values.dtype.kind not in "fiub":
+        raise InvalidMapError(f"{name} must be a (H, W) map of numbers, got {values.shape} {values.dtype}")
+    if values.dtype == np.float32:
+        return np.ascontiguousarray(values)
+    try:
+        with np.errstate(over="raise"):
+            return np.ascontiguousarray(values, np.float32)
+    except FloatingPointError:
+        furthest = np.abs(values[np.isfinite(values)]).max()
+        raise InvalidMapError(f"{name} must hold 32-bit floats, got a value of size {furthest:.3g}") from None

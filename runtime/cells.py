@@ -2,12 +2,25 @@
 
 from collections.abc import Sequence
 
+from nnpp_edge.runtime.errors import InvalidQueryError
+
 Cell = tuple[int, int]
 """(row, col)."""
 Endpoints = tuple[Cell, Cell]
 """Start and goal."""
 Rectangle = tuple[int, int, int, int]
 """(row, col, rows, cols) of a part of a map."""
+
+
+def as_cell(cell: Cell, name: str) -> Cell:
+    """Two whole numbers; InvalidQueryError if it is anything else."""
+    try:
+        row, col = cell
+        if int(row) == row and int(col) == col:
+            return int(row), int(col)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {cell!r}")
 
 
 def enclosing(parts: Sequence[Rectangle]) -> Rectangle:

@@ -21,6 +21,10 @@ class InvalidQueryError(NnppEdgeError, ValueError):
     """A start, goal or option that makes no sense."""
 
 
+class ConcurrentUseError(NnppEdgeError, RuntimeError):
+    """A planner was called from a second thread while it was at work."""
+
+
 class TerrainError(NnppEdgeError, ValueError):
     """A terrain file that cannot be read as a digital elevation model."""
 

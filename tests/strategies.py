@@ -23,10 +23,10 @@ class Case:
 
 @st.composite
 def cases(draw, most_side: int = 24):
-    """Maps of every shape, 1×1 and 1×N among them: smooth, ragged, all alike or with weights up to 1e6."""
+    """Maps of every shape, 1×1 and 1×N among them: smooth, ragged, all alike, or with weights of any size."""
     rows, cols = draw(st.integers(1, most_side)), draw(st.integers(1, most_side))
     step_cost = draw(st.sampled_from(["paper", "length"]))
-    kind = draw(st.sampled_from(["uniform", "equal", "levels", "steep"]))
+    kind = draw(st.sampled_from(["uniform", "equal", "levels", "steep", "any"]))
     blocked = draw(st.sampled_from([0.0, 0.15, 0.4, 0.7]))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     cost = rng.random((rows, cols))
@@ -36,7 +36,9 @@ def cases(draw, most_side: int = 24):
         cost = np.round(cost * 3) / 4
     elif kind == "steep" and step_cost == "length":
         cost = 10.0 ** (6.0 * cost)
-    if step_cost == "length":
+    elif kind == "any" and step_cost == "length":
+        cost = 10.0 ** (67.0 * cost - 37.5)
+    if step_cost == "length" and kind != "any":
         cost = cost + 0.01
     cost = cost.astype(np.float32)
     cost[rng.random((rows, cols)) < blocked] = draw(st.sampled_from([np.inf, np.nan]))

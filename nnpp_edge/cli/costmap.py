@@ -39,15 +39,17 @@ def command(dem: Path, output: Path, picture: Path | None, as_json: bool, terrai
     nnpp-edge costmap dem.tif -o cost.tif --workload limit20
     """
     picture = picture or output.with_suffix(".png")
-    _check_names(dem, output, picture)
+    _check_names(output, picture)
+    options.check_outputs(("--output", output), ("--picture", picture))
     limits = terrain.limits()
 
-    from nnpp_edge.viz.picture import cost_map_picture, save_picture
+    from nnpp_edge.files import write_all
+    from nnpp_edge.viz.picture import cost_map_picture, png_bytes
 
     ground = terrain.read(dem)
     cost = cost_of(ground, limits)
-    _write(output, cost, ground)
-    save_picture(picture, cost_map_picture(cost, cell_size_m=ground.cell_width_m))
+    drawn = png_bytes(cost_map_picture(cost, cell_size_m=ground.cell_width_m))
+    write_all({output: _content(output, cost, ground), picture: drawn})
     summary = summarise(cost, ground, limits)
     files = [str(output), str(picture)]
     click.echo(json.dumps({**summary.figures(), "files": files}) if as_json else summary.text(dem, files))
@@ -135,33 +137,28 @@ def summarise(cost: Float2D, dem: Dem, limits: Traversability) -> CostSummary:
     )
 
 
-def _check_names(dem: Path, output: Path, picture: Path) -> None:
-    """Refuse names that say no format, or that would overwrite something."""
+def _check_names(output: Path, picture: Path) -> None:
+    """Refuse names that say no format."""
     ending = output.suffix.lower()
     if ending not in _RASTERS + _ARRAYS:
         raise click.UsageError(f"--output must end in {', '.join(_RASTERS + _ARRAYS)}, got {output.name!r}")
     if picture.suffix.lower() != ".png":
         raise click.UsageError(f"--picture must end in .png, got {picture.name!r}")
-    for name, path in (("--output", output), ("--picture", picture)):
-        if path.resolve() == dem.resolve():
-            raise click.UsageError(f"{name} would replace the elevation map {dem}: give another name")
 
 
-def _write(output: Path, cost: Float2D, dem: Dem) -> None:
+def _content(output: Path, cost: Float2D, dem: Dem) -> bytes:
     """The cost in the format that the name's ending asks for."""
     import io
 
     import numpy as np
 
-    from nnpp_edge.files import write_whole
-    from nnpp_edge.terrain.dem import write_raster
+    from nnpp_edge.terrain.dem import raster_bytes
 
     if output.suffix.lower() in _RASTERS:
-        write_raster(output, np.where(np.isfinite(cost), cost, np.float32(np.nan)), dem)
-        return
+        return raster_bytes(output, np.where(np.isfinite(cost), cost, np.float32(np.nan)), dem)
     content = io.BytesIO()
     if output.suffix.lower() == ".npy":
         np.save(content, cost)
     else:
         np.savez_compressed(content, cost=cost, cell_size_m=dem.cell_size_m, cell_width_m=dem.cell_width_m)
-    write_whole(output, content.getvalue())
+    return content.getvalue()

@@ -47,9 +47,9 @@ _MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
 @click.option("--synthetic", is_flag=True, help="Judge by synthetic terrain instead.")
 @click.option("--sizes", type=options.Sizes(), default="256", help="Sides of the maps.")
 @click.option("--queries", type=options.COUNT, default=300, help="For each row.")
-@click.option("--min-distance", type=click.FloatRange(0.0, 1.0), default=0.35, help=_MIN_DISTANCE)
+@click.option("--min-distance", type=options.SHARE, default=0.35, help=_MIN_DISTANCE)
 @click.option("--methods", type=options.Names(), default="astar,corridor,nnpp")
-@click.option("--model", "models", multiple=True, default=("edge",), help=_MODEL)
+@click.option("--model", "models", type=options.ModelName(), multiple=True, default=("edge",), help=_MODEL)
 @click.option("--repeats", type=options.COUNT, default=3, help=_REPEATS)
 @click.option("--plot", type=options.NEW_FILE, help="PNG to draw: cost gap against time, every planner.")
 @options.seed
@@ -60,6 +60,7 @@ def command(
     dataset: Path | None,
     cell_size: float | None,
     rescale: float | None,
+    allow_vrt: bool,
     workloads: tuple[str, ...],
     synthetic: bool,
     sizes: "tuple[Size, ...]",
@@ -93,9 +94,10 @@ def command(
         raise click.UsageError("give one of --terrain FILE, --dataset DIR and --synthetic")
     if unknown := set(methods) - set(Method):
         raise click.UsageError(f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}")
+    options.check_outputs(("--plot", plot))
     needed = models if {Method.NNPP, Method.AUTO} & set(methods) else ()
     rivals = exact_and(methods, {Path(name).stem: NetworkModel(name) for name in needed})
-    dems = suites.TerrainFiles(files, rescale, cell_size).read()
+    dems = suites.TerrainFiles(files, rescale, cell_size, allow_vrt).read()
     suites.check_sizes(dems, sizes)
 
     def cases(name: str, size: "Size") -> "Iterator[Case]":

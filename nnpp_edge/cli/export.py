@@ -21,9 +21,9 @@ _DATASET = "What it was trained on, for the metadata and to compare torch and ON
 @click.argument("checkpoint", type=options.PATH)
 @click.option("-o", "--output", type=options.NEW_FILE, required=True, help="The ONNX file.")
 @click.option("--name", help="Of the model, in its metadata; by default the output's name.")
-@click.option("--region-factor", type=click.FloatRange(0, 1, min_open=True), default=0.5, help=_FACTOR)
+@click.option("--region-factor", type=options.Real(0.0, 1.0, min_open=True), default=0.5, help=_FACTOR)
 @click.option("--dataset", type=options.FOLDER, help=_DATASET)
-@click.option("--opset", default=18)
+@click.option("--opset", type=click.IntRange(18, 25), default=18)
 @options.as_json
 def command(
     checkpoint: Path,
@@ -41,8 +41,10 @@ def command(
     \b
     nnpp-edge export runs/edge/checkpoint.pt -o edge.onnx --dataset data/train
     """
+    options.check_outputs(("--output", output))
+
     from nnpp_edge.export.parity import parity
-    from nnpp_edge.export.to_onnx import checkpoint_facts, dataset_facts, export_network
+    from nnpp_edge.export.to_onnx import dataset_facts, export_network
     from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
     from nnpp_edge.terrain.dataset import read_recipe, read_samples
     from nnpp_edge.training.checkpoint import load_checkpoint
@@ -57,8 +59,9 @@ def command(
         name=name or output.stem,
         region_factor=region_factor,
         omega=recipe.omega if recipe else PAPER_OMEGA,
+        limits=recipe.common_limits if recipe else None,
         opset=opset,
-        training=checkpoint_facts(saved) | ({"dataset": dataset_facts(recipe)} if recipe else {}),
+        training=saved.facts() | ({"dataset": dataset_facts(recipe)} if recipe else {}),
     )
     compared = parity(network, output, samples)
     if as_json:

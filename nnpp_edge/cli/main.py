@@ -9,6 +9,7 @@ from typing import NoReturn
 import click
 
 from nnpp_edge import __version__
+from nnpp_edge.cli.streams import prepare_streams
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import NnppEdgeError
 
@@ -73,11 +74,12 @@ def cli(context: click.Context) -> None:
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
     if not issubclass(category, DeprecationWarning):
-        click.echo(f"warning: {message}", err=True)
+        _tell(f"warning: {message}")
 
 
 def main() -> None:
-    """Run the command. Wrong use and bad input end in one line and exit code 2."""
+    """Run the command. Wrong use and bad input end in one line and exit code 2, as does a stdout that is full."""
+    prepare_streams()
     warnings.showwarning = _show_warning
     if sys.stderr.isatty():
         notice.tell = functools.partial(click.echo, err=True)
@@ -99,8 +101,13 @@ def main() -> None:
 
 
 def _refuse(message: str) -> NoReturn:
-    click.echo(f"error: {message}", err=True)
+    _tell(f"error: {message}")
     sys.exit(2)
+
+
+def _tell(line: str) -> None:
+    """Print a line on stderr; what a file's name brought along can neither break it nor steer a terminal."""
+    click.echo("".join(each if each.isprintable() else repr(each)[1:-1] for each in line), err=True)
 
 
 def _plain(message: str) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -18,10 +20,48 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., object])
 
-COUNT = click.IntRange(1)
+MOST = 2**31 - 1
+"""No count may be larger; no library's integers are narrower."""
+LARGEST = 1e9
+"""No length, weight or time may be larger, whatever its unit: products of them stay finite."""
+LARGEST_SIDE = 1 << 15
+"""Cells along a side of a map that is made or cut out."""
+COUNT = click.IntRange(1, MOST)
 PATH = click.Path(path_type=Path)
 NEW_FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
+
+
+class Real(click.FloatRange):
+    """A finite number in a range; click's own takes NaN for one."""
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Parse a word."""
+        number = float(super().convert(value, param, ctx))  # type: ignore[arg-type]  # click takes any
+        if not math.isfinite(number):
+            self.fail(f"wanted a finite number, got {number}", param, ctx)
+        return number
+
+
+POSITIVE = Real(0.0, LARGEST, min_open=True)
+NOT_NEGATIVE = Real(0.0, LARGEST)
+SHARE = Real(0.0, 1.0)
+ANGLE = Real(0.0, 90.0, min_open=True)
+RATE = Real(0.001, 1000.0)
+SEED = click.IntRange(0, 2**32 - 1)
+
+
+class ModelName(click.ParamType):  # type: ignore[type-arg]  # as below
+    """A shipped network's name or an ONNX file; refused where there is neither, needed or not."""
+
+    name = "NAME|FILE"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Look for the file; ModelError without one."""
+        from nnpp_edge.runtime.network.model_file import model_path
+
+        model_path(str(value))
+        return str(value)
 
 
 class Parsed(click.ParamType):  # type: ignore[type-arg]  # click has made it generic, its older versions have not
@@ -47,9 +87,16 @@ def _cell(word: str) -> tuple[int, int]:
 
 def _size(word: str) -> int | tuple[int, int]:
     rows, cols = map(int, word.split("x")) if "x" in word else (int(word), int(word))
-    if min(rows, cols) < 2:
+    if not 2 <= min(rows, cols) <= max(rows, cols) <= LARGEST_SIDE:
         raise ValueError
     return rows if rows == cols else (rows, cols)
+
+
+def _cores(word: str) -> tuple[int, ...]:
+    cores = tuple(map(int, word.split(",")))
+    if not set(cores) <= os.sched_getaffinity(0):
+        raise ValueError
+    return cores
 
 
 def _joined(item: Callable[[str], object]) -> Callable[[str], object]:
@@ -61,10 +108,16 @@ def Numbers(kind: Callable[[str], float] = int) -> Parsed:
     return Parsed("N,…", "numbers joined by commas", _joined(kind))
 
 
+def Cores() -> Parsed:
+    """Numbers of cores that this process may use."""
+    usable = ",".join(map(str, sorted(os.sched_getaffinity(0))))
+    return Parsed("N,…", f"cores of {usable}, joined by commas", _cores)
+
+
 Cell = functools.partial(Parsed, "R,C", "ROW,COL as two whole numbers", _cell)
 Names = functools.partial(Parsed, "NAME,…", "names joined by commas", _joined(str.strip))
 Sizes = functools.partial(
-    Parsed, "N|RxC,…", "sides of at least 2 cells, or ROWSxCOLS, joined by commas", _joined(_size)
+    Parsed, "N|RxC,…", f"sides of 2 to {LARGEST_SIDE} cells, or ROWSxCOLS, joined by commas", _joined(_size)
 )
 """Sides of square maps as ints, others as pairs of ints."""
 
@@ -74,11 +127,15 @@ view = click.option(
     metavar="WHERE",
     help="Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, FILE.rrd is written.",
 )
-seed = click.option("--seed", type=int, default=1, help="Seed of every random choice.")
-model = click.option("--model", default="edge", help="Name of a shipped network, or an ONNX file.")
-cell_size = click.option("--cell-size", type=float, help="Side of a cell in metres, where the file does not say.")
+seed = click.option("--seed", type=SEED, default=1, help="Seed of every random choice.")
+model = click.option("--model", type=ModelName(), default="edge", help="Name of a shipped network, or an ONNX file.")
+cell_size = click.option("--cell-size", type=POSITIVE, help="Side of a cell in metres, where the file does not say.")
+allow_vrt = click.option("--allow-vrt", is_flag=True, help="Read a GDAL VRT, too, of GeoTIFFs in its own folder.")
+omega = click.option(
+    "--omega", type=NOT_NEGATIVE, default=0.011, help="Weight of the cost against length, per grey level."
+)
 rescale = click.option(
-    "--rescale", type=float, help="Make cells this many metres wide and scale heights alike, so that slopes stay."
+    "--rescale", type=POSITIVE, help="Make cells this many metres wide and scale heights alike, so that slopes stay."
 )
 
 
@@ -95,25 +152,30 @@ def together(*options: Callable[[Command], Command]) -> Callable[[Command], Comm
 
 dem_input = together(
     cell_size,
-    click.option("--vertical-scale", type=float, help="Metres per grey level, for 16-bit PNG."),
+    click.option("--vertical-scale", type=POSITIVE, help="Metres per grey level, for 16-bit PNG."),
     rescale,
+    allow_vrt,
 )
-"""How a DEM is read: `cell_size`, `vertical_scale`, `rescale`."""
+"""How a DEM is read: `cell_size`, `vertical_scale`, `rescale`, `allow_vrt`."""
 
 
 def terrain_files(default: str = "") -> Callable[[Command], Command]:
-    """Elevation files and how they are read: `terrain`, `cell_size`, `rescale`; the help says what `default` is."""
+    """How they are read: `terrain`, `cell_size`, `rescale`, `allow_vrt`; the help says what `default` is."""
     files = click.option("--terrain", multiple=True, type=PATH, help=f"Elevation file, or several{default}.")
-    return together(files, cell_size, rescale)
+    return together(files, cell_size, rescale, allow_vrt)
 
 
 traversability = together(
-    click.option("--slope-limit", type=float, default=30.0, help="φ_s, degrees."),
-    click.option("--roughness-limit", type=float, default=0.6, help="r_s, metres."),
-    click.option("--step-limit", type=float, default=0.2, help="H_s, metres."),
-    click.option("--hard-slope", type=float, help="Cells steeper than this many degrees are impassable."),
-    click.option("--hard-roughness", type=float, help="Cells rougher than this many metres are impassable."),
-    click.option("--hard-step", type=float, help="Cells with a larger step, in metres, are impassable."),
+    click.option("--slope-limit", type=ANGLE, default=30.0, help="φ_s, degrees."),
+    click.option("--roughness-limit", type=POSITIVE, default=0.6, help="r_s, metres."),
+    click.option("--step-limit", type=POSITIVE, default=0.2, help="H_s, metres."),
+    click.option(
+        "--hard-slope",
+        type=ANGLE,
+        help="Cells steeper than this many degrees are impassable.",
+    ),
+    click.option("--hard-roughness", type=POSITIVE, help="Cells rougher than this many metres are impassable."),
+    click.option("--hard-step", type=POSITIVE, help="Cells with a larger step, in metres, are impassable."),
 )
 """Eq. 1's limits."""
 
@@ -129,6 +191,7 @@ class TerrainOptions:
     cell_size: float | None
     vertical_scale: float | None
     rescale: float | None
+    allow_vrt: bool
     slope_limit: float
     roughness_limit: float
     step_limit: float
@@ -137,17 +200,20 @@ class TerrainOptions:
     hard_step: float | None
     workload: str | None
 
+    @property
+    def limits_given(self) -> bool:
+        """Whether the user has set a limit or a workload."""
+        return any("limit" in name or "hard" in name or name == "workload" for name in given_options())
+
     def read(self, path: Path) -> Dem:
         """The elevation map in a file."""
         from nnpp_edge.terrain.dem import read_dem
 
-        dem = read_dem(path, cell_size_m=self.cell_size, vertical_scale=self.vertical_scale)
+        dem = read_dem(path, self.cell_size, self.vertical_scale, allow_vrt=self.allow_vrt)
         return dem if self.rescale is None else dem.rescaled(self.rescale)
 
     def limits(self) -> Traversability:
         """The limits of the cost map; UsageError where the workload sets one that was given too."""
-        from math import inf
-
         from nnpp_edge.runtime.terrain.traversability import Traversability
         from nnpp_edge.terrain.workloads import SOFT
         from nnpp_edge.terrain.workloads import workload as limits_of
@@ -156,9 +222,9 @@ class TerrainOptions:
             slope_limit_deg=self.slope_limit,
             roughness_limit_m=self.roughness_limit,
             step_limit_m=self.step_limit,
-            hard_slope_deg=inf if self.hard_slope is None else self.hard_slope,
-            hard_roughness_m=inf if self.hard_roughness is None else self.hard_roughness,
-            hard_step_m=inf if self.hard_step is None else self.hard_step,
+            hard_slope_deg=math.inf if self.hard_slope is None else self.hard_slope,
+            hard_roughness_m=math.inf if self.hard_roughness is None else self.hard_roughness,
+            hard_step_m=math.inf if self.hard_step is None else self.hard_step,
         )
         if self.workload is None:
             return limits
@@ -185,6 +251,31 @@ def gathered(name: str, kind: type[DataclassInstance]) -> Callable[[Callable[...
 
 terrain = together(dem_input, traversability, workload, gathered("terrain", TerrainOptions))
 """How an elevation map is read and becomes a cost map; the command is given them as `terrain`."""
+
+
+def check_outputs(
+    *outputs: tuple[str, Path | None], more_inputs: Iterable[str | Path] = (), make_folders: bool = False
+) -> None:
+    """`nnpp_edge.files.check_outputs` against every file that the running command's other options name."""
+    from nnpp_edge.files import check_outputs
+
+    context, names = click.get_current_context(), {name for name, _ in outputs}
+    read = [context.params[p.name] for p in context.command.params if p.name and not names.intersection(p.opts)]
+    check_outputs(outputs, _paths([*read, *more_inputs]), make_folders=make_folders)
+
+
+def view_file(view: str | None) -> Path | None:
+    """The file that --view asks for."""
+    return Path(view) if view is not None and view.endswith(".rrd") else None
+
+
+def _paths(values: Iterable[object]) -> Iterator[Path]:
+    """Those among an option's values, and in its lists."""
+    for value in values:
+        if isinstance(value, tuple | list):
+            yield from _paths(value)
+        elif isinstance(value, str | Path):
+            yield Path(str(value).removeprefix("replay:"))
 
 
 def given_options() -> list[str]:

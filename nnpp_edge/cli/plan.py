@@ -14,7 +14,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.costmap import MapSize, cost_of
 from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.plan_answer import Answer, Compared
+from nnpp_edge.cli.plan_answer import Answer, Compared, files_in
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
@@ -72,12 +72,16 @@ class Request:
 @click.option("--method", type=click.Choice(["auto", "astar", "corridor", "nnpp"]), default="auto")
 @options.model
 @options.terrain
-@click.option("--omega", default=0.011, help="Weight of the cost against length, per grey level.")
+@options.omega
 @click.option(
     "--corner-cutting/--no-corner-cutting", default=True, help="Allow diagonal steps beside impassable cells."
 )
-@click.option("--epsilon", type=click.FloatRange(0.0), help="Cost at most this share above the optimum; 0 is exact.")
-@click.option("--time-limit", type=click.FloatRange(0.0, min_open=True), help="Seconds for one planning.")
+@click.option(
+    "--epsilon",
+    type=options.NOT_NEGATIVE,
+    help="Cost at most this share above the optimum; 0 is exact.",
+)
+@click.option("--time-limit", type=options.POSITIVE, help="Seconds for one planning.")
 @click.option(
     "--landmarks", type=click.IntRange(0, 8), default=0, help="Landmarks to prepare: exact A* expands fewer cells."
 )
@@ -104,11 +108,10 @@ def command(
     """
     limits = terrain.limits()
 
-    from nnpp_edge.files import make_folder
     from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 
     if output is not None:
-        make_folder(output)
+        options.check_outputs(*(("--output", path) for path in files_in(output)), make_folders=True)
     ground = terrain.read(dem)
     _warn_if_not_square(ground)
     cost = cost_of(ground, limits)

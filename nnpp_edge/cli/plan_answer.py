@@ -22,6 +22,11 @@ _COMPARED = ("method", "source", "status", "cost", "length", "expansions")
 """Figures of a plan that the comparison repeats."""
 
 
+def files_in(folder: Path) -> list[Path]:
+    """The files that an answer is saved as."""
+    return [folder / name for name in ("path.geojson", "path.csv", "plan.png", "plan.json")]
+
+
 @dataclass(frozen=True)
 class Compared:
     """A method's plan beside that of exact A*; times are medians."""
@@ -122,15 +127,12 @@ class Answer:
 
     def save(self, folder: Path, cost: Float2D, shaded: bool) -> list[str]:
         """Write path, picture and figures into a folder; the names of the files."""
-        from nnpp_edge.files import write_whole
-        from nnpp_edge.viz.picture import hillshade, plan_picture, save_picture
+        from nnpp_edge.files import write_all
+        from nnpp_edge.viz.picture import hillshade, plan_picture, png_bytes
 
-        names = ("path.geojson", "path.csv", "plan.png", "plan.json")
-        geojson, csv, png, json_file = (folder / name for name in names)
-        files = [str(folder / name) for name in names]
+        geojson, csv, png, json_file = paths = files_in(folder)
+        files = [str(path) for path in paths]
         figures = self.figures(files)
-        write_whole(geojson, self.route.geojson({key: figures[key] for key in _PROPERTIES}))
-        write_whole(csv, self.route.csv())
         dem = self.route.dem
         picture = plan_picture(
             cost,
@@ -142,8 +144,14 @@ class Answer:
             cell_size_m=dem.cell_width_m,
             length_m=self.route.length_m,
         )
-        save_picture(png, picture)
-        write_whole(json_file, json.dumps(figures, indent=1).encode())
+        write_all(
+            {
+                geojson: self.route.geojson({key: figures[key] for key in _PROPERTIES}),
+                csv: self.route.csv(),
+                png: png_bytes(picture),
+                json_file: json.dumps(figures, indent=1).encode(),
+            }
+        )
         return files
 
     def _optimality(self) -> str:

@@ -30,12 +30,12 @@ _LIMIT = "With --peers: seconds; a planner that needs longer for a query is left
 @options.terrain_files(", in place of the profile's; else the sample")
 @click.option("--sizes", type=options.Numbers(), help=_SIZES)
 @click.option("--queries", type=options.COUNT, help=_QUERIES)
-@click.option("--seed", type=click.IntRange(0), help=_SEED)
+@click.option("--seed", type=options.SEED, help=_SEED)
 @click.option("--json", "json_file", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_JSON)
 @click.option("--html", type=options.NEW_FILE, help="The report as one self-contained page.")
 @click.option("--start-up", is_flag=True, help=_START_UP)
 @click.option("--save-choice", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_CHOICE)
-@click.option("--limit", "limit_s", type=click.FloatRange(0.0, min_open=True), help=_LIMIT)
+@click.option("--limit", "limit_s", type=options.POSITIVE, help=_LIMIT)
 @click.option("-o", "--output", type=options.FOLDER, help="With --peers: folder for peers.json and peers.png.")
 @click.pass_context
 def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **given: object) -> None:
@@ -79,7 +79,7 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
 @command.command(name="compare")
 @click.argument("before", type=options.PATH)
 @click.argument("after", type=options.PATH)
-@click.option("--tolerance", type=click.FloatRange(0.0), default=0.1, help=_TOLERANCE)
+@click.option("--tolerance", type=options.NOT_NEGATIVE, default=0.1, help=_TOLERANCE)
 @options.as_json
 def compare_command(before: Path, after: Path, tolerance: float, as_json: bool) -> None:
     """Look for regressions between two reports written with --json.

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from nnpp_edge.cli import options
 from nnpp_edge.cli.profile_run import STDOUT, ProfileOptions
 
 if TYPE_CHECKING:
@@ -30,29 +31,29 @@ _SIZES, _QUERIES, _LIMIT_S = (256, 512, 1024), 50, 5.0
 def run_peers(given: ProfileOptions) -> None:
     """Measure, write what was asked for, print the table or JSON."""
     from nnpp_edge.benchmarks.peers import run
-    from nnpp_edge.files import make_folder, write_whole
+    from nnpp_edge.files import write_all
     from nnpp_edge.profiling.suites import TerrainFiles
     from nnpp_edge.progress import bar
 
     sizes, queries, limit_s = given.sizes or _SIZES, given.queries or _QUERIES, given.limit_s or _LIMIT_S
     seed = 1 if given.seed is None else given.seed
-    if min(sizes) < 16 or len(set(sizes)) < len(sizes):
-        raise click.UsageError(f"--sizes must be different numbers of at least 16, got {sizes}")
-    for folder in (given.output, given.json_path and given.json_path.parent):
-        if folder is not None:
-            make_folder(folder)
-    terrain = TerrainFiles.or_sample(given.terrain, given.rescale, given.cell_size)
+    if not 16 <= min(sizes) <= max(sizes) <= options.LARGEST_SIDE or len(set(sizes)) < len(sizes):
+        words = ",".join(map(str, sizes))
+        raise click.UsageError(f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}")
+    json_file, picture = (given.output and given.output / name for name in ("peers.json", "peers.png"))
+    outputs = (("--json", given.json_path), ("--output", json_file), ("--output", picture))
+    options.check_outputs(*outputs, make_folders=True)
+    terrain = TerrainFiles.or_sample(given.terrain, given.rescale, given.cell_size, given.allow_vrt)
     with bar("profile", queries * len(sizes)) as advance:
         rows, missing = run(sizes, queries, terrain, seed=seed, limit_s=limit_s, progress=advance)
     facts = {"queries": queries, "seed": seed, "limit_s": limit_s, "left_out": missing, "rows": rows}
     content = json.dumps(facts, indent=1)
-    if given.json_path is not None:
-        write_whole(given.json_path, content.encode())
-    if given.output is not None:
+    contents = {path: content.encode() for path in (given.json_path, json_file) if path is not None}
+    if picture is not None:
         from nnpp_edge.viz.figures import times_by_size
 
-        write_whole(given.output / "peers.json", content.encode())
-        times_by_size(rows, given.output / "peers.png")
+        contents[picture] = times_by_size(rows)
+    write_all(contents)
     click.echo(content if given.json_file == STDOUT else peers_text(rows, missing))
 
 

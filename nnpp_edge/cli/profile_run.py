@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from nnpp_edge.cli import options
+
 STDOUT = "-"
 """Given for a file: print it, or for --save-choice, save it in its usual place."""
 
@@ -17,6 +19,7 @@ class ProfileOptions:
     terrain: tuple[Path, ...]
     cell_size: float | None
     rescale: float | None
+    allow_vrt: bool
     sizes: tuple[int, ...] | None
     queries: int | None
     seed: int | None
@@ -36,7 +39,7 @@ class ProfileOptions:
 def run_profile(name: str, given: ProfileOptions) -> int:
     """Measure, write what was asked for, print the report; the exit code."""
     from nnpp_edge.cli.profile_text import report_text
-    from nnpp_edge.files import make_folder, write_whole
+    from nnpp_edge.files import write_all
     from nnpp_edge.profiling.judge import EXIT_CODES
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile
@@ -44,25 +47,32 @@ def run_profile(name: str, given: ProfileOptions) -> int:
     from nnpp_edge.progress import bar
 
     choice = _choice_file(given.save_choice)
-    for file in (given.json_path, given.html, choice):
-        if file is not None:
-            make_folder(file.parent)
+    profile = read_profile(name)
+    options.check_outputs(
+        *(("--json", given.json_path), ("--html", given.html), ("--save-choice", choice)),
+        more_inputs=(*profile.load.terrain, profile.networks.int8, profile.networks.fp32 or ""),
+        make_folders=True,
+    )
     if given.html is not None:
         from nnpp_edge.viz.profile_page import page  # before the run: what it needs may not be installed
     changes = {key: getattr(given, key) for key in ("cell_size", "rescale", "sizes", "queries", "seed")}
+    changes |= {"allow_vrt": given.allow_vrt or None}
     terrain = tuple(map(str, given.terrain)) or None
-    profile, dropped = overridden(read_profile(name), terrain=terrain, **changes)
+    profile, dropped = overridden(profile, terrain=terrain, **changes)
     notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
     with bar("profile", queries_in(profile.load), quiet=True) as advance:
         watchers = Watchers(advance, lambda line: click.echo(line, err=True))
         report = profile_machine(profile, start_up=given.start_up, notes=notes, watchers=watchers)
     content = json.dumps(report, indent=1)
+    contents: dict[Path, bytes] = {}
     if given.json_path is not None:
-        write_whole(given.json_path, content.encode())
+        contents[given.json_path] = content.encode()
     if given.html is not None:
-        write_whole(given.html, page(report, profile).encode())
+        contents[given.html] = page(report, profile).encode()
     if choice is not None:
-        write_whole(choice, choice_of(report, profile.networks.int8).to_json().encode())
+        contents[choice] = choice_of(report, profile.networks.int8).to_json().encode()
+    write_all(contents)
+    if choice is not None:
         click.echo(f"auto goes by this run from now on: {choice}", err=True)
     click.echo(content if given.json_file == STDOUT else report_text(report))
     return EXIT_CODES[report["verdict"]]

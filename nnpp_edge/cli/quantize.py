@@ -43,6 +43,8 @@ def command(
     \b
     nnpp-edge quantize edge.onnx --dataset data/train --validation data/val -o edge-int8.onnx
     """
+    options.check_outputs(("--output", output))
+
     from nnpp_edge.calibrate.quantize import AUTO, quantize
 
     left_float = AUTO if exclude == (AUTO,) else exclude

@@ -33,6 +33,7 @@ def command(
     terrain: tuple[Path, ...],
     cell_size: float | None,
     rescale: float | None,
+    allow_vrt: bool,
     model: str,
     dataset: Path | None,
     steps: int | None,
@@ -63,7 +64,7 @@ def command(
     if unknown := [name for name in experiments if name not in NAMES]:
         raise click.UsageError(f"wanted EXPERIMENT of {', '.join(NAMES)}, got {', '.join(unknown)}")
     names = [name for name in NAMES if not experiments or name in experiments]
-    files = TerrainFiles.or_sample(terrain, rescale, cell_size)
+    files = TerrainFiles.or_sample(terrain, rescale, cell_size, allow_vrt)
     request = Request(names, files, output, seed, model, quick, steps, dataset, again)
     outcomes: list[ExperimentOutcome] = []
     for outcome in reproduce(request, bar=partial(bar, quiet=True)):

@@ -12,7 +12,6 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.options import COUNT, TerrainOptions
 
 if TYPE_CHECKING:
-    from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.loop.messages import Counters
     from nnpp_edge.runtime.loop.world import World
 
@@ -26,12 +25,20 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
 @click.option("--profile", metavar="NAME|FILE", help="A shipped profile or a TOML file; its table [loop] counts.")
 @click.option("--input", default="stdin", metavar=_INPUTS, help="Where patches, poses and goals come from.")
 @click.option("--output", "outputs", multiple=True, metavar=_OUTPUTS, help=_OUTPUT_HELP)
-@click.option("--rate", "rate_hz", type=float, help="Ticks a second, in place of the profile's (else 17).")
+@click.option("--rate", "rate_hz", type=options.RATE, help="Ticks a second, in place of the profile's (else 17).")
 @click.option("--method", help="Planner, in place of the profile's (else auto).")
-@click.option("--model", help="Shipped network's name, or an ONNX file, in place of the profile's (else edge).")
-@click.option("--cores", type=options.Numbers(), help="Pin the loop to these cores.")
-@click.option("--priority", type=int, help="1 to 99: run the loop under SCHED_FIFO.")
-@click.option("--tolerance", type=float, help="Keep a path while a new one can save at most this share (else 0.02).")
+@click.option(
+    "--model",
+    type=options.ModelName(),
+    help="Shipped network's name, or an ONNX file, in place of the profile's (else edge).",
+)
+@click.option("--cores", type=options.Cores(), help="Pin the loop to these cores.")
+@click.option("--priority", type=click.IntRange(0, 99), help="1 to 99: run the loop under SCHED_FIFO.")
+@click.option(
+    "--tolerance",
+    type=options.NOT_NEGATIVE,
+    help="Keep a path while a new one can save at most this share (else 0.02).",
+)
 @click.option("--ticks", type=COUNT, help="End after so many.")
 @click.option("--framing", type=_FRAMINGS, default="lines", help="A message a line, or after its length in 4 bytes.")
 @click.option("--fast", is_flag=True, help="Replay one recorded tick a tick, and ticks without a pause.")
@@ -63,6 +70,7 @@ def command(
     from nnpp_edge.robot.operations.onboard import Pace, run
     from nnpp_edge.robot.operations.wiring import STDOUT, Wiring
     from nnpp_edge.runtime.loop.ladder import NavigatorSettings
+    from nnpp_edge.runtime.network.model_file import model_path
 
     wiring = Wiring(**{field.name: given.pop(field.name) for field in fields(Wiring)})
     if as_json and STDOUT in wiring.output_kinds:
@@ -70,6 +78,10 @@ def command(
     loop = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **given)
     settings = NavigatorSettings(
         method=loop.method, model=loop.model, tolerance=loop.tolerance, corner_cutting=loop.corner_cutting
+    )
+    options.check_outputs(  # --record never replaces a file
+        *(("--log", wiring.log), ("--metrics-file", wiring.metrics_file), ("--view", options.view_file(wiring.view))),
+        more_inputs=[model_path(loop.model)],
     )
     pace = Pace(loop.rate_hz, loop.cores, loop.priority)
     world, cell_size_m = _world(map_file, terrain)
@@ -105,8 +117,9 @@ def summary(counters: "Counters") -> str:
 def _world(path: Path, terrain: TerrainOptions) -> tuple["World", float]:
     """The first map, and the side of its cells in metres."""
     from nnpp_edge.runtime.loop.world import World
+    from nnpp_edge.terrain.array_files import read_cost_map
 
-    if (found := _cost_map(path)) is not None:
+    if (found := read_cost_map(path)) is not None:
         for name in options.given_options():
             if hasattr(terrain, name):
                 raise click.UsageError(f"{path.name} holds costs: --{name.replace('_', '-')} does not go with it")
@@ -114,18 +127,3 @@ def _world(path: Path, terrain: TerrainOptions) -> tuple["World", float]:
     limits, dem = terrain.limits(), terrain.read(path)
     world = World.of_elevation(dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m)
     return world, dem.cell_size_m
-
-
-def _cost_map(path: Path) -> "tuple[Float2D, float] | None":
-    """Costs and cell size of a file that `nnpp-edge costmap` has written; None for any other file."""
-    if path.suffix.lower() != ".npz" or not path.is_file():
-        return None
-    import numpy as np
-
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            if "cost" not in content.files:
-                return None
-            return content["cost"], float(content["cell_size_m"]) if "cell_size_m" in content.files else 1.0
-    except (OSError, ValueError, EOFError):  # a broken file: `load_dem` says what is wrong with it
-        return None

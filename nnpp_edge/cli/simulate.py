@@ -29,17 +29,30 @@ _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnp
 
 @click.command(name="simulate")
 @click.option("--map", "dem", type=options.PATH, help="Elevation map; by default the shipped lunar sample.")
-@click.option("--size", type=click.IntRange(16), default=256, help="Side of the part of the map, picked by the seed.")
+@click.option(
+    "--size",
+    type=click.IntRange(16, options.MOST),
+    default=256,
+    help="Side of the part of the map, picked by the seed.",
+)
 @click.option("--start", type=options.Cell(), help="Cell of that part, row first; by default picked by the seed.")
 @click.option("--goal", type=options.Cell(), help="Likewise.")
 @click.option("--method", type=click.Choice(_METHODS), default="auto")
 @options.model
-@click.option("--rate", type=click.FloatRange(0.0, min_open=True), help="Ticks a second; else as fast as possible.")
+@click.option("--rate", type=options.RATE, help="Ticks a second; else as fast as possible.")
 @click.option("--ticks", type=COUNT, default=5000, help="At most.")
 @click.option(
-    "--changes", type=click.IntRange(0), default=1, help="Obstacles that appear, move or vanish between two ticks."
+    "--changes",
+    type=click.IntRange(0, 1000),
+    default=1,
+    help="Obstacles that appear, move or vanish between two ticks.",
 )
-@click.option("--survey", type=COUNT, default=8, help="Blur the first map's heights over so many cells; 1: none.")
+@click.option(
+    "--survey",
+    type=click.IntRange(1, 1000),
+    default=8,
+    help="Blur the first map's heights over so many cells; 1: none.",
+)
 @click.option("--sight", type=COUNT, default=12, help="Cells to each side whose true cost the robot sees.")
 @click.option("--speed", type=COUNT, default=1, help="Cells a tick.")
 @options.terrain
@@ -75,7 +88,6 @@ def command(
     if (start is None) != (goal is None):
         raise click.UsageError("give both --start and --goal, or neither")
 
-    from nnpp_edge.files import make_folder
     from nnpp_edge.simulation.drive_picture import Film, check_name, save_drive
     from nnpp_edge.simulation.scene import Scene
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
@@ -85,8 +97,9 @@ def command(
     if picture is not None:
         check_name(picture)
     written = [file for file in (log, picture) if file is not None]
-    for file in written:
-        make_folder(file.parent)
+    options.check_outputs(
+        ("--log", log), ("--picture", picture), ("--view", options.view_file(view)), make_folders=True
+    )
     if dem is None:
         dem = Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE))
         terrain = replace(terrain, rescale=terrain.rescale or _SAMPLE_RESCALE)

@@ -16,7 +16,10 @@ _PARTS = 1000
 
 _PRESET = click.Choice(list(PRESETS))
 _ENCODING = click.Choice([name for names in ENCODINGS.values() for name in names])
+_MINUTES = click.FloatRange(0.0, min_open=True)
 _SHARE = click.FloatRange(0.0, 1.0, min_open=True)
+_STEPS = "Most steps, if its epochs do not end the training before; the number that a time limit came to repeats it."
+_TIME_LIMIT = "Minutes, about: the speed of the first 200 steps decides the number of steps."
 _TARGET = click.Choice(["near", "path"])
 
 
@@ -32,15 +35,15 @@ _TARGET = click.Choice(["near", "path"])
 @click.option("--sigma", type=_SHARE, default=0.25, help="Of the Gaussians, as a share of the map's side.")
 @click.option("--begin-with", type=options.PATH, help="Checkpoint of another run whose weights to begin with.")
 @click.option("--epochs", type=options.COUNT, default=150)
-@click.option("--steps", type=options.COUNT, help="Most steps, if its epochs do not end the training before.")
+@click.option("--steps", type=options.COUNT, help=_STEPS)
 @click.option("--batch", type=options.COUNT, default=32, help="Over all processes.")
 @click.option("--learning-rate", default=1e-3)
 @click.option("--weight-decay", default=1e-4)
 @click.option("--target", type=_TARGET, default="near", help="Nearness to the optimum, or the paper's single path.")
 @click.option("--softness", default=0.02, help="Excess at which nearness is 1/e.")
 @click.option("--loss", type=click.Choice(["bce", "focal", "dice"]), default="bce")
-@click.option("--time-limit", default=math.inf, help="Minutes; the learning rate falls towards that end.")
-@click.option("--validate-every", default=5.0, help="Minutes.")
+@click.option("--time-limit", type=_MINUTES, default=math.inf, help=_TIME_LIMIT)
+@click.option("--validate-every", type=click.FloatRange(0.0), default=5.0, help="Minutes.")
 @click.option("--threads", type=options.COUNT, help="Of torch on the CPU.")
 @options.seed
 @options.as_json

@@ -9,6 +9,7 @@ from typing import cast
 from nnpp_edge.profiling.report import SCHEMA
 from nnpp_edge.profiling.report_format import ComparedLine, Comparison, Report, ResultRow, find
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.reading import parse, read_text, reason
 
 SAME, BETTER, WORSE, NOISY = "same", "better", "worse", "noisy"
 
@@ -44,10 +45,9 @@ FIGURES = (
 def read_report(path: Path) -> Report:
     """A report from its JSON file; InvalidQueryError if it is none of this schema."""
     try:
-        report = json.loads(path.read_text(encoding="utf-8"))
+        report = parse(read_text(path))
     except (OSError, ValueError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or f"no JSON: {error}"
-        raise InvalidQueryError(f"{path}: wanted a report of nnpp-edge profile --json ({reason})") from error
+        raise InvalidQueryError(f"{path}: wanted a report of nnpp-edge profile --json ({reason(error)})") from error
     schema = report.get("schema") if isinstance(report, dict) else None
     if schema != SCHEMA or not isinstance(report.get("results"), list):
         raise InvalidQueryError(f"{path}: wanted a report of nnpp-edge profile of schema {SCHEMA}, got {schema!r}")
@@ -61,9 +61,9 @@ def compare(before: Report, after: Report, tolerance: float) -> Comparison:
     to 1. A line's change is above 0 where the figure became worse. InvalidQueryError if the reports have no workload,
     size and planner in common.
     """
-    notes = list(_differences(before, after))
-    doubtful = any(report["disturbance"]["words"] for report in (before, after))
     try:
+        notes = list(_differences(before, after))
+        doubtful = any(report["disturbance"]["words"] for report in (before, after))
         lines = [
             _line(row, figure, was, now, tolerance, doubtful)
             for row in after["results"]
@@ -71,7 +71,7 @@ def compare(before: Report, after: Report, tolerance: float) -> Comparison:
             for figure in FIGURES
             if (now := _value(row, figure.path)) is not None and (was := _value(old, figure.path)) is not None
         ]
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, AttributeError, ArithmeticError) as error:
         raise InvalidQueryError(f"wanted two reports of nnpp-edge profile, got a damaged one: {error}") from error
     if not lines:
         raise InvalidQueryError("wanted reports with a workload, size and planner in common, got two without")

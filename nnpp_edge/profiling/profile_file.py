@@ -13,16 +13,19 @@ from msgspec.structs import asdict, fields, replace
 
 from nnpp_edge.profiling.quantities import DIRECTIONS, QUANTITIES
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
 
 PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
 LOOP_METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
 SAMPLE, SYNTHETIC = "sample", "synthetic"
 _SHIPPED = Path(str(files("nnpp_edge.profiles")))
-_LARGEST = 1e300
-"""Neither inf nor NaN is a number here."""
+_LARGEST = 1e9
+"""Neither inf nor NaN is a number here, and products of two stay finite."""
 
-Whole = Annotated[int, Meta(ge=0)]
-Count = Annotated[int, Meta(ge=1)]
+Whole = Annotated[int, Meta(ge=0, le=2**31 - 1)]
+Count = Annotated[int, Meta(ge=1, le=2**31 - 1)]
+Core = Annotated[int, Meta(ge=0, le=1023)]
+"""As many as the kernel's set of cores holds."""
 Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
 Positive = Annotated[float, Meta(gt=0.0, le=_LARGEST)]
 Names = Annotated[tuple[str, ...], Meta(min_length=1)]
@@ -54,7 +57,7 @@ class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Device(_Table, frozen=True):
     """Where the run takes place."""
 
-    cores: Annotated[tuple[Whole, ...], Meta(min_length=1)] = (0,)
+    cores: Annotated[tuple[Core, ...], Meta(min_length=1)] = (0,)
     """Numbers of the cores to pin to."""
     threads: Count | None = None
     """Of onnxruntime; None for what the runtime chooses by the network's size."""
@@ -74,8 +77,10 @@ class Load(_Table, frozen=True):
     """Side of a cell in metres that the terrain is rescaled to, slopes kept."""
     cell_size: Positive | None = None
     """Side of a cell in metres, where the files do not say."""
+    allow_vrt: bool = False
+    """Whether a GDAL VRT is read, too."""
     workloads: Names = ("soft",)
-    sizes: Annotated[tuple[Annotated[int, Meta(ge=16)], ...], Meta(min_length=1)] = (256,)
+    sizes: Annotated[tuple[Annotated[int, Meta(ge=16, le=1 << 15)], ...], Meta(min_length=1)] = (256,)
     queries: Count = 60
     """For each workload and size."""
     near: Whole = 20
@@ -119,12 +124,12 @@ class Stability(_Table, frozen=True):
 class OnboardLoop(_Table, frozen=True):
     """How `nnpp-edge run` plans on this device."""
 
-    rate_hz: Annotated[float, Meta(gt=0.0, le=1000.0)] = 17.0
+    rate_hz: Annotated[float, Meta(ge=0.001, le=1000.0)] = 17.0
     method: str = "auto"
     """As `DynamicPlanner` takes it."""
     model: str = "edge"
     """By default the profile's int8 model."""
-    cores: tuple[Whole, ...] = ()
+    cores: tuple[Core, ...] = ()
     """To pin the loop's thread to; by default the device's, and without a profile none."""
     priority: Annotated[int, Meta(ge=0, le=99)] = 0
     """Under SCHED_FIFO; 0 for the usual scheduler."""
@@ -225,17 +230,15 @@ def read_profile(name: str | Path) -> Profile:
         There is no such profile, or a key is missing, unknown, of the wrong type or out of range.
     """
     path = _SHIPPED / f"{name}.toml"
-    if not path.is_file():
+    if problem_with_file(path):
         path = Path(name)
-    if not path.is_file():
-        raise ProfileError(
-            f"wanted a profile's file or the name of a shipped one ({', '.join(shipped_profiles())}), "
-            f"got {str(name)!r}"
-        )
+    if (problem := problem_with_file(path)) is not None:
+        wanted = f"wanted a profile's file or the name of a shipped one ({', '.join(shipped_profiles())})"
+        raise ProfileError(f"{wanted}, got {str(name)!r} ({problem})")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = parse(read_text(path), tomllib.loads)
     except (OSError, ValueError) as error:
-        raise ProfileError(f"{path}: wanted a profile in TOML, got: {' '.join(str(error).split())}") from error
+        raise ProfileError(f"{path}: wanted a profile in TOML ({reason(error)})") from error
     try:
         return _profile(content, path.stem)
     except ProfileError as error:

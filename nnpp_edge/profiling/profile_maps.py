@@ -56,7 +56,7 @@ class ProfileMaps:
         self.dems: list[Dem] = []
         for name in () if load.terrain == (SYNTHETIC,) else load.terrain:
             paths = () if name == SAMPLE else (Path(name),)
-            self.dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size).read()
+            self.dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size, load.allow_vrt).read()
 
     def source(self, size: int) -> str:
         """Name of the terrain that maps of this size come from."""

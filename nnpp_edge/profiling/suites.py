@@ -12,7 +12,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
-from nnpp_edge.terrain.dataset import read_recipe
+from nnpp_edge.terrain.dataset import read_recipe, read_shards
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.labels import random_query
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -61,20 +61,25 @@ class TerrainFiles:
     """Side of a cell in metres that the terrain is rescaled to, its slopes kept."""
     cell_size: float | None = None
     """Side of a cell in metres, where the files do not say."""
+    allow_vrt: bool = False
 
     @classmethod
     def or_sample(
-        cls, paths: Sequence[Path], rescale: float | None = None, cell_size: float | None = None
+        cls,
+        paths: Sequence[Path],
+        rescale: float | None = None,
+        cell_size: float | None = None,
+        allow_vrt: bool = False,
     ) -> "TerrainFiles":
         """These files; without any, the sample that travels with the package, at cells of 20 m by default."""
         if paths:
-            return cls(tuple(paths), rescale, cell_size)
+            return cls(tuple(paths), rescale, cell_size, allow_vrt)
         sample = Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE_FILE))
         return cls((sample,), rescale or _SAMPLE_CELL_M, None)
 
     def read(self) -> list[Dem]:
         """Every file's terrain; TerrainError if one cannot be read."""
-        dems = [read_dem(path, cell_size_m=self.cell_size) for path in self.paths]
+        dems = [read_dem(path, self.cell_size, allow_vrt=self.allow_vrt) for path in self.paths]
         return dems if self.rescale is None else [dem.rescaled(self.rescale) for dem in dems]
 
 
@@ -164,19 +169,17 @@ def _with_queries(
 
 def dataset_cases(folder: Path, name: str) -> Iterator[Case]:
     """Maps of a data set that belong to a workload and were not averaged, with their queries."""
-    size = read_recipe(folder).size
+    recipe = read_recipe(folder)
     found = False
-    for path in sorted(folder.glob("shard-*.npz")):
-        with np.load(path) as shard:
-            chosen = np.flatnonzero((shard["workload"] == name) & (shard["pooling"] == 1))
-            for at in chosen:
-                planes = shard["planes"][at]
-                cost = np.minimum(planes[0].astype(np.float32), 254.0) / np.float32(255.0)
-                cost[planes[1] > 127] = math.inf
-                of_map = np.flatnonzero(shard["map_index"] == at)
-                ends = np.rint(np.stack([shard["start"][of_map], shard["goal"][of_map]], axis=1)).astype(int)
-                queries = tuple(((int(a[0]), int(a[1])), (int(b[0]), int(b[1]))) for a, b in ends)
-                found = True
-                yield Case(name, size, cost, queries)
+    for shard in read_shards(folder, recipe):
+        for at in np.flatnonzero((shard["workload"] == name) & (shard["pooling"] == 1)):
+            planes = shard["planes"][at]
+            cost = np.minimum(planes[0].astype(np.float32), 254.0) / np.float32(255.0)
+            cost[planes[1] > 127] = math.inf
+            of_map = np.flatnonzero(shard["map_index"] == at)
+            ends = np.rint(np.stack([shard["start"][of_map], shard["goal"][of_map]], axis=1)).astype(int)
+            queries = tuple(((int(a[0]), int(a[1])), (int(b[0]), int(b[1]))) for a, b in ends)
+            found = True
+            yield Case(name, recipe.size, cost, queries)
     if not found:
         raise DataSetError(f"{folder}: holds no map of the workload {name} at full resolution")

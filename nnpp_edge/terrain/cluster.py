@@ -12,7 +12,7 @@ from nnpp_edge import __version__
 from nnpp_edge.runtime.errors import NnppEdgeError, optional_module
 from nnpp_edge.terrain.dataset import Shards
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.shards import Recipe, read_terrain, shard_content
+from nnpp_edge.terrain.shards import Recipe, shard_content
 
 WORKER_WAIT_S = 60.0
 """How long to wait for the cluster's first worker."""
@@ -22,7 +22,7 @@ class ClusterError(NnppEdgeError, ConnectionError):
     """A Dask cluster that cannot be reached, or whose workers cannot make a data set."""
 
 
-def shards_on_cluster(address: str, recipe: Recipe, indices: Sequence[int]) -> Shards:
+def shards_on_cluster(address: str, recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int]) -> Shards:
     """Make shards on the workers of a Dask cluster, and bring them here.
 
     Parameters
@@ -30,7 +30,9 @@ def shards_on_cluster(address: str, recipe: Recipe, indices: Sequence[int]) -> S
     address : str
         Of the scheduler, such as ``tcp://10.0.0.5:8786``. TLS and timeouts are as Dask's configuration says.
     recipe : Recipe
-        What to make. Its terrain files are read here; the workers need no file system shared with this machine.
+        What to make.
+    tiles : sequence of Dem
+        Its terrain; the workers need no file system shared with this machine.
     indices : sequence of int
         Numbers of the wanted shards. Without any, no connection is made.
 
@@ -47,7 +49,7 @@ def shards_on_cluster(address: str, recipe: Recipe, indices: Sequence[int]) -> S
         the workers have another version of nnpp-edge.
     MissingExtraError
         distributed is not installed.
-    TerrainError, DataSetError
+    DataSetError
         As for shards made here.
 
     Notes
@@ -61,7 +63,6 @@ def shards_on_cluster(address: str, recipe: Recipe, indices: Sequence[int]) -> S
         return
     distributed = optional_module("distributed", "a Dask cluster", "cluster")
     dask = optional_module("dask", "a Dask cluster", "cluster")
-    tiles = read_terrain(recipe)
     with _one_line_error(address, distributed):
         asyncio.run(_try(address, distributed))
     with (
@@ -81,12 +82,12 @@ def shards_on_cluster(address: str, recipe: Recipe, indices: Sequence[int]) -> S
             yield jobs.pop(job), content
 
 
-def _receive(tiles: list[Dem]) -> list[Dem]:
+def _receive(tiles: Sequence[Dem]) -> Sequence[Dem]:
     """Put the terrain into a worker's memory."""
     return tiles
 
 
-def _make(version: str, recipe: Recipe, tiles: list[Dem], index: int) -> bytes:
+def _make(version: str, recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
     """One shard's file, compressed; refused on a worker of another version, which might draw other samples."""
     if version != __version__:
         raise ClusterError(f"wanted workers with nnpp-edge {version}, got one with {__version__}")

@@ -2,8 +2,10 @@
 
 import multiprocessing
 import os
-from collections.abc import Callable, Generator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.shards import Recipe, read_terrain, shard_content
+from nnpp_edge.terrain.shards import Recipe, left_out, read_terrain, shard_content
 
 FORMAT = "nnpp-edge-dataset-1"
 RECIPE_FILE = "dataset.json"
@@ -76,7 +78,7 @@ def make_dataset(
     *,
     workers: int | None = None,
     part: tuple[int, int] = (1, 1),
-    make: Callable[[Recipe, Sequence[int]], Shards] | None = None,
+    make: Callable[[Recipe, Sequence[Dem], Sequence[int]], Shards] | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, int]:
     """Write what is missing of a data set.
@@ -84,14 +86,14 @@ def make_dataset(
     Parameters
     ----------
     folder : Path
-        Made if need be. A folder with another recipe is refused; shards that are there are kept.
+        Made if need be. A folder with shards of another recipe is refused; shards that are there are kept.
     workers : int
         Processes on this machine; by default one a core.
     part : (k, n)
         Make only every n-th shard, from the k-th on; the union over k = 1…n is the whole set.
     make : callable, optional
-        Makes shards elsewhere (`nnpp_edge.terrain.cluster`): from the recipe and the numbers of the missing
-        shards, yields each one's number and content as it is done. By default processes on this machine do.
+        Makes shards elsewhere (`nnpp_edge.terrain.cluster`): from the recipe, the terrain and the numbers of the
+        missing shards, yields each one's number and content as it is done. By default processes on this machine do.
     progress : callable
         Called with how many shards of how many are done.
 
@@ -103,7 +105,9 @@ def make_dataset(
     Raises
     ------
     DataSetError
-        The folder holds another recipe, `part` makes no sense, or a terrain file is too small.
+        The folder holds shards of another recipe or damaged ones, `part` makes no sense, a terrain file is too small
+        or has no two cells to plan between, or a process died. What the terrain lacks is noticed before anything is
+        written.
     TerrainError
         A terrain file cannot be read.
     OutputError
@@ -112,12 +116,16 @@ def make_dataset(
     k, n = part
     if not 1 <= k <= n:
         raise DataSetError(f"a shard must be k/n with 1 <= k <= n, got {k}/{n}")
-    make_folder(folder)
-    _claim(recipe, folder)
     wanted = [i for i in range(recipe.shards) if i % n == k - 1]
     missing = [i for i in wanted if not _shard_path(folder, i).exists()]
+    tiles = read_terrain(recipe) if missing else []
+    if sides := left_out(recipe, tiles):
+        names = " and ".join(f"{side}²" for side in sides)
+        warnings.warn(f"the terrain has no room for maps of {names} cells: they are left out", stacklevel=2)
+    make_folder(folder)
+    _claim(recipe, folder)
     progress(len(wanted) - len(missing), len(wanted))
-    made = make(recipe, missing) if make else _shards_here(recipe, missing, workers)
+    made = make(recipe, tiles, missing) if make else _shards_here(recipe, tiles, missing, workers)
     with closing(made):
         for done, (index, content) in enumerate(made, len(wanted) - len(missing) + 1):
             write_whole(_shard_path(folder, index), content)
@@ -128,12 +136,47 @@ def make_dataset(
 def describe(folder: Path) -> dict[str, int]:
     """The counts that `make_dataset` returns, of what a data set's folder holds."""
     recipe = read_recipe(folder)
-    shards = sorted(folder.glob("shard-*.npz"))
-    maps = queries = 0
-    for path in shards:
-        with np.load(path) as shard:
-            maps, queries = maps + len(shard["planes"]), queries + len(shard["map_index"])
-    return {"shards": len(shards), "of": recipe.shards, "maps": maps, "queries": queries}
+    shards = maps = queries = 0
+    for shard in read_shards(folder, recipe):
+        shards, maps, queries = shards + 1, maps + len(shard["planes"]), queries + len(shard["map_index"])
+    return {"shards": shards, "of": recipe.shards, "maps": maps, "queries": queries}
+
+
+def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
+    """The arrays of each shard in the folder, by name; DataSetError for one that is damaged or of another recipe."""
+    for path in sorted(folder.glob("shard-*.npz")):
+        try:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
+                shard = {name: content[name] for name in content.files}
+            _check_shard(shard, recipe)
+        except Exception as error:  # NumPy meets bad bytes with nearly every kind there is
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise DataSetError(
+                f"{path}: wanted a shard of this data set, got a file that is none ({reason})"
+            ) from error
+        yield shard
+
+
+def _check_shard(shard: Arrays, recipe: Recipe) -> None:
+    """KeyError or ValueError where a shard's arrays are not those that the recipe makes."""
+    maps, queries, side, blocks = len(shard["planes"]), len(shard["map_index"]), recipe.size, recipe.blocks
+    wanted = {
+        "planes": ((maps, 2, side, side), "u1"),
+        "workload": ((maps,), shard["workload"].dtype if shard["workload"].dtype.kind == "U" else "U1"),
+        "pooling": ((maps,), "i4"),
+        "map_index": ((queries,), "i4"),
+        "start": ((queries, 2), "f4"),
+        "goal": ((queries, 2), "f4"),
+        "excess": ((queries, blocks, blocks), "u1"),
+        "on_path": ((queries, blocks, blocks // 8), "u1"),
+    }
+    for name, (shape, dtype) in wanted.items():
+        if shard[name].shape != shape or shard[name].dtype != np.dtype(dtype):
+            raise ValueError(f"{name} is {shard[name].shape} {shard[name].dtype}, not {shape} {np.dtype(dtype)}")
+    ends = np.stack([shard["start"], shard["goal"]]).astype(np.float32)
+    numbers = shard["map_index"].astype(np.int32)
+    if not (queries and set(numbers.tolist()) <= set(range(maps)) and ((ends > -1) & (ends < side)).all()):
+        raise ValueError("its queries do not lie on its maps")
 
 
 def read_recipe(folder: Path) -> Recipe:
@@ -143,7 +186,9 @@ def read_recipe(folder: Path) -> Recipe:
         if stored.pop("format", None) != FORMAT:
             raise DataSetError(f"{folder}: wanted a data set of format {FORMAT}")
         return msgspec.convert(stored, Recipe)
-    except (OSError, msgspec.MsgspecError) as error:
+    except (OSError, RecursionError, ValueError, msgspec.MsgspecError) as error:
+        if isinstance(error, DataSetError):
+            raise
         raise DataSetError(f"{folder}: wanted a data set's folder with {RECIPE_FILE}, got {error}") from error
 
 
@@ -157,20 +202,20 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
     DataSetError
         It cannot be read, or has no maps of that size.
     """
-    stored = read_recipe(folder).size
+    recipe = read_recipe(folder)
+    stored = recipe.size
     factor = stored // (size or stored)
     if factor * (size or stored) != stored:
         raise DataSetError(f"{folder}: wanted maps of {size} cells a side or a multiple of that, got {stored}")
     parts: list[Arrays] = []
     maps = 0
-    for path in sorted(folder.glob("shard-*.npz")):
-        if most_maps is not None and maps >= most_maps:
-            break
-        with np.load(path) as shard:
-            part = {name: shard[name] for name in Samples.__dataclass_fields__}
+    for shard in read_shards(folder, recipe):
+        part = {name: shard[name] for name in Samples.__dataclass_fields__}
         part["map_index"] = part["map_index"] + maps
         maps += len(part["planes"])
         parts.append(part if factor == 1 else _averaged(part, factor))
+        if most_maps is not None and maps >= most_maps:
+            break
     if not parts:
         raise DataSetError(f"{folder}: wanted at least one shard, got none")
     return msgspec.convert({name: np.concatenate([p[name] for p in parts]) for name in parts[0]}, Samples)
@@ -187,9 +232,9 @@ def _averaged(part: Arrays, factor: int) -> Arrays:
 
 
 def _claim(recipe: Recipe, folder: Path) -> None:
-    """Write the recipe into the folder, or check that the one there is the same."""
+    """Write the recipe into the folder, or check that the one there is the same: one without shards is replaced."""
     path = folder / RECIPE_FILE
-    if not path.exists():
+    if not path.exists() or not any(folder.glob("shard-*.npz")):
         stored = {"format": FORMAT, **msgspec.structs.asdict(recipe)}
         write_whole(path, msgspec.json.format(msgspec.json.encode(stored), indent=1))
     elif read_recipe(folder) != recipe:
@@ -201,24 +246,28 @@ def _shard_path(folder: Path, index: int) -> Path:
 
 
 _recipe: Recipe
-_tiles: list[Dem]
+_tiles: Sequence[Dem]
 
 
-def _shards_here(recipe: Recipe, indices: Sequence[int], workers: int | None) -> Shards:
+def _shards_here(recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int], workers: int | None) -> Shards:
     """Number and content of each shard as it is done, by processes on this machine."""
     context = multiprocessing.get_context("spawn")
     workers = workers or len(os.sched_getaffinity(0))
-    with ProcessPoolExecutor(workers, context, _start_worker, (recipe,)) as pool:
+    with ProcessPoolExecutor(workers, context, _start_worker, (recipe, tiles)) as pool:
         try:
             for job in as_completed([pool.submit(_make_here, i) for i in indices]):
                 yield job.result()
+        except (BrokenProcessPool, MemoryError) as error:
+            raise DataSetError(
+                f"wanted {workers} processes that make shards, got one that died; fewer --workers take less memory"
+            ) from error
         finally:
             pool.shutdown(cancel_futures=True)
 
 
-def _start_worker(recipe: Recipe) -> None:
+def _start_worker(recipe: Recipe, tiles: Sequence[Dem]) -> None:
     global _recipe, _tiles
-    _recipe, _tiles = recipe, read_terrain(recipe)
+    _recipe, _tiles = recipe, tiles
 
 
 def _make_here(index: int) -> tuple[int, bytes]:

@@ -1,23 +1,24 @@
 """Digital elevation models: read from the files that space agencies and surveyors publish, and written back.
 
-GeoTIFF, PDS3 (`.img`, `.lbl`), ESRI ASCII grid and the rest of GDAL's rasters go through rasterio, which only
-these need; NumPy arrays and 16-bit PNGs do not.
+GeoTIFF, PDS3 (`.img`, `.lbl`), ESRI ASCII grid and others (`gdal_files`) go through rasterio, which only these need;
+NumPy arrays and 16-bit PNGs do not.
 """
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, OutputError, TerrainError
+from nnpp_edge.runtime.arrays import unmasked
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, TerrainError
+from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import read_arrays, read_png
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.heights import Window, check_grid
+from nnpp_edge.terrain.heights import Window, check_grid, metres
 from nnpp_edge.terrain.rasters import geotiff_bytes, read_raster
 
 _FARTHEST_M = 1e9
@@ -30,7 +31,7 @@ class Dem:
     Attributes
     ----------
     elevation : (H, W) float32
-        Metres; NaN where unknown, finite in at least one cell.
+        Metres; NaN where unknown, finite in at least one cell. Masked cells become unknown.
     cell_size_m, cell_width_m : float
         Side of a cell along a column of the map (north-south) and along a row (east-west).
     georeference : Georeference or None
@@ -51,6 +52,7 @@ class Dem:
     source: Path
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "elevation", unmasked(self.elevation))
         check_grid(self.source, self.elevation)
         if self.elevation.dtype != np.float32:
             raise TerrainError(f"{self.source}: elevation must be float32, got {self.elevation.dtype}")
@@ -68,7 +70,7 @@ class Dem:
         """
         _check_option("cell size", cell_size_m)
         factor = cell_size_m / self.cell_size_m
-        elevation = self.elevation * np.float32(factor)
+        elevation = metres(self.elevation, factor, 0.0)
         return replace(
             self, elevation=elevation, cell_size_m=float(cell_size_m), cell_width_m=self.cell_width_m * factor
         )
@@ -93,13 +95,16 @@ def read_dem(
     cell_size_m: float | None = None,
     vertical_scale: float | None = None,
     window: Window | None = None,
+    *,
+    allow_vrt: bool = False,
 ) -> Dem:
     """Read an elevation map; the ending `.npy`, `.npz` or `.png` decides, all else is GDAL's.
 
     Parameters
     ----------
     path : Path or str
-        A raster of one band that GDAL reads (for a PDS3 `.img` with a `.lbl` beside it, the label is opened);
+        A raster of one band in one of `gdal_files.FORMATS` (for a PDS3 `.img` with a `.lbl` beside it, the label is
+        opened), whatever its name; files and addresses that it names elsewhere are not opened;
         a 2-D `.npy`; an `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D array, and perhaps
         `cell_size_m` (or `cell_m`) and `cell_width_m`; a grey 16-bit PNG.
     cell_size_m : float, optional
@@ -109,6 +114,8 @@ def read_dem(
         elsewhere it wins over the unit that the file names, which is metres where it names none.
     window : (row0, col0, rows, cols), optional
         The part to read; the georeference is the part's own.
+    allow_vrt : bool
+        Whether a GDAL VRT is read, too, if it is made of GeoTIFFs in its own folder.
 
     Returns
     -------
@@ -118,7 +125,8 @@ def read_dem(
     Raises
     ------
     TerrainError
-        The file is missing, broken, not an elevation map, or lacks a cell size that was not given.
+        The file is missing, broken, not an elevation map, too large for the memory that is left, or lacks a cell size
+        that was not given.
     InvalidQueryError
         `cell_size_m`, `vertical_scale` or `window` makes no sense.
     MissingExtraError
@@ -137,11 +145,11 @@ def read_dem(
     path = Path(path)
     _check_option("cell size", cell_size_m)
     _check_option("vertical scale", vertical_scale)
-    if not path.is_file():
-        got = "a folder" if path.is_dir() else "no such file"
-        raise TerrainError(f"{path}: wanted a file with an elevation map, got {got}")
-    read = {".npy": read_arrays, ".npz": read_arrays, ".png": read_png}.get(path.suffix.lower(), read_raster)
-    with _one_line_error(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
+    if (problem := problem_with_file(path)) is not None:
+        raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
+    gdal = partial(read_raster, allow_vrt=allow_vrt)
+    read = {".npy": read_arrays, ".npz": read_arrays, ".png": read_png}.get(path.suffix.lower(), gdal)
+    with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
         elevation, cell, georeference = read(path, vertical_scale, window)
         elevation[~(np.abs(elevation) < _FARTHEST_M)] = np.nan
     if cell_size_m is not None:
@@ -154,8 +162,8 @@ def read_dem(
 def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
     """Write a map of `dem`'s cells as a float32 GeoTIFF (deflate, nodata NaN) with `dem`'s georeference.
 
-    The array holds numbers or bools. The file is replaced in one step: a reader finds the old file or the whole new
-    one. Without a georeference of `dem` the file has none either.
+    The array holds numbers or bools; masked ones become NaN. The file is replaced in one step: a reader finds the old
+    file or the whole new one. Without a georeference of `dem` the file has none either.
 
     Raises
     ------
@@ -164,30 +172,21 @@ def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
     MissingExtraError
         rasterio is not installed.
     """
-    path, values = Path(path), np.asarray(array)
+    path = Path(path)
+    write_whole(path, raster_bytes(path, array, dem))
+
+
+def raster_bytes(path: Path, array: npt.ArrayLike, dem: Dem) -> bytes:
+    """What `write_raster` writes, and its errors."""
+    values = unmasked(array)
     if values.shape != dem.elevation.shape or values.dtype.kind not in "biuf":
         wanted = f"wanted a {dem.elevation.shape} array of numbers"
         raise OutputError(f"{path}: {wanted}, got {values.shape} {values.dtype}")
-    with _one_line_error(OutputError, f"{path}: could not be written"):
-        write_whole(path, geotiff_bytes(path.name, values, dem.georeference))
+    with refused_as(OutputError, f"{path}: could not be written"):
+        return geotiff_bytes(path.name, values, dem.georeference)
 
 
 def _check_option(name: str, value: float | None) -> None:
     """Refuse an option that is given and not above 0 and finite."""
     if value is not None and not (math.isfinite(value) and value > 0):
         raise InvalidQueryError(f"{name} must be above 0 and finite, got {value}")
-
-
-@contextmanager
-def _one_line_error(kind: type[NnppEdgeError], what: str) -> Iterator[None]:
-    """Turn whatever a broken file or a full disk raises into one `kind` that ends with the first cause."""
-    try:
-        yield
-    except NnppEdgeError:
-        raise
-    except Exception as error:  # libraries meet bad bytes with nearly every kind there is
-        cause: BaseException = error
-        while cause.__cause__ is not None:
-            cause = cause.__cause__
-        reason = " ".join(str(cause).split()) or type(cause).__name__
-        raise kind(f"{what} ({reason})") from error

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 
 from nnpp_edge.runtime.errors import InvalidQueryError
 
+_FARTHEST = 2.0**53
+"""Cells from the map's corner: whole numbers up to here are floats."""
+
 
 @dataclass(frozen=True)
 class Georeference:
@@ -26,12 +29,12 @@ class Georeference:
     def cell_of(self, x: float, y: float) -> tuple[int, int]:
         """Cell (row, col) that holds the map point (x, y); it may lie outside the map.
 
-        Raises InvalidQueryError where x or y is not finite.
+        Raises InvalidQueryError where x or y is not finite, or so far away that its cell has no number.
         """
-        if not (math.isfinite(x) and math.isfinite(y)):
-            raise InvalidQueryError(f"map coordinates must be finite, got ({x}, {y})")
         a, b, c, d, e, f = self.transform
         determinant = a * e - b * d
         col = (e * (x - c) - b * (y - f)) / determinant
         row = (a * (y - f) - d * (x - c)) / determinant
+        if not max(abs(row), abs(col)) < _FARTHEST:
+            raise InvalidQueryError(f"map coordinates must be finite and near the map, got ({x:g}, {y:g})")
         return math.floor(row), math.floor(col)

@@ -1,11 +1,13 @@
 """What every reader of an elevation map shares: which part is read, and its heights in metres."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
+from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.terrain.georeference import Georeference
 
 Window = tuple[int, int, int, int]
@@ -14,12 +16,34 @@ Reading = tuple[npt.NDArray[np.float32], tuple[float, float] | None, Georeferenc
 """What a reader returns: (H, W) heights in metres, a cell's (size, width) in metres and the map's place, if known."""
 
 
+_BYTES_PER_CELL = 20
+"""That reading takes beside the stored values: a float64 copy, the float32 map, masks."""
+
+
+def check_room(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], more_bytes: int = 0) -> None:
+    """TerrainError where the memory that is left cannot hold an array of this shape while it becomes a map.
+
+    To be asked before the array is read: a small compressed file may hold a huge one. `more_bytes` is what reading it
+    takes besides.
+    """
+    wanted = math.prod(shape) * (dtype.itemsize + _BYTES_PER_CELL) + more_bytes
+    room = available_bytes()
+    if wanted > room:
+        size = " × ".join(map(str, shape))
+        raise TerrainError(
+            f"{path}: wanted {wanted / 1e9:.1f} GB of memory for {size} {dtype.name} heights, got {room / 1e9:.1f} GB"
+        )
+
+
 def metres(values: npt.NDArray[np.generic], scale: float, offset: float) -> npt.NDArray[np.float32]:
     """A fresh float32 array of scale * values + offset, worked out in float64."""
     with np.errstate(over="ignore", invalid="ignore"):
         if scale == 1.0 and offset == 0.0:
             return np.array(values, dtype=np.float32, order="C")
-        return np.ascontiguousarray((values.astype(np.float64) * scale + offset).astype(np.float32))
+        scaled = values.astype(np.float64)
+        scaled *= scale
+        scaled += offset
+        return np.ascontiguousarray(scaled, np.float32)
 
 
 def checked_window(path: Path, shape: tuple[int, ...], window: Window | None) -> Window:

@@ -1,21 +1,23 @@
-"""Elevation maps in GDAL's rasters: GeoTIFF, PDS3 (`.img`, `.lbl`), ESRI ASCII grid and the rest, by rasterio."""
+"""Elevation maps in GDAL's rasters: GeoTIFF, PDS3 (`.img`, `.lbl`), ESRI ASCII grid and others, by rasterio."""
 
 import json
 import math
 import re
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.runtime.errors import TerrainError, optional_module
+from nnpp_edge.terrain.gdal_files import FORMATS, NO_NETWORK, openable
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.heights import Reading, Window, checked_window, metres
+from nnpp_edge.terrain.heights import Reading, Window, check_room, checked_window, metres
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
@@ -29,8 +31,8 @@ _ASCII_HEADER = re.compile(r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+", re.
 _HIGHEST_OFFSET_M = 1e5
 
 
-def read_raster(path: Path, vertical_scale: float | None, window: Window | None) -> Reading:
-    """Elevation, cell (size, width) and georeference of whatever GDAL reads.
+def read_raster(path: Path, vertical_scale: float | None, window: Window | None, allow_vrt: bool = False) -> Reading:
+    """Elevation, cell (size, width) and georeference of a raster in one of `FORMATS`.
 
     Raises TerrainError, InvalidQueryError and MissingExtraError as `read_dem` does, and whatever else rasterio
     raises for a broken file.
@@ -38,14 +40,19 @@ def read_raster(path: Path, vertical_scale: float | None, window: Window | None)
     rasterio = optional_module("rasterio", f"reading {path.name}", "geo")
     # An ASCII grid without a decimal point would be read as whole numbers, and its nan as 0.
     options = {"DATATYPE": "Float64"} if path.suffix.lower() == ".asc" else {}
-    with _quiet(rasterio), rasterio.open(_openable(path), **options) as dataset:
+    opened, drivers = openable(path, allow_vrt)
+    with _quiet(rasterio), _opened(rasterio, path, opened, driver=drivers, **options) as dataset:
+        if any(Path(name).parent != opened.parent for name in dataset.files):
+            raise TerrainError(f"{path}: wanted a raster whose files lie in its own folder, got {dataset.files}")
         if dataset.count != 1:
             raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
         if dataset.dtypes[0].startswith("complex"):
             raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
-        _check_whole(path, dataset)
         row0, col0, rows, cols = checked_window(path, dataset.shape, window)
         part = ((row0, row0 + rows), (col0, col0 + cols))
+        dtype = np.dtype(dataset.dtypes[0])
+        check_room(path, (rows, cols), dtype, dtype.itemsize * math.prod(dataset.block_shapes[0]))
+        _check_whole(path, dataset)
         unit = vertical_scale or _metres_per_unit(dataset)
         offset = dataset.offsets[0] * unit
         offset = 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
@@ -102,15 +109,16 @@ def _metres_per_unit(dataset: "DatasetReader") -> float:
 
 
 def _check_whole(path: Path, dataset: "DatasetReader") -> None:
-    """Refuse a file cut short where GDAL would fill in zeros and say nothing: ASCII grids, PDS3 images."""
+    """Refuse a file cut short where GDAL would fill in zeros and say nothing: ASCII grids, PDS3 images, .bil."""
     cells = dataset.width * dataset.height
     if dataset.driver == "AAIGrid":
         numbers = np.fromstring(_ASCII_HEADER.sub("", path.read_text("latin-1")), dtype=np.float32, sep=" ")
         if numbers.size < cells:
             raise TerrainError(f"{path}: wanted {cells} heights, got {numbers.size} before the end or a word")
-    if dataset.driver == "PDS" and not _pds_label(dataset)[1]:
+    if dataset.driver == "EHdr" or (dataset.driver == "PDS" and not _pds_label(dataset)[1]):
         wanted = cells * np.dtype(dataset.dtypes[0]).itemsize
-        got = sum(Path(name).stat().st_size for name in dataset.files)
+        files = dataset.files if dataset.driver == "PDS" else [path]
+        got = sum(Path(name).stat().st_size for name in files)
         if got < wanted:
             raise TerrainError(f"{path}: wanted {wanted} bytes of heights, got {got} with the label")
 
@@ -123,15 +131,25 @@ def _pds_label(dataset: "DatasetReader") -> tuple[dict[str, object], bool]:
     return image, "COMPRESSED_FILE" in label
 
 
-def _openable(path: Path) -> Path:
-    """The detached label of a PDS3 image, which GDAL opens in its stead; else the path itself."""
-    endings = (".lbl", ".LBL") if path.suffix.lower() == ".img" else ()
-    return next((label for end in endings if (label := path.with_suffix(end)).is_file()), path)
+def _opened(rasterio: ModuleType, path: Path, opened: Path, **options: object) -> "DatasetReader":
+    """The raster, opened by the drivers in `options` alone: `rasterio.open` would take one."""
+    try:
+        return cast("DatasetReader", rasterio.io.DatasetReader(str(opened), **options))
+    except rasterio.errors.RasterioIOError as error:
+        if "not recognized" in str(error):
+            raise TerrainError(f"{path}: wanted {FORMATS}, got a file that cannot be read as one of them") from error
+        raise
 
 
 @contextmanager
 def _quiet(rasterio: ModuleType) -> Iterator[None]:
-    """Keep GDAL from talking: its errors become exceptions, its warnings nothing."""
-    with warnings.catch_warnings(), rasterio.Env():
-        warnings.simplefilter("ignore")
-        yield
+    """Keep GDAL from talking, to the user as to the network: its errors become exceptions, its warnings nothing."""
+    hooks = sys.excepthook, sys.unraisablehook
+    try:
+        # both are told of GDAL's messages that are no UTF-8
+        sys.excepthook, sys.unraisablehook = lambda *_: None, lambda _: None
+        with warnings.catch_warnings(), rasterio.Env(**NO_NETWORK):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        sys.excepthook, sys.unraisablehook = hooks

@@ -3,6 +3,7 @@
 import io
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,18 +15,25 @@ from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.network.encoding import Frame, map_planes
-from nnpp_edge.runtime.terrain.traversability import traversability_cost
+from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.labels import label_queries, random_points
 from nnpp_edge.terrain.synthetic import synthetic_terrain
-from nnpp_edge.terrain.workloads import workload
+from nnpp_edge.terrain.workloads import SOFT, workload
 
 WORKLOADS = (("soft", 0.45), ("limit25", 0.05), ("limit20", 0.2), ("limit15", 0.2), ("limit12", 0.1))
+BARREN_MAPS = 100
+"""Maps of the terrain without a query, one after another, after which a shard is given up."""
+_SIZE_STEP = 32
+"""Of the network's side, so that the labels' blocks fill whole bytes."""
 T = TypeVar("T")
 
 
 class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All that decides what a data set holds. The same recipe makes the same shards on any machine."""
+    """All that decides what a data set holds. The same recipe makes the same shards on any machine.
+
+    Raises DataSetError where a number is out of range.
+    """
 
     terrain: tuple[str, ...]
     """Elevation files; without any, all terrain is synthetic."""
@@ -44,14 +52,58 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     margin_share: float = 0.15
     """Share of maps of which part is left outside, as maps that are not square are seen."""
     workloads: tuple[tuple[str, float], ...] = WORKLOADS
-    """Name and share of each."""
+    """Name and share of each; ``soft`` are the limits as they are."""
     cell_sizes_m: tuple[float, ...] = (20.0, 10.0, 5.0, 2.0, 1.0)
-    """The terrain is taken as self-similar and rescaled to one of these."""
+    """The terrain is taken as self-similar and rescaled to one of these; without any, it stays as it is."""
     poolings: tuple[tuple[int, float], ...] = ((1, 0.6), (2, 0.32), (4, 0.08))
     """How many map cells to an input cell's side, and the share of maps: large maps are seen averaged."""
     least_distance: float = 0.125
     """Between start and goal, as a share of the map's side."""
     omega: float = PAPER_OMEGA
+    limits: dict[str, float] = {}
+    """Fields of `Traversability` that are not its defaults: one's own limits."""
+    stripe: tuple[float, float] = (0.0, 1.0)
+    """The part of each file that is used: from where to where on its longer side, as shares of it."""
+    cell_size_m: float | None = None
+    """As for `read_dem`; so are the next two."""
+    vertical_scale: float | None = None
+    allow_vrt: bool = False
+
+    def __post_init__(self) -> None:
+        counts = (self.maps, self.maps_per_shard, self.points_per_map - 1, *(pooling for pooling, _ in self.poolings))
+        shares = (self.synthetic_share, self.obstacle_share, self.margin_share, self.least_distance)
+        drawn = [[share for _, share in chances] for chances in (self.poolings, self.workloads)]
+        lengths = (self.omega, *self.cell_sizes_m)
+        start, end = self.stripe
+        conditions = {
+            f"size must be a multiple of {_SIZE_STEP}, got {self.size}": self.size > 0 == self.size % _SIZE_STEP,
+            f"blocks must be a multiple of 8 that divides {self.size}, got {self.blocks}": (
+                self.blocks > 0 == self.blocks % 8 == self.size % self.blocks
+            ),
+            "numbers of maps and points must be above 0": min(counts) > 0 <= self.seed,
+            f"shares must lie in [0, 1], got {shares}": all(0.0 <= share <= 1.0 for share in shares),
+            f"shares must be above 0, got {drawn}": all(min(s, default=-1) >= 0 < sum(s) < math.inf for s in drawn),
+            f"ω and cell sizes must be above 0, got {lengths}": all(0.0 < length < math.inf for length in lengths),
+            f"a stripe must lie in [0, 1], got {self.stripe}": 0.0 <= start < end <= 1.0,
+            "synthetic terrain needs a cell size": bool(self.cell_sizes_m or self.terrain),
+        }
+        for wanted, met in conditions.items():
+            if not met:
+                raise DataSetError(wanted)
+        for name, _ in self.workloads:
+            self.limits_of(name)
+
+    def limits_of(self, name: str) -> Traversability:
+        """The limits of a workload on top of one's own."""
+        try:
+            return workload(name, Traversability(**self.limits))
+        except (TypeError, ValueError) as error:
+            raise DataSetError(f"wanted limits of slope, roughness and step, got {self.limits} {name!r}") from error
+
+    @property
+    def common_limits(self) -> Traversability:
+        """The limits that all maps have: those of the only workload, or one's own, which several add to."""
+        return self.limits_of(self.workloads[0][0] if len(self.workloads) == 1 else SOFT)
 
     @property
     def shards(self) -> int:
@@ -60,15 +112,47 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_terrain(recipe: Recipe) -> list[Dem]:
-    """The recipe's elevation files; TerrainError for one that cannot be read."""
-    return [read_dem(Path(name)) for name in recipe.terrain]
+    """The parts of the recipe's elevation files that it uses.
+
+    Raises TerrainError for one that cannot be read, DataSetError for one that is too small for the recipe's size.
+    """
+    given = recipe.cell_size_m, recipe.vertical_scale
+    tiles = [
+        _stripe(read_dem(Path(name), *given, allow_vrt=recipe.allow_vrt), recipe.stripe) for name in recipe.terrain
+    ]
+    for dem in tiles:
+        rows, cols = dem.elevation.shape
+        if min(rows, cols) < recipe.size:
+            fits = min(rows, cols) // _SIZE_STEP * _SIZE_STEP
+            hint = f": --size {fits} is the largest that fits" if fits else ""
+            what = "" if recipe.stripe == (0.0, 1.0) else " in the stripe that --validation-share leaves"
+            wanted = f"wanted at least {recipe.size} cells on the shorter side{what} for maps of --size {recipe.size}"
+            raise DataSetError(f"{dem.source}: {wanted}, got {rows} × {cols}{hint}")
+    return tiles
+
+
+def left_out(recipe: Recipe, tiles: Sequence[Dem]) -> list[int]:
+    """Sides of the recipe's larger maps that no tile has room for."""
+    room = max((min(dem.elevation.shape) for dem in tiles), default=math.inf)
+    return [side for pooling, _ in recipe.poolings if (side := recipe.size * pooling) > room]
+
+
+def _stripe(dem: Dem, stripe: tuple[float, float]) -> Dem:
+    """The part of an elevation map between two shares of its longer side."""
+    if stripe == (0.0, 1.0):
+        return dem
+    rows, cols = dem.elevation.shape
+    part = slice(*(round(share * max(rows, cols)) for share in stripe))
+    elevation = dem.elevation[part] if rows >= cols else dem.elevation[:, part]
+    return replace(dem, elevation=np.ascontiguousarray(elevation), georeference=None)
 
 
 def shard_content(recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
     """The file of shard number `index` (.npz), which recipe, terrain and number alone determine."""
     maps = min(recipe.maps_per_shard, recipe.maps - index * recipe.maps_per_shard)
     content = io.BytesIO()
-    arrays = make_shard(recipe, tiles, np.random.default_rng([recipe.seed, index]), maps)
+    key = [recipe.seed, index] if recipe.stripe[0] == 0.0 else [recipe.seed, index, 1]  # else synthetic maps repeat
+    arrays = make_shard(recipe, tiles, np.random.default_rng(key), maps)
     np.savez(content, **arrays)  # type: ignore[arg-type]  # numpy's stub takes `allow_pickle` for one of them
     return content.getvalue()
 
@@ -76,19 +160,31 @@ def shard_content(recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
 def make_shard(
     recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, maps: int
 ) -> dict[str, NDArray[np.generic]]:
-    """The arrays of one shard: those of `Samples`, and for each map its workload and its pooling."""
+    """The arrays of one shard: those of `Samples`, and for each map its workload and its pooling.
+
+    DataSetError where `BARREN_MAPS` in a row have no query.
+    """
+    poolings_that_fit = [(p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)]
+    barren = 0
     planes: list[NDArray[np.uint8]] = []
     names, poolings = [], []
     index, start, goal, excess, on_path = [], [], [], [], []
     while len(planes) < maps:
         name = _pick(rng, recipe.workloads)
-        pooling = _pick(rng, recipe.poolings)
-        cost = _random_cost(recipe, tiles, rng, name, recipe.size * pooling)
+        pooling = _pick(rng, poolings_that_fit)
+        cost, measured = _random_cost(recipe, tiles, rng, name, recipe.size * pooling)
         points = random_points(rng, cost, recipe.points_per_map)
         least = recipe.least_distance * cost.shape[0]
         labelled = label_queries(cost, points, least, recipe.blocks, recipe.omega)
         if not labelled:
+            barren += 1
+            if barren == BARREN_MAPS:
+                where = ", ".join(str(dem.source) for dem in tiles) or "synthetic terrain"
+                wanted = f"wanted connected passable cells {least:.0f} cells apart"
+                raise DataSetError(f"{where}: {wanted}, got none on {barren} maps in a row")
             continue
+        if measured or not tiles:
+            barren = 0
         frame = Frame(cost.shape[0], cost.shape[1], recipe.size)
         for label in labelled:
             crossed = np.zeros((recipe.blocks, recipe.blocks), bool)
@@ -129,14 +225,17 @@ def _pick(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:
 
 def _random_cost(
     recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, name: str, side: int
-) -> NDArray[np.float32]:
-    """A square cost map of some terrain, with obstacles and a margin on a share of the maps."""
-    cell_size_m = float(rng.choice(recipe.cell_sizes_m))
-    if not tiles or rng.random() < recipe.synthetic_share:
-        dem = synthetic_terrain(rng, side, cell_size_m)
+) -> tuple[NDArray[np.float32], bool]:
+    """A square cost map, with obstacles and a margin on a share of the maps; whether its terrain is from a file."""
+    given_m = float(rng.choice(recipe.cell_sizes_m)) if recipe.cell_sizes_m else None
+    measured = bool(tiles) and rng.random() >= recipe.synthetic_share
+    if measured:
+        elevation, cell_size_m, width_m = _random_crop(tiles, rng, side, given_m)
     else:
-        dem = _random_crop(tiles, rng, side, cell_size_m)
-    cost = traversability_cost(dem, cell_size_m, workload(name), warn=False)
+        cell_size_m = width_m = given_m or tiles[0].cell_size_m
+        elevation = synthetic_terrain(rng, side, cell_size_m)
+    limits = recipe.limits_of(name)
+    cost = traversability_cost(elevation, cell_size_m, limits, cell_width_m=width_m, warn=False)
     if rng.random() < recipe.obstacle_share:
         for _ in range(rng.integers(1, 9)):
             rows, cols = np.exp(rng.uniform(np.log(max(side / 64, 1.0)), np.log(side / 3), 2)).astype(int)
@@ -145,22 +244,25 @@ def _random_cost(
     if rng.random() < recipe.margin_share:
         kept = int(side * rng.uniform(0.25, 0.95))
         cost[kept:] = np.inf
-    return cost
+    return cost, measured
 
 
 def _random_crop(
-    tiles: Sequence[Dem], rng: np.random.Generator, side: int, cell_size_m: float
-) -> NDArray[np.float32]:
-    """Part of a random tile, averaged where the tile allows it, rescaled with its slopes kept."""
+    tiles: Sequence[Dem], rng: np.random.Generator, side: int, cell_size_m: float | None
+) -> tuple[NDArray[np.float32], float, float]:
+    """Part of a random tile: elevation, and a cell's size and width.
+
+    With a cell size it is averaged where the tile allows it, and rescaled with its slopes kept.
+    """
+    tiles = [dem for dem in tiles if min(dem.elevation.shape) >= side]
     areas = np.array([dem.elevation.size for dem in tiles], np.float64)
     dem = tiles[int(rng.choice(len(tiles), p=areas / areas.sum()))]
-    fits = [f for f in (1, 2, 4) if side * f <= min(dem.elevation.shape)]
-    if not fits:
-        raise DataSetError(
-            f"{dem.source}: wanted at least {side} cells on the shorter side, got {dem.elevation.shape}"
-        )
+    fits = [f for f in (1, 2, 4) if side * f <= min(dem.elevation.shape)] if cell_size_m else [1]
     factor = int(rng.choice(fits))
     row, col = (int(rng.integers(0, n - side * factor + 1)) for n in dem.elevation.shape)
     crop = dem.elevation[row : row + side * factor, col : col + side * factor]
     averaged: NDArray[np.float32] = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
-    return averaged * np.float32(cell_size_m / (dem.cell_size_m * factor))
+    if cell_size_m is None:
+        return averaged, dem.cell_size_m, dem.cell_width_m
+    scale = cell_size_m / (dem.cell_size_m * factor)
+    return averaged * np.float32(scale), cell_size_m, cell_size_m * (dem.cell_width_m / dem.cell_size_m)

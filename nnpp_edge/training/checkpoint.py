@@ -15,6 +15,7 @@ from nnpp_edge.files import write_whole
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.reading import problem_with_file
 
 HISTORY = "history.json"
 State: TypeAlias = dict[str, Tensor]
@@ -39,7 +40,7 @@ class TrainSettings:
     """One of `LOSSES`."""
     seed: int = 1
     time_limit_s: float = math.inf
-    """The training ends when this has passed, over all resumed runs; the learning rate falls towards that end."""
+    """About how long the training takes, over all resumed runs: after the warm-up its speed decides the steps."""
     validate_every_s: float = 300.0
     average_decay: float = 0.998
     """Of the running mean of the weights, which is what is validated and exported."""
@@ -53,6 +54,8 @@ class Progress:
     step: int = 0
     step_in_epoch: int = 0
     spent_s: float = 0.0
+    steps: int | None = None
+    """The step at which the training ends, once that is known; `TrainSettings.steps` of so many repeats it."""
     history: list[dict[str, float]] = field(default_factory=list)
 
 
@@ -66,6 +69,17 @@ class Checkpoint:
     network: State
     average: State
     optimiser: dict[str, object]
+    origin: dict[str, object] = field(default_factory=dict)
+    """What else the weights come from: ``torch`` (its version), ``threads``, ``begun_with`` (the `facts` of the run
+    whose weights this one began with), ``resumed_with_other_settings``."""
+
+    def facts(self) -> dict[str, object]:
+        """What decided the weights, for a model's metadata."""
+        progress, settings = self.progress, self.settings
+        names = ("batch", "learning_rate", "weight_decay", "warmup_steps", "target", "softness", "loss", "seed")
+        done = {"steps": progress.step, "epochs": progress.epoch, "seconds": round(progress.spent_s, 1)}
+        asked = {name: getattr(settings, name) for name in (*names, "average_decay")}
+        return done | asked | {"input_size": self.spec.input_size} | self.origin
 
     def trained(self) -> Network:
         """The averaged network, in evaluation mode."""
@@ -76,6 +90,7 @@ class Checkpoint:
     def save(self, path: Path) -> None:
         """Write the checkpoint, and its history as JSON beside it; OutputError if that fails."""
         plain = {"spec": asdict(self.spec), "settings": asdict(self.settings), "progress": asdict(self.progress)}
+        plain["origin"] = self.origin
         weights = {"network": self.network, "average": self.average, "optimiser": self.optimiser}
         content = io.BytesIO()
         torch.save(plain | weights, content)
@@ -86,13 +101,14 @@ class Checkpoint:
 def load_checkpoint(path: Path) -> Checkpoint:
     """Read a checkpoint; ModelError if the file is none of ours."""
     wanted = f"{path}: wanted a checkpoint of nnpp-edge train"
+    if (problem := problem_with_file(path)) is not None:
+        raise ModelError(f"{wanted} ({problem})")
     try:
         saved = torch.load(path, map_location="cpu", weights_only=True)
         found = msgspec.convert(saved, Checkpoint)
         found.trained()
-    except (OSError, RuntimeError, EOFError, ValueError, TypeError) as error:
-        line = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise ModelError(f"{wanted}, got {line}") from error
-    except Exception as error:  # torch raises pickle errors of several kinds
-        raise ModelError(f"{wanted}, got another file") from error
+    except msgspec.ValidationError as error:
+        raise ModelError(f"{wanted}, got {error}") from error
+    except Exception as error:  # torch meets bad bytes with nearly every kind there is, and with many words
+        raise ModelError(f"{wanted}, got another file, or a damaged one") from error
     return found

@@ -1,4 +1,4 @@
-"""Training: AdamW as in the paper, resumable, limited by epochs or by time, on one device or several."""
+"""Training: AdamW as in the paper, resumable, limited by epochs, steps or time, on one device or several."""
 
 import contextlib
 import math
@@ -76,6 +76,10 @@ def train(
     symmetries are those of one process, so the curves differ by rounding and by batch norm alone: each process
     normalises its share by the share's own mean and variance, and the running statistics are the first
     process's. On CUDA the network runs in bfloat16.
+
+    What is learned depends on numbers of steps, never on the clock: a time limit becomes a number of steps once the
+    warm-up has shown how long one takes (`Progress.steps`). On a CPU the same spec, settings, samples and that number
+    as `TrainSettings.steps` give the same weights bit for bit, with the same torch and number of threads.
     """
     processes = Processes.join()
     if settings.batch % processes.world:
@@ -87,16 +91,16 @@ def train(
     run.start(len(batches))
     progress = run.progress
     validated = time.monotonic()
-    while run.share_done() < 1.0 and progress.epoch < settings.epochs:
+    while not run.done() and progress.epoch < settings.epochs:
         for batch in batches.epoch(progress.epoch, progress.step_in_epoch):
+            if run.done():
+                break
             run.step(batch)
             if processes.first:
-                report(progress, float(np.mean(run.losses[-_RECENT:])), min(run.share_done(), 1.0))
+                report(progress, float(np.mean(run.losses[-_RECENT:])), run.share_done())
             if processes.of_the_first(time.monotonic() - validated) > settings.validate_every_s:
                 run.validate_and_save(validator)
                 validated = time.monotonic()
-            if progress.spent_s >= settings.time_limit_s or progress.step == settings.steps:
-                break
         else:
             progress.epoch += 1
             progress.step_in_epoch = 0
@@ -121,6 +125,7 @@ class _Run:
             self.network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
         self.progress = Progress()
+        self.origin: dict[str, object] = {"torch": str(torch.__version__), "threads": torch.get_num_threads()}
         if path.exists():
             self._resume()
         elif begin_with is not None:
@@ -131,12 +136,24 @@ class _Run:
     def start(self, batches: int) -> None:
         """Start the clock of a run with so many batches to an epoch."""
         self._wrapped = self.processes.averaging_gradients(self.network)
-        self._total = min(self.settings.epochs * batches, self.settings.steps or sys.maxsize)
+        self._most = min(self.settings.epochs * batches, self.settings.steps or sys.maxsize)
+        if self.settings.time_limit_s == math.inf:
+            self.progress.steps = self._most
         self._started = time.monotonic() - self.progress.spent_s
 
+    def done(self) -> bool:
+        """Whether the last step has been made."""
+        return self.progress.steps is not None and self.progress.step >= self.progress.steps
+
     def share_done(self) -> float:
-        """Share of the training that is done, in steps or in time."""
-        return max(self.progress.step / self._total, self.progress.spent_s / self.settings.time_limit_s)
+        """Share of the training that is done, in steps, or in time while their number is not known."""
+        progress = self.progress
+        done = (
+            progress.spent_s / self.settings.time_limit_s
+            if progress.steps is None
+            else progress.step / progress.steps
+        )
+        return min(done, 1.0)
 
     def step(self, batch: Batch) -> None:
         """Learn from one batch."""
@@ -162,6 +179,10 @@ class _Run:
         progress.step += 1
         progress.step_in_epoch += 1
         progress.spent_s = self.processes.of_the_first(time.monotonic() - self._started)
+        speed_known = progress.step >= self.settings.warmup_steps or progress.spent_s >= self.settings.time_limit_s
+        if progress.steps is None and speed_known:
+            in_time = int(progress.step * self.settings.time_limit_s / progress.spent_s)
+            progress.steps = min(self._most, max(progress.step, in_time))
 
     def validate_and_save(self, validator: Validator | None) -> None:
         """Validate what was learned since the last time, and save. The first process alone has a validator."""
@@ -172,14 +193,16 @@ class _Run:
                     ours.copy_(theirs)  # the batch norms' statistics
                 self.progress.history.append(_history_row(self.progress, loss, validator.judge(self.average)))
             states = self.network.state_dict(), self.average.state_dict(), self.optimiser.state_dict()
-            Checkpoint(self.spec, self.settings, self.progress, *states).save(self.path)
+            Checkpoint(self.spec, self.settings, self.progress, *states, self.origin).save(self.path)
         self.losses.clear()
 
     def _learning_rate(self) -> float:
-        """Linear warm-up, then half a cosine down to a hundredth."""
-        warm = min(1.0, (self.progress.step + 1) / self.settings.warmup_steps)
-        half_cosine = 0.5 * (1.0 + math.cos(math.pi * min(self.share_done(), 1.0)))
-        return self.settings.learning_rate * warm * (0.01 + 0.99 * half_cosine)
+        """Linear warm-up, then half a cosine down to a hundredth; the warm-up is the same however long the run."""
+        step, warm = self.progress.step, self.settings.warmup_steps
+        if step < warm or self.progress.steps is None:
+            return self.settings.learning_rate * min(1.0, (step + 1) / warm)
+        half_cosine = 0.5 * (1.0 + math.cos(math.pi * (step - warm) / (self.progress.steps - warm)))
+        return self.settings.learning_rate * (0.01 + 0.99 * half_cosine)
 
     def _resume(self) -> None:
         saved = load_checkpoint(self.path)
@@ -188,7 +211,10 @@ class _Run:
         self.network.load_state_dict(saved.network)
         self.average.load_state_dict(saved.average)
         self.optimiser.load_state_dict(saved.optimiser)
-        self.progress = saved.progress
+        self.progress, self.origin = saved.progress, saved.origin | self.origin
+        if saved.settings != self.settings:
+            self.origin["resumed_with_other_settings"] = True
+            self.progress.steps = None
 
     def _take_weights(self, path: Path) -> None:
         theirs = load_checkpoint(path)
@@ -197,6 +223,7 @@ class _Run:
         except RuntimeError as error:
             raise ModelError(f"{path}: wanted weights for {self.spec}, got those of {theirs.spec}") from error
         self.average.load_state_dict(self.network.state_dict())
+        self.origin["begun_with"] = theirs.facts()
 
 
 def loss_of(name: str, logits: Tensor, target: Tensor) -> Tensor:

@@ -39,11 +39,14 @@ class Judgement:
 class Validator:
     """Searches a fixed set of labelled queries, at the network's own resolution.
 
-    Queries of maps that were averaged are left out: their labels belong to the larger map.
+    Queries of maps that were averaged are left out, as they belong to the larger map; where there are no others they
+    are searched on what the network is shown of it.
     """
 
     def __init__(self, samples: Samples, spec: Spec, omega: float, most: int = 256) -> None:
         index = np.flatnonzero(samples.not_averaged[samples.map_index])
+        if not len(index):
+            index = np.arange(len(samples))
         self.index = index[np.linspace(0, len(index) - 1, min(most, len(index))).astype(int)]
         self.samples, self.spec = samples, spec
         self.queries = np.stack([encode(spec, samples.start[q], samples.goal[q]) for q in self.index])

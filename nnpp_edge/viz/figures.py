@@ -88,8 +88,8 @@ class SizeTime(TypedDict):
     time_ms_median: float | None
 
 
-def times_by_size(rows: Sequence[SizeTime], path: Path) -> None:
-    """Median time of a query of each planner against the side of the map, both axes logarithmic."""
+def times_by_size(rows: Sequence[SizeTime]) -> bytes:
+    """A PNG: median time of a query of each planner against the side of the map, both axes logarithmic."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 5.5), layout="constrained")
@@ -107,7 +107,7 @@ def times_by_size(rows: Sequence[SizeTime], path: Path) -> None:
     axes.minorticks_off()
     axes.grid(alpha=0.3)
     axes.legend()
-    _save(figure, path)
+    return _png(figure)
 
 
 def pareto(rows: Sequence[dict[str, Any]], path: Path) -> None:
@@ -144,6 +144,10 @@ def pareto(rows: Sequence[dict[str, Any]], path: Path) -> None:
 
 
 def _save(figure: "Figure", path: Path) -> None:
+    write_whole(path, _png(figure))
+
+
+def _png(figure: "Figure") -> bytes:
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=110)
-    write_whole(path, content.getvalue())
+    return content.getvalue()

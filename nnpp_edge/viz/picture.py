@@ -139,12 +139,17 @@ def plan_picture(
     return drawing.finish([keys, facts + drawing.scale(cell_size_m)])
 
 
-def save_picture(path: Path, picture: Picture) -> None:
-    """Write a PNG, whole or not at all; OutputError if it cannot be written."""
+def png_bytes(picture: Picture) -> bytes:
+    """A picture as a PNG; OutputError if it is none."""
     done, content = cv2.imencode(".png", picture)
     if not done:
-        raise OutputError(f"{path}: could not be encoded as PNG ({picture.shape} {picture.dtype})")
-    write_whole(path, content.tobytes())
+        raise OutputError(f"a picture could not be encoded as PNG ({picture.shape} {picture.dtype})")
+    return content.tobytes()
+
+
+def save_picture(path: Path, picture: Picture) -> None:
+    """Write a PNG, whole or not at all; OutputError if it cannot be written."""
+    write_whole(path, png_bytes(picture))
 
 
 def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:

@@ -26,11 +26,13 @@ from nnpp_edge.runtime.kernels.nodes import (
 )
 from nnpp_edge.runtime.kernels.open_list import (
     BLOCK,
+    COARSE,
     FINE,
     FINE_AT,
     FREE,
     LENGTH,
     NOTHING,
+    SPAN,
     USED,
     clear,
     next_block,
@@ -40,7 +42,7 @@ from nnpp_edge.runtime.kernels.open_list import (
 
 FOUND, EXHAUSTED, PAUSED, FULL = 0, 1, 2, 3
 # slots of the float64 array of results
-F_START, REFUSED, BEST_H = 0, 1, 2
+BASE, INVERSE_WIDTH, REFUSED, BEST_H = 0, 1, 2, 3
 # slots of the int64 array of results
 EXPANSIONS, BEST_NODE = 0, 1
 
@@ -88,26 +90,56 @@ def _apart(fields, at_goal, node):
 
 
 @kernel
+def _bucket(f, base, inverse_width):
+    """Number of the bucket that an f belongs to."""
+    return np.int64(min(max((f - base) * inverse_width, 0.0), float(SPAN)))
+
+
+@kernel
+def _last_bucket(bound, base, inverse_width):
+    """Number of the last bucket that holds an f below a bound; -1 where none does."""
+    return np.int64(min(max((bound - base) * inverse_width, -1.0), float(SPAN)))
+
+
+@kernel
+def _least_f(chain, towards, hints, g, meta, entries):
+    """The least f of the entries of a chain that are still open; inf without any."""
+    stride, goal_row, goal_col, h_straight, h_diagonal = towards
+    if hints is not None:
+        fields, at_goal, slack = hints
+    least = np.inf
+    while chain != NOTHING:
+        node = np.int64(entries[2 * chain])
+        if meta[2 * node + 1] & OPEN_BIT:
+            h = octile(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
+            if hints is not None:
+                h = max(h, _apart(fields, at_goal, node) - slack)
+            least = min(least, g[2 * node] + h)
+        chain = np.int64(entries[2 * chain + 1])
+    return least
+
+
+@kernel
 def _deal_out(chain, block, towards, order, hints, g, meta, heads, entries, free):
     """Put a coarse bucket's entries into the fine buckets, dropping those no longer open; free, how many dropped.
 
-    `towards` is (stride, goal_row, goal_col), `order` (h_straight, h_diagonal, inverse_width, f_start).
+    `towards` is (stride, goal_row, goal_col, h_straight, h_diagonal), `order` (base, inverse_width). With a `block`
+    of -1 they are put into the coarse buckets.
     """
-    stride, goal_row, goal_col = towards
-    h_straight, h_diagonal, inverse_width, f_start = order
+    stride, goal_row, goal_col, h_straight, h_diagonal = towards
+    base, inverse_width = order
     if hints is not None:
         fields, at_goal, slack = hints
     dropped = 0
     while chain != NOTHING:
         following = np.int64(entries[2 * chain + 1])
         node = np.int64(entries[2 * chain])
-        slot = np.int64(FINE)
         if meta[2 * node + 1] & OPEN_BIT:
             h = octile(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
             if hints is not None:
                 h = max(h, _apart(fields, at_goal, node) - slack)
-            slot = max(np.int64((g[2 * node] + h - f_start) * inverse_width) - block * FINE, np.int64(0))
-        if slot < FINE:
+            bucket = _bucket(g[2 * node] + h, base, inverse_width)
+            slot = max(bucket - block * FINE, np.int64(0)) if block >= 0 else FINE + bucket // FINE
             entries[2 * chain + 1] = heads[slot]
             heads[slot] = chain
         else:
@@ -151,8 +183,8 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
         Of the landmarks.
     start, goal : int
         Nodes.
-    rule : (h_straight, h_diagonal, inverse_width, successors)
-        Prices of the octile distance, one over the width of a bucket, and `SUCCESSORS` of the grid's dominance.
+    rule : (h_straight, h_diagonal, width, successors)
+        Prices of the octile distance, the width of a bucket at first, and `SUCCESSORS` of the grid's dominance.
     memory : (g, meta, stamp, heads, entries, control, reals, counts, path)
         Of a `Workspace`, and the number of this search.
     beyond : float
@@ -168,7 +200,7 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
         expansions so far; and the least f of a node that the region refused.
     """
     weights, stride, steps, corner_cutting = grid
-    h_straight, h_diagonal, inverse_width, successors = rule
+    h_straight, h_diagonal, width, successors = rule
     g, meta, stamp, heads, entries, control, reals, counts, path = memory
     if region is not None:
         bitmap, row_block, col_block, region_stamp = region
@@ -177,6 +209,7 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
     length_s, length_d = np.float32(steps[0]), np.float32(steps[1])
     weight_s, weight_d = np.float32(steps[2]), np.float32(steps[3])
     goal_row, goal_col = goal // stride, goal % stride
+    towards = stride, goal_row, goal_col, h_straight, h_diagonal
     inverse_stride = 1.0 / stride
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     if start >= 0:
@@ -188,18 +221,18 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
         control[LENGTH] = 1
         g[2 * start] = 0.0
         meta[2 * start + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ORIGIN
-        reals[F_START], reals[REFUSED], reals[BEST_H] = h, np.inf, np.inf
+        reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = h, 1.0 / width, np.inf, np.inf
         counts[EXPANSIONS], counts[BEST_NODE] = 0, start
         if h == np.inf:  # a landmark is connected to only one of the two
             return EXHAUSTED, 0, 0, np.inf
-    f_start, refused, best_h = reals[F_START], reals[REFUSED], reals[BEST_H]
+    base, inverse_width, refused, best_h = reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H]
     free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
     block, waiting = control[BLOCK], control[LENGTH]
     room = np.int64(len(entries)) // 2 - 8
-    bound, last_bucket = np.inf, np.int64(1) << 60
+    bound, last_bucket = np.inf, np.int64(SPAN)
     if meta[2 * goal + 1] >> STAMP_SHIFT == stamp:
         bound = np.float64(g[2 * goal]) * beyond
-        last_bucket = np.int64((bound - f_start) * inverse_width)
+        last_bucket = _last_bucket(bound, base, inverse_width)
     expansions = counts[EXPANSIONS]
     last = expansions + most
     code = PAUSED
@@ -217,7 +250,13 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
                 break
             block, chain = next_block(heads, block)
             fine_at = np.int64(0)
-            towards, order = (stride, goal_row, goal_col), (h_straight, h_diagonal, inverse_width, f_start)
+            if block == COARSE:
+                block, fine_at = np.int64(-1), np.int64(FINE)
+                least = _least_f(chain, towards, hints, g, meta, entries)
+                if least < np.inf:
+                    base, inverse_width = least, min(inverse_width, SPAN / least)
+                    last_bucket = _last_bucket(bound, base, inverse_width)
+            order = base, inverse_width
             free, dropped = _deal_out(chain, block, towards, order, hints, g, meta, heads, entries, free)
             waiting -= dropped
             continue
@@ -282,15 +321,15 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
             if across == goal:
                 word ^= OPEN_BIT  # never expanded, so never put on the open list
                 bound = f * beyond
-                last_bucket = np.int64((bound - f_start) * inverse_width)
+                last_bucket = _last_bucket(bound, base, inverse_width)
             else:
-                bucket = np.int64(max((f - f_start) * inverse_width, 0.0))
+                bucket = _bucket(f, base, inverse_width)
                 free, used = push(heads, entries, bucket, across, block, fine_at, free, used)
                 waiting += 1
             meta[there * np.uint64(2) + np.uint64(1)] = word
     control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
     control[BLOCK], control[LENGTH] = block, waiting
-    reals[REFUSED] = refused
+    reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED] = base, inverse_width, refused
     reals[BEST_H] = best_h
     counts[EXPANSIONS] = expansions
     cells = 0

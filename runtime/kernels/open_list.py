@@ -1,12 +1,15 @@
 """The open list: a two-level bucket queue on f, in arrays.
 
 A bucket holds the entries whose f falls into one span of width δ, newest first. The `FINE` buckets cover
-one coarse bucket; entries further ahead wait in the coarse buckets, a ring, and are dealt out when their
-turn comes. Putting in and taking out cost the same however long the list is.
+one coarse bucket; entries further ahead wait in the coarse buckets and are dealt out when their turn comes.
+Putting in and taking out cost the same however long the list is. What lies beyond the last coarse bucket
+waits in one chain; when all else is empty, the buckets begin anew at the least f in it.
 
 Entries inside a bucket are not sorted, so a search that takes them in this order may expand a node before
 its g is final and again when it improves. The answer stays exact: the goal is settled only once every
-bucket below its g is empty (see `astar`). δ is a quarter of the cheapest step, so this is rare.
+bucket below its g is empty (see `astar`). δ is a quarter of the cheapest step, so this is rare. Where the
+buckets begin anew, it is at least f / `SPAN`: finer buckets would tell apart what g, a float32, cannot. So
+they cover at least as much again as f has come to, and begin anew a few times at most, whatever the weights.
 """
 
 import numpy as np
@@ -15,8 +18,10 @@ from nnpp_edge.runtime.compiled.kernel import kernel
 
 FINE = 1024
 COARSE = 4096
-BUCKETS = FINE + COARSE
-"""Heads of the buckets' chains: the fine ones, then the ring of coarse ones."""
+SPAN = FINE * COARSE
+"""Number of a bucket that stands for all beyond the last."""
+BUCKETS = FINE + COARSE + 1
+"""Heads of the buckets' chains: the fine ones, the coarse ones, and what lies beyond."""
 NOTHING = -1
 
 # Slots of the int64 array that keeps a list between calls; the kernels hold them in local variables, which
@@ -39,13 +44,13 @@ def clear(heads, control):
 
 @kernel
 def push(heads, entries, bucket, node, block, fine_at, free, used):
-    """Put `node` into bucket ⌊(f - f_start)/δ⌋; the new `free` and `used`. There must be room."""
+    """Put `node` into bucket ⌊(f - base)/δ⌋, at most `SPAN`; the new `free` and `used`. There must be room."""
     recycled = free != NOTHING
     entry = free if recycled else used
     following = np.int64(entries[np.uint64(2 * entry + 1)])
     ahead = bucket - block * FINE
     # a rounding error may put f a hair below the bucket being emptied: it then goes into that one
-    slot = max(ahead, fine_at) if ahead < FINE else FINE + bucket // FINE % COARSE
+    slot = max(ahead, fine_at) if ahead < FINE else FINE + bucket // FINE
     entries[np.uint64(2 * entry)] = node
     entries[np.uint64(2 * entry + 1)] = heads[np.uint64(slot)]
     heads[np.uint64(slot)] = entry
@@ -67,10 +72,10 @@ def pop(heads, entries, fine_at, free):
 
 @kernel
 def next_block(heads, block):
-    """The next coarse bucket that holds something, emptied: its number and its chain of entries."""
+    """The next coarse bucket that holds something (`COARSE`: what lies beyond), emptied: its number and its chain."""
     block += 1
-    while heads[FINE + block % COARSE] == NOTHING:
+    while heads[FINE + block] == NOTHING:
         block += 1
-    chain = np.int64(heads[FINE + block % COARSE])
-    heads[FINE + block % COARSE] = NOTHING
+    chain = np.int64(heads[FINE + block])
+    heads[FINE + block] = NOTHING
     return block, chain

@@ -7,18 +7,18 @@ from nnpp_edge.runtime.compiled.kernel import kernel
 
 @kernel
 def write_costs(cost, limits, first, stride, weights, bounds, changed_nodes, old_weights):
-    """Put the weights of a rectangle of costs into the map, from node `first` on, unless one of them is too low.
+    """Put the weights of a rectangle of costs into the map, from node `first` on, unless one is out of range.
 
     Parameters
     ----------
     cost : (h, w) float32
         NaN and values from `ceiling` up are impassable.
-    limits : (floor, scale, ceiling)
-        Lowest cost allowed; weight of a cost of 1; see `cost`.
+    limits : (floor, most, scale, ceiling)
+        Least and most that a passable cell may cost; weight of a cost of 1; see `cost`.
     first, stride : int
         Node of the first cell; nodes from one row to the next.
     weights : (nodes,) float32
-        Written, unless a cost is below `floor`.
+        Written, unless a cost is out of range.
     bounds : (least, greatest)
         Bounds on the weights of passable cells so far.
     changed_nodes, old_weights : (h·w,) int32, float32
@@ -27,29 +27,33 @@ def write_costs(cost, limits, first, stride, weights, bounds, changed_nodes, old
     Returns
     -------
     tuple
-        The least cost; the number of changed cells; whether one became cheaper; (first row, first column, one past
-        the last row, one past the last column) of them within the rectangle; the bounds, widened.
+        A cost that is out of range, inf if none is; the number of changed cells; whether one became cheaper; (first
+        row, first column, one past the last row, one past the last column) of them within the rectangle; the bounds,
+        widened; whether a cell that lay at a bound has changed.
     """
-    floor, scale, ceiling = limits
-    changed, cheaper, lowest = 0, False, np.float32(np.inf)
+    floor, most, scale, ceiling = limits
+    changed, cheaper, at_bound = 0, False, False
+    lowest, highest = np.float32(np.inf), np.float32(-np.inf)
     top, left, bottom, right = cost.shape[0], cost.shape[1], 0, 0
-    low, high = np.float32(np.inf), np.float32(-np.inf)
     for row in range(cost.shape[0]):
         for col in range(cost.shape[1]):
             t, w = cost[row, col], np.float32(np.inf)
             if t < ceiling:  # no NaN comes here
                 w = np.float32(t * scale)
-                lowest = min(lowest, t)
-                low, high = min(low, w), max(high, w)
+                lowest, highest = min(lowest, t), max(highest, t)
             before = weights[first + row * stride + col]
             if w != before:
                 changed += 1
                 cheaper = cheaper or w < before
+                at_bound = at_bound or before == bounds[0] or before == bounds[1]
                 top, bottom = min(top, row), row + 1
                 left, right = min(left, col), max(right, col + 1)
-    widened = min(bounds[0], np.float64(low)), max(bounds[1], np.float64(high))
-    if changed == 0 or lowest < floor:
-        return lowest, 0, False, (0, 0, 0, 0), widened
+    widened = bounds[0], bounds[1]
+    if lowest < np.inf:
+        widened = min(bounds[0], np.float64(lowest * scale)), max(bounds[1], np.float64(highest * scale))
+    refused = lowest if lowest < floor else (highest if highest > most else np.float32(np.inf))
+    if changed == 0 or refused < np.inf:
+        return refused, 0, False, (0, 0, 0, 0), widened, False
     noted = 0
     for row in range(top, bottom):
         for col in range(left, right):
@@ -59,4 +63,4 @@ def write_costs(cost, limits, first, stride, weights, bounds, changed_nodes, old
                 changed_nodes[noted], old_weights[noted] = node, weights[node]
                 noted += 1
             weights[node] = w
-    return lowest, changed, cheaper, (top, left, bottom, right), widened
+    return refused, changed, cheaper, (top, left, bottom, right), widened, at_bound

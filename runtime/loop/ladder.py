@@ -226,6 +226,6 @@ class Ladder:
         return replace(found, cost=plan.cost, lower_bound=plan.lower_bound, method=plan.planner)
 
 
-def one_line(error: Exception) -> str:
+def one_line(error: BaseException) -> str:
     """An error's type and message in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())

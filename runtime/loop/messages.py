@@ -8,8 +8,9 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import as_map
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.errors import NnppEdgeError, Status
+from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status
 
 
 class InvalidMessageError(NnppEdgeError, ValueError):
@@ -57,16 +58,15 @@ class MapPatch:
         if (self.elevation is None) == (self.cost is None):
             raise InvalidMessageError("a patch must hold either elevation or cost, got both or neither")
         name = "cost" if self.elevation is None else "elevation"
-        given = np.asarray(getattr(self, name))
-        if given.ndim != 2 or given.size == 0 or given.dtype.kind not in "fiu":
-            raise InvalidMessageError(f"a patch's {name} must be (h, w) numbers, got {given.shape} {given.dtype}")
-        values = np.array(given, np.float32, order="C")
+        try:
+            values = np.array(as_map(getattr(self, name), f"a patch's {name}"))
+        except InvalidMapError as error:
+            raise InvalidMessageError(str(error)) from None
         if name == "cost" and (values < 0.0).any():
             raise InvalidMessageError(f"a patch's cost must be at least 0, got one of {np.nanmin(values):g}")
         object.__setattr__(self, name, values)
-        for word in ("row", "col"):
-            object.__setattr__(self, word, _as_whole(f"a patch's {word}", getattr(self, word)))
-        _check_finite("a patch's stamp", self.stamp)
+        _make_whole(self, "row", "col")
+        _check_finite(self, "stamp")
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -86,8 +86,7 @@ class Pose:
 
     def __post_init__(self) -> None:
         """Check."""
-        for word in ("row", "col", "stamp"):
-            _check_finite(f"a pose's {word}", getattr(self, word))
+        _check_finite(self, "row", "col", "stamp")
 
     @property
     def cell(self) -> Cell:
@@ -105,9 +104,8 @@ class Goal:
 
     def __post_init__(self) -> None:
         """Check."""
-        for word in ("row", "col"):
-            object.__setattr__(self, word, _as_whole(f"a goal's {word}", getattr(self, word)))
-        _check_finite("a goal's stamp", self.stamp)
+        _make_whole(self, "row", "col")
+        _check_finite(self, "stamp")
 
     @property
     def cell(self) -> Cell:
@@ -231,19 +229,28 @@ class StatusMessage:
 Output = PathMessage | StatusMessage
 
 
-def _check_finite(name: str, value: float) -> None:
-    try:
-        if math.isfinite(value):
-            return
-    except TypeError:
-        pass
-    raise InvalidMessageError(f"{name} must be a finite number, got {value!r}")
+def _check_finite(message: Input, *words: str) -> None:
+    for word in words:
+        value = getattr(message, word)
+        try:
+            finite = math.isfinite(value)
+        except (TypeError, OverflowError):
+            finite = False
+        if not finite:
+            raise InvalidMessageError(f"{_owner(message)} {word} must be a finite number, got {value!r:.80}")
 
 
-def _as_whole(name: str, value: float) -> int:
-    try:
-        if int(value) == value:
-            return int(value)
-    except (TypeError, ValueError, OverflowError):
-        pass
-    raise InvalidMessageError(f"{name} must be a whole number, got {value!r}")
+def _make_whole(message: Input, *words: str) -> None:
+    for word in words:
+        value = getattr(message, word)
+        try:
+            whole = int(value)
+        except (TypeError, ValueError, OverflowError):
+            whole = None
+        if whole is None or whole != value:
+            raise InvalidMessageError(f"{_owner(message)} {word} must be a whole number, got {value!r:.80}")
+        object.__setattr__(message, word, whole)
+
+
+def _owner(message: Input) -> str:
+    return f"a {'patch' if isinstance(message, MapPatch) else type(message).__name__.lower()}'s"

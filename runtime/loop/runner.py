@@ -2,6 +2,7 @@
 
 import gc
 import logging
+import math
 import os
 import signal
 import threading
@@ -59,8 +60,9 @@ class Loop:
         Run the loop's thread under SCHED_FIFO with this priority, 1 to 99; 0 for the usual scheduler. If the system
         does not allow it, a warning is logged.
     paced : bool
-        Whether a tick waits for the deadline of the one before. Else it begins at once, with a whole period to
-        itself: for replays at full speed.
+        Whether a tick waits for the deadline of the one before. Else it begins at once, reads all that the source
+        has, then has a whole period to itself, and waits for sinks that are too slow, so that no answer is lost: for
+        replays at full speed.
     after_tick : callable
         Called with each answer, in the loop's thread, once the tick's work is done: for what must stop when the
         planning stops, such as a watchdog. It must not wait. If it raises, that is counted.
@@ -83,15 +85,17 @@ class Loop:
         if not rate_hz > 0.0:
             raise InvalidQueryError(f"the rate must be a positive number of ticks a second, got {rate_hz}")
         self.navigator, self._source = navigator, source
+        self._stopping = self._hurried = False
         self._sleep = InterruptibleSleep()
         self._ticker = Ticker(1.0 / rate_hz, sleep=self._sleep.wait)
-        self._writers = [SinkWriter(sink, queue, self.navigator.count_error) for sink in sinks]
+        self._stopping = self._hurried = False
+        count, patient = navigator.count_error, lambda: not (paced or self._hurried)
+        self._writers = [SinkWriter(sink, queue, count, patient) for sink in sinks]
         self._status_every_s = status_every_s
         self._cores, self._priority = tuple(cores), priority
         self._paced, self._after_tick = paced, after_tick
         self._source_failures, self._after_tick_failures = FailureLog("the source"), FailureLog("after_tick")
         self._histogram = Histogram()
-        self._stopping = False
         self._reload_wanted = False
         self._reloader: threading.Thread | None = None
         self._unread: Iterator[Input] = iter(())
@@ -100,7 +104,12 @@ class Loop:
         """Cores that the process could use before the loop's thread was pinned."""
 
     def stop(self) -> None:
-        """Finish the tick and leave `run`. May be called from a signal handler or any thread."""
+        """Finish the tick and leave `run`, soon. May be called from a signal handler or any thread."""
+        self._hurried = True
+        self.finish()
+
+    def finish(self) -> None:
+        """As `stop`, but without `paced` the sinks are waited for until they have taken all answers."""
         self._stopping = True
         self._sleep.set()
 
@@ -127,8 +136,8 @@ class Loop:
         done, reported = 0, time.monotonic()
         self._ticker.start()
         while not self._stopping and (ticks is None or done < ticks):
-            if done:
-                self._ticker.wait() if self._paced else self._ticker.start()
+            if done and self._paced:
+                self._ticker.wait()
                 if self._stopping:
                     return
             message = self._tick()
@@ -168,17 +177,19 @@ class Loop:
 
     def _read_inputs(self, began: float) -> None:
         """As many as half a period allows; the rest stays in its iterator and is read first next time."""
-        until = began + _SHARE_FOR_INPUTS * self._ticker.period_s
+        until = began + _SHARE_FOR_INPUTS * self._ticker.period_s if self._paced else math.inf
         try:
             if self._offer_until(until):
                 self._unread = iter(self._source.poll())
                 self._offer_until(until)
-        except Exception:
-            self._source_failures.failed()
+        except Exception as error:
+            self._source_failures.failed(error)
             self.navigator.count_error("source")
             self._unread = iter(())
         else:
             self._source_failures.worked()
+        if not self._paced:
+            self._ticker.start()
 
     def _offer_until(self, until: float) -> bool:
         """Hand the unread inputs to the navigator; False if the time is over before their end."""
@@ -210,8 +221,8 @@ class Loop:
             return
         try:
             self._after_tick(message)
-        except Exception:
-            self._after_tick_failures.failed()
+        except Exception as error:
+            self._after_tick_failures.failed(error)
             self.navigator.count_error("after_tick")
         else:
             self._after_tick_failures.worked()

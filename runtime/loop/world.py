@@ -11,7 +11,7 @@ from nnpp_edge.runtime.cells import Rectangle, enclosing
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.messages import MapPatch
 from nnpp_edge.runtime.map.changes import Change, ChangeLog
-from nnpp_edge.runtime.map.step_cost import StepCost
+from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost, update_cost
 
 
@@ -55,7 +55,7 @@ class World:
         if self._elevation is not None and self._elevation.shape != self._cost.shape:
             raise InvalidMapError(f"elevation must be {self._cost.shape}, got {self._elevation.shape}")
         self._terrain = terrain
-        self._lengths = step_cost == StepCost.LENGTH
+        self._model = StepModel.of(step_cost)
         self._lock = threading.Lock()
         self._log = ChangeLog()
         self._unread = self._log.reader()
@@ -103,13 +103,13 @@ class World:
         """Write a patch into the map, as far as it lies on it; False if it is rejected.
 
         A patch is rejected if it misses the map, if it holds heights and the world was made from costs, or if it
-        holds a weight of 0 in the ``length`` model.
+        holds a cost out of range.
         """
         rows, cols = patch.shape
         top, left = max(patch.row, 0), max(patch.col, 0)
         bottom, right = min(patch.row + rows, self.shape[0]), min(patch.col + cols, self.shape[1])
-        zeros = patch.cost is not None and self._lengths and bool((patch.cost == 0.0).any())
-        if top >= bottom or left >= right or zeros or (patch.elevation is not None and self._elevation is None):
+        outside = patch.cost is not None and self._model.refuses(patch.cost)
+        if top >= bottom or left >= right or outside or (patch.elevation is not None and self._elevation is None):
             with self._lock:
                 self.rejected += 1
             return False
@@ -152,7 +152,7 @@ class World:
         return ""
 
     def _passable(self, rows: NDArray[np.int32], cols: NDArray[np.int32]) -> NDArray[np.bool_]:
-        return self._cost[rows, cols] < (np.inf if self._lengths else 1.0)
+        return self._cost[rows, cols] < self._model.costs[2]
 
     def _write(self, patch: MapPatch, part: Rectangle, cut: tuple[slice, slice]) -> Rectangle:
         """Write the `cut` of a patch at `part`; the rectangle whose costs may have changed."""

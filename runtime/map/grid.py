@@ -6,15 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D, as_map
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.weights import write_costs
 from nnpp_edge.runtime.map.changes import Change
-from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA, StepCost, StepModel
+from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, LEAST_WEIGHT, PAPER_OMEGA, StepCost, StepModel
 
 PackedGrid = tuple[NDArray[np.float32], int, tuple[float, float, float, float], bool]
 """A grid as the kernels take it: (weights, stride, steps, corner_cutting)."""
-_LEAST_ABOVE_0 = np.nextafter(np.float32(0.0), np.float32(1.0))
+_FAR = 0.25
+"""A bound is measured anew when it lies beyond this share, or one over it, of what was measured last."""
 _NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
 
 
@@ -40,10 +41,10 @@ class Grid:
         self.weights: NDArray[np.float32] = np.full((rows + 2) * (cols + 2), np.inf, np.float32)
         """(nodes,) weights; inf where impassable. At first all are."""
         self.packed: PackedGrid = (self.weights, self.stride, model.steps, corner_cutting)
-        lengths = model.kind is StepCost.LENGTH
-        floor, ceiling = (_LEAST_ABOVE_0, math.inf) if lengths else (np.float32(0.0), 1.0)
-        self._limits = floor, np.float32(model.scale), np.float32(ceiling)
+        floor, most, ceiling = map(np.float32, model.costs)
+        self._limits = floor, most, np.float32(model.scale), ceiling
         self.set_bounds(math.inf, 0.0)
+        self._measured = self.least, self.greatest
 
     @classmethod
     def of(cls, cost: Float2D, model: StepModel, corner_cutting: bool = True) -> "Grid":
@@ -52,8 +53,8 @@ class Grid:
         Parameters
         ----------
         cost : (H, W) float
-            For ``paper`` T, impassable from 1 up; for ``length`` a weight above 0, impassable where
-            infinite. NaN is impassable in both.
+            For ``paper`` T from 0, impassable from 1 up; for ``length`` a weight from `LEAST_WEIGHT` to
+            `MOST_WEIGHT`, impassable where infinite. NaN and masked cells are impassable in both.
         """
         cost = as_map(cost, "cost")
         rows, cols = cost.shape
@@ -73,10 +74,17 @@ class Grid:
         self.prices = straight, min(self.model.step(1, 2.0 * least), 2.0 * straight)
         """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the cheapest."""
 
+    def measure_bounds(self) -> None:
+        """Set the bounds to what the weights are."""
+        greatest = self.weights.max(where=self.weights < np.inf, initial=0.0)
+        self.set_bounds(float(self.weights.min()), float(greatest))
+        self._measured = self.least, self.greatest
+
     def update(self, cost: Float2D, origin: Cell = (0, 0), *, keep_old_weights: bool = False) -> Change:
         """Put new costs into a rectangle of the map.
 
-        The bounds on the weights only ever widen, unless the rectangle is the whole map.
+        The bounds on the weights widen; they are measured anew where they have become much wider, and a cell at one
+        of them has changed.
 
         Parameters
         ----------
@@ -90,10 +98,9 @@ class Grid:
         Raises
         ------
         InvalidMapError
-            The rectangle does not lie inside the map; or a cost is below 0, or for ``length`` not above. The map is
-            as it was.
+            The rectangle does not lie inside the map; or a cost is out of range. The map is as it was.
         """
-        cost, row, col = as_map(cost, "patch"), int(origin[0]), int(origin[1])
+        cost, (row, col) = as_map(cost, "patch"), as_cell(origin, "origin")
         rows, cols = cost.shape
         if row < 0 or col < 0 or row + rows > self.rows or col + cols > self.cols:
             raise InvalidMapError(f"a patch must lie inside the map of {self.shape}, got {(row, col, rows, cols)}")
@@ -101,16 +108,21 @@ class Grid:
         nodes, old = _NO_NODES, _NO_WEIGHTS
         if keep_old_weights:
             nodes, old = np.empty(rows * cols, np.int32), np.empty(rows * cols, np.float32)
-        lowest, cells, cheaper, (top, left, bottom, right), (least, greatest) = write_costs(
+        refused, cells, cheaper, (top, left, bottom, right), (least, greatest), at_bound = write_costs(
             cost, self._limits, self.node(row, col), self.stride, self.weights, bounds, nodes, old
         )
-        if lowest < self._limits[0]:
-            wanted = "at least 0" if self.model.kind is StepCost.PAPER else "greater than 0"
-            raise InvalidMapError(f"every passable cost must be {wanted}, got one of {lowest:g}")
-        before = self.least, self.greatest
+        if refused < math.inf:
+            least, most, _ = self.model.costs
+            wanted = "at least 0" if self.model.kind is StepCost.PAPER else f"from {least:.3g} to {most:g}"
+            raise InvalidMapError(f"every passable cost must be {wanted}, got one of {refused:g}")
+        before, lengths = (self.least, self.greatest), self.model.kind is StepCost.LENGTH
         if math.isfinite(least):
             self.set_bounds(least, greatest)
-        rescaled = self.model.kind is StepCost.LENGTH and before != (self.least, self.greatest)
+        if cost.shape == self.shape:
+            self._measured = self.least, self.greatest
+        elif lengths and at_bound and (least < _FAR * self._measured[0] or _FAR * greatest > self._measured[1]):
+            self.measure_bounds()
+        rescaled = lengths and before != (self.least, self.greatest)
         part = (row + top, col + left, bottom - top, right - left)
         if keep_old_weights:
             nodes, old = nodes[:cells].copy(), old[:cells].copy()
@@ -125,7 +137,7 @@ class Grid:
         if self.model.kind is StepCost.PAPER:
             return (1.0 / self.model.scale if self.model.scale else 0.0), 0.0
         span = 2.0 * GREY_LEVELS * PAPER_OMEGA
-        return 1.0 / (span * max(self.least, 1e-30)), -1.0 / span
+        return 1.0 / (span * max(self.least, LEAST_WEIGHT)), -1.0 / span
 
     def map(self) -> Float2D:
         """(rows, cols) float32, the weights of the map's own cells; a view."""

@@ -29,6 +29,22 @@ class MapState:
 
     def __init__(self, cost: Float2D, model: StepModel, *, corner_cutting: bool = True) -> None:
         self.grid = Grid.of(cost, model, corner_cutting)
+        self._forget()
+
+    def __getstate__(self) -> dict[str, object]:
+        """The weights: a copy starts a log of its own."""
+        return {"grid": self.grid}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state)
+        self._forget()
+
+    def begin_anew(self) -> None:
+        """Forget all but the weights. Whoever read the log must be made anew."""
+        self.grid.measure_bounds()
+        self._forget()
+
+    def _forget(self) -> None:
         self.log = ChangeLog()
         self._pyramid: Pyramid | None = None
         self._unpooled: ChangeReader | None = None

@@ -12,12 +12,17 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+from numpy.typing import NDArray
+
 from nnpp_edge.runtime.errors import InvalidQueryError
 
 SQRT2 = math.sqrt(2.0)
 PAPER_OMEGA = 0.011
 """Weight of the traversability cost per grey level (NNPP, section 4.2)."""
 GREY_LEVELS = 255.0
+LEAST_WEIGHT, MOST_WEIGHT = float(np.finfo(np.float32).tiny), 1e30
+"""Between these, sums of weights are neither too small for the full precision of a float32 nor too great for one."""
 
 
 class StepCost(StrEnum):
@@ -38,14 +43,24 @@ class StepModel:
 
     @classmethod
     def of(cls, step_cost: str, omega: float = PAPER_OMEGA) -> "StepModel":
-        """The model of that name; InvalidQueryError for another name or an omega below 0."""
+        """The model of that name; InvalidQueryError for another name or an omega out of range."""
         if step_cost == StepCost.LENGTH:
             return cls(StepCost.LENGTH, 1.0, (0.0, 0.0), (0.5, 0.5 * SQRT2))
         if step_cost != StepCost.PAPER:
             raise InvalidQueryError(f"step_cost must be 'paper' or 'length', got {step_cost!r}")
-        if not 0.0 <= omega < math.inf:
-            raise InvalidQueryError(f"omega must be a finite number of at least 0, got {omega}")
+        if not 0.0 <= omega <= MOST_WEIGHT / GREY_LEVELS:
+            raise InvalidQueryError(f"omega must be from 0 to {MOST_WEIGHT / GREY_LEVELS:.0e}, got {omega}")
         return cls(StepCost.PAPER, GREY_LEVELS * omega, (1.0, SQRT2), (1.0, 1.0))
+
+    @property
+    def costs(self) -> tuple[float, float, float]:
+        """What a cell may cost: least and most of a passable one, and from where on it is impassable."""
+        return (0.0, 1.0, 1.0) if self.kind is StepCost.PAPER else (LEAST_WEIGHT, MOST_WEIGHT, math.inf)
+
+    def refuses(self, cost: NDArray[np.float32]) -> bool:
+        """Whether a passable one of these costs is out of range."""
+        least, most, ceiling = self.costs
+        return bool(((cost < least) | ((cost > most) & (cost < ceiling))).any())
 
     @property
     def steps(self) -> tuple[float, float, float, float]:

@@ -1,7 +1,8 @@
 """Running a network on the CPU: an ONNX file with our metadata, through onnxruntime."""
 
 import os
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,14 @@ from nnpp_edge.runtime.network.encoding import (
     encode_ends,
     encode_gaussian,
 )
-from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata, model_path, open_session
+from nnpp_edge.runtime.network.model_file import (
+    METADATA_KEY,
+    ModelMetadata,
+    model_errors,
+    model_path,
+    open_session,
+    read_metadata,
+)
 from nnpp_edge.runtime.network.place_head import ANSWERS, PlaceHead, count_parameters
 from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
 
@@ -46,6 +54,8 @@ class _Loaded:
     metadata: ModelMetadata
     inputs: Shapes
     outputs: Shapes
+    opened_with: tuple[int, bool]
+    """Threads and spinning."""
     head_parameters: NDArray[np.float32] | None = None
 
 
@@ -65,20 +75,26 @@ class NetworkModel:
     Raises
     ------
     ModelError
-        The file is missing, truncated, without our metadata, or its inputs do not fit the metadata.
+        The file is missing, truncated, without our metadata, or its inputs do not fit the metadata. While it answers:
+        its graph fails.
     """
 
     def __init__(self, model: str | Path = "edge", *, threads: int | None = None, spinning: bool = False) -> None:
         path = model_path(model)
         cores = min(DEFAULT_THREADS, len(os.sched_getaffinity(0)))
-        session = open_session(path, _options(threads or cores, spinning))
-        text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
-        metadata = ModelMetadata.from_json(text, str(path))
-        if threads is None and cores > 1 and metadata.input_size < TWO_THREADS_FROM:
-            session = open_session(path, _options(1, spinning))
-        self._bind(_Loaded(path, session, metadata, *_checked_shapes(path, session, metadata)))
-        if metadata.encoding == "ends":
-            self._split()
+        metadata = read_metadata(path)
+        if threads is None:
+            threads = 1 if metadata.input_size < TWO_THREADS_FROM else cores
+        session = open_session(path, _options(threads, spinning))
+        with model_errors(path, "got one that does not fit its metadata"):
+            shapes = _checked_shapes(path, session, metadata)
+            self._bind(_Loaded(path, session, metadata, *shapes, (threads, spinning)))
+            if metadata.encoding == "ends":
+                self._split()
+
+    def __reduce__(self) -> "tuple[Callable[[Path, int, bool], NetworkModel], tuple[Path, int, bool]]":
+        """A copy opens the file again, and has been shown nothing."""
+        return _reopened, (self.path, *self._loaded.opened_with)
 
     def share(self) -> "NetworkModel":
         """Another network on the same session: it has a map, a query and an answer of its own."""
@@ -112,7 +128,7 @@ class NetworkModel:
         The encoder of a network in two parts runs only once after `set_map`, but with `anew`, for timing, again.
         """
         if self._head is None:
-            self.session.run_with_iobinding(self._binding)
+            self._infer()
             return self._in_place()
         self._encode(self._head, anew)
         self._head.answer(self._query, self._answer)
@@ -166,25 +182,33 @@ class NetworkModel:
         self.inputs["map"][:] = rng.random(self.inputs["map"].shape)
         far = float(self.metadata.input_size - 1)
         self.set_query((0.3 * far, 0.0), (far, 0.6 * far))
-        self.session.run_with_iobinding(self._binding)
+        self._infer()
         wanted, parameters, known = self._in_place(), self._outputs[HEAD].copy(), self._loaded
         self._use_head(parameters)
         if not np.abs(self.run(anew=True) - wanted).max() <= _ROUNDING:
             raise ModelError(f"{self.path}: the head's parameters are not those of its graph")
-        shapes = known.inputs, known.outputs
-        self._loaded = _Loaded(known.path, known.session, known.metadata, *shapes, parameters)
+        self._loaded = replace(known, head_parameters=parameters)
 
     def _encode(self, head: PlaceHead, anew: bool = False) -> None:
         if anew or not self._encoded:
-            self.session.run_with_iobinding(self._binding)
+            self._infer()
             head.places[:] = self._outputs[PLACES].reshape(head.places.shape[1], -1).T
             self._encoded = True
+
+    def _infer(self) -> None:
+        """Run the session; ModelError where its graph fails."""
+        with model_errors(self.path, "got one whose graph fails"):
+            self.session.run_with_iobinding(self._binding)
 
     def _in_place(self) -> Float2D:
         """The session's answer with each block where it lies."""
         n, blocks = self.metadata.output_shuffle, self.metadata.blocks
         side = blocks // n
         return self._outputs[OUTPUT].reshape(n, n, side, side).transpose(2, 0, 3, 1).reshape(blocks, blocks)
+
+
+def _reopened(path: Path, threads: int, spinning: bool) -> NetworkModel:
+    return NetworkModel(path, threads=threads, spinning=spinning)
 
 
 def _options(threads: int, spinning: bool) -> "SessionOptions":

@@ -3,7 +3,10 @@
 import hashlib
 import itertools
 import json
+import math
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from importlib.resources import files
 from pathlib import Path
@@ -11,7 +14,9 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
+from nnpp_edge.runtime.network.graph_check import checked_metadata
+from nnpp_edge.runtime.reading import problem_with_file
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession, SessionOptions
@@ -29,6 +34,10 @@ _CHANNELS = {
     "gaussian": ("cost", "start_map", "goal_map"),
     "ends": ("cost", "blocked", "ends"),
 }
+_MOST_CELLS = 4096
+"""To a side of a network's input."""
+_DEEPEST = 20
+"""Lists and objects inside one another in the facts of a training."""
 _MODELS = Path(str(files("nnpp_edge.models")))
 
 
@@ -74,7 +83,7 @@ class ModelMetadata:
         return json.dumps(self.facts())
 
     @classmethod
-    def from_json(cls, text: str | None, source: str) -> "ModelMetadata":
+    def from_json(cls, text: str | bytes | None, source: str) -> "ModelMetadata":
         """Read and check; ModelError names `source`, what was wanted and what came."""
         if not text:
             raise ModelError(f"{source}: wanted an ONNX model with '{METADATA_KEY}' metadata, got one without")
@@ -86,14 +95,16 @@ class ModelMetadata:
             found = msgspec.convert(stored, cls)
             wanted = _CHANNELS.get(found.encoding)
             numbers_fit = (
-                0 < found.blocks <= found.input_size
+                0 < found.blocks <= found.input_size <= _MOST_CELLS
                 and found.input_size % found.blocks == 0
                 and 0.0 < found.region_factor <= 1.0
-                and found.sigma > 0.0
+                and all(0.0 < number < math.inf for number in (found.sigma, found.omega))
+                and min(found.map_unshuffle, found.output_shuffle) > 0
                 and len(found.head) == (3 if found.encoding == "ends" else 0)
                 and all(size > 0 for size in found.head)
+                and _depth(found.training) <= _DEEPEST
             )
-        except (ValueError, msgspec.ValidationError) as error:
+        except (ValueError, RecursionError, msgspec.ValidationError) as error:
             if isinstance(error, ModelError):
                 raise
             raise ModelError(f"{source}: its metadata cannot be read: {error}") from error
@@ -105,6 +116,15 @@ class ModelMetadata:
         if not numbers_fit:
             raise ModelError(f"{source}: its metadata holds numbers out of range: {found}")
         return found
+
+
+def _depth(value: object) -> int:
+    """How many lists and objects lie inside one another."""
+    depth, level = 0, [value]
+    while level:
+        inner = [v.values() if isinstance(v, dict) else v for v in level if isinstance(v, dict | list)]
+        depth, level = depth + 1, list(itertools.chain.from_iterable(inner))
+    return depth
 
 
 @dataclass(frozen=True)
@@ -174,12 +194,21 @@ def model_path(name: str | Path) -> Path:
         There is neither.
     """
     shipped = _MODELS / f"{name}.onnx"
-    if shipped.is_file():
-        return shipped
-    if Path(name).is_file():
-        return Path(name)
+    for path in (shipped, Path(name)):
+        if (problem := problem_with_file(path)) is None:
+            return path
     names = ", ".join(sorted(p.stem for p in _MODELS.glob("*.onnx"))) or "none"
-    raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r}")
+    raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r} ({problem})")
+
+
+def read_metadata(path: Path) -> ModelMetadata:
+    """What a model says of itself; ModelError where it cannot be read, or `checked_metadata` refuses the file."""
+    return _metadata_in(_bytes(path), path)
+
+
+def _metadata_in(content: bytes, path: Path) -> ModelMetadata:
+    text = checked_metadata(content, str(path)).get(METADATA_KEY.encode())
+    return ModelMetadata.from_json(text, str(path))
 
 
 def open_session(path: Path, options: "SessionOptions | None" = None) -> "InferenceSession":
@@ -189,6 +218,10 @@ def open_session(path: Path, options: "SessionOptions | None" = None) -> "Infere
     ------
     ModelError
         The file does not load.
+
+    Notes
+    -----
+    `read_metadata` is to be called first: it refuses what onnxruntime would never come back from.
     """
     import onnxruntime as ort
 
@@ -196,11 +229,20 @@ def open_session(path: Path, options: "SessionOptions | None" = None) -> "Infere
         options = ort.SessionOptions()
         options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
     options.log_severity_level = 4
+    with model_errors(path, "got a file that does not load"):
+        return ort.InferenceSession(str(path), options, ["CPUExecutionProvider"], enable_fallback=0)
+
+
+@contextmanager
+def model_errors(path: Path, got: str) -> Iterator[None]:
+    """Turn whatever onnxruntime raises over a model file into a ModelError of one line."""
     try:
-        return ort.InferenceSession(str(path), options, ["CPUExecutionProvider"])
+        yield
+    except NnppEdgeError:
+        raise
     except Exception as error:  # onnxruntime's errors share no base class
-        line = str(error).splitlines()[0]
-        raise ModelError(f"{path}: wanted an ONNX model, got a file that does not load: {line}") from error
+        line = (str(error).splitlines() or [type(error).__name__])[0]
+        raise ModelError(f"{path}: wanted an ONNX model, {got}: {line}") from error
 
 
 def list_models() -> list[ModelFile]:
@@ -229,18 +271,24 @@ def read_model_file(model: str | Path = "edge") -> ModelFile:
     path = model_path(model)
     content = _bytes(path)
     sha256 = hashlib.sha256(content).hexdigest()
+    metadata = _metadata_in(content, path)
     session = open_session(path)
-    facts = session.get_modelmeta()
-    metadata = ModelMetadata.from_json(facts.custom_metadata_map.get(METADATA_KEY), str(path))
+    with model_errors(path, "got one whose texts cannot be read"):
+        facts = session.get_modelmeta()
+        producer = facts.producer_name
+        inputs, outputs = (
+            {value.name: tuple(value.shape) for value in values}
+            for values in (session.get_inputs(), session.get_outputs())
+        )
     return ModelFile(
         name=path.stem,
         path=path,
         size_bytes=len(content),
         sha256=sha256,
         metadata=metadata,
-        inputs={value.name: tuple(value.shape) for value in session.get_inputs()},
-        outputs={value.name: tuple(value.shape) for value in session.get_outputs()},
-        producer=facts.producer_name,
+        inputs=inputs,
+        outputs=outputs,
+        producer=producer,
         figures=_figures(path.with_suffix(".json"), sha256),
         card=_card(path.with_suffix(".md")),
     )
@@ -254,12 +302,12 @@ def _bytes(path: Path) -> bytes:
 
 
 def _card(path: Path) -> str | None:
-    return _bytes(path).decode(errors="replace") if path.is_file() else None
+    return _bytes(path).decode(errors="replace") if problem_with_file(path) is None else None
 
 
 def _figures(path: Path, sha256: str) -> Figures | None:
     """Those in `path`; None if there is no such file, or it is a JSON file of another kind or another model."""
-    if not path.is_file():
+    if problem_with_file(path) is not None:
         return None
     try:
         stored = json.loads(_bytes(path))
@@ -271,7 +319,7 @@ def _figures(path: Path, sha256: str) -> Figures | None:
                 raise ModelError(f"{path}: wanted figures as JSON, got some without {key!r}")
             if isinstance(row[key], str) != (key in ("workload", "method")):
                 raise ModelError(f"{path}: wanted figures as JSON, got some whose {key} is {row[key]!r}")
-    except (ValueError, msgspec.ValidationError) as error:
+    except (ValueError, RecursionError, msgspec.ValidationError) as error:
         if isinstance(error, ModelError):
             raise
         raise ModelError(f"{path}: wanted figures as JSON, got a file that cannot be read: {error}") from error

@@ -16,6 +16,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.runtime.planners.query import Query
+from nnpp_edge.runtime.reading import parse, read_text, reason
 from nnpp_edge.runtime.tuning import FAR, LARGE_MAP, NEAR
 
 FORMAT = "nnpp-edge-choice-1"
@@ -101,7 +102,7 @@ class Choice:
     @classmethod
     def from_json(cls, text: str) -> "Choice":
         """Read and check; ValueError says what was wanted."""
-        stored = json.loads(text)
+        stored = parse(text)
         if not isinstance(stored, dict) or stored.get("format") != FORMAT:
             raise ValueError(f"wanted the format {FORMAT}")
         try:
@@ -171,14 +172,14 @@ def choice_for(shape: tuple[int, int], model: str | Path | NetworkModel) -> MapC
 def saved_choice(path: Path | None) -> Choice | None:
     """What the file says; None where there is none, or where it cannot be used, which is warned of once."""
     try:
-        return None if path is None else Choice.from_json(path.read_text(encoding="utf-8"))
+        return None if path is None else Choice.from_json(read_text(path))
     except FileNotFoundError:
         if VARIABLE not in os.environ:
             return None
         problem = "there is no such file"
     except (OSError, ValueError) as error:
-        problem = " ".join(((error.strerror if isinstance(error, OSError) else None) or str(error)).split())
-    warnings.warn(f"{path}: cannot be used, auto goes by the shipped figures ({problem})", stacklevel=5)
+        problem = reason(error)
+    warnings.warn(f"{path}: cannot be used, auto goes by the shipped figures ({problem})", stacklevel=7)
     return None
 
 

@@ -6,10 +6,13 @@ anew. Every method answers on the newest map; they differ in what they keep from
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
@@ -18,13 +21,17 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic_choice import DynamicChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.query import Query, Work, as_cell, problem_with
+from nnpp_edge.runtime.planners.query import Query, Work, problem_with
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
+from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
 from nnpp_edge.runtime.tuning import UNSEEN_CHANGE
 
 
 class DynamicPlanner:
     """Plans towards a goal, again and again, while the map changes and the start moves. Serves one thread at a time.
+
+    After a call that was broken off, by a KeyboardInterrupt for one, the planner makes anew all but the map and the
+    standing path; an `update` that was broken off is in the map whole or not at all.
 
     Parameters
     ----------
@@ -41,7 +48,7 @@ class DynamicPlanner:
 
     Raises
     ------
-    InvalidMapError, InvalidQueryError
+    InvalidMapError, InvalidQueryError, ConcurrentUseError
         As for `Planner`; or there is no such method; or the goal is outside the map.
 
     Examples
@@ -71,16 +78,39 @@ class DynamicPlanner:
         corner_cutting: bool = True,
         model: str | Path | NetworkModel = "edge",
     ) -> None:
+        self._turns = Turns()
         self.method = DynamicMethod.named(method)
         self.methods = frozenset((self.method, *map(DynamicMethod.named, also)))
         self._state = MapState(cost, StepModel.of(step_cost, omega), corner_cutting=corner_cutting)
-        self._planners = MapPlanners(self._state, model, unseen_change=UNSEEN_CHANGE)
+        self._model = model
+        self._start: Cell | None = None
+        self._make_planners()
+        self.set_goal(goal)
+
+    def _make_planners(self, standing: Plan | None = None) -> None:
+        """From the map's weights; of a standing path's plan nothing but its bound is forgotten."""
+        self._planners = MapPlanners(self._state, self._model, unseen_change=UNSEEN_CHANGE)
         self._path = StandingPath(self._state)
         self._chooser = DynamicChooser(self._state, self._planners, self._path)
-        self._start: Cell | None = None
         if not self._only_whole_map:
             self._planners.make_coarse_levels()
-        self.set_goal(goal)
+        if standing is not None and tuple(standing.path[-1]) == self._goal:
+            with suppress(InvalidQueryError):  # it may not be walkable any more
+                self._path.set(replace(standing, lower_bound=0.0))
+
+    def _begin_anew(self) -> None:
+        self._state.begin_anew()
+        self._make_planners(self._path.plan)
+
+    def __getstate__(self) -> dict[str, object]:
+        """The map, the model, the ends, and the standing path: a copy begins anew with these."""
+        kept = "_state", "_model", "_start", "_goal", "method", "methods", "standing_plan"
+        return {name: getattr(self, name) for name in kept}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        standing = cast("Plan | None", state.pop("standing_plan"))
+        self.__dict__.update(state, _turns=Turns())
+        self._make_planners(standing)
 
     @property
     def goal(self) -> Cell:
@@ -106,6 +136,7 @@ class DynamicPlanner:
         """Whether a cell of the map can be stood on."""
         return self._state.grid.is_passable(cell)
 
+    @one_at_a_time
     def set_goal(self, goal: Cell) -> None:
         """Another goal; the standing path is forgotten. InvalidQueryError if it is outside the map."""
         cell = as_cell(goal, "goal")
@@ -114,6 +145,7 @@ class DynamicPlanner:
         self._goal = cell
         self._path.forget()
 
+    @one_at_a_time
     def update(self, row: int, col: int, patch: Float2D) -> int:
         """As `Planner.update`: the number of cells that are other ones now."""
         change = self._state.update(row, col, patch)
@@ -124,15 +156,18 @@ class DynamicPlanner:
         """The robot is in this cell now; InvalidQueryError if it is not a cell."""
         self._start = as_cell(start, "start")
 
+    @one_at_a_time
     def standing(self) -> Standing:
         """How the last path stands on the map as it is now, for the robot where it is now."""
         return self._path.check(self._where())
 
+    @one_at_a_time
     def use_model(self, model: str | Path | NetworkModel) -> None:
         """As `Planner.use_model`; without effect where no method but ``astar`` and ``dstar`` is kept."""
         if not self._only_whole_map:
-            self._planners.use_model(model)
+            self._model = self._planners.use_model(model)
 
+    @one_at_a_time
     def prepare(self) -> None:
         """Do now what the first answer would else do: set D* Lite up, load the network and show it the map.
 
@@ -176,7 +211,11 @@ class DynamicPlanner:
         ModelError
             The network is needed and cannot be loaded.
         """
-        work, reason = Work(), ""
+        return self._replan(Work(), method, time_limit_s, keep_regions)
+
+    @one_at_a_time
+    def _replan(self, work: Work, method: str | None, time_limit_s: float, keep_regions: bool) -> Plan:
+        reason = ""
         wanted = self.method if method is None else DynamicMethod.named(method)
         if wanted not in self.methods:
             known = ", ".join(sorted(self.methods))

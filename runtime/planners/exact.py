@@ -6,7 +6,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
-from nnpp_edge.runtime.search.dstar_lite import DStarLite
+from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.tuning import BRIEF_EXPANSIONS
 
 
@@ -43,10 +43,12 @@ class MendingExactPlanner:
     ----------
     state : MapState
         The map.
+    exact : ExactPlanner
+        Asked where steps cost too differently for D* Lite.
     """
 
-    def __init__(self, state: MapState) -> None:
-        self._state = state
+    def __init__(self, state: MapState, exact: ExactPlanner) -> None:
+        self._state, self._exact = state, exact
         self._dstar: DStarLite | None = None
 
     def prepare(self, goal: Cell) -> None:
@@ -56,6 +58,8 @@ class MendingExactPlanner:
 
     def find(self, query: Query, work: Work) -> Found:
         """The optimal path."""
+        if not serves(self._state.grid):
+            return self._exact.find(query, work)
         if self._dstar is None:
             self._dstar = DStarLite(self._state, query.goal)
         elif self._dstar.goal != query.goal:

@@ -116,7 +116,7 @@ class MapPlanners:
     @cached_property
     def exact_mending(self) -> MendingExactPlanner:
         """D* Lite over the whole map."""
-        return MendingExactPlanner(self.state)
+        return MendingExactPlanner(self.state, self.exact)
 
     def _corridor(self, searcher: Searcher) -> CorridorPlanner:
         return CorridorPlanner(self.coarse_to_fine, searcher, self.exact)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Unpack
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.state import MapState
@@ -16,12 +16,16 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Work, as_cell, problem_with
+from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Work, problem_with
+from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
 from nnpp_edge.runtime.tuning import NEAR
 
 
 class Planner:
     """Plans on one map, many times. Serves one thread at a time; several planners may run in parallel.
+
+    After a call that was broken off, by a KeyboardInterrupt for one, the planner makes anew all but the map itself
+    (landmarks are gone); an `update` that was broken off is in the map whole or not at all.
 
     Parameters
     ----------
@@ -45,6 +49,8 @@ class Planner:
     ------
     InvalidMapError
         The map is not two-dimensional, is empty, or holds a cost out of range.
+    ConcurrentUseError
+        From every method: another thread is in the middle of one.
 
     Examples
     --------
@@ -69,10 +75,28 @@ class Planner:
         model: str | Path | NetworkModel = "edge",
         ask_from: int = NEAR,
     ) -> None:
+        self._turns = Turns()
         self._state = MapState(cost, StepModel.of(step_cost, omega), corner_cutting=corner_cutting)
-        self._planners = MapPlanners(self._state, model, network_from=ask_from)
+        self._model, self._ask_from = model, ask_from
+        self._make_planners()
+
+    def _make_planners(self) -> None:
+        self._planners = MapPlanners(self._state, self._model, network_from=self._ask_from)
         self._planners.make_coarse_levels()
-        self._chooser = MethodChooser(self.shape, model)
+        self._chooser = MethodChooser(self.shape, self._model)
+
+    def __getstate__(self) -> dict[str, object]:
+        """The map and the model: copies, pickled or not, are to be prepared anew."""
+        return {"_state": self._state, "_model": self._model, "_ask_from": self._ask_from}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state, _turns=Turns())
+        self._make_planners()
+
+    def _begin_anew(self) -> None:
+        """Keep the map's weights alone: landmarks are gone, and the network is loaded again."""
+        self._state.begin_anew()
+        self._make_planners()
 
     @property
     def state(self) -> MapState:
@@ -84,6 +108,7 @@ class Planner:
         """Rows and columns of the map."""
         return self._state.shape
 
+    @one_at_a_time
     def use_model(self, model: str | Path | NetworkModel) -> None:
         """Ask this network from now on. A name or a file is loaded and tried now; on an error the old one stays.
 
@@ -92,8 +117,10 @@ class Planner:
         ModelError
             The model cannot be loaded.
         """
-        self._chooser = MethodChooser(self.shape, self._planners.use_model(model))
+        self._model = self._planners.use_model(model)
+        self._chooser = MethodChooser(self.shape, self._model)
 
+    @one_at_a_time
     def load_network(self) -> None:
         """Do now what the first query of ``nnpp`` would: load the network and show it the map.
 
@@ -104,11 +131,13 @@ class Planner:
         """
         self._planners.learned.prepare()
 
+    @one_at_a_time
     def touch(self) -> None:
         """Have the system back the planner's arrays with memory now, rather than when they are first written to."""
         touch(self._planners.astar.workspace)
         self._planners.coarse_to_fine.touch()
 
+    @one_at_a_time
     def update(self, row: int, col: int, patch: Float2D) -> int:
         """Put new costs into the map.
 
@@ -128,9 +157,12 @@ class Planner:
         ------
         InvalidMapError
             The patch does not lie inside the map, or holds a cost out of range. The map is as it was.
+        InvalidQueryError
+            Row or column is no whole number. The map is as it was.
         """
         return self._state.update(row, col, patch).cells
 
+    @one_at_a_time
     def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:
         """Compute costs once for this map, so that ``astar`` expands a fraction of the cells, for the same optimum.
 
@@ -152,6 +184,7 @@ class Planner:
         """
         self._planners.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
 
+    @one_at_a_time
     def nearest(
         self, start: Cell, goals: Sequence[Cell], *, count: int = 1, **options: Unpack[PlanOptions]
     ) -> list[tuple[int, Plan]]:
@@ -181,6 +214,8 @@ class Planner:
         """
         if not len(goals):
             raise InvalidQueryError("wanted at least one goal, got none")
+        if not count >= 1:
+            raise InvalidQueryError(f"count must be at least 1, got {count}")
         cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
         bounds = [octile.py_func(*begin, *cell, *self._state.grid.prices) for cell in cells]
         plans: dict[int, Plan] = {}
@@ -188,7 +223,7 @@ class Planner:
             known = sorted(plan.cost for plan in plans.values())
             if len(known) >= count and known[count - 1] <= bounds[at]:
                 break
-            plans[at] = self.plan(begin, cells[at], **options)
+            plans[at] = self._answer(Work(), begin, cells[at], **options)
         return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
 
     def plan(
@@ -233,9 +268,18 @@ class Planner:
         ModelError
             ``nnpp`` was asked for and the model cannot be loaded.
         """
-        work = Work()
-        if not epsilon >= 0.0:
-            raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
+        return self._plan(Work(), start, goal, method, epsilon, time_limit_s, keep_regions)
+
+    def _answer(
+        self,
+        work: Work,
+        start: Cell,
+        goal: Cell,
+        method: str = Method.AUTO,
+        epsilon: float = math.inf,
+        time_limit_s: float = math.inf,
+        keep_regions: bool = False,
+    ) -> Plan:
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
         chosen, reason = self._chooser.choose(method, query)
         if problem := problem_with(self._state.grid, query.start, query.goal):
@@ -247,3 +291,5 @@ class Planner:
                 chosen, reason = Method.CORRIDOR, f"{reason}, but the way is long"
         found = found or self._planners.planner(chosen).find(query, work)
         return found.plan(chosen, work, planner=chosen, reason=reason, keep_regions=keep_regions)
+
+    _plan = one_at_a_time(_answer)  # within the time that it takes

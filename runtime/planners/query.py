@@ -26,7 +26,10 @@ class Query(NamedTuple):
 
     @classmethod
     def within(cls, start: Cell, goal: Cell, time_limit_s: float, epsilon: float = math.inf) -> "Query":
-        """A query with so many seconds for it from now on."""
+        """A query with so many seconds for it from now on; InvalidQueryError for a number below 0 or none."""
+        for name, value in (("epsilon", epsilon), ("time_limit_s", time_limit_s)):
+            if not value >= 0.0:
+                raise InvalidQueryError(f"{name} must be a number of at least 0, got {value}")
         return cls(start, goal, epsilon, time.monotonic() + time_limit_s)
 
     @property
@@ -108,19 +111,10 @@ class Found(NamedTuple):
         work.timings_ms["total"] = work.total_ms()
         if not keep_regions:
             return plan
-        region, network_region = (None if found is None else found.copy() for found in (self.region, self.network_region))
+        region, network_region = (
+            None if found is None else found.copy() for found in (self.region, self.network_region)
+        )
         return replace(plan, region=region, network_region=network_region)
-
-
-def as_cell(cell: Cell, name: str) -> Cell:
-    """Two whole numbers; InvalidQueryError if it is anything else."""
-    try:
-        row, col = cell
-        if int(row) == row and int(col) == col:
-            return int(row), int(col)
-    except (TypeError, ValueError):
-        pass
-    raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {cell!r}")
 
 
 def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:

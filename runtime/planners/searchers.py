@@ -16,7 +16,7 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.query import Query, Work, problem_with
 from nnpp_edge.runtime.search.astar import Search, astar
-from nnpp_edge.runtime.search.dstar_lite import DStarLite
+from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.search.landmarks import MOST_LANDMARKS, Landmarks
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import DSTAR_SLOWER, EXPANDED_TWICE, MOST_JOINED
@@ -124,9 +124,14 @@ class RegionMender:
         self._saving_missed, self._restarts = 0.0, self._dstar.restarts
         return self._dstar
 
+    @property
+    def serves(self) -> bool:
+        """Whether steps on the map are near enough to one another in cost."""
+        return serves(self._state.grid)
+
     def knows_region(self, goal: Cell) -> bool:
         """Whether there is a search to be mended, for this goal."""
-        return self._dstar is not None and self._dstar.goal == goal and self._known is not None
+        return self.serves and self._dstar is not None and self._dstar.goal == goal and self._known is not None
 
     def search(self, query: Query, work: Work, region: Region | None) -> Search:
         """Mend the search in this region, or in the one that is known, from the query's start."""
@@ -212,7 +217,8 @@ class MendingSearcher:
     def search(self, query: Query, work: Work, region: Region) -> Search:
         """As `Searcher`."""
         work.remark = ""
-        if query.start == query.goal or not (self._always or self._mender.worth_mending(query, work, region)):
+        mending = self._mender.serves and query.start != query.goal
+        if not mending or not (self._always or self._mender.worth_mending(query, work, region)):
             return self._fresh.search(query, work, region)
         return self._mender.search(query, work, region)
 

@@ -28,7 +28,6 @@ from nnpp_edge.runtime.kernels.expansion import (
     read_field,
     trace,
 )
-from nnpp_edge.runtime.kernels.open_list import COARSE, FINE
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
@@ -108,8 +107,8 @@ def astar(
     first, last = grid.node(*start), grid.node(*goal)
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0)
-    width = _bucket_width(grid, BUCKET_WIDTH if landmarks is None else BUCKET_WIDTH_BY_LANDMARKS)
-    rule = (*grid.prices, 1.0 / width, SUCCESSORS[_dominance(grid, links)])
+    width = grid.prices[0] * (BUCKET_WIDTH if landmarks is None else BUCKET_WIDTH_BY_LANDMARKS)
+    rule = (*grid.prices, width, SUCCESSORS[_dominance(grid, links)])
     hints = None if landmarks is None else landmarks.towards(last)
     allowed = None if region is None else tuple(region)
     timed = deadline < math.inf
@@ -144,7 +143,7 @@ def settle_all(grid: Grid, source: Cell, workspace: Workspace, *, links: Links =
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there."""
     ws = workspace
     ws.next_stamp()
-    rule = (0.0, 0.0, 1.0 / _bucket_width(grid, BUCKET_WIDTH), SUCCESSORS[_dominance(grid, links)])
+    rule = (0.0, 0.0, grid.prices[0] * BUCKET_WIDTH, SUCCESSORS[_dominance(grid, links)])
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), FULL
     while code == FULL:
@@ -169,9 +168,3 @@ def _dominance(grid: Grid, links: Links) -> Dominance:
         return Dominance.NONE
     diagonal = grid.corner_cutting and grid.model.kind is StepCost.PAPER
     return Dominance.DIAGONAL if diagonal else Dominance.STRAIGHT
-
-
-def _bucket_width(grid: Grid, share: float) -> float:
-    """Width δ of a bucket: that share of the cheapest step, or what lets every f ahead fit into the ring."""
-    furthest = 2.0 * grid.model.step(1, 2.0 * max(grid.greatest, 0.0))
-    return max(share * grid.prices[0], 1.01 * furthest / (FINE * (COARSE - 2)), 1e-30)

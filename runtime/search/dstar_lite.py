@@ -29,6 +29,7 @@ from nnpp_edge.runtime.kernels.dstar import (
     read_rectangle,
     read_region,
 )
+from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepCost
@@ -38,7 +39,14 @@ from nnpp_edge.runtime.tuning import DSTAR_EXPANSIONS_BETWEEN_CHECKS
 
 UNITS = float(1 << 20)
 """Units in the cheapest straight step: a step is rounded by at most 2 of them."""
+MOST_RATIO = 1e12
+"""Of the dearest step to the cheapest: sums of more are too coarse to tell apart paths that share a dear step."""
 _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
+
+
+def serves(grid: Grid) -> bool:
+    """Whether steps on this map are near enough to one another in cost for D* Lite."""
+    return grid.model.step(0, 2.0 * grid.greatest) <= MOST_RATIO * grid.prices[0]
 
 
 class DStarMemory:

@@ -40,7 +40,7 @@ class Workspace:
         self.heads = np.empty(BUCKETS, np.int32)
         self.control = np.zeros(CONTROL_SLOTS, np.int64)
         self.entries = np.empty(2 * min(max(nodes // 2, 1024), 1 << 16), np.int32)
-        self.reals, self.counts = np.zeros(3), np.zeros(2, np.int64)
+        self.reals, self.counts = np.zeros(4), np.zeros(2, np.int64)
         self.path = np.empty((min(nodes, 4096), 2), np.int32)
         self.stamp = 0
         """Number of the newest search."""

@@ -116,8 +116,8 @@ def traversability_cost(
         for name, share in zip(TERMS, shares, strict=True):
             if share > 0.5:
                 warnings.warn(
-                    f"{100 * share:.0f} % of the map is at or above the limit of the {name} term, which then "
-                    "tells cells apart no more: on cells this large, set the limits to suit, or rescale",
+                    f"{100 * share:.0f} % of the cells reach the limit of the {name} term, which no longer tells "
+                    "them apart: raise that limit, or rescale the map to smaller cells",
                     SaturationWarning,
                     stacklevel=2,
                 )

@@ -1,6 +1,7 @@
 import fnmatch
 import hashlib
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -68,6 +69,70 @@ def test_shipped_figures_were_measured_with_the_shipped_model(path, recwarn):
     assert figures.commands and figures.machine
     assert all(set(row) == set(FIGURE_NAMES) for row in figures.rows)
     assert not recwarn.list
+
+
+def card_rows(name):
+    """The first table of a card, by the titles of its rows."""
+    text = (MODELS / f"{name}.md").read_text().split("##")[0]
+    return dict(re.findall(r"^\| (\w[\w ]*) \| (.+) \|$", text, re.MULTILINE))
+
+
+def stages(training):
+    """What a training says of itself and of the one that it began with, the first of them first."""
+    before = training.get("begun_with")
+    return [*(stages(before) if before else []), training]
+
+
+def commands_that_make(name):
+    """The options in docs/models.md of the commands that made a model and its training set, by command."""
+    text = (MODELS.parents[1] / "docs" / "models.md").read_text().split("## ")[0].replace("\\\n", " ")
+    found = {"dataset": [], "train": [], "export": [], "quantize": []}
+    for line in text.splitlines():
+        if line.startswith("nnpp-edge "):
+            command, *words = line.split()[1:]
+            options = dict(zip(words, words[1:], strict=False))
+            if re.fullmatch(rf"data/train|(runs/)?{name}(\d+|-fp32|)(\.onnx)?", options["-o"]):
+                found[command].append(options)
+    return found
+
+
+MADE = [name for name in SHIPPED if not name.endswith("-fp32")]
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_the_commands_that_are_told_agree_with_the_files_metadata(name):
+    m, commands = read_model_file(name).metadata, commands_that_make(name)
+    (dataset,), (export,), (quantize,) = commands["dataset"], commands["export"], commands["quantize"]
+    recipe = m.training["dataset"]
+    assert (int(dataset["--maps"]), int(dataset["--seed"])) == (recipe["maps"], recipe["seed"])
+    assert (float(export["--region-factor"]), export["--name"]) == (m.region_factor, m.name)
+    assert int(quantize.get("--samples", 200)) == m.training["calibration"]["samples"]
+    for options, stage in zip(commands["train"], stages(m.training), strict=True):
+        assert "--time-limit" not in options
+        assert int(options["--steps"]) == stage["steps"]
+        assert int(options.get("--batch", 32)) == stage["batch"]
+        assert float(options.get("--learning-rate", 1e-3)) == stage["learning_rate"]
+        assert int(options.get("--input-size", m.input_size)) == stage.get("input_size", m.input_size)
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_card_agrees_with_its_files_metadata(name):
+    m, card = read_model_file(name).metadata, card_rows(name)
+    training, megabytes = m.training, (MODELS / f"{name}.onnx").stat().st_size / 1e6
+    assert f"{{p ≥ {m.region_factor:g} · td}}" in card["region rule"]
+    assert f"{m.blocks} × {m.blocks} probabilities" in card["answers"]
+    assert re.search(rf"`{name}\.onnx` \({m.precision}, ({megabytes:.1f}|{megabytes:.2f}) MB", card["files"])
+    assert f"exp(-excess / {100 * training['softness']:g} %)" in card["target"]
+    assert f"QDQ {m.precision} on {training['calibration']['samples']} queries" in card["calibration"]
+    for stage in stages(training):
+        said = [
+            f"{stage['steps']:,} steps",
+            f"{stage['batch']}",
+            f"{stage['learning_rate']:.0e}".replace("e-0", "e-"),
+        ]
+        said += [f"in {stage['seconds'] / 60:.0f} minutes"] if "seconds" in stage else []
+        for words in said:
+            assert words in card["training"]
 
 
 def test_what_lies_beside_a_model_is_shipped():

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Planner, plan_path, traversability_cost
+from nnpp_edge.runtime import plan_path, traversability_cost
 from nnpp_edge.terrain.dem import Dem, Georeference, write_raster
 
 PLACE = Georeference("EPSG:32615", (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_000.0))
@@ -71,10 +71,12 @@ def test_json_holds_what_the_planner_answers(nnpp_edge, hills):
 )
 def test_it_plans_once_unless_asked_to_compare(nnpp_edge, hills, tmp_path, monkeypatch, words, plans, loading):
     from nnpp_edge.runtime import warmup
+    from nnpp_edge.runtime.planners import planner
+    from nnpp_edge.runtime.planners.query import Work
 
-    made, plan = [], Planner.plan
+    made = []
     monkeypatch.setattr(warmup, "exercise", lambda: None)
-    monkeypatch.setattr(Planner, "plan", lambda *given, **options: made.append(given) or plan(*given, **options))
+    monkeypatch.setattr(planner, "Work", lambda: made.append("a plan") or Work())
     ended = nnpp_edge("plan", hills, *EXACT, *words, "-o", tmp_path / "out")
     assert ended.code == 0 and len(made) == plans
     assert ("loading included" in ended.out) == loading

@@ -14,7 +14,7 @@ from torch import nn
 
 from nnpp_edge import __version__
 from nnpp_edge.export.parity import parity
-from nnpp_edge.export.to_onnx import checkpoint_facts, dataset_facts, export_network, fold_norms, to_onnx
+from nnpp_edge.export.to_onnx import dataset_facts, export_network, fold_norms, to_onnx
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, ModelError, OutputError
@@ -60,7 +60,7 @@ def exported(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("export")
     network = lived_in(request.param)
     saved = load_checkpoint(checkpoint(folder / "checkpoint.pt", network))
-    file, facts = folder / "model.onnx", checkpoint_facts(saved) | {"of": "us"}
+    file, facts = folder / "model.onnx", saved.facts() | {"of": "us"}
     return network, file, export_network(saved.trained(), file, name="small", region_factor=0.4, training=facts)
 
 

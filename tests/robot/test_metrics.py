@@ -1,6 +1,8 @@
 import re
 import socket
+import struct
 import sys
+import threading
 import urllib.error
 import urllib.request
 from dataclasses import fields, replace
@@ -10,6 +12,7 @@ import pytest
 from nnpp_edge.robot.operations.metrics import CONTENT_TYPE, MetricsServer, metrics_text, write_metrics
 from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
 from nnpp_edge.runtime.loop.messages import Counters
+from tests.robot.conftest import wait_until
 
 COUNTERS = Counters(
     ticks=1000,
@@ -121,6 +124,20 @@ def test_metrics_are_served():
         idle.close()
     with pytest.raises(OSError):
         get(server, "/metrics")
+
+
+def test_connections_that_break_say_nothing(capsys):
+    with MetricsServer(0, lambda: COUNTERS) as server:
+        before = threading.active_count()
+        for _ in range(5):
+            broken = socket.create_connection((server.host, server.port))
+            broken.sendall(b"GET /metrics")
+            wait_until(lambda: threading.active_count() > before)
+            broken.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # reset at the end
+            broken.close()
+            wait_until(lambda: threading.active_count() == before)
+        assert get(server, "/health")[0] == 200
+    assert capsys.readouterr().err == ""
 
 
 def test_health_follows_the_ticks():

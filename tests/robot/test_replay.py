@@ -1,6 +1,8 @@
 """Recordings: what goes in comes out, at its pace or as fast as can be, and a crash costs a line at most."""
 
 import json
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from nnpp_edge.robot.transports.recording import (
 )
 from nnpp_edge.robot.transports.wire import encode
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.loop.inprocess import InProcessSource
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
@@ -96,6 +99,37 @@ def test_a_line_that_was_cut_off_is_left_out(tmp_path, caplog):
     assert "was cut off" in caplog.text
 
 
+def test_a_line_without_end_is_refused_before_it_fills_the_memory(tmp_path):
+    path = tmp_path / "endless.jsonl"
+    with path.open("wb") as file:
+        file.truncate(18 << 20)
+    with pytest.raises(ReplayError, match="line 1: wanted a message of at most"):
+        ReplaySource(path)
+
+
+def test_at_full_speed_a_tick_gets_all_that_one_recorded_tick_got(tmp_path, drive):
+    recorder = RecordingFile(tmp_path / "scene.jsonl", SHAPE)
+    for n in range(600):
+        recorder.record(MapPatch(n % 40, 0, cost=np.full((1, 60), 0.1 + 0.001 * n)), float(n // 200))
+    recorder.close()
+    source = ReplaySource(recorder.path, fast=True)
+    ended = drive(Navigator(World(free())), source, rate_hz=2000.0, paced=False)
+    assert [m.map_version for m in ended.paths] == [200, 400, 600]
+
+
+def test_a_recording_that_is_damaged_while_it_is_played_is_a_failure(tmp_path):
+    path = scene(tmp_path / "scene.jsonl", ticks=2000)
+    source = ReplaySource(path, fast=True)
+    size = path.stat().st_size
+    with path.open("r+b") as file:
+        file.seek(size // 2)
+        file.write(b"garbage\n" * (size // 16))
+    for _ in range(2000):
+        list(source.poll())
+    assert source.ended
+    assert "wanted a pose, goal or patch" in source.failure
+
+
 def test_what_stands_there_is_left_alone(tmp_path):
     names = []
     for _ in range(3):
@@ -149,7 +183,44 @@ def test_an_empty_recording_is_over_at_once(tmp_path):
     assert not list(source.poll())
 
 
-def test_a_recorder_that_fails_is_counted_and_the_inputs_come_nevertheless(tmp_path):
+def test_large_patches_that_wait_for_a_slow_recorder_are_few(tmp_path):
+    free, counted, seen = threading.Event(), [], []
+
+    def stuck(message, at_s):
+        free.wait(20.0)
+        seen.append(message)
+
+    patch = MapPatch(0, 0, cost=np.zeros((1000, 1000)))
+    source = InProcessSource()
+    recorded = RecordedSource(source, [stuck], counted.append)
+    for _ in range(100):
+        source.put(patch)
+    assert len(list(recorded.poll())) == 100
+    free.set()
+    recorded.close()
+    assert 10 <= len(seen) <= 20
+    assert len(seen) + len(counted) == 100
+
+
+def test_a_slow_recorder_is_waited_for_where_nothing_may_be_left_out(tmp_path):
+    counted, seen = [], []
+
+    def slow(message, at_s):
+        time.sleep(0.0002)
+        seen.append(message)
+
+    recorder = RecordingFile(tmp_path / "scene.jsonl", SHAPE)
+    for n in range(3000):
+        recorder.record(Pose(n, n), 0.0)
+    recorder.close()
+    source = ReplaySource(recorder.path, fast=True)
+    with RecordedSource(source, [slow], counted.append, wait=True) as recorded:
+        taken = list(recorded.poll())
+    assert seen == taken
+    assert (len(taken), counted) == (3000, [])
+
+
+def test_a_recorder_that_fails_is_counted_and_the_inputs_come_nevertheless(tmp_path, caplog):
     def full(message, at_s):
         raise OSError("no space left")
 
@@ -162,6 +233,10 @@ def test_a_recorder_that_fails_is_counted_and_the_inputs_come_nevertheless(tmp_p
     recorded.close()
     assert len(taken) == len(seen) == 9
     assert counted == ["record"] * 9
+    assert [record.getMessage() for record in caplog.records] == [
+        "recording an input failed (no space left); more of the same is counted, not logged"
+    ]
+    assert not caplog.records[0].exc_info
 
 
 class Full:
@@ -176,6 +251,19 @@ class Full:
 
     def close(self):
         self.file.close()
+
+
+def test_a_disk_that_is_full_from_the_start_is_for_the_recorder_to_tell(tmp_path, monkeypatch):
+    class NoRoom(Full):
+        def write(self, line):
+            raise OSError(28, "No space left on device")
+
+    open_file = Path.open
+    monkeypatch.setattr(Path, "open", lambda path, *words, **options: NoRoom(open_file(path, *words, **options)))
+    recorder = RecordingFile(tmp_path / "scene.jsonl", SHAPE)
+    with pytest.raises(OSError, match=r"scene.jsonl"):
+        recorder.record(Pose(1, 2), 0.0)
+    recorder.close()
 
 
 def test_after_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path, monkeypatch):

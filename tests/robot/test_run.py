@@ -20,7 +20,7 @@ from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, overridd
 from nnpp_edge.robot.operations.wiring import Wiring
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.wire import decode_output, encode
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.loop.inprocess import InProcessSource
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.loop.runner import Loop
@@ -149,18 +149,46 @@ def test_after_a_kill_the_recording_can_be_played_and_the_next_has_a_file_of_its
     assert len(list(read_recording(tmp_path / "inputs-2.jsonl"))) == len(kept)
 
 
-def test_it_may_be_stopped_while_it_starts(dem):
-    program = Program("--map", dem, *QUICK)
-    maps = Path(f"/proc/{program.process.pid}/maps")
-    wait_until(lambda: b"llvmlite" in maps.read_bytes() and handles(program.process.pid, signal.SIGTERM), 60.0)
-    code, out, err = program.end(signal.SIGTERM)
-    assert (code, "Traceback" in err) == (0, False), err
+STARTING = """
+import os, signal, sys
+from nnpp_edge.cli.main import main
+from nnpp_edge.robot.operations import onboard
+
+class Loading:
+    def __del__(self):  # where Python can pass no exception on
+        os.kill(os.getpid(), signal.SIGTERM)
+
+onboard.exercise = lambda: Loading() and None
+sys.argv[1:] = ["run", "--map", sys.argv[1], "--ticks", "1"]
+main()
+"""
 
 
-def handles(pid, number):
-    """Whether a process has a handler for a signal."""
-    caught = re.search(r"^SigCgt:\s*([0-9a-f]+)$", Path(f"/proc/{pid}/status").read_text(), re.MULTILINE).group(1)
-    return bool(int(caught, 16) >> (number - 1) & 1)
+def test_it_may_be_stopped_while_it_starts_whatever_it_is_doing(dem):
+    words = [sys.executable, "-c", STARTING, str(dem)]
+    ended = subprocess.run(words, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=120)
+    assert (ended.returncode, ended.stderr) == (-signal.SIGTERM, "")
+
+
+def test_an_input_that_fails_ends_the_run_with_an_error(dem, tmp_path):
+    words = [sys.executable, "-m", "nnpp_edge.cli.main", "run", "--map", str(dem), *QUICK]
+    with (tmp_path / "written to").open("wb") as unreadable:
+        ended = subprocess.run(words, capture_output=True, text=True, stdin=unreadable, timeout=120)
+    assert ended.returncode == 2
+    assert "error: the input failed, and the loop has ended: OSError: [Errno 9] Bad file" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize("stderr", ["2>&-", "2>/dev/full"])
+def test_paths_come_where_nothing_can_be_said_on_stderr(dem, recording, tmp_path, stderr):
+    words = f"-m nnpp_edge.cli.main run --map {dem} --rate 2 --method astar --input replay:{recording} --fast"
+    record = tmp_path / "again.jsonl"
+    command = f'exec "{sys.executable}" {words} --record {record} {stderr}'
+    ended = subprocess.run(["/bin/sh", "-c", command], stdout=subprocess.PIPE, text=True, timeout=120)
+    answers = [decode_output(line.encode()) for line in ended.stdout.splitlines()]
+    assert [message.ok for message in answers if isinstance(message, PathMessage)] == [True] * 3
+    assert ended.returncode == 0
+    assert len(list(read_recording(record, SHAPE))) == 4
 
 
 # --- in this process
@@ -201,6 +229,25 @@ def test_a_replay_ends_with_its_counters(nnpp_edge, dem, recording, tmp_path):
     assert "ready: astar at 2 Hz, 80 × 90 cells" in ended.err
     assert re.search(r"metrics: http://127.0.0.1:\d+/metrics", ended.err)
     assert re.search(r"^nnpp_edge_ticks_total 3(\.0)?$", metrics.read_text(), re.MULTILINE)
+
+
+def test_a_disk_that_fills_up_costs_the_metrics_and_not_the_run(
+    nnpp_edge, dem, recording, tmp_path, monkeypatch, caplog
+):
+    def full(path, content):
+        try:
+            raise OSError(28, "No space left on device")
+        except OSError as error:
+            raise OutputError(f"{path}: could not be written (No space left on device)") from error
+
+    monkeypatch.setattr("nnpp_edge.robot.operations.metrics.write_whole", full)
+    words = ("--input", f"replay:{recording}", "--fast", "--output", "none", "--json")
+    ended = nnpp_edge("run", "--map", dem, *QUICK, *words, "--metrics-file", tmp_path / "metrics.prom")
+    assert (ended.code, json.loads(ended.out)["planned"]) == (0, 3)
+    assert [r.getMessage() for r in caplog.records if "metrics" in r.getMessage()] == [
+        f"keeping the metrics failed ({tmp_path}/metrics.prom: could not be written (No space left on device)); "
+        "more of the same is counted, not logged"
+    ]
 
 
 def test_a_log_holds_inputs_and_answers(nnpp_edge, dem, recording, tmp_path):
@@ -244,12 +291,12 @@ def test_ticks_end_it_and_the_profile_and_its_model_count(nnpp_edge, dem, record
         (("--input", "stdin:x"), "input must be"),
         (("--input", "replay:none.jsonl"), "none.jsonl: wanted a recording"),
         (("--fast",), "only a replay can be fast"),
-        (("--output", "paper"), "outputs must be"),
+        (("--output", "paper"), "output must be stdout, zenoh[:ENDPOINT] or none, got 'paper'"),
         (("--output", "none", "--output", "stdout"), "none goes with no other"),
-        (("--output", "stdout", "--output", "stdout"), "different ones"),
+        (("--output", "stdout", "--output", "stdout"), "outputs must differ"),
         (("--input", "zenoh:tcp/a:1", "--output", "zenoh:tcp/b:1"), "one endpoint"),
-        (("--rate", "0"), "rate_hz: wanted a number above 0.0"),
-        (("--rate", "nan"), "rate_hz"),
+        (("--rate", "0"), "0.0 is not in the range 0.001<=x<=1000"),
+        (("--rate", "nan"), "rate"),
         (("--method", "magic"), "method: wanted one of auto, astar"),
         (("--priority", "100"), "priority"),
         (("--tolerance", "-1"), "tolerance"),
@@ -304,7 +351,7 @@ def test_the_table_loop_of_a_profile(tmp_path):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("rate_hz = 0", "loop.rate_hz: wanted a number above 0.0, got 0"),
+        ("rate_hz = 0", "loop.rate_hz: wanted a number of at least 0.001, got 0"),
         ("rate_hz = 'fast'", "loop.rate_hz"),
         ("method = 'magic'", "loop.method: wanted one of auto"),
         ("cores = [-1]", "loop.cores"),

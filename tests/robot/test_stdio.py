@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.robot.transports.framing import Framer, framed
-from nnpp_edge.robot.transports.refusals import Refusals
+from nnpp_edge.robot.transports.refusals import FaultQueue, Refusals
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault, decode_output, encode
 from nnpp_edge.runtime.errors import OutputError, Status
@@ -170,6 +170,18 @@ def test_faults_wait_for_the_next_answer_and_the_newest_are_kept(outgoing):
     assert answers[-1].outcome is Status.NO_POSE
 
 
+def test_refused_inputs_that_come_while_others_are_answered_wait_for_the_next_answer():
+    queue = FaultQueue()
+    queue.answer(Fault("first"))
+    taken = []
+    for fault in queue.waiting_faults():
+        taken.append(fault)
+        if len(taken) < 100:
+            queue.answer(Fault("meanwhile"))
+    assert taken == [Fault("first")]
+    assert list(queue.waiting_faults()) == [Fault("meanwhile")]
+
+
 def test_descriptors_that_do_not_block_are_waited_for(incoming, outgoing, navigator):
     os.set_blocking(incoming.read, False)
     os.set_blocking(outgoing.write, False)
@@ -188,10 +200,20 @@ def test_descriptors_that_do_not_block_are_waited_for(incoming, outgoing, naviga
     writer.join(5.0)
 
 
-def test_an_input_that_cannot_be_read_is_told_and_is_over(navigator, tmp_path):
-    faults = []
+def test_an_input_that_cannot_be_read_is_over_and_says_why(navigator, tmp_path):
     folder = os.open(tmp_path, os.O_RDONLY)
-    source = StdioSource(Refusals(navigator.count_error, faults.append), descriptor=folder)
+    source = StdioSource(Refusals(navigator.count_error), descriptor=folder)
     wait_until(lambda: source.ended)
-    assert "cannot be read" in faults[0].error
+    assert "Is a directory" in source.failure
     os.close(folder)
+
+
+def test_a_reader_that_runs_out_of_memory_is_a_failure_and_not_the_end(incoming, navigator):
+    class Full(Mailbox):
+        def put(self, message, *, when_full):
+            raise MemoryError
+
+    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Full())
+    send(incoming, POSE)
+    wait_until(lambda: source.ended)
+    assert source.failure.startswith("MemoryError")

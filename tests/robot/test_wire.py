@@ -4,6 +4,8 @@ import base64
 import json
 import math
 import struct
+import threading
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -85,6 +87,70 @@ def packed(shape, content):
 
 PATCH = {"type": "patch", "row": 0, "col": 0}
 POSE = {"type": "pose", "row": 0, "col": 0}
+LARGE = 1 << 20
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b'"cost":[[' + b",".join([b"0"] * LARGE) + b"]]",
+        b'"cost":{"shape":[1' + b",1" * LARGE + b'],"float32":"AAAA"}',
+        b'"cost":{"shape":[1,1],"float32":"AAAAAA=="}' + b" " * LARGE,
+        b'"cost":{"shape":[1,1],"float32"' + b" " * LARGE + b':"AAAAAA=="}',
+        b'"cost":{"shape":[1,1],"float32":"AAAAAA=="},"elevation":{"shape":[1,1],"float32":"' + b"A" * LARGE + b'"}',
+        b'"cost":{"shape":[1,1],"float32":"AAAAAA=="}' + b',"row":1' * LARGE,
+        b'"stamp":1.' + b"1" * LARGE,
+    ],
+    ids=["lists", "shape", "blanks", "blanks before the values", "two", "words", "digits"],
+)
+def test_only_the_base64_of_a_message_may_be_large(content):
+    with pytest.raises(WireError, match=r"at most 131072 bytes besides a patch's base64 values \(float32\), got"):
+        decode(b'{"type":"patch","row":0,"col":0,' + content + b"}")
+
+
+@pytest.mark.parametrize("side", [300, 301, 302])
+@pytest.mark.parametrize("style", ["encoded", "pretty", "escaped", "values last"])
+def test_a_large_patch_comes_back_bit_by_bit(side, style):
+    values = np.random.default_rng(side).integers(0, 2**32, (side, side), np.uint32).view(np.float32)
+    message = encode(patch := MapPatch(1, 2, elevation=values))
+    if style == "pretty":
+        message = json.dumps(json.loads(message), indent=2).encode()
+    elif style == "escaped":
+        message = message.replace(b"/", b"\\/")
+    elif style == "values last":
+        fields = json.loads(message)
+        message = json.dumps({**fields, "elevation": fields.pop("elevation")}).encode()
+    same(decode(message), patch)
+
+
+@pytest.mark.parametrize("wrong", [b"!", b"=", b"\\u0041"])
+def test_a_large_patch_of_damaged_base64_is_refused(wrong):
+    message = encode(MapPatch(1, 2, elevation=np.zeros((300, 300))))
+    at = len(message) // 2
+    with pytest.raises(WireError, match="base64 values"):
+        decode(message[:at] + wrong + message[at + 1 :])
+
+
+def test_a_large_patch_does_not_hold_up_other_threads():
+    message = encode(MapPatch(0, 0, cost=np.zeros((1500, 1500))))
+    shares = []
+    for _ in range(6):
+        times, done = [], threading.Event()
+
+        def watch(times=times, done=done):
+            while not done.wait(0.0005):
+                times.append(time.perf_counter())
+
+        thread = threading.Thread(target=watch)
+        thread.start()
+        began = time.perf_counter()
+        decode(message)
+        ended = time.perf_counter()
+        done.set()
+        thread.join()
+        within = [began, *(at for at in times if began < at < ended), ended]
+        shares.append(max(np.diff(within)) / (ended - began))
+    assert min(shares) < 0.4, "the longest time in which no other thread ran, as a share"
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,12 @@
+import math
+import resource
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
 from nnpp_edge.runtime.loop.realtime import rss_bytes
-from nnpp_edge.runtime.memory import touch
+from nnpp_edge.runtime.memory import available_bytes, touch
 
 
 def test_memory_is_there_and_values_stay():
@@ -32,3 +35,16 @@ def test_what_may_not_be_written_is_left_alone():
     owner = SimpleNamespace(fixed=fixed, strided=base[::2])
     touch(owner)
     np.testing.assert_array_equal(base, np.arange(20000.0))
+
+
+def test_the_memory_that_is_left_follows_the_process_own_limit():
+    before = available_bytes()
+    assert 0 < before < 1 << 62
+    old = resource.getrlimit(resource.RLIMIT_AS)
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + (64 << 20), old[1]))
+    try:
+        assert 0 < available_bytes() <= 64 << 20
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, old)
+    assert math.isclose(available_bytes(), before, rel_tol=0.5)

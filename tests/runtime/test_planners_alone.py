@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 
+from nnpp_edge.runtime.cells import as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
@@ -16,7 +17,7 @@ from nnpp_edge.runtime.planners.exact import ExactPlanner, MendingExactPlanner
 from nnpp_edge.runtime.planners.learned import LearnedPlanner
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
-from nnpp_edge.runtime.planners.query import Found, Query, Work, as_cell, problem_with
+from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender
 from nnpp_edge.runtime.region.learned import LearnedRegions, NetworkAnswer
 from nnpp_edge.runtime.search import astar as astar_module
@@ -186,7 +187,7 @@ def test_the_exact_planner_finds_the_optimum_and_says_why_it_searched(state, cos
 
 
 def test_d_star_lite_over_the_whole_map_is_mended_and_takes_other_goals(state, cost):
-    planner = MendingExactPlanner(state)
+    planner = MendingExactPlanner(state, ExactPlanner(AStarSearcher(state)))
     planner.prepare(QUERY.goal)
     works = [Work() for _ in range(4)]
     first = planner.find(QUERY, works[0])

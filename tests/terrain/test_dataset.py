@@ -1,11 +1,15 @@
+import io
+from concurrent.futures.process import BrokenProcessPool
+
 import msgspec
 import numpy as np
 import pytest
 
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
+from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dataset import make_dataset, read_recipe, read_samples
 from nnpp_edge.terrain.labels import EXCESS_STEP, label_queries
-from nnpp_edge.terrain.shards import Recipe, make_shard, shard_content
+from nnpp_edge.terrain.shards import BARREN_MAPS, Recipe, make_shard, read_terrain, shard_content
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import workload
 from tests import oracles
@@ -32,10 +36,10 @@ def whole(tmp_path_factory):
     return folder
 
 
-def make_in_this_process(recipe, indices):
+def make_in_this_process(recipe, tiles, indices):
     """Shards without the processes that `make_dataset` starts."""
     for index in indices:
-        yield index, shard_content(recipe, [], index)
+        yield index, shard_content(recipe, tiles, index)
 
 
 def test_the_parts_together_are_the_whole_and_it_can_be_resumed(whole, tmp_path):
@@ -133,3 +137,167 @@ def test_a_recipe_that_was_not_written_by_us_is_refused(whole, tmp_path, changes
     with pytest.raises(DataSetError) as refused:
         read_recipe(tmp_path)
     assert word in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "content", [b"null", b"3", b"[]", b'{"format": "\xff"}', b"{" * 9000, b'{"a":' * 90_000, b"", b'{"format": []}']
+)
+def test_a_recipe_that_is_none_is_refused_in_one_line(tmp_path, content):
+    (tmp_path / "dataset.json").write_bytes(content)
+    with pytest.raises(DataSetError) as refused:
+        read_recipe(tmp_path)
+    assert str(refused.value).startswith(f"{tmp_path}: wanted a data set") and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"size": 16, "blocks": 4},
+        {"size": 33},
+        {"blocks": 0},
+        {"blocks": 24},
+        {"maps": 0},
+        {"points_per_map": 1},
+        {"poolings": ()},
+        {"poolings": ((0, 1.0),)},
+        {"workloads": (("soft", 0.0),)},
+        {"workloads": (("hard", 1.0),)},
+        {"synthetic_share": 1.5},
+        {"omega": float("nan")},
+        {"cell_sizes_m": (0.0,)},
+        {"cell_sizes_m": ()},
+        {"limits": {"slope": 3.0}},
+        {"limits": {"hard_step_m": -1.0}},
+        {"stripe": (0.5, 0.5)},
+        {"seed": -1},
+    ],
+)
+def test_numbers_out_of_range_are_no_recipe(whole, tmp_path, changes):
+    with pytest.raises(DataSetError):
+        msgspec.structs.replace(RECIPE, **changes)
+    stored = msgspec.json.decode((whole / "dataset.json").read_bytes())
+    (tmp_path / "dataset.json").write_bytes(msgspec.json.encode(stored | changes))
+    with pytest.raises(DataSetError, match=r"dataset\.json"):
+        read_recipe(tmp_path)
+
+
+def test_damaged_shards_are_refused_by_name(whole, tmp_path):
+    good = dict(np.load(whole / "shard-00000.npz"))
+    changed = {
+        "no planes": {name: array for name, array in good.items() if name != "planes"},
+        "no queries": {name: array[:0] for name, array in good.items()},
+        "far maps": good | {"map_index": good["map_index"] + 100},
+        "far starts": good | {"start": good["start"] + 1000},
+        "unknown starts": good | {"start": good["start"] * np.float32(np.nan)},
+        "floats": good | {"planes": good["planes"].astype(np.float64)},
+        "another size": good | {"planes": good["planes"][..., :16]},
+        "objects": good | {"workload": good["workload"].astype(object)},
+    }
+    content = (whole / "shard-00000.npz").read_bytes()
+    cut = {"empty": b"", "text": b"no shard", "half": content[: len(content) // 2], "start": content[:40]}
+    (tmp_path / "dataset.json").write_bytes((whole / "dataset.json").read_bytes())
+    shard = tmp_path / "shard-00000.npz"
+    for name in (*changed, *cut):
+        shard.write_bytes(cut[name]) if name in cut else np.savez(shard, **changed[name])
+        with pytest.raises(DataSetError, match=r"shard-00000\.npz: wanted a shard") as refused:
+            read_samples(tmp_path)
+        assert "\n" not in str(refused.value)
+        with pytest.raises(DataSetError, match=r"shard-00000\.npz: wanted a shard"):
+            make_dataset(RECIPE, tmp_path, make=make_in_this_process)
+
+
+def terrain_file(folder, elevation, cell_size_m=5.0):
+    np.savez(folder / "dem.npz", elevation_m=np.asarray(elevation, np.float32), cell_size_m=cell_size_m)
+    return (str(folder / "dem.npz"),)
+
+
+def of_terrain(folder, elevation, **changes):
+    """A recipe of small maps of this terrain alone."""
+    plain = {"synthetic_share": 0.0, "obstacle_share": 0.0, "margin_share": 0.0}
+    return msgspec.structs.replace(RECIPE, terrain=terrain_file(folder, elevation), **(plain | changes))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_terrain_without_two_cells_to_plan_between_ends_the_making(tmp_path, share):
+    elevation = np.full((70, 70), np.nan)
+    elevation[7, 9] = 3.0
+    recipe = of_terrain(tmp_path, elevation, synthetic_share=share, maps=4000, maps_per_shard=4000)
+    with pytest.raises(DataSetError, match=rf"dem\.npz: .*got none on {BARREN_MAPS} maps"):
+        make_dataset(recipe, tmp_path / "set", make=make_in_this_process)
+    assert not list((tmp_path / "set").glob("shard-*"))
+
+
+def test_a_run_that_made_no_shard_does_not_block_another(tmp_path):
+    elevation = np.full((70, 70), np.nan)
+    elevation[7, 9] = 3.0
+    with pytest.raises(DataSetError):
+        make_dataset(of_terrain(tmp_path, elevation), tmp_path / "set", make=make_in_this_process)
+    good = of_terrain(tmp_path, synthetic_terrain(np.random.default_rng(0), 70, 5.0))
+    assert make_dataset(good, tmp_path / "set", make=make_in_this_process)["maps"] == good.maps
+    assert read_recipe(tmp_path / "set") == good
+
+
+def test_large_maps_are_left_out_where_there_is_no_room(tmp_path):
+    recipe = of_terrain(tmp_path, synthetic_terrain(np.random.default_rng(0), 40, 5.0))
+    with pytest.warns(UserWarning, match="no room for maps of 64² cells"):
+        make_dataset(recipe, tmp_path / "set", make=make_in_this_process)
+    with np.load(tmp_path / "set" / "shard-00000.npz") as shard:
+        assert set(shard["pooling"]) == {1}
+
+
+@pytest.mark.parametrize("shape", [(200, 40), (40, 200)])
+def test_training_and_validation_have_different_parts_of_a_file(tmp_path, shape):
+    """Cells are told apart by their heights."""
+    elevation = np.arange(8000.0).reshape(shape)
+    parts = [of_terrain(tmp_path, elevation, stripe=stripe) for stripe in ((0.0, 0.7), (0.7, 1.0))]
+    training, validation = (read_terrain(part)[0].elevation for part in parts)
+    assert not set(training.ravel()) & set(validation.ravel())
+    assert (training.size, validation.size) == (5600, 2400)
+    synthetic = [msgspec.structs.replace(part, synthetic_share=1.0, poolings=((1, 1.0),)) for part in parts]
+    made = [np.load(io.BytesIO(shard_content(recipe, read_terrain(recipe), 0)))["planes"] for recipe in synthetic]
+    assert not np.array_equal(*made)
+    with pytest.raises(DataSetError, match=r"stripe that --validation-share leaves .*got (20 × 40|40 × 20)$"):
+        read_terrain(of_terrain(tmp_path, elevation, stripe=(0.9, 1.0)))
+
+
+def test_maps_are_made_by_ones_own_limits_and_cells(tmp_path):
+    """Steps of half a metre are too high; where the terrain is shrunk from cells of 5 m to 1 m, they are lower."""
+    elevation = np.random.default_rng(2).uniform(0, 0.5, (70, 70))
+    elevation[:, ::2] = 0.0
+    own = {"limits": {"hard_step_m": 0.15}, "workloads": (("soft", 1.0),), "cell_sizes_m": ()}
+    blocked = {}
+    for name, changes in {
+        "own": own,
+        "shrunk": own | {"cell_sizes_m": (1.0,)},
+        "other": {"limits": {}} | own,
+    }.items():
+        recipe = of_terrain(tmp_path, elevation, **changes, poolings=((1, 1.0),), maps=4)
+        cost = traversability_cost(elevation.astype(np.float32), 5.0, recipe.limits_of("soft"), warn=False)
+        assert 0.05 < np.isinf(cost[5:-5, 5:-5]).mean() < 0.9
+        blocked[name] = make_shard(recipe, read_terrain(recipe), np.random.default_rng(0), 4)["planes"][:, 1].mean()
+    assert blocked["own"] > 10 * max(blocked["shrunk"], 1.0)
+    assert read_terrain(recipe)[0].cell_size_m == 5.0
+    assert Recipe((), workloads=(("limit20", 1.0),)).common_limits.hard_slope_deg == 20.0
+    assert Recipe(()).common_limits == Traversability()
+
+
+def test_cells_that_are_not_square_are_judged_by_both_sides(tmp_path):
+    rows, cols = np.mgrid[:70, :70].astype(np.float32)
+    np.savez(tmp_path / "dem.npz", elevation_m=cols, cell_size_m=1.0, cell_width_m=10.0)
+    plain = {"synthetic_share": 0.0, "obstacle_share": 0.0, "margin_share": 0.0, "poolings": ((1, 1.0),)}
+    recipe = msgspec.structs.replace(
+        RECIPE, terrain=(str(tmp_path / "dem.npz"),), cell_sizes_m=(), workloads=(("limit20", 1.0),), **plain
+    )
+    planes = make_shard(recipe, read_terrain(recipe), np.random.default_rng(0), 2)["planes"]
+    assert planes[:, 1, 2:-2, 2:-2].max() == 0  # a slope of 6°, not of 45°
+
+
+def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):
+    recipe = of_terrain(tmp_path, synthetic_terrain(np.random.default_rng(0), 70, 5.0))
+
+    def broken(*_, **__):
+        raise BrokenProcessPool("a process died")
+
+    monkeypatch.setattr("nnpp_edge.terrain.dataset.ProcessPoolExecutor.submit", broken)
+    with pytest.raises(DataSetError, match="fewer --workers take less memory"):
+        make_dataset(recipe, tmp_path / "set", workers=1)

@@ -124,7 +124,7 @@ def test_a_cluster_without_workers_and_a_worker_of_another_version_are_refused(m
         LocalCluster(n_workers=0, dashboard_address=":0", silence_logs="CRITICAL") as empty,
         pytest.raises(ClusterError, match="got none within"),
     ):
-        list(shards_on_cluster(empty.scheduler_address, Recipe(()), [0]))
+        list(shards_on_cluster(empty.scheduler_address, Recipe(()), [], [0]))
     with pytest.raises(ClusterError, match=r"wanted workers with nnpp-edge 0\.0\.0"):
         cluster._make("0.0.0", RECIPE, [], 0)
 

@@ -127,7 +127,7 @@ def test_an_ellipsoid_in_feet_is_measured_in_metres(tmp_path):
         <SourceFilename relativeToVRT="1">heights.tif</SourceFilename><SourceBand>1</SourceBand>
         </SimpleSource></VRTRasterBand></VRTDataset>"""
     )
-    dem = read_dem(tmp_path / "old.vrt")
+    dem = read_dem(tmp_path / "old.vrt", allow_vrt=True)
     assert "ELLIPSOID" in dem.georeference.crs  # not turned into the older form, which is in metres anyway
     assert dem.cell_size_m == pytest.approx(304_800 * math.radians(0.001))
 
@@ -420,7 +420,7 @@ def test_an_archives_cell_width_is_used(tmp_path):
         ({"dem": HEIGHTS, "cell_m": np.nan}, "cell_m must be one number above 0"),
         ({"dem": HEIGHTS, "cell_m": "5 m"}, "cell_m must be one number above 0"),
         ({"dem": HEIGHTS, "cell_width_m": 2.0}, "cell_size_m beside"),
-        ({"dem": np.array([[{}]])}, "allow_pickle"),
+        ({"dem": np.array([[{}]])}, "object"),
     ],
 )
 def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path, arrays, word):
@@ -518,8 +518,8 @@ def test_the_refusal_gives_the_first_cause(tmp_path):
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path):
-    refused(tmp_path / "none.tif", "got no such file")
-    refused(tmp_path, "got a folder")
+    refused(tmp_path / "none.tif", "(no such file)")
+    refused(tmp_path, "(a folder)")
 
 
 @pytest.mark.parametrize("value", [0, -1, math.nan, math.inf])
@@ -603,6 +603,21 @@ def test_map_coordinates_need_a_georeference_and_finite_numbers():
 def test_a_map_that_breaks_its_own_terms_cannot_be_made(elevation, size, width):
     with pytest.raises(TerrainError, match=r"^made.tif: "):
         Dem(elevation, size, width, None, Path("made.tif"))
+
+
+def test_masked_cells_are_unknown_in_a_map_and_in_a_file(tmp_path):
+    """As rasterio's `read(masked=True)` gives them; what lies under the mask is anything."""
+    known = HEIGHTS > 0
+    dem = dem_of()
+    masked = Dem(np.ma.array(HEIGHTS, mask=~known), 5.0, 4.0, None, Path("made.tif"))
+    assert type(masked.elevation) is np.ndarray
+    np.testing.assert_array_equal(masked.elevation, np.where(known, HEIGHTS, np.nan))
+    with pytest.raises(TerrainError, match="no cell with a known height"):
+        Dem(np.ma.masked_all((2, 2), np.float32), 5.0, 4.0, None, Path("made.tif"))
+    for cost in (HEIGHTS, HEIGHTS.astype(np.int16)):
+        write_raster(tmp_path / "cost.tif", np.ma.array(cost, mask=~known), dem)
+        back = read_dem(tmp_path / "cost.tif", cell_size_m=1).elevation
+        np.testing.assert_array_equal(back, np.where(known, cost, np.nan))
 
 
 # Writing

@@ -1,9 +1,11 @@
 import dataclasses
+import itertools
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -60,9 +62,46 @@ def test_a_run_may_begin_with_anothers_weights(samples, trained, tmp_path):
         run(samples, tmp_path / "other", narrow, begin_with=begin_with)
 
 
-def test_a_time_limit_ends_the_run(samples, tmp_path):
-    path = run(samples, tmp_path, epochs=10_000, time_limit_s=0.3)
-    assert 0.3 <= load_checkpoint(path).progress.spent_s < 20.0
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock for the training that a busy machine does not disturb: 0.1 s pass whenever it is looked at."""
+    ticks = itertools.count()
+    monkeypatch.setattr("nnpp_edge.training.train.time", SimpleNamespace(monotonic=lambda: next(ticks) / 10))
+
+
+def test_a_time_limit_ends_the_run(samples, tmp_path, clock):
+    progress = load_checkpoint(run(samples, tmp_path, epochs=10_000, time_limit_s=4.0)).progress
+    assert progress.step == progress.steps > 5
+    assert progress.spent_s == pytest.approx(4.0, rel=0.3)
+    assert load_checkpoint(run(samples, tmp_path, epochs=10_000, time_limit_s=4.0)).progress.step == progress.step
+
+
+@pytest.mark.parametrize("limit_s", [0.5, 4.0], ids=["within the warm-up", "after it"])
+def test_a_training_limited_by_time_is_repeated_by_its_number_of_steps(samples, tmp_path, clock, limit_s):
+    """Bit for bit, and whatever else the machine does: the clock only decides how many steps there are."""
+    limited = load_checkpoint(run(samples, tmp_path / "limited", epochs=10_000, time_limit_s=limit_s))
+    facts = limited.facts()
+    assert facts["steps"] == limited.progress.step and (facts["steps"] > 5) == (limit_s == 4.0)
+    again = load_checkpoint(run(samples, tmp_path / "again", epochs=10_000, steps=facts["steps"]))
+    assert again.progress.step == facts["steps"]
+    for name, weights in limited.average.items():
+        assert torch.equal(weights, again.average[name])
+    asked = {name: value for name, value in facts.items() if name != "seconds"}
+    assert asked == {name: value for name, value in again.facts().items() if name != "seconds"}
+
+
+def test_what_a_run_began_with_and_how_it_was_resumed_is_kept(samples, trained, tmp_path):
+    first = load_checkpoint(trained.folder / "checkpoint.pt")
+    path = run(samples, tmp_path, begin_with=trained.folder / "checkpoint.pt", steps=2)
+    facts = load_checkpoint(path).facts()
+    assert facts["begun_with"] == first.facts()
+    assert facts["begun_with"]["steps"] == first.progress.step
+    assert (facts["input_size"], facts["threads"], facts["torch"]) == (64, 1, torch.__version__)
+    assert "resumed_with_other_settings" not in facts
+    run(samples, tmp_path, steps=3)
+    facts = load_checkpoint(path).facts()
+    assert facts["resumed_with_other_settings"] is True
+    assert facts["begun_with"] == first.facts()
 
 
 def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):

@@ -3,6 +3,8 @@
 Each counter of `Counters` is a family named ``nnpp_edge_…``. The work of a tick is a histogram.
 """
 
+import errno
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,12 +15,14 @@ from typing import TYPE_CHECKING, get_type_hints
 from nnpp_edge import __version__
 from nnpp_edge.files import write_whole
 from nnpp_edge.robot.closing import Closing
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
+from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
 from nnpp_edge.runtime.loop.messages import Counters
+from nnpp_edge.runtime.loop.sinks import FailureLog
 
 if TYPE_CHECKING:
     from prometheus_client import Metric
 
+_LOG = logging.getLogger(__name__)
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 
@@ -42,6 +46,31 @@ def metrics_text(counters: Counters) -> str:
 def write_metrics(path: Path, counters: Counters) -> None:
     """Put the counters into a file, whole or not at all; OutputError if it cannot be written."""
     write_whole(Path(path), metrics_text(counters).encode())
+
+
+class MetricsFile:
+    """Keeps the counters in a file. A full disk is told once, and never ends the loop.
+
+    OutputError if the file cannot be written for another reason, at the beginning.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._failures = path, FailureLog("keeping the metrics")
+        try:
+            write_metrics(path, Counters())
+        except OutputError as error:
+            if getattr(error.__cause__, "errno", None) not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            self._failures.failed(error)
+
+    def keep(self, counters: Counters) -> None:
+        """Put these into the file, or leave it as it is."""
+        try:
+            write_metrics(self._path, counters)
+        except OutputError as error:
+            self._failures.failed(error)
+        else:
+            self._failures.worked()
 
 
 class MetricsServer(Closing):
@@ -89,11 +118,10 @@ class MetricsServer(Closing):
             owner = self
 
         try:
-            self._server = ThreadingHTTPServer((host, port), Handler)
+            self._server = _Server((host, port), Handler)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise InvalidQueryError(f"metrics cannot be served at {host}:{port} ({reason})") from error
-        self._server.daemon_threads = True
         self.host, self.port = host, int(self._server.server_address[1])
         """Where it listens."""
         self._thread = threading.Thread(
@@ -128,6 +156,15 @@ class MetricsServer(Closing):
         if silent_s > self._stale_s:
             return 503, CONTENT_TYPE, f"stalled: no tick for {silent_s:.1f} s, after {ticks}\n"
         return 200, CONTENT_TYPE, f"ok: {ticks} ticks\n"
+
+
+class _Server(ThreadingHTTPServer):
+    """A connection that breaks is closed in silence."""
+
+    daemon_threads = True
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        _LOG.debug("a request from %s broke off", client_address, exc_info=True)
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from nnpp_edge.robot.operations.metrics import MetricsServer, write_metrics
+from nnpp_edge.robot.operations.metrics import MetricsFile, MetricsServer
 from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring, kind_and_place
 from nnpp_edge.robot.transports.mcap_log import McapLog
@@ -17,17 +17,29 @@ from nnpp_edge.robot.transports.rerun_view import RerunSink
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault
 from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
+from nnpp_edge.runtime.errors import NnppEdgeError
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.realtime import signal_handlers
+from nnpp_edge.runtime.loop.realtime import Handler, signal_handlers
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.sinks import Sink
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.warmup import exercise
 
+_STARTING: dict[signal.Signals, Handler] = {
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGINT: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_IGN,
+}
+"""Until the loop runs there is nothing to finish, and nothing to reload: the system ends the process at once."""
+
 Record = Callable[[Input, float], None]
 """Called with an input and the seconds since the loop began."""
+
+
+class SourceError(NnppEdgeError, RuntimeError):
+    """Inputs can no longer be read."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +65,13 @@ def run(
 
     SIGTERM and SIGINT end it after the tick, as do so many `ticks`; SIGHUP reloads the model. For the main thread.
     The side of a cell is for logs; `report` is called with a line for each thing that is started.
+
+    Raises
+    ------
+    SourceError
+        Inputs could no longer be read.
     """
-    with ExitStack() as stack:
-        # until the loop runs, SIGTERM ends the process with exit code 0, and there is nothing to reload
-        stack.enter_context(
-            signal_handlers({signal.SIGTERM: lambda number, frame: sys.exit(0), signal.SIGHUP: signal.SIG_IGN})
-        )
+    with signal_handlers(_STARTING), ExitStack() as stack:
         notifier = stack.enter_context(Notifier())
         exercise()
         navigator = Navigator(world, settings)
@@ -70,13 +83,16 @@ def run(
         source = _input_source(wiring, navigator, link, answer_fault)
         observers, records = _observers(stack, wiring, world, cell_size_m, report)
         if records:
-            source = stack.enter_context(RecordedSource(source, records, navigator.count_error))
-        observers.append(_StatusSink("systemd", lambda status: notifier.status(status.text)))
+            source = stack.enter_context(RecordedSource(source, records, navigator.count_error, wait=wiring.fast))
+        metrics = None if wiring.metrics_file is None else MetricsFile(wiring.metrics_file)
+        observers += [_Statuses("systemd", lambda status: notifier.status(status.text))]
+        if metrics is not None:
+            observers += [_Statuses("metrics", lambda status: metrics.keep(status.counters))]
 
         def after_tick(message: PathMessage) -> None:
             notifier.alive()
-            if source.ended and not wiring.stay:
-                loop.stop()
+            if source.failure or (source.ended and not wiring.stay):
+                loop.finish()
 
         loop = Loop(
             navigator,
@@ -91,17 +107,19 @@ def run(
         if wiring.metrics_port is not None:
             server = stack.enter_context(MetricsServer(wiring.metrics_port, loop.counters))
             report(f"metrics: http://{server.host}:{server.port}/metrics")
-        with handling_signals(loop):
+        with handling_signals(loop), stack:
             notifier.ready()
             report(f"ready: {settings.method} at {pace.rate_hz:g} Hz, {world.shape[0]} × {world.shape[1]} cells")
             counters = loop.run(ticks)
             notifier.stopping()
-        if wiring.metrics_file is not None:
-            write_metrics(wiring.metrics_file, counters)
-        return counters
+            if metrics is not None:
+                metrics.keep(counters)
+    if source.failure:
+        raise SourceError(f"the input failed, and the loop has ended: {source.failure}")
+    return counters
 
 
-class _StatusSink:
+class _Statuses:
     """Passes status messages to a function."""
 
     def __init__(self, name: str, use: Callable[[StatusMessage], object]) -> None:
@@ -157,7 +175,4 @@ def _observers(
         view = stack.enter_context(RerunSink.at(wiring.view, world))
         sinks.append(view)
         records.append(lambda message, at_s: view.record(message))
-    if (file := wiring.metrics_file) is not None:
-        write_metrics(file, Counters())  # now: a file that cannot be written is an error before the first tick
-        sinks.append(_StatusSink("metrics", lambda status: write_metrics(file, status.counters)))
     return sinks, records

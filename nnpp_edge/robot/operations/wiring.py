@@ -48,10 +48,10 @@ class Wiring:
         if self.fast and kind != REPLAY:
             raise InvalidQueryError(f"only a replay can be fast, got input {self.input!r}")
         kinds = self.output_kinds
-        if not set(kinds) <= {STDOUT, ZENOH, NONE} or len(set(kinds)) < len(kinds):
-            raise InvalidQueryError(
-                f"outputs must be different ones of stdout, zenoh[:ENDPOINT] or none, got {', '.join(self.outputs)}"
-            )
+        if unknown := [output for output in self.outputs if kind_and_place(output)[0] not in (STDOUT, ZENOH, NONE)]:
+            raise InvalidQueryError(f"output must be stdout, zenoh[:ENDPOINT] or none, got {unknown[0]!r}")
+        if len(set(kinds)) < len(kinds):
+            raise InvalidQueryError(f"outputs must differ, got {', '.join(self.outputs)}")
         if NONE in kinds and len(kinds) > 1:
             raise InvalidQueryError(f"output none goes with no other, got {', '.join(self.outputs)}")
         if len(self._endpoints) > 1:

@@ -114,18 +114,21 @@ class McapLog(Closing):
         self.written = 0
         """Messages in the files."""
         self.lost = 0
-        """Messages that were not written because the log had stopped or too many were waiting."""
+        """Messages that were not written because the log had stopped."""
         try:
-            self._begin()
+            self._path.open("wb").close()
         except OSError as error:
             raise OutputError(f"{path}: could not be written ({error.strerror or error})") from error
+        with self._stopping_on_error():
+            self._begin()
 
     def record(self, message: Input) -> None:
-        """Keep an input until the next answer is written. Does not wait for the disk."""
-        if len(self._waiting) >= _MOST_WAITING:
-            self._waiting.popleft()
-            self.lost += 1
+        """Keep an input until the next answer is written. Waits for the disk only once 256 of them are kept."""
         self._waiting.append((time.time_ns(), message))
+        if len(self._waiting) > _MOST_WAITING:
+            with self._lock:
+                self._write_waiting()
+                self._tidy()
 
     def publish(self, message: Output) -> None:
         """Write the waiting inputs, and this answer. Never raises an OSError."""

@@ -8,6 +8,8 @@ import json
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal, Protocol
 
@@ -22,15 +24,19 @@ from nnpp_edge.robot.transports.wire import (
     PoseRecord,
     Record,
     as_input,
-    decoded,
+    decoded_input,
     encode,
 )
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
-from nnpp_edge.runtime.loop.messages import Input
-from nnpp_edge.runtime.loop.sinks import Worker
+from nnpp_edge.runtime.loop.ladder import one_line
+from nnpp_edge.runtime.loop.messages import Input, MapPatch
+from nnpp_edge.runtime.loop.sinks import FailureLog, Worker
 
 _LOG = logging.getLogger(__name__)
-_MOST_WAITING = 1024
+_MOST_WAITING = 4096
+_CELLS_AS_ONE = 4096
+"""A patch counts as one waiting input, and one more for each so many cells."""
+_LONGEST_LINE = LIMIT_BYTES + 64
 _Time = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
 
 
@@ -92,6 +98,8 @@ class ReplaySource:
         self._rest = read_recording(path, shape)
         self._next = next(self._rest, None)
         self._began: float | None = None
+        self.failure = ""
+        """Why the rest cannot be played; empty while all is well."""
 
     @property
     def ended(self) -> bool:
@@ -109,7 +117,10 @@ class ReplaySource:
     def _until(self, at_s: float) -> Iterator[Input]:
         while self._next is not None and self._next[0] <= at_s:
             message = self._next[1]
-            self._next = next(self._rest, None)
+            try:
+                self._next = next(self._rest, None)
+            except Exception as error:  # it is another file by now
+                self.failure, self._next = one_line(error), None
             yield message
 
 
@@ -118,7 +129,8 @@ def read_recording(path: Path, shape: tuple[int, int] | None = None) -> Iterator
     latest = 0.0
     try:
         with Path(path).open("rb") as file:
-            for number, line in enumerate(file, 1):
+            lines = iter(partial(file.readline, _LONGEST_LINE + 1), b"")
+            for number, line in enumerate(lines, 1):
                 if not line.strip():
                     continue
                 try:
@@ -126,7 +138,7 @@ def read_recording(path: Path, shape: tuple[int, int] | None = None) -> Iterator
                     if found is not None and found[0] < latest:
                         raise WireError(f"at: wanted times that do not go back, got {found[0]} after {latest}")
                 except WireError as error:
-                    if line.endswith(b"\n"):
+                    if line.endswith(b"\n") or len(line) > _LONGEST_LINE:
                         raise ReplayError(f"{path}: line {number}: {error}") from None
                     _LOG.warning("%s: line %d was cut off, and is left out", path, number)
                     return
@@ -139,7 +151,7 @@ def read_recording(path: Path, shape: tuple[int, int] | None = None) -> Iterator
 
 def _read_line(line: bytes, shape: tuple[int, int] | None) -> tuple[float, Input] | None:
     """Time and input of a line; None for the head."""
-    record = decoded(line, _LINE, "a pose, goal or patch with its time", LIMIT_BYTES + 64)
+    record = decoded_input(line, _LINE, "a pose, goal or patch with its time", _LONGEST_LINE)
     if isinstance(record, _Head):
         if shape is not None and record.map not in (None, shape):
             raise WireError(f"wanted a recording on a map of {list(shape)} cells, got one of {list(record.map)}")
@@ -161,17 +173,20 @@ class RecordingFile(Closing):
         """A line could not be written whole: none may follow it."""
         for number in range(2, 100_000):
             try:
-                self._file = self.path.open("xb", buffering=0)
+                self._file = self.path.open("wb" if self.path.is_char_device() else "xb", buffering=0)
                 break
             except FileExistsError:
                 self.path = path.with_name(f"{path.stem}-{number}{path.suffix}")
             except OSError as error:
                 raise OutputError(f"{path}: could not be written ({error.strerror})") from error
-        self._file.write(json.dumps({"v": VERSION, "type": "recording", "map": list(shape)}).encode() + b"\n")
+        with suppress(OSError):  # a full disk, of which `record` will tell
+            self._write(json.dumps({"v": VERSION, "type": "recording", "map": list(shape)}).encode() + b"\n")
 
     def record(self, message: Input, at_s: float) -> None:
-        """Write an input that came so many seconds after the begin; OSError where the disk is full."""
-        line = b'{"at":%.6f,' % at_s + encode(message)[1:] + b"\n"
+        """Write an input that came so many seconds after the begin; OSError once the disk has been full."""
+        self._write(b'{"at":%.6f,' % at_s + encode(message)[1:] + b"\n")
+
+    def _write(self, line: bytes) -> None:
         if self._full:
             raise OSError(f"{self.path} could not be written to before")
         self._full = True
@@ -188,6 +203,10 @@ class EndingSource(Protocol):
     """An `InputSource` that may come to its end."""
 
     @property
+    def failure(self) -> str:
+        """Why it can give no more inputs, in one line; empty while all is well."""
+
+    @property
     def ended(self) -> bool:
         """Whether all inputs were given and nothing more will come."""
 
@@ -198,15 +217,18 @@ class EndingSource(Protocol):
 class RecordedSource(Closing):
     """Passes on the inputs of another source, and records them in a thread of its own.
 
-    The loop never waits for a recorder: if more than a thousand inputs wait to be recorded, the next are left out
-    and counted.
+    If 4096 inputs or 16 million cells wait to be recorded, the next are left out and counted, unless `wait` has the
+    loop wait for its recorders.
 
     Parameters
     ----------
     recorders : sequence of callables
         Called with an input, and the seconds from the first call of `poll` to the one that gave the input.
     count_error : callable
-        Called with ``record`` for each input that a recorder failed on, or that was left out.
+        Called with ``record`` for each input that a recorder failed on, or that was left out. The first failure of a
+        recorder is logged.
+    wait : bool
+        Wait for the recorders rather than leave inputs out: for replays.
     """
 
     def __init__(
@@ -214,11 +236,19 @@ class RecordedSource(Closing):
         source: EndingSource,
         recorders: Sequence[Callable[[Input, float], None]],
         count_error: Callable[[str], None],
+        *,
+        wait: bool = False,
     ) -> None:
-        self._source, self._recorders, self._count_error = source, recorders, count_error
+        self._source, self._count_error = source, count_error
+        self._recorders = [(recorder, FailureLog("recording an input")) for recorder in recorders]
         self._began: float | None = None
-        self._worker = Worker("record", self._record, _MOST_WAITING)
+        self._worker = Worker("record", self._record, _MOST_WAITING, lambda: wait, _size)
         self._worker.start()
+
+    @property
+    def failure(self) -> str:
+        """Of the source."""
+        return self._source.failure
 
     @property
     def ended(self) -> bool:
@@ -240,9 +270,16 @@ class RecordedSource(Closing):
         self._worker.close(patience_s)
 
     def _record(self, timed: tuple[Input, float]) -> None:
-        for record in self._recorders:
+        for record, failures in self._recorders:
             try:
                 record(*timed)
             except Exception as error:
-                _LOG.warning("an input could not be recorded: %s", error)
+                failures.failed(error)
                 self._count_error("record")
+            else:
+                failures.worked()
+
+
+def _size(timed: tuple[Input, float]) -> int:
+    message = timed[0]
+    return 1 + message.shape[0] * message.shape[1] // _CELLS_AS_ONE if isinstance(message, MapPatch) else 1

@@ -3,7 +3,7 @@
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 from nnpp_edge.robot.transports.wire import Fault
 
@@ -23,10 +23,9 @@ class FaultQueue:
         """Send a fault with the next answer; does not wait."""
         self._faults.append(fault)
 
-    def waiting_faults(self) -> Iterator[Fault]:
-        """The waiting faults, oldest first, each taken out."""
-        while self._faults:
-            yield self._faults.popleft()
+    def waiting_faults(self) -> list[Fault]:
+        """The faults that wait now, oldest first, each taken out; any that come meanwhile wait on."""
+        return [self._faults.popleft() for _ in range(len(self._faults))]
 
 
 class Refusals:

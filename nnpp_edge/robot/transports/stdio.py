@@ -3,19 +3,19 @@
 import os
 import select
 import threading
-from collections.abc import Iterator
 
-from nnpp_edge.robot.transports.framing import LIMIT_BYTES, Framer, WireError, framed
+from nnpp_edge.robot.transports.framing import LIMIT_BYTES, Framer, framed
+from nnpp_edge.robot.transports.reading import MailboxSource
 from nnpp_edge.robot.transports.refusals import FaultQueue, Refusals
-from nnpp_edge.robot.transports.wire import decode, encode
+from nnpp_edge.robot.transports.wire import encode
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.mailbox import Mailbox
-from nnpp_edge.runtime.loop.messages import Input, Output
+from nnpp_edge.runtime.loop.messages import Output
 
 _CHUNK = 1 << 16
 
 
-class StdioSource:
+class StdioSource(MailboxSource):
     """Reads messages, framed as by a `Framer`, from a file descriptor in a thread of its own.
 
     If patches come faster than the loop reads them, reading pauses: the sender waits, and no patch is lost. Each
@@ -31,29 +31,18 @@ class StdioSource:
         limit: int = LIMIT_BYTES,
         mailbox: Mailbox | None = None,
     ) -> None:
-        self._refusals, self._descriptor, self._limit = refusals, descriptor, limit
-        self._framer = Framer(framing, limit)
-        self._mailbox = mailbox or Mailbox()
+        super().__init__(refusals, limit, mailbox)
+        self._descriptor, self._framer = descriptor, Framer(framing, limit)
         self._thread = threading.Thread(target=self._read, name="nnpp-edge stdin", daemon=True)
         self._thread.start()
 
-    def poll(self) -> Iterator[Input]:
-        """What has come since the last call."""
-        return self._mailbox.read()
-
-    @property
-    def ended(self) -> bool:
-        """The sender has closed the stream, and all of it was read."""
-        return self._mailbox.ended
-
     def _read(self) -> None:
-        try:
+        with self._reading():
             while chunk := self._chunk():
-                self._put(self._framer.feed(chunk))
-            self._put(self._framer.end())
-        except OSError as error:
-            self._refusals.add(WireError(f"standard input cannot be read ({error.strerror})"))
-        finally:
+                for message in self._framer.feed(chunk):
+                    self._take(message, "wait")
+            for message in self._framer.end():
+                self._take(message, "wait")
             self._mailbox.close()
 
     def _chunk(self) -> bytes:
@@ -62,15 +51,6 @@ class StdioSource:
                 return os.read(self._descriptor, _CHUNK)
             except BlockingIOError:  # the parent process made the descriptor non-blocking
                 select.select([self._descriptor], [], [])
-
-    def _put(self, messages: Iterator[bytes | WireError]) -> None:
-        for found in messages:
-            try:
-                if isinstance(found, WireError):
-                    raise found
-                self._mailbox.put(decode(found, self._limit), when_full="wait")
-            except WireError as error:
-                self._refusals.add(error)
 
 
 class StdioSink(FaultQueue):
@@ -87,12 +67,8 @@ class StdioSink(FaultQueue):
         """Write the waiting faults and the answer. OutputError, once, if the reader has gone."""
         if self._broken:
             return
-        for fault in self.waiting_faults():
-            self._write(encode(fault))
-        self._write(encode(message))
-
-    def _write(self, payload: bytes) -> None:
-        content = memoryview(framed(payload, self._framing))
+        messages = (*self.waiting_faults(), message)
+        content = memoryview(b"".join(framed(encode(each), self._framing) for each in messages))
         try:
             while content:
                 try:

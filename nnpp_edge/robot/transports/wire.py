@@ -4,6 +4,8 @@ An input is taken whole or refused: unknown words, wrong types and values out of
 """
 
 import math
+import re
+from binascii import a2b_base64
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeVar
 
@@ -11,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.robot.transports.framing import LIMIT_BYTES, WireError
+from nnpp_edge.robot.transports.framing import JSON_BYTES, LIMIT_BYTES, WireError
 from nnpp_edge.runtime.loop.messages import (
     Goal,
     Input,
@@ -27,6 +29,11 @@ T = TypeVar("T")
 
 VERSION = 1
 _EXCERPT = 60
+_PACKED = b'"float32"'
+_OPENING = re.compile(rb'\s*:\s*"')
+_LONGEST_OPENING = 64
+_BASE64_CHUNK = 1 << 16
+"""Characters decoded at once, a multiple of 4; other threads may run between."""
 
 _Place = Annotated[float, msgspec.Meta(ge=-(2**31), le=2**31)]
 _Stamp = Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)]
@@ -104,11 +111,12 @@ def decode(payload: bytes, limit: int = LIMIT_BYTES, kind: str | None = None) ->
     Raises
     ------
     WireError
-        It is too long, no JSON, of another version, has words that are unknown, or values out of range.
+        It is too long, or has more than `JSON_BYTES` besides base64; it is no JSON, of another version, has words
+        that are unknown, or values out of range.
     """
     if kind is None:
-        return as_input(decoded(payload, _ANY_INPUT, "a pose, goal or patch", limit))
-    return as_input(decoded(payload, _INPUTS[kind], f"a {kind}", limit))
+        return as_input(decoded_input(payload, _ANY_INPUT, "a pose, goal or patch", limit))
+    return as_input(decoded_input(payload, _INPUTS[kind], f"a {kind}", limit))
 
 
 def decode_output(payload: bytes, limit: int = LIMIT_BYTES) -> Output | Fault:
@@ -136,6 +144,29 @@ def decoded(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit
         return decoder.decode(payload)
     except (ValueError, RecursionError) as error:
         raise _refused(wanted, payload, error) from None
+
+
+def decoded_input(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int = LIMIT_BYTES) -> T:
+    """As `decoded`, for inputs: a large one does not hold up other threads.
+
+    A large patch's base64 is decoded part by part. WireError if more than `JSON_BYTES` are left without it.
+    """
+    if not JSON_BYTES < len(payload) <= limit:
+        return decoded(payload, decoder, wanted, limit)
+    begin = end = 0
+    at = payload.find(_PACKED, 0, JSON_BYTES) + len(_PACKED)
+    if at >= len(_PACKED) and (opening := _OPENING.match(payload, at, at + _LONGEST_OPENING)):
+        begin = opening.end()
+        end = max(payload.find(b'"', begin), begin)
+    rest = len(payload) - (end - begin)
+    if rest > JSON_BYTES:
+        words = f"wanted at most {JSON_BYTES} bytes besides a patch's base64 values (float32)"
+        raise WireError(f"{words}, got {rest}")
+    record = decoded(payload[:begin] + payload[end:], decoder, wanted, limit)
+    for name in ("elevation", "cost"):
+        if isinstance(packed := getattr(record, name, None), Packed):
+            packed.float32 = _from_base64(payload[begin:end])
+    return record
 
 
 def as_input(record: Record) -> Input:
@@ -167,6 +198,17 @@ def _plain(value: object) -> object:
 _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
 
 
+def _from_base64(text: bytes) -> bytes:
+    """The values that stand in a JSON string."""
+    if b"\\" in text:
+        text = text.replace(b"\\/", b"/")
+    parts = range(0, len(text), _BASE64_CHUNK)
+    try:
+        return b"".join([a2b_base64(text[at : at + _BASE64_CHUNK], strict_mode=True) for at in parts])
+    except ValueError as error:
+        raise WireError(f"wanted base64 values (float32), got what is none ({error})") from None
+
+
 def _as_cells(kind: type, cells: list[list[int]]) -> NDArray[np.int32]:
     return np.asarray(cells, np.int32).reshape(-1, 2)
 
@@ -181,7 +223,7 @@ def _values(name: str, given: list[list[float | None]] | Packed | None) -> NDArr
             raise InvalidMessageError(
                 f"a patch's {name} has {len(given.float32)} bytes for {rows} × {cols} cells of 4"
             )
-        return np.frombuffer(given.float32, "<f4").reshape(rows, cols).astype(np.float32)
+        return np.frombuffer(given.float32, "<f4").reshape(rows, cols)
     if len(lengths := {len(row) for row in given}) > 1:
         raise InvalidMessageError(f"the rows of a patch's {name} must be of one length, got {sorted(lengths)[:8]}")
     with np.errstate(over="ignore"):

@@ -5,16 +5,18 @@ Below the prefix, ``patch``, ``pose`` and ``goal`` are listened to; ``path``, ``
 
 import json
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from nnpp_edge.robot.closing import Closing
-from nnpp_edge.robot.transports.framing import LIMIT_BYTES, WireError
+from nnpp_edge.robot.transports.framing import LIMIT_BYTES
+from nnpp_edge.robot.transports.reading import MailboxSource
 from nnpp_edge.robot.transports.refusals import FaultQueue, Refusals
-from nnpp_edge.robot.transports.wire import decode, encode
+from nnpp_edge.robot.transports.wire import encode
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.loop.mailbox import Mailbox
-from nnpp_edge.runtime.loop.messages import Input, Output, PathMessage
+from nnpp_edge.runtime.loop.messages import Output, PathMessage
 
 if TYPE_CHECKING:
     import zenoh
@@ -23,6 +25,17 @@ LOOPBACK = "tcp/127.0.0.1:7447"
 PREFIX = "nnpp_edge"
 TOPICS = ("patch", "pose", "goal")
 _PATIENCE_S = 1.0
+_CONFIGURATION = {
+    "mode": "peer",
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    # connections that say nothing are closed soon, and keep nobody else out meanwhile
+    "transport/unicast/accept_timeout": 1000,
+    "transport/unicast/accept_pending": 500,
+    "transport/unicast/max_sessions": 100,
+    # what is longer is dropped by Zenoh: it would keep up to 1 GB for a message
+    "transport/link/rx/max_message_size": LIMIT_BYTES + (1 << 16),
+}
 
 
 class ZenohLink(Closing):
@@ -53,13 +66,7 @@ class ZenohLink(Closing):
         config = zenoh.Config()
         listen, other = ([], [connect]) if connect else ([endpoint], [])
         try:
-            for key, value in (
-                ("mode", "peer"),
-                ("listen/endpoints", listen),
-                ("connect/endpoints", other),
-                ("scouting/multicast/enabled", False),
-                ("scouting/gossip/enabled", False),
-            ):
+            for key, value in (_CONFIGURATION | {"listen/endpoints": listen, "connect/endpoints": other}).items():
                 config.insert_json5(key, json.dumps(value))
             self.session = zenoh.open(config)
         except zenoh.ZError as error:
@@ -74,13 +81,12 @@ class ZenohLink(Closing):
         thread.join(_PATIENCE_S)
 
 
-class ZenohSource:
+class ZenohSource(MailboxSource):
     """Inputs from Zenoh's topics. If patches come faster than the loop reads them, the oldest are dropped.
 
     `count_error` is called with ``input dropped`` for each; messages that are refused are added to `refusals`.
+    Zenoh's own thread decodes them, and receives no more meanwhile: they do not pile up, their senders wait.
     """
-
-    ended = False
 
     def __init__(
         self,
@@ -91,27 +97,19 @@ class ZenohSource:
         limit: int = LIMIT_BYTES,
         mailbox: Mailbox | None = None,
     ) -> None:
-        self._refusals, self._count_error, self._limit = refusals, count_error, limit
-        self._mailbox = mailbox or Mailbox()
+        super().__init__(refusals, limit, mailbox)
+        self._count_error = count_error
+        directly = partial(link.zenoh.handlers.Callback, indirect=False)
         self._subscribers = [
-            link.session.declare_subscriber(f"{link.prefix}/{topic}", self._listener(topic)) for topic in TOPICS
+            link.session.declare_subscriber(f"{link.prefix}/{topic}", directly(self._listener(topic)))
+            for topic in TOPICS
         ]
-
-    def poll(self) -> Iterator[Input]:
-        """What has come since the last call."""
-        return self._mailbox.read()
 
     def _listener(self, topic: str) -> Callable[["zenoh.Sample"], None]:
         def heard(sample: "zenoh.Sample") -> None:
-            try:
-                if len(sample.payload) > self._limit:  # before it is copied
-                    raise WireError(f"wanted a message of at most {self._limit} bytes, got {len(sample.payload)}")
-                message = decode(sample.payload.to_bytes(), self._limit, topic)
-            except WireError as error:
-                self._refusals.add(error)
-                return
-            for _ in range(self._mailbox.put(message, when_full="drop oldest")):
-                self._count_error("input dropped")
+            with self._reading():
+                for _ in range(self._take(sample.payload.to_bytes(), "drop oldest", topic)):
+                    self._count_error("input dropped")
 
         return heard
 

@@ -1,0 +1,110 @@
+"""Which files GDAL may open: rasters of known formats that hold their heights themselves.
+
+GDAL opens far more than elevation maps. Some formats name other files and addresses, which it would then read, and it
+looks for such files beside a raster, too, whatever the raster is. So the file's driver is one of `DRIVERS`, and what
+that driver would open besides is checked here before GDAL sees it.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+from nnpp_edge.runtime.errors import TerrainError
+
+DRIVERS = ("GTiff", "AAIGrid", "PDS", "SRTMHGT", "EHdr", "HFA")
+FORMATS = "GeoTIFF, ESRI ASCII grid, PDS3, SRTM .hgt, ESRI .bil, Erdas .img"
+NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none"}
+"""GDAL's options under which its file system knows no addresses."""
+
+_HEAD_BYTES = 1 << 20
+"""Of a file that are looked at; GDAL tells formats apart by less."""
+_PLAIN_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"\0\0\0\x0cjP  ", b"EHFA_HEADER_TAG")
+"""Of TIFF, BigTIFF, JPEG 2000 and Erdas files."""
+_XML_FORMATS = re.compile(rb"<(VRTDataset|GDAL\w*Dataset|GDAL_W\w+|WCS_GDAL|MRF_META)", re.IGNORECASE)
+"""GDAL looks for some of these anywhere in a file's head, whatever the file begins with."""
+_SIDECARS = (".msk", ".ovr", ".aux", ".rrd")
+"""Masks, overviews and statistics: GDAL opens those beside a raster with any driver there is."""
+_LABEL_END = re.compile(rb"^\s*END\s*$", re.MULTILINE)
+_LABEL_FILE = re.compile(rb'FILE_NAME\s*=\s*"([\w.-]+)"', re.IGNORECASE)
+_VRT_ELEMENTS = re.compile(
+    "VRTDataset|SRS|GeoTransform|Metadata|MDI|BlockXSize|BlockYSize|VRTRasterBand|Description|UnitType|Offset|Scale|"
+    "NoDataValue|HideNoDataValue|ColorInterp|SimpleSource|ComplexSource|SourceFilename|SourceBand|SourceProperties|"
+    "SrcRect|DstRect|NODATA|ScaleOffset|ScaleRatio|UseMaskBand|Histograms|HistItem|HistMin|HistMax|BucketCount|"
+    "IncludeOutOfRange|Approximate|HistCounts"
+)
+
+
+def openable(path: Path, allow_vrt: bool) -> tuple[Path, list[str]]:
+    """What GDAL is to open for an elevation map, and by which drivers.
+
+    For a PDS3 image with a detached label it is the label. TerrainError where GDAL would open what is no plain
+    raster: a VRT that is not allowed, or not made of GeoTIFFs beside it; a label or a sidecar that leads elsewhere.
+    """
+    endings = (".lbl", ".LBL") if path.suffix.lower() == ".img" else ()
+    # GDAL takes names in a file as they stand where the file's own has no folder: `/vsicurl/…`, say.
+    opened = next((label for end in endings if (label := path.with_suffix(end)).is_file()), path).absolute()
+    head = _head(opened)
+    if head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+        if not (allow_vrt and b"<VRTDataset" in head):
+            hint = "; --allow-vrt reads a VRT of GeoTIFFs in its own folder" if b"<VRTDataset" in head else ""
+            raise TerrainError(f"{path}: wanted {FORMATS}, got XML that names other files{hint}")
+        opened = opened.resolve()
+        for source in _vrt_sources(path, opened):
+            _check_plain(path, opened.with_name(source))
+        return opened, ["VRT"]
+    if b"PDS_VERSION_ID" in head:
+        _check_label(path, opened, head)
+    _check_sidecars(path, opened)
+    return opened, list(DRIVERS)
+
+
+def _vrt_sources(path: Path, vrt: Path) -> Iterator[str]:
+    """Names of a VRT's sources; TerrainError where it holds anything but bands made of files beside it."""
+    text = vrt.read_text("utf-8") if vrt.stat().st_size <= _HEAD_BYTES else "<!"
+    if "<!" in text:
+        raise TerrainError(f"{path}: wanted a VRT of at most 1 MiB without declarations and comments")
+    for element in ElementTree.fromstring(text).iter():
+        if not _VRT_ELEMENTS.fullmatch(element.tag) or "subClass" in element.attrib:
+            raise TerrainError(f"{path}: wanted a VRT of plain bands, got one with {' '.join(element.tag.split())!r}")
+        if element.tag == "SourceFilename":
+            name = element.text or ""
+            if element.get("relativeToVRT") != "1" or not re.fullmatch(r"[\w. -]+", name):
+                raise TerrainError(f"{path}: wanted sources in the VRT's own folder, got {name!r}")
+            yield name
+
+
+def _check_label(path: Path, opened: Path, head: bytes) -> None:
+    """TerrainError for a PDS3 label whose compressed image is not a plain raster beside it."""
+    end = _LABEL_END.search(head)
+    label = head[: end.start()] if end else b""
+    names = _LABEL_FILE.findall(label)
+    if end is None or len(names) != label.upper().count(b"FILE_NAME"):
+        raise TerrainError(f"{path}: wanted a PDS3 label of at most 1 MiB that names files in its own folder alone")
+    if b"COMPRESSED_FILE" in label.upper():
+        for name in names:
+            compressed = opened.with_name(name.decode())
+            if compressed.is_file():
+                _check_plain(path, compressed)
+
+
+def _check_plain(path: Path, other: Path) -> None:
+    """TerrainError, in the name of `path`, for another file that is no plain raster, or whose sidecar is none."""
+    head = _head(other)
+    if not head.startswith(_PLAIN_STARTS) or _XML_FORMATS.search(head):
+        raise TerrainError(f"{path}: wanted a plain raster in {other.name} beside it, got another kind of file")
+    if other.suffix.lower() not in _SIDECARS:
+        _check_sidecars(path, other)
+
+
+def _check_sidecars(path: Path, opened: Path) -> None:
+    """The files beside a raster that GDAL would open with it."""
+    start = f"{opened.stem.lower()}."
+    for other in opened.parent.iterdir():
+        if other.suffix.lower() in _SIDECARS and other.name.lower().startswith(start):
+            _check_plain(path, other)
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(_HEAD_BYTES)

@@ -1,0 +1,52 @@
+"""Standard streams that are closed or full."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+PROGRAM = f"{sys.executable} -m nnpp_edge.cli.main"
+FULL = "No space left on device"
+
+
+def shell(words, *, cwd=None):
+    return subprocess.run(
+        ["/bin/sh", "-c", f"{PROGRAM} {words}"], capture_output=True, text=True, cwd=cwd, timeout=120
+    )
+
+
+@pytest.mark.parametrize(
+    ("stdout", "words"), [(">&-", "Bad file descriptor"), (">/dev/full", FULL), ("<&- >&-", "Bad file descriptor")]
+)
+def test_what_cannot_be_printed_is_an_error_of_one_line(stdout, words):
+    ended = shell(f"--version {stdout}")
+    assert (ended.returncode, ended.out if hasattr(ended, "out") else "") == (2, "")
+    assert ended.stderr == f"error: standard output could not be written ({words})\n"
+
+
+@pytest.mark.parametrize("stderr", ["2>&-", "2>/dev/full"])
+def test_errors_keep_their_exit_code_where_nobody_can_read_them(stderr):
+    ended = shell(f"fly {stderr}")
+    assert (ended.returncode, ended.stdout, ended.stderr) == (2, "", "")
+
+
+def test_a_reader_who_leaves_ends_the_command_in_silence():
+    ended = shell("models --json | true")
+    assert ended.stderr == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stderr", ["2>&-", "2>/dev/full", "<&- 2>&-"])
+def test_planning_goes_on_without_stderr(tmp_path, stderr):
+    """Cells that are not square, so that there is a warning to lose."""
+    np.savez(tmp_path / "dem.npz", elevation_m=np.zeros((40, 50), np.float32), cell_size_m=1.0, cell_width_m=2.0)
+    ended = shell(f"plan dem.npz --start 2,2 --goal 30,40 --method astar -o out {stderr}", cwd=tmp_path)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout.startswith("OK") and len(list((tmp_path / "out").iterdir())) == 4
+
+
+def test_a_line_stays_a_line_whatever_a_name_holds(nnpp_edge, tmp_path):
+    ended = nnpp_edge("costmap", tmp_path / "two\nlines\x1b[31m.npz", "-o", tmp_path / "cost.npy")
+    ended.refused(r"two\nlines\x1b[31m.npz")
+    assert ended.err.count("\n") == 1

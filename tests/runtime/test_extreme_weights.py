@@ -1,0 +1,158 @@
+"""Weights of any size: exact, and about as much work as weights that are alike."""
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import DynamicPlanner, InvalidMessageError, MapPatch, Planner, World, traversability_cost
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from tests.oracles import dijkstra
+
+SIDE = 120
+ENDS = (3, 5), (SIDE - 6, SIDE - 9)
+RNG = np.random.default_rng(0)
+PLAIN = RNG.uniform(1.0, 3.0, (SIDE, SIDE)).astype(np.float32)
+ANYWHERE = RNG.choice(SIDE * SIDE, 5, replace=False)
+
+
+def with_cells(value):
+    cost = PLAIN.copy()
+    cost.flat[ANYWHERE] = value
+    return cost
+
+
+def with_wall(value):
+    cost = PLAIN.copy()
+    cost[50:60] *= value
+    return cost
+
+
+MAPS = {
+    **{f"five cells of {v:g}": with_cells(v) for v in (1e7, 1e9, 1e20, 1e30, 1e-4, 1e-9, 1e-30, 1.2e-38)},
+    **{f"a wall of {v:g}": with_wall(np.float32(v)) for v in (1e3, 1e5, 1e8, 1e20)},
+    **{f"all times {v:g}": PLAIN * np.float32(v) for v in (1.2e-38, 1e-32, 1e29)},
+    **{
+        f"from {10.0**a:g} to {10.0**b:g}": (10.0 ** RNG.uniform(a, b, (SIDE, SIDE))).astype(np.float32)
+        for a, b in ((-3, 3), (-12, 12), (-37.9, 30))
+    },
+}
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_the_optimum_is_found_without_expanding_cells_over_and_over(name):
+    cost = MAPS[name]
+    optimum = dijkstra(cost.astype(np.float64), ENDS[0], "length")[ENDS[1]]
+    planner = Planner(cost, step_cost="length")
+    for method in ("astar", "corridor"):
+        plan = planner.plan(*ENDS, method=method, epsilon=0.0)
+        assert plan.cost == pytest.approx(optimum, rel=1e-5, abs=0.0)
+        assert plan.lower_bound <= optimum * (1 + 1e-6)
+        assert plan.expansions < 8 * cost.size
+    dynamic = DynamicPlanner(cost, ENDS[1], "dstar", also=["corridor-dstar"], step_cost="length")
+    dynamic.move(ENDS[0])
+    assert dynamic.replan().cost == pytest.approx(optimum, rel=1e-5, abs=0.0)
+    plan = dynamic.replan(method="corridor-dstar")
+    assert plan.lower_bound <= optimum * (1 + 1e-6) <= plan.cost * (1 + 2e-5)
+
+
+@pytest.mark.parametrize("value", [1e9, 1e30, 1e-9, 1e-37])
+def test_a_patch_of_extreme_weights_leaves_nothing_behind_once_it_is_taken_back(value):
+    planner = Planner(PLAIN, step_cost="length")
+    before = {method: planner.plan(*ENDS, method=method) for method in ("astar", "corridor")}
+    planner.update(40, 40, np.full((2, 3), value))
+    planner.plan(*ENDS)
+    planner.update(40, 40, PLAIN[40:42, 40:43])
+    for method, plan in before.items():
+        now = planner.plan(*ENDS, method=method)
+        assert (now.cost, now.expansions, now.lower_bound) == (plan.cost, plan.expansions, plan.lower_bound)
+
+
+@pytest.mark.parametrize("weight", [0.0, 1e-39, 1.1e30, 3.4e38, -1.0])
+def test_weights_beyond_what_sums_can_tell_apart_are_refused(weight):
+    with pytest.raises(InvalidMapError, match=r"must be from 1\.18e-38 to 1e\+30, got one of"):
+        Planner(with_cells(weight), step_cost="length")
+    planner = Planner(PLAIN, step_cost="length")
+    before = planner.plan(*ENDS, method="astar").cost
+    with pytest.raises(InvalidMapError, match="got one of"):
+        planner.update(50, 50, np.full((2, 2), weight))
+    assert planner.plan(*ENDS, method="astar").cost == before
+    world = World(PLAIN, step_cost="length")
+    if weight >= 0.0:
+        assert not world.put(MapPatch(0, 0, cost=np.full((2, 2), weight)))
+
+
+@pytest.mark.parametrize("array", [np.full((2, 2), 1e39), np.full((2, 2), -1.7e308), [[1.0, 2.0], [1.0]], np.ones(3)])
+def test_what_no_map_can_hold_is_refused_in_a_line(array):
+    with pytest.raises(InvalidMapError) as caught:
+        Planner(array, step_cost="length")
+    with pytest.raises(InvalidMessageError):
+        MapPatch(0, 0, elevation=array)
+    assert "\n" not in str(caught.value)
+
+
+def masked(values):
+    """With one unknown cell, as rasterio's read(masked=True) gives it: a number that means nothing under the mask."""
+    mask = np.zeros(values.shape, np.bool_)
+    mask[2, 2] = True
+    data = values.copy()
+    data[2, 2] = 0
+    return np.ma.MaskedArray(data, mask, fill_value=0)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int16, np.uint8])
+def test_a_masked_cell_is_unknown_everywhere(dtype):
+    plain = np.ones((5, 5), dtype)
+    weights = masked(plain)
+    planner, free = Planner(weights, step_cost="length"), Planner(plain, step_cost="length")
+    assert planner.plan((2, 2), (0, 0)).status == "START_BLOCKED"
+    assert free.plan((2, 2), (0, 0)).ok
+    free.update(0, 0, weights)
+    assert free.plan((2, 2), (0, 0)).status == "START_BLOCKED"
+    dynamic = DynamicPlanner(plain, (4, 4), "dstar", step_cost="length")
+    dynamic.update(0, 0, weights)
+    assert not dynamic.is_passable((2, 2))
+    cost = traversability_cost(weights, 1.0)
+    assert np.argwhere(np.isinf(cost)).tolist() == [[2, 2]]
+    assert np.argwhere(np.isnan(MapPatch(0, 0, elevation=weights).elevation)).tolist() == [[2, 2]]
+    world = World.of_elevation(plain, 1.0)
+    assert world.put(MapPatch(0, 0, elevation=weights))
+    assert np.isinf(world.cost()[2, 2])
+
+
+def test_a_mask_hides_numbers_that_no_map_can_hold():
+    heights = np.zeros((4, 4))
+    heights[1, 1] = -1.7976931348623157e308
+    cost = traversability_cost(np.ma.masked_less(heights, -1e30), 1.0)
+    assert np.argwhere(np.isinf(cost)).tolist() == [[1, 1]]
+
+
+@pytest.mark.parametrize("cell", [(np.inf, 0), (np.nan, 0), (0.5, 1), (1, 2, 3), "ab", None, (1e400, 2)])
+def test_a_cell_is_two_whole_numbers_wherever_it_is_asked_for(cell):
+    planner = Planner(PLAIN, step_cost="length")
+    for call in (
+        lambda: planner.plan(cell, (1, 1)),
+        lambda: planner.plan((1, 1), cell),
+        lambda: planner.nearest((1, 1), [cell]),
+        lambda: DynamicPlanner(PLAIN, cell),
+        lambda: planner.prepare(goals=[cell]),
+    ):
+        with pytest.raises(InvalidQueryError, match=r"must be two whole numbers \(row, col\), got"):
+            call()
+
+
+def test_options_that_make_no_sense_are_refused():
+    planner = Planner(PLAIN, step_cost="length")
+    for call, words in (
+        (lambda: planner.update(1.7, 0, np.ones((2, 2))), "two whole numbers"),
+        (lambda: planner.nearest((1, 1), [(2, 2)], count=0), "count must be at least 1, got 0"),
+        (
+            lambda: planner.plan((1, 1), (2, 2), time_limit_s=float("nan")),
+            "time_limit_s must be a number of at least 0",
+        ),
+        (lambda: planner.plan((1, 1), (2, 2), time_limit_s=-1.0), "time_limit_s must be a number of at least 0"),
+        (lambda: planner.plan((1, 1), (2, 2), epsilon=float("nan")), "epsilon must be a number of at least 0"),
+        (lambda: Planner(PLAIN, omega=1e300), "omega must be from 0"),
+        (lambda: Planner(PLAIN, omega=float("nan")), "omega must be from 0"),
+    ):
+        with pytest.raises(InvalidQueryError, match=words):
+            call()
+    assert planner.plan((1, 1), (1, 1), method="astar").cost == 0.0

@@ -1,0 +1,204 @@
+"""One call at a time, and what a planner answers after a call that was broken off."""
+
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, NetworkModel, Planner, Status
+from nnpp_edge.runtime.errors import ConcurrentUseError
+from nnpp_edge.runtime.planners.standing_path import Footing
+from tests.oracles import dijkstra
+
+PACKAGE = str(Path(sys.modules["nnpp_edge"].__path__[0]).resolve().parent)
+SIDE = 24
+ENDS = (0, 0), (SIDE - 1, SIDE - 1)
+
+
+class BrokenOff:
+    """Raises a KeyboardInterrupt at the n-th line of ours that is run."""
+
+    def __init__(self, line):
+        self.left = line
+
+    def _trace(self, frame, event, _):
+        if not frame.f_code.co_filename.startswith(PACKAGE) or "/tests/" in frame.f_code.co_filename:
+            return None
+        if event == "line":
+            self.left -= 1
+            if self.left == 0:
+                sys.settrace(None)
+                raise KeyboardInterrupt
+        return self._trace
+
+    def __enter__(self):
+        self._before = sys.gettrace()
+        sys.settrace(self._trace)
+        return self
+
+    def __exit__(self, *_):
+        sys.settrace(self._before)
+
+
+def broken_off(call, line):
+    """Call, and break off at that line; whether it came so far."""
+    try:
+        with BrokenOff(line):
+            call()
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+def walled(rng):
+    """A map of weights with a wall, and a patch that opens it cheaply."""
+    cost = rng.uniform(1.0, 4.0, (SIDE, SIDE))
+    cost[SIDE // 2, :-1] = np.inf
+    return cost, (SIDE // 2, 3, np.full((1, 2), 0.1))
+
+
+def patched(cost, row, col, patch):
+    cost = cost.copy()
+    cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
+    return cost
+
+
+def expected(cost):
+    return dijkstra(cost, ENDS[0], "length")[ENDS[1]]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def kernels():
+    """Compiled beforehand: to break off a compiler is another matter."""
+    cost, patch = walled(np.random.default_rng(0))
+    Planner(cost, step_cost="length").prepare(landmarks=4)
+    for method in DynamicMethod:
+        planner = DynamicPlanner(cost, ENDS[1], method, also=["corridor"], step_cost="length")
+        for start in (ENDS[0], (1, 0)):
+            planner.move(start)
+            planner.replan()
+            planner.replan(method="corridor")
+            planner.update(*patch)
+            planner.standing()
+    Planner(patched(cost, *patch), step_cost="length").plan(*ENDS, method="corridor", epsilon=0.0)
+
+
+LINES = [*range(1, 40), *range(40, 400, 7)]
+
+
+@pytest.mark.parametrize("method", [DynamicMethod.DSTAR, DynamicMethod.ASTAR])
+def test_an_exact_planner_is_exact_after_any_call_that_was_broken_off(method):
+    rng, came = np.random.default_rng(3), 0
+    for line in LINES:
+        cost, patch = walled(rng)
+        planner = DynamicPlanner(cost, ENDS[1], method, step_cost="length")
+        planner.move(ENDS[0])
+        assert planner.replan().cost == pytest.approx(expected(cost), rel=1e-5)
+        opened = patched(cost, *patch)
+        came += broken_off(lambda planner=planner, patch=patch: planner.update(*patch), line)
+        now = planner.replan().cost  # the patch is in the map whole, or not at all
+        assert min(abs(now - expected(each)) for each in (cost, opened)) <= 1e-5 * now
+        planner.update(*patch)
+        came += broken_off(planner.replan, line)
+        assert planner.replan().cost == pytest.approx(expected(opened), rel=1e-5)
+        came += broken_off(lambda planner=planner: planner.set_goal((0, SIDE - 1)), line)
+        planner.set_goal(ENDS[1])
+        assert planner.replan().cost == pytest.approx(expected(opened), rel=1e-5)
+    assert came > 2 * len(LINES) / 3
+
+
+@pytest.mark.parametrize("method", ["corridor", "corridor-dstar", "nnpp-dstar", "auto"])
+def test_every_planner_finds_a_path_on_the_newest_map_after_a_call_that_was_broken_off(method):
+    rng, model = np.random.default_rng(4), NetworkModel("edge")
+    for line in LINES[::4]:
+        cost, patch = walled(rng)
+        planner = DynamicPlanner(cost, ENDS[1], method, step_cost="length", model=model)
+        planner.move(ENDS[0])
+        planner.replan()
+        broken_off(lambda planner=planner, patch=patch: planner.update(*patch), line)
+        planner.update(*patch)
+        broken_off(planner.replan, 3 * line)
+        plan = planner.replan()
+        assert plan.ok
+        assert np.isfinite(patched(cost, *patch)[tuple(plan.path.T)]).all()
+        assert plan.lower_bound <= expected(patched(cost, *patch)) * (1 + 1e-6) <= plan.cost * (1 + 2e-6)
+
+
+def test_a_planner_with_landmarks_is_exact_after_a_call_that_was_broken_off():
+    rng, came = np.random.default_rng(5), 0
+    for line in LINES[::3]:
+        cost, patch = walled(rng)
+        planner = Planner(cost, step_cost="length")
+        planner.prepare(landmarks=3)
+        came += broken_off(lambda planner=planner, patch=patch: planner.update(*patch), line)
+        planner.update(*patch)
+        came += broken_off(lambda planner=planner: planner.prepare(landmarks=4), line)
+        for method in ("astar", "corridor"):
+            plan = planner.plan(*ENDS, method=method, epsilon=0.0)
+            assert plan.cost == pytest.approx(expected(patched(cost, *patch)), rel=1e-5)
+    assert came
+
+
+def test_the_standing_path_outlives_a_call_that_was_broken_off():
+    cost, patch = walled(np.random.default_rng(6))
+    planner = DynamicPlanner(patched(cost, *patch), ENDS[1], "dstar", step_cost="length")
+    planner.move(ENDS[0])
+    before = planner.replan()
+    assert broken_off(planner.replan, 20)
+    standing = planner.standing()
+    assert standing.valid
+    assert standing.cost == pytest.approx(before.cost)
+    assert 0.0 < standing.lower_bound <= before.cost
+    for line in range(1, 60):
+        planner.set_goal(ENDS[1])
+        planner.replan()
+        if not broken_off(lambda: planner.set_goal((0, SIDE - 1)), line):
+            break
+        assert planner.standing().footing is (Footing.VALID if planner.goal == ENDS[1] else Footing.NONE)
+    assert line > 10
+
+
+@pytest.mark.parametrize("kind", ["Planner", "DynamicPlanner"])
+def test_a_second_thread_is_refused_while_the_first_is_at_work(kind):
+    cost, inside, leave, found = np.full((30, 40), 0.3), threading.Event(), threading.Event(), []
+
+    class Slow:
+        """Cells that take as long to read as the test wants."""
+
+        def __array__(self, dtype=None, copy=None):
+            inside.set()
+            leave.wait(10.0)
+            return np.full((2, 2), 0.4)
+
+    planner = Planner(cost) if kind == "Planner" else DynamicPlanner(cost, (29, 39), "dstar")
+    other = threading.Thread(target=lambda: found.append(planner.update(0, 0, Slow())))
+    other.start()
+    try:
+        assert inside.wait(10.0)
+        with pytest.raises(ConcurrentUseError, match="one call at a time"):
+            planner.update(5, 5, np.ones((2, 2)))
+        if kind == "DynamicPlanner":
+            planner.move((0, 0))
+            with pytest.raises(ConcurrentUseError):
+                planner.replan()
+        else:
+            with pytest.raises(ConcurrentUseError):
+                planner.plan((0, 0), (29, 39))
+    finally:
+        leave.set()
+        other.join()
+    assert found == [4]
+    assert planner.update(0, 0, np.full((2, 2), 0.3)) == 4
+
+
+def test_refused_calls_cost_nothing_that_was_kept():
+    planner = Planner(np.full((30, 40), 0.3))
+    planner.prepare(landmarks=4)
+    for wrong in ({"epsilon": float("nan")}, {"time_limit_s": float("nan")}, {"method": "best"}):
+        with pytest.raises(ValueError, match="got"):
+            planner.plan((0, 0), (29, 39), **wrong)
+    few = planner.plan((0, 0), (29, 39), method="astar").expansions
+    assert planner.plan((0, 0), (29, 39), method="astar").status is Status.OK
+    assert few == planner.plan((0, 0), (29, 39), method="astar").expansions

@@ -1,0 +1,179 @@
+"""Maps in NumPy files and PNGs that are damaged, or promise too much."""
+
+import io
+import struct
+import sys
+import zipfile
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime.errors import NnppEdgeError, TerrainError
+from nnpp_edge.terrain.array_files import read_cost_map
+from nnpp_edge.terrain.dem import read_dem
+
+COST = np.random.default_rng(0).uniform(0, 0.9, (40, 30)).astype(np.float32)
+PNG = np.random.default_rng(0).integers(0, 65535, (40, 30)).astype(np.uint16)
+
+
+@pytest.fixture
+def good(tmp_path):
+    """A sound file of each kind."""
+    np.savez_compressed(tmp_path / "packed.npz", cost=COST, cell_size_m=2.0, cell_width_m=2.0)
+    np.savez(tmp_path / "plain.npz", cost=COST, cell_size_m=2.0)
+    np.savez(tmp_path / "heights.npz", elevation_m=COST, cell_size_m=2.0)
+    np.save(tmp_path / "heights.npy", COST)
+    cv2.imwrite(str(tmp_path / "heights.png"), PNG)
+    return tmp_path
+
+
+def header(shape, kind="<f4"):
+    """The header of a `.npy` that promises an array."""
+    content = io.BytesIO()
+    promised = {"descr": kind, "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(content, promised)
+    return content.getvalue()
+
+
+def archive(path, **members):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
+        for name, content in members.items():
+            packed.writestr(f"{name}.npy", content)
+    return path
+
+
+def read(path):
+    found = read_cost_map(path)
+    return read_dem(path, cell_size_m=1.0, vertical_scale=1.0) if found is None else found
+
+
+def test_a_cost_map_is_read_with_its_cell_size(good):
+    for name in ("packed.npz", "plain.npz"):
+        cost, size = read_cost_map(good / name)
+        np.testing.assert_array_equal(cost, COST)
+        assert size == 2.0
+    np.savez(good / "no_size.npz", cost=COST.astype(np.float64))
+    cost, size = read_cost_map(good / "no_size.npz")
+    assert (cost.dtype, size) == (np.float32, 1.0)
+    assert read_cost_map(good / "heights.npz") is None and read_cost_map(good / "none.npz") is None
+
+
+@pytest.mark.parametrize("name", ["packed.npz", "plain.npz", "heights.npz", "heights.npy", "heights.png"])
+@pytest.mark.filterwarnings("error")
+def test_however_a_file_is_damaged_it_is_read_or_refused_in_one_line(good, capfd, name):
+    """Cut short, bytes changed, pieces replaced; libpng is not heard of."""
+    content, rng = (good / name).read_bytes(), np.random.default_rng(1)
+    path, refused = good / f"damaged{name[-4:]}", 0
+    for case in range(150):
+        damaged = bytearray(content)
+        at = int(rng.integers(len(damaged)))
+        if case % 3 == 0:
+            del damaged[at:]
+        elif case % 3 == 1:
+            damaged[at] ^= int(rng.integers(1, 256))
+        else:
+            damaged[at : at + int(rng.integers(40))] = rng.bytes(int(rng.integers(40)))
+        path.write_bytes(damaged)
+        try:
+            read(path)
+        except NnppEdgeError as error:
+            assert "\n" not in str(error)
+            refused += 1
+    assert refused > 50
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("field", "words"),
+    [
+        ("flag_bits", "encrypted"),
+        ("compress_type", "compression"),
+    ],
+)
+def test_archives_that_zip_cannot_open_are_refused(tmp_path, field, words):
+    archive(tmp_path / "map.npz", cost=header((2, 2)) + bytes(16))
+    damaged = bytearray((tmp_path / "map.npz").read_bytes())
+    central = damaged.index(b"PK\x01\x02")
+    for start, shift in ((0, 0), (central, 2)):
+        if field == "flag_bits":
+            damaged[start + 6 + shift] |= 1
+        else:
+            damaged[start + 8 + shift] = 99
+    (tmp_path / "map.npz").write_bytes(damaged)
+    with pytest.raises(TerrainError, match=words):
+        read_cost_map(tmp_path / "map.npz")
+
+
+@pytest.mark.parametrize("size", [np.nan, -1.0, 0.0, np.inf, [1.0, 2.0], "two", None, True, 1j])
+def test_a_cell_size_that_is_no_length_is_refused(tmp_path, size):
+    np.savez(tmp_path / "cost.npz", cost=COST, cell_size_m=size)
+    with pytest.raises(TerrainError, match="cell_size_m must be one number above 0"):
+        read_cost_map(tmp_path / "cost.npz")
+
+
+@pytest.mark.parametrize(
+    "cost", [COST[0], COST[None], np.array("costs"), np.array([[{}]]), np.empty((0, 5)), COST + 1j]
+)
+def test_costs_that_are_no_map_are_refused(tmp_path, cost):
+    np.savez(tmp_path / "cost.npz", cost=cost)
+    with pytest.raises(TerrainError, match=r"wanted an \(H, W\) array of costs"):
+        read_cost_map(tmp_path / "cost.npz")
+
+
+@pytest.mark.filterwarnings("error")
+def test_costs_beyond_float32_are_impassable(tmp_path):
+    np.savez(tmp_path / "cost.npz", cost=np.array([[1e300, 0.5]]))
+    np.testing.assert_array_equal(read_cost_map(tmp_path / "cost.npz")[0], [[np.inf, 0.5]])
+
+
+@pytest.mark.parametrize("sides", [(20_000, 2_000_000), (2**62, 1), (-5, 3), (10**30, 10**30)])
+def test_a_map_larger_than_memory_is_refused_by_its_header(tmp_path, sides):
+    beginning = header(sides) + bytes(4096)
+    archive(tmp_path / "cost.npz", cost=beginning)
+    archive(tmp_path / "dem.npz", elevation_m=beginning)
+    archive(tmp_path / "other.npz", anything=beginning)
+    (tmp_path / "dem.npy").write_bytes(beginning)
+    chunk = b"IHDR" + struct.pack(">IIBBBBB", 2_000_000, 2_000_000, 16, 0, 0, 0, 0)
+    png = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    (tmp_path / "dem.png").write_bytes(png + bytes(100))
+    for name in ("cost.npz", "dem.npz", "other.npz", "dem.npy", "dem.png"):
+        with pytest.raises(TerrainError) as caught:
+            read(tmp_path / name)
+        assert "\n" not in str(caught.value)
+
+
+def test_arrays_that_are_not_wanted_are_not_unpacked(tmp_path):
+    """Where no array has a name of ours, the headers alone tell which has two dimensions."""
+    bomb = header((10**9, 1, 1), "<f8") + bytes(1000)
+    path = archive(tmp_path / "dem.npz", bomb=bomb, heights=header((2, 2)) + bytes(16))
+    assert read_dem(path, cell_size_m=1.0).elevation.shape == (2, 2)
+
+
+def test_nothing_advises_to_unpickle(tmp_path):
+    for content in (b"x", b"", b"\x80\x04K\x01."):
+        (tmp_path / "dem.npy").write_bytes(content)
+        with pytest.raises(TerrainError) as caught:
+            read_dem(tmp_path / "dem.npy", cell_size_m=1.0)
+        assert "pickle" not in str(caught.value)
+
+
+def test_costs_are_not_taken_for_heights(good):
+    with pytest.raises(TerrainError, match="wanted heights, got costs"):
+        read_dem(good / "plain.npz")
+
+
+@pytest.mark.parametrize("lines", [b"", b"\x09" + bytes(60), b"\x00" + bytes(59)])
+def test_a_png_whose_checksums_are_right_and_whose_lines_are_not_is_refused_silently(tmp_path, capfd, lines):
+    def chunk(kind, body):
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    head = struct.pack(">IIBBBBB", 30, 40, 16, 0, 0, 0, 0)
+    body = zlib.compress(lines * 40)
+    content = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
+    (tmp_path / "dem.png").write_bytes(content)
+    with pytest.raises(TerrainError, match="not a whole PNG"):
+        read_dem(tmp_path / "dem.png", cell_size_m=1.0, vertical_scale=1.0)
+    sys.stderr.flush()
+    assert capfd.readouterr() == ("", "")

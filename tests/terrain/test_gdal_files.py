@@ -1,0 +1,220 @@
+"""Terrain files that lead elsewhere, or to more memory than there is: refused before GDAL follows them."""
+
+import socket
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+import rasterio.shutil
+from rasterio import Affine
+
+from nnpp_edge.runtime.errors import TerrainError
+from nnpp_edge.terrain.dem import read_dem
+
+HEIGHTS = np.random.default_rng(4).uniform(1, 90, (6, 9)).astype(np.float32)
+PLACE = {"transform": Affine(5, 0, 4e5, 0, -5, 5e6), "crs": "EPSG:32615"}
+
+
+def raster(path: Path, heights: np.ndarray = HEIGHTS, driver: str = "GTiff", **profile) -> Path:
+    rows, cols = heights.shape
+    shape = {"height": rows, "width": cols, "count": 1, "dtype": heights.dtype}
+    with rasterio.open(path, "w", driver=driver, **shape, **PLACE, **profile) as dataset:
+        dataset.write(heights, 1)
+    return path
+
+
+def vrt(source: str, relative: int = 1, band: str = "", inside: str = "") -> str:
+    """A VRT of `HEIGHTS`' size whose band comes from a source; more attributes and elements of the band."""
+    return f"""<VRTDataset rasterXSize="9" rasterYSize="6"><GeoTransform>0, 2, 0, 0, 0, -2</GeoTransform>
+        <VRTRasterBand dataType="Float32" band="1"{band}>{inside}<SimpleSource>
+        <SourceFilename relativeToVRT="{relative}">{source}</SourceFilename><SourceBand>1</SourceBand>
+        </SimpleSource></VRTRasterBand></VRTDataset>"""
+
+
+def refusal(path: Path, **options) -> str:
+    with pytest.raises(TerrainError) as caught:
+        read_dem(path, cell_size_m=1, **options)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.fixture
+def site():
+    """The address of a server on this machine, and the requests that it has had."""
+    requests: list[bytes] = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            while True:
+                try:
+                    connection, _ = server.accept()
+                except OSError:
+                    return
+                with connection:
+                    requests.append(connection.recv(4096))
+
+        threading.Thread(target=serve, daemon=True).start()
+        yield f"http://127.0.0.1:{server.getsockname()[1]}", requests
+        server.shutdown(socket.SHUT_RDWR)
+
+
+def wms(address: str) -> str:
+    window = "".join(f"<{name}>{n}</{name}>" for name, n in {"UpperLeftX": 0, "UpperLeftY": 6, "SizeX": 9}.items())
+    window += "<LowerRightX>9</LowerRightX><LowerRightY>0</LowerRightY><SizeY>6</SizeY><TileLevel>0</TileLevel>"
+    service = f'<Service name="TMS"><ServerUrl>{address}/${{z}}/${{x}}.png</ServerUrl></Service>'
+    return f"<GDAL_WMS>{service}<DataWindow>{window}</DataWindow><BandsCount>1</BandsCount></GDAL_WMS>"
+
+
+@pytest.mark.parametrize("name", ["dem.tif", "dem.vrt", "dem.asc", "dem"])
+@pytest.mark.parametrize("allow_vrt", [False, True])
+def test_no_file_makes_a_request(tmp_path, site, name, allow_vrt):
+    address, requests = site
+    path = tmp_path / name
+    masked = '<Metadata><MDI key="INTERNAL_MASK_FLAGS_1">2</MDI></Metadata>'
+    for content in (vrt(f"/vsicurl/{address}/dem.tif", 0), wms(address), f'<?xml version="1.0"?>{wms(address)}'):
+        path.write_text(content)
+        assert "XML that names other files" in refusal(path) if not allow_vrt else refusal(path, allow_vrt=True)
+    for end in (".tif.msk", ".tif.ovr", ".aux"):
+        beside = raster(tmp_path / "own.tif").with_name(f"own{end}")
+        beside.write_text(vrt(f"/vsicurl/{address}/mask.tif", 0).replace("<VRTRaster", f"{masked}<VRTRaster", 1))
+        assert f"wanted a plain raster in {beside.name} beside it" in refusal(tmp_path / "own.tif")
+        beside.unlink()
+    assert requests == []
+
+
+def test_a_vrt_of_files_in_its_own_folder_is_read_if_that_is_allowed(tmp_path):
+    raster(tmp_path / "part 1.tif")
+    (tmp_path / "whole.vrt").write_text(vrt("part 1.tif"))
+    assert "--allow-vrt reads a VRT of GeoTIFFs in its own folder" in refusal(tmp_path / "whole.vrt")
+    np.testing.assert_array_equal(read_dem(tmp_path / "whole.vrt", allow_vrt=True).elevation, HEIGHTS)
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "link.vrt").symlink_to(tmp_path / "whole.vrt")
+    assert read_dem(tmp_path / "elsewhere" / "link.vrt", allow_vrt=True).cell_size_m == 2
+
+
+def test_a_vrt_may_be_given_to_the_commands(nnpp_edge, tmp_path):
+    raster(tmp_path / "part.tif")
+    (tmp_path / "whole.vrt").write_text(vrt("part.tif"))
+    words = ("costmap", tmp_path / "whole.vrt", "-o", tmp_path / "cost.npy")
+    nnpp_edge(*words).refused("--allow-vrt")
+    assert nnpp_edge(*words, "--allow-vrt").code == 0
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        vrt("../dem.tif"),
+        vrt("{folder}/dem.tif", 0),
+        vrt("dem.tif", 0),
+        vrt("inner.vrt"),
+        vrt("text.tif"),
+        vrt("none.tif"),
+        vrt(".."),
+        vrt("dem.tif", band=' subClass="VRTDerivedRasterBand"'),
+        vrt("dem.tif", inside="<PixelFunctionType>sum</PixelFunctionType>"),
+        '<!DOCTYPE x [<!ENTITY y "dem.tif">]>' + vrt("&y;"),
+        vrt("dem.tif") + " " * (1 << 20),
+        vrt("dem.tif")[:-9],
+        "<VRTDataset>" * 5000,
+        "<VRTDataset/>",
+    ],
+)
+def test_a_vrt_that_leads_elsewhere_or_computes_is_refused(tmp_path, content):
+    folder = tmp_path / "inner"
+    folder.mkdir()
+    for place in (tmp_path, folder):
+        raster(place / "dem.tif")
+    (folder / "inner.vrt").write_text(vrt("dem.tif"))
+    (folder / "text.tif").write_text("II*\0<VRTDataset ")
+    (folder / "outer.vrt").write_text(content.replace("{folder}", str(tmp_path)))
+    refusal(folder / "outer.vrt", allow_vrt=True)
+
+
+LABEL = """PDS_VERSION_ID = PDS3\r\nRECORD_TYPE = FIXED_LENGTH\r\nRECORD_BYTES = 36\r\n^IMAGE = ("{file}", 1)\r
+OBJECT = IMAGE\r\nLINES = 6\r\nLINE_SAMPLES = 9\r\nSAMPLE_TYPE = PC_REAL\r\nSAMPLE_BITS = 32\r
+END_OBJECT = IMAGE\r\nEND\r\n"""
+COMPRESSED = """PDS_VERSION_ID = PDS3\r\nOBJECT = COMPRESSED_FILE\r\nFILE_NAME = "{file}"\r\nENCODING_TYPE = "ZIP"\r
+END_OBJECT\r\nOBJECT = UNCOMPRESSED_FILE\r\nOBJECT = IMAGE\r\nLINES = 6\r\nLINE_SAMPLES = 9\r\nSAMPLE_TYPE = PC_REAL\r
+SAMPLE_BITS = 32\r\nEND_OBJECT = IMAGE\r\nEND_OBJECT = UNCOMPRESSED_FILE\r\nEND\r\n"""
+
+
+@pytest.mark.parametrize("file", ["../secret.img", "{folder}/secret.img"])
+def test_a_label_that_leads_elsewhere_is_refused(tmp_path, file):
+    (tmp_path / "inner").mkdir()
+    for place in (tmp_path / "secret.img", tmp_path / "inner" / "own.img"):
+        HEIGHTS.tofile(place)
+    label = tmp_path / "inner" / "dem.lbl"
+    label.write_text(LABEL.format(file="own.img"), newline="")
+    np.testing.assert_array_equal(read_dem(label, cell_size_m=1).elevation, HEIGHTS)
+    label.write_text(LABEL.format(file=file.format(folder=tmp_path)), newline="")
+    refusal(label)
+
+
+def test_a_compressed_image_is_a_plain_raster_beside_its_label(tmp_path, site):
+    address, requests = site
+    label = tmp_path / "dem.lbl"
+    (tmp_path / "dem.jp2").write_text(vrt(f"/vsicurl/{address}/dem.tif", 0))
+    (tmp_path / "inner").mkdir()
+    raster(tmp_path / "inner" / "dem.tif")
+    for file in ("dem.jp2", "inner/dem.tif"):
+        label.write_text(COMPRESSED.format(file=file), newline="")
+        refusal(label)
+    label.write_text(COMPRESSED.format(file="dem.jp2").replace("FILE_NAME =", "FILE_NAME /* */ ="), newline="")
+    assert "names files in its own folder alone" in refusal(label)
+    raster(tmp_path / "dem.tif")
+    label.write_text(COMPRESSED.format(file="dem.tif"), newline="")
+    np.testing.assert_array_equal(read_dem(label, cell_size_m=1).elevation, HEIGHTS)
+    assert requests == []
+
+
+@pytest.mark.parametrize(("name", "driver"), [("dem.bil", "EHdr"), ("dem.img", "HFA"), ("dem.asc", "AAIGrid")])
+def test_the_formats_of_the_list_are_read_and_not_when_cut_short(tmp_path, name, driver):
+    path = tmp_path / name
+    if driver == "AAIGrid":
+        rasterio.shutil.copy(raster(tmp_path / "source.tif"), path, driver=driver)
+    else:
+        raster(path, driver=driver)
+    dem = read_dem(path)
+    np.testing.assert_allclose(dem.elevation, HEIGHTS, rtol=1e-6)
+    assert dem.cell_size_m == 5
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    refusal(path)
+
+
+def test_an_srtm_tile_is_read(tmp_path):
+    levels = np.arange(1201 * 1201, dtype=">i2").reshape(1201, 1201) % 900
+    (tmp_path / "N10E020.hgt").write_bytes(levels.astype(">i2").tobytes())
+    np.testing.assert_array_equal(read_dem(tmp_path / "N10E020.hgt").elevation, levels)
+
+
+def test_a_message_that_nobody_can_read_is_not_printed(tmp_path, capfd):
+    """GDAL quotes the file's own bytes."""
+    path = raster(tmp_path / "dem.img", driver="HFA")
+    path.write_bytes(path.read_bytes().replace(b"{1:lversion", b"{1:\x81version"))
+    hooks = sys.excepthook, sys.unraisablehook
+    refusal(path)
+    assert capfd.readouterr() == ("", "")
+    assert (sys.excepthook, sys.unraisablehook) == hooks
+
+
+def test_another_format_is_refused_by_name(tmp_path):
+    raster(tmp_path / "dem.dat", driver="ENVI")
+    assert "wanted GeoTIFF, ESRI ASCII grid" in refusal(tmp_path / "dem.dat")
+
+
+def test_memory_that_is_not_there_is_noticed_in_the_header(tmp_path, monkeypatch):
+    """The file has 1 MB; its heights would have 4 TB, and a block 64 MiB."""
+    side = 1 << 20
+    path = tmp_path / "bomb.tif"
+    tiles = {"tiled": True, "blockxsize": 1 << 12, "blockysize": 1 << 12}
+    shape = {"height": side, "width": side, "count": 1, "dtype": "float32", "SPARSE_OK": True, "BIGTIFF": "YES"}
+    with rasterio.open(path, "w", driver="GTiff", **shape, **tiles, **PLACE):
+        pass
+    assert path.stat().st_size < 4e6
+    assert "GB of memory for 1048576 × 1048576 float32 heights" in refusal(path)
+    monkeypatch.setattr("nnpp_edge.terrain.heights.available_bytes", lambda: 60e6)
+    assert "for 16 × 16 float32 heights, got 0.1 GB" in refusal(path, window=(0, 0, 16, 16))
+    assert read_dem(raster(tmp_path / "small.tif", np.ones((1000, 1000), np.float32))).elevation.size == 10**6
