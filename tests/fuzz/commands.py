@@ -310,7 +310,8 @@ def _problem_of_files(
     refused = ended.code == 2 or (ended.code == 1 and err.rstrip().rpartition("\n")[2].startswith("error: "))
     streamed = _streamed(command) if name in LOGGING_COMMANDS else []
     left = [place for place in added if not place.startswith(("home/", *streamed))]
-    if refused and left and not ended.interrupted and name not in RESUMED_COMMANDS:
+    could_tell = command.streams[1] == "pipe"  # else what is written is whole, and only its name could not be printed
+    if refused and left and could_tell and not ended.interrupted and name not in RESUMED_COMMANDS:
         return Problem(f"partial output: {name}", f"{left}\n{told}")
     return None
 
