@@ -27,7 +27,7 @@ def add_craters(
     out = heights.copy()
     y, x = np.mgrid[:size, :size].astype(np.float32)
     for _ in range(count):
-        radius = float(np.exp(rng.uniform(np.log(3.0), np.log(size / 5))))
+        radius = float(np.exp(rng.uniform(np.log(3.0), np.log(max(size / 5, 3.0)))))
         cy, cx = rng.uniform(0, size, 2)
         depth = rng.uniform(0.08, 0.22) * 2.0 * radius * cell_size_m  # fresh craters are a fifth as deep as wide
         rim = 0.2 * depth

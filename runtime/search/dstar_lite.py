@@ -135,6 +135,7 @@ class DStarLite:
     def set_goal(self, goal: Cell) -> None:
         """Another goal: the search starts afresh."""
         self._goal = self._start = self._node(goal, "goal")
+        self._read_changes()  # a cell may have become too cheap for the prices, which a restart keeps
         self._restart()
 
     def move_start(self, start: Cell) -> None:

@@ -298,7 +298,7 @@ def _problem_of_files(
 ) -> Problem | None:
     """Inputs stay what they are; a refusal leaves nothing; devices stay devices; nothing temporary stays."""
     for place, content in before.items():
-        replaced_rightly = ended.code != 2 and place.startswith(("old/", "in/trained/", "in/set16/"))
+        replaced_rightly = ended.code != 2 and place.startswith(("old/", "in/trained/", "in/set32/"))
         if after.get(place) != content and not replaced_rightly:
             what = "device replaced" if content.startswith("device") else "input changed"
             if place.startswith("old/"):
@@ -328,7 +328,8 @@ def _streamed(command: Command) -> list[str]:
 def _problem_of_json(command: Command, ended: Ended, out: str, told: str) -> Problem | None:
     """What is printed for programs is JSON, without NaN."""
     flag = "--json" in command.words and command.words[0] not in ("profile", "train")
-    if not flag or command.streams[1] != "pipe" or ended.interrupted or not out.strip():
+    helps = {"-h", "--help", "--version"} & set(command.words)
+    if not flag or helps or command.streams[1] != "pipe" or ended.interrupted or not out.strip():
         return None
     try:
         found = json.loads(out, parse_constant=lambda word: _no_constant(word))

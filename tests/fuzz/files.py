@@ -25,7 +25,7 @@ _OF_DEM = (
     ("evaluate", "--terrain", "{f}", "--sizes", "16", "--queries", "1", "--methods", "astar", "--repeats", "1"),
 )
 _OF_DEM_SELDOM = (
-    ("dataset", "{f}", "-o", "out/set", "--maps", "1", "--size", "16", "--workers", "1", "--points", "2"),
+    ("dataset", "{f}", "-o", "out/set", "--maps", "1", "--size", "32", "--workers", "1", "--points", "2"),
     ("profile", "--profile", "in/profile.toml", "--terrain", "{f}", "--sizes", "16"),
 )
 MAP = ("run", "--map", "in/dem.npz", "--method", "corridor")
@@ -289,7 +289,7 @@ def _report(rng: random.Random, samples: Path) -> Command:
 
 
 def _data_set(rng: random.Random, samples: Path) -> Command:
-    size = rng.choice(("set16", "set"))
+    size = rng.choice(("set32", "set"))
     shard = next((samples / size).glob("shard-*.npz")).name
     name = rng.choice(("dataset.json", "dataset.json", shard))
     content = (samples / size / name).read_bytes()
@@ -302,7 +302,7 @@ def _data_set(rng: random.Random, samples: Path) -> Command:
         changes = (
             lambda a: a[:0],
             lambda a: a[:1],
-            lambda a: a.astype(np.float64),
+            lambda a: a.astype(np.float64) if a.dtype.kind in "iuf" else a[::-1],
             lambda a: a.ravel(),
             lambda a: a[None],
         )

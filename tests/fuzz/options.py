@@ -25,7 +25,7 @@ BASES: dict[str, list[Values]] = {
         {"dem": ["in/dem.tif"], "start_xy": ["1005,1995"], "goals_xy": ["1050,1960"], "output": ["out/plan"]},
         {"dem": ["in/dem.npz"], "start": ["2,2"], "goals": ["20,28"], "method": ["nnpp"], "model": ["in/tiny.onnx"]},
     ],
-    "dataset": [{"output": ["out/set"], "maps": ["1"], "size": ["16"], "points_per_map": ["2"], "workers": ["1"]}],
+    "dataset": [{"output": ["out/set"], "maps": ["1"], "size": ["32"], "points_per_map": ["2"], "workers": ["1"]}],
     "train": [
         {"dataset": ["in/set"], "validation": ["in/set"], "output": ["out/run"], "steps": ["1"], "batch": ["2"]}
         | {"input_size": ["64"], "validate_every": ["0"]}
@@ -76,7 +76,7 @@ _INPUTS += (
     "in/dem.img",
     "in/sparse.tif",
     "in/bomb.npz",
-    "in/set16",
+    "in/set32",
 )
 _ODD_INPUTS = ("", ".", "/", "in", "missing", "odd/loop", "odd/" + "x" * 300, "y/" * 2500, "in/dem.npz/x", "odd/null")
 _ODD_INPUTS += ("odd/zero", "odd/locked/dem.npz", "odd/link", "~", "in/\x01", "in/\udcff.npz", "/proc/self/mem")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-ROWS, COLS = 68, 72  # enough for a data set
+ROWS, COLS = 132, 140  # enough for a data set
 START, GOAL = (2, 2), (20, 28)
 CELL_M = 2.0
 DEMS = ("dem.npy", "dem.npz", "dem.tif", "dem.asc", "dem.png", "N10E010.hgt", "dem.img")
@@ -112,7 +112,7 @@ def make_heavy(folder: Path, run: "object") -> list[str]:
     train = ["train", folder / "set", "--validation", folder / "set", "-o", folder / "trained", "--steps", 1]
     train += ["--input-size", 64, "--batch", 2, "--validate-every", 0]
     export = ["export", folder / "trained" / "checkpoint.pt", "-o", folder / "edge64.onnx"]
-    small = ["dataset", "-o", folder / "set16", "--maps", 2, "--size", 16, "--points", 2, "--workers", 1]
+    small = ["dataset", "-o", folder / "set32", "--maps", 2, "--size", 32, "--points", 2, "--workers", 1]
     report = ["profile", "--profile", folder / "profile.toml", "--json", folder / "report.json"]
     return [words[0] for words in (data, train, export, small, report) if not run(*words)]
 

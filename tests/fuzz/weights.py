@@ -17,6 +17,8 @@ NAME = "weights"
 EXACT, TOO_MUCH = 3e-5, 30
 """Share by which an exact path may cost more than Dijkstra's: g is kept in float32, and a path has hundreds of steps.
 And expansions a cell that no search of a small map needs."""
+FAR_APART = 1e9
+"""Factor between weights from which on landmarks, which are kept in float32, make a search expand cells again."""
 METHODS = ("astar", "corridor", "nnpp", "auto")
 
 
@@ -118,8 +120,11 @@ def _costs(rng: random.Random, numbers: np.random.Generator, rows: int, cols: in
 def check(case: Case, folder: Path | None = None, planner_type: type = Planner) -> Problem | None:
     """Plan, and compare with Dijkstra in float64."""
     seen = seen_by_planner(case.cost, case.step_cost)
-    weights = seen[np.isfinite(seen)] if case.step_cost == "length" else np.empty(0)
-    out_of_range = bool(((weights < LEAST_WEIGHT) | (weights > np.float32(MOST_WEIGHT))).any())
+    given = np.ma.filled(np.ma.asarray(case.cost, np.float64), np.inf)  # some are beyond what a float32 holds
+    given = given[np.isfinite(given)]
+    lengths = case.step_cost == "length"
+    most = np.float64(np.float32(MOST_WEIGHT)) if lengths else np.finfo(np.float32).max
+    out_of_range = bool((given > most).any() or (lengths and (given < LEAST_WEIGHT).any()))
     try:
         planner = planner_type(
             case.cost,
@@ -148,8 +153,15 @@ def check(case: Case, folder: Path | None = None, planner_type: type = Planner) 
         omega=case.omega,
         exact=case.method == "astar" or case.epsilon == 0.0,
         epsilon=case.epsilon,
+        most_expansions=100 * TOO_MUCH if case.landmarks and apart(seen) > FAR_APART else TOO_MUCH,
         told=repr(case),
     )
+
+
+def apart(seen: np.ndarray) -> float:
+    """The greatest weight over the least above 0."""
+    weights = seen[np.isfinite(seen) & (seen > 0.0)]
+    return float(weights.max() / weights.min()) if weights.size else 1.0
 
 
 def seen_by_planner(cost: np.ndarray, step_cost: str) -> np.ndarray:
@@ -171,6 +183,7 @@ def problem_with_plan(
     omega: float = 0.011,
     exact: bool,
     epsilon: float = math.inf,
+    most_expansions: float = TOO_MUCH,
     told: str = "",
 ) -> Problem | None:
     """What is wrong with an answer on a map whose costs are `seen`."""
@@ -201,7 +214,7 @@ def problem_with_plan(
         return Problem(f"its lower bound is above the optimum: {name}", facts)
     if math.isfinite(epsilon) and cost > (1.0 + epsilon) * optimum * (1.0 + EXACT):
         return Problem(f"more than 1 + epsilon times the optimum: {name}", facts)
-    if found.expansions > TOO_MUCH * seen.size + 1000:
+    if found.expansions > most_expansions * seen.size + 1000:
         return Problem(f"{found.expansions / seen.size:.0f} expansions a cell: {name}", facts)
     return None
 

@@ -422,6 +422,24 @@ def test_another_goal():
     world.plan((2, 2))
 
 
+@pytest.mark.parametrize("step_cost", ["paper", "length"])
+@pytest.mark.parametrize("goal_first", [True, False])
+def test_another_goal_while_cells_became_cheaper_than_any_before(step_cost, goal_first):
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        world = Changing(np.full((12, 15), 0.9), (11, 14), step_cost)
+        world.plan((0, 0))
+        cheaper = rng.uniform(0.001, 0.01, (12, 15))
+        world.goal = (int(rng.integers(12)), int(rng.integers(15)))
+        if goal_first:
+            world.search.set_goal(world.goal)
+            world.put(0, 0, cheaper)
+        else:
+            world.put(0, 0, cheaper)
+            world.search.set_goal(world.goal)
+        world.plan((0, 0), slowly=True)
+
+
 def test_a_passed_deadline_is_reported_and_the_search_goes_on_from_there():
     world = Changing(np.random.default_rng(0).random((300, 300)), (299, 299))
     found = world.search.plan((0, 0), deadline=time.monotonic())
