@@ -126,7 +126,7 @@ def prepare(folder: Path, *, heavy: bool) -> Path:
 def _load(heavy: bool) -> None:
     """Import what the commands import when they need it."""
     import cv2
-    import matplotlib
+    import matplotlib.font_manager
     import onnx
     import onnxruntime
     import PIL.Image
