@@ -118,7 +118,7 @@ def prepare(folder: Path, *, heavy: bool) -> Path:
     from nnpp_edge.runtime.warmup import exercise
 
     exercise()
-    if threads() > 2:  # onnxruntime has one that sleeps
+    if threads() > 4:  # onnxruntime has a few that sleep
         print(f"warning: {threads()} threads in the process that forks", file=sys.stderr)
     return samples
 
