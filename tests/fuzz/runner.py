@@ -118,7 +118,7 @@ def prepare(folder: Path, *, heavy: bool) -> Path:
     from nnpp_edge.runtime.warmup import exercise
 
     exercise()
-    if threads() > 2:  # onnxruntime has one that sleeps
+    if threads() > 4:  # onnxruntime has a few that sleep
         print(f"warning: {threads()} threads in the process that forks", file=sys.stderr)
     return samples
 
@@ -126,7 +126,7 @@ def prepare(folder: Path, *, heavy: bool) -> Path:
 def _load(heavy: bool) -> None:
     """Import what the commands import when they need it."""
     import cv2
-    import matplotlib
+    import matplotlib.font_manager
     import onnx
     import onnxruntime
     import PIL.Image

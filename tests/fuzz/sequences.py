@@ -18,7 +18,7 @@ from nnpp_edge.runtime import DynamicPlanner, Planner
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from tests.fuzz.commands import Problem
-from tests.fuzz.weights import METHODS, problem_with_plan, seen_by_planner, small_model
+from tests.fuzz.weights import FAR_APART, METHODS, TOO_MUCH, apart, problem_with_plan, seen_by_planner, small_model
 
 NAME = "sequences"
 _CHECKED_AFTER = {"RESUME", "JUMP_BACKWARD", "CALL", "CALL_FUNCTION_EX", "CALL_KW"}
@@ -193,10 +193,9 @@ class Driver:
         planner.move(self.start)
         return planner
 
-    def weights_far_apart(self) -> bool:
-        """Whether D* Lite may refuse the map."""
-        known = self.cost[np.isfinite(self.cost) & (self.cost > 0.0)]
-        return self.case.step_cost == "length" and bool(known.size) and known.max() / known.min() > MOST_APART
+    def weights_apart(self) -> float:
+        """The greatest factor between weights of any map that there may be."""
+        return max(apart(seen_by_planner(cost, self.case.step_cost)) for cost in (self.cost, *self.maps))
 
     def do(self, step: Step) -> Problem | None:
         """One step; what is wrong with its answer."""
@@ -276,11 +275,15 @@ class Driver:
                 corner_cutting=self.case.corner_cutting,
                 exact=method in ("astar", "dstar") or epsilon == 0.0,
                 epsilon=epsilon if limit == math.inf else math.inf,
+                most_expansions=100 * TOO_MUCH if self.weights_apart() > FAR_APART else TOO_MUCH,
                 told=f"by {method}, {self.start} to {self.goal}; interrupted at {self.interrupted}",
             )
             for cost in (self.cost, *self.maps)
         ]
-        return problems[0] if all(problems) else None
+        if not all(problems):
+            return None
+        kinds = dict.fromkeys(problem.kind for problem in problems if problem)  # on each map that there may be
+        return Problem(" or ".join(kinds), "\n\n".join(problem.detail for problem in problems if problem))
 
     def _odd(self, cell: tuple[int, int]) -> Problem | None:
         """What makes no sense is refused by an error of the toolkit, and changes nothing."""
@@ -328,7 +331,9 @@ def check(case: Case, folder: Path | None = None) -> Problem | None:
         try:
             problem = driver.do(step)
         except NnppEdgeError as error:
-            if not driver.interrupted and not (isinstance(error, InvalidMapError) and driver.weights_far_apart()):
+            if not driver.interrupted and not (
+                isinstance(error, InvalidMapError) and driver.weights_apart() > MOST_APART
+            ):
                 return Problem(
                     f"refused: {type(error).__name__}", f"{error} at {step}\n{traceback.format_exc()}\n{case!r}"
                 )
