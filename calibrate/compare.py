@@ -1,6 +1,5 @@
 """An int8 model against the fp32 model that it was made from: speed, agreement, and what a search makes of it."""
 
-import tempfile
 import time
 from collections import Counter
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 
 from nnpp_edge.calibrate.calibration_set import feed, probabilities
+from nnpp_edge.files import temporary_folder
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.kernels.threshold import quantise
 from nnpp_edge.runtime.network.encoding import Frame
@@ -107,10 +107,10 @@ def judge_both(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: i
 
 def operators_left(path: Path) -> Counter[str]:
     """Kinds of nodes after onnxruntime's optimisation on this machine, and how many of each."""
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         options = ort.SessionOptions()
         options.log_severity_level = 4
-        options.optimized_model_filepath = str(Path(folder) / "optimised.onnx")
+        options.optimized_model_filepath = str(folder / "optimised.onnx")
         ort.InferenceSession(str(path), options, ["CPUExecutionProvider"])
         graph = onnx.load(options.optimized_model_filepath).graph
     return Counter(node.op_type for node in graph.node)

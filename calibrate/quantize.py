@@ -1,6 +1,5 @@
 """An int8 model from an fp32 one, and whether it pays on this machine."""
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,7 +22,7 @@ from nnpp_edge.calibrate.compare import (
 )
 from nnpp_edge.calibrate.quantizer import METHODS, Quantizer, with_facts
 from nnpp_edge.calibrate.sensitivity import exclude_worst, node_errors
-from nnpp_edge.files import write_whole
+from nnpp_edge.files import temporary_folder, write_whole
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.terrain.dataset import Samples, read_recipe, read_samples
@@ -148,8 +147,8 @@ def quantize(
     if output.resolve() == fp32.path.resolve():
         raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
     calibration, held_out = _queries(dataset, validation, samples, seed, fp32.metadata.input_size)
-    with tempfile.TemporaryDirectory() as folder:
-        quantizer = Quantizer(fp32, Path(folder))
+    with temporary_folder() as folder:
+        quantizer = Quantizer(fp32, folder)
         quantizer.calibrate(calibration, method)
         few = spread(calibration, _FEW, seed)
         ranking = node_errors(quantizer, few, reduce_range=reduce_range) if rank else {}

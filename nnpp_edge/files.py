@@ -5,10 +5,12 @@ import os
 import secrets
 import stat
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
-from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
 from nnpp_edge.runtime.reading import reason
 
 Content = bytes | memoryview
@@ -106,6 +108,18 @@ def make_folder(path: Path) -> None:
         probe.unlink()
     except (OSError, ValueError) as error:
         raise OutputError(f"{path}: wanted a folder to write to ({reason(error)})") from error
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A folder that is gone afterwards; OutputError where there is room for none, or for what is put into it."""
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            yield Path(folder)
+    except NnppEdgeError:
+        raise
+    except OSError as error:
+        raise OutputError(f"temporary files could not be written, set TMPDIR ({reason(error)})") from error
 
 
 def _stands(path: Path) -> os.stat_result | None:

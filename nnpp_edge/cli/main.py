@@ -93,6 +93,8 @@ def main() -> None:
         _refuse(f"{_plain(error.format_message())}; see {command} --help")
     except (NnppEdgeError, click.ClickException) as error:
         _refuse(str(error))
+    except MemoryError as error:
+        _refuse(f"not enough memory ({error})" if str(error) else "not enough memory")
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         if (extra := next((extra for extra, names in _EXTRAS.items() if package in names), None)) is None:

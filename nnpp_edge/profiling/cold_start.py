@@ -7,9 +7,10 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 
 import numpy as np
+
+from nnpp_edge.files import temporary_folder
 
 METHODS = ("astar", "corridor", "nnpp")
 
@@ -29,9 +30,9 @@ def cold_start(method: str, repeats: int = 3) -> tuple[float, float]:
 
     The empty cache is met once, the full one `repeats` times, of which the median counts.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        cold = _first_plan(method, folder)
-        warm = float(np.median([_first_plan(method, folder) for _ in range(repeats)]))
+    with temporary_folder() as folder:
+        cold = _first_plan(method, str(folder))
+        warm = float(np.median([_first_plan(method, str(folder)) for _ in range(repeats)]))
     return round(cold, 3), round(warm, 3)
 
 

@@ -2,11 +2,10 @@
 
 import subprocess
 import sys
-import tempfile
-from pathlib import Path
 
 import numpy as np
 
+from nnpp_edge.files import temporary_folder
 from nnpp_edge.profiling.profile_maps import ProfileQuery
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import NnppEdgeError
@@ -33,8 +32,8 @@ def peak_memory_mb(cost: Float2D, query: ProfileQuery, method: str, model: str) 
     NnppEdgeError
         The process failed; the message is the last line that it wrote.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "cost.npy"
+    with temporary_folder() as folder:
+        path = folder / "cost.npy"
         np.save(path, cost)
         words = [str(path), method, str(model), *map(str, (*query.start, *query.goal))]
         command = [sys.executable, "-c", _PLAN_ONCE, *words]
