@@ -217,7 +217,7 @@ class DStarLite:
                 if len(path := self._trace()):
                     return Search(Status.OK, path, expansions)
             else:
-                raise InvalidMapError("weights must not lie more than a factor of about 1e15 apart")
+                raise InvalidMapError(f"no step may cost more than {MOST_RATIO:g} times the cheapest")
         return Search.without_path(Status.NO_PATH, expansions)
 
     def _node(self, cell: Cell, name: str) -> int:

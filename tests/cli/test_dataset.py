@@ -88,9 +88,9 @@ def test_a_size_that_no_network_has_is_refused(nnpp_edge, dem, tmp_path, size):
         (("--held-out",), "--validation-share"),
         (("--own-cell-size", "--rescale", 2), "--own-cell-size"),
         (("--workload", "limit20", "--hard-slope", 20), "leave out --hard-slope"),
-        (("--hard-step", -1), "hard_step_m must be greater than 0"),
-        (("--omega", "nan"), "must be above 0"),
-        (("--seed", -1), "above 0"),
+        (("--hard-step", -1), "-1.0 is not in the range 0.0<x"),
+        (("--omega", "nan"), "wanted a finite number, got nan"),
+        (("--seed", -1), "-1 is not in the range 0<=x"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(nnpp_edge, dem, tmp_path, words, said):
