@@ -23,7 +23,7 @@ class Case:
 
 @st.composite
 def cases(draw, most_side: int = 24, any_size: bool = True):
-    """Maps of every shape, 1×1 and 1×N among them: smooth, ragged, all alike, with weights up to 1e6 or of any size."""
+    """Maps of every shape, 1×1 and 1×N among them: smooth, ragged, alike, with weights up to 1e6 or of any size."""
     rows, cols = draw(st.integers(1, most_side)), draw(st.integers(1, most_side))
     step_cost = draw(st.sampled_from(["paper", "length"]))
     kind = draw(st.sampled_from(["uniform", "equal", "levels", "steep", *["any"] * any_size]))
