@@ -352,6 +352,6 @@ def _checkpoint(rng: random.Random, samples: Path) -> Command:
 def _is_json(line: bytes) -> bool:
     try:
         json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return False
     return True

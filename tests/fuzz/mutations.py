@@ -106,9 +106,13 @@ def _cut_out(rng: random.Random, content: bytes) -> bytes:
     return content[:one] + content[other:]
 
 
+_MOST_REPEATED = 1 << 24
+
+
 def _repeat(rng: random.Random, content: bytes) -> bytes:
     one, other = sorted(rng.randrange(len(content) + 1) for _ in range(2))
-    return content[:other] + content[one:other] * rng.choice((1, 2, 50)) + content[other:]
+    times = min(rng.choice((1, 2, 50)), _MOST_REPEATED // (other - one + 1) + 1)
+    return content[:other] + content[one:other] * times + content[other:]
 
 
 def _other_number(rng: random.Random, content: bytes) -> bytes:
