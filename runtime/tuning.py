@@ -42,6 +42,9 @@ ROWS_PER_BAND = 64
 BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS = 1.0 / 4.0, 1.0 / 256.0
 """Cheapest steps to a bucket of the open list. By landmarks, nearly optimal cells have nearly the same f: a wide
 bucket, which is not in order within, would expand many of them again and again."""
+MOST_RATIO_FOR_LANDMARKS = 1e6
+"""Of the dearest step to the cheapest: float32 then rounds off a few cheap steps of a cost. With 1e15
+cells were expanded hundreds of times."""
 EXPANSIONS_BETWEEN_CHECKS = 100_000
 """Expansions of A* between two looks at the clock: about 6 ms."""
 DSTAR_EXPANSIONS_BETWEEN_CHECKS = 4096

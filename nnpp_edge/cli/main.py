@@ -12,6 +12,7 @@ from nnpp_edge import __version__
 from nnpp_edge.cli.streams import prepare_streams
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.reading import reason
 
 COMMANDS = {
     "costmap": "Traversability cost of an elevation map.",
@@ -93,6 +94,8 @@ def main() -> None:
         _refuse(f"{_plain(error.format_message())}; see {command} --help")
     except (NnppEdgeError, click.ClickException) as error:
         _refuse(str(error))
+    except OSError as error:
+        _refuse(f"{error.filename or 'a file'}: could not be read or written ({reason(error)})")
     except MemoryError as error:
         _refuse(f"not enough memory ({error})" if str(error) else "not enough memory")
     except ModuleNotFoundError as error:

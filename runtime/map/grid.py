@@ -74,6 +74,11 @@ class Grid:
         self.prices = straight, min(self.model.step(1, 2.0 * least), 2.0 * straight)
         """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the cheapest."""
 
+    @property
+    def step_ratio(self) -> float:
+        """What the dearest step costs, in times of the cheapest."""
+        return self.model.step(0, 2.0 * self.greatest) / self.prices[0]
+
     def measure_bounds(self) -> None:
         """Set the bounds to what the weights are."""
         greatest = self.weights.max(where=self.weights < np.inf, initial=0.0)

@@ -19,7 +19,7 @@ from nnpp_edge.runtime.search.astar import Search, astar
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.search.landmarks import MOST_LANDMARKS, Landmarks
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import DSTAR_SLOWER, EXPANDED_TWICE, MOST_JOINED
+from nnpp_edge.runtime.tuning import DSTAR_SLOWER, EXPANDED_TWICE, MOST_JOINED, MOST_RATIO_FOR_LANDMARKS
 
 
 class Searcher(Protocol):
@@ -57,10 +57,10 @@ class AStarSearcher:
 
     @property
     def landmarks(self) -> Landmarks | None:
-        """What `prepare` computed; None before, and after a cell has become cheaper."""
+        """What `prepare` computed; None before, after a cell has become cheaper, and where weights lie far apart."""
         if self._changes is not None and any(change.cheaper for change in self._changes.read()):
             self._landmarks = self._changes = None
-        return self._landmarks
+        return self._landmarks if self.grid.step_ratio <= MOST_RATIO_FOR_LANDMARKS else None
 
     def prepare(self, landmarks: int, goals: Sequence[Cell]) -> None:
         """Set landmarks at these goals, and so many more spread over the map.

@@ -46,7 +46,7 @@ _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 
 def serves(grid: Grid) -> bool:
     """Whether steps on this map are near enough to one another in cost for D* Lite."""
-    return grid.model.step(0, 2.0 * grid.greatest) <= MOST_RATIO * grid.prices[0]
+    return grid.step_ratio <= MOST_RATIO
 
 
 class DStarMemory:
