@@ -45,6 +45,8 @@ bucket, which is not in order within, would expand many of them again and again.
 MOST_RATIO_FOR_LANDMARKS = 1e6
 """Of the dearest step to the cheapest: float32 then rounds off a few cheap steps of a cost. With 1e15
 cells were expanded hundreds of times."""
+MOST_RATIO_FOR_DSTAR = 1e12
+"""Of the dearest step to the cheapest: sums of more are too coarse to tell apart paths that share a dear step."""
 EXPANSIONS_BETWEEN_CHECKS = 100_000
 """Expansions of A* between two looks at the clock: about 6 ms."""
 DSTAR_EXPANSIONS_BETWEEN_CHECKS = 4096

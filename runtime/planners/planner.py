@@ -184,7 +184,6 @@ class Planner:
         """
         self._planners.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
 
-    @one_at_a_time
     def nearest(
         self, start: Cell, goals: Sequence[Cell], *, count: int = 1, **options: Unpack[PlanOptions]
     ) -> list[tuple[int, Plan]]:
@@ -217,13 +216,13 @@ class Planner:
         if not count >= 1:
             raise InvalidQueryError(f"count must be at least 1, got {count}")
         cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
-        bounds = [octile.py_func(*begin, *cell, *self._state.grid.prices) for cell in cells]
+        bounds = self._straight_costs(begin, cells)
         plans: dict[int, Plan] = {}
         for at in sorted(range(len(cells)), key=bounds.__getitem__):
             known = sorted(plan.cost for plan in plans.values())
             if len(known) >= count and known[count - 1] <= bounds[at]:
                 break
-            plans[at] = self._answer(Work(), begin, cells[at], **options)
+            plans[at] = self.plan(begin, cells[at], **options)
         return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
 
     def plan(
@@ -268,19 +267,12 @@ class Planner:
         ModelError
             ``nnpp`` was asked for and the model cannot be loaded.
         """
-        return self._plan(Work(), start, goal, method, epsilon, time_limit_s, keep_regions)
-
-    def _answer(
-        self,
-        work: Work,
-        start: Cell,
-        goal: Cell,
-        method: str = Method.AUTO,
-        epsilon: float = math.inf,
-        time_limit_s: float = math.inf,
-        keep_regions: bool = False,
-    ) -> Plan:
+        work = Work()
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
+        return self._answer(query, work, method, keep_regions)
+
+    @one_at_a_time
+    def _answer(self, query: Query, work: Work, method: str, keep_regions: bool) -> Plan:
         chosen, reason = self._chooser.choose(method, query)
         if problem := problem_with(self._state.grid, query.start, query.goal):
             return Plan(problem, chosen, planner=chosen, reason=reason)
@@ -292,4 +284,7 @@ class Planner:
         found = found or self._planners.planner(chosen).find(query, work)
         return found.plan(chosen, work, planner=chosen, reason=reason, keep_regions=keep_regions)
 
-    _plan = one_at_a_time(_answer)  # within the time that it takes
+    @one_at_a_time
+    def _straight_costs(self, start: Cell, goals: Sequence[Cell]) -> list[float]:
+        """What the ways to these goals cost at least, by the octile distance."""
+        return [octile.py_func(*start, *goal, *self._state.grid.prices) for goal in goals]

@@ -35,18 +35,16 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.search.astar import Search
-from nnpp_edge.runtime.tuning import DSTAR_EXPANSIONS_BETWEEN_CHECKS
+from nnpp_edge.runtime.tuning import DSTAR_EXPANSIONS_BETWEEN_CHECKS, MOST_RATIO_FOR_DSTAR
 
 UNITS = float(1 << 20)
 """Units in the cheapest straight step: a step is rounded by at most 2 of them."""
-MOST_RATIO = 1e12
-"""Of the dearest step to the cheapest: sums of more are too coarse to tell apart paths that share a dear step."""
 _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 
 
 def serves(grid: Grid) -> bool:
     """Whether steps on this map are near enough to one another in cost for D* Lite."""
-    return grid.step_ratio <= MOST_RATIO
+    return grid.step_ratio <= MOST_RATIO_FOR_DSTAR
 
 
 class DStarMemory:
@@ -217,7 +215,7 @@ class DStarLite:
                 if len(path := self._trace()):
                     return Search(Status.OK, path, expansions)
             else:
-                raise InvalidMapError(f"no step may cost more than {MOST_RATIO:g} times the cheapest")
+                raise InvalidMapError(f"no step may cost more than {MOST_RATIO_FOR_DSTAR:g} times the cheapest")
         return Search.without_path(Status.NO_PATH, expansions)
 
     def _node(self, cell: Cell, name: str) -> int:

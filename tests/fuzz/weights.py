@@ -10,7 +10,7 @@ import numpy as np
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status
 from nnpp_edge.runtime.map.step_cost import LEAST_WEIGHT, MOST_WEIGHT
-from tests import oracles
+from tests import oracles, strategies
 from tests.fuzz.commands import Problem
 
 NAME = "weights"
@@ -23,14 +23,9 @@ METHODS = ("astar", "corridor", "nnpp", "auto")
 
 
 @dataclass(frozen=True)
-class Case:
+class Case(strategies.Case):
     """A map, two cells of it, and how it is to be planned on."""
 
-    cost: np.ndarray
-    start: tuple[int, int]
-    goal: tuple[int, int]
-    step_cost: str
-    corner_cutting: bool
     omega: float
     method: str
     epsilon: float
