@@ -38,8 +38,7 @@ def command(dem: Path, output: Path, picture: Path | None, as_json: bool, terrai
     \b
     nnpp-edge costmap dem.tif -o cost.tif --workload limit20
     """
-    picture = picture or output.with_suffix(".png")
-    _check_names(output, picture)
+    picture = _picture_of(output, picture)
     options.check_outputs(("--output", output), ("--picture", picture))
     limits = terrain.limits()
 
@@ -137,13 +136,15 @@ def summarise(cost: Float2D, dem: Dem, limits: Traversability) -> CostSummary:
     )
 
 
-def _check_names(output: Path, picture: Path) -> None:
-    """Refuse names that say no format."""
+def _picture_of(output: Path, picture: Path | None) -> Path:
+    """The picture's name; UsageError for names that say no format."""
     ending = output.suffix.lower()
     if ending not in _RASTERS + _ARRAYS:
         raise click.UsageError(f"--output must end in {', '.join(_RASTERS + _ARRAYS)}, got {output.name!r}")
+    picture = picture or output.with_suffix(".png")
     if picture.suffix.lower() != ".png":
         raise click.UsageError(f"--picture must end in .png, got {picture.name!r}")
+    return picture
 
 
 def _content(output: Path, cost: Float2D, dem: Dem) -> bytes:

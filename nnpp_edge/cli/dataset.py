@@ -11,7 +11,6 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.options import TerrainOptions
 
-_SHARE = click.FloatRange(0, 1)
 _POINTS = "On a map; pairs far enough apart are queries."
 _SHARDS = "Make every N-th shard from the K-th on; the union is the whole set."
 _SIZE = "Side of the network's input, or a multiple of it: 64 for edge, 256 for nnpp."
@@ -33,10 +32,10 @@ _PART = options.Parsed("K/N", "K/N, such as 2/8", _part)
 @click.option("-o", "--output", type=options.FOLDER, required=True, help="Folder; resumed if it holds a part.")
 @click.option("--maps", type=options.COUNT, default=4096, help="Number of maps.")
 @click.option("--size", type=options.COUNT, default=256, help=_SIZE)
-@click.option("--points", "points_per_map", type=click.IntRange(2), default=4, help=_POINTS)
-@click.option("--synthetic-share", type=_SHARE, default=0.25)
-@click.option("--obstacle-share", type=_SHARE, default=0.3, help="Share of maps with rectangles of cost 1.")
-@click.option("--validation-share", type=click.FloatRange(0, 1, max_open=True), default=0.0, help=_LEAVE)
+@click.option("--points", "points_per_map", type=click.IntRange(2, 1000), default=4, help=_POINTS)
+@click.option("--synthetic-share", type=options.SHARE, default=0.25)
+@click.option("--obstacle-share", type=options.SHARE, default=0.3, help="Share of maps with rectangles of cost 1.")
+@click.option("--validation-share", type=options.Real(0.0, 1.0, max_open=True), default=0.0, help=_LEAVE)
 @click.option("--held-out", is_flag=True, help=_HELD_OUT)
 @click.option("--own-cell-size", is_flag=True, help=_OWN_CELLS)
 @options.terrain
@@ -80,6 +79,7 @@ def command(
         raise click.UsageError("--own-cell-size goes with TERRAIN files, and without --rescale")
     if held_out and not validation_share:
         raise click.UsageError("--held-out uses what --validation-share leaves out: give that, too")
+    options.check_outputs(("--picture", picture))
     from nnpp_edge.progress import bar
     from nnpp_edge.terrain.cluster import shards_on_cluster
     from nnpp_edge.terrain.dataset import make_dataset, read_samples

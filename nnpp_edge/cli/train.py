@@ -16,8 +16,6 @@ _PARTS = 1000
 
 _PRESET = click.Choice(list(PRESETS))
 _ENCODING = click.Choice([name for names in ENCODINGS.values() for name in names])
-_MINUTES = click.FloatRange(0.0, min_open=True)
-_SHARE = click.FloatRange(0.0, 1.0, min_open=True)
 _STEPS = "Most steps, if its epochs do not end the training before; the number that a time limit came to repeats it."
 _TIME_LIMIT = "Minutes, about: the speed of the first 200 steps decides the number of steps."
 _TARGET = click.Choice(["near", "path"])
@@ -30,20 +28,29 @@ _TARGET = click.Choice(["near", "path"])
 @click.option(
     "--architecture", type=_PRESET, default="edge", help="nnpp is the paper's full width, nnpp-w16 a quarter."
 )
-@click.option("--input-size", type=click.IntRange(64), help="Side of the network's map, if not the preset's.")
+@click.option(
+    "--input-size",
+    type=click.IntRange(64, options.LARGEST_SIDE),
+    help="Side of the network's map, if not the preset's.",
+)
 @click.option("--encoding", type=_ENCODING, help="How start and goal are shown, if not the preset's way.")
-@click.option("--sigma", type=_SHARE, default=0.25, help="Of the Gaussians, as a share of the map's side.")
+@click.option(
+    "--sigma",
+    type=options.Real(0.0, 1.0, min_open=True),
+    default=0.25,
+    help="Of the Gaussians, as a share of the map's side.",
+)
 @click.option("--begin-with", type=options.PATH, help="Checkpoint of another run whose weights to begin with.")
 @click.option("--epochs", type=options.COUNT, default=150)
 @click.option("--steps", type=options.COUNT, help=_STEPS)
 @click.option("--batch", type=options.COUNT, default=32, help="Over all processes.")
-@click.option("--learning-rate", default=1e-3)
-@click.option("--weight-decay", default=1e-4)
+@click.option("--learning-rate", type=options.POSITIVE, default=1e-3)
+@click.option("--weight-decay", type=options.NOT_NEGATIVE, default=1e-4)
 @click.option("--target", type=_TARGET, default="near", help="Nearness to the optimum, or the paper's single path.")
-@click.option("--softness", default=0.02, help="Excess at which nearness is 1/e.")
+@click.option("--softness", type=options.POSITIVE, default=0.02, help="Excess at which nearness is 1/e.")
 @click.option("--loss", type=click.Choice(["bce", "focal", "dice"]), default="bce")
-@click.option("--time-limit", type=_MINUTES, default=math.inf, help=_TIME_LIMIT)
-@click.option("--validate-every", type=click.FloatRange(0.0), default=5.0, help="Minutes.")
+@click.option("--time-limit", type=options.POSITIVE, help=_TIME_LIMIT)
+@click.option("--validate-every", type=options.NOT_NEGATIVE, default=5.0, help="Minutes.")
 @click.option("--threads", type=options.COUNT, help="Of torch on the CPU.")
 @options.seed
 @options.as_json
@@ -56,7 +63,7 @@ def command(
     encoding: str | None,
     sigma: float,
     begin_with: Path | None,
-    time_limit: float,
+    time_limit: float | None,
     validate_every: float,
     threads: int | None,
     as_json: bool,
@@ -83,7 +90,7 @@ def command(
 
     if threads:
         torch.set_num_threads(threads)
-    settings |= {"time_limit_s": 60.0 * time_limit, "validate_every_s": 60.0 * validate_every}
+    settings |= {"time_limit_s": 60.0 * (time_limit or math.inf), "validate_every_s": 60.0 * validate_every}
     preset = PRESETS[architecture]
     spec = dataclasses.replace(
         preset, sigma=sigma, input_size=input_size or preset.input_size, encoding=encoding or preset.encoding

@@ -19,7 +19,8 @@ NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none"}
 
 _HEAD_BYTES = 1 << 20
 """Of a file that are looked at; GDAL tells formats apart by less."""
-_PLAIN_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"\0\0\0\x0cjP  ", b"EHFA_HEADER_TAG")
+_TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_PLAIN_STARTS = (*_TIFF_STARTS, b"\0\0\0\x0cjP  ", b"EHFA_HEADER_TAG")
 """Of TIFF, BigTIFF, JPEG 2000 and Erdas files."""
 _XML_FORMATS = re.compile(rb"<(VRTDataset|GDAL\w*Dataset|GDAL_W\w+|WCS_GDAL|MRF_META)", re.IGNORECASE)
 """GDAL looks for some of these anywhere in a file's head, whatever the file begins with."""
@@ -55,6 +56,8 @@ def openable(path: Path, allow_vrt: bool) -> tuple[Path, list[str]]:
         return opened, ["VRT"]
     if b"PDS_VERSION_ID" in head:
         _check_label(path, opened, head)
+    if head.startswith(_TIFF_STARTS):
+        _check_directory(path, opened, head)
     _check_sidecars(path, opened)
     return opened, list(DRIVERS)
 
@@ -86,6 +89,14 @@ def _check_label(path: Path, opened: Path, head: bytes) -> None:
             compressed = opened.with_name(name.decode())
             if compressed.is_file():
                 _check_plain(path, compressed)
+
+
+def _check_directory(path: Path, opened: Path, head: bytes) -> None:
+    """TerrainError for a TIFF whose first directory lies beyond its end; libtiff would print on stderr there."""
+    big = b"+" in head[2:4]
+    offset = int.from_bytes(head[8:16] if big else head[4:8], "little" if head.startswith(b"II") else "big")
+    if offset >= opened.stat().st_size:
+        raise TerrainError(f"{path}: wanted a whole TIFF, got one whose first directory lies beyond its end")
 
 
 def _check_plain(path: Path, other: Path) -> None:

@@ -10,14 +10,11 @@ import pytest
 
 from nnpp_edge.cli.main import COMMANDS
 
-OTHERS = {"dataset", "train"}
-"""Their options are checked by what they make of them."""
-
 
 def numeric_options():
     for name in COMMANDS:
         command = importlib.import_module(f"nnpp_edge.cli.{name}").command
-        for option in command.params if name not in OTHERS else ():
+        for option in command.params:
             if isinstance(option, click.Option) and isinstance(option.type, click.IntRange | click.FloatRange):
                 yield pytest.param(command, option, id=f"{name} {option.opts[-1]}")
 
@@ -33,7 +30,7 @@ def hills(tmp_path, monkeypatch):
     return "hills.npz"
 
 
-@pytest.mark.parametrize("name", sorted(COMMANDS.keys() - OTHERS))
+@pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_every_number_has_a_range(name):
     command = importlib.import_module(f"nnpp_edge.cli.{name}").command
     plain = [p.name for p in command.params if p.type in (click.INT, click.FLOAT)]

@@ -300,7 +300,7 @@ def _problem_of_files(
     could_tell = command.streams[1] == "pipe"  # else what is written is whole, and only its name could not be printed
     for place, content in before.items():
         replaced_rightly = ended.code != 2 and place.startswith(("old/", "in/trained/", "in/set32/"))
-        replaced_rightly |= not could_tell and place.startswith("in/trained/")  # a training that goes on
+        replaced_rightly |= not could_tell and place.startswith(("in/trained/", "old/"))
         if after.get(place) != content and not replaced_rightly:
             what = "device replaced" if content.startswith("device") else "input changed"
             if place.startswith("old/"):

@@ -7,24 +7,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nnpp_edge import runtime
 from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, NetworkModel, Planner, Status
 from nnpp_edge.runtime.errors import ConcurrentUseError
 from nnpp_edge.runtime.planners.standing_path import Footing
 from tests.oracles import dijkstra
 
-PACKAGE = str(Path(sys.modules["nnpp_edge"].__path__[0]).resolve().parent)
+RUNTIME = str(Path(runtime.__path__[0]))
 SIDE = 24
 ENDS = (0, 0), (SIDE - 1, SIDE - 1)
 
 
 class BrokenOff:
-    """Raises a KeyboardInterrupt at the n-th line of ours that is run."""
+    """Raises a KeyboardInterrupt at the n-th line of the runtime that is run."""
 
     def __init__(self, line):
         self.left = line
 
     def _trace(self, frame, event, _):
-        if not frame.f_code.co_filename.startswith(PACKAGE) or "/tests/" in frame.f_code.co_filename:
+        if not frame.f_code.co_filename.startswith(RUNTIME):
             return None
         if event == "line":
             self.left -= 1

@@ -200,6 +200,16 @@ def test_a_message_that_nobody_can_read_is_not_printed(tmp_path, capfd):
     assert (sys.excepthook, sys.unraisablehook) == hooks
 
 
+@pytest.mark.parametrize(("big", "at", "offset"), [("NO", 4, b"\xff" * 4), ("YES", 8, b"\x0e\0\x03\0\x01\0\x01\0")])
+def test_a_tiff_whose_directory_lies_beyond_its_end_is_one_line(tmp_path, capfd, big, at, offset):
+    """Sent so far, libtiff prints a line of its own."""
+    path = raster(tmp_path / "dem.tif", BIGTIFF=big)
+    content = path.read_bytes()
+    path.write_bytes(content[:at] + offset + content[at + len(offset) :])
+    assert "directory lies beyond its end" in refusal(path)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_another_format_is_refused_by_name(tmp_path):
     raster(tmp_path / "dem.dat", driver="ENVI")
     assert "wanted GeoTIFF, ESRI ASCII grid" in refusal(tmp_path / "dem.dat")
