@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Unpack
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
@@ -16,7 +15,7 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Work, problem_with
+from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
 from nnpp_edge.runtime.tuning import NEAR
 
@@ -184,8 +183,17 @@ class Planner:
         """
         self._planners.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
 
+    @one_at_a_time
     def nearest(
-        self, start: Cell, goals: Sequence[Cell], *, count: int = 1, **options: Unpack[PlanOptions]
+        self,
+        start: Cell,
+        goals: Sequence[Cell],
+        *,
+        count: int = 1,
+        method: str = Method.AUTO,
+        epsilon: float = math.inf,
+        time_limit_s: float = math.inf,
+        keep_regions: bool = False,
     ) -> list[tuple[int, Plan]]:
         """Paths to the goals that cost least to reach, cheapest first.
 
@@ -197,8 +205,9 @@ class Planner:
             At least one.
         count : int
             How many are wanted.
-        **options
-            As for `plan`. Only exact methods are certain to know the order of goals that are nearly as near.
+        method, epsilon, time_limit_s, keep_regions
+            As for `plan`; the time is each goal's own. Only exact methods are certain to know the order of goals that
+            are nearly as near.
 
         Returns
         -------
@@ -216,13 +225,14 @@ class Planner:
         if not count >= 1:
             raise InvalidQueryError(f"count must be at least 1, got {count}")
         cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
-        bounds = self._straight_costs(begin, cells)
+        bounds = [octile.py_func(*begin, *cell, *self._state.grid.prices) for cell in cells]
         plans: dict[int, Plan] = {}
         for at in sorted(range(len(cells)), key=bounds.__getitem__):
             known = sorted(plan.cost for plan in plans.values())
             if len(known) >= count and known[count - 1] <= bounds[at]:
                 break
-            plans[at] = self.plan(begin, cells[at], **options)
+            work, query = Work(), Query.within(begin, cells[at], time_limit_s, epsilon)
+            plans[at] = self._answer(query, work, method, keep_regions)
         return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
 
     def plan(
@@ -269,9 +279,8 @@ class Planner:
         """
         work = Work()
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
-        return self._answer(query, work, method, keep_regions)
+        return self._answer_in_turn(query, work, method, keep_regions)
 
-    @one_at_a_time
     def _answer(self, query: Query, work: Work, method: str, keep_regions: bool) -> Plan:
         chosen, reason = self._chooser.choose(method, query)
         if problem := problem_with(self._state.grid, query.start, query.goal):
@@ -284,7 +293,4 @@ class Planner:
         found = found or self._planners.planner(chosen).find(query, work)
         return found.plan(chosen, work, planner=chosen, reason=reason, keep_regions=keep_regions)
 
-    @one_at_a_time
-    def _straight_costs(self, start: Cell, goals: Sequence[Cell]) -> list[float]:
-        """What the ways to these goals cost at least, by the octile distance."""
-        return [octile.py_func(*start, *goal, *self._state.grid.prices) for goal in goals]
+    _answer_in_turn = one_at_a_time(_answer)
