@@ -143,7 +143,12 @@ class MapView:
 
     def _average(self, parts: Sequence[Rectangle] | None) -> None:
         """Bring the planes up to date with the map: these parts of the window, or all of it."""
-        grid, (row0, col0, *_) = self._grid, self.window
+        grid, (row0, col0, rows, cols) = self._grid, self.window
+        if grid.tiles is not None:
+            if parts is None:
+                self.planes[:] = 1.0
+            grid.tiles.planes(self.window, self.frame.inner, parts or [(0, 0, rows, cols)], self.planes)
+            return
         first = grid.weights[row0 * grid.stride + col0 :]
         map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self.planes, parts)
 
