@@ -49,7 +49,7 @@ class MapState:
     """
 
     def __init__(self, cost: Float2D, model: StepModel, *, corner_cutting: bool = True) -> None:
-        self._elevation = None
+        self._elevation: _Elevation | None = None
         self.grid = Grid.of(cost, model, corner_cutting)
         self._forget()
 
@@ -88,7 +88,7 @@ class MapState:
     def _lay_out(self, elevation: "_Elevation") -> None:
         """Begin with heights of which nothing has been computed."""
         heights, _, rule, model, corner_cutting, lazy = elevation
-        self._elevation: _Elevation | None = elevation
+        self._elevation = elevation
         coarsest = FACTOR ** len(coarse_shapes(*heights.shape))
         self.grid = Grid.of_heights(heights, rule, model, corner_cutting, coarsest)
         self._forget()

@@ -6,6 +6,8 @@ tile's weights and coarse cells, and those of the tiles around it, and go on. Wh
 it is: a plan on a map that is computed as a whole beforehand is the same.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -110,7 +112,7 @@ class Tiles:
     def add_levels(
         self, shapes: list[tuple[int, int]]
     ) -> list[tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.uint8]]]:
-        """Make room for coarse levels of these shapes, finest first: weights, pieces and links of each, all padded."""
+        """Make room for coarse levels of these shapes, finest first: weights, pieces and links of each, padded."""
         sizes = [(rows + 2) * (cols + 2) for rows, cols in shapes]
         firsts = np.cumsum([0, *sizes])
         levels = np.empty((1 + len(shapes), 4), np.int64)
@@ -160,7 +162,7 @@ class Tiles:
         return cells, bool(cheaper), (row0, col0, row1 - row0, col1 - col0) if cells else (row, col, 0, 0)
 
     def planes(
-        self, window: Rectangle, inner: tuple[int, int], parts: list[Rectangle], out: NDArray[np.float32]
+        self, window: Rectangle, inner: tuple[int, int], parts: Sequence[Rectangle], out: NDArray[np.float32]
     ) -> None:
         """As `network.encoding.map_planes`, for parts of a window, from two rows of each network cell."""
         sample_planes(self.packed(), self._unit_rule, window, np.array(parts), inner, out)
