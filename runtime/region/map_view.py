@@ -3,7 +3,6 @@
 import math
 import warnings
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,23 +26,18 @@ class MapView:
     ----------
     state : MapState
         The map.
-    model : str, Path or NetworkModel
-        A shipped model's name, a file, or a model already loaded, whose session is then shared.
+    network : NetworkModel
+        Its session is shared.
     unseen_change : float
         With 0, what the network is shown depends on the map and the query alone. Else a network in two parts is
         shown a changed map only once more than this share of the cells it saw is different, and so is its view of
         them (by the mean difference of a cell's cost, and of its share of impassable cells, in [0, 1]); and it is
         shown another window only where the standing one does not hold start and goal, or is over four times as wide
         as need be.
-
-    Raises
-    ------
-    ModelError
-        The model cannot be loaded.
     """
 
-    def __init__(self, state: MapState, model: str | Path | NetworkModel, unseen_change: float = 0.0) -> None:
-        self.network = model.share() if isinstance(model, NetworkModel) else NetworkModel(model)
+    def __init__(self, state: MapState, network: NetworkModel, unseen_change: float = 0.0) -> None:
+        self.network = network.share()
         metadata = self.network.metadata
         self.size, self.blocks = metadata.input_size, metadata.blocks
         self._grid = state.grid
