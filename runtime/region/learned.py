@@ -123,9 +123,6 @@ class LearnedRegions:
 
     def _loaded_view(self, stopwatch: Stopwatch) -> MapView:
         if self._view is None:
-            network = self.model if isinstance(self.model, NetworkModel) else NetworkModel(self.model)
-            if network.waited:
-                stopwatch.stage_ends("load")
-            self._view = MapView(self._state, network, self._unseen_change)
+            self._view = MapView(self._state, self.model, self._unseen_change, stopwatch)
             self._finder = RegionFinder(self._view.blocks)
         return self._view

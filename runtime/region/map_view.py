@@ -3,6 +3,7 @@
 import math
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, StepCost
 from nnpp_edge.runtime.network.encoding import Frame, Point, map_planes, mean_difference
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import WINDOW_ROUNDING, WINDOW_SHARE
 
 
@@ -26,18 +28,33 @@ class MapView:
     ----------
     state : MapState
         The map.
-    network : NetworkModel
-        Its session is shared.
+    model : str, Path or NetworkModel
+        A shipped model's name, a file, or a model already loaded, whose session is then shared.
     unseen_change : float
         With 0, what the network is shown depends on the map and the query alone. Else a network in two parts is
         shown a changed map only once more than this share of the cells it saw is different, and so is its view of
         them (by the mean difference of a cell's cost, and of its share of impassable cells, in [0, 1]); and it is
         shown another window only where the standing one does not hold start and goal, or is over four times as wide
         as need be.
+    stopwatch : Stopwatch
+        Times the stage ``load``, where the model's file had to be waited for.
+
+    Raises
+    ------
+    ModelError
+        The model cannot be loaded.
     """
 
-    def __init__(self, state: MapState, network: NetworkModel, unseen_change: float = 0.0) -> None:
-        self.network = network.share()
+    def __init__(
+        self,
+        state: MapState,
+        model: str | Path | NetworkModel,
+        unseen_change: float = 0.0,
+        stopwatch: Stopwatch | None = None,
+    ) -> None:
+        self.network = model.share() if isinstance(model, NetworkModel) else NetworkModel(model)
+        if self.network.waited and stopwatch is not None:
+            stopwatch.stage_ends("load")
         metadata = self.network.metadata
         self.size, self.blocks = metadata.input_size, metadata.blocks
         self._grid = state.grid
