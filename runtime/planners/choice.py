@@ -165,9 +165,11 @@ def expects_network(method: str, shape: tuple[int, ...], model: str | Path | Net
 
     `shape` is the map's; for one that is no map ``auto`` is not expected to.
     """
+    if apart < NEAR:
+        return False
     if method == Method.AUTO and len(shape) == 2:
         method, _ = choice_for((shape[0], shape[1]), model).pick(apart)
-    return method == Method.NNPP and apart >= NEAR
+    return method == Method.NNPP
 
 
 def choice_for(shape: tuple[int, int], model: str | Path | NetworkModel) -> MapChoice:
