@@ -62,6 +62,15 @@ class Request:
         start = self.start or dem.cell_of(*(self.start_xy or ()))
         return start, [*self.goals, *(dem.cell_of(*place) for place in self.goals_xy)]
 
+    def expects_network(self, dem: Dem) -> bool:
+        """Whether ``auto`` is expected to ask the network for one of the goals."""
+        from nnpp_edge.runtime.planners.choice import expects_network
+        from nnpp_edge.runtime.planners.query import Query
+
+        start, goals = self.cells(dem)
+        ways = (Query(start, goal).apart for goal in goals)
+        return any(expects_network(self.method, dem.elevation.shape, self.model, apart) for apart in ways)
+
 
 @click.command(name="plan")
 @click.argument("dem", type=options.PATH)
@@ -97,7 +106,8 @@ def command(
 
     Give start and goal as cells, or with --start-xy and --goal-xy in the map's coordinates. With several
     goals a path to each is planned, and the one that costs least is taken. The time shown includes loading
-    compiled code and the network; with --compare and with --time-limit these are loaded first. Exit codes: 0
+    compiled code and, as its stage `load`, waiting for the network, whose file is opened while DEM is read; with
+    --compare and with --time-limit these are loaded first. Exit codes: 0
     for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is impassable.
 
     path.geojson is in the map's own coordinates, not in longitude and latitude; its properties say which.
@@ -109,10 +119,15 @@ def command(
     limits = terrain.limits()
 
     from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+    from nnpp_edge.runtime.network.loading import begin_loading
 
     if output is not None:
         options.check_outputs(*(("--output", path) for path in files_in(output)), make_folders=True)
+    if request.method == "nnpp":
+        begin_loading(request.model)
     ground = terrain.read(dem)
+    if request.method == "auto" and request.expects_network(ground):
+        begin_loading(request.model)
     _warn_if_not_square(ground)
     cost = cost_of(ground, limits)
     if not (cost < 1.0).any():

@@ -17,6 +17,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, StepCost
 from nnpp_edge.runtime.network.encoding import Frame, Point, map_planes, mean_difference
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import WINDOW_ROUNDING, WINDOW_SHARE
 
 
@@ -35,6 +36,8 @@ class MapView:
         them (by the mean difference of a cell's cost, and of its share of impassable cells, in [0, 1]); and it is
         shown another window only where the standing one does not hold start and goal, or is over four times as wide
         as need be.
+    stopwatch : Stopwatch
+        Times the stage ``load``, where the model's file had to be waited for.
 
     Raises
     ------
@@ -42,8 +45,16 @@ class MapView:
         The model cannot be loaded.
     """
 
-    def __init__(self, state: MapState, model: str | Path | NetworkModel, unseen_change: float = 0.0) -> None:
+    def __init__(
+        self,
+        state: MapState,
+        model: str | Path | NetworkModel,
+        unseen_change: float = 0.0,
+        stopwatch: Stopwatch | None = None,
+    ) -> None:
         self.network = model.share() if isinstance(model, NetworkModel) else NetworkModel(model)
+        if self.network.waited and stopwatch is not None:
+            stopwatch.stage_ends("load")
         metadata = self.network.metadata
         self.size, self.blocks = metadata.input_size, metadata.blocks
         self._grid = state.grid
