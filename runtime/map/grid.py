@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.kernels.weights import write_costs
+from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, LEAST_WEIGHT, PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.map.tiles import COMPLETE, PackedTiles, Tiles
@@ -72,8 +73,24 @@ class Grid:
         """
         cost = as_map(cost, "cost")
         rows, cols = cost.shape
-        grid = cls(rows, cols, model, corner_cutting)
-        grid.update(cost)
+        grid = cls(rows, cols, model, corner_cutting, _bordered(rows, cols))
+        bands: list[NDArray[np.int32]] = []
+
+        def fill(row0: int, row1: int) -> None:
+            found = np.empty(3, np.int32)
+            fill_costs(cost, grid._limits, row0, row1, grid.weights, grid.stride, found)
+            bands.append(found)
+
+        in_bands(fill, rows, cols)
+        found = np.array(bands)
+        lowest, highest = np.array((found[:, 0].min(), found[:, 1].max()), np.int32).view(np.float32)
+        floor, most, scale, ceiling = grid._limits
+        if (low := bool(found[:, 2].any() or lowest < floor)) or highest > most:
+            passable = cost[cost < ceiling]
+            model.refuse(float(passable.min() if low else passable.max()))
+        if lowest < math.inf:
+            grid.set_bounds(float(lowest * scale), float(highest * scale))
+        grid._measured = grid.least, grid.greatest
         return grid
 
     @classmethod
@@ -85,10 +102,7 @@ class Grid:
         `heights` and `rule` as for `Tiles`; the cells of the coarsest level will have sides of `coarsest` cells.
         """
         rows, cols = heights.shape
-        padded = np.empty((rows + 2, cols + 2), np.float32)  # pages that nobody touches take no time
-        padded[[0, -1]] = np.inf
-        padded[:, [0, -1]] = np.inf
-        grid = cls(rows, cols, model, corner_cutting, padded.reshape(-1))
+        grid = cls(rows, cols, model, corner_cutting, _bordered(rows, cols))
         grid.compute_by(Tiles(heights, rule, grid.weights, corner_cutting, coarsest), 0)
         return grid
 
@@ -158,9 +172,7 @@ class Grid:
             cost, self._limits, self.node(row, col), self.stride, self.weights, bounds, nodes, old
         )
         if refused < math.inf:
-            least, most, _ = self.model.costs
-            wanted = "at least 0" if self.model.kind is StepCost.PAPER else f"from {least:.3g} to {most:g}"
-            raise InvalidMapError(f"every passable cost must be {wanted}, got one of {refused:g}")
+            self.model.refuse(refused)
         before, lengths = (self.least, self.greatest), self.model.kind is StepCost.LENGTH
         if math.isfinite(least):
             self.set_bounds(least, greatest)
@@ -207,3 +219,11 @@ class Grid:
         if self.tiles is not None:
             self.tiles.open_at(*cell)
         return math.isfinite(self.weights[self.node(*cell)])
+
+
+def _bordered(rows: int, cols: int) -> NDArray[np.float32]:
+    """Room for a map's weights within an impassable border. Pages of it that nobody touches take no time."""
+    padded = np.empty((rows + 2, cols + 2), np.float32)
+    padded[[0, -1]] = np.inf
+    padded[:, [0, -1]] = np.inf
+    return padded.reshape(-1)
