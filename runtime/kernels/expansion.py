@@ -39,7 +39,7 @@ from nnpp_edge.runtime.kernels.open_list import (
     pop,
     push,
 )
-from nnpp_edge.runtime.kernels.tiles import open_tile
+from nnpp_edge.runtime.kernels.tiles import open_there
 
 FOUND, EXHAUSTED, PAUSED, FULL = 0, 1, 2, 3
 # slots of the float64 array of results
@@ -201,7 +201,7 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
         expansions so far; and the least f of a node that the region refused.
     """
     weights, stride, steps, corner_cutting, tiles = grid
-    tile_state, wanted, row_shift, col_shift, _ = tiles
+    tile_state, wanted, row_shift, col_shift, _, _ = tiles
     h_straight, h_diagonal, width, successors = rule
     g, meta, stamp, heads, entries, control, reals, counts, path = memory
     if region is not None:
@@ -275,7 +275,7 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
             continue
         i, j = np.uint64((row - 1) >> row_shift), np.uint64((col - 1) >> col_shift)
         if not tile_state[i, j] & wanted:
-            open_tile(tiles, np.int64(i), np.int64(j))
+            open_there(tiles, np.int64(i), np.int64(j))
         own = weights[np.uint64(node)]
         expansions += 1
         if h < best_h:

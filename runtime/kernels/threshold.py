@@ -6,7 +6,7 @@ import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP, STAMP_SHIFT
-from nnpp_edge.runtime.kernels.tiles import open_tile
+from nnpp_edge.runtime.kernels.tiles import open_there
 
 LEVELS = 256
 """Level n stands for the probability (n / 256)⁴. So what is unlikely has levels too: where slope limits leave only a
@@ -122,7 +122,7 @@ def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, se
     """
     row_blocks, col_blocks = lookup
     weights, stride, _, corner_cutting, tiles = grid
-    tile_state, wanted, row_shift, col_shift, _ = tiles
+    tile_state, wanted, row_shift, col_shift, _, _ = tiles
     state, stamp = search
     heads[:] = -1
     goal_row, goal_col = goal // stride, goal % stride
@@ -143,7 +143,7 @@ def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, se
         row, col = node // stride, node % stride
         i, j = (row - 1) >> row_shift, (col - 1) >> col_shift
         if not tile_state[i, j] & wanted:
-            open_tile(tiles, i, j)
+            open_there(tiles, i, j)
         ahead = 3 * ((goal_row > row) - (goal_row < row)) + (goal_col > col) - (goal_col < col) + 4
         for nth in range(8):
             k = TOWARDS[ahead, nth]

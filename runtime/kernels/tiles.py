@@ -1,8 +1,9 @@
 """A map of heights whose costs and coarse levels are computed by tiles, where somebody looks. See `map.tiles`.
 
-The kernels that look are given `tiles`, a tuple (state, wanted, row_shift, col_shift, source): what has been done to
-each tile, as bits; the bit without which a cell of it may not be left; and by how many bits a row and a column of the
-level at hand are shifted to give the tile's. `source` is a tuple
+The kernels that look are given `tiles`, a tuple (state, wanted, row_shift, col_shift, source, address): what has been
+done to each tile, as bits; the bit without which a cell of it may not be left; by how many bits a row and a column of
+the level at hand are shifted to give the tile's; and where `open_tile` lies in memory. It is called by its address, as
+numba would else compile it anew into each kernel that calls it. `source` is a tuple
 
     heights    (rows · cols,) float32, metres; not finite where unknown
     rule       (RULE_SLOTS,) float64, see `fill_weights`
@@ -17,6 +18,8 @@ level at hand are shifted to give the tile's. `source` is a tuple
 """
 
 import numpy as np
+from numba import types
+from numba.extending import intrinsic, overload
 
 from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.kernels.pooling import FACTOR, link, pool
@@ -96,7 +99,7 @@ def _tile_area(source, i, j):
 @kernel
 def open_tile(tiles, i, j):
     """Compute what is not yet there of a tile and of those around it, so that its cells may be left."""
-    state, wanted, _, _, source = tiles
+    state, wanted, _, _, source, _ = tiles
     _, _, _, _, _, _, _, counts, _ = source
     needed = POOLED if wanted == LINKED else COSTED
     for a in range(max(i - 1, 0), min(i + 2, state.shape[0])):
@@ -116,35 +119,56 @@ def open_tile(tiles, i, j):
     state[i, j] |= wanted
 
 
+@intrinsic
+def _call(typing_context, address, tiles, i, j):
+    def generate(context, builder, signature, arguments):
+        convention, types_of_three = context.call_conv, signature.args[1:]
+        function = convention.get_function_type(types.none, types_of_three)
+        pointer = builder.inttoptr(arguments[0], function.as_pointer())
+        convention.call_function(builder, pointer, types.none, types_of_three, arguments[1:])
+        return context.get_dummy_value()
+
+    return types.none(address, tiles, i, j), generate
+
+
+def open_there(tiles, i, j):
+    """`open_tile`, for other kernels to call; `address_of_open_tile` must have been asked for."""
+    open_tile(tiles, i, j)
+
+
+@overload(open_there)
+def _compiled_open_there(tiles, i, j):
+    return lambda tiles, i, j: _call(tiles[5], tiles, i, j)
+
+
+def address_of_open_tile(tiles):
+    """Where `open_tile`, compiled for such arguments as these, lies in memory; 0 where kernels are not compiled."""
+    if not hasattr(open_tile, "overloads"):
+        return 0
+    open_tile(tiles, 0, 0)
+    (compiled,) = open_tile.overloads.values()
+    return compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+
+
 @kernel
 def fill_rows(tiles, row0, row1):
     """Weights of whole rows of the map."""
     source = tiles[4]
-    _fill(source, (row0, row1, 0, source[8][1]))
+    _fill(source, (row0, row1, np.int64(0), source[8][1]))
 
 
 @kernel
 def pool_rows(tiles, row0, row1):
     """Coarse cells above whole rows of the map, which the coarsest cells divide evenly, and the links within."""
     source = tiles[4]
-    _pool_levels(source, (row0, row1, 0, source[8][1]))
+    _pool_levels(source, (row0, row1, np.int64(0), source[8][1]))
 
 
 @kernel
 def link_rows(tiles, row0, row1):
     """All links of the coarse cells above whole rows of the map."""
     source = tiles[4]
-    _link_levels(source, (row0, row1, 0, source[8][1]))
-
-
-@kernel
-def open_path(tiles, path):
-    """Open the tiles of a path's cells, (N, 2) int32."""
-    state, wanted, row_shift, col_shift, _ = tiles
-    for n in range(len(path)):
-        i, j = path[n, 0] >> row_shift, path[n, 1] >> col_shift
-        if not state[i, j] & wanted:
-            open_tile(tiles, i, j)
+    _link_levels(source, (row0, row1, np.int64(0), source[8][1]))
 
 
 @kernel
@@ -186,7 +210,7 @@ def write_heights(tiles, patch, row, col, found):
         Written: the number of cells whose weights are other than before; whether one became cheaper; the first row
         and column of the rectangle that holds them, and one past its last. What is not computed yet counts as other.
     """
-    state, _, _, _, source = tiles
+    state, _, _, _, source, _ = tiles
     heights, _, _, levels, _, _, _, _, shape = source
     rows, cols = shape[0], shape[1]
     for i in range(patch.shape[0]):
@@ -214,7 +238,7 @@ def write_heights(tiles, patch, row, col, found):
 @kernel
 def _pool_anew(tiles, found):
     """Coarse cells above a rectangle whose weights changed, in the tiles that have any, and their links."""
-    state, _, _, _, source = tiles
+    state, _, _, _, source, _ = tiles
     _, rule, weights, levels, _, _, _, _, shape = source
     row0, col0, row1, col1 = found[2], found[3], found[4], found[5]
     corner_cutting, obstacle = levels[0, 2] != 0, rule[SCALE]

@@ -6,6 +6,7 @@ tile's weights and coarse cells, and those of the tiles around it, and go on. Wh
 it is: a plan on a map that is computed as a whole beforehand is the same.
 """
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,6 +20,7 @@ from nnpp_edge.runtime.kernels.tiles import (
     LINKED,
     POOLED,
     SURROUNDED,
+    address_of_open_tile,
     fill_rows,
     link_rows,
     open_tile,
@@ -40,8 +42,8 @@ TileSource = tuple[
     NDArray[np.int64],
     NDArray[np.int64],
 ]
-PackedTiles = tuple[NDArray[np.uint8], int, int, int, TileSource]
-"""Tiles as the kernels take them, see `kernels.tiles`: (state, wanted, row_shift, col_shift, source)."""
+PackedTiles = tuple[NDArray[np.uint8], int, int, int, TileSource, int]
+"""Tiles as the kernels take them, see `kernels.tiles`: (state, wanted, row_shift, col_shift, source, address)."""
 _EVERYWHERE = 62
 """Bits by which a row is shifted to the one tile of a map that is there as a whole."""
 
@@ -60,8 +62,14 @@ COMPLETE: PackedTiles = (
     _EVERYWHERE,
     _EVERYWHERE,
     _source(np.empty(0, np.float32), np.zeros(RULE_SLOTS), np.empty(0, np.float32), (0, 0)),
+    0,
 )
 """Of a grid whose weights are all there."""
+
+
+@functools.cache
+def _address() -> int:
+    return int(address_of_open_tile(COMPLETE))
 
 
 class Tiles:
@@ -107,7 +115,7 @@ class Tiles:
     def packed(self, number: int = 0) -> PackedTiles:
         """As kernels take them that look at the level of that number."""
         down, right = (int(shift) - 2 * number for shift in self._source[3][0, :2])
-        return self.state, LINKED if number else SURROUNDED, down, right, self._source
+        return self.state, LINKED if number else SURROUNDED, down, right, self._source, _address()
 
     def add_levels(
         self, shapes: list[tuple[int, int]]

@@ -190,6 +190,8 @@ def relative_heights(dem: ArrayLike, base: float | None = None) -> tuple[Float2D
     `base`, before they are rounded: so a map in float64 far above zero keeps its millimetres.
     """
     values = unmasked(dem)
+    if not values.flags.writeable:  # to numba another type, for which all would be compiled once more
+        values = values.copy()
     if values.dtype in (np.float16, np.float32) and not base:
         return as_map(values, "dem"), 0.0
     exact = as_map(values, "dem", np.float64)
