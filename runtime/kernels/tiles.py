@@ -2,7 +2,7 @@
 
 The kernels that look are given `tiles`, a tuple (state, wanted, row_shift, col_shift, source, address): what has been
 done to each tile, as bits; the bit without which a cell of it may not be left; by how many bits a row and a column of
-the level at hand are shifted to give the tile's; and where `open_tile` lies in memory. It is called by its address, as
+the level at hand are shifted to give the tile's; and where `open_tile` lies in memory. It is called by its address:
 numba would else compile it anew into each kernel that calls it. `source` is a tuple
 
     heights    (rows · cols,) float32, metres; not finite where unknown

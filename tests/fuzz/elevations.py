@@ -1,4 +1,4 @@
-"""Maps of elevations that change: a planner that computes costs where it looks answers as one that computes them all."""
+"""Maps of elevations that change: a planner that computes costs where it looks, beside one that computes them all."""
 
 import contextlib
 import math
