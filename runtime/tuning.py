@@ -37,6 +37,15 @@ merged rectangles cover much that did not change."""
 ROWS_PER_BAND = 64
 """Rows of a map that one thread computes at a time: a band of 1024 columns takes about a millisecond."""
 
+# Maps read by windows
+
+BAND_CELLS = 1 << 22
+"""Cells of a band of rows that is read and computed as one, about: 16 MB of heights."""
+LEAST_WINDOW = 256
+"""Cells: windows under a corridor are at least so high and wide, where blocks are smaller."""
+BANDS_AHEAD = 3
+"""Bands that are read ahead: blocks are decoded for several bands at once, which the others then wait for."""
+
 # Exact search
 
 BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS = 1.0 / 4.0, 1.0 / 256.0
