@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.terrain.dem import Dem
+    from nnpp_edge.terrain.georeference import Place
 
 _RASTERS = (".tif", ".tiff")
 _ARRAYS = (".npy", ".npz")
@@ -64,10 +65,9 @@ class MapSize:
     cell_width_m: float
 
     @classmethod
-    def of(cls, dem: Dem) -> MapSize:
+    def of(cls, dem: Place) -> MapSize:
         """Size of an elevation map."""
-        rows, cols = dem.elevation.shape
-        return cls(rows, cols, dem.cell_size_m, dem.cell_width_m)
+        return cls(*dem.shape, dem.cell_size_m, dem.cell_width_m)
 
     def __str__(self) -> str:
         size, width = self.cell_size_m, self.cell_width_m

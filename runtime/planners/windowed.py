@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, as_cell, enclosing
 from nnpp_edge.runtime.errors import InvalidMapError, Status
+from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.map.streamed import StreamedMap
@@ -56,8 +57,8 @@ class Reading:
 class WindowedPlanner:
     """Plans by the corridor method on a map that is read by windows. Serves one thread at a time.
 
-    Paths, costs and bounds are those of `Planner` with ``method="corridor"`` on the same map, as long as one of its two
-    corridors holds a path. Where neither does, the whole map is not searched, and the answer is UNKNOWN.
+    Paths, costs and bounds are those of `Planner` with ``method="corridor"`` on the same map, as long as one of its
+    two corridors holds a path. Where neither does, the whole map is not searched, and the answer is UNKNOWN.
 
     Parameters
     ----------
@@ -69,8 +70,6 @@ class WindowedPlanner:
         Weight of T per grey level.
     corner_cutting : bool
         Whether a diagonal step may pass beside an impassable cell.
-    memory_bytes : int
-        That a corridor may take; by default what the system has left when it is read.
     progress : callable
         Called with the number of rows that have been read.
 
@@ -87,10 +86,9 @@ class WindowedPlanner:
         *,
         omega: float = PAPER_OMEGA,
         corner_cutting: bool = True,
-        memory_bytes: int | None = None,
         progress: Callable[[int], None] = lambda rows: None,
     ) -> None:
-        watch, self._memory_bytes = Stopwatch(), memory_bytes
+        watch = Stopwatch()
         self.costs = CostWindows(heights, traversability)
         with small_pages():
             self._map = StreamedMap(heights.shape, StepModel.of("paper", omega), corner_cutting=corner_cutting)
@@ -108,11 +106,14 @@ class WindowedPlanner:
         """Rows and columns of the map."""
         return self._map.shape
 
-    @property
-    def coarse_costs(self) -> Float2D:
-        """Mean costs of the finest coarse level: (⌈H / 4⌉, ⌈W / 4⌉) float32, inf where no cell is passable."""
-        scale = self._map.grid.model.scale or 1.0
-        return np.asarray(self._map.levels[1].grid.map() / np.float32(scale))
+    def coarse_costs(self, most_cells: int) -> tuple[int, Float2D]:
+        """Mean costs of the finest coarse level with at most so many cells a side, or of the coarsest.
+
+        Cells of the map to the side of one of the level's; float32, inf where none of them is passable.
+        """
+        levels, scale = self._map.levels, np.float32(self._map.grid.model.scale or 1.0)
+        number = next((n for n in range(1, len(levels)) if max(levels[n].grid.shape) <= most_cells), len(levels) - 1)
+        return FACTOR**number, np.asarray(levels[number].grid.map() / scale)
 
     @property
     def any_passable(self) -> bool:
@@ -125,9 +126,7 @@ class WindowedPlanner:
         cells = self.costs.cells_read
         return Reading(cells, cells / (rows * cols) - 1.0, self._map_ms)
 
-    def plan(
-        self, start: Cell, goal: Cell, *, epsilon: float = math.inf, time_limit_s: float = math.inf
-    ) -> Plan:
+    def plan(self, start: Cell, goal: Cell, *, epsilon: float = math.inf, time_limit_s: float = math.inf) -> Plan:
         """A path from start to goal.
 
         Parameters
@@ -161,7 +160,6 @@ class WindowedPlanner:
                     self._corridor.put([(*cell, 1, 1)])
             if problem := problem_with(grid, query.start, query.goal):
                 return Plan(problem, Method.CORRIDOR, planner=Method.CORRIDOR)
-            self._corridor.room = available_bytes() if self._memory_bytes is None else self._memory_bytes
             for width, source in ((CORRIDOR, Source.REGION), (WIDENED_CORRIDOR, Source.WIDENED)):
                 top = self._descent.top_for(query)
                 tried = self._descent.find(query, work, self._corridor, top, None, width, source)
@@ -193,18 +191,16 @@ class CorridorCells:
         self._unit = max(block_rows, LEAST_WINDOW), max(min(block_cols, 4 * LEAST_WINDOW), LEAST_WINDOW)
         self._known: dict[Cell, Rectangle] = {}
         """What has been read, by the row and column of the unit that it lies in."""
-        self.room = 0
-        """Bytes that the cells of a corridor may take."""
 
     def search(self, query: Query, work: Work, region: Region) -> Search:
         """A* inside the region, whose cells, and those beside them, are read first."""
         parts = self._under(region)
         wanted = sum(rows * (12 * cols + 2 * _PAGE) for _, _, rows, cols in parts)
-        if wanted > self.room:
+        if wanted > (room := available_bytes()):
             cells = sum(rows * cols for _, _, rows, cols in parts)
             raise InvalidMapError(
                 f"wanted {wanted / 1e9:.2f} GB of memory for the {cells} cells under the corridor, got "
-                f"{self.room / 1e9:.2f} GB: raise --memory, or plan in several legs"
+                f"{room / 1e9:.2f} GB: plan in several legs"
             )
         self.put(parts)
         work.stage_ends("read")

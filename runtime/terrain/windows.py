@@ -6,11 +6,12 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
-from nnpp_edge.runtime.tuning import BAND_CELLS, BANDS_AHEAD
+from nnpp_edge.runtime.tuning import BAND_CELLS, BANDS_AHEAD, LEG_CELLS
 
 T = TypeVar("T")
 
@@ -80,7 +81,21 @@ class CostWindows:
             inside = slice(top, top + part[2]), slice(left, left + part[3])
             yield part, heights[inside], cost[inside]
 
-    def _band(self, part: Rectangle, heights: Float2D, above: Float2D, below: Float2D) -> tuple[int, Float2D, Float2D]:
+    def along(self, path: NDArray[np.int32]) -> tuple[Float2D, Float2D]:
+        """(N,) heights and costs of the cells of a path (N, 2)."""
+        legs = [path[at : at + LEG_CELLS] for at in range(0, len(path), LEG_CELLS)]
+        corners = [(leg.min(axis=0), leg.max(axis=0) + 1) for leg in legs]
+        parts = [(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])) for low, high in corners]
+        found = [np.empty((2, 0), np.float32)]
+        for leg, (part, heights, cost) in zip(legs, self.windows(parts), strict=True):
+            at = tuple((leg - part[:2]).T)
+            found.append(np.stack([heights[at], cost[at]]))
+        heights, cost = np.concatenate(found, axis=1)
+        return heights, cost
+
+    def _band(
+        self, part: Rectangle, heights: Float2D, above: Float2D, below: Float2D
+    ) -> tuple[int, Float2D, Float2D]:
         cost = self._cost(np.concatenate([above, heights, below]))
         return part[0], heights, cost[len(above) : len(above) + len(heights)]
 
