@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 _RASTERS = (".tif", ".tiff")
 _ARRAYS = (".npy", ".npz")
-_SHARES = (0.1, 0.5, 0.9, 0.99)
+SHARES = (0.1, 0.5, 0.9, 0.99)
+_BYTES_PER_CELL = 40
+"""At the peak of writing a whole map: heights 4, cost 4, its terms 12, quantiles and copies."""
 
 
 @click.command(name="costmap")
@@ -28,13 +30,19 @@ _SHARES = (0.1, 0.5, 0.9, 0.99)
 @click.option("-o", "--output", type=options.NEW_FILE, required=True, help=".tif, .npy or .npz.")
 @click.option("--picture", type=options.NEW_FILE, help="PNG; by default beside the output, under its name.")
 @options.terrain
+@options.memory
 @options.as_json
-def command(dem: Path, output: Path, picture: Path | None, as_json: bool, terrain: TerrainOptions) -> None:
+def command(
+    dem: Path, output: Path, picture: Path | None, as_json: bool, terrain: TerrainOptions, memory: float | None
+) -> None:
     """Write the traversability cost of an elevation map, and a picture of it.
 
     Costs lie in [0, 1). A GeoTIFF keeps the DEM's georeference; its impassable cells are NaN, declared as
     nodata. In .npy and .npz (arrays cost, cell_size_m, cell_width_m) they are inf. In the picture, whiter is
     costlier and impassable cells are brown.
+
+    A raster too large for the memory that is free, or for --memory, is read by windows; its cost map is written as a
+    GeoTIFF, a band after another.
 
     \b
     nnpp-edge costmap dem.tif -o cost.tif --workload limit20
@@ -43,6 +51,22 @@ def command(dem: Path, output: Path, picture: Path | None, as_json: bool, terrai
     options.check_outputs(("--output", output), ("--picture", picture))
     limits = terrain.limits()
 
+    from nnpp_edge.cli.windows import reads_by_windows
+
+    if reads_by_windows(dem, terrain, memory, _BYTES_PER_CELL):
+        from nnpp_edge.cli.costmap_windows import write_by_windows
+
+        summary = write_by_windows(dem, terrain, limits, output, picture)
+    else:
+        summary = _write_whole_map(dem, terrain, limits, output, picture)
+    files = [str(output), str(picture)]
+    click.echo(json.dumps({**summary.figures(), "files": files}) if as_json else summary.text(dem, files))
+
+
+def _write_whole_map(
+    dem: Path, terrain: TerrainOptions, limits: Traversability, output: Path, picture: Path
+) -> CostSummary:
+    """Write cost map and picture of a map that is read into memory."""
     from nnpp_edge.files import write_all
     from nnpp_edge.viz.picture import cost_map_picture, png_bytes
 
@@ -50,9 +74,7 @@ def command(dem: Path, output: Path, picture: Path | None, as_json: bool, terrai
     cost = cost_of(ground, limits)
     drawn = png_bytes(cost_map_picture(cost, cell_size_m=ground.cell_width_m))
     write_all({output: _content(output, cost, ground), picture: drawn})
-    summary = summarise(cost, ground, limits)
-    files = [str(output), str(picture)]
-    click.echo(json.dumps({**summary.figures(), "files": files}) if as_json else summary.text(dem, files))
+    return summarise(cost, ground, limits)
 
 
 @dataclass(frozen=True)
@@ -121,14 +143,14 @@ def summarise(cost: Float2D, dem: Dem, limits: Traversability) -> CostSummary:
     from nnpp_edge.runtime.terrain.traversability import TERMS, terrain_terms
 
     passable = cost[np.isfinite(cost)]
-    quantiles = np.quantile(passable, _SHARES).round(6).tolist() if passable.size else [None] * len(_SHARES)
+    quantiles = np.quantile(passable, SHARES).round(6).tolist() if passable.size else [None] * len(SHARES)
     terms = terrain_terms(dem.elevation, dem.cell_size_m, cell_width_m=dem.cell_width_m)
     known = max(int(np.isfinite(terms[0]).sum()), 1)
     at_limit = (np.radians(limits.slope_limit_deg), limits.roughness_limit_m, limits.step_limit_m)
     return CostSummary(
         MapSize.of(dem),
         passable.size / cost.size,
-        {f"{share:g}": quantile for share, quantile in zip(_SHARES, quantiles, strict=True)},
+        {f"{share:g}": quantile for share, quantile in zip(SHARES, quantiles, strict=True)},
         {
             name: round(float((term >= limit).sum() / known), 6)
             for name, term, limit in zip(TERMS, terms, at_limit, strict=True)

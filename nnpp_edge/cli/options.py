@@ -99,7 +99,7 @@ def _bytes(word: str) -> float:
     found = re.fullmatch(r"([\d.]+) ?([kMGT]?)(i?)B?", word)
     if found is None:
         raise ValueError
-    size = float(found[1]) * (1024.0 if found[3] else 1000.0) ** float(" kMGT".index(found[2] or " "))
+    size: float = float(found[1]) * (1024 if found[3] else 1000) ** " kMGT".index(found[2] or " ")
     if size <= 0.0:
         raise ValueError
     return size

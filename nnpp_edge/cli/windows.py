@@ -50,12 +50,13 @@ def plan_by_windows(
     from nnpp_edge.terrain.route import Route
 
     _check(request, hillshade)
-    with terrain.open(dem) as ground, bar("coarse levels", ground.shape[0]) as progress:
+    with terrain.open(dem) as ground:
         warn_if_not_square(ground)
         start, goals = request.cells(ground)
-        planner = WindowedPlanner(
-            ground, limits, omega=request.omega, corner_cutting=request.corner_cutting, progress=progress
-        )
+        with bar("coarse levels", ground.shape[0]) as progress:
+            planner = WindowedPlanner(
+                ground, limits, omega=request.omega, corner_cutting=request.corner_cutting, progress=progress
+            )
         if not planner.any_passable:
             refuse_impassable(ground)
         ranked = _nearest(planner, request, start, goals)

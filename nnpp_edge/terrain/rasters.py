@@ -5,7 +5,8 @@ import math
 import re
 import sys
 import warnings
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import numpy.typing as npt
 
-from nnpp_edge.runtime.errors import TerrainError, optional_module
+from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
 from nnpp_edge.terrain.gdal_files import FORMATS, NO_NETWORK, openable
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.heights import Reading, Window, check_room, checked_window, metres
@@ -29,6 +30,8 @@ _METRES_PER_UNIT |= dict.fromkeys(("km", "kilometer", "kilometre", "kilometers",
 _SEMI_MAJOR = re.compile(r'(?:SPHEROID|ELLIPSOID)\["[^"]*",\s*([^,\]]+)(?:[^\[]*LENGTHUNIT\["[^"]*",\s*([^,\]]+))?')
 _ASCII_HEADER = re.compile(r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+", re.IGNORECASE | re.MULTILINE)
 _HIGHEST_OFFSET_M = 1e5
+_TILE = 512
+"""Cells to the side of a tile of a raster that is written as a stream."""
 _LEAST_CACHE_BYTES = 1 << 26
 """Of blocks that GDAL keeps for a raster read by windows; by itself it would keep a twentieth of the memory."""
 
@@ -123,13 +126,49 @@ def geotiff_bytes(name: str, values: npt.NDArray[np.generic], place: Georeferenc
     Raises MissingExtraError, with the file's `name`, where rasterio is not installed.
     """
     rasterio = optional_module("rasterio", f"writing {name}", "geo")
-    where = {"crs": place.crs, "transform": rasterio.Affine(*place.transform)} if place else {}
-    shape = {"height": values.shape[0], "width": values.shape[1], "count": 1, "dtype": "float32"}
-    kind = {"driver": "GTiff", "compress": "deflate", "predictor": 3, "nodata": math.nan}
     with _quiet(rasterio), rasterio.MemoryFile() as memory:
-        with memory.open(**kind, **shape, **where) as dataset:
+        with memory.open(**_geotiff(rasterio, values.shape, place)) as dataset:
             dataset.write(values.astype(np.float32), 1)
         return bytes(memory.read())
+
+
+@contextmanager
+def geotiff_stream(
+    path: Path, shape: tuple[int, int], place: Georeference | None
+) -> Iterator[Callable[[int, npt.NDArray[np.float32]], None]]:
+    """A tiled GeoTIFF to be written by bands of rows: a function that takes a band's first row and its values.
+
+    At the end it is read again: GDAL may meet a full disk in silence. OutputError where it is not what was written;
+    rasterio's errors, and MissingExtraError, as they come.
+    """
+    rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
+    tiles = {
+        "tiled": True,
+        "blockxsize": _TILE,
+        "blockysize": _TILE,
+        "BIGTIFF": "IF_SAFER",
+        "NUM_THREADS": "ALL_CPUS",
+    }
+    written: list[tuple[int, int, int]] = []
+
+    def write(row: int, values: npt.NDArray[np.float32]) -> None:
+        dataset.write(values, 1, window=((row, row + len(values)), (0, shape[1])))
+        written.append((row, len(values), zlib.crc32(values.tobytes())))
+
+    with _quiet(rasterio):
+        with rasterio.open(path, "w", **_geotiff(rasterio, shape, place), **tiles) as dataset:
+            yield write
+        with rasterio.open(path) as back:
+            for row, rows, checksum in written:
+                if zlib.crc32(back.read(1, window=((row, row + rows), (0, shape[1]))).tobytes()) != checksum:
+                    raise OutputError(f"{path}: could not be written (rows from {row} on are not what was written)")
+
+
+def _geotiff(rasterio: ModuleType, shape: tuple[int, ...], place: Georeference | None) -> dict[str, object]:
+    """rasterio's options for a compressed float32 GeoTIFF whose unknown cells are NaN."""
+    where = {"crs": place.crs, "transform": rasterio.Affine(*place.transform)} if place else {}
+    size = {"height": shape[0], "width": shape[1], "count": 1, "dtype": "float32"}
+    return {"driver": "GTiff", "compress": "deflate", "predictor": 3, "nodata": math.nan, **size, **where}
 
 
 def _cell_on_ground(
