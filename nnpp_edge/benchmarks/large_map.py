@@ -18,7 +18,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.files import staged
 from nnpp_edge.progress import bar
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 
@@ -30,11 +29,12 @@ _COARSE = 64
 _ROUGHNESS, _STEEPNESS = 0.85, 0.055
 """Exponent by which heights grow with the size of an octave, and heights of the finest, in cells."""
 _BYTES_ON_PAPER = {
-    "skimage.graph.MCP_Geometric": 8 + 8 + 8 + 1 + 1 + 4,
-    "an array of every stage at once (as Planner holds)": 28,
-    "float64 arrays of cost and cumulative cost, and directions": 8 + 8 + 1,
+    "skimage.graph.MCP_Geometric, in memory": 4 + 64,
+    "GRASS r.cost, in segments on disk": 24,
+    "Planner, in memory": 4 + 16,
 }
-"""Bytes a cell: what whole-array tools hold; see docs/decisions.md."""
+"""Bytes a cell that other ways take. MCP_Geometric: float32 costs, and 64 measured beside them at 1000² and 2000².
+r.cost: three float64 a cell (cost in, cost out, nearest), of which `memory` megabytes are kept."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class Crossed:
     file_gb: float
     seconds: float
     """Of the whole command, start-up and files included."""
+    cpu_s: float
+    """Processor time of the command, on all cores."""
     map_s: float
     """Of reading all heights once and making the coarse levels."""
     stages_s: dict[str, float]
@@ -109,12 +111,8 @@ def make_cog(path: Path, size: int, seed: int = 1, cell_size_m: float = 1.0) -> 
     place = rasterio.Affine(cell_size_m, 0, 400_000, 0, -cell_size_m, 5_000_000)
     kind = {"driver": "GTiff", "width": size, "height": size, "count": 1, "dtype": "float32", "nodata": np.nan}
     tiles = {"tiled": True, "blockxsize": TILE, "blockysize": TILE, "BIGTIFF": "YES"}
-    with (
-        staged(path) as cog,
-        tempfile.TemporaryDirectory(dir=path.parent) as folder,
-        rasterio.Env(GDAL_CACHEMAX=1 << 28),
-    ):
-        plain = Path(folder) / "plain.tif"
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder, rasterio.Env(GDAL_CACHEMAX=1 << 28):
+        plain, cog = Path(folder) / "plain.tif", Path(folder) / "cog.tif"
         with (
             bar("ground", size) as progress,
             rasterio.open(plain, "w", **kind, **tiles, crs="EPSG:32615", transform=place) as dataset,
@@ -126,9 +124,9 @@ def make_cog(path: Path, size: int, seed: int = 1, cell_size_m: float = 1.0) -> 
                     dataset.write(heights, 1, window=((row, row + high), (col, col + wide)))
                 progress(min(row + TILE, size))
         options = {"COMPRESS": "DEFLATE", "PREDICTOR": "YES", "BLOCKSIZE": TILE, "NUM_THREADS": "ALL_CPUS"}
-        optional_module("rasterio.shutil", "making the map", "geo").copy(
-            plain, cog, driver="COG", OVERVIEW_RESAMPLING="AVERAGE", **options
-        )
+        copy = optional_module("rasterio.shutil", "making the map", "geo").copy
+        copy(plain, cog, driver="COG", OVERVIEW_RESAMPLING="AVERAGE", **options)
+        cog.replace(path)
 
 
 def cross(path: Path, size: int, memory: str | None) -> Crossed:
@@ -139,12 +137,12 @@ def cross(path: Path, size: int, memory: str | None) -> Crossed:
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         words += ["-o", folder, *(["--memory", memory] if memory else [])]
         began = time.perf_counter()
-        process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-        assert process.stdout is not None
-        told = process.stdout.read()
-        _, status, usage = os.wait4(process.pid, 0)
+        with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            told = process.stdout.read()
+            _, status, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
         seconds = time.perf_counter() - began
-    process.returncode = os.waitstatus_to_exitcode(status)
     if not told:
         raise InvalidQueryError(f"the command ended with exit code {process.returncode}")
     plan = json.loads(told)
@@ -155,6 +153,7 @@ def cross(path: Path, size: int, memory: str | None) -> Crossed:
         size,
         path.stat().st_size * 1e-9,
         seconds,
+        usage.ru_utime + usage.ru_stime,
         windows["map_s"],
         stages,
         usage.ru_maxrss * 1024e-9,

@@ -19,6 +19,7 @@ from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
 from nnpp_edge.terrain.gdal_files import FORMATS, NO_NETWORK, openable
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.heights import Reading, Window, check_room, checked_window, metres
+from nnpp_edge.terrain.tiff_blocks import DeflateBlocks
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
@@ -46,6 +47,7 @@ class Raster:
         self.block: tuple[int, int] = dataset.block_shapes[0]
         """Rows and columns of a block, which is read as one."""
         self.dtype, self.driver = np.dtype(dataset.dtypes[0]), dataset.driver
+        self._blocks = DeflateBlocks(path, dataset)
         unit = vertical_scale or _metres_per_unit(dataset)
         offset = dataset.offsets[0] * unit
         self._offset = 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
@@ -56,9 +58,10 @@ class Raster:
         _check_whole(self._path, self._dataset)
 
     def heights(self, part: Window) -> npt.NDArray[np.float32]:
-        """Metres in a window (row0, col0, rows, cols); NaN where the file has no data."""
+        """Metres in a window (row0, col0, rows, cols), NaN where there is no data; TerrainError for damaged blocks."""
         row0, col0, rows, cols = part
         window = ((row0, row0 + rows), (col0, col0 + cols))
+        self._blocks.check(part)
         heights = metres(self._dataset.read(1, window=window), self._scale, self._offset)
         heights[self._dataset.read_masks(1, window=window) == 0] = np.nan
         return heights
