@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
-_BYTES_PER_CELL = 28
-"""At the peak of planning on a whole map: heights 4, cost 4, weights 4, search memory 8, coarse levels, copies."""
+_BYTES_PER_CELL = 24
+"""At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions.md)."""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,7 +46,6 @@ def plan_by_windows(
     request: Request, dem: Path, terrain: TerrainOptions, limits: Traversability, *, hillshade: bool, drawn: bool
 ) -> Planned:
     """Plan on a map of which only the coarse levels and what lies under a corridor are in memory."""
-    from nnpp_edge.progress import bar
     from nnpp_edge.runtime.planners.windowed import WindowedPlanner
     from nnpp_edge.terrain.route import Route
 
@@ -53,10 +53,10 @@ def plan_by_windows(
     with terrain.open(dem) as ground:
         warn_if_not_square(ground)
         start, goals = request.cells(ground)
-        with bar("coarse levels", ground.shape[0]) as progress:
-            planner = WindowedPlanner(
-                ground, limits, omega=request.omega, corner_cutting=request.corner_cutting, progress=progress
-            )
+        progress = _Bars(ground.shape[0])
+        planner = WindowedPlanner(
+            ground, limits, omega=request.omega, corner_cutting=request.corner_cutting, progress=progress
+        )
         if not planner.any_passable:
             refuse_impassable(ground)
         ranked = _nearest(planner, request, start, goals)
@@ -75,6 +75,25 @@ def plan_by_windows(
         )
         factor, costs = planner.coarse_costs(_MOST_PIXELS)
         return Planned(answer, costs, None, factor, _around(planner, goal if "GOAL" in plan.status else start))
+
+
+class _Bars:
+    """A progress bar for each time that the map's rows are read."""
+
+    def __init__(self, rows: int) -> None:
+        self._rows, self._open, self._what = rows, ExitStack(), ""
+
+    def __call__(self, what: str, done: int) -> None:
+        """Show how far this reading has come."""
+        from nnpp_edge.progress import bar
+
+        if what != self._what:
+            self._open.close()
+            self._advance, self._what = self._open.enter_context(bar(what, self._rows)), what
+        self._advance(done)
+        if done == self._rows:
+            self._open.close()
+            self._what = ""
 
 
 def _check(request: Request, hillshade: bool) -> None:

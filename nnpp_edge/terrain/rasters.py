@@ -58,7 +58,7 @@ class Raster:
         _check_whole(self._path, self._dataset)
 
     def heights(self, part: Window) -> npt.NDArray[np.float32]:
-        """Metres in a window (row0, col0, rows, cols), NaN where there is no data; TerrainError for damaged blocks."""
+        """Metres in a window (row0, col0, rows, cols), NaN where unknown; TerrainError where a block is damaged."""
         row0, col0, rows, cols = part
         window = ((row0, row0 + rows), (col0, col0 + cols))
         self._blocks.check(part)

@@ -5,7 +5,9 @@ what lies under the last corridor is read again, and searched at full resolution
 """
 
 import math
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Generator, Iterable
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +25,7 @@ from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.search.astar import Search, astar
+from nnpp_edge.runtime.search.connection import connected
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -30,7 +33,8 @@ from nnpp_edge.runtime.terrain.windows import CostWindows, HeightWindows
 from nnpp_edge.runtime.tuning import CORRIDOR, LEAST_WINDOW, WIDENED_CORRIDOR
 
 _PAGE = 4096
-_NOT_KNOWN = "neither corridor holds a path; whether there is one would take a search of the whole map"
+_NO_CORRIDOR = "there is a path, but neither corridor holds one: to find it would take a search of the whole map"
+_NO_TIME = "neither corridor holds a path, and no time was left to find out whether there is one"
 
 
 class VirtualWorkspace(Workspace):
@@ -58,7 +62,8 @@ class WindowedPlanner:
     """Plans by the corridor method on a map that is read by windows. Serves one thread at a time.
 
     Paths, costs and bounds are those of `Planner` with ``method="corridor"`` on the same map, as long as one of its
-    two corridors holds a path. Where neither does, the whole map is not searched, and the answer is UNKNOWN.
+    two corridors holds a path. Where neither does, the map is read once more to tell whether start and goal are
+    connected: the answer is NO_PATH or, as the whole map is not searched, UNKNOWN.
 
     Parameters
     ----------
@@ -71,7 +76,7 @@ class WindowedPlanner:
     corner_cutting : bool
         Whether a diagonal step may pass beside an impassable cell.
     progress : callable
-        Called with the number of rows that have been read.
+        Called with what the map is read for, and the number of rows that have been read.
 
     Raises
     ------
@@ -86,15 +91,15 @@ class WindowedPlanner:
         *,
         omega: float = PAPER_OMEGA,
         corner_cutting: bool = True,
-        progress: Callable[[int], None] = lambda rows: None,
+        progress: Callable[[str, int], None] = lambda what, rows: None,
     ) -> None:
-        watch = Stopwatch()
+        watch, self._progress = Stopwatch(), progress
         self.costs = CostWindows(heights, traversability)
         with small_pages():
             self._map = StreamedMap(heights.shape, StepModel.of("paper", omega), corner_cutting=corner_cutting)
             for row, _, cost in self.costs.bands():
                 self._map.take(cost)
-                progress(row + len(cost))
+                progress("coarse levels", row + len(cost))
             self._map.finish()
             workspace = VirtualWorkspace(len(self._map.grid.weights))
             self._descent = CoarseToFine(self._map, workspace)
@@ -142,7 +147,7 @@ class WindowedPlanner:
         Returns
         -------
         Plan
-            UNKNOWN where neither corridor holds a path.
+            NO_PATH where there is none. UNKNOWN where there is one, but not in a corridor; or no time to find out.
 
         Raises
         ------
@@ -166,10 +171,31 @@ class WindowedPlanner:
                 found = tried or found
                 if found is not None and found.suffices(query):
                     break
+        reason = ""
         if found is None:
-            found = Found.of(grid, Search.without_path(Status.UNKNOWN), Source.WIDENED, None, work)
-        reason = _NOT_KNOWN if found.search.status is Status.UNKNOWN else ""
+            status, reason = self._without_corridor(query)
+            work.stage_ends("connection")
+            found = Found.of(grid, Search.without_path(status), Source.WIDENED, None, work)
         return found.plan(Method.CORRIDOR, work, planner=Method.CORRIDOR, reason=reason)
+
+    def _without_corridor(self, query: Query) -> tuple[Status, str]:
+        """Whether there is a path where no corridor holds one, and in words."""
+        late = False
+
+        def bands() -> Generator[Float2D, None, None]:
+            nonlocal late
+            for row, _, cost in self.costs.bands():
+                if late := time.monotonic() > query.deadline:
+                    return
+                yield cost
+                self._progress("connection", row + len(cost))
+
+        ends, cutting = (query.start, query.goal), self._map.grid.corner_cutting
+        with closing(bands()) as costs:
+            there_is_one = connected(costs, ends, corner_cutting=cutting)
+        if late:
+            return Status.UNKNOWN, _NO_TIME
+        return (Status.UNKNOWN, _NO_CORRIDOR) if there_is_one else (Status.NO_PATH, "")
 
 
 class CorridorCells:

@@ -54,7 +54,7 @@ def test_a_plan_by_windows_is_that_of_the_map_in_memory(nnpp_edge, ground, tmp_p
     whole = json.loads(nnpp_edge(*words, "corridor", "-o", tmp_path / "whole").out)
     ended = nnpp_edge(*words, "auto", "-o", tmp_path / "windows", *SMALL)
     assert ended.code == 0
-    assert "300 × 400 cells need 3.4 MB in memory, 0.1 MB are allowed: read by windows" in ended.err
+    assert "300 × 400 cells need 2.9 MB in memory, 0.1 MB are allowed: read by windows" in ended.err
     told = json.loads(ended.out)
     same = ("status", "method", "source", "cost", "length", "lower_bound", "bound", "expansions", "length_m", "rows")
     assert [told[name] for name in same] == [whole[name] for name in same]
@@ -119,7 +119,7 @@ def test_unknown_ground_and_walls_are_outcomes(nnpp_edge, tmp_path):
     heights = np.zeros((300, 400), np.float32)
     heights[150] = np.nan
     ended = nnpp_edge("plan", write(tmp_path / "split.tif", heights), *ENDS, *SMALL)
-    assert ended.code == 1 and ended.out.startswith("UNKNOWN")
+    assert ended.code == 1 and ended.out.startswith("NO_PATH")
 
 
 def broken(path, out, at=0.5):

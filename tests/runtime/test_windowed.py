@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime import Planner, plan_path
 from nnpp_edge.runtime.errors import InvalidMapError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid
@@ -16,10 +16,12 @@ from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import check_planner_fits, virtual_zeros
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
+from nnpp_edge.runtime.search.connection import connected
 from nnpp_edge.runtime.terrain import windows
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.runtime.terrain.windows import CostWindows
 from nnpp_edge.terrain.synthetic import synthetic_terrain
+from tests.strategies import cases
 
 LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0, roughness_limit_m=2.0, step_limit_m=2.0)
 
@@ -141,7 +143,8 @@ def test_plans_are_those_of_the_corridor_planner_in_memory(seed, corner_cutting)
         plan = windowed.plan(start, goal, epsilon=epsilon)
         sources.add(wanted.source)
         if wanted.source is Source.FALLBACK:
-            assert plan.status is Status.UNKNOWN or (plan.ok and plan.lower_bound <= wanted.cost * (1 + 1e-6))
+            no_path = Status.UNKNOWN if wanted.ok else Status.NO_PATH
+            assert plan.status is no_path or (plan.ok and plan.lower_bound <= wanted.cost * (1 + 1e-6))
             continue
         assert (plan.status, plan.cost, plan.source) == (wanted.status, wanted.cost, wanted.source)
         assert (plan.lower_bound, plan.expansions) == (wanted.lower_bound, wanted.expansions)
@@ -150,13 +153,52 @@ def test_plans_are_those_of_the_corridor_planner_in_memory(seed, corner_cutting)
     assert windowed.reading().read_again > 0.0
 
 
-def test_a_corridor_without_a_path_is_widened_and_then_the_answer_is_not_known():
+@settings(deadline=None, max_examples=150)
+@given(cases(most_side=30), st.sampled_from([1, 4, 7, 64]))
+def test_whether_two_cells_are_connected_is_what_a_search_finds(case, rows_per_band):
+    cost = np.where(np.isfinite(case.cost), np.float32(0.5), np.float32(np.nan))
+    plan = plan_path(cost, case.start, case.goal, method="astar", corner_cutting=case.corner_cutting)
+    bands = (cost[row : row + rows_per_band] for row in range(0, len(cost), rows_per_band))
+    assert connected(bands, (case.start, case.goal), corner_cutting=case.corner_cutting) == plan.ok
+
+
+def test_a_spiral_is_followed_and_reading_ends_when_all_is_known():
+    cost = np.full((41, 41), np.inf, np.float32)
+    cost[::4], cost[:, ::40] = 0.5, 0.5
+    for n, row in enumerate(range(2, 41, 4)):  # a snake: from each row to the next at the other end
+        cost[row - 1 : row + 2, 0 if n % 2 else 40] = np.inf
+    given_out = []
+
+    def bands():
+        for row in range(0, 41, 5):
+            given_out.append(row)
+            yield cost[row : row + 5]
+
+    assert connected(bands(), ((0, 0), (40, 40)))
+    assert len(given_out) == 9
+    given_out.clear()
+    cost[6] = np.inf
+    assert not connected(bands(), ((0, 0), (40, 40)))
+    assert len(given_out) == 2
+
+
+def test_a_corridor_without_a_path_is_widened_and_then_it_is_told_whether_there_is_one():
     heights = np.zeros((300, 300), np.float32)
     heights[150] = np.nan
     planner = WindowedPlanner(ArrayWindows(heights), LIMITS)
     plan = planner.plan((10, 10), (290, 290))
-    assert (plan.status, plan.source, len(plan.path)) == (Status.UNKNOWN, Source.WIDENED, 0)
-    assert "whole map" in plan.reason and plan.lower_bound == 0.0 and not plan.ok
+    assert (plan.status, plan.source, len(plan.path)) == (Status.NO_PATH, Source.WIDENED, 0)
+    assert plan.lower_bound == 0.0 and not plan.reason
+    # two ways into one coarse cell, of which it keeps the larger, and that leads nowhere
+    heights[148:152] = np.nan
+    heights[148:152, 100] = heights[148:151, 102:104] = 0.0
+    planner = WindowedPlanner(ArrayWindows(heights))
+    plan = planner.plan((10, 10), (290, 290))
+    exact = Planner(traversability_cost(heights, 1.0, cell_width_m=1.5, warn=False)).plan(
+        (10, 10), (290, 290), method="corridor"
+    )
+    assert exact.source is Source.FALLBACK and exact.ok
+    assert plan.status is Status.UNKNOWN and "there is a path" in plan.reason
 
 
 def test_ends_outside_and_blocked_and_alike():
