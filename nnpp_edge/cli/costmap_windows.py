@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nnpp_edge.cli.costmap import SHARES, CostSummary, MapSize
+from nnpp_edge.cli.cost_summary import SHARES, CostSummary, MapSize
 from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.files import staged, write_whole
 from nnpp_edge.progress import bar

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.costmap import cost_of
 from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.cli.plan_answer import Answer, Compared, Near, Planned, files_in, refuse_impassable, warn_if_not_square
+from nnpp_edge.cli.plan_request import Request
 from nnpp_edge.cli.windows import plan_by_windows, reads_by_windows
 
 if TYPE_CHECKING:
@@ -30,38 +30,6 @@ _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions.md)."""
-
-
-@dataclass(frozen=True)
-class Request:
-    """What is to be planned, and how. The options' values, as given."""
-
-    start: Cell | None
-    goals: tuple[Cell, ...]
-    start_xy: tuple[float, ...] | None
-    goals_xy: tuple[tuple[float, ...], ...]
-    method: str
-    model: str
-    omega: float
-    corner_cutting: bool
-    epsilon: float | None
-    time_limit: float | None
-    landmarks: int
-    compare: bool
-
-    def __post_init__(self) -> None:
-        """Refuse a start or goals that are missing, or given as cells and as coordinates."""
-        start_xy = (self.start_xy,) if self.start_xy else ()
-        for name, cells, places in (("start", self.start, start_xy), ("goal", self.goals, self.goals_xy)):
-            if bool(cells) == bool(places):
-                raise click.UsageError(f"give either --{name} ROW,COL or --{name}-xy X,Y")
-            if any(len(place) != 2 for place in places):
-                raise click.UsageError(f"--{name}-xy must be two numbers X,Y")
-
-    def cells(self, dem: Place) -> tuple[Cell, list[Cell]]:
-        """Start and goals as cells of the map."""
-        start = self.start or dem.cell_of(*(self.start_xy or ()))
-        return start, [*self.goals, *(dem.cell_of(*place) for place in self.goals_xy)]
 
 
 @click.command(name="plan")

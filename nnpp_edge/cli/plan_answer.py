@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import click
 
-from nnpp_edge.cli.costmap import MapSize
+from nnpp_edge.cli.cost_summary import MapSize
 
 if TYPE_CHECKING:
     import numpy as np

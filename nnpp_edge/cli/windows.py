@@ -12,7 +12,7 @@ from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.cli.plan_answer import Answer, Near, Planned, WindowsRead, refuse_impassable, warn_if_not_square
 
 if TYPE_CHECKING:
-    from nnpp_edge.cli.plan import Request
+    from nnpp_edge.cli.plan_request import Request
     from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.runtime.planners.plan import Plan
     from nnpp_edge.runtime.planners.windowed import WindowedPlanner
