@@ -13,6 +13,8 @@ from nnpp_edge.runtime.errors import NnppEdgeError
 
 MOST_BYTES = 1 << 24
 """Of a file of settings or figures; the longest of ours take a hundredth of it."""
+_MOST_CHARACTERS = 400
+"""Of a reason; some libraries quote all that they have read."""
 
 
 def problem_with_file(path: Path | str | int) -> str | None:
@@ -31,7 +33,8 @@ def reason(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return "not enough memory"
     words = (error.strerror if isinstance(error, OSError) else None) or str(error)
-    return " ".join(words.split()) or type(error).__name__
+    line = " ".join(words.split()) or type(error).__name__
+    return line if len(line) <= _MOST_CHARACTERS else f"{line[:_MOST_CHARACTERS]}…"
 
 
 @contextmanager

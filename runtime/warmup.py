@@ -122,6 +122,8 @@ def exercise() -> None:
     """
     _exercise_cost_maps()
     network = NetworkModel("edge")
+    network.set_query((0.0, 0.0), (1.0, 1.0))
+    network.run()
     for shape in warmup_shapes():
         for step_cost in ("paper", "length"):
             for corner_cutting in (True, False):

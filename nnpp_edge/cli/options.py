@@ -30,9 +30,21 @@ LARGEST = 1e9
 LARGEST_SIDE = 1 << 15
 """Cells along a side of a map that is made or cut out."""
 COUNT = click.IntRange(1, MOST)
-PATH = click.Path(path_type=Path)
-NEW_FILE = click.Path(path_type=Path, dir_okay=False)
-FOLDER = click.Path(path_type=Path, file_okay=False)
+
+
+class Named(click.Path):
+    """A path that is not empty; pathlib takes an empty one for the folder we are in."""
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
+        """Parse a word."""
+        if not str(value):
+            self.fail("wanted a path, got nothing", param, ctx)
+        return super().convert(value, param, ctx)  # type: ignore[arg-type]  # click takes any
+
+
+PATH = Named(path_type=Path)
+NEW_FILE = Named(path_type=Path, dir_okay=False)
+FOLDER = Named(path_type=Path, file_okay=False)
 
 
 class Real(click.FloatRange):

@@ -73,7 +73,8 @@ def command(
 
     Give start and goal as cells, or with --start-xy and --goal-xy in the map's coordinates. With several
     goals a path to each is planned, and the one that costs least is taken. The time shown includes loading
-    compiled code and the network; with --compare and with --time-limit these are loaded first. Exit codes: 0
+    compiled code and, as its stage `load`, waiting for the network, whose file is opened while DEM is read; with
+    --compare and with --time-limit these are loaded first. Exit codes: 0
     for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is impassable.
 
     path.geojson is in the map's own coordinates, not in longitude and latitude; its properties say which.
@@ -107,7 +108,13 @@ def plan_whole(
     request: Request, dem: Path, terrain: TerrainOptions, limits: Traversability, *, hillshade: bool, drawn: bool
 ) -> Planned:
     """Plan on a map that is read into memory."""
+    from nnpp_edge.runtime.network.loading import begin_loading
+
+    if request.method == "nnpp":
+        begin_loading(request.model)
     ground = terrain.read(dem)
+    if request.method == "auto" and request.expects_network(ground):
+        begin_loading(request.model)
     warn_if_not_square(ground)
     cost = cost_of(ground, limits)
     if not (cost < 1.0).any():

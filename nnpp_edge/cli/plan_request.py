@@ -42,3 +42,12 @@ class Request:
         """Start and goals as cells of the map."""
         start = self.start or dem.cell_of(*(self.start_xy or ()))
         return start, [*self.goals, *(dem.cell_of(*place) for place in self.goals_xy)]
+
+    def expects_network(self, dem: Place) -> bool:
+        """Whether ``auto`` is expected to ask the network for one of the goals."""
+        from nnpp_edge.runtime.planners.choice import expects_network
+        from nnpp_edge.runtime.planners.query import Query
+
+        start, goals = self.cells(dem)
+        ways = (Query(start, goal).apart for goal in goals)
+        return any(expects_network(self.method, dem.shape, self.model, apart) for apart in ways)

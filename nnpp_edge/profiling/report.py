@@ -123,8 +123,8 @@ def _whole_run(
     if names:
         say("start-up, in new processes")
         measured = {name: cold_start(name) for name in names}
-        found["start_up_cold_s"] = {name: cold for name, (cold, _) in measured.items()}
-        found["start_up_warm_s"] = {name: warm for name, (_, warm) in measured.items()}
+        found["start_up_cold_s"] = {name: start.cold_s for name, start in measured.items()}
+        found["start_up_warm_s"] = {name: start.warm_s for name, start in measured.items()}
     return found
 
 

@@ -28,10 +28,7 @@ class VirtualGrid(Grid):
     """A grid that takes memory where costs are put; elsewhere its weights are 0, and mean nothing."""
 
     def __init__(self, rows: int, cols: int, model: StepModel, corner_cutting: bool = True) -> None:
-        super().__init__(1, 1, model, corner_cutting)
-        self.rows, self.cols, self.cells, self.stride = rows, cols, rows * cols, cols + 2
-        self.weights = virtual_zeros((rows + 2) * (cols + 2), np.float32)
-        self.packed = (self.weights, self.stride, model.steps, corner_cutting)
+        super().__init__(rows, cols, model, corner_cutting, virtual_zeros((rows + 2) * (cols + 2), np.float32))
 
     def put(self, cost: Float2D, origin: Cell) -> None:
         """As `update`, with the border beside the rectangle; the bounds stay as they are."""
@@ -74,9 +71,11 @@ class StreamedMap:
         if rows < 1 or cols < 1 or (rows + 2) * (cols + 2) > MOST_NODES or model.kind is not StepCost.PAPER:
             raise InvalidMapError(f"wanted a map of 1 to {MOST_NODES} cells with the paper's costs, got {shape}")
         self.grid = VirtualGrid(rows, cols, model, corner_cutting)
-        self.levels = [Level(self.grid, linked=False)]
+        self.levels = [Level(self.grid)]
         for coarse in coarse_shapes(rows, cols):
-            self.levels.append(Level(Grid(*coarse, model), linked=True))
+            grid = Grid(*coarse, model)
+            nodes = len(grid.weights)
+            self.levels.append(Level(grid, np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)))
         self._band: Grid | None = None
         self._taken, self._least = 0, math.inf
 

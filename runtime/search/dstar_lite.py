@@ -95,6 +95,7 @@ class DStarLite:
 
     def __init__(self, state: MapState, goal: Cell) -> None:
         self._grid = state.grid
+        self._grid.complete()
         self._changes = state.log.reader()
         self._memory = DStarMemory(len(self._grid.weights))
         self._everywhere = Region.everywhere(*self._grid.shape)
@@ -268,12 +269,18 @@ class DStarLite:
             if self._grid.model.kind is StepCost.PAPER and self._least < 1e-2:
                 self._least = 0.0
             self._restart()
-        elif self._prices[0] == 0.0 < least:  # the first passable cells of the `length` model
+        elif self._least < least and self._too_coarse:
             self._least = least
             self._restart()
         else:
             for change in changes:
                 self._read_rectangle(change.part)
+
+    @property
+    def _too_coarse(self) -> bool:
+        """Whether units of the present prices cannot tell apart what the dearest steps cost."""
+        step, dearest = self._grid.model.step, self._grid.greatest
+        return step(0, 2.0 * dearest) > MOST_RATIO_FOR_DSTAR * step(0, 2.0 * self._least)
 
     def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
         memory = self._memory

@@ -94,7 +94,7 @@ def test_a_bad_elevation_map_is_one_line(nnpp_edge, bad_dem, tmp_path):
     ("words", "complaint"),
     [
         (("-o", "cost.gif"), "must end in .tif"),
-        (("-o", ""), "must end in .tif"),
+        (("-o", ""), "wanted a path, got nothing"),
         (("-o", "hills.tif"), "would replace hills.tif, which is read"),
         (("-o", "cost.tif", "--picture", "cost.jpg"), "must end in .png"),
         (("-o", "cost.tif", "--workload", "limit20", "--slope-limit", "25"), "leave out --slope-limit"),

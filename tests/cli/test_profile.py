@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from nnpp_edge.profiling import report as report_module
+from nnpp_edge.profiling.cold_start import ColdStart
 from nnpp_edge.runtime.planners import choice
 
 PROFILE = """
@@ -290,7 +291,7 @@ def test_start_up_is_measured_where_a_budget_asks_for_it(nnpp_edge, profile, mon
 
     def cold_start(method):
         asked.append(method)
-        return 5.0, 0.5
+        return ColdStart(5.0, 0.5, 0.1)
 
     monkeypatch.setattr(report_module, "cold_start", cold_start)
     file = profile()

@@ -22,6 +22,8 @@ SLOW_COMMANDS = ("dataset", "train", "export", "quantize", "reproduce", "profile
 """They train, trace or measure: they get more time."""
 RESUMED_COMMANDS = ("dataset", "train", "reproduce")
 """They leave what is complete, to go on from."""
+REPLACED = ("old/", "in/trained/", "in/set32/", "in/set/samples.png")
+"""Results of earlier commands, which later ones may replace."""
 STREAMED = ("--log", "--record", "--view", "--metrics-file")
 EXIT_CODES = {"profile": (0, 1, 2, 3)}
 USUAL_CODES = (0, 1, 2)
@@ -299,7 +301,7 @@ def _problem_of_files(
     """Inputs stay what they are; a refusal leaves nothing; devices stay devices; nothing temporary stays."""
     could_tell = command.streams[1] == "pipe"  # else what is written is whole, and only its name could not be printed
     for place, content in before.items():
-        replaced_rightly = ended.code != 2 and place.startswith(("old/", "in/trained/", "in/set32/"))
+        replaced_rightly = ended.code != 2 and place.startswith(REPLACED)
         replaced_rightly |= not could_tell and place.startswith(("in/trained/", "old/"))
         if after.get(place) != content and not replaced_rightly:
             what = "device replaced" if content.startswith("device") else "input changed"

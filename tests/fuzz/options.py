@@ -160,12 +160,21 @@ def drawn(rng: random.Random, name: str, heavy: bool = True) -> Command:
         )
     if name == "warmup" and "--keep-old" not in words:
         words.append("--keep-old")  # what others compiled is left alone
-    found = Command(tuple(words), patient=patient or name in ("reproduce", "warmup"))
+    found = Command(tuple(words), patient=patient or name in ("reproduce", "warmup") or _waits(values))
     links = {"odd/link": rng.choice(("../in/dem.npz", "../old/old.png", "nowhere", "../out"))}
     found = replace(found, links=links, needs=("dem.npz",))
     if name == "run":
         found = replace(found, stdin=_messages(rng), streams=("pipe", "pipe", "pipe"))
     return disturbed(rng, found)
+
+
+def _waits(values: Values) -> bool:
+    """Whether a loop's ticks come so seldom that all of them take longer than a case may."""
+    try:
+        (ticks,), (rate,) = values["ticks"], values.get("rate") or values["rate_hz"]
+        return float(ticks) > 20.0 * float(rate)
+    except (KeyError, ValueError):
+        return False
 
 
 def disturbed(rng: random.Random, command: Command) -> Command:

@@ -66,6 +66,16 @@ def test_a_patch_of_extreme_weights_leaves_nothing_behind_once_it_is_taken_back(
         assert (now.cost, now.expansions, now.lower_bound) == (plan.cost, plan.expansions, plan.lower_bound)
 
 
+def test_mended_paths_are_optimal_where_all_weights_have_grown_beyond_comparison():
+    """In units of the cheapest step that there was, the dearest of today would be too many for a float32."""
+    planner = DynamicPlanner(PLAIN * np.float32(1e-30), ENDS[1], "dstar", step_cost="length")
+    planner.move(ENDS[0])
+    assert planner.replan().ok
+    grown = (10.0 ** RNG.uniform(0, 7, (SIDE, SIDE))).astype(np.float32)
+    planner.update(0, 0, grown)
+    assert planner.replan().cost == pytest.approx(dijkstra(grown, ENDS[0], "length")[ENDS[1]], rel=1e-6)
+
+
 @pytest.mark.parametrize("weight", [0.0, 1e-39, 1.1e30, 3.4e38, -1.0])
 def test_weights_beyond_what_sums_can_tell_apart_are_refused(weight):
     with pytest.raises(InvalidMapError, match=r"must be from 1\.18e-38 to 1e\+30, got one of"):

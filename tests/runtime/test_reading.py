@@ -13,7 +13,7 @@ from nnpp_edge.profiling.profile_file import ProfileError, read_profile
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, TerrainError
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.runtime.planners.choice import saved_choice
-from nnpp_edge.runtime.reading import parse, problem_with_file, read_text
+from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
 from nnpp_edge.terrain.dem import read_dem
 
 ODD = {
@@ -110,3 +110,8 @@ def test_what_is_sound_is_parsed():
         warnings.simplefilter("error")
         assert parse("[1, [2]]") == [1, [2]]
         assert parse("a = 1", tomllib.loads) == {"a": 1}
+
+
+def test_a_reason_is_short_however_much_of_a_file_it_quotes():
+    assert reason(ValueError(f"the header\n{b'x' * 70_000!r} differs")).startswith("the header b'xxx")
+    assert len(reason(ValueError("x" * 70_000))) < 500
