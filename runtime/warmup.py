@@ -40,6 +40,7 @@ from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.region.corridor import CoarseLevel
 from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.runtime.search.astar import cost_field
+from nnpp_edge.runtime.search.connection import connected
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost, update_cost
@@ -143,6 +144,7 @@ def _exercise_cost_maps() -> None:
         cost = traversability_cost(heights, 1.0, limits, cell_width_m=1.5, warn=False)
         update_cost(cost, heights, (70, 5, 2, 3), 1.0, limits)
         terrain_terms(heights, 1.0)
+    connected([cost], ((0, 0), (1, 1)))
 
 
 def warmup_shapes() -> list[tuple[int, int]]:

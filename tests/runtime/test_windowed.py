@@ -1,5 +1,6 @@
 """Maps read by windows: costs, coarse levels and plans are those of the whole map in memory."""
 
+import ctypes
 import math
 
 import numpy as np
@@ -9,11 +10,13 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Planner, plan_path
 from nnpp_edge.runtime.errors import InvalidMapError, Status
+from nnpp_edge.runtime.loop.realtime import rss_bytes
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.map.streamed import StreamedMap
-from nnpp_edge.runtime.memory import check_planner_fits, virtual_zeros
+from nnpp_edge.runtime.memory import check_planner_fits, small_pages, virtual_zeros
+from nnpp_edge.runtime.planners import windowed
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.runtime.search.connection import connected
@@ -133,14 +136,14 @@ def test_plans_are_those_of_the_corridor_planner_in_memory(seed, corner_cutting)
     cost, block = cost_of(heights), [(16, 16), (1, 420), (128, 128), (512, 512)][seed]
     source = ArrayWindows(heights, block)
     planner = Planner(cost, corner_cutting=corner_cutting)
-    windowed = WindowedPlanner(source, LIMITS, corner_cutting=corner_cutting)
+    by_windows = WindowedPlanner(source, LIMITS, corner_cutting=corner_cutting)
     passable = np.argwhere(np.isfinite(cost))
     sources = set()
     for _ in range(12):
         start, goal = (tuple(each.tolist()) for each in passable[rng.integers(len(passable), size=2)])
         epsilon = rng.choice([math.inf, 0.3])
         wanted = planner.plan(start, goal, method="corridor", epsilon=epsilon)
-        plan = windowed.plan(start, goal, epsilon=epsilon)
+        plan = by_windows.plan(start, goal, epsilon=epsilon)
         sources.add(wanted.source)
         if wanted.source is Source.FALLBACK:
             no_path = Status.UNKNOWN if wanted.ok else Status.NO_PATH
@@ -150,7 +153,7 @@ def test_plans_are_those_of_the_corridor_planner_in_memory(seed, corner_cutting)
         assert (plan.lower_bound, plan.expansions) == (wanted.lower_bound, wanted.expansions)
         np.testing.assert_array_equal(plan.path, wanted.path)
     assert Source.REGION in sources
-    assert windowed.reading().read_again > 0.0
+    assert by_windows.reading().read_again > 0.0
 
 
 @settings(deadline=None, max_examples=150)
@@ -216,13 +219,31 @@ def test_ends_outside_and_blocked_and_alike():
 
 
 def test_only_what_is_written_to_takes_memory():
-    from nnpp_edge.runtime.loop.realtime import rss_bytes
-
-    before = rss_bytes()
     zeros = virtual_zeros(1 << 31, np.int32)
-    zeros[:: 1 << 28] = 1
-    assert zeros.sum() == 8 if zeros.size < 1 << 20 else zeros[: 1 << 20].sum() == 1
+    before = rss_bytes()
+    zeros[:: 1 << 21] = 1  # in a thousand places, each of which would bring 2 MiB along as a huge page
     assert rss_bytes() - before < 64 << 20
+    assert zeros[1 << 21] == 1 and not zeros[(1 << 21) + 1 : (1 << 21) + 100].any()
+
+
+def test_huge_pages_are_off_for_a_while():
+    def off():
+        return ctypes.CDLL(None).prctl(42, 0, 0, 0, 0)  # PR_GET_THP_DISABLE
+
+    assert off() == 0
+    with small_pages():
+        assert off() == 1
+    assert off() == 0
+
+
+def test_a_corridor_that_does_not_fit_is_refused_before_it_is_read(monkeypatch):
+    source = ArrayWindows(np.zeros((300, 300), np.float32))
+    planner = WindowedPlanner(source)
+    monkeypatch.setattr(windowed, "available_bytes", lambda: 100_000)
+    before = len(source.read_parts)
+    with pytest.raises(InvalidMapError, match=r"cells under the corridor, got 0.00 GB: plan in several legs"):
+        planner.plan((10, 10), (290, 290))
+    assert len(source.read_parts) == before + 2  # start and goal
 
 
 def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated():
