@@ -42,6 +42,17 @@ the compiler's loops; of larger ones a search looks at a small part."""
 MOST_SAMPLED_ROWS = 16
 """Rows by which it is judged, roughly, whether most of a map lies at a term's limit."""
 
+# Maps read by windows
+
+BAND_CELLS = 1 << 22
+"""Cells of a band of rows that is read and computed as one, about: 16 MB of heights."""
+LEAST_WINDOW = 256
+"""Cells: windows under a corridor are at least so high and wide, where blocks are smaller."""
+LEG_CELLS = 256
+"""Cells of a path whose heights are read by one window."""
+BANDS_AHEAD = 3
+"""Bands that are read ahead: blocks are decoded for several bands at once, which the others then wait for."""
+
 # Exact search
 
 BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS = 1.0 / 4.0, 1.0 / 256.0

@@ -40,6 +40,7 @@ from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.region.corridor import CoarseLevel
 from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.runtime.search.astar import cost_field
+from nnpp_edge.runtime.search.connection import connected
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.traversability import (
@@ -157,6 +158,7 @@ def _exercise_elevations(network: NetworkModel) -> None:
                 planner.plan((1, 2), (140, 20), method=method)
             planner.update_elevation(3, 4, heights[:5, :6].copy())
             planner.update_elevation(0, 0, heights)
+    connected([cost], ((0, 0), (1, 1)))
 
 
 def warmup_shapes() -> list[tuple[int, int]]:

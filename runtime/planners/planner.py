@@ -5,13 +5,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Unpack
 
+import numpy as np
+
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
-from nnpp_edge.runtime.memory import touch
+from nnpp_edge.runtime.memory import check_planner_fits, touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
@@ -49,7 +51,8 @@ class Planner:
     Raises
     ------
     InvalidMapError
-        The map is not two-dimensional, is empty, or holds a cost out of range.
+        The map is not two-dimensional, is empty, holds a cost out of range, or is too large for the memory that is
+        left.
     ConcurrentUseError
         From every method: another thread is in the middle of one.
 
@@ -76,6 +79,7 @@ class Planner:
         model: str | Path | NetworkModel = "edge",
         ask_from: int = NEAR,
     ) -> None:
+        check_planner_fits(np.shape(cost))
         self._turns = Turns()
         self._state = MapState(cost, StepModel.of(step_cost, omega), corner_cutting=corner_cutting)
         self._model, self._ask_from = model, ask_from
