@@ -69,7 +69,7 @@ COMPLETE: PackedTiles = (
 
 @functools.cache
 def _address() -> int:
-    return int(address_of_open_tile(COMPLETE))
+    return int(address_of_open_tile(COMPLETE))  # type: ignore[no-untyped-call]  # as all of `kernels`
 
 
 class Tiles:
