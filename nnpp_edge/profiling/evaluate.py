@@ -162,11 +162,14 @@ def evaluate(
         planners = {rival.name: rival.planner(case.cost) for rival in rivals}
         exact = {query: planners[EXACT].plan(*query, method=Method.ASTAR) for query in case.queries}
         solvable = [query for query in case.queries if exact[query].ok][: queries - done]
-        calls = {rival.name: call_on(planners[rival.name], rival.method) for rival in rivals}
+        calls: dict[str, Callable[[Endpoints], Plan]] = {
+            rival.name: call_on(planners[rival.name], rival.method) for rival in rivals
+        }
         fresh = {_FRESH + _fresh_name(rival, lazy): _arriving(rival, case, lazy) for rival, lazy in arrivals}
-        for call in (*calls.values(), *fresh.values()):
+        calls |= fresh
+        for call in calls.values():
             call(case.queries[0])
-        for records in harness.measure(calls | fresh, solvable, repeats=repeats, observer=Forgetting(fresh)):
+        for records in harness.measure(calls, solvable, repeats=repeats, observer=Forgetting(fresh)):
             query = records[EXACT].case
             for rival in rivals:
                 record = records[rival.name]
