@@ -46,7 +46,8 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
     Pins to the profile's cores and lets exact A*, corridor, learned region (int8 and fp32) and auto answer the
     same queries in turns. Then the profile's planner gets each map as if it had just arrived, and where a budget
     asks for it the onboard loop is run with a patch of elevations at each tick. Prints times by stage, speed-up,
-    path costs, where each planner starts to pay, and the budgets. Exit code 0 when all are met, 1 when one is missed, 3 when the run was too noisy to tell.
+    path costs, where each planner starts to pay, and the budgets. Exit code 0 when all are met, 1 when one is
+    missed, 3 when the run was too noisy to tell.
 
     \b
     nnpp-edge profile --profile quick
