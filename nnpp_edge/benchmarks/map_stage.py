@@ -77,7 +77,9 @@ class Worker:
     Parameters
     ----------
     checkout : Path
-        The folder that holds its package `nnpp_edge`.
+        Its folder, for messages.
+    packages : Path
+        The folder that its package `nnpp_edge` is imported from.
     cores : sequence of int
         To pin the process to; empty for all.
 
@@ -87,9 +89,9 @@ class Worker:
         From every method: the process has failed; the message ends with the last line that it wrote.
     """
 
-    def __init__(self, checkout: Path, cores: Sequence[int] = ()) -> None:
+    def __init__(self, checkout: Path, packages: Path, cores: Sequence[int] = ()) -> None:
         self.checkout = checkout
-        environment = os.environ | {"PYTHONPATH": str(checkout)}
+        environment = os.environ | {"PYTHONPATH": str(packages)}
         command = [sys.executable, "-P", str(_WORKER), json.dumps(list(cores))]
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
@@ -153,8 +155,9 @@ def map_stage(
     rng = np.random.default_rng(seed)
     with ExitStack() as stack:
         folder = stack.enter_context(temporary_folder())
-        checkouts = [HERE] if beside is None else [HERE, _importable(beside, folder)]
-        workers = [stack.enter_context(Worker(each, cores)) for each in checkouts]
+        workers = [stack.enter_context(Worker(HERE, HERE, cores))]
+        if beside is not None:
+            workers.append(stack.enter_context(Worker(beside, _importable(beside, folder), cores)))
         for at, size in enumerate(sizes):
             ground, queries = _map(dems, size, seed)
             np.save(folder / "dem.npy", ground.elevation)

@@ -6,6 +6,7 @@ A line of JSON in, a line of JSON out.
 """
 
 import contextlib
+import functools
 import gc
 import json
 import os
@@ -19,16 +20,15 @@ from nnpp_edge.runtime import NetworkModel, Planner, traversability_cost, update
 
 METHODS = ("astar", "corridor", "nnpp")
 PATCH = (22, 31)
+Query = tuple[tuple[int, int], tuple[int, int]]
 
 
 class Stages:
     """The stages on one map."""
 
-    def __init__(
-        self, dem: np.ndarray, sides: tuple[float, float], queries: list[list[list[int]]], model: str
-    ) -> None:
+    def __init__(self, dem: np.ndarray, sides: tuple[float, float], queries: list[Query], model: str) -> None:
         self.dem, (self.cell_size_m, self.cell_width_m) = dem, sides
-        self.queries = [tuple(map(tuple, query)) for query in queries]
+        self.queries = queries
         self.network, self.lazy_ones = NetworkModel(model), hasattr(Planner, "of_elevation")
         self.cost = self.cost_map()
         self.standing = self.eager()
@@ -43,8 +43,8 @@ class Stages:
         found |= {"cost map": lambda _: self.cost_map(), "grid and pyramid": lambda _: self.of_cost()}
         found |= {"all": lambda _: self.eager(), "patch": lambda _: self.patch()}
         for method in METHODS:
-            found[f"{method}, lazy"] = lambda number, method=method: self.first_path(method, number, lazy=True)
-            found[f"{method}, eager"] = lambda number, method=method: self.first_path(method, number, lazy=False)
+            for how, lazy in (("lazy", True), ("eager", False)):
+                found[f"{method}, {how}"] = functools.partial(self.first_path, method, lazy)
         with contextlib.suppress(ImportError):
             found |= self.halves()
         return found
@@ -73,8 +73,9 @@ class Stages:
         """A planner of elevations."""
         if not self.lazy_ones:
             return Planner(self.cost_map(), model=self.network)
-        options = {"cell_width_m": self.cell_width_m, "model": self.network, "warn": False}
-        return Planner.of_elevation(self.dem, self.cell_size_m, lazy=lazy, **options)
+        return Planner.of_elevation(
+            self.dem, self.cell_size_m, cell_width_m=self.cell_width_m, lazy=lazy, model=self.network, warn=False
+        )
 
     def eager(self) -> Planner:
         """The same with all costs and coarse levels."""
@@ -82,7 +83,7 @@ class Stages:
         levels(planner)
         return planner
 
-    def first_path(self, method: str, number: int, *, lazy: bool) -> object:
+    def first_path(self, method: str, lazy: bool, number: int) -> object:
         """From elevations to the path of a query, and the planner: to give its memory back is no part of planning."""
         planner = self.of_elevation(lazy=lazy)
         start, goal = self.queries[number % len(self.queries)]
@@ -108,7 +109,8 @@ class Stages:
 
 def levels(planner: Planner) -> object:
     """The coarse levels as the map is now; older planners keep them themselves."""
-    return getattr(planner, "state", planner).pyramid
+    state: object = getattr(planner, "state", planner)
+    return getattr(state, "pyramid")  # noqa: B009  # of either
 
 
 def _bump(shape: tuple[int, ...]) -> np.ndarray:
@@ -135,7 +137,8 @@ def main() -> None:
         asked = json.loads(line)
         if "map" in asked:
             tasks.clear()
-            stages = Stages(np.load(asked["map"]), asked["sides"], asked["queries"], asked["model"])
+            queries = [((a, b), (c, d)) for (a, b), (c, d) in asked["queries"]]
+            stages = Stages(np.load(asked["map"]), asked["sides"], queries, asked["model"])
             tasks |= stages.tasks()
             for task in tasks.values():
                 for number in range(2):

@@ -44,8 +44,7 @@ def run_peers(given: ProfileOptions) -> None:
         raise click.UsageError(f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}")
     json_file, picture = (given.output and given.output / name for name in ("peers.json", "peers.png"))
     outputs = (("--json", given.json_path), ("--output", json_file), ("--output", picture))
-    outputs += (("--markdown", given.markdown_path),)
-    options.check_outputs(*outputs, make_folders=True)
+    options.check_outputs(*outputs, ("--markdown", given.markdown_path), make_folders=True)
     terrain = TerrainFiles.or_sample(given.terrain, given.rescale, given.cell_size, given.allow_vrt)
     with bar("profile", queries * len(sizes)) as advance:
         rows, missing = run(sizes, queries, terrain, seed=seed, limit_s=limit_s, progress=advance)
