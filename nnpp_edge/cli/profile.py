@@ -57,7 +57,9 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
     nnpp-edge profile --peers --sizes 256,512,1024 -o bench
 
     With --peers a step costs its length times the mean weight of its two cells, the weight being 1 + 5.61 T; gaps
-    are path costs by that rule over exact A*'s, less 1. All planners then run on one thread.
+    are path costs by that rule over exact A*'s, less 1. All planners then run on one thread; only cost maps, which
+    others get from us, are computed on all cores. Beside a plan on a standing map stand one-off use (from weights to
+    a path, nothing kept) and elevations to a path.
     """
     if ctx.invoked_subcommand is not None:
         if profile_name or peers or any(given.values()):
