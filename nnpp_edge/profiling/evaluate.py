@@ -17,6 +17,8 @@ Figures = dict[str, float | None]
 """A row of docs/evaluate.md: figures by key; None where there was nothing to count."""
 EAGER = "-eager"
 """Ends the name of a planner that computes all costs of a fresh map before it plans."""
+_FRESH = "fresh map: "
+"""Before the names of planners that are measured on fresh maps beside others of the same name."""
 
 
 @dataclass
@@ -182,10 +184,6 @@ def evaluate(
         if done == queries:
             break
     return _rows(answers, on_fresh)
-
-
-_FRESH = "fresh map: "
-"""Before the names of planners that are measured on fresh maps beside others of the same name."""
 
 
 def _fresh_name(rival: RivalPlanner, lazy: bool) -> str:
