@@ -85,12 +85,13 @@ def _moments_plane(heights, rows, cols, row, col, dy, dx):
 
 
 @kernel
-def _whole_plane(tl, tm, tr, ml, mm, mr, bl, bm, br, over_dx, over_dy):
-    """The same of a cell all of whose patch is known; not finite where it is not. All float32.
+def _whole_plane(top, middle, bottom, over_dx, over_dy):
+    """The same of a cell all of whose patch is known, three rows of three; not finite where it is not. All float32.
 
     `over_dx` and `over_dy` are 1 / (6 dx) and 1 / (6 dy). Each column's sum, difference of its ends and curvature
     (top - 2 middle + bottom), and then the same three of those along the row.
     """
+    (tl, tm, tr), (ml, mm, mr), (bl, bm, br) = top, middle, bottom
     tl, tm, tr, ml, mr, bl, bm, br = tl - mm, tm - mm, tr - mm, ml - mm, mr - mm, bl - mm, bm - mm, br - mm
     ends_l, ends_m, ends_r = tl + bl, tm + bm, tr + br
     sum_l, sum_r = ends_l + ml, ends_r + mr
@@ -138,9 +139,8 @@ def _fill_row(heights, first, cols, n, rule, out, at):
     )
     row = out[at : at + n]
     for c in range(n):
-        slope, roughness, step = _whole_plane(
-            t0[c], t1[c], t2[c], m0[c], m1[c], m2[c], b0[c], b1[c], b2[c], over_dx, over_dy
-        )
+        above, beside, below = (t0[c], t1[c], t2[c]), (m0[c], m1[c], m2[c]), (b0[c], b1[c], b2[c])
+        slope, roughness, step = _whole_plane(above, beside, below, over_dx, over_dy)
         s, r, f = min(slope * over_slope, _ONE), min(roughness * over_roughness, _ONE), min(step * over_step, _ONE)
         t = min(slope_weight * s + roughness_weight * r + step_weight * f, _MOST)
         beyond = (slope > hard_slope) | (roughness > hard_roughness) | (step > hard_step)
