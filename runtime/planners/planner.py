@@ -119,6 +119,7 @@ class Planner:
         InvalidMapError
             As for `traversability_cost`.
         """
+        check_planner_fits(np.shape(dem))
         planner = cls.__new__(cls)
         planner._turns = Turns()
         sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
