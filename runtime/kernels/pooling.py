@@ -100,6 +100,16 @@ def _pool_row(fine, first, stride, n, weights, at):
 
 
 @kernel
+def _free(fine_links, fine_cols, row, col):
+    """Whether every link leaves each of the sixteen cells under a coarse cell, none of which sticks out of the map."""
+    every = np.uint8(255)
+    for i in range(FACTOR):
+        first = np.uint64((row * FACTOR + i + 1) * (fine_cols + 2) + col * FACTOR + 1)
+        every &= fine_links[first] & fine_links[first + _1] & fine_links[first + _2] & fine_links[first + _3]
+    return every == np.uint8(255)
+
+
+@kernel
 def _pool_cell(fine, fine_links, shape, row, col, corner_cutting, obstacle):
     """The piece that a coarse cell stands for, and its weight."""
     fine_rows, fine_cols = shape
@@ -124,16 +134,21 @@ def pool(fine, fine_links, shape, corner_cutting, obstacle, area, coarse):
     whole = max(min(col1, shape[1] // FACTOR), col0)  # from here on coarse cells stick out of the map
     for row in range(row0, row1):
         at = (row + 1) * stride + 1
-        averaged = whole if fine_links is None and row < shape[0] // FACTOR else col0
+        averaged = whole if row < shape[0] // FACTOR else col0
         if averaged > col0:
             first = (row * FACTOR + 1) * (shape[1] + 2) + col0 * FACTOR + 1
             _pool_row(fine, first, shape[1] + 2, averaged - col0, weights, at + col0)
         for col in range(col0, col1):
-            if col < averaged and weights[at + col] < np.inf:
+            whole_piece = col < averaged and weights[at + col] < np.inf
+            if fine_links is not None:
+                whole_piece = whole_piece and _free(fine_links, shape[1], row, col)
+            if whole_piece:
                 pieces[at + col] = ALL
             else:
                 piece, weight = _pool_cell(fine, fine_links, shape, row, col, corner_cutting, obstacle)
-                pieces[at + col], weights[at + col] = piece, weight
+                pieces[at + col] = piece
+                if piece != ALL:  # else the mean is there, rounded as that of any such cell
+                    weights[at + col] = weight
             least = min(least, weights[at + col])
     return np.float64(least)
 
@@ -198,8 +213,11 @@ def _link(fine_links, fine_cols, area, pieces, links, coarse_stride):
     row0, row1, col0, col1 = area
     fine_stride = fine_cols + 2
     for row in range(row0, row1):
+        _link_free_row(pieces, (row + 1) * coarse_stride + col0 + 1, coarse_stride, col1 - col0, links)
         for col in range(col0, col1):
             here = (row + 1) * coarse_stride + col + 1
+            if links[here] and _free(fine_links, fine_cols, row, col):  # no passage to a neighbour is closed
+                continue
             piece, found = np.int64(pieces[here]), 0
             for b in range(FACTOR * FACTOR):
                 if not (piece >> b) & 1:
