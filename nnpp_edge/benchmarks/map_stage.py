@@ -37,10 +37,8 @@ _KEEP_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_"
 """What is freed stays with the process, but for arrays above 32 MiB. Left to itself glibc gives it back or not by
 what else has been freed before, and to get each page again takes microseconds: one checkout would be lucky, another
 not."""
-_QUERIES = 5
-"""Of a map, for first paths."""
-_LEAST_DISTANCE = 0.6
-"""Of these, as a share of the map's side."""
+_QUERIES = 10
+"""Of a map, for first paths; repetitions take turns with them."""
 _BY_CELL = ("copy", "cost map", "grid", "pyramid", "grid and pyramid", "all less cost map", "all")
 _FIRST_PATHS = tuple(f"{method}, {how}" for method in METHODS for how in ("lazy", "eager"))
 _BEST = "best method"
@@ -203,7 +201,7 @@ def _importable(checkout: Path, folder: Path) -> Path:
 
 def _map(dems: Sequence[Dem], size: int, seed: int) -> tuple[Ground, list[Endpoints]]:
     """The first map with a query that has a path, and its queries that have one."""
-    for case in cases_from(dems, SOFT, size, seed, _LEAST_DISTANCE):
+    for case in cases_from(dems, SOFT, size, seed):
         planner = Planner(case.cost)
         queries = [query for query in case.queries if planner.plan(*query, method="corridor").ok][:_QUERIES]
         if queries and case.ground is not None:
