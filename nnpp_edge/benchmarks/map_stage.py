@@ -14,7 +14,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self
 
 import click
 import numpy as np
@@ -33,10 +33,12 @@ from nnpp_edge.terrain.workloads import SOFT
 
 HERE = Path(nnpp_edge.__file__).resolve().parents[1]
 _WORKER = Path(__file__).with_name("map_stage_worker.py")
-_QUERIES = 5
-"""Of a map, for first paths."""
-_LEAST_DISTANCE = 0.6
-"""Of these, as a share of the map's side."""
+_KEEP_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_": str(1 << 31)}
+"""What is freed stays with the process, but for arrays above 32 MiB. Left to itself glibc gives it back or not by
+what else has been freed before, and to get each page again takes microseconds: one checkout would be lucky, another
+not."""
+_QUERIES = 10
+"""Of a map, for first paths; repetitions take turns with them."""
 _BY_CELL = ("copy", "cost map", "grid", "pyramid", "grid and pyramid", "all less cost map", "all")
 _FIRST_PATHS = tuple(f"{method}, {how}" for method in METHODS for how in ("lazy", "eager"))
 _BEST = "best method"
@@ -68,7 +70,17 @@ class StageRow:
     """The other checkout's; None without one, or where it does not have this stage by itself."""
     times_as_fast: float | None
     """Median over the repetitions of the other's time over ours."""
+    page_faults: float
+    """Median number of pages that the system had to hand out meanwhile, which is dear: a kernel call for each."""
+    page_faults_beside: float | None
     repetitions: int
+
+
+class Measured(NamedTuple):
+    """One call of a stage."""
+
+    seconds: float
+    page_faults: float
 
 
 class Worker:
@@ -91,7 +103,7 @@ class Worker:
 
     def __init__(self, checkout: Path, packages: Path, cores: Sequence[int] = ()) -> None:
         self.checkout = checkout
-        environment = os.environ | {"PYTHONPATH": str(packages)}
+        environment = os.environ | {"PYTHONPATH": str(packages)} | _KEEP_MEMORY
         command = [sys.executable, "-P", str(_WORKER), json.dumps(list(cores))]
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
@@ -112,11 +124,11 @@ class Worker:
         assert isinstance(answer, list)
         return answer
 
-    def seconds(self, stage: str, number: int) -> float:
-        """Time of a stage; `number` is that of the repetition, and chooses the query."""
+    def measure(self, stage: str, number: int) -> "Measured":
+        """A stage, once; `number` is that of the repetition, and chooses the query."""
         answer = self._ask({"task": stage, "number": number})
-        assert isinstance(answer, float)
-        return answer
+        assert isinstance(answer, list)
+        return Measured(*answer)
 
     def _ask(self, words: Mapping[str, object]) -> object:
         stdin, stdout, stderr = self._process.stdin, self._process.stdout, self._process.stderr
@@ -162,14 +174,14 @@ def map_stage(
             ground, queries = _map(dems, size, seed)
             np.save(folder / "dem.npy", ground.elevation)
             known = [worker.prepare(folder / "dem.npy", ground, queries, model) for worker in workers]
-            seconds: list[dict[str, list[float]]] = [{stage: [] for stage in stages} for stages in known]
+            measured: list[dict[str, list[Measured]]] = [{stage: [] for stage in stages} for stages in known]
             for number in range(repetitions):
                 for stage in rng.permutation(known[0]):
                     for who in rng.permutation(len(workers)):
-                        if stage in seconds[who]:
-                            seconds[who][stage].append(workers[who].seconds(str(stage), number))
+                        if stage in measured[who]:
+                            measured[who][stage].append(workers[who].measure(str(stage), number))
                 progress(at * repetitions + number + 1)
-            rows += _rows(size, source_of(dems, size), seconds)
+            rows += _rows(size, source_of(dems, size), measured)
     return rows
 
 
@@ -189,7 +201,7 @@ def _importable(checkout: Path, folder: Path) -> Path:
 
 def _map(dems: Sequence[Dem], size: int, seed: int) -> tuple[Ground, list[Endpoints]]:
     """The first map with a query that has a path, and its queries that have one."""
-    for case in cases_from(dems, SOFT, size, seed, _LEAST_DISTANCE):
+    for case in cases_from(dems, SOFT, size, seed):
         planner = Planner(case.cost)
         queries = [query for query in case.queries if planner.plan(*query, method="corridor").ok][:_QUERIES]
         if queries and case.ground is not None:
@@ -197,33 +209,35 @@ def _map(dems: Sequence[Dem], size: int, seed: int) -> tuple[Ground, list[Endpoi
     raise AssertionError("cases are without end")
 
 
-def _rows(size: int, terrain: str, seconds: Sequence[Mapping[str, list[float]]]) -> Iterator[StageRow]:
-    with_sums = [dict(each) | _derived(each) for each in seconds]
+def _rows(size: int, terrain: str, measured: Sequence[Mapping[str, list[Measured]]]) -> Iterator[StageRow]:
+    whole = [dict(each) | _derived(each) for each in measured]
     for stage in (*_BY_CELL, "patch", *_FIRST_PATHS, _BEST):
-        if stage not in with_sums[0]:
+        if stage not in whole[0]:
             continue
         unit = "ns/cell" if stage in _BY_CELL else "µs" if stage == "patch" else "ms"
         scale = {"ns/cell": 1e9 / size**2, "µs": 1e6, "ms": 1e3}[unit]
-        times = [np.array(each[stage]) if stage in each else None for each in with_sums]
-        here, other = times[0], times[1] if len(times) > 1 else None
-        assert here is not None
+        here, *others = (np.array(each[stage]).T for each in whole if stage in each)
+        other = others[0] if others else None
         yield StageRow(
             size=size,
             terrain=terrain,
             stage=stage,
             unit=unit,
-            here=scale * float(np.median(here)),
-            beside=None if other is None else scale * float(np.median(other)),
-            times_as_fast=None if other is None else float(np.median(other / here)),
-            repetitions=len(here),
+            here=scale * float(np.median(here[0])),
+            beside=None if other is None else scale * float(np.median(other[0])),
+            times_as_fast=None if other is None else float(np.median(other[0] / here[0])),
+            page_faults=float(np.median(here[1])),
+            page_faults_beside=None if other is None else float(np.median(other[1])),
+            repetitions=here.shape[1],
         )
 
 
-def _derived(seconds: Mapping[str, list[float]]) -> dict[str, list[float]]:
+def _derived(measured: Mapping[str, list[Measured]]) -> dict[str, list[Measured]]:
     """What the whole takes beyond the cost map, and the first path by the method whose median is the least."""
-    both = zip(seconds["all"], seconds["cost map"], strict=True)
-    best = min(_FIRST_PATHS, key=lambda stage: float(np.median(seconds[stage])))
-    return {"all less cost map": [whole - cost for whole, cost in both], _BEST: seconds[best]}
+    both = zip(measured["all"], measured["cost map"], strict=True)
+    beyond = [Measured(a.seconds - b.seconds, a.page_faults - b.page_faults) for a, b in both]
+    best = min(_FIRST_PATHS, key=lambda stage: float(np.median([each.seconds for each in measured[stage]])))
+    return {"all less cost map": beyond, _BEST: measured[best]}
 
 
 def render(rows: Sequence[StageRow], beside: bool, *, markdown: bool = False) -> str:

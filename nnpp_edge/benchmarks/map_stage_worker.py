@@ -10,6 +10,7 @@ import functools
 import gc
 import json
 import os
+import resource
 import sys
 import time
 from collections.abc import Callable
@@ -20,6 +21,8 @@ from nnpp_edge.runtime import NetworkModel, Planner, traversability_cost, update
 
 METHODS = ("astar", "corridor", "nnpp")
 PATCH = (22, 31)
+PATCHES = 21
+"""In a row, of which the one of middle time counts: a single one after other stages would find all caches cold."""
 Query = tuple[tuple[int, int], tuple[int, int]]
 
 
@@ -118,13 +121,15 @@ def _bump(shape: tuple[int, ...]) -> np.ndarray:
     return np.outer(rows, cols).astype(np.float32)
 
 
-def timed(call: Callable[[int], object], number: int) -> float:
-    """Seconds of a call; what it returns is dropped afterwards."""
+def timed(call: Callable[[int], object], number: int) -> tuple[float, int]:
+    """Seconds of a call, and pages that the system handed out meanwhile; what it returns is dropped afterwards."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
     began = time.perf_counter()
     kept = call(number)
     seconds = time.perf_counter() - began
+    faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
     del kept
-    return seconds
+    return seconds, faults
 
 
 def main() -> None:
@@ -146,7 +151,9 @@ def main() -> None:
             gc.collect()
             answer: object = list(tasks)
         else:
-            answer = timed(tasks[asked["task"]], asked["number"])
+            calls = PATCHES if asked["task"] == "patch" else 1
+            times = [timed(tasks[asked["task"]], asked["number"]) for _ in range(calls)]
+            answer = sorted(times)[calls // 2]
         print(json.dumps(answer), flush=True)
 
 

@@ -1,7 +1,7 @@
 """What happens to maps and patches of elevations that have just arrived: to the first path, and to a checked one."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,6 +22,8 @@ REACTIONS = 120
 """Patches that the loop is given in each half of a run: seven seconds at 17 Hz."""
 _WARM_UP = 4
 """Patches before these, whose times do not count."""
+_QUERIES = 4
+"""Most queries of a map that share the patches: on one, hills might lie in an odd place."""
 _PLACES = (0.35, 0.5, 0.65)
 """Where on the path hills appear, as shares of its cells."""
 
@@ -63,25 +65,28 @@ class Reactions:
 
 def reactions(
     ground: Ground,
-    query: Endpoints,
+    queries: Sequence[Endpoints],
     loop: OnboardLoop,
     patches: int = REACTIONS,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Reactions:
     """Run the onboard loop at its rate on this map, with a patch of elevations at each tick.
 
-    With every other patch a hill appears on the newest path; with the next it is gone.
+    With every other patch a hill appears on the newest path; with the next it is gone. The first of the queries share
+    the patches.
     """
     settings = NavigatorSettings(
         loop.method, corner_cutting=loop.corner_cutting, model=loop.model, tolerance=loop.tolerance
     )
-    hills = _Hills(ground, query, clock)
+    hills = _Hills(ground, list(_script(queries[:_QUERIES], patches)), clock)
     navigator = Navigator(ground.world(), settings)
     Loop(navigator, hills, [hills], rate_hz=loop.rate_hz, cores=loop.cores, priority=loop.priority).run(
-        1 + _WARM_UP + patches
+        len(hills.script)
     )
     found = Reactions()
-    for arrived, (published, message) in list(zip(hills.arrived, hills.answers, strict=False))[1 + _WARM_UP :]:
+    for turn, arrived, (published, message) in zip(hills.script, hills.arrived, hills.answers, strict=True):
+        if turn is not _COUNTED:
+            continue
         found.ms.append(1e3 * (published - arrived))
         found.planned += message.ok and message.origin is not Origin.STANDING
         found.kept += message.origin is Origin.STANDING
@@ -89,15 +94,29 @@ def reactions(
     return found
 
 
+_UNCOUNTED, _COUNTED = "a patch before the clock starts", "a patch"
+_Turn = Endpoints | str
+
+
+def _script(queries: Sequence[Endpoints], patches: int) -> Iterator[_Turn]:
+    """What each tick brings: another query, or a patch. After an even number of patches no hill is left."""
+    for at, query in enumerate(queries):
+        yield query
+        yield from (_UNCOUNTED,) * (0 if at else _WARM_UP)
+        first, end = (patches * number // len(queries) for number in (at, at + 1))
+        yield from (_COUNTED,) * (end - first)
+        yield from (_UNCOUNTED,) * ((end - first) % 2)
+
+
 class _Hills:
     """The loop's source and its sink: hills come and go on the path that was published last."""
 
     name = "hills"
 
-    def __init__(self, ground: Ground, query: Endpoints, clock: Callable[[], float]) -> None:
-        self._ground, self._query, self._clock = ground, query, clock
+    def __init__(self, ground: Ground, script: Sequence[_Turn], clock: Callable[[], float]) -> None:
+        self._ground, self.script, self._clock = ground, script, clock
         self._hill: Patch | None = None
-        self._path = np.array(query)
+        self._path = np.array(script[0])
         self.arrived: list[float] = []
         """When the inputs of each tick came."""
         self.answers: list[tuple[float, PathMessage]] = []
@@ -105,7 +124,8 @@ class _Hills:
 
     def poll(self) -> Iterator[Input]:
         """The inputs of the next tick."""
-        messages = self._ends() if not self.arrived else [self._patch()]
+        turn = self.script[len(self.arrived)]
+        messages: list[Input] = [self._patch()] if isinstance(turn, str) else [Pose(*turn[0]), Goal(*turn[1])]
         self.arrived.append(self._clock())
         return iter(messages)
 
@@ -116,10 +136,6 @@ class _Hills:
             self.answers.append((now, message))
             if message.ok:
                 self._path = message.path
-
-    def _ends(self) -> list[Input]:
-        (row, col), goal = self._query
-        return [Pose(row, col), Goal(*goal)]
 
     def _patch(self) -> MapPatch:
         if self._hill is not None:

@@ -272,7 +272,7 @@ class _Session:
                     kept[half].append(float(ms))
         wanted = (of.workload, of.size) in self.arriving.reactions_at
         if wanted and judged and len(of.reactions) == half:
-            of.reactions.append(reactions(on_map.ground, judged[0], self.arriving.loop, self.arriving.patches))
+            of.reactions.append(reactions(on_map.ground, judged, self.arriving.loop, self.arriving.patches))
 
     def _network_ms(self, model: NetworkModel, disturbance: Disturbance) -> float:
         """Milliseconds of the network on the map and the query that it was shown last, both encoded anew."""

@@ -21,7 +21,18 @@ STAGES = {
     "best method",
 }
 PATHS = {f"{method}, {how}" for method in ("astar", "corridor", "nnpp") for how in ("lazy", "eager")}
-KEYS = {"size", "terrain", "stage", "unit", "here", "beside", "times_as_fast", "repetitions"}
+KEYS = {
+    "size",
+    "terrain",
+    "stage",
+    "unit",
+    "here",
+    "beside",
+    "times_as_fast",
+    "page_faults",
+    "page_faults_beside",
+    "repetitions",
+}
 
 
 @pytest.fixture

@@ -320,7 +320,7 @@ def test_peak_memory_is_that_of_another_process(tiny_model):
     large = peak_memory_mb(np.full((2400, 2400), 0.2, np.float32), query, "astar", str(tiny_model))
     assert mine.nbytes == 200_000_000
     assert 30.0 < small < 0.9 * large
-    assert large - small > 1e-6 * 2400 * 2400 * 8
+    assert large - small > 1e-6 * 2400 * 2400 * 7  # costs and weights, less what either finds freed before
 
 
 def test_start_up_is_measured_where_a_budget_asks_for_it(nnpp_edge, profile, monkeypatch):
