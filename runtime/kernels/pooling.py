@@ -100,8 +100,21 @@ def _pool_row(fine, first, stride, n, weights, at):
 
 
 @kernel
-def _free(fine_links, fine_cols, row, col):
-    """Whether every link leaves each of the sixteen cells under a coarse cell, none of which sticks out of the map."""
+def whole_below(fine_pieces, fine_cols, row, col):
+    """Whether the pieces of all sixteen cells under a coarse cell, none of which may lie off the map, are whole.
+
+    Such cells are linked with one another.
+    """
+    every = _ALL
+    for i in range(FACTOR):
+        first = np.uint64((row * FACTOR + i + 1) * (fine_cols + 2) + col * FACTOR + 1)
+        every &= fine_pieces[first] & fine_pieces[first + _1] & fine_pieces[first + _2] & fine_pieces[first + _3]
+    return every == _ALL
+
+
+@kernel
+def _open_below(fine_links, fine_cols, row, col):
+    """The same for links: whether all leave each of the sixteen."""
     every = np.uint8(255)
     for i in range(FACTOR):
         first = np.uint64((row * FACTOR + i + 1) * (fine_cols + 2) + col * FACTOR + 1)
@@ -126,8 +139,11 @@ def _pool_cell(fine, fine_links, shape, row, col, corner_cutting, obstacle):
 
 
 @kernel
-def pool(fine, fine_links, shape, corner_cutting, obstacle, area, coarse):
-    """Weights and pieces of a rectangle of coarse cells; the least weight. As `pool_and_link`, without the links."""
+def pool(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, coarse):
+    """Weights and pieces of a rectangle of coarse cells; the least weight. As `pool_and_link`, without the links.
+
+    Of the finer level's links those are read that lie within a coarse cell whose pieces are not all whole.
+    """
     weights, pieces, _, stride, _, _ = coarse
     row0, row1, col0, col1 = area
     least = np.float32(np.inf)
@@ -140,8 +156,8 @@ def pool(fine, fine_links, shape, corner_cutting, obstacle, area, coarse):
             _pool_row(fine, first, shape[1] + 2, averaged - col0, weights, at + col0)
         for col in range(col0, col1):
             whole_piece = col < averaged and weights[at + col] < np.inf
-            if fine_links is not None:
-                whole_piece = whole_piece and _free(fine_links, shape[1], row, col)
+            if fine_pieces is not None:
+                whole_piece = whole_piece and whole_below(fine_pieces, shape[1], row, col)
             if whole_piece:
                 pieces[at + col] = ALL
             else:
@@ -216,7 +232,7 @@ def _link(fine_links, fine_cols, area, pieces, links, coarse_stride):
         _link_free_row(pieces, (row + 1) * coarse_stride + col0 + 1, coarse_stride, col1 - col0, links)
         for col in range(col0, col1):
             here = (row + 1) * coarse_stride + col + 1
-            if links[here] and _free(fine_links, fine_cols, row, col):  # no passage to a neighbour is closed
+            if links[here] and _open_below(fine_links, fine_cols, row, col):  # no passage to a neighbour is closed
                 continue
             piece, found = np.int64(pieces[here]), 0
             for b in range(FACTOR * FACTOR):
@@ -243,13 +259,13 @@ def _link(fine_links, fine_cols, area, pieces, links, coarse_stride):
 
 
 @kernel
-def pool_and_link(fine, fine_links, shape, corner_cutting, obstacle, area, coarse):
+def pool_and_link(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, coarse):
     """Bring a rectangle of coarse cells up to date with the finer level, and the links of the cells around it.
 
     Parameters
     ----------
-    fine, fine_links, shape
-        Weights of the finer level; its links, None where passability decides; its rows and columns.
+    fine, fine_links, fine_pieces, shape
+        Weights of the finer level; its links and pieces, None where passability decides; its rows and columns.
     corner_cutting : bool
         Whether a diagonal step of the finest level may pass an impassable cell.
     obstacle : float
@@ -265,7 +281,7 @@ def pool_and_link(fine, fine_links, shape, corner_cutting, obstacle, area, coars
         The least weight in the rectangle.
     """
     _, _, _, _, rows, cols = coarse
-    least = pool(fine, fine_links, shape, corner_cutting, obstacle, area, coarse)
+    least = pool(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, coarse)
     row0, row1, col0, col1 = area
     wider = max(row0 - 1, 0), min(row1 + 1, rows), max(col0 - 1, 0), min(col1 + 1, cols)
     link(fine, fine_links, shape, corner_cutting, wider, coarse)

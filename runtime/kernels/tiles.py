@@ -22,7 +22,7 @@ from numba import types
 from numba.extending import intrinsic, overload
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.kernels.pooling import FACTOR, link, pool
+from nnpp_edge.runtime.kernels.pooling import FACTOR, link, pool, whole_below
 from nnpp_edge.runtime.kernels.traversability import SCALE, fill_weights
 
 COSTED, SURROUNDED, POOLED, LINKED = 1, 2, 4, 8
@@ -47,21 +47,33 @@ def _pool_levels(source, area):
     corner_cutting, count = levels[0, 2] != 0, levels[0, 3]
     if count == 0:
         return
-    rows, cols = shape[0], shape[1]
-    first = _level(source, 1)
+    size = shape[0], shape[1]
     row0, row1, col0, col1 = row0 // FACTOR, -(-row1 // FACTOR), col0 // FACTOR, -(-col1 // FACTOR)
     part = row0, row1, col0, col1
-    pool(weights, None, (rows, cols), corner_cutting, rule[SCALE], part, first)
+    pool(weights, None, None, size, corner_cutting, rule[SCALE], part, _level(source, 1))
     for number in range(2, count + 1):
         fine, coarse = _level(source, number - 1), _level(source, number)
-        if number == 2:
-            link(weights, None, (rows, cols), corner_cutting, part, fine)
-        else:
-            below = _level(source, number - 2)
-            link(below[0], below[2], (below[4], below[5]), corner_cutting, part, fine)
+        finer = part
         row0, row1, col0, col1 = row0 // FACTOR, -(-row1 // FACTOR), col0 // FACTOR, -(-col1 // FACTOR)
         part = row0, row1, col0, col1
-        pool(fine[0], fine[2], (fine[4], fine[5]), corner_cutting, rule[SCALE], part, coarse)
+        if number == 2:
+            _link_below(weights, size, corner_cutting, part, fine)
+        else:
+            below = _level(source, number - 2)
+            link(below[0], below[2], (below[4], below[5]), corner_cutting, finer, fine)
+        pool(fine[0], fine[2], fine[1], (fine[4], fine[5]), corner_cutting, rule[SCALE], part, coarse)
+
+
+@kernel
+def _link_below(weights, size, corner_cutting, part, fine):
+    """Links of the first coarse level under those cells of the second whose pieces are not known to be whole."""
+    rows, cols = fine[4], fine[5]
+    for row in range(part[0], part[1]):
+        for col in range(part[2], part[3]):
+            bottom, right = min((row + 1) * FACTOR, rows), min((col + 1) * FACTOR, cols)
+            inside = bottom == (row + 1) * FACTOR and right == (col + 1) * FACTOR
+            if not (inside and whole_below(fine[1], cols, row, col)):
+                link(weights, None, size, corner_cutting, (row * FACTOR, bottom, col * FACTOR, right), fine)
 
 
 @kernel
@@ -263,14 +275,14 @@ def _pool_anew(tiles, found):
                         if linking:
                             link(weights, None, size, corner_cutting, part, coarse)
                         else:
-                            pool(weights, None, size, corner_cutting, obstacle, part, coarse)
+                            pool(weights, None, None, size, corner_cutting, obstacle, part, coarse)
                     else:
                         fine = _level(source, number - 1)
                         size = fine[4], fine[5]
                         if linking:
                             link(fine[0], fine[2], size, corner_cutting, part, coarse)
                         else:
-                            pool(fine[0], fine[2], size, corner_cutting, obstacle, part, coarse)
+                            pool(fine[0], fine[2], fine[1], size, corner_cutting, obstacle, part, coarse)
 
 
 @kernel
@@ -304,7 +316,7 @@ def sample_planes(tiles, rule, window, parts, inner, planes):
     heights, _, _, _, _, _, _, _, shape = tiles[4]
     row0, col0, rows, cols = window
     inner_rows, inner_cols = inner
-    line = np.empty(cols, np.float32)
+    line, sums, walls = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.float32)
     for p in range(len(parts)):
         first_row, last_row = parts[p, 0] * inner_rows // rows, -(-(parts[p, 0] + parts[p, 2]) * inner_rows // rows)
         first_col, last_col = parts[p, 1] * inner_cols // cols, -(-(parts[p, 1] + parts[p, 3]) * inner_cols // cols)
@@ -314,20 +326,27 @@ def sample_planes(tiles, rule, window, parts, inner, planes):
         begin, end = _pixel(first_col, inner_cols, cols)[0], _pixel(last_col - 1, inner_cols, cols)[1]
         for n in range(first_row, last_row):
             top, bottom = _pixel(n, inner_rows, rows)
-            planes[:, n, first_col:last_col] = 0.0
-            apart = max((bottom - top) // 2, 1)
-            lines = 0
+            apart, lines = max((bottom - top) // 2, 1), 0
+            sums[begin:end], walls[begin:end] = 0.0, 0.0
             for row in range(top + (apart - 1) // 2, bottom, apart):
                 lines += 1
                 area = row0 + row, row0 + row + 1, col0 + begin, col0 + end
-                at = -(row0 + row) * cols - col0
-                fill_weights(heights, shape[0], shape[1], rule, area, line, at, cols)
-                for m in range(first_col, last_col):
-                    left, right = _pixel(m, inner_cols, cols)
-                    for c in range(left, right):
-                        wall = line[c] == np.inf
-                        planes[0, n, m] += np.float32(1.0) if wall else line[c]
-                        planes[1, n, m] += np.float32(1.0) if wall else np.float32(0.0)
+                fill_weights(heights, shape[0], shape[1], rule, area, line, -(row0 + row) * cols - col0, cols)
+                _add(line[begin:end], sums[begin:end], walls[begin:end])
             for m in range(first_col, last_col):
                 left, right = _pixel(m, inner_cols, cols)
-                planes[:, n, m] /= np.float32(lines * (right - left))
+                total, blocked = np.float32(0.0), np.float32(0.0)
+                for c in range(left, right):
+                    total += sums[c]
+                    blocked += walls[c]
+                over_cells = np.float32(1.0 / (lines * (right - left)))
+                planes[0, n, m], planes[1, n, m] = total * over_cells, blocked * over_cells
+
+
+@kernel
+def _add(line, sums, walls):
+    """Add costs to sums, impassable cells as 1, and count those in `walls`. All (n,) float32."""
+    for c in range(len(line)):
+        wall = line[c] == np.inf
+        sums[c] += np.float32(1.0) if wall else line[c]
+        walls[c] += np.float32(1.0) if wall else np.float32(0.0)

@@ -84,8 +84,9 @@ class Pyramid:
             col0, col1 = col0 // FACTOR, -(-col1 // FACTOR)
             area, grid = (row0, row1, col0, col1), coarse.grid
             packed = grid.weights, coarse.pieces, coarse.links, grid.stride, grid.rows, grid.cols
+            pieces = None if fine.links is None else fine.pieces
             least = pool_and_link(
-                fine.grid.weights, fine.links, fine.grid.shape, finest.corner_cutting, obstacle, area, packed
+                fine.grid.weights, fine.links, pieces, fine.grid.shape, finest.corner_cutting, obstacle, area, packed
             )
             # means lie above the least of what they average, which makes a coarse search's heuristic the better
             whole = (row1 - row0, col1 - col0) == grid.shape

@@ -103,6 +103,7 @@ class StreamedMap:
         least = pool_and_link(
             band.weights,
             None,
+            None,
             band.shape,
             self.grid.corner_cutting,
             self._obstacle,
@@ -121,7 +122,7 @@ class StreamedMap:
             packed = grid.weights, coarse.pieces, coarse.links, grid.stride, grid.rows, grid.cols
             area, cutting = (0, grid.rows, 0, grid.cols), self.grid.corner_cutting
             least = pool_and_link(
-                fine.grid.weights, fine.links, fine.grid.shape, cutting, self._obstacle, area, packed
+                fine.grid.weights, fine.links, fine.pieces, fine.grid.shape, cutting, self._obstacle, area, packed
             )
             grid.set_bounds(least, greatest)
 
