@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Unpack
 
-import numpy as np
-
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -79,7 +77,7 @@ class Planner:
         model: str | Path | NetworkModel = "edge",
         ask_from: int = NEAR,
     ) -> None:
-        check_planner_fits(np.shape(cost))
+        check_planner_fits(getattr(cost, "shape", ()))
         self._turns = Turns()
         self._state = MapState(cost, StepModel.of(step_cost, omega), corner_cutting=corner_cutting)
         self._model, self._ask_from = model, ask_from
@@ -119,7 +117,7 @@ class Planner:
         InvalidMapError
             As for `traversability_cost`.
         """
-        check_planner_fits(np.shape(dem))
+        check_planner_fits(getattr(dem, "shape", ()))
         planner = cls.__new__(cls)
         planner._turns = Turns()
         sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()

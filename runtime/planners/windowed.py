@@ -43,7 +43,7 @@ class VirtualWorkspace(Workspace):
     def __init__(self, nodes: int) -> None:
         super().__init__(1)
         state = virtual_zeros(2 * nodes, np.int32)
-        self.g, self.meta = state.view(np.float32), state
+        self.g, self.meta, self._searches = state.view(np.float32), state, [0]
 
 
 @dataclass(frozen=True)
