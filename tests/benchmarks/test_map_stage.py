@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from nnpp_edge import __version__
 from nnpp_edge.benchmarks import map_stage
 from nnpp_edge.runtime.errors import NnppEdgeError
 
@@ -43,7 +44,7 @@ def older(tmp_path):
     (tmp_path / "older" / "runtime").symlink_to(ROOT / "runtime")
     (package / "models").symlink_to(ROOT / "nnpp_edge" / "models")
     (package / "__init__.py").write_text(
-        "__version__ = '0'\n"
+        f"__version__ = {__version__!r}\n"  # ours, so that its kernels are compiled already
         "from nnpp_edge.runtime.planners.planner import Planner\n"
         "del Planner.of_elevation, Planner.update_elevation\n"
     )
