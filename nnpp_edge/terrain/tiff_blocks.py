@@ -6,11 +6,13 @@ at. So the streams are decompressed here as well, which takes as long as reading
 
 import os
 import zlib
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.errors import TerrainError
+from nnpp_edge.runtime.tuning import THREADS_FROM
 from nnpp_edge.terrain.heights import Window
 
 if TYPE_CHECKING:
@@ -49,11 +51,9 @@ class DeflateBlocks:
         } - self._right
         places = [place for place in map(self._place, sorted(blocks)) if place is not None]
         if len(places) > _FEW:
-            with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-                list(pool.map(self._check, places))
+            in_bands(lambda first, last: self._check_all(places[first:last]), len(places), THREADS_FROM)
         else:
-            for place in places:
-                self._check(place)
+            self._check_all(places)
         self._right |= blocks
 
     def _place(self, block: tuple[int, int]) -> tuple[int, int] | None:
@@ -63,6 +63,10 @@ class DeflateBlocks:
             self._dataset.get_tag_item(f"BLOCK_{what}_{number}", "TIFF", bidx=1) for what in ("OFFSET", "SIZE")
         )
         return (int(at), int(size)) if at and size else None
+
+    def _check_all(self, places: Sequence[tuple[int, int]]) -> None:
+        for place in places:
+            self._check(place)
 
     def _check(self, place: tuple[int, int]) -> None:
         with self._path.open("rb") as file:

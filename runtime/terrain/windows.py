@@ -1,8 +1,9 @@
 """Costs of a map whose heights are read by windows: a band after another, or only where they are wanted."""
 
-from collections import deque
+from _thread import start_new_thread
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -126,18 +127,45 @@ def _rows_per_band(block_rows: int, cols: int) -> int:
 
 
 def _ahead(read: Callable[[Rectangle], T], parts: Iterable[Rectangle]) -> Iterator[tuple[Rectangle, T]]:
-    """Each part with what is read for it, in order, by a thread that is a few parts ahead."""
-    waiting: deque[tuple[Rectangle, Future[T]]] = deque()
-    with ThreadPoolExecutor(1, "reading") as pool:
-        try:
-            for part in parts:
-                waiting.append((part, pool.submit(read, part)))
-                if len(waiting) > BANDS_AHEAD:
-                    first, done = waiting.popleft()
-                    yield first, done.result()
-            while waiting:
-                first, done = waiting.popleft()
-                yield first, done.result()
-        finally:
-            for _, left in waiting:
-                left.cancel()
+    """Each part with what is read for it, in order, by a thread that is a few parts ahead.
+
+    They hand one another what they have by queues that are one step of the interpreter: a signal's exception in the
+    middle of locks written in Python, as those of an executor, would leave the other thread to wait for ever.
+    """
+    wanted: SimpleQueue[Rectangle | None] = SimpleQueue()
+    found: SimpleQueue[tuple[Rectangle, T | BaseException] | None] = SimpleQueue()
+
+    def work() -> None:
+        while (part := wanted.get()) is not None:
+            try:
+                found.put((part, read(part)))
+            except BaseException as error:  # raised again where it is waited for
+                found.put((part, error))
+        found.put(None)
+
+    def taken() -> tuple[Rectangle, T]:
+        answer = found.get()
+        assert answer is not None
+        part, result = answer
+        if isinstance(result, BaseException):
+            raise result
+        return part, result
+
+    start_new_thread(work, ())
+    waiting = 0
+    try:
+        for part in parts:
+            wanted.put(part)
+            waiting += 1
+            if waiting > BANDS_AHEAD:
+                waiting -= 1
+                yield taken()
+        for _ in range(waiting):
+            yield taken()
+    finally:
+        with suppress(Empty):
+            while True:
+                wanted.get_nowait()
+        wanted.put(None)
+        while found.get() is not None:  # what it is at is read to the end: the file may be closed next
+            pass
