@@ -1,7 +1,7 @@
 # make demo: the onboard package alone, in an environment of its own, and a plan over real lunar terrain.
 # make check: lint, types, import contract and the fast tests, in less than a minute.
 # make test: the same with all tests.
-# make bench: our planners beside other libraries' grid search, what a
+# make bench: our planners beside other libraries' grid search, the stages from elevations to a first path, what a
 # region's search costs, and how long the first plan takes.
 # make fuzz MINUTES=30: damaged files, odd options, odd weights and the rest (docs/fuzzing.md).
 PYTHON ?= python3
@@ -56,6 +56,7 @@ $(DEV)/ready-to-bench: $(DEV)/ready
 
 bench: $(DEV)/ready-to-bench
 	$(DEV)/bin/nnpp-edge profile --peers --sizes 256,512,1024,2048,4096 -o build/bench
+	$(DEV)/bin/python -m nnpp_edge.benchmarks.map_stage
 	$(DEV)/bin/python -m nnpp_edge.benchmarks.region_search
 	$(DEV)/bin/python -m nnpp_edge.profiling.cold_start
 

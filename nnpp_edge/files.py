@@ -3,12 +3,14 @@
 import errno
 import os
 import secrets
+import signal
 import stat
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NoReturn
 
 from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
 from nnpp_edge.runtime.reading import reason
@@ -56,6 +58,34 @@ def write_all(contents: Mapping[Path, Content]) -> None:
     except (OSError, ValueError) as error:
         why = "no such folder" if isinstance(error, FileNotFoundError) else reason(error)
         raise OutputError(f"{path}: could not be written ({why})") from error
+
+
+@contextmanager
+def staged(path: Path) -> Iterator[Path]:
+    """A temporary file's name beside `path`, for what is written as a stream: renamed at the end, or removed.
+
+    SIGTERM is an error here, and ends the process. For the main thread. Raises OutputError where `path` is no plain
+    file, or what was written cannot be put there.
+    """
+
+    def end(number: int, frame: object) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    target = Path(os.path.realpath(path))
+    temporary = target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}")
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        if _is_stream(_stands(path)):
+            raise OSError(errno.EINVAL, "it is no plain file")
+        yield temporary
+        temporary.replace(target)
+    except (OSError, ValueError) as error:
+        if isinstance(error, NnppEdgeError):
+            raise
+        raise OutputError(f"{path}: could not be written ({reason(error)})") from error
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        temporary.unlink(missing_ok=True)
 
 
 def check_outputs(

@@ -1,11 +1,14 @@
 """Maps as arrays: their type, and how what a user hands over becomes one."""
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.runtime.errors import InvalidMapError
 
 Float2D = NDArray[np.float32]
+Float = TypeVar("Float", np.float32, np.float64)
 
 
 def unmasked(array: ArrayLike) -> NDArray[np.generic]:
@@ -16,8 +19,8 @@ def unmasked(array: ArrayLike) -> NDArray[np.generic]:
     return np.where(np.ma.getmaskarray(array), np.nan, values)
 
 
-def as_map(array: ArrayLike, name: str) -> Float2D:
-    """`array` as a C-contiguous (H, W) float32 map, or an InvalidMapError that says what came.
+def as_map(array: ArrayLike, name: str, dtype: type[Float] = np.float32) -> NDArray[Float]:  # type: ignore[assignment]
+    """`array` as a C-contiguous (H, W) map of floats, or an InvalidMapError that says what came.
 
     Masked cells become NaN, which is unknown wherever a map is read.
     """
@@ -27,11 +30,11 @@ def as_map(array: ArrayLike, name: str) -> Float2D:
         raise InvalidMapError(f"{name} must be a (H, W) map of numbers, got rows of different lengths") from None
     if values.ndim != 2 or values.size == 0 or values.dtype.kind not in "fiub":
         raise InvalidMapError(f"{name} must be a (H, W) map of numbers, got {values.shape} {values.dtype}")
-    if values.dtype == np.float32:
+    if values.dtype == dtype:
         return np.ascontiguousarray(values)
     try:
         with np.errstate(over="raise"):
-            return np.ascontiguousarray(values, np.float32)
+            return np.ascontiguousarray(values, dtype)
     except FloatingPointError:
         furthest = np.abs(values[np.isfinite(values)]).max()
         raise InvalidMapError(f"{name} must hold 32-bit floats, got a value of size {furthest:.3g}") from None

@@ -70,4 +70,5 @@ class Status(StrEnum):
     NO_GOAL = "NO_GOAL"
     """Of the loop alone: no goal has come yet."""
     UNKNOWN = "UNKNOWN"
-    """Of the loop alone: every way of planning raised an error."""
+    """Of the loop: every way of planning raised an error. Of `WindowedPlanner`: no path was found, and it is not
+    known that there is none."""

@@ -1,16 +1,31 @@
-"""Memory: how much is left, and how to have it before it is needed.
+"""Memory: how much is left, what planning takes, and how to have it before it is needed, or not before.
 
 The system backs an array's pages with memory when they are first written to. For a loop that is to keep its rate for
 days this is the wrong moment: the first search that comes to a part of the map would wait, and what the process holds
 would seem to grow.
 """
 
+import ctypes
 import mmap
 import resource
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.errors import InvalidMapError
+
+PLANNER_BYTES_PER_CELL = 16
+"""That a planner takes beside the cost map: weights 4, search memory 8, coarse levels 4."""
+_ALWAYS_FITS = 1 << 22
+"""Cells of a map that is planned on without asking for room first: that takes as long as a short plan."""
+_MAP_NORESERVE = 0x4000
+"""Of Linux; Python's `mmap` has it from 3.13 on."""
+_PR_SET_THP_DISABLE = 41
+Number = TypeVar("Number", bound=np.generic)
 
 
 def touch(*owners: object) -> None:
@@ -22,6 +37,56 @@ def touch(*owners: object) -> None:
         for value in vars(owner).values():
             if isinstance(value, np.ndarray) and value.flags.c_contiguous and value.flags.writeable:
                 value.reshape(-1).view(np.uint8)[:: mmap.PAGESIZE] += 0
+
+
+def virtual_zeros(count: int, dtype: type[Number]) -> NDArray[Number]:
+    """Zeros that take memory where they are written to, a small page at a time, and nowhere else.
+
+    For arrays of a whole map's size of which a search touches a strip. MemoryError where the system promises no
+    memory that it does not have.
+    """
+    size = max(count, 1) * np.dtype(dtype).itemsize
+    try:
+        memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _MAP_NORESERVE)
+    except OSError as error:
+        raise MemoryError(f"{size / 1e9:.1f} GB of address space are not to be had") from error
+    with suppress(AttributeError, OSError):  # a system without huge pages
+        memory.madvise(mmap.MADV_NOHUGEPAGE)
+    return np.frombuffer(memory, dtype, count)
+
+
+@contextmanager
+def small_pages() -> Iterator[None]:
+    """Have the system back this process's arrays with small pages for a while: where a strip of one is touched, a
+    huge page of 2 MiB would bring the rows beside it along."""
+    try:
+        prctl = ctypes.CDLL(None).prctl
+    except (AttributeError, OSError):  # not on this system
+        yield
+        return
+    prctl(_PR_SET_THP_DISABLE, 1, 0, 0, 0)
+    try:
+        yield
+    finally:
+        prctl(_PR_SET_THP_DISABLE, 0, 0, 0, 0)
+
+
+def check_planner_fits(shape: tuple[int, ...]) -> None:
+    """InvalidMapError where the memory that is left cannot hold a planner of a map of this shape."""
+    if len(shape) != 2 or shape[0] * shape[1] <= _ALWAYS_FITS:
+        return
+    wanted, room = shape[0] * shape[1] * PLANNER_BYTES_PER_CELL, available_bytes()
+    if wanted > room:
+        raise InvalidMapError(
+            f"wanted {wanted / 1e9:.1f} GB of memory to plan on {shape[0]} × {shape[1]} cells, got {room / 1e9:.1f} "
+            "GB: plan on a smaller part, or with WindowedPlanner"
+        )
+
+
+def peak_bytes() -> int:
+    """The most memory that this process has held at once; 0 where the system does not say."""
+    lines = _lines(Path("/proc/self/status"))
+    return next((_number(line) * 1024 for line in lines if line.startswith("VmHWM:")), 0)
 
 
 def available_bytes() -> int:

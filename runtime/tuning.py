@@ -34,8 +34,24 @@ merged rectangles cover much that did not change."""
 
 # Cost map
 
-ROWS_PER_BAND = 64
-"""Rows of a map that one thread computes at a time: a band of 1024 columns takes about a millisecond."""
+THREADS_FROM = 200_000
+"""Cells from which on a map is computed by a thread a core: to start one takes as long as some ten thousand cells."""
+TILE_ROWS, TILE_COLS = 32, 64
+"""Cells of the pieces in which a map of heights is computed: powers of two. In smaller ones rows are too short for
+the compiler's loops; of larger ones a search looks at a small part."""
+MOST_SAMPLED_ROWS = 16
+"""Rows by which it is judged, roughly, whether most of a map lies at a term's limit."""
+
+# Maps read by windows
+
+BAND_CELLS = 1 << 22
+"""Cells of a band of rows that is read and computed as one, about: 16 MB of heights."""
+LEAST_WINDOW = 256
+"""Cells: windows under a corridor are at least so high and wide, where blocks are smaller."""
+LEG_CELLS = 256
+"""Cells of a path whose heights are read by one window."""
+BANDS_AHEAD = 3
+"""Bands that are read ahead: blocks are decoded for several bands at once, which the others then wait for."""
 
 # Exact search
 

@@ -40,9 +40,16 @@ from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.region.corridor import CoarseLevel
 from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.runtime.search.astar import cost_field
+from nnpp_edge.runtime.search.connection import connected
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost, update_cost
+from nnpp_edge.runtime.terrain.traversability import (
+    SaturationWarning,
+    Traversability,
+    terrain_terms,
+    traversability_cost,
+    update_cost,
+)
 from nnpp_edge.runtime.tuning import MapSize
 
 _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
@@ -120,8 +127,10 @@ def exercise() -> None:
 
     What is not yet loaded would else be waited for by some later query: up to a tenth of a second for each kernel.
     """
-    _exercise_cost_maps()
     network = NetworkModel("edge")
+    _exercise_elevations(network)
+    network.set_query((0.0, 0.0), (1.0, 1.0))
+    network.run()
     for shape in warmup_shapes():
         for step_cost in ("paper", "length"):
             for corner_cutting in (True, False):
@@ -133,14 +142,23 @@ def exercise() -> None:
     finder.mark(lowered(3, 0.5), (1, 2), (9, 3), 1)
 
 
-def _exercise_cost_maps() -> None:
+def _exercise_elevations(network: NetworkModel) -> None:
     dem = np.cumsum(np.random.default_rng(0).normal(0.0, 0.1, (150, 24)), axis=1).astype(np.float32)
     dem[3, 4] = np.nan
     limits = Traversability(hard_slope_deg=25.0)
     for heights in (dem, _read_only(dem)):
-        cost = traversability_cost(heights, 1.0, limits, cell_width_m=1.5, warn=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SaturationWarning)
+            cost = traversability_cost(heights, 1.0, limits, cell_width_m=1.5)
         update_cost(cost, heights, (70, 5, 2, 3), 1.0, limits)
         terrain_terms(heights, 1.0)
+        for lazy in (True, False):
+            planner = Planner.of_elevation(heights, 1.0, limits, lazy=lazy, model=network, ask_from=0, warn=False)
+            for method in ("astar", "corridor", "nnpp"):
+                planner.plan((1, 2), (140, 20), method=method)
+            planner.update_elevation(3, 4, heights[:5, :6].copy())
+            planner.update_elevation(0, 0, heights)
+    connected([cost], ((0, 0), (1, 1)))
 
 
 def warmup_shapes() -> list[tuple[int, int]]:

@@ -1,5 +1,6 @@
 """Grid search of ours and of other libraries, behind one call: from start to goal on a map of weights."""
 
+import functools
 import importlib
 import math
 from collections.abc import Callable
@@ -9,8 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.profiling.ground import Ground
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.plan_path import plan_path
 from nnpp_edge.runtime.planners.planner import Planner
 
 if TYPE_CHECKING:
@@ -35,6 +41,27 @@ class PeerPlanner:
     """What it minimises."""
     prepare: Callable[[Weights], Search]
     """Do the work that depends on the map alone."""
+    once: Callable[[Weights, Cell, Cell], CellPath | None] | None = None
+    """From weights to one path, where that is another call than `prepare` and a search."""
+    of_elevation: Callable[[Ground, Cell, Cell], CellPath | None] | None = None
+    """From elevations to one path; None for who knows weights alone."""
+
+    def plan_once(self, weights: Weights, start: Cell, goal: Cell) -> CellPath | None:
+        """From weights to one path, nothing being kept."""
+        if self.once is not None:
+            return self.once(weights, start, goal)
+        return self.prepare(weights)(start, goal)
+
+    def plan_on(self, ground: Ground, start: Cell, goal: Cell) -> CellPath | None:
+        """From elevations to one path; a library without cost maps of its own gets ours."""
+        if self.of_elevation is not None:
+            return self.of_elevation(ground, start, goal)
+        return self.plan_once(weights_of(ground.cost()), start, goal)
+
+
+def weights_of(cost: Float2D) -> Weights:
+    """The weights that all planners are given, 1 + 2·255·ω·T; inf where impassable."""
+    return (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * cost).astype(np.float32)
 
 
 def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
@@ -56,20 +83,29 @@ def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
 
 
 def _ours(method: str, objective: str) -> PeerPlanner:
-    network: list[NetworkModel] = []
+    @functools.cache
+    def network() -> NetworkModel:
+        return NetworkModel("edge", threads=1)
+
+    def model() -> str | NetworkModel:
+        """A network of one's own: maps that are planned on once must not be shown to that of a standing map."""
+        return network().share() if method == "nnpp" else "edge"
 
     def prepare(weights: Weights) -> Search:
-        if method == "nnpp" and not network:
-            network.append(NetworkModel("edge", threads=1))
-        planner = Planner(weights, step_cost="length", model=network[0] if network else "edge")
+        planner = Planner(weights, step_cost="length", model=model())
+        return lambda start, goal: _path(planner.plan(start, goal, method=method))
 
-        def search(start: Cell, goal: Cell) -> CellPath | None:
-            plan = planner.plan(start, goal, method=method)
-            return plan.path if plan.ok else None
+    def once(weights: Weights, start: Cell, goal: Cell) -> CellPath | None:
+        return _path(plan_path(weights, start, goal, method, "length", model=model()))
 
-        return search
+    def of_elevation(ground: Ground, start: Cell, goal: Cell) -> CellPath | None:
+        return _path(ground.planner(model()).plan(start, goal, method=method))
 
-    return PeerPlanner(method, "nnpp-edge", objective, prepare)
+    return PeerPlanner(method, "nnpp-edge", objective, prepare, once, of_elevation)
+
+
+def _path(plan: Plan) -> CellPath | None:
+    return plan.path if plan.ok else None
 
 
 def _pyastar2d(weights: Weights) -> Search:

@@ -3,6 +3,10 @@
 The problem is the one that most of them can solve: a step costs its length times the mean weight of the two
 cells, with weights 1 + 2·255·ω·T. scikit-image and scipy then solve the very same problem as our exact A*;
 what the others minimise is said beside them, and the price of their paths is counted by the common rule.
+
+Beside a plan on a standing map stand one-off use, from weights to a path with nothing kept (ours by `plan_path`), and
+a map that has just arrived, from elevations to a path: ours by `Planner.of_elevation`, in the paper's step costs; the
+others, which know no terrain, get their weights from our `traversability_cost`, on the clock.
 """
 
 import math
@@ -15,15 +19,17 @@ from typing import TypedDict
 import numpy as np
 
 from nnpp_edge import __version__
-from nnpp_edge.benchmarks.peer_planners import CellPath, PeerPlanner, Search, Weights, peer_planners
+from nnpp_edge.benchmarks.peer_planners import CellPath, PeerPlanner, Search, Weights, peer_planners, weights_of
+from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.profiling.harness import Harness
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, cases_from, source_of
 from nnpp_edge.runtime.cells import Endpoints
-from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA
 from nnpp_edge.runtime.warmup import exercise
 from nnpp_edge.terrain.workloads import SOFT
 
 REFERENCE = "astar"
+_FRESH_QUERIES = 3
+"""Of a map, that are also asked with nothing kept: some libraries take many times longer to set up than to search."""
 SAME_OPTIMUM = 1e-4
 """Costs that differ by no more than this share count as the same."""
 
@@ -41,6 +47,10 @@ class PeerFigures(TypedDict):
     time_ms_p95: float | None
     times_astar_median: float | None
     map_ms_median: float | None
+    once_ms_median: float | None
+    """From weights to one path."""
+    elevation_ms_median: float | None
+    """From elevations to one path."""
     gap_mean: float | None
     gap_max: float | None
     same_optimum: bool | None
@@ -71,6 +81,8 @@ class _Answers:
     over_exact: list[float] = field(default_factory=list)
     """Its time over exact A*'s, query by query."""
     map_ms: list[float] = field(default_factory=list)
+    once_ms: list[float] = field(default_factory=list)
+    elevation_ms: list[float] = field(default_factory=list)
     gaps: list[float] = field(default_factory=list)
     failed: int = 0
     note: str = ""
@@ -91,6 +103,8 @@ class _Answers:
             time_ms_p95=of(self.time_ms, lambda values: np.quantile(values, 0.95)),
             times_astar_median=of(self.over_exact, np.median),
             map_ms_median=of(self.map_ms, np.median),
+            once_ms_median=of(self.once_ms, np.median),
+            elevation_ms_median=of(self.elevation_ms, np.median),
             gap_mean=of(self.gaps, np.mean),
             gap_max=of(self.gaps, np.max),
             same_optimum=same if self.time_ms else None,
@@ -112,9 +126,9 @@ class _Comparison:
 
     def on_map(self, case: Case, queries: int, progress: Callable[[], None]) -> None:
         """Have every planner answer at most so many queries on one map."""
-        weights = (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * case.cost).astype(np.float32)
+        weights = weights_of(case.cost)
         searches = self._prepared(weights, case.queries[0])
-        counted = 0
+        answered: list[Endpoints] = []
         for records in self.harness.measure(searches, case.queries):
             exact = records[REFERENCE].results[0]
             if exact is None:
@@ -129,10 +143,25 @@ class _Comparison:
                     answers.failed += 1
                 else:
                     answers.gaps.append(path_cost(weights, path) / optimum - 1.0 if optimum else 0.0)
+            answered.append(query)
             progress()
-            counted += 1
-            if counted == queries:
-                return
+            if len(answered) == queries:
+                break
+        self._on_fresh_map(list(searches), weights, case.ground, answered[:_FRESH_QUERIES])
+
+    def _on_fresh_map(
+        self, names: Sequence[str], weights: Weights, ground: Ground | None, queries: Sequence[Endpoints]
+    ) -> None:
+        """Have these planners answer queries with nothing kept: from weights, and from elevations where there are."""
+        planners = {planner.name: planner for planner in self.planners if planner.name in names}
+        once = {name: _once(planner, weights) for name, planner in planners.items()}
+        arriving = {name: _arriving(planner, ground) for name, planner in planners.items() if ground is not None}
+        for records in self.harness.measure(once, queries, warm_up=queries[:1]):
+            for name, record in records.items():
+                self.answers[name].once_ms.append(1e3 * record.median_s)
+        for records in self.harness.measure(arriving, queries, warm_up=queries[:1]):
+            for name, record in records.items():
+                self.answers[name].elevation_ms.append(1e3 * record.median_s)
 
     def _prepared(self, weights: Weights, first: Endpoints) -> dict[str, Callable[[Endpoints], CellPath | None]]:
         """Every planner that is within the limit, ready for a map: compiled, allocated, its network shown the map."""
@@ -150,6 +179,14 @@ class _Comparison:
             else:
                 found[planner.name] = _of_query(search)
         return found
+
+
+def _once(planner: PeerPlanner, weights: Weights) -> Callable[[Endpoints], CellPath | None]:
+    return lambda query: planner.plan_once(weights, *query)
+
+
+def _arriving(planner: PeerPlanner, ground: Ground) -> Callable[[Endpoints], CellPath | None]:
+    return lambda query: planner.plan_on(ground, *query)
 
 
 def _of_query(search: Search) -> Callable[[Endpoints], CellPath | None]:

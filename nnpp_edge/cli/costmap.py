@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from nnpp_edge.cli import options
+from nnpp_edge.cli.cost_summary import SHARES, CostSummary, MapSize
 from nnpp_edge.cli.options import TerrainOptions
 
 if TYPE_CHECKING:
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 _RASTERS = (".tif", ".tiff")
 _ARRAYS = (".npy", ".npz")
-_SHARES = (0.1, 0.5, 0.9, 0.99)
+_BYTES_PER_CELL = 32
+"""At the peak of writing a whole map: 28 measured."""
 
 
 @click.command(name="costmap")
@@ -27,13 +28,19 @@ _SHARES = (0.1, 0.5, 0.9, 0.99)
 @click.option("-o", "--output", type=options.NEW_FILE, required=True, help=".tif, .npy or .npz.")
 @click.option("--picture", type=options.NEW_FILE, help="PNG; by default beside the output, under its name.")
 @options.terrain
+@options.memory
 @options.as_json
-def command(dem: Path, output: Path, picture: Path | None, as_json: bool, terrain: TerrainOptions) -> None:
+def command(
+    dem: Path, output: Path, picture: Path | None, as_json: bool, terrain: TerrainOptions, memory: float | None
+) -> None:
     """Write the traversability cost of an elevation map, and a picture of it.
 
     Costs lie in [0, 1). A GeoTIFF keeps the DEM's georeference; its impassable cells are NaN, declared as
     nodata. In .npy and .npz (arrays cost, cell_size_m, cell_width_m) they are inf. In the picture, whiter is
     costlier and impassable cells are brown.
+
+    A raster too large for the memory that is free, or for --memory, is read by windows; its cost map is written as a
+    GeoTIFF, a band after another.
 
     \b
     nnpp-edge costmap dem.tif -o cost.tif --workload limit20
@@ -42,6 +49,22 @@ def command(dem: Path, output: Path, picture: Path | None, as_json: bool, terrai
     options.check_outputs(("--output", output), ("--picture", picture))
     limits = terrain.limits()
 
+    from nnpp_edge.cli.windows import reads_by_windows
+
+    if reads_by_windows(dem, terrain, memory, _BYTES_PER_CELL):
+        from nnpp_edge.cli.costmap_windows import write_by_windows
+
+        summary = write_by_windows(dem, terrain, limits, output, picture)
+    else:
+        summary = _write_whole_map(dem, terrain, limits, output, picture)
+    files = [str(output), str(picture)]
+    click.echo(json.dumps({**summary.figures(), "files": files}) if as_json else summary.text(dem, files))
+
+
+def _write_whole_map(
+    dem: Path, terrain: TerrainOptions, limits: Traversability, output: Path, picture: Path
+) -> CostSummary:
+    """Write cost map and picture of a map that is read into memory."""
     from nnpp_edge.files import write_all
     from nnpp_edge.viz.picture import cost_map_picture, png_bytes
 
@@ -49,62 +72,7 @@ def command(dem: Path, output: Path, picture: Path | None, as_json: bool, terrai
     cost = cost_of(ground, limits)
     drawn = png_bytes(cost_map_picture(cost, cell_size_m=ground.cell_width_m))
     write_all({output: _content(output, cost, ground), picture: drawn})
-    summary = summarise(cost, ground, limits)
-    files = [str(output), str(picture)]
-    click.echo(json.dumps({**summary.figures(), "files": files}) if as_json else summary.text(dem, files))
-
-
-@dataclass(frozen=True)
-class MapSize:
-    """Cells of a map, and their sides in metres."""
-
-    rows: int
-    cols: int
-    cell_size_m: float
-    cell_width_m: float
-
-    @classmethod
-    def of(cls, dem: Dem) -> MapSize:
-        """Size of an elevation map."""
-        rows, cols = dem.elevation.shape
-        return cls(rows, cols, dem.cell_size_m, dem.cell_width_m)
-
-    def __str__(self) -> str:
-        size, width = self.cell_size_m, self.cell_width_m
-        square = abs(size - width) <= 5e-4 * size
-        cell = f"{size:.4g} m" if square else f"{size:.4g} m (north) × {width:.4g} m (east)"
-        return f"{self.rows} × {self.cols} cells of {cell}"
-
-
-@dataclass(frozen=True)
-class CostSummary:
-    """What a cost map holds."""
-
-    size: MapSize
-    passable_share: float
-    """Share of the cells that are passable."""
-    cost_quantiles: dict[str, float | None]
-    """Cost that a share of the passable cells does not pass, by that share."""
-    saturated_share: dict[str, float]
-    """Share of the cells of known height at which a term is at its limit, by the term."""
-
-    def figures(self) -> dict[str, object]:
-        """Ready for JSON."""
-        return {**asdict(self.size), **{key: value for key, value in vars(self).items() if key != "size"}}
-
-    def text(self, dem: Path, files: list[str]) -> str:
-        """For people."""
-        shares = ((100 * float(share), cost) for share, cost in self.cost_quantiles.items() if cost is not None)
-        costs = ", ".join(f"{share:.0f} % of cells up to {cost:.3f}" for share, cost in shares)
-        at_limit = ", ".join(f"{term} {100 * share:.1f} %" for term, share in self.saturated_share.items())
-        lines = (
-            f"map       {dem.name}: {self.size}",
-            f"passable  {100 * self.passable_share:.2f} % of cells",
-            f"cost      {costs or 'no cell is passable'}",
-            f"at limit  {at_limit}",
-            f"written   {', '.join(files)}",
-        )
-        return "\n".join(lines)
+    return summarise(cost, ground, limits)
 
 
 def cost_of(dem: Dem, limits: Traversability) -> Float2D:
@@ -121,14 +89,14 @@ def summarise(cost: Float2D, dem: Dem, limits: Traversability) -> CostSummary:
     from nnpp_edge.runtime.terrain.traversability import TERMS, terrain_terms
 
     passable = cost[np.isfinite(cost)]
-    quantiles = np.quantile(passable, _SHARES).round(6).tolist() if passable.size else [None] * len(_SHARES)
+    quantiles = np.quantile(passable, SHARES).round(6).tolist() if passable.size else [None] * len(SHARES)
     terms = terrain_terms(dem.elevation, dem.cell_size_m, cell_width_m=dem.cell_width_m)
     known = max(int(np.isfinite(terms[0]).sum()), 1)
     at_limit = (np.radians(limits.slope_limit_deg), limits.roughness_limit_m, limits.step_limit_m)
     return CostSummary(
         MapSize.of(dem),
         passable.size / cost.size,
-        {f"{share:g}": quantile for share, quantile in zip(_SHARES, quantiles, strict=True)},
+        {f"{share:g}": quantile for share, quantile in zip(SHARES, quantiles, strict=True)},
         {
             name: round(float((term >= limit).sum() / known), 6)
             for name, term, limit in zip(TERMS, terms, at_limit, strict=True)

@@ -1,7 +1,7 @@
 """`nnpp-edge evaluate`: the planners beside each other."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,11 +31,26 @@ COLUMNS = {
     "mm_mean": "MM",
     "cc_mean": "CC",
 }
-_SHARES = {"success_raw", "success", "region_share_mean"}
-_GAPS = {"gap_mean", "gap_p99"}
+FRESH_COLUMNS = {
+    "workload": "workload",
+    "size": "size",
+    "method": "method",
+    "n": "n",
+    "fresh_ms_median": "elevation →\npath, ms",
+    "fresh_ms_p99": "p99",
+    "fresh_speedup_median": "times as fast as\nastar-eager",
+    "costs_computed_mean": "costs\ncomputed",
+    "fresh_gap_mean": "gap\nmean",
+    "fresh_gap_p99": "gap\np99",
+    "time_ms_median": "standing\nmap, ms",
+}
+_SHARES = {"success_raw", "success", "region_share_mean", "costs_computed_mean"}
+_GAPS = {"gap_mean", "gap_p99", "fresh_gap_mean", "fresh_gap_p99"}
 _WORKLOADS = "soft, limit20, limit15 or any limitN."
 _MODEL = "Shipped model or file for nnpp; several are set beside each other."
 _REPEATS = "Times each planner answers each query; its median time counts."
+_FRESH_MAP = "Also from elevations to the path on a map that has just arrived, lazily and eagerly."
+_MARKDOWN = "Print the tables as Markdown."
 _MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
 
 
@@ -51,9 +66,11 @@ _MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
 @click.option("--methods", type=options.Names(), default="astar,corridor,nnpp")
 @click.option("--model", "models", type=options.ModelName(), multiple=True, default=("edge",), help=_MODEL)
 @click.option("--repeats", type=options.COUNT, default=3, help=_REPEATS)
+@click.option("--fresh-map", is_flag=True, help=_FRESH_MAP)
 @click.option("--plot", type=options.NEW_FILE, help="PNG to draw: cost gap against time, every planner.")
 @options.seed
 @options.as_json
+@click.option("--markdown", is_flag=True, help=_MARKDOWN)
 def command(
     terrain: tuple[Path, ...],
     more_terrain: tuple[Path, ...],
@@ -69,21 +86,27 @@ def command(
     methods: tuple[str, ...],
     models: tuple[str, ...],
     repeats: int,
+    fresh_map: bool,
     plot: Path | None,
     seed: int,
     as_json: bool,
+    markdown: bool,
 ) -> None:
     """Compare planners on many queries, in one interleaved run.
 
     Every planner gets the same maps and queries, in turns. Speed-ups and gaps are against exact A* on the
     same query. Times count the whole job, widening and fallback included.
 
+    With --fresh-map each planner is also made anew of the elevations for every query, all of it on the clock, and
+    so is the corridor as narrow as the learned region's (corridor-narrow): nnpp without a network.
+
     \b
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --workload soft,limit15 --sizes 256,512
+    nnpp-edge evaluate --terrain dem.tif --rescale 20 --sizes 256,512,1024,2048 --fresh-map --markdown
     """
     from nnpp_edge.profiling import suites
-    from nnpp_edge.profiling.evaluate import evaluate
-    from nnpp_edge.profiling.rivals import exact_and
+    from nnpp_edge.profiling.evaluate import EAGER, evaluate
+    from nnpp_edge.profiling.rivals import exact_and, narrow_corridor
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
@@ -92,11 +115,19 @@ def command(
     files = (*terrain, *more_terrain)
     if bool(files) + (dataset is not None) + synthetic != 1:
         raise click.UsageError("give one of --terrain FILE, --dataset DIR and --synthetic")
+    if fresh_map and dataset is not None:
+        raise click.UsageError(
+            "--fresh-map needs elevations, a data set holds cost maps: give --terrain or --synthetic"
+        )
+    if as_json and markdown:
+        raise click.UsageError("give one of --json and --markdown")
     if unknown := set(methods) - set(Method):
         raise click.UsageError(f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}")
     options.check_outputs(("--plot", plot))
     needed = models if {Method.NNPP, Method.AUTO} & set(methods) else ()
     rivals = exact_and(methods, {Path(name).stem: NetworkModel(name) for name in needed})
+    if fresh_map:
+        rivals.append(narrow_corridor())
     dems = suites.TerrainFiles(files, rescale, cell_size, allow_vrt).read()
     suites.check_sizes(dems, sizes)
 
@@ -115,22 +146,33 @@ def command(
             def of_run(done: int, before: int = at * queries) -> None:
                 advance(before + done)
 
-            figures = evaluate(cases(name, size), rivals, queries, repeats=repeats, progress=of_run)
+            figures = evaluate(
+                cases(name, size), rivals, queries, repeats=repeats, fresh_map=fresh_map, progress=of_run
+            )
             place = {"workload": name, "size": suites.name_of(size)}
             rows += [{**place, "method": method, **row} for method, row in figures.items()]
+    standing = [row for row in rows if not str(row["method"]).endswith(EAGER)]
     if plot is not None:
         from nnpp_edge.viz.figures import pareto
 
-        pareto(rows, plot)
-    click.echo(json.dumps(rows, indent=1) if as_json else table(rows))
+        pareto(standing, plot)
+    if as_json:
+        click.echo(json.dumps(rows, indent=1))
+        return
+    click.echo(table(standing, COLUMNS, markdown))
+    if fresh_map:
+        click.echo()
+        click.echo(table(rows, FRESH_COLUMNS, markdown))
 
 
-def table(rows: Sequence[dict[str, str | float | None]]) -> str:
+def table(rows: Sequence[dict[str, str | float | None]], columns: Mapping[str, str], markdown: bool = False) -> str:
     """The rows for people."""
-    from nnpp_edge.progress import render_table
+    from nnpp_edge.progress import markdown_table, render_table
 
-    body = [[_shown(key, row[key]) for key in COLUMNS] for row in rows]
-    return render_table(list(COLUMNS.values()), body, sections=[row["method"] == "astar" for row in rows])
+    body = [[_shown(key, row[key]) for key in columns] for row in rows]
+    if markdown:
+        return markdown_table(list(columns.values()), body)
+    return render_table(list(columns.values()), body, sections=[row["method"] == "astar" for row in rows])
 
 
 def _shown(key: str, value: str | float | None) -> str:

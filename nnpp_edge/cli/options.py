@@ -5,7 +5,9 @@ from __future__ import annotations
 import functools
 import math
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
 
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.terrain.dem import Dem
+    from nnpp_edge.terrain.dem_windows import DemWindows
 
 Command = TypeVar("Command", bound=Callable[..., object])
 
@@ -104,6 +107,16 @@ def _size(word: str) -> int | tuple[int, int]:
     return rows if rows == cols else (rows, cols)
 
 
+def _bytes(word: str) -> float:
+    found = re.fullmatch(r"([\d.]+) ?([kMGT]?)(i?)B?", word)
+    if found is None:
+        raise ValueError
+    size: float = float(found[1]) * (1024 if found[3] else 1000) ** " kMGT".index(found[2] or " ")
+    if size <= 0.0:
+        raise ValueError
+    return size
+
+
 def _cores(word: str) -> tuple[int, ...]:
     cores = tuple(map(int, word.split(",")))
     if not set(cores) <= os.sched_getaffinity(0):
@@ -141,6 +154,11 @@ view = click.option(
 )
 seed = click.option("--seed", type=SEED, default=1, help="Seed of every random choice.")
 model = click.option("--model", type=ModelName(), default="edge", help="Name of a shipped network, or an ONNX file.")
+memory = click.option(
+    "--memory",
+    type=Parsed("SIZE", "a size such as 2GB or 500MiB", _bytes),
+    help="Memory that a map may take; a larger raster is read by windows. By default what is free.",
+)
 cell_size = click.option("--cell-size", type=POSITIVE, help="Side of a cell in metres, where the file does not say.")
 allow_vrt = click.option("--allow-vrt", is_flag=True, help="Read a GDAL VRT, too, of GeoTIFFs in its own folder.")
 omega = click.option(
@@ -223,6 +241,12 @@ class TerrainOptions:
 
         dem = read_dem(path, self.cell_size, self.vertical_scale, allow_vrt=self.allow_vrt)
         return dem if self.rescale is None else dem.rescaled(self.rescale)
+
+    def open(self, path: Path) -> AbstractContextManager[DemWindows]:
+        """The elevation map in a file, to be read by windows."""
+        from nnpp_edge.terrain.dem_windows import open_dem
+
+        return open_dem(path, self.cell_size, self.vertical_scale, rescale_m=self.rescale, allow_vrt=self.allow_vrt)
 
     def limits(self) -> Traversability:
         """The limits of the cost map; UsageError where the workload sets one that was given too."""

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.costmap import MapSize, cost_of
+from nnpp_edge.cli.costmap import cost_of
 from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.plan_answer import Answer, Compared, files_in
+from nnpp_edge.cli.plan_answer import Answer, Compared, Near, Planned, files_in, refuse_impassable, warn_if_not_square
+from nnpp_edge.cli.plan_request import Request
+from nnpp_edge.cli.windows import plan_by_windows, reads_by_windows
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
@@ -23,44 +23,13 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.planners.query import PlanOptions
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.terrain.dem import Dem
+    from nnpp_edge.terrain.georeference import Place
     from nnpp_edge.viz.sheet import Cells
 
-_MOST_UNEQUAL_SIDES = 0.02
-"""Cells whose sides differ by more than this share are warned of."""
 _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
-
-
-@dataclass(frozen=True)
-class Request:
-    """What is to be planned, and how. The options' values, as given."""
-
-    start: Cell | None
-    goals: tuple[Cell, ...]
-    start_xy: tuple[float, ...] | None
-    goals_xy: tuple[tuple[float, ...], ...]
-    method: str
-    model: str
-    omega: float
-    corner_cutting: bool
-    epsilon: float | None
-    time_limit: float | None
-    landmarks: int
-    compare: bool
-
-    def __post_init__(self) -> None:
-        """Refuse a start or goals that are missing, or given as cells and as coordinates."""
-        start_xy = (self.start_xy,) if self.start_xy else ()
-        for name, cells, places in (("start", self.start, start_xy), ("goal", self.goals, self.goals_xy)):
-            if bool(cells) == bool(places):
-                raise click.UsageError(f"give either --{name} ROW,COL or --{name}-xy X,Y")
-            if any(len(place) != 2 for place in places):
-                raise click.UsageError(f"--{name}-xy must be two numbers X,Y")
-
-    def cells(self, dem: Dem) -> tuple[Cell, list[Cell]]:
-        """Start and goals as cells of the map."""
-        start = self.start or dem.cell_of(*(self.start_xy or ()))
-        return start, [*self.goals, *(dem.cell_of(*place) for place in self.goals_xy)]
+_BYTES_PER_CELL = 24
+"""At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions.md)."""
 
 
 @click.command(name="plan")
@@ -87,47 +56,75 @@ class Request:
 )
 @click.option("--compare", is_flag=True, help="Plan with exact A* and the corridor planner too.")
 @click.option("--hillshade", is_flag=True, help="Draw the relief in place of the cost.")
+@options.memory
 @click.option("-o", "--output", type=options.PATH, help="Folder for path.geojson, path.csv, plan.png and plan.json.")
 @options.as_json
 @options.gathered("request", Request)
 def command(
-    dem: Path, output: Path | None, hillshade: bool, as_json: bool, terrain: TerrainOptions, request: Request
+    dem: Path,
+    output: Path | None,
+    hillshade: bool,
+    memory: float | None,
+    as_json: bool,
+    terrain: TerrainOptions,
+    request: Request,
 ) -> None:
     """Plan a path over the elevation map DEM.
 
     Give start and goal as cells, or with --start-xy and --goal-xy in the map's coordinates. With several
     goals a path to each is planned, and the one that costs least is taken. The time shown includes loading
-    compiled code and the network; with --compare and with --time-limit these are loaded first. Exit codes: 0
+    compiled code and, as its stage `load`, waiting for the network, whose file is opened while DEM is read; with
+    --compare and with --time-limit these are loaded first. Exit codes: 0
     for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is impassable.
 
     path.geojson is in the map's own coordinates, not in longitude and latitude; its properties say which.
     Without a georeference they are x = column and y = row, times the side of a cell, in metres.
 
+    A raster too large for the memory that is free, or for --memory, is read by windows, and planned on by the
+    corridor method alone.
+
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
     limits = terrain.limits()
-
-    from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-
     if output is not None:
         options.check_outputs(*(("--output", path) for path in files_in(output)), make_folders=True)
-    ground = terrain.read(dem)
-    _warn_if_not_square(ground)
-    cost = cost_of(ground, limits)
-    if not (cost < 1.0).any():
-        if as_json:
-            click.echo(json.dumps({"status": "INVALID_MAP"}))
-        raise InvalidMapError(f"{dem}: wanted a map to plan on, got {MapSize.of(ground)}, all impassable")
-    answer = find(request, ground, cost, keep_regions=output is not None)
+    plan = plan_by_windows if reads_by_windows(dem, terrain, memory, _BYTES_PER_CELL) else plan_whole
+    planned = plan(request, dem, terrain, limits, hillshade=hillshade, drawn=output is not None)
+    answer = planned.answer
     if answer.plan.source is None:  # no search was made
+        from nnpp_edge.runtime.errors import InvalidQueryError
+
         if as_json:
             click.echo(json.dumps(answer.plan.summary()))
-        raise InvalidQueryError(_refusal(answer, cost, limits))
-    files = [] if output is None else answer.save(output, cost, hillshade)
+        raise InvalidQueryError(_refusal(planned, limits))
+    files = [] if output is None else answer.save(output, planned.cost, planned.shade, planned.factor)
     click.echo(json.dumps(answer.figures(files)) if as_json else answer.text(files))
     if not answer.plan.ok:
         click.get_current_context().exit(1)
+
+
+def plan_whole(
+    request: Request, dem: Path, terrain: TerrainOptions, limits: Traversability, *, hillshade: bool, drawn: bool
+) -> Planned:
+    """Plan on a map that is read into memory."""
+    from nnpp_edge.runtime.network.loading import begin_loading
+
+    if request.method == "nnpp":
+        begin_loading(request.model)
+    ground = terrain.read(dem)
+    if request.method == "auto" and request.expects_network(ground):
+        begin_loading(request.model)
+    warn_if_not_square(ground)
+    cost = cost_of(ground, limits)
+    if not (cost < 1.0).any():
+        refuse_impassable(ground)
+    answer, shade = find(request, ground, cost, keep_regions=drawn), None
+    if hillshade and drawn:
+        from nnpp_edge.viz.picture import hillshade as shaded
+
+        shade = shaded(ground.elevation, ground.cell_size_m, ground.cell_width_m)
+    return Planned(answer, cost, shade, 1, Near((0, 0), ground.elevation, cost))
 
 
 def find(request: Request, dem: Dem, cost: Float2D, *, keep_regions: bool) -> Answer:
@@ -190,40 +187,34 @@ def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Compa
     return replace(plan, timings_ms=last[plan.method].timings_ms), compared, exact_path
 
 
-def _warn_if_not_square(dem: Dem) -> None:
-    size, width = dem.cell_size_m, dem.cell_width_m
-    if abs(size - width) > _MOST_UNEQUAL_SIDES * size:
-        warnings.warn(
-            f"cells are {size:.4g} m from north to south and {width:.4g} m from east to west. Slopes and the path's "
-            "length in metres allow for it; the search takes cells as square",
-            stacklevel=2,
-        )
-
-
-def _refusal(answer: Answer, cost: Float2D, limits: Traversability) -> str:
+def _refusal(planned: Planned, limits: Traversability) -> str:
     """Why no search was made, and for a blocked cell which is the nearest passable one."""
     import numpy as np
 
+    answer, near = planned.answer, planned.near
     name, _, problem = answer.plan.status.partition("_")
     cell = answer.start if name == "START" else answer.goal
-    end = f"{name.lower()} {cell}"
+    end, place = f"{name.lower()} {cell}", answer.route.dem
     if problem != "BLOCKED":
-        return f"{end} lies outside the map of {cost.shape[0]} × {cost.shape[1]} cells"
-    passable = np.argwhere(cost < 1.0)
-    nearest = tuple(passable[((passable - cell) ** 2).sum(axis=1).argmin()].tolist())
-    reason = _why_blocked(cell, answer.route.dem, limits)
-    return f"{end} is impassable: {reason}; the nearest passable cell is {nearest}"
+        return f"{end} lies outside the map of {place.shape[0]} × {place.shape[1]} cells"
+    at = (cell[0] - near.origin[0], cell[1] - near.origin[1])
+    reason = _why_blocked(at, near.elevation, place, limits)
+    passable = np.argwhere(near.cost < 1.0)
+    if not len(passable):
+        return f"{end} is impassable: {reason}; so is all around it"
+    nearest = passable[((passable - at) ** 2).sum(axis=1).argmin()] + near.origin
+    return f"{end} is impassable: {reason}; the nearest passable cell is {tuple(nearest.tolist())}"
 
 
-def _why_blocked(cell: Cell, dem: Dem, limits: Traversability) -> str:
+def _why_blocked(cell: Cell, elevation: Float2D, place: Place, limits: Traversability) -> str:
     """What makes an impassable cell so."""
     import numpy as np
 
     from nnpp_edge.runtime.terrain.traversability import terrain_terms
 
     row0, col0 = max(cell[0] - 1, 0), max(cell[1] - 1, 0)
-    patch = dem.elevation[row0 : cell[0] + 2, col0 : cell[1] + 2]
-    terms = terrain_terms(patch, dem.cell_size_m, cell_width_m=dem.cell_width_m)
+    patch = elevation[row0 : cell[0] + 2, col0 : cell[1] + 2]
+    terms = terrain_terms(patch, place.cell_size_m, cell_width_m=place.cell_width_m)
     slope, roughness, step = terms[:, cell[0] - row0, cell[1] - col0].tolist()
     if np.isnan(slope):
         return "its elevation is unknown"

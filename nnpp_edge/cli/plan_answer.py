@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+import warnings
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
-from nnpp_edge.cli.costmap import MapSize
+import click
+
+from nnpp_edge.cli.cost_summary import MapSize
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.runtime.planners.plan import Plan
+    from nnpp_edge.terrain.georeference import Place
     from nnpp_edge.terrain.route import Route
     from nnpp_edge.viz.sheet import Cells
 
+_MOST_UNEQUAL_SIDES = 0.02
+"""Cells whose sides differ by more than this share are warned of."""
 _PROPERTIES = ("status", "method", "source", "cost", "length_m")
 """Figures that path.geojson repeats."""
 _COMPARED = ("method", "source", "status", "cost", "length", "expansions")
@@ -61,6 +70,67 @@ class Compared:
         return [*ends, cost, gap, f"{self.time_ms:.2f}", speedup, str(self.plan.expansions)]
 
 
+class Near(NamedTuple):
+    """A part of a map, from its first cell on: what lies around a start or goal."""
+
+    origin: Cell
+    elevation: Float2D
+    cost: Float2D
+
+
+class Planned(NamedTuple):
+    """An answer, and what to draw and to say of its map."""
+
+    answer: Answer
+    cost: Float2D
+    """Of the map, or of one whose cells are `factor` times as large."""
+    shade: NDArray[np.uint8] | None
+    factor: int
+    near: Near
+    """The whole map, or what lies around an end that is impassable."""
+
+
+def refuse_impassable(place: Place) -> NoReturn:
+    """InvalidMapError for a map without a passable cell; for programs, the status as well."""
+    from nnpp_edge.runtime.errors import InvalidMapError
+
+    if click.get_current_context().params["as_json"]:
+        click.echo(json.dumps({"status": "INVALID_MAP"}))
+    raise InvalidMapError(f"{place.source}: wanted a map to plan on, got {MapSize.of(place)}, all impassable")
+
+
+def warn_if_not_square(place: Place) -> None:
+    """Warn of cells whose sides differ."""
+    size, width = place.cell_size_m, place.cell_width_m
+    if abs(size - width) > _MOST_UNEQUAL_SIDES * size:
+        warnings.warn(
+            f"cells are {size:.4g} m from north to south and {width:.4g} m from east to west. Slopes and the path's "
+            "length in metres allow for it; the search takes cells as square",
+            stacklevel=2,
+        )
+
+
+@dataclass(frozen=True)
+class WindowsRead:
+    """What planning on a map that is read by windows took."""
+
+    gigabytes: float
+    """Of heights, as they are stored uncompressed."""
+    read_again: float
+    """Cells read again, as a share of the map's."""
+    map_s: float
+    """Seconds for reading all heights once and making the coarse levels."""
+    peak_memory_gb: float
+    """Of the whole process."""
+
+    def __str__(self) -> str:
+        again = f"{100 * self.read_again:.1f} % of the cells again"
+        return (
+            f"{self.gigabytes:.2f} GB by windows, {again}, coarse levels in {self.map_s:.1f} s, peak memory "
+            f"{self.peak_memory_gb:.2f} GB"
+        )
+
+
 @dataclass(frozen=True)
 class Answer:
     """A plan on its map, and what was planned beside it."""
@@ -76,6 +146,8 @@ class Answer:
     """The exact optimum where another method was compared with it."""
     loading_included: bool
     """Whether the plan's times hold those of loading compiled code and the network."""
+    windows: WindowsRead | None = None
+    """What was read, where the map was read by windows."""
 
     def figures(self, files: list[str]) -> dict[str, object]:
         """Ready for JSON."""
@@ -92,6 +164,8 @@ class Answer:
         if self.goals:
             plans = ((goal, plan.summary()) for goal, plan in self.goals)
             figures["goals"] = [{"goal": goal, "status": s["status"], "cost": s["cost"]} for goal, s in plans]
+        if self.windows:
+            figures["windows"] = asdict(self.windows)
         if files:
             figures["files"] = files
         return figures
@@ -117,6 +191,8 @@ class Answer:
         stages = ", ".join(f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total")
         loading = ", loading included" if self.loading_included else ""
         lines["time"] = f"{plan.timings_ms['total']:.2f} ms{loading} ({stages})"
+        if self.windows:
+            lines["read"] = str(self.windows)
         if files:
             lines["written"] = ", ".join(files)
         text = "\n".join(f"{name:<12}{value}" for name, value in lines.items())
@@ -125,23 +201,25 @@ class Answer:
         header = ("method", "source", "status", "cost", "gap", "ms", "speed-up", "expansions")
         return text + "\n" + render_table(header, [compared.row() for compared in self.compared])
 
-    def save(self, folder: Path, cost: Float2D, shaded: bool) -> list[str]:
-        """Write path, picture and figures into a folder; the names of the files."""
+    def save(self, folder: Path, cost: Float2D, shade: NDArray[np.uint8] | None = None, factor: int = 1) -> list[str]:
+        """Write path, picture and figures into a folder; the names of the files.
+
+        The picture is drawn on the cost map, or on one whose cells are `factor` times as large.
+        """
         from nnpp_edge.files import write_all
-        from nnpp_edge.viz.picture import hillshade, plan_picture, png_bytes
+        from nnpp_edge.viz.picture import plan_picture, png_bytes
 
         geojson, csv, png, json_file = paths = files_in(folder)
         files = [str(path) for path in paths]
         figures = self.figures(files)
-        dem = self.route.dem
         picture = plan_picture(
             cost,
-            self.plan,
-            start=self.start,
-            goal=self.goal,
-            shade=hillshade(dem.elevation, dem.cell_size_m, dem.cell_width_m) if shaded else None,
+            self.plan if factor == 1 else replace(self.plan, path=self.plan.path // factor),
+            start=(self.start[0] // factor, self.start[1] // factor),
+            goal=(self.goal[0] // factor, self.goal[1] // factor),
+            shade=shade,
             reference_path=self.exact_path,
-            cell_size_m=dem.cell_width_m,
+            cell_size_m=self.route.dem.cell_width_m * factor,
             length_m=self.route.length_m,
         )
         write_all(

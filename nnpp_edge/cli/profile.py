@@ -12,6 +12,7 @@ from nnpp_edge.cli.profile_run import STDOUT, ProfileOptions
 _ONLY_WITH_PROFILE, _ONLY_WITH_PEERS = ("html", "start_up", "save_choice"), ("limit_s", "output")
 _PROFILE = "A shipped profile (paper, edge-2core, single-core, quick) or a TOML file."
 _JSON = "The report as JSON: to a file, or printed."
+_MARKDOWN = "The report, with --peers its tables, as Markdown: to a file, or printed."
 _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain where no file is "
     "large enough."
@@ -32,6 +33,7 @@ _LIMIT = "With --peers: seconds; a planner that needs longer for a query is left
 @click.option("--queries", type=options.COUNT, help=_QUERIES)
 @click.option("--seed", type=options.SEED, help=_SEED)
 @click.option("--json", "json_file", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_JSON)
+@click.option("--markdown", "markdown_file", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_MARKDOWN)
 @click.option("--html", type=options.NEW_FILE, help="The report as one self-contained page.")
 @click.option("--start-up", is_flag=True, help=_START_UP)
 @click.option("--save-choice", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_CHOICE)
@@ -42,8 +44,10 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
     """Measure the planners on this machine against the budgets of a profile.
 
     Pins to the profile's cores and lets exact A*, corridor, learned region (int8 and fp32) and auto answer the
-    same queries in turns. Prints times by stage, speed-up, path costs, where each planner starts to pay, and the
-    budgets. Exit code 0 when all are met, 1 when one is missed, 3 when the run was too noisy to tell.
+    same queries in turns. Then the profile's planner gets each map as if it had just arrived, and where a budget
+    asks for it the onboard loop is run with a patch of elevations at each tick. Prints times by stage, speed-up,
+    path costs, where each planner starts to pay, and the budgets. Exit code 0 when all are met, 1 when one is
+    missed, 3 when the run was too noisy to tell.
 
     \b
     nnpp-edge profile --profile quick
@@ -53,7 +57,9 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
     nnpp-edge profile --peers --sizes 256,512,1024 -o bench
 
     With --peers a step costs its length times the mean weight of its two cells, the weight being 1 + 5.61 T; gaps
-    are path costs by that rule over exact A*'s, less 1. All planners then run on one thread.
+    are path costs by that rule over exact A*'s, less 1. All planners then run on one thread; only cost maps, which
+    others get from us, are computed on all cores. Beside a plan on a standing map stand one-off use (from weights to
+    a path, nothing kept) and elevations to a path.
     """
     if ctx.invoked_subcommand is not None:
         if profile_name or peers or any(given.values()):
@@ -61,6 +67,8 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
         return
     if bool(profile_name) == peers:
         raise click.UsageError("give either --profile (paper, edge-2core, single-core, quick or a file) or --peers")
+    if given["json_file"] == given["markdown_file"] == STDOUT:
+        raise click.UsageError("--json and --markdown cannot both be printed: name a file for one")
     for name in _ONLY_WITH_PROFILE if peers else _ONLY_WITH_PEERS:
         if given[name]:
             option = next(p.opts[-1] for p in ctx.command.params if p.name == name)

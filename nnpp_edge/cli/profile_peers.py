@@ -21,6 +21,8 @@ _COLUMNS = {
     "time_ms_p95": "ms\np95",
     "times_astar_median": "× astar\nmedian",
     "map_ms_median": "map\nms",
+    "once_ms_median": "one-off\nms",
+    "elevation_ms_median": "elevation →\npath, ms",
     "gap_mean": "gap\nmean",
     "gap_max": "gap\nmax",
     "same_optimum": "same\noptimum",
@@ -42,28 +44,36 @@ def run_peers(given: ProfileOptions) -> None:
         raise click.UsageError(f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}")
     json_file, picture = (given.output and given.output / name for name in ("peers.json", "peers.png"))
     outputs = (("--json", given.json_path), ("--output", json_file), ("--output", picture))
-    options.check_outputs(*outputs, make_folders=True)
+    options.check_outputs(*outputs, ("--markdown", given.markdown_path), make_folders=True)
     terrain = TerrainFiles.or_sample(given.terrain, given.rescale, given.cell_size, given.allow_vrt)
     with bar("profile", queries * len(sizes)) as advance:
         rows, missing = run(sizes, queries, terrain, seed=seed, limit_s=limit_s, progress=advance)
     facts = {"queries": queries, "seed": seed, "limit_s": limit_s, "left_out": missing, "rows": rows}
     content = json.dumps(facts, indent=1)
     contents = {path: content.encode() for path in (given.json_path, json_file) if path is not None}
+    if given.markdown_path is not None:
+        contents[given.markdown_path] = (peers_text(rows, missing, markdown=True) + "\n").encode()
     if picture is not None:
         from nnpp_edge.viz.figures import times_by_size
 
         contents[picture] = times_by_size(rows)
     write_all(contents)
-    click.echo(content if given.json_file == STDOUT else peers_text(rows, missing))
+    text = peers_text(rows, missing, markdown=given.markdown_file == STDOUT)
+    click.echo(content if given.json_file == STDOUT else text)
 
 
-def peers_text(rows: Sequence["PeerRow"], missing: Sequence[str]) -> str:
+def peers_text(rows: Sequence["PeerRow"], missing: Sequence[str], *, markdown: bool = False) -> str:
     """The rows for people: the table, what each planner minimises, and who was left out."""
-    from nnpp_edge.progress import render_table
+    from nnpp_edge.progress import markdown_table, render_table
 
-    body = [[_shown(key, dict(row)[key]) for key in _COLUMNS] for row in rows]
+    body, header = [[_shown(key, dict(row)[key]) for key in _COLUMNS] for row in rows], list(_COLUMNS.values())
     first = rows[0]["planner"]
-    lines = [render_table(list(_COLUMNS.values()), body, sections=[row["planner"] == first for row in rows])]
+    if markdown:
+        lines = [markdown_table(header, body), ""]
+    else:
+        lines = [render_table(header, body, sections=[row["planner"] == first for row in rows])]
+    lines += ["one-off: from weights to a path, nothing kept; elevation → path: ours by Planner.of_elevation in the"]
+    lines += ["paper's step costs, the others by our traversability_cost and their own search"]
     objectives = {f"{row['planner']} {row['version']}": row["objective"] for row in rows}
     width = max(map(len, objectives))
     lines += ["minimised:", *(f"  {name:{width}}  {objective}" for name, objective in objectives.items())]

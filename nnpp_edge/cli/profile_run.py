@@ -25,6 +25,7 @@ class ProfileOptions:
     seed: int | None
     json_file: str | None
     html: Path | None
+    markdown_file: str | None
     start_up: bool
     save_choice: str | None
     limit_s: float | None
@@ -33,12 +34,21 @@ class ProfileOptions:
     @property
     def json_path(self) -> Path | None:
         """The file for the report; None where it is printed or not wanted."""
-        return None if self.json_file in (None, STDOUT) else Path(str(self.json_file))
+        return _file(self.json_file)
+
+    @property
+    def markdown_path(self) -> Path | None:
+        """The same for Markdown."""
+        return _file(self.markdown_file)
+
+
+def _file(named: str | None) -> Path | None:
+    return None if named is None or named == STDOUT else Path(named)
 
 
 def run_profile(name: str, given: ProfileOptions) -> int:
     """Measure, write what was asked for, print the report; the exit code."""
-    from nnpp_edge.cli.profile_text import report_text
+    from nnpp_edge.cli.profile_text import report_markdown, report_text
     from nnpp_edge.files import write_all
     from nnpp_edge.profiling.judge import EXIT_CODES
     from nnpp_edge.profiling.measure import queries_in
@@ -49,7 +59,8 @@ def run_profile(name: str, given: ProfileOptions) -> int:
     choice = _choice_file(given.save_choice)
     profile = read_profile(name)
     options.check_outputs(
-        *(("--json", given.json_path), ("--html", given.html), ("--save-choice", choice)),
+        *(("--json", given.json_path), ("--html", given.html), ("--markdown", given.markdown_path)),
+        ("--save-choice", choice),
         more_inputs=(*profile.load.terrain, profile.networks.int8, profile.networks.fp32 or ""),
         make_folders=True,
     )
@@ -69,12 +80,16 @@ def run_profile(name: str, given: ProfileOptions) -> int:
         contents[given.json_path] = content.encode()
     if given.html is not None:
         contents[given.html] = page(report, profile).encode()
+    markdown = report_markdown(report)
+    if given.markdown_path is not None:
+        contents[given.markdown_path] = markdown.encode()
     if choice is not None:
         contents[choice] = choice_of(report, profile.networks.int8).to_json().encode()
     write_all(contents)
     if choice is not None:
         click.echo(f"auto goes by this run from now on: {choice}", err=True)
-    click.echo(content if given.json_file == STDOUT else report_text(report))
+    printed = content if given.json_file == STDOUT else markdown if given.markdown_file == STDOUT else None
+    click.echo(report_text(report) if printed is None else printed.rstrip("\n"))
     return EXIT_CODES[report["verdict"]]
 
 

@@ -1,14 +1,30 @@
-"""A profile's report and a comparison of two, for people: tables on a terminal."""
+"""A profile's report and a comparison of two, for people: tables on a terminal, or in Markdown."""
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from nnpp_edge.profiling.quantities import STAGES
-from nnpp_edge.profiling.report_format import BreakEven, BudgetLine, Comparison, Report, ResultRow, Spread
-from nnpp_edge.progress import render_table
+from nnpp_edge.profiling.report_format import BreakEven, BudgetLine, Comparison, LoopRow, Report, ResultRow, Spread
+from nnpp_edge.progress import markdown_table, render_table
 
 _BUDGETS = ("budget", "planner", "where", "measured", "wanted", "verdict")
 _PLACE = ("workload", "size", "planner")
 _TIMES = ("n", "ms\nmedian", "ms\np90", "ms\np99", "ms\nmax", "FPS", "network\nFPS", "speed-up\nmedian")
+_ARRIVALS = ("first path\nof a map, ms", "ms\np99", "patch\nms", "ms\np99")
+_LOOP = (
+    "workload",
+    "size",
+    "method",
+    "Hz",
+    "patch",
+    "n",
+    "ms\nmedian",
+    "ms\np90",
+    "ms\np99",
+    "ms\nmax",
+    "new",
+    "kept",
+)
 _QUALITY = ("speed-up\ntotal", "success", "after\nfallback", "gap\nmean", "gap\np99", "expan-\nsions")
 _WHOLE_RUN = (
     ("peak_memory_mb", "peak memory", "MB"),
@@ -22,28 +38,80 @@ _COMPARED = ("workload", "size", "planner", "figure", "before", "after", "worse 
 
 def report_text(report: Report) -> str:
     """The whole report: budgets last, where the eye rests."""
-    return "\n".join([*_measured(report), "", *_machine(report), "", *_budgets(report), report["summary"]])
+    lines: list[str] = []
+    for table in _tables(report):
+        lines += [table.title] if table.title else []
+        lines += [render_table(table.header, table.body, table.sections).strip("\n"), ""]
+    lines += [*_sentences(report), "", *_machine(report), ""]
+    if report["budgets"]:
+        lines += [render_table(_BUDGETS, _budgets(report)).strip("\n"), ""]
+    return "\n".join([*lines, *_reasons(report), report["summary"]])
 
 
-def _measured(report: Report) -> Iterator[str]:
+def report_markdown(report: Report) -> str:
+    """The whole report as Markdown: the verdict first."""
+    parts = [f"# {report['profile']['title']}", report["summary"]]
+    if report["budgets"]:
+        parts += ["## Budgets", markdown_table(_BUDGETS, _budgets(report)), *_reasons(report)]
+    for table in _tables(report):
+        title = table.title or "times, speed-ups and path costs"
+        parts += [f"## {title[:1].upper()}{title[1:]}", markdown_table(table.header, table.body)]
+    parts += ["\n".join(f"- {line}" for line in _sentences(report)), "## Machine"]
+    parts += ["\n".join(f"- {' '.join(line.split())}" for line in _machine(report))]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+class _Table(NamedTuple):
+    title: str
+    header: Sequence[str]
+    body: list[list[str]]
+    sections: Sequence[bool] = ()
+
+
+def _tables(report: Report) -> Iterator[_Table]:
     results = report["results"]
-    yield render_table((*_PLACE, *_TIMES, *_QUALITY), [_result(row) for row in results], _sections(results)).strip(
-        "\n"
-    )
+    sections = _sections(results)
+    yield _Table("", (*_PLACE, *_TIMES, *_QUALITY), [_result(row) for row in results], sections)
     found = {stage for row in results for stage in row["stages_ms"]}
     stages = [*sorted(found - set(STAGES)), *(stage for stage in STAGES if stage in found)]
     body = []
     for row in results:
         of_row = [_stage(row["stages_ms"].get(stage), row["stages_share"].get(stage)) for stage in stages]
         body.append([row["workload"], f"{row['size']}²", row["planner"], *of_row])
-    yield ""
-    yield "mean ms by stage, and share of the whole"
-    yield render_table((*_PLACE, *stages), body, _sections(results)).strip("\n")
-    yield ""
+    yield _Table("mean ms by stage, and share of the whole", (*_PLACE, *stages), body, sections)
+    if arrived := [row for row in results if row["map_ms"] is not None]:
+        yield _Table(
+            "maps and patches of elevations that have just arrived",
+            (*_PLACE, *_ARRIVALS),
+            [[row["workload"], f"{row['size']}²", row["planner"], *_arrivals(row)] for row in arrived],
+        )
+    if report["loop"]:
+        title = "the onboard loop: from a patch's arrival to the checked path"
+        yield _Table(title, _LOOP, [_reaction(row) for row in report["loop"]])
+
+
+def _arrivals(row: ResultRow) -> Iterator[str]:
+    for spread in (row["map_ms"], row["patch_ms"]):
+        yield from ("–", "–") if spread is None else (_number(spread["median"]), _number(spread["p99"]))
+
+
+def _reaction(row: LoopRow) -> list[str]:
+    times, side = row["reaction_ms"], row["patch_side"]
+    return [
+        *(row["workload"], f"{row['size']}²", row["method"], f"{row['rate_hz']:g}", f"{side} × {side}"),
+        str(row["n"]),
+        *(_number(each) for each in (times["median"], times["p90"], times["p99"], times["max"])),
+        *(str(row["planned"]), str(row["kept"])),
+    ]
+
+
+def _sentences(report: Report) -> Iterator[str]:
     yield from map(break_even_line, report["break_even"])
-    if int8 := [row for row in results if row["int8_speedup"] is not None]:
+    if int8 := [row for row in report["results"] if row["int8_speedup"] is not None]:
         gains = ", ".join(f"{row['int8_speedup']:.2f} ({row['workload']} {row['size']}²)" for row in int8)
         yield f"int8 over fp32, the whole network alone: {gains}"
+    if lost := sum(row["without_path"] for row in report["loop"]):
+        yield f"the onboard loop had no path after {lost} patches"
 
 
 def _machine(report: Report) -> Iterator[str]:
@@ -69,16 +137,15 @@ def _machine(report: Report) -> Iterator[str]:
     yield from (f"note         {line}" for line in report["notes"])
 
 
-def _budgets(report: Report) -> Iterator[str]:
-    if report["budgets"]:
-        body = [
-            [line["name"], line["planner"], _where(line), *wanted(line), line["verdict"].upper()]
-            for line in report["budgets"]
-        ]
-        yield render_table(_BUDGETS, body).strip("\n")
-        yield ""
-    for why in dict.fromkeys(line["why"] for line in report["budgets"] if line["why"]):
-        yield f"why: {why}"
+def _budgets(report: Report) -> list[list[str]]:
+    return [
+        [line["name"], line["planner"], _where(line), *wanted(line), line["verdict"].upper()]
+        for line in report["budgets"]
+    ]
+
+
+def _reasons(report: Report) -> list[str]:
+    return [f"why: {why}" for why in dict.fromkeys(line["why"] for line in report["budgets"] if line["why"])]
 
 
 def wanted(line: BudgetLine) -> tuple[str, str]:

@@ -70,6 +70,7 @@ def command(
     from nnpp_edge.robot.operations.onboard import Pace, run
     from nnpp_edge.robot.operations.wiring import STDOUT, Wiring
     from nnpp_edge.runtime.loop.ladder import NavigatorSettings
+    from nnpp_edge.runtime.network.loading import begin_loading
     from nnpp_edge.runtime.network.model_file import model_path
 
     wiring = Wiring(**{field.name: given.pop(field.name) for field in fields(Wiring)})
@@ -84,6 +85,8 @@ def command(
         more_inputs=[model_path(loop.model)],
     )
     pace = Pace(loop.rate_hz, loop.cores, loop.priority)
+    if settings.asks_network:
+        begin_loading(settings.model)
     world, cell_size_m = _world(map_file, terrain)
     report = partial(click.echo, err=True)
     counters = run(world, settings, wiring, pace, ticks=ticks, cell_size_m=cell_size_m, report=report)

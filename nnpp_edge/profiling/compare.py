@@ -28,12 +28,16 @@ class Compared:
     """A change of no more than this counts as none, whatever its share."""
     of_rest: bool = False
     """Shares near 1 are compared by what is missing to 1."""
+    optional: bool = False
+    """Whether there are rows without it: of planners that it was not measured of, and of older reports."""
 
 
 FIGURES = (
     Compared("time_ms median", ("time_ms", "median"), least=0.005),
     Compared("time_ms mean", ("time_ms", "mean"), least=0.005),
     Compared("inference_ms median", ("inference_ms_median",), least=0.005),
+    Compared("map_ms median", ("map_ms", "median"), least=0.005, optional=True),
+    Compared("patch_ms median", ("patch_ms", "median"), least=0.005, optional=True),
     Compared("speedup total", ("speedup_total",), more_is_better=True),
     Compared("gap mean", ("gap_mean",), clocked=False, least=0.0005),
     Compared("success first", ("success_first",), more_is_better=True, clocked=False, least=0.01, of_rest=True),
@@ -69,7 +73,7 @@ def compare(before: Report, after: Report, tolerance: float) -> Comparison:
             for row in after["results"]
             if (old := find(before["results"], row["workload"], row["size"], row["planner"])) is not None
             for figure in FIGURES
-            if (now := _value(row, figure.path)) is not None and (was := _value(old, figure.path)) is not None
+            if (now := _value(row, figure)) is not None and (was := _value(old, figure)) is not None
         ]
     except (KeyError, TypeError, AttributeError, ArithmeticError) as error:
         raise InvalidQueryError(f"wanted two reports of nnpp-edge profile, got a damaged one: {error}") from error
@@ -101,9 +105,11 @@ def _line(row: ResultRow, figure: Compared, was: float, now: float, tolerance: f
     )
 
 
-def _value(row: ResultRow, path: tuple[str, ...]) -> float | None:
+def _value(row: ResultRow, figure: Compared) -> float | None:
     value: object = row
-    for key in path:
+    if figure.optional and row.get(figure.path[0]) is None:
+        return None
+    for key in figure.path:
         value = cast(Mapping[str, object], value)[key]
     return cast(float | None, value)
 

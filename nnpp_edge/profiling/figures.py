@@ -5,9 +5,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.profiling.ground import patch_side
 from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
+from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.quantities import STAGES
-from nnpp_edge.profiling.report_format import QueryFacts, ResultRow, Spread
+from nnpp_edge.profiling.report_format import LoopRow, QueryFacts, ResultRow, Spread
 from nnpp_edge.profiling.rivals import EXACT, FIRST_SOURCES
 
 Floats = NDArray[np.float64]
@@ -17,6 +19,29 @@ Chosen = NDArray[np.bool_]
 def rows(run: Run) -> list[ResultRow]:
     """A row for each workload, size and planner, in order: the ``results`` of docs/profile.md."""
     return [_row(of, name, run.energy_problem) for of in run.workloads for name in of.answers]
+
+
+def loop_rows(run: Run) -> list[LoopRow]:
+    """A row for each workload and size at which the loop's reactions were measured."""
+    return [_loop_row(of, run.loop) for of in run.workloads if of.reactions]
+
+
+def _loop_row(of: WorkloadRun, loop: OnboardLoop) -> LoopRow:
+    halves = [each.ms for each in of.reactions]
+    times = np.concatenate(halves)
+    return LoopRow(
+        workload=of.workload,
+        size=of.size,
+        method=loop.method,
+        rate_hz=loop.rate_hz,
+        patch_side=patch_side((of.size, of.size)),
+        n=len(times),
+        reaction_ms=_spread(times),
+        planned=sum(each.planned for each in of.reactions),
+        kept=sum(each.kept for each in of.reactions),
+        without_path=sum(each.without_path for each in of.reactions),
+        halves={"reaction": [float(np.median(half)) for half in halves]},
+    )
 
 
 def _row(of: WorkloadRun, name: str, energy_problem: str) -> ResultRow:
@@ -55,6 +80,8 @@ def _row(of: WorkloadRun, name: str, energy_problem: str) -> ResultRow:
         inference_ms_median=network_ms,
         inference_fps=network_ms and 1e3 / network_ms,
         int8_speedup=_median_network(fp32, judged) / network_ms if network_ms and fp32 else None,
+        map_ms=_spread_of(answers.map_ms),
+        patch_ms=_spread_of(answers.patch_ms),
         halves=_halves(of, name, judged),
         queries=QueryFacts(
             time_ms=[round(float(each), 4) for each in times],
@@ -73,6 +100,9 @@ def _halves(of: WorkloadRun, name: str, judged: Chosen) -> dict[str, list[float]
         "time": [float(np.median(each)) for each in times],
         "ratio": [float(np.median(e / each)) for e, each in zip(exact_times, times, strict=True)],
     }
+    for basis, arrivals in (("map", answers.map_ms), ("patch", answers.patch_ms)):
+        if arrivals[0]:
+            found[basis] = [float(np.median(half)) for half in arrivals]
     if answers.network_ms[0]:
         network = found["inference"] = [_median_network(answers, judged, half) for half in range(HALVES)]
         if name == "nnpp" and (fp32 := of.answers.get("nnpp-fp32")) is not None:
@@ -84,6 +114,11 @@ def _spread(times: Floats) -> Spread:
     median, p90, p99 = (round(float(each), 6) for each in np.quantile(times, (0.50, 0.90, 0.99)))
     largest, mean = round(float(times.max()), 6), round(float(times.mean()), 6)
     return Spread(median=median, p90=p90, p99=p99, max=largest, mean=mean)
+
+
+def _spread_of(halves: list[list[float]]) -> Spread | None:
+    """Of the means of both halves, query by query; None where nothing was measured."""
+    return _spread(np.mean(halves, axis=0)) if halves[0] else None
 
 
 def _stages(answers: Answers, judged: Chosen) -> dict[str, Spread]:

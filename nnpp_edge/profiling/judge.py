@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from nnpp_edge.profiling.profile_file import Budget, Profile
 from nnpp_edge.profiling.quantities import BASIS_UNITS, QUANTITIES
-from nnpp_edge.profiling.report_format import BudgetLine, ResultRow, WholeRun, find
+from nnpp_edge.profiling.report_format import BudgetLine, LoopRow, ResultRow, WholeRun, find
 
 PASS, FAIL, NOISY, ABSENT = "pass", "fail", "noisy", "not measured"
 MET, MISSED, UNSURE = "met", "missed", "noisy"
@@ -24,15 +24,21 @@ class Noise:
     """Of the time."""
 
 
-def judged(profile: Profile, results: list[ResultRow], whole_run: WholeRun, noise: Noise) -> list[BudgetLine]:
-    """A line for each budget, at each workload and size that it is set for, by the rows of `figures.rows`."""
+def judged(
+    profile: Profile, results: list[ResultRow], whole_run: WholeRun, noise: Noise, loop: Sequence[LoopRow] = ()
+) -> list[BudgetLine]:
+    """A line for each budget, at each workload and size that it is set for, by the rows of `figures`."""
     lines = []
     for budget in profile.budgets:
         for workload, size in _places(budget, profile):
             if QUANTITIES[budget.quantity].whole_run:
                 value, halves = whole_run.get(budget.quantity, {}).get(budget.planner), None
             else:
-                row = find(results, str(workload), int(size or 0), budget.planner)
+                row: ResultRow | LoopRow | None
+                if QUANTITIES[budget.quantity].of_loop:
+                    row = next((each for each in loop if (each["workload"], each["size"]) == (workload, size)), None)
+                else:
+                    row = find(results, str(workload), int(size or 0), budget.planner)
                 value = row and _value(row, budget.quantity)
                 halves = row and row["halves"].get(QUANTITIES[budget.quantity].basis)
             lines.append(_line(budget, (workload, size), value, halves, profile.stability.halves, noise))
@@ -51,15 +57,15 @@ def _places(budget: Budget, profile: Profile) -> Iterator[tuple[str | None, int 
     if QUANTITIES[budget.quantity].whole_run:
         yield None, None
         return
-    for workload in (budget.workload,) if budget.workload else profile.load.workloads:
-        for size in (budget.size,) if budget.size else profile.load.sizes:
-            yield workload, size
+    yield from profile.places(budget)
 
 
-def _value(row: ResultRow, quantity: str) -> float | None:
+def _value(row: ResultRow | LoopRow, quantity: str) -> float | None:
+    """A quantity's figure; of a spread of times, ``map_ms`` is the median and ``map_ms_p99`` says which."""
     figures: Mapping[str, object] = row
-    if quantity.startswith("time_ms_"):
-        figures, quantity = row["time_ms"], quantity.removeprefix("time_ms_")
+    spread, _, figure = quantity.partition("_ms")
+    if isinstance(times := figures.get(f"{spread}_ms"), Mapping):
+        figures, quantity = times, figure.removeprefix("_") or "median"
     value = figures.get(quantity)
     return value if isinstance(value, int | float) else None
 

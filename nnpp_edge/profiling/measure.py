@@ -2,17 +2,18 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.profiling.arrivals import REACTIONS, Reactions, arrival_ms, reactions
 from nnpp_edge.profiling.harness import Harness, Observer, Record
 from nnpp_edge.profiling.machine import CoreTimes, EnergyMeter
-from nnpp_edge.profiling.profile_file import Device, Load, Networks
+from nnpp_edge.profiling.profile_file import Device, Load, Networks, OnboardLoop
 from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileMaps, ProfileQuery
-from nnpp_edge.profiling.rivals import EXACT, RivalPlanner
+from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan
@@ -39,6 +40,10 @@ class Answers:
     """For each half, for each query, the stages of its middle call, and ``other``: what no stage counts."""
     network_ms: list[list[float]] = field(default_factory=_per_half)
     """For each half, for each query, the time of the whole network on map and query; empty without a network."""
+    map_ms: list[list[float]] = field(default_factory=_per_half)
+    """For each half, for each judged query, from elevations to the path; empty where that is not measured."""
+    patch_ms: list[list[float]] = field(default_factory=_per_half)
+    """The same, of a patch on that path."""
     plans: list[Plan] = field(default_factory=list)
     energy_j: float = 0.0
     calls: int = 0
@@ -71,6 +76,8 @@ class WorkloadRun:
     """Map by map; on some maps no query had a path."""
     answers: dict[str, Answers] = field(default_factory=dict)
     """By the planner's name."""
+    reactions: list[Reactions] = field(default_factory=list)
+    """Of the onboard loop, for each half; empty where these are not measured."""
 
     @property
     def queries(self) -> list[ProfileQuery]:
@@ -120,6 +127,21 @@ class Run:
     """One for each half."""
     energy_problem: str
     """Why there is no energy; empty where there is."""
+    loop: OnboardLoop
+    """Whose reactions were measured."""
+
+
+@dataclass(frozen=True)
+class Arriving:
+    """What is measured of maps and patches that have just arrived."""
+
+    planners: frozenset[str] = frozenset()
+    """Whose first path is timed, and whose map after a patch."""
+    reactions_at: frozenset[tuple[str, int]] = frozenset()
+    """Workloads and sizes at which the loop is run."""
+    loop: OnboardLoop = field(default_factory=OnboardLoop)
+    patches: int = REACTIONS
+    """That the loop is given in each half."""
 
 
 def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
@@ -141,6 +163,7 @@ def run(
     load: Load,
     cores: Sequence[int],
     *,
+    arriving: Arriving | None = None,
     harness: Harness | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Run:
@@ -154,12 +177,13 @@ def run(
     -----
     The second half repeats the first, query by query. So the halves differ by what happened on the machine
     alone, not by the queries, however few they are. What depends on the map alone is made, and every
-    planner has answered the map's first query, before the clock starts; within a round planners take turns.
+    planner has answered the map's first query, before the clock starts; within a round planners take turns. Maps and
+    patches that have just arrived are measured afterwards, map by map: they drive the standing map out of the caches.
     """
-    maps, meter = ProfileMaps(load), EnergyMeter()
+    maps, meter, arriving = ProfileMaps(load), EnergyMeter(), arriving or Arriving()
     runs: dict[tuple[str, int], WorkloadRun] = {}
     disturbance = [Disturbance(cores) for _ in range(HALVES)]
-    session = _Session(rivals, load.repeats, meter, harness or Harness())
+    session = _Session(rivals, load.repeats, meter, harness or Harness(), arriving)
     done = 0
     for half in range(HALVES):
         for name in load.workloads:
@@ -168,8 +192,9 @@ def run(
                 of.answers = of.answers or {rival.name: Answers() for rival in rivals}
                 for on_map, queries in first_half_again(maps, of) if half else _solvable(maps, of, load):
                     session.measure(on_map, queries, of, half, disturbance[half])
+                    session.measure_arriving(on_map, queries, of, half)
                     progress(done := done + len(queries))
-    return Run(list(runs.values()), disturbance, meter.problem)
+    return Run(list(runs.values()), disturbance, meter.problem, arriving.loop)
 
 
 def queries_in(load: Load) -> int:
@@ -212,6 +237,7 @@ class _Session:
     repeats: int
     meter: EnergyMeter
     harness: Harness
+    arriving: Arriving
 
     def measure(
         self, on_map: ProfileMap, queries: list[ProfileQuery], of: WorkloadRun, half: int, disturbance: Disturbance
@@ -230,6 +256,24 @@ class _Session:
                     of.answers[rival.name].network_ms[half].append(self._network_ms(rival.model, disturbance))
         disturbance.stop()
 
+    def measure_arriving(self, on_map: ProfileMap, queries: list[ProfileQuery], of: WorkloadRun, half: int) -> None:
+        """Have some planners answer the judged queries on one map as if it had just arrived; run the loop on it."""
+        judged = [(query.start, query.goal) for query in queries if query.judged]
+        for rival in self.rivals:
+            if rival.name not in self.arriving.planners:
+                continue
+            own = replace(rival, model=rival.model and rival.model.share())
+            answers = of.answers[rival.name]
+            for query in judged[:1]:
+                arrival_ms(own, on_map.ground, query, self.harness)  # kernels loaded
+            for query in judged:
+                times = [arrival_ms(own, on_map.ground, query, self.harness) for _ in range(self.repeats)]
+                for kept, ms in zip((answers.map_ms, answers.patch_ms), np.median(times, axis=0), strict=True):
+                    kept[half].append(float(ms))
+        wanted = (of.workload, of.size) in self.arriving.reactions_at
+        if wanted and judged and len(of.reactions) == half:
+            of.reactions.append(reactions(on_map.ground, judged, self.arriving.loop, self.arriving.patches))
+
     def _network_ms(self, model: NetworkModel, disturbance: Disturbance) -> float:
         """Milliseconds of the network on the map and the query that it was shown last, both encoded anew."""
         worked = time.thread_time()
@@ -238,7 +282,7 @@ class _Session:
         return 1e3 * seconds
 
 
-def _call(planner: Planner, method: Method) -> Callable[[ProfileQuery], Plan]:
+def _call(planner: FindsPlans, method: Method) -> Callable[[ProfileQuery], Plan]:
     return lambda query: planner.plan(query.start, query.goal, method=method)
 
 

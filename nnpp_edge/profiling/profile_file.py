@@ -4,6 +4,7 @@ import re
 import tomllib
 from collections.abc import Collection
 from importlib.resources import files
+from itertools import product
 from pathlib import Path
 from typing import Annotated, TypeVar, cast
 
@@ -11,7 +12,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import asdict, fields, replace
 
-from nnpp_edge.profiling.quantities import DIRECTIONS, QUANTITIES
+from nnpp_edge.profiling.quantities import DIRECTIONS, LOOP, QUANTITIES
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
 
@@ -151,7 +152,7 @@ class Budget(_Table, frozen=True):
     direction: str
     unit: str
     planner: str = ""
-    """By default the profile's."""
+    """By default the profile's; for what the loop does there is none but ``loop``."""
     workload: str | None = None
     """None: at each of the profile's."""
     size: int | None = None
@@ -164,7 +165,7 @@ class Budget(_Table, frozen=True):
 
     def check(self, profile: "Profile") -> None:
         """Refuse what this profile does not measure."""
-        self.check_choice("planner", profile.measured)
+        self.check_choice("planner", (LOOP,) if QUANTITIES[self.quantity].of_loop else profile.measured)
         known = self.quantity != "int8_speedup" or profile.networks.fp32 is not None
         self.refuse_unless(known, "quantity", "one that is measured (model.fp32 is not set)")
         if self.workload is not None:
@@ -207,6 +208,23 @@ class Profile(msgspec.Struct, frozen=True):
     def measured(self) -> tuple[str, ...]:
         """The planners that take part."""
         return tuple(name for name in PLANNERS if self.networks.fp32 is not None or name != "nnpp-fp32")
+
+    @property
+    def arriving(self) -> frozenset[str]:
+        """The planners that are also measured on maps and patches that have just arrived."""
+        asked = {each.planner for each in self.budgets if QUANTITIES[each.quantity].basis in ("map", "patch")}
+        return frozenset(asked | {self.planner})
+
+    @property
+    def reactions_at(self) -> frozenset[tuple[str, int]]:
+        """Workloads and sizes at which the loop's reactions are measured: where a budget asks for them."""
+        asked = [each for each in self.budgets if QUANTITIES[each.quantity].of_loop]
+        return frozenset(place for each in asked for place in self.places(each))
+
+    def places(self, budget: Budget) -> list[tuple[str, int]]:
+        """Workloads and sizes at which a budget is judged."""
+        workloads = (budget.workload,) if budget.workload else self.load.workloads
+        return list(product(workloads, (budget.size,) if budget.size else self.load.sizes))
 
     def facts(self) -> dict[str, object]:
         """For JSON: terrain by name only; without the loop, which is not measured."""
@@ -283,7 +301,7 @@ def _profile(content: dict[str, object], name: str) -> Profile:
     own = cast(dict[str, object], content.get("loop", {}))
     inherited = {"cores": file.device.cores, "model": file.model.int8}
     loop = replace(file.loop, **{key: inherited[key] for key in inherited.keys() - own.keys()})
-    budgets = tuple(replace(each, planner=each.planner or file.planner) for each in file.budgets)
+    budgets = tuple(replace(each, planner=each.planner or _default_planner(each, file)) for each in file.budgets)
     parts = (file.device, file.workload, file.model, file.stability, budgets, loop)
     profile = Profile(name, file.title or name, file.planner, *parts)
     if file.planner not in profile.measured:
@@ -296,6 +314,10 @@ def _profile(content: dict[str, object], name: str) -> Profile:
         except ValueError as error:
             raise ProfileError(f"budgets[{at}].{error}") from None
     return profile
+
+
+def _default_planner(budget: Budget, file: _File) -> str:
+    return LOOP if QUANTITIES[budget.quantity].of_loop else file.planner
 
 
 def _converted(content: dict[str, object], kind: type[TableT]) -> TableT:

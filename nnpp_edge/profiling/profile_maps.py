@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.profiling.profile_file import SAMPLE, Load
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, SYNTHETIC, TerrainFiles, cases_from, source_of
 from nnpp_edge.runtime.arrays import Float2D
@@ -39,6 +40,7 @@ class ProfileMap:
 
     terrain: str
     cost: Float2D
+    ground: Ground
     queries: tuple[ProfileQuery, ...]
 
 
@@ -70,7 +72,8 @@ class ProfileMaps:
             rng = np.random.default_rng([load.seed, size, at])
             near = _near(rng, case.cost, near_per_map, load.min_distance * size)
             far = tuple(ProfileQuery(start, goal, True) for start, goal in case.queries)
-            yield ProfileMap(source, case.cost, far + near)
+            assert case.ground is not None
+            yield ProfileMap(source, case.cost, case.ground, far + near)
 
 
 def _near(rng: np.random.Generator, cost: Float2D, wanted: int, farthest: float) -> tuple[ProfileQuery, ...]:

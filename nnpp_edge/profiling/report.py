@@ -9,10 +9,10 @@ from pathlib import Path
 from nnpp_edge import __version__
 from nnpp_edge.profiling import break_even
 from nnpp_edge.profiling.cold_start import cold_start
-from nnpp_edge.profiling.figures import rows
+from nnpp_edge.profiling.figures import loop_rows, rows
 from nnpp_edge.profiling.judge import ABSENT, FAIL, MET, MISSED, NOISY, Noise, judged, verdict
 from nnpp_edge.profiling.machine import busy_share, environment, pinned
-from nnpp_edge.profiling.measure import Disturbance, Run, rivals_of, run
+from nnpp_edge.profiling.measure import Arriving, Disturbance, Run, rivals_of, run
 from nnpp_edge.profiling.memory import peak_memory_mb
 from nnpp_edge.profiling.profile_file import Networks, Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
@@ -58,12 +58,13 @@ def profile_machine(
             said.append(line)
             watchers.say(line)
         rivals = rivals_of(profile.networks, profile.device)
-        measured = run(rivals, profile.load, cores, progress=watchers.progress)
+        arriving = Arriving(profile.arriving, profile.reactions_at, profile.loop)
+        measured = run(rivals, profile.load, cores, arriving=arriving, progress=watchers.progress)
         own_peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024e-3
         whole_run = _whole_run(profile, rivals, start_up, watchers.say)
-    results = rows(measured)
+    results, loop = rows(measured), loop_rows(measured)
     noise = _noise(measured.disturbance, profile.stability.disturbance)
-    lines = judged(profile, results, whole_run, noise)
+    lines = judged(profile, results, whole_run, noise, loop)
     ending = verdict(lines, noise)
     return Report(
         schema=SCHEMA,
@@ -74,6 +75,7 @@ def profile_machine(
         summary=summary(ending, lines, noise.words),
         budgets=lines,
         results=results,
+        loop=loop,
         break_even=break_even.break_even(results),
         rules=break_even.rules(results),
         disturbance=_disturbance(measured, noise.words),
@@ -123,8 +125,8 @@ def _whole_run(
     if names:
         say("start-up, in new processes")
         measured = {name: cold_start(name) for name in names}
-        found["start_up_cold_s"] = {name: cold for name, (cold, _) in measured.items()}
-        found["start_up_warm_s"] = {name: warm for name, (_, warm) in measured.items()}
+        found["start_up_cold_s"] = {name: start.cold_s for name, start in measured.items()}
+        found["start_up_warm_s"] = {name: start.warm_s for name, start in measured.items()}
     return found
 
 

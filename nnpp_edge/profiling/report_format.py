@@ -47,8 +47,26 @@ class ResultRow(TypedDict):
     inference_ms_median: float | None
     inference_fps: float | None
     int8_speedup: float | None
+    map_ms: Spread | None
+    patch_ms: Spread | None
     halves: dict[str, list[float]]
     queries: QueryFacts
+
+
+class LoopRow(TypedDict):
+    """The onboard loop at one workload and size, with a patch of elevations at each tick."""
+
+    workload: str
+    size: int
+    method: str
+    rate_hz: float
+    patch_side: int
+    n: int
+    reaction_ms: Spread
+    planned: int
+    kept: int
+    without_path: int
+    halves: dict[str, list[float]]
 
 
 class BudgetLine(TypedDict):
@@ -129,6 +147,7 @@ class Report(TypedDict):
     summary: str
     budgets: list[BudgetLine]
     results: list[ResultRow]
+    loop: list[LoopRow]
     break_even: list[BreakEven]
     rules: list[RuleLine]
     disturbance: DisturbanceFacts

@@ -1,18 +1,59 @@
 """Planners that are measured beside each other, under the names that reports give them."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
+from nnpp_edge.profiling.ground import Ground
+from nnpp_edge.profiling.harness import Observer
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Endpoints
+from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.planners.query import Found, Query, Work
+from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, WIDENED_CORRIDOR, CorridorWidth
 
 EXACT = "astar"
 """The rival that all others are compared with."""
 FIRST_SOURCES = (Source.MAP, Source.REGION)
 """Where a path comes from that was found before any region was widened."""
+
+
+class FindsPlans(Protocol):
+    """`Planner`, as far as rivals need it."""
+
+    def plan(self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False) -> Plan:
+        """As `Planner.plan`."""
+
+
+class CorridorOfWidth:
+    """The corridor planner with another width of its first corridor, on a map of its own.
+
+    Of the learned region's width it shows what is owed to the network, and what to narrow corridors alone.
+    """
+
+    def __init__(self, state: MapState, width: CorridorWidth) -> None:
+        self._state, self._width, self._planners = state, width, MapPlanners(state, "edge")
+
+    def plan(self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False) -> Plan:
+        """As `Planner.plan`; there is but one method."""
+        work = Work()
+        found = self._find(Query.within(start, goal, math.inf), work)
+        computed = self._state.costs_computed
+        return found.plan(Method.CORRIDOR, work, planner=method, keep_regions=keep_regions, costs_computed=computed)
+
+    def _find(self, query: Query, work: Work) -> Found:
+        descent, searcher = self._planners.coarse_to_fine, self._planners.astar
+        for width, source in ((self._width, Source.REGION), (WIDENED_CORRIDOR, Source.WIDENED)):
+            found = descent.find(query, work, searcher, descent.top_for(query), None, width, source)
+            if found is not None:
+                return found
+        return self._planners.exact.find(query, work, Source.FALLBACK)
 
 
 @dataclass(frozen=True)
@@ -23,13 +64,58 @@ class RivalPlanner:
     method: Method
     model: NetworkModel | None = None
     """None: the default model, loaded only if it is needed."""
+    width: CorridorWidth | None = None
+    """Of the first corridor, instead of the usual one."""
 
-    def planner(self, cost: Float2D) -> Planner:
+    def planner(self, cost: Float2D) -> FindsPlans:
         """A planner of its own for a map."""
+        if self.width is not None:
+            return CorridorOfWidth(MapState(cost, StepModel.of("paper")), self.width)
         return Planner(cost, model=self.model or "edge")
 
+    def planner_of(self, ground: Ground, *, lazy: bool) -> FindsPlans:
+        """A planner of its own for elevations."""
+        if self.width is not None:
+            return CorridorOfWidth(ground.state(lazy=lazy), self.width)
+        return ground.planner(self.model or "edge", lazy=lazy)
 
-def call_on(planner: Planner, method: str) -> Callable[[Endpoints], Plan]:
+
+class FreshMap:
+    """A rival on a map that has just arrived: a function of start and goal that makes a planner from elevations.
+
+    The planner is kept until `forget` is called: to give its memory back is no part of planning. The rival's network
+    is shown a new map each time, and so must be none that another planner uses.
+    """
+
+    def __init__(self, rival: RivalPlanner, ground: Ground, *, lazy: bool = True) -> None:
+        self.rival, self._ground, self._lazy = rival, ground, lazy
+        self._planner: FindsPlans | None = None
+
+    def __call__(self, query: Endpoints) -> Plan:
+        """From elevations to the plan."""
+        self._planner = self.rival.planner_of(self._ground, lazy=self._lazy)
+        return self._planner.plan(*query, method=self.rival.method)
+
+    def forget(self) -> None:
+        """Give the planner's memory back."""
+        self._planner = None
+
+
+class Forgetting(Observer[Plan]):
+    """Has fresh maps forget their planners after each call, outside the time that counts."""
+
+    def __init__(self, fresh: Mapping[str, FreshMap]) -> None:
+        self._fresh = fresh
+        for each in fresh.values():
+            each.forget()  # of calls that were not timed
+
+    def after(self, rival: str, elapsed_s: float, result: Plan) -> None:
+        """The call has ended."""
+        if rival in self._fresh:
+            self._fresh[rival].forget()
+
+
+def call_on(planner: FindsPlans, method: str) -> Callable[[Endpoints], Plan]:
     """The planner as a function of start and goal."""
     return lambda query: planner.plan(*query, method=method)
 
@@ -47,3 +133,8 @@ def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> lis
         elif method != EXACT:
             found.append(RivalPlanner(method, Method(method), next(iter(models.values()), None)))
     return found
+
+
+def narrow_corridor() -> RivalPlanner:
+    """The corridor of the learned region's width: the same bands without the network."""
+    return RivalPlanner("corridor-narrow", Method.CORRIDOR, width=LEARNED_CORRIDOR)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
-from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.terrain.dataset import read_recipe, read_shards
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.labels import random_query
@@ -50,6 +50,8 @@ class Case:
     """(H, W) traversability cost."""
     queries: tuple[Endpoints, ...]
     """Start and goal both passable; whether they are connected is not known yet."""
+    ground: Ground | None = None
+    """What the costs were made from; None where that is not known."""
 
 
 @dataclass(frozen=True)
@@ -104,25 +106,25 @@ def terrain_cases(
     """
     limits, (rows, cols) = workload(name), shape_of(size)
 
-    def cost(rng: np.random.Generator) -> Float2D:
+    def ground(rng: np.random.Generator) -> Ground:
         dem = dems[int(rng.integers(len(dems)))]
         row = int(rng.integers(0, dem.elevation.shape[0] - rows + 1))
         col = int(rng.integers(0, dem.elevation.shape[1] - cols + 1))
-        crop = dem.elevation[row : row + rows, col : col + cols]
-        return traversability_cost(crop, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m, warn=False)
+        crop = np.ascontiguousarray(dem.elevation[row : row + rows, col : col + cols])
+        return Ground(crop, dem.cell_size_m, dem.cell_width_m, limits)
 
-    return _with_queries(name, size, cost, seed, least_distance)
+    return _with_queries(name, size, ground, seed, least_distance)
 
 
 def synthetic_cases(name: str, size: Size, seed: int, least_distance: float = LEAST_DISTANCE) -> Iterator[Case]:
     """Cases on fractal and cratered ground (`synthetic_terrain`), as of `terrain_cases`, for what no file holds."""
     limits, (rows, cols) = workload(name), shape_of(size)
 
-    def cost(rng: np.random.Generator) -> Float2D:
+    def ground(rng: np.random.Generator) -> Ground:
         heights = synthetic_terrain(rng, max(rows, cols), SYNTHETIC_CELL_M)[:rows, :cols]
-        return traversability_cost(heights, SYNTHETIC_CELL_M, limits, warn=False)
+        return Ground(np.ascontiguousarray(heights), SYNTHETIC_CELL_M, SYNTHETIC_CELL_M, limits)
 
-    return _with_queries(name, size, cost, seed, least_distance)
+    return _with_queries(name, size, ground, seed, least_distance)
 
 
 def large_enough(dems: Sequence[Dem], size: int) -> list[Dem]:
@@ -146,7 +148,7 @@ def cases_from(
 
 
 def _with_queries(
-    name: str, size: Size, cost: Callable[[np.random.Generator], Float2D], seed: int, least_distance: float
+    name: str, size: Size, ground: Callable[[np.random.Generator], Ground], seed: int, least_distance: float
 ) -> Iterator[Case]:
     """Map after map with random queries; InvalidQueryError where many maps in a row have no fitting one."""
     rows, cols = shape_of(size)
@@ -154,11 +156,12 @@ def _with_queries(
     least = least_distance * max(rows, cols)
     while True:
         for _ in range(_TRIES):
-            of_map = cost(rng)
-            wanted = (random_query(rng, of_map, least) for _ in range(QUERIES_PER_MAP))
+            below = ground(rng)
+            cost = below.cost()
+            wanted = (random_query(rng, cost, least) for _ in range(QUERIES_PER_MAP))
             queries = tuple(query for query in wanted if query is not None)
             if queries:
-                yield Case(name, size, of_map, queries)
+                yield Case(name, size, cost, queries, below)
                 break
         else:
             raise InvalidQueryError(

@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.arrays import unmasked
+from nnpp_edge.runtime.arrays import Float2D, unmasked
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, TerrainError
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import read_arrays, read_png
-from nnpp_edge.terrain.georeference import Georeference
+from nnpp_edge.terrain.georeference import Georeference, Place
 from nnpp_edge.terrain.heights import Window, check_grid, metres
 from nnpp_edge.terrain.rasters import geotiff_bytes, read_raster
 
@@ -25,7 +25,7 @@ _FARTHEST_M = 1e9
 
 
 @dataclass(frozen=True, eq=False)
-class Dem:
+class Dem(Place):
     """An elevation map and the size of its cells.
 
     Attributes
@@ -58,9 +58,13 @@ class Dem:
             raise TerrainError(f"{self.source}: elevation must be float32, got {self.elevation.dtype}")
         if not np.isfinite(self.elevation).any():
             raise TerrainError(f"{self.source}: wanted an elevation map, got no cell with a known height")
-        for side in (self.cell_size_m, self.cell_width_m):
-            if not (math.isfinite(side) and side > 0):
-                raise TerrainError(f"{self.source}: wanted cells with sides above 0 m, got {side:g} m")
+        self.check_sides()
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, cols = self.elevation.shape
+        return rows, cols
 
     def rescaled(self, cell_size_m: float) -> "Dem":
         """The same terrain grown or shrunk to cells of `cell_size_m`: heights follow, so slopes stay.
@@ -68,26 +72,12 @@ class Dem:
         The georeference stays as it is: it still says where each cell lay on the map. Raises
         InvalidQueryError where `cell_size_m` is not above 0 and finite.
         """
-        _check_option("cell size", cell_size_m)
+        check_option("cell size", cell_size_m)
         factor = cell_size_m / self.cell_size_m
         elevation = metres(self.elevation, factor, 0.0)
         return replace(
             self, elevation=elevation, cell_size_m=float(cell_size_m), cell_width_m=self.cell_width_m * factor
         )
-
-    def map_coordinates(self, row: float, col: float) -> tuple[float, float]:
-        """`Georeference.map_coordinates`; InvalidQueryError where the map has no georeference."""
-        return self._located().map_coordinates(row, col)
-
-    def cell_of(self, x: float, y: float) -> tuple[int, int]:
-        """`Georeference.cell_of`; InvalidQueryError where the map has no georeference."""
-        return self._located().cell_of(x, y)
-
-    def _located(self) -> Georeference:
-        """The georeference, or the error that it lacks."""
-        if self.georeference is None:
-            raise InvalidQueryError(f"{self.source}: map coordinates need a georeference, the file has none")
-        return self.georeference
 
 
 def read_dem(
@@ -143,20 +133,30 @@ def read_dem(
     that sphere and keep float32's precision.
     """
     path = Path(path)
-    _check_option("cell size", cell_size_m)
-    _check_option("vertical scale", vertical_scale)
+    check_option("cell size", cell_size_m)
+    check_option("vertical scale", vertical_scale)
     if (problem := problem_with_file(path)) is not None:
         raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
     gdal = partial(read_raster, allow_vrt=allow_vrt)
     read = {".npy": read_arrays, ".npz": read_arrays, ".png": read_png}.get(path.suffix.lower(), gdal)
     with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
         elevation, cell, georeference = read(path, vertical_scale, window)
-        elevation[~(np.abs(elevation) < _FARTHEST_M)] = np.nan
-    if cell_size_m is not None:
-        cell = (cell_size_m, cell_size_m * cell[1] / cell[0] if cell else cell_size_m)
+    return Dem(known_heights(elevation), *cell_sides(path, cell, cell_size_m), georeference, path)
+
+
+def known_heights(elevation: Float2D) -> Float2D:
+    """The same array, with NaN for infinities and for heights beyond 1e9 m."""
+    elevation[~(np.abs(elevation) < _FARTHEST_M)] = np.nan
+    return elevation
+
+
+def cell_sides(path: Path, cell: tuple[float, float] | None, wanted: float | None) -> tuple[float, float]:
+    """A cell's (size, width), from the file's and from the size that was asked for; TerrainError without either."""
+    if wanted is not None:
+        return wanted, wanted * cell[1] / cell[0] if cell else wanted
     if cell is None:
         raise TerrainError(f"{path}: no cell size in the file; give it with --cell-size METRES")
-    return Dem(elevation, float(cell[0]), float(cell[1]), georeference, path)
+    return float(cell[0]), float(cell[1])
 
 
 def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
@@ -186,7 +186,7 @@ def raster_bytes(path: Path, array: npt.ArrayLike, dem: Dem) -> bytes:
         return geotiff_bytes(path.name, values, dem.georeference)
 
 
-def _check_option(name: str, value: float | None) -> None:
+def check_option(name: str, value: float | None) -> None:
     """Refuse an option that is given and not above 0 and finite."""
     if value is not None and not (math.isfinite(value) and value > 0):
         raise InvalidQueryError(f"{name} must be above 0 and finite, got {value}")

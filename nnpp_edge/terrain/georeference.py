@@ -2,8 +2,9 @@
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 
 _FARTHEST = 2.0**53
 """Cells from the map's corner: whole numbers up to here are floats."""
@@ -38,3 +39,41 @@ class Georeference:
         if not max(abs(row), abs(col)) < _FARTHEST:
             raise InvalidQueryError(f"map coordinates must be finite and near the map, got ({x:g}, {y:g})")
         return math.floor(row), math.floor(col)
+
+
+class Place:
+    """Where a map lies, and how large its cells are: what maps in memory and maps read by windows share."""
+
+    cell_size_m: float
+    """Side of a cell along a column of the map (north-south)."""
+    cell_width_m: float
+    """Side along a row (east-west)."""
+    georeference: Georeference | None
+    """Where the cells lie, in the coordinates of the file."""
+    source: Path
+    """The file, for messages."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        raise NotImplementedError
+
+    def check_sides(self) -> None:
+        """TerrainError for cells without a size."""
+        for side in (self.cell_size_m, self.cell_width_m):
+            if not (math.isfinite(side) and side > 0):
+                raise TerrainError(f"{self.source}: wanted cells with sides above 0 m, got {side:g} m")
+
+    def map_coordinates(self, row: float, col: float) -> tuple[float, float]:
+        """`Georeference.map_coordinates`; InvalidQueryError where the map has no georeference."""
+        return self._located().map_coordinates(row, col)
+
+    def cell_of(self, x: float, y: float) -> tuple[int, int]:
+        """`Georeference.cell_of`; InvalidQueryError where the map has no georeference."""
+        return self._located().cell_of(x, y)
+
+    def _located(self) -> Georeference:
+        """The georeference, or the error that it lacks."""
+        if self.georeference is None:
+            raise InvalidQueryError(f"{self.source}: map coordinates need a georeference, the file has none")
+        return self.georeference

@@ -5,7 +5,8 @@ import math
 import re
 import sys
 import warnings
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -14,10 +15,11 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import numpy.typing as npt
 
-from nnpp_edge.runtime.errors import TerrainError, optional_module
+from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
 from nnpp_edge.terrain.gdal_files import FORMATS, NO_NETWORK, openable
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.heights import Reading, Window, check_room, checked_window, metres
+from nnpp_edge.terrain.tiff_blocks import DeflateBlocks
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
@@ -29,6 +31,83 @@ _METRES_PER_UNIT |= dict.fromkeys(("km", "kilometer", "kilometre", "kilometers",
 _SEMI_MAJOR = re.compile(r'(?:SPHEROID|ELLIPSOID)\["[^"]*",\s*([^,\]]+)(?:[^\[]*LENGTHUNIT\["[^"]*",\s*([^,\]]+))?')
 _ASCII_HEADER = re.compile(r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+", re.IGNORECASE | re.MULTILINE)
 _HIGHEST_OFFSET_M = 1e5
+_TILE = 512
+"""Cells to the side of a tile of a raster that is written as a stream."""
+_LEAST_CACHE_BYTES = 1 << 26
+"""Of blocks that GDAL keeps for a raster read by windows; by itself it would keep a twentieth of the memory."""
+
+
+class Raster:
+    """The heights in an open file of one of `FORMATS`; `opened_raster` makes one."""
+
+    def __init__(self, path: Path, dataset: "DatasetReader", vertical_scale: float | None) -> None:
+        self._path, self._dataset = path, dataset
+        self.shape: tuple[int, int] = dataset.shape
+        """Rows and columns."""
+        self.block: tuple[int, int] = dataset.block_shapes[0]
+        """Rows and columns of a block, which is read as one."""
+        self.dtype, self.driver = np.dtype(dataset.dtypes[0]), dataset.driver
+        self._blocks = DeflateBlocks(path, dataset)
+        unit = vertical_scale or _metres_per_unit(dataset)
+        offset = dataset.offsets[0] * unit
+        self._offset = 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
+        self._scale = dataset.scales[0] * unit
+
+    def check_whole(self) -> None:
+        """TerrainError for a file cut short where GDAL would fill in zeros and say nothing."""
+        _check_whole(self._path, self._dataset)
+
+    def heights(self, part: Window) -> npt.NDArray[np.float32]:
+        """Metres in a window (row0, col0, rows, cols), NaN where unknown; TerrainError where a block is damaged."""
+        row0, col0, rows, cols = part
+        window = ((row0, row0 + rows), (col0, col0 + cols))
+        self._blocks.check(part)
+        heights = metres(self._dataset.read(1, window=window), self._scale, self._offset)
+        heights[self._dataset.read_masks(1, window=window) == 0] = np.nan
+        return heights
+
+    def place(self, part: Window) -> tuple[tuple[float, float] | None, Georeference | None]:
+        """A cell's (size, width) in metres and the georeference of a window; None where the file has no transform."""
+        if self._dataset.transform.is_identity:  # how rasterio says that
+            return None, None
+        row0, col0, rows, cols = part
+        a, b, c, d, e, f = self._dataset.transform[:6]
+        crs = self._dataset.crs.to_wkt() if self._dataset.crs else None
+        moved = (a, b, a * col0 + b * row0 + c, d, e, d * col0 + e * row0 + f)
+        georeference = Georeference(crs, moved)
+        return _cell_on_ground(self._path, self._dataset.crs, georeference, (rows, cols)), georeference
+
+
+@contextmanager
+def opened_raster(
+    path: Path, vertical_scale: float | None, allow_vrt: bool = False, *, by_windows: bool = False
+) -> Iterator[Raster]:
+    """An open raster of one band of heights, all in files of its own folder.
+
+    One to be read by windows keeps a row of blocks, decoded by several threads, and forgets what it has read before.
+    Raises as `read_raster`.
+    """
+    rasterio = optional_module("rasterio", f"reading {path.name}", "geo")
+    # An ASCII grid without a decimal point would be read as whole numbers, and its nan as 0.
+    options = {"DATATYPE": "Float64"} if path.suffix.lower() == ".asc" else {}
+    opened, drivers = openable(path, allow_vrt)
+    if by_windows and len(drivers) > 1:
+        options["NUM_THREADS"] = "ALL_CPUS"
+    with _quiet(rasterio), _opened(rasterio, path, opened, driver=drivers, **options) as dataset:
+        if any(Path(name).parent != opened.parent for name in dataset.files):
+            raise TerrainError(f"{path}: wanted a raster whose files lie in its own folder, got {dataset.files}")
+        if dataset.count != 1:
+            raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
+        if dataset.dtypes[0].startswith("complex"):
+            raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
+        raster = Raster(path, dataset, vertical_scale)
+        if not by_windows:
+            yield raster
+            return
+        raster.check_whole()
+        row_of_blocks = raster.block[0] * (raster.shape[1] + raster.block[1]) * raster.dtype.itemsize
+        with rasterio.Env(GDAL_CACHEMAX=max(_LEAST_CACHE_BYTES, 5 * row_of_blocks // 2)):
+            yield raster
 
 
 def read_raster(path: Path, vertical_scale: float | None, window: Window | None, allow_vrt: bool = False) -> Reading:
@@ -37,34 +116,11 @@ def read_raster(path: Path, vertical_scale: float | None, window: Window | None,
     Raises TerrainError, InvalidQueryError and MissingExtraError as `read_dem` does, and whatever else rasterio
     raises for a broken file.
     """
-    rasterio = optional_module("rasterio", f"reading {path.name}", "geo")
-    # An ASCII grid without a decimal point would be read as whole numbers, and its nan as 0.
-    options = {"DATATYPE": "Float64"} if path.suffix.lower() == ".asc" else {}
-    opened, drivers = openable(path, allow_vrt)
-    with _quiet(rasterio), _opened(rasterio, path, opened, driver=drivers, **options) as dataset:
-        if any(Path(name).parent != opened.parent for name in dataset.files):
-            raise TerrainError(f"{path}: wanted a raster whose files lie in its own folder, got {dataset.files}")
-        if dataset.count != 1:
-            raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
-        if dataset.dtypes[0].startswith("complex"):
-            raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
-        row0, col0, rows, cols = checked_window(path, dataset.shape, window)
-        part = ((row0, row0 + rows), (col0, col0 + cols))
-        dtype = np.dtype(dataset.dtypes[0])
-        check_room(path, (rows, cols), dtype, dtype.itemsize * math.prod(dataset.block_shapes[0]))
-        _check_whole(path, dataset)
-        unit = vertical_scale or _metres_per_unit(dataset)
-        offset = dataset.offsets[0] * unit
-        offset = 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
-        elevation = metres(dataset.read(1, window=part), dataset.scales[0] * unit, offset)
-        elevation[dataset.read_masks(1, window=part) == 0] = np.nan
-        if dataset.transform.is_identity:  # how rasterio says that the file has no transform
-            return elevation, None, None
-        a, b, c, d, e, f = dataset.transform[:6]
-        crs = dataset.crs.to_wkt() if dataset.crs else None
-        moved = (a, b, a * col0 + b * row0 + c, d, e, d * col0 + e * row0 + f)
-        georeference = Georeference(crs, moved)
-        return elevation, _cell_on_ground(path, dataset.crs, georeference, (rows, cols)), georeference
+    with opened_raster(path, vertical_scale, allow_vrt) as raster:
+        part = checked_window(path, raster.shape, window)
+        check_room(path, part[2:], raster.dtype, raster.dtype.itemsize * math.prod(raster.block))
+        raster.check_whole()
+        return raster.heights(part), *raster.place(part)
 
 
 def geotiff_bytes(name: str, values: npt.NDArray[np.generic], place: Georeference | None) -> bytes:
@@ -73,13 +129,49 @@ def geotiff_bytes(name: str, values: npt.NDArray[np.generic], place: Georeferenc
     Raises MissingExtraError, with the file's `name`, where rasterio is not installed.
     """
     rasterio = optional_module("rasterio", f"writing {name}", "geo")
-    where = {"crs": place.crs, "transform": rasterio.Affine(*place.transform)} if place else {}
-    shape = {"height": values.shape[0], "width": values.shape[1], "count": 1, "dtype": "float32"}
-    kind = {"driver": "GTiff", "compress": "deflate", "predictor": 3, "nodata": math.nan}
     with _quiet(rasterio), rasterio.MemoryFile() as memory:
-        with memory.open(**kind, **shape, **where) as dataset:
+        with memory.open(**_geotiff(rasterio, values.shape, place)) as dataset:
             dataset.write(values.astype(np.float32), 1)
         return bytes(memory.read())
+
+
+@contextmanager
+def geotiff_stream(
+    path: Path, shape: tuple[int, int], place: Georeference | None
+) -> Iterator[Callable[[int, npt.NDArray[np.float32]], None]]:
+    """A tiled GeoTIFF to be written by bands of rows: a function that takes a band's first row and its values.
+
+    At the end it is read again: GDAL may meet a full disk in silence. OutputError where it is not what was written;
+    rasterio's errors, and MissingExtraError, as they come.
+    """
+    rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
+    tiles = {
+        "tiled": True,
+        "blockxsize": _TILE,
+        "blockysize": _TILE,
+        "BIGTIFF": "IF_SAFER",
+        "NUM_THREADS": "ALL_CPUS",
+    }
+    written: list[tuple[int, int, int]] = []
+
+    def write(row: int, values: npt.NDArray[np.float32]) -> None:
+        dataset.write(values, 1, window=((row, row + len(values)), (0, shape[1])))
+        written.append((row, len(values), zlib.crc32(values.tobytes())))
+
+    with _quiet(rasterio):
+        with rasterio.open(path, "w", **_geotiff(rasterio, shape, place), **tiles) as dataset:
+            yield write
+        with rasterio.open(path) as back:
+            for row, rows, checksum in written:
+                if zlib.crc32(back.read(1, window=((row, row + rows), (0, shape[1]))).tobytes()) != checksum:
+                    raise OutputError(f"{path}: could not be written (rows from {row} on are not what was written)")
+
+
+def _geotiff(rasterio: ModuleType, shape: tuple[int, ...], place: Georeference | None) -> dict[str, object]:
+    """rasterio's options for a compressed float32 GeoTIFF whose unknown cells are NaN."""
+    where = {"crs": place.crs, "transform": rasterio.Affine(*place.transform)} if place else {}
+    size = {"height": shape[0], "width": shape[1], "count": 1, "dtype": "float32"}
+    return {"driver": "GTiff", "compress": "deflate", "predictor": 3, "nodata": math.nan, **size, **where}
 
 
 def _cell_on_ground(

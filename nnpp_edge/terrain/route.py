@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.georeference import Place
 
 _EPSG = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
 
@@ -27,7 +28,8 @@ class Route:
     elevation_m, cost : (N,) float32
     distance_m : (N,) float64
         Along the path, on the level.
-    dem : Dem
+    dem : Place
+        The map that it leads over.
     """
 
     cells: NDArray[np.int32]
@@ -35,12 +37,19 @@ class Route:
     elevation_m: NDArray[np.float32]
     cost: NDArray[np.float32]
     distance_m: NDArray[np.float64]
-    dem: Dem
+    dem: Place
 
     @classmethod
     def of(cls, cells: NDArray[np.int32], cost: NDArray[np.float32], dem: Dem) -> "Route":
         """The route of a path's cells, with the cost map that it was planned on."""
         rows, cols = cells[:, 0], cells[:, 1]
+        return cls.along(cells, dem.elevation[rows, cols], cost[rows, cols], dem)
+
+    @classmethod
+    def along(
+        cls, cells: NDArray[np.int32], elevation_m: NDArray[np.float32], cost: NDArray[np.float32], dem: Place
+    ) -> "Route":
+        """The route of a path's cells, with their heights and costs, on a map that need not be in memory."""
         sides = np.array([dem.cell_size_m, dem.cell_width_m])
         if dem.georeference is None:
             places = (cells * sides)[:, ::-1]
@@ -49,7 +58,7 @@ class Route:
             places = np.array(found, np.float64).reshape(-1, 2)
         steps = np.hypot(*(np.diff(cells, axis=0) * sides).T)
         along = np.concatenate([[0.0], np.cumsum(steps)])[: len(cells)]
-        return cls(cells, places, dem.elevation[rows, cols], cost[rows, cols], along, dem)
+        return cls(cells, places, elevation_m, cost, along, dem)
 
     @property
     def length_m(self) -> float:

@@ -70,9 +70,10 @@ def kernel(function: FunctionType) -> NumbaObject:
     """Compile `function` without the GIL, cached in our folder; `function.py_func` is the plain Python.
 
     Work is shared between cores by threads that call kernels, not by numba's own parallel loops: those
-    may not be entered from two threads at once, nor after a fork.
+    may not be entered from two threads at once, nor after a fork. A division by zero gives what the processor
+    gives: to look for it would keep the compiler from computing several cells at once.
     """
-    compiled: NumbaObject = numba.njit(nogil=True)(function)
+    compiled: NumbaObject = numba.njit(nogil=True, error_model="numpy")(function)
     if CACHE_FOLDER is not None and compiled is not function:  # as it is under NUMBA_DISABLE_JIT
         compiled._cache = KernelCache(function, CACHE_FOLDER)
     return compiled

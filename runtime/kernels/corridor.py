@@ -5,6 +5,7 @@ import numpy as np
 from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPEN_BIT, ROW_STEP, STAMP_SHIFT
 from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.kernels.tiles import open_there
 
 
 @kernel
@@ -32,7 +33,8 @@ def _flood(grid, links, start, found, limit, scratch, marks):
     What is left from a cell is g of an earlier search, which began at the other end. With that as a bound, few
     cells are expanded twice, so a plain queue serves.
     """
-    weights, stride, steps, _ = grid
+    weights, stride, steps, _, tiles = grid
+    state, wanted, row_shift, col_shift, _, _ = tiles
     g, meta, search = found
     reached, queued, queue = scratch
     bitmap, stamp = marks
@@ -46,6 +48,9 @@ def _flood(grid, links, start, found, limit, scratch, marks):
         node = np.int64(queue[head & mask])
         head += 1
         queued[node] = 0
+        i, j = (node // stride - 1) >> row_shift, (node % stride - 1) >> col_shift
+        if not state[i, j] & wanted:  # the search that came here did not leave from here
+            open_there(tiles, i, j)
         for k in range(8):
             if not (links[node] >> k) & 1:
                 continue

@@ -39,6 +39,7 @@ from nnpp_edge.runtime.kernels.open_list import (
     pop,
     push,
 )
+from nnpp_edge.runtime.kernels.tiles import open_there
 
 FOUND, EXHAUSTED, PAUSED, FULL = 0, 1, 2, 3
 # slots of the float64 array of results
@@ -199,7 +200,8 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
         found, to the expanded node nearest it, of which as many as there is room for are in `path`, goal first; the
         expansions so far; and the least f of a node that the region refused.
     """
-    weights, stride, steps, corner_cutting = grid
+    weights, stride, steps, corner_cutting, tiles = grid
+    tile_state, wanted, row_shift, col_shift, _, _ = tiles
     h_straight, h_diagonal, width, successors = rule
     g, meta, stamp, heads, entries, control, reals, counts, path = memory
     if region is not None:
@@ -268,9 +270,13 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
         row = np.int64((node + 0.5) * inverse_stride)
         col = node - row * stride
         h = octile(row, col, goal_row, goal_col, h_straight, h_diagonal)
-        own, g_node = weights[np.uint64(node)], g[np.uint64(2 * node)]
+        g_node = g[np.uint64(2 * node)]
         if g_node + h >= bound:
             continue
+        i, j = np.uint64((row - 1) >> row_shift), np.uint64((col - 1) >> col_shift)
+        if not tile_state[i, j] & wanted:
+            open_there(tiles, np.int64(i), np.int64(j))
+        own = weights[np.uint64(node)]
         expansions += 1
         if h < best_h:
             best_h = h

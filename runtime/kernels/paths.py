@@ -65,7 +65,7 @@ def savings(weights, before, touched, count, stride, at, goal, prices):
 @kernel
 def walk(grid, path, first, costs):
     """Costs of a path from its cell `first` to each of the later ones; the first that cannot be stepped on, or -1."""
-    weights, stride, steps, corner_cutting = grid
+    weights, stride, steps, corner_cutting, _ = grid
     total = 0.0
     for n in range(first, len(path)):
         node = (path[n, 0] + 1) * stride + path[n, 1] + 1

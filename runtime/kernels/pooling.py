@@ -16,6 +16,8 @@ _FIRST_ROW = (1 << FACTOR) - 1
 _FIRST_COL = ALL // _FIRST_ROW
 _LAST_COL = _FIRST_COL << FACTOR - 1
 _TO_LAST_ROW = FACTOR * (FACTOR - 1)
+_ALL, _SIXTEENTH = np.uint16(ALL), np.float32(1 / 16)
+_1, _2, _3 = np.uint64(1), np.uint64(2), np.uint64(3)
 
 
 @kernel
@@ -84,29 +86,87 @@ def _largest_piece(weights, links, rows, cols, row, col, corner_cutting):
 
 
 @kernel
-def _pool(fine, fine_links, shape, corner_cutting, obstacle, area, coarse, pieces, coarse_stride):
-    """Weights and kept pieces of a rectangle of coarse cells; the least weight."""
+def _pool_row(fine, first, stride, n, weights, at):
+    """Means of `n` coarse cells that cover sixteen cells each, the first of which begin at `first`."""
+    r0, r1 = fine[first : first + FACTOR * n], fine[first + stride : first + stride + FACTOR * n]
+    first += 2 * stride
+    r2, r3 = fine[first : first + FACTOR * n], fine[first + stride : first + stride + FACTOR * n]
+    out = weights[at : at + n]
+    for c in range(n):
+        b = np.uint64(FACTOR * c)
+        c0, c1 = r0[b] + r1[b] + r2[b] + r3[b], r0[b + _1] + r1[b + _1] + r2[b + _1] + r3[b + _1]
+        c2, c3 = r0[b + _2] + r1[b + _2] + r2[b + _2] + r3[b + _2], r0[b + _3] + r1[b + _3] + r2[b + _3] + r3[b + _3]
+        out[c] = ((c0 + c1) + (c2 + c3)) * _SIXTEENTH
+
+
+@kernel
+def whole_below(fine_pieces, fine_cols, row, col):
+    """Whether the pieces of all sixteen cells under a coarse cell, none of which may lie off the map, are whole.
+
+    Such cells are linked with one another.
+    """
+    every = _ALL
+    for i in range(FACTOR):
+        first = np.uint64((row * FACTOR + i + 1) * (fine_cols + 2) + col * FACTOR + 1)
+        every &= fine_pieces[first] & fine_pieces[first + _1] & fine_pieces[first + _2] & fine_pieces[first + _3]
+    return every == _ALL
+
+
+@kernel
+def _open_below(fine_links, fine_cols, row, col):
+    """The same for links: whether all leave each of the sixteen."""
+    every = np.uint8(255)
+    for i in range(FACTOR):
+        first = np.uint64((row * FACTOR + i + 1) * (fine_cols + 2) + col * FACTOR + 1)
+        every &= fine_links[first] & fine_links[first + _1] & fine_links[first + _2] & fine_links[first + _3]
+    return every == np.uint8(255)
+
+
+@kernel
+def _pool_cell(fine, fine_links, shape, row, col, corner_cutting, obstacle):
+    """The piece that a coarse cell stands for, and its weight."""
     fine_rows, fine_cols = shape
+    piece = _largest_piece(fine, fine_links, fine_rows, fine_cols, row, col, corner_cutting)
+    if piece == 0:
+        return piece, np.float32(np.inf)
+    total, cells = 0.0, 0
+    for b in range(FACTOR * FACTOR):
+        i, j = row * FACTOR + b // FACTOR, col * FACTOR + b % FACTOR
+        if i < fine_rows and j < fine_cols:
+            cells += 1
+            total += np.float64(fine[(i + 1) * (fine_cols + 2) + j + 1]) if (piece >> b) & 1 else obstacle
+    return piece, np.float32(total / cells)
+
+
+@kernel
+def pool(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, coarse):
+    """Weights and pieces of a rectangle of coarse cells; the least weight. As `pool_and_link`, without the links.
+
+    Of the finer level's links those are read that lie within a coarse cell whose pieces are not all whole.
+    """
+    weights, pieces, _, stride, _, _ = coarse
     row0, row1, col0, col1 = area
-    fine_stride = fine_cols + 2
-    least = np.inf
+    least = np.float32(np.inf)
+    whole = max(min(col1, shape[1] // FACTOR), col0)  # from here on coarse cells stick out of the map
     for row in range(row0, row1):
+        at = (row + 1) * stride + 1
+        averaged = whole if row < shape[0] // FACTOR else col0
+        if averaged > col0:
+            first = (row * FACTOR + 1) * (shape[1] + 2) + col0 * FACTOR + 1
+            _pool_row(fine, first, shape[1] + 2, averaged - col0, weights, at + col0)
         for col in range(col0, col1):
-            piece = _largest_piece(fine, fine_links, fine_rows, fine_cols, row, col, corner_cutting)
-            total, cells = 0.0, 0
-            for b in range(FACTOR * FACTOR):
-                i, j = row * FACTOR + b // FACTOR, col * FACTOR + b % FACTOR
-                if i < fine_rows and j < fine_cols:
-                    cells += 1
-                    if (piece >> b) & 1:
-                        total += fine[(i + 1) * fine_stride + j + 1]
-                    else:
-                        total += obstacle
-            there = (row + 1) * coarse_stride + col + 1
-            pieces[there] = piece
-            coarse[there] = total / cells if piece else np.inf
-            least = min(least, np.float64(coarse[there]))
-    return least
+            whole_piece = col < averaged and weights[at + col] < np.inf
+            if fine_pieces is not None:
+                whole_piece = whole_piece and whole_below(fine_pieces, shape[1], row, col)
+            if whole_piece:
+                pieces[at + col] = ALL
+            else:
+                piece, weight = _pool_cell(fine, fine_links, shape, row, col, corner_cutting, obstacle)
+                pieces[at + col] = piece
+                if piece != ALL:  # else the mean is there, rounded as that of any such cell
+                    weights[at + col] = weight
+            least = min(least, weights[at + col])
+    return np.float64(least)
 
 
 @kernel
@@ -131,21 +191,33 @@ def _touching(weights, stride, row, col, here, there, up, left, corner_cutting):
 
 
 @kernel
+def _link_free_row(pieces, first, stride, n, links):
+    """All links of those of `n` coarse cells in and beside which no impassable cell lies; none of the others."""
+    top, bottom = first - stride, first + stride
+    t0, t1, t2 = pieces[top - 1 : top - 1 + n], pieces[top : top + n], pieces[top + 1 : top + 1 + n]
+    m0, m1, m2 = pieces[first - 1 : first - 1 + n], pieces[first : first + n], pieces[first + 1 : first + 1 + n]
+    b0, b1, b2 = pieces[bottom - 1 : bottom - 1 + n], pieces[bottom : bottom + n], pieces[bottom + 1 : bottom + 1 + n]
+    out = links[first : first + n]
+    for c in range(n):
+        every = t0[c] & t1[c] & t2[c] & m0[c] & m1[c] & m2[c] & b0[c] & b1[c] & b2[c]
+        out[c] = np.uint8(255) if every == _ALL else np.uint8(0)
+
+
+@kernel
 def _link_finest(fine, stride, corner_cutting, area, pieces, links, coarse_stride):
     """As `_link`, where passability alone decides."""
     row0, row1, col0, col1 = area
     for row in range(row0, row1):
+        first = (row + 1) * coarse_stride + col0 + 1
+        _link_free_row(pieces, first, coarse_stride, col1 - col0, links)
         for col in range(col0, col1):
             node = (row + 1) * coarse_stride + col + 1
-            here, found, every = pieces[node], 0, pieces[node]
-            for k in range(8):
-                every &= pieces[node + ROW_STEP[k] * coarse_stride + COL_STEP[k]]
-            if every == ALL:
-                links[node] = 255
+            if links[node]:
                 continue
+            here, found = np.int64(pieces[node]), 0
             for k in range(8):
                 up, left = ROW_STEP[k], COL_STEP[k]
-                there = pieces[node + up * coarse_stride + left]
+                there = np.int64(pieces[node + up * coarse_stride + left])
                 if here and there and _touching(fine, stride, row, col, here, there, up, left, corner_cutting):
                     found |= 1 << k
             links[node] = found
@@ -157,9 +229,12 @@ def _link(fine_links, fine_cols, area, pieces, links, coarse_stride):
     row0, row1, col0, col1 = area
     fine_stride = fine_cols + 2
     for row in range(row0, row1):
+        _link_free_row(pieces, (row + 1) * coarse_stride + col0 + 1, coarse_stride, col1 - col0, links)
         for col in range(col0, col1):
             here = (row + 1) * coarse_stride + col + 1
-            piece, found = pieces[here], 0
+            if links[here] and _open_below(fine_links, fine_cols, row, col):  # no passage to a neighbour is closed
+                continue
+            piece, found = np.int64(pieces[here]), 0
             for b in range(FACTOR * FACTOR):
                 if not (piece >> b) & 1:
                     continue
@@ -175,7 +250,7 @@ def _link(fine_links, fine_cols, area, pieces, links, coarse_stride):
                     towards = DIRECTION[(up + 1) * 3 + left + 1]
                     if (found >> towards) & 1:
                         continue
-                    neighbour = pieces[here + up * coarse_stride + left]
+                    neighbour = np.int64(pieces[here + up * coarse_stride + left])
                     if (neighbour >> ((i - up * FACTOR) * FACTOR + j - left * FACTOR)) & 1 and (
                         fine_links[node] >> k
                     ) & 1:
@@ -184,13 +259,13 @@ def _link(fine_links, fine_cols, area, pieces, links, coarse_stride):
 
 
 @kernel
-def pool_and_link(fine, fine_links, shape, corner_cutting, obstacle, area, coarse):
+def pool_and_link(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, coarse):
     """Bring a rectangle of coarse cells up to date with the finer level, and the links of the cells around it.
 
     Parameters
     ----------
-    fine, fine_links, shape
-        Weights of the finer level; its links, None where passability decides; its rows and columns.
+    fine, fine_links, fine_pieces, shape
+        Weights of the finer level; its links and pieces, None where passability decides; its rows and columns.
     corner_cutting : bool
         Whether a diagonal step of the finest level may pass an impassable cell.
     obstacle : float
@@ -205,12 +280,19 @@ def pool_and_link(fine, fine_links, shape, corner_cutting, obstacle, area, coars
     float
         The least weight in the rectangle.
     """
-    weights, pieces, links, stride, rows, cols = coarse
-    least = _pool(fine, fine_links, shape, corner_cutting, obstacle, area, weights, pieces, stride)
+    _, _, _, _, rows, cols = coarse
+    least = pool(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, coarse)
     row0, row1, col0, col1 = area
     wider = max(row0 - 1, 0), min(row1 + 1, rows), max(col0 - 1, 0), min(col1 + 1, cols)
-    if fine_links is None:
-        _link_finest(fine, shape[1] + 2, corner_cutting, wider, pieces, links, stride)
-    else:
-        _link(fine_links, shape[1], wider, pieces, links, stride)
+    link(fine, fine_links, shape, corner_cutting, wider, coarse)
     return least
+
+
+@kernel
+def link(fine, fine_links, shape, corner_cutting, area, coarse):
+    """Links of a rectangle of coarse cells. As `pool_and_link`, whose pieces are up to date."""
+    _, pieces, links, stride, _, _ = coarse
+    if fine_links is None:
+        _link_finest(fine, shape[1] + 2, corner_cutting, area, pieces, links, stride)
+    else:
+        _link(fine_links, shape[1], area, pieces, links, stride)

@@ -6,6 +6,7 @@ import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP, STAMP_SHIFT
+from nnpp_edge.runtime.kernels.tiles import open_there
 
 LEVELS = 256
 """Level n stands for the probability (n / 256)⁴. So what is unlikely has levels too: where slope limits leave only a
@@ -120,7 +121,8 @@ def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, se
         In 0…255; -1 where no steps lead from one to the other.
     """
     row_blocks, col_blocks = lookup
-    weights, stride, _, corner_cutting = grid
+    weights, stride, _, corner_cutting, tiles = grid
+    tile_state, wanted, row_shift, col_shift, _, _ = tiles
     state, stamp = search
     heads[:] = -1
     goal_row, goal_col = goal // stride, goal % stride
@@ -139,6 +141,9 @@ def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, se
         if node == goal:
             return width
         row, col = node // stride, node % stride
+        i, j = (row - 1) >> row_shift, (col - 1) >> col_shift
+        if not tile_state[i, j] & wanted:
+            open_there(tiles, i, j)
         ahead = 3 * ((goal_row > row) - (goal_row < row)) + (goal_col > col) - (goal_col < col) + 4
         for nth in range(8):
             k = TOWARDS[ahead, nth]

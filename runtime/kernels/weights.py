@@ -4,6 +4,43 @@ import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
 
+_INF = np.float32(np.inf)
+_NOTHING_LOW, _NOTHING_HIGH = np.int32(_INF.view(np.int32)), np.int32(-1)
+
+
+@kernel
+def fill_costs(cost, limits, row0, row1, weights, stride, found):
+    """Put the weights of some rows of a new map into their places.
+
+    Numbers from 0 up are in the order of their bits, read as integers; of integers the compiler finds the least of
+    eight at once.
+
+    Parameters
+    ----------
+    cost, limits, weights, stride
+        As for `write_costs`, of the whole map.
+    row0, row1 : int
+        The first row, and one past the last.
+    found : (3,) int32
+        Written: the bits of the least passable cost above 0 or 0 itself, those of the greatest (-1 without any), and
+        whether one lies below 0.
+    """
+    _, _, scale, ceiling = limits
+    cols = cost.shape[1]
+    lowest, highest, below = _NOTHING_LOW, _NOTHING_HIGH, False
+    for row in range(row0, row1):
+        first = (row + 1) * stride + 1
+        line, out = cost[row], weights[first : first + cols]
+        bits = line.view(np.int32)
+        for col in range(cols):
+            t, b = line[col], bits[col]
+            passable = t < ceiling  # NaN is not
+            out[col] = t * scale if passable else _INF
+            below |= t < np.float32(0.0)
+            lowest = min(lowest, max(b, np.int32(0)) if passable else _NOTHING_LOW)
+            highest = max(highest, b if passable else _NOTHING_HIGH)
+    found[0], found[1], found[2] = lowest, highest, below
+
 
 @kernel
 def write_costs(cost, limits, first, stride, weights, bounds, changed_nodes, old_weights):

@@ -47,6 +47,11 @@ class NavigatorSettings:
     snap_radius: int = 3
     """Cells; if the robot stands in an impassable cell, its path may start at most this far away."""
 
+    @property
+    def asks_network(self) -> bool:
+        """Whether the method asks the network, which ``auto`` does not."""
+        return self.method in (DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR)
+
     def __post_init__(self) -> None:
         """Check the ranges."""
         if not self.tolerance >= 0.0:

@@ -14,6 +14,7 @@ from nnpp_edge.runtime.loop.ladder import Ladder, NavigatorSettings, Tick, one_l
 from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.network.loading import begin_loading
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 
@@ -174,8 +175,10 @@ class Navigator:
             self._map_version = version
 
     def _new_planner(self) -> DynamicPlanner:
-        self._map_version, _ = self.world.read_changes()
         settings = self.settings
+        if settings.asks_network:
+            begin_loading(self.model)
+        self._map_version, _ = self.world.read_changes()
         planner = DynamicPlanner(
             self.world.cost(),
             (0, 0),

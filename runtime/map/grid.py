@@ -6,14 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.kernels.weights import write_costs
+from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, LEAST_WEIGHT, PAPER_OMEGA, StepCost, StepModel
+from nnpp_edge.runtime.map.tiles import COMPLETE, PackedTiles, Tiles
 
-PackedGrid = tuple[NDArray[np.float32], int, tuple[float, float, float, float], bool]
-"""A grid as the kernels take it: (weights, stride, steps, corner_cutting)."""
+PackedGrid = tuple[NDArray[np.float32], int, tuple[float, float, float, float], bool, PackedTiles]
+"""A grid as the kernels take it: (weights, stride, steps, corner_cutting, tiles)."""
 _FAR = 0.25
 """A bound is measured anew when it lies beyond this share, or one over it, of what was measured last."""
 _NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
@@ -32,15 +34,28 @@ class Grid:
         What a step costs.
     corner_cutting : bool
         Whether a diagonal step may pass beside an impassable cell.
+    weights : (nodes,) float32
+        Of the cells and the border; by default all are impassable at first.
     """
 
-    def __init__(self, rows: int, cols: int, model: StepModel, corner_cutting: bool = True) -> None:
+    def __init__(
+        self,
+        rows: int,
+        cols: int,
+        model: StepModel,
+        corner_cutting: bool = True,
+        weights: NDArray[np.float32] | None = None,
+    ) -> None:
         self.rows, self.cols, self.model, self.corner_cutting = rows, cols, model, corner_cutting
         self.cells, self.stride = rows * cols, cols + 2
         """Number of cells of the map, and nodes from one row to the next."""
-        self.weights: NDArray[np.float32] = np.full((rows + 2) * (cols + 2), np.inf, np.float32)
-        """(nodes,) weights; inf where impassable. At first all are."""
-        self.packed: PackedGrid = (self.weights, self.stride, model.steps, corner_cutting)
+        if weights is None:
+            weights = np.full((rows + 2) * (cols + 2), np.inf, np.float32)
+        self.weights: NDArray[np.float32] = weights
+        """(nodes,) weights; inf where impassable."""
+        self.tiles: Tiles | None = None
+        """By which weights are computed where somebody looks; None where all are there."""
+        self.packed: PackedGrid = (self.weights, self.stride, model.steps, corner_cutting, COMPLETE)
         floor, most, ceiling = map(np.float32, model.costs)
         self._limits = floor, most, np.float32(model.scale), ceiling
         self.set_bounds(math.inf, 0.0)
@@ -58,9 +73,49 @@ class Grid:
         """
         cost = as_map(cost, "cost")
         rows, cols = cost.shape
-        grid = cls(rows, cols, model, corner_cutting)
-        grid.update(cost)
+        grid = cls(rows, cols, model, corner_cutting, _bordered(rows, cols))
+        bands: list[NDArray[np.int32]] = []
+
+        def fill(row0: int, row1: int) -> None:
+            found = np.empty(3, np.int32)
+            fill_costs(cost, grid._limits, row0, row1, grid.weights, grid.stride, found)
+            bands.append(found)
+
+        in_bands(fill, rows, cols)
+        found = np.array(bands)
+        lowest, highest = np.array((found[:, 0].min(), found[:, 1].max()), np.int32).view(np.float32)
+        floor, most, scale, ceiling = grid._limits
+        if (low := bool(found[:, 2].any() or lowest < floor)) or highest > most:
+            passable = cost[cost < ceiling]
+            model.refuse(float(passable.min() if low else passable.max()))
+        if lowest < math.inf:
+            grid.set_bounds(float(lowest * scale), float(highest * scale))
+        grid._measured = grid.least, grid.greatest
         return grid
+
+    @classmethod
+    def of_heights(
+        cls, heights: Float2D, rule: NDArray[np.float64], model: StepModel, corner_cutting: bool, coarsest: int
+    ) -> "Grid":
+        """The grid of a map of heights, in the ``paper`` model; nothing is computed yet.
+
+        `heights` and `rule` as for `Tiles`; the cells of the coarsest level will have sides of `coarsest` cells.
+        """
+        rows, cols = heights.shape
+        grid = cls(rows, cols, model, corner_cutting, _bordered(rows, cols))
+        grid.compute_by(Tiles(heights, rule, grid.weights, corner_cutting, coarsest), 0)
+        return grid
+
+    def compute_by(self, tiles: Tiles, number: int) -> None:
+        """From now on weights are computed by these, as the level of that number; the bounds are T's own."""
+        self.tiles = tiles
+        self.packed = (*self.packed[:4], tiles.packed(number))
+        self.set_bounds(0.0, self.model.scale)
+
+    def complete(self) -> None:
+        """See to it that all weights are there."""
+        if self.tiles is not None:
+            self.tiles.complete()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -117,9 +172,7 @@ class Grid:
             cost, self._limits, self.node(row, col), self.stride, self.weights, bounds, nodes, old
         )
         if refused < math.inf:
-            least, most, _ = self.model.costs
-            wanted = "at least 0" if self.model.kind is StepCost.PAPER else f"from {least:.3g} to {most:g}"
-            raise InvalidMapError(f"every passable cost must be {wanted}, got one of {refused:g}")
+            self.model.refuse(refused)
         before, lengths = (self.least, self.greatest), self.model.kind is StepCost.LENGTH
         if math.isfinite(least):
             self.set_bounds(least, greatest)
@@ -146,6 +199,7 @@ class Grid:
 
     def map(self) -> Float2D:
         """(rows, cols) float32, the weights of the map's own cells; a view."""
+        self.complete()
         return self.weights.reshape(self.rows + 2, self.stride)[1:-1, 1:-1]
 
     def node(self, row: int, col: int) -> int:
@@ -162,4 +216,14 @@ class Grid:
 
     def is_passable(self, cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
+        if self.tiles is not None:
+            self.tiles.open_at(*cell)
         return math.isfinite(self.weights[self.node(*cell)])
+
+
+def _bordered(rows: int, cols: int) -> NDArray[np.float32]:
+    """Room for a map's weights within an impassable border. Pages of it that nobody touches take no time."""
+    padded = np.empty((rows + 2, cols + 2), np.float32)
+    padded[[0, -1]] = np.inf
+    padded[:, [0, -1]] = np.inf
+    return padded.reshape(-1)

@@ -30,16 +30,17 @@ class Level:
     ----------
     grid : Grid
         Its cells.
-    linked : bool
-        Whether links decide which neighbours a cell has; on the finest level passability does.
+    pieces, links : (nodes,) uint16, uint8
+        See the attributes. The finest level has none: there passability decides which neighbours a cell has.
     """
 
-    def __init__(self, grid: Grid, linked: bool) -> None:
-        nodes = len(grid.weights)
+    def __init__(
+        self, grid: Grid, pieces: NDArray[np.uint16] | None = None, links: NDArray[np.uint8] | None = None
+    ) -> None:
         self.grid = grid
-        self.links: NDArray[np.uint8] | None = np.zeros(nodes, np.uint8) if linked else None
+        self.links = links
         """Directions in which each cell is linked to its neighbour, as bits; None on the finest level."""
-        self.pieces: NDArray[np.int32] = np.zeros(nodes if linked else 0, np.int32)
+        self.pieces = np.empty(0, np.uint16) if pieces is None else pieces
         """The piece that each cell stands for, as bits for the cells that it covers, row by row."""
         self.version = 0
         """Number of times that it has changed."""
@@ -51,17 +52,30 @@ class Level:
 
 
 class Pyramid:
-    """Levels of a map, finest first."""
+    """Levels of a map, finest first. Those of a map of heights are computed with it, where somebody looks."""
 
     def __init__(self, grid: Grid) -> None:
-        self.levels = [Level(grid, linked=False)]
-        for rows, cols in coarse_shapes(grid.rows, grid.cols):
-            self.levels.append(Level(Grid(rows, cols, grid.model), linked=True))
-        self.update((0, 0, grid.rows, grid.cols))
+        self.levels, shapes = [Level(grid)], coarse_shapes(grid.rows, grid.cols)
+        if grid.tiles is None:
+            for rows, cols in shapes:
+                nodes = (rows + 2) * (cols + 2)
+                pieces, links = np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)
+                self.levels.append(Level(Grid(rows, cols, grid.model), pieces, links))
+            self.update((0, 0, grid.rows, grid.cols))
+            return
+        parts = grid.tiles.add_levels(shapes)
+        for number, (weights, pieces, links) in enumerate(parts, 1):
+            coarse = Grid(*shapes[number - 1], grid.model, weights=weights)
+            coarse.compute_by(grid.tiles, number)
+            self.levels.append(Level(coarse, pieces, links))
 
     def update(self, changed: Rectangle) -> None:
         """Pool anew the cells above a rectangle of the finest level."""
         finest = self.levels[0].grid
+        if finest.tiles is not None:  # pooled anew already
+            for level in self.levels[1:]:
+                level.version += 1
+            return
         row0, col0, rows, cols = changed
         row1, col1, obstacle = row0 + rows, col0 + cols, self.obstacle_weight
         greatest = max(finest.greatest, obstacle)
@@ -70,8 +84,9 @@ class Pyramid:
             col0, col1 = col0 // FACTOR, -(-col1 // FACTOR)
             area, grid = (row0, row1, col0, col1), coarse.grid
             packed = grid.weights, coarse.pieces, coarse.links, grid.stride, grid.rows, grid.cols
+            pieces = None if fine.links is None else fine.pieces
             least = pool_and_link(
-                fine.grid.weights, fine.links, fine.grid.shape, finest.corner_cutting, obstacle, area, packed
+                fine.grid.weights, fine.links, pieces, fine.grid.shape, finest.corner_cutting, obstacle, area, packed
             )
             # means lie above the least of what they average, which makes a coarse search's heuristic the better
             whole = (row1 - row0, col1 - col0) == grid.shape

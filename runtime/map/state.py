@@ -1,10 +1,31 @@
 """A map that is planned on: its grid, its coarse levels, and the log of its changes."""
 
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
 from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import as_cell
+from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.pyramid import Pyramid
-from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
+from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
+from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, warn_of_saturation
+
+
+class _Elevation(NamedTuple):
+    """What a map of elevations is laid out from."""
+
+    heights: Float2D
+    base: float
+    """Height in metres that `heights` are relative to."""
+    rule: NDArray[np.float64]
+    model: StepModel
+    corner_cutting: bool
+    lazy: bool
 
 
 class MapState:
@@ -28,19 +49,67 @@ class MapState:
     """
 
     def __init__(self, cost: Float2D, model: StepModel, *, corner_cutting: bool = True) -> None:
+        self._elevation: _Elevation | None = None
         self.grid = Grid.of(cost, model, corner_cutting)
         self._forget()
 
+    @classmethod
+    def of_elevation(
+        cls,
+        dem: Float2D,
+        sides_m: tuple[float, float],
+        traversability: Traversability,
+        model: StepModel,
+        *,
+        corner_cutting: bool = True,
+        lazy: bool = True,
+        warn: bool = False,
+    ) -> "MapState":
+        """The state of an elevation map, (H, W) float in metres, NaN where unknown; copied.
+
+        Weights are computed where a search first looks, or, unless `lazy`, all at once. `sides_m` are the height and
+        the width of a cell. Raises InvalidMapError for what is no such map or for the ``length`` model, whose weights
+        may not be 0.
+        """
+        if model.kind is not StepCost.PAPER:
+            raise InvalidMapError(
+                "a map of elevations is planned on in the paper's step costs, wanted step_cost='paper'"
+            )
+        heights, base = relative_heights(dem)
+        if heights is dem or np.shares_memory(heights, np.asarray(dem)):
+            heights = heights.copy()
+        state = cls.__new__(cls)
+        rule = traversability.rule(*sides_m, scale=model.scale)
+        if warn:
+            warn_of_saturation(heights, rule, stacklevel=4)
+        state._lay_out(_Elevation(heights, base, rule, model, corner_cutting, lazy))
+        return state
+
+    def _lay_out(self, elevation: "_Elevation") -> None:
+        """Begin with heights of which nothing has been computed."""
+        heights, _, rule, model, corner_cutting, lazy = elevation
+        self._elevation = elevation
+        coarsest = FACTOR ** len(coarse_shapes(*heights.shape))
+        self.grid = Grid.of_heights(heights, rule, model, corner_cutting, coarsest)
+        self._forget()
+        if not lazy:
+            self.grid.complete()
+
     def __getstate__(self) -> dict[str, object]:
-        """The weights: a copy starts a log of its own."""
-        return {"grid": self.grid}
+        """The weights, or the heights: a copy starts a log of its own."""
+        return {"grid": None if self._elevation else self.grid, "_elevation": self._elevation}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
+        if self._elevation is not None:
+            self._lay_out(self._elevation)
         self._forget()
 
     def begin_anew(self) -> None:
-        """Forget all but the weights. Whoever read the log must be made anew."""
+        """Forget all but the weights, or the heights. Whoever read the log must be made anew."""
+        if self._elevation is not None:
+            self._lay_out(self._elevation)
+            return
         self.grid.measure_bounds()
         self._forget()
 
@@ -59,6 +128,8 @@ class MapState:
         """The coarse levels, as the map is now. Made when first read, and brought up to date when read again."""
         if self._pyramid is None or self._unpooled is None:
             self._pyramid, self._unpooled = Pyramid(self.grid), self.log.reader()
+            if self._elevation is not None and not self._elevation.lazy:
+                self.grid.complete()
         elif self._unpooled.behind:
             changes = self._unpooled.read()
             whole = (0, 0, *self.shape)
@@ -81,7 +152,44 @@ class MapState:
         InvalidMapError
             As for `Grid.update`; the map is as it was.
         """
+        if self._elevation is not None:
+            raise InvalidMapError("wanted elevations, as the map was made from such: update_elevation takes them")
         change = self.grid.update(patch, (row, col), keep_old_weights=self.log.keeps_old_weights)
         if change.cells:
             self.log.append(change)
         return change
+
+    def update_elevation(self, row: int, col: int, patch: Float2D) -> Change:
+        """Put new elevations into a map that was made from such, and what that changed into the log.
+
+        Parameters
+        ----------
+        row, col : int
+            Where the patch's first cell goes.
+        patch : (h, w) float
+            Metres, NaN where unknown; must lie inside the map.
+
+        Raises
+        ------
+        InvalidMapError
+            The patch does not lie inside the map, or this was made from costs. The map is as it was.
+        """
+        tiles = self.grid.tiles
+        if self._elevation is None or tiles is None:
+            raise InvalidMapError("wanted costs, as the map was made from such: update takes them")
+        heights, _ = relative_heights(patch, self._elevation.base)
+        row, col = as_cell((row, col), "origin")
+        (rows, cols), shape = heights.shape, self.shape
+        if row < 0 or col < 0 or row + rows > shape[0] or col + cols > shape[1]:
+            raise InvalidMapError(f"a patch must lie inside the map of {shape}, got {(row, col, rows, cols)}")
+        cells, cheaper, part = tiles.write(row, col, heights)
+        change = Change(part, cells, cheaper)
+        if cells:
+            self.log.append(change)
+        return change
+
+    @property
+    def costs_computed(self) -> float:
+        """Share of the map's cells whose cost is there, in [0, 1]."""
+        tiles = self.grid.tiles
+        return 1.0 if tiles is None else tiles.cells_computed / self.grid.cells

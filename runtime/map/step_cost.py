@@ -11,11 +11,12 @@ Both models have one form, so that the searches need not know which is in use:
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 
 SQRT2 = math.sqrt(2.0)
 PAPER_OMEGA = 0.011
@@ -61,6 +62,12 @@ class StepModel:
         """Whether a passable one of these costs is out of range."""
         least, most, ceiling = self.costs
         return bool(((cost < least) | ((cost > most) & (cost < ceiling))).any())
+
+    def refuse(self, cost: float) -> NoReturn:
+        """InvalidMapError for a cost that no passable cell may have."""
+        least, most, _ = self.costs
+        wanted = "at least 0" if self.kind is StepCost.PAPER else f"from {least:.3g} to {most:g}"
+        raise InvalidMapError(f"every passable cost must be {wanted}, got one of {cost:g}")
 
     @property
     def steps(self) -> tuple[float, float, float, float]:

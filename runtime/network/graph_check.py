@@ -89,12 +89,16 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
     """Number and content of each field; ValueError or IndexError where the message breaks off."""
     at, end = 0, len(message)
     while at < end:
-        key, at = _varint(message, at)
+        key, at = message[at], at + 1
+        if key > 127:
+            key, at = _varint(message, at - 1)
         kind, start = key & 7, at
         if kind == _VARINT:
             _, at = _varint(message, at)
         elif kind == _LENGTH:
-            length, start = _varint(message, at)
+            length, start = message[at], at + 1
+            if length > 127:
+                length, start = _varint(message, at)
             at = start + length
         elif kind in (_EIGHT_BYTES, _FOUR_BYTES):
             at += 8 if kind == _EIGHT_BYTES else 4

@@ -1,66 +1,36 @@
 """Running a network on the CPU: an ONNX file with our metadata, through onnxruntime."""
 
-import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.encoding import (
-    ENDS_CHANNELS,
-    Point,
-    encode_ends,
-    encode_gaussian,
+from nnpp_edge.runtime.network.encoding import Point, encode_ends, encode_gaussian
+from nnpp_edge.runtime.network.loading import (
+    ASK,
+    HEAD,
+    OUTPUT,
+    PLACES,
+    QUERY_SPACING,
+    LoadedModel,
+    blocks_in_place,
+    opened,
+    places_in_rows,
 )
-from nnpp_edge.runtime.network.model_file import (
-    METADATA_KEY,
-    ModelMetadata,
-    model_errors,
-    model_path,
-    open_session,
-    read_metadata,
-)
-from nnpp_edge.runtime.network.place_head import ANSWERS, PlaceHead, count_parameters
-from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
+from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata, model_errors, model_path
+from nnpp_edge.runtime.network.place_head import PlaceHead
 
-if TYPE_CHECKING:
-    from onnxruntime import InferenceSession, SessionOptions
-
-__all__ = ["METADATA_KEY", "OUTPUT", "ModelMetadata", "NetworkModel", "model_path"]
-
-OUTPUT, PLACES, HEAD = "probability", "places", "head"
-"""Names of the outputs; the last two are those of networks in two parts (`place_head`)."""
-ASK = "ask"
-"""Name of their input that says whether the head is to run, too."""
-QUERY_SPACING = 8
-"""Network cells between the points of an encoded query."""
-DEFAULT_THREADS = 2
-_ROUNDING = 1e-4
-"""How far the head's answer may lie from its graph's, which adds in another order."""
-Shapes = dict[str, tuple[int, ...]]
-
-
-@dataclass(frozen=True)
-class _Loaded:
-    """What networks that share a session have in common."""
-
-    path: Path
-    session: "InferenceSession"
-    metadata: ModelMetadata
-    inputs: Shapes
-    outputs: Shapes
-    opened_with: tuple[int, bool]
-    """Threads and spinning."""
-    head_parameters: NDArray[np.float32] | None = None
+__all__ = ["ASK", "HEAD", "METADATA_KEY", "OUTPUT", "PLACES", "ModelMetadata", "NetworkModel", "model_path"]
 
 
 class NetworkModel:
     """A network ready to run, with inputs and outputs of its own. Serves one thread at a time.
+
+    A file is opened once in a process, and again when it has changed: networks of the same file, threads and spinning
+    share a session. In a forked child a session of several threads, which the child lacks, is opened again.
 
     Parameters
     ----------
@@ -80,25 +50,20 @@ class NetworkModel:
     """
 
     def __init__(self, model: str | Path = "edge", *, threads: int | None = None, spinning: bool = False) -> None:
-        path = model_path(model)
-        cores = min(DEFAULT_THREADS, len(os.sched_getaffinity(0)))
-        metadata = read_metadata(path)
-        if threads is None:
-            threads = 1 if metadata.input_size < TWO_THREADS_FROM else cores
-        session = open_session(path, _options(threads, spinning))
-        with model_errors(path, "got one that does not fit its metadata"):
-            shapes = _checked_shapes(path, session, metadata)
-            self._bind(_Loaded(path, session, metadata, *shapes, (threads, spinning)))
-            if metadata.encoding == "ends":
-                self._split()
+        self.path = model_path(model)
+        """Of the file."""
+        loaded, self.waited = opened(self.path, threads, spinning)
+        """Whether the file had to be opened, or was just being opened by another thread."""
+        self._bind(loaded)
 
     def __reduce__(self) -> "tuple[Callable[[Path, int, bool], NetworkModel], tuple[Path, int, bool]]":
         """A copy opens the file again, and has been shown nothing."""
-        return _reopened, (self.path, *self._loaded.opened_with)
+        return _reopened, (self.path, self._loaded.threads, self._loaded.spinning)
 
     def share(self) -> "NetworkModel":
         """Another network on the same session: it has a map, a query and an answer of its own."""
         other = NetworkModel.__new__(type(self))
+        other.path, other.waited = self.path, False
         other._bind(self._loaded)
         return other
 
@@ -149,100 +114,56 @@ class NetworkModel:
         """Whether the network describes the map by itself, before it knows the query."""
         return self._head is not None
 
-    def _bind(self, loaded: _Loaded) -> None:
+    def _bind(self, loaded: LoadedModel) -> None:
         """Allocate inputs and outputs once, of the shapes that the metadata implies, and bind them."""
-        self._loaded, self.path = loaded, loaded.path
-        self.session, self.metadata = loaded.session, loaded.metadata
+        self.metadata = m = loaded.metadata
         self.inputs: dict[str, NDArray[np.float32 | np.bool_]] = {
-            name: np.ones(shape, np.bool_) if name == ASK else np.zeros(shape, np.float32)
-            for name, shape in loaded.inputs.items()
+            name: np.zeros(shape, np.bool_ if name == ASK else np.float32) for name, shape in loaded.inputs.items()
         }
         self._outputs = {name: np.zeros(shape, np.float32) for name, shape in loaded.outputs.items()}
         self._query: NDArray[np.float32] = self.inputs.get("query", next(iter(self.inputs.values())))[0]
+        self._use_session(loaded)
+        self._head: PlaceHead | None = None
+        self._encoded = False
+        if loaded.head_parameters is not None:
+            self._head = PlaceHead(loaded.head_parameters, m.head, m.input_size // QUERY_SPACING)
+            self._answer = np.empty((m.blocks, m.blocks), np.float32)
+
+    def _use_session(self, loaded: LoadedModel) -> None:
+        """Bind inputs and outputs to this session; of a network in two parts it runs the encoder alone."""
+        self._loaded, self.session = loaded, loaded.session
         self._binding = self.session.io_binding()
         for name, array in self.inputs.items():
             self._binding.bind_input(name, "cpu", 0, array.dtype, array.shape, array.ctypes.data)
         for name, output in self._outputs.items():
             self._binding.bind_output(name, "cpu", 0, np.float32, output.shape, output.ctypes.data)
-        self._head: PlaceHead | None = None
-        self._encoded = False
-        if loaded.head_parameters is not None:
-            self._use_head(loaded.head_parameters)
-
-    def _use_head(self, parameters: NDArray[np.float32]) -> None:
-        """From now on the session runs the encoder alone, and only when the map changes."""
-        self.inputs[ASK][:] = False
-        m = self.metadata
-        self._head = PlaceHead(parameters, m.head, m.input_size // QUERY_SPACING)
-        self._answer = np.empty((m.blocks, m.blocks), np.float32)
-
-    def _split(self) -> None:
-        """Read the head's parameters, and see that they answer what the graph does."""
-        rng = np.random.default_rng(0)
-        self.inputs["map"][:] = rng.random(self.inputs["map"].shape)
-        far = float(self.metadata.input_size - 1)
-        self.set_query((0.3 * far, 0.0), (far, 0.6 * far))
-        self._infer()
-        wanted, parameters, known = self._in_place(), self._outputs[HEAD].copy(), self._loaded
-        self._use_head(parameters)
-        if not np.abs(self.run(anew=True) - wanted).max() <= _ROUNDING:
-            raise ModelError(f"{self.path}: the head's parameters are not those of its graph")
-        self._loaded = replace(known, head_parameters=parameters)
 
     def _encode(self, head: PlaceHead, anew: bool = False) -> None:
         if anew or not self._encoded:
             self._infer()
-            head.places[:] = self._outputs[PLACES].reshape(head.places.shape[1], -1).T
+            head.places[:] = places_in_rows(self._outputs[PLACES])
             self._encoded = True
 
     def _infer(self) -> None:
         """Run the session; ModelError where its graph fails."""
+        if self._loaded.lacks_threads():
+            self._open_again()
         with model_errors(self.path, "got one whose graph fails"):
             self.session.run_with_iobinding(self._binding)
 
+    def _open_again(self) -> None:
+        """Take a session of this process; ModelError where the file is another by now."""
+        loaded, _ = opened(self.path, self._loaded.threads, self._loaded.spinning)
+        if loaded.identity != self._loaded.identity:
+            raise ModelError(
+                f"{self.path}: wanted the file that was opened before this process was forked, got another"
+            )
+        self._use_session(loaded)
+
     def _in_place(self) -> Float2D:
         """The session's answer with each block where it lies."""
-        n, blocks = self.metadata.output_shuffle, self.metadata.blocks
-        side = blocks // n
-        return self._outputs[OUTPUT].reshape(n, n, side, side).transpose(2, 0, 3, 1).reshape(blocks, blocks)
+        return blocks_in_place(self._outputs[OUTPUT], self.metadata)
 
 
 def _reopened(path: Path, threads: int, spinning: bool) -> NetworkModel:
     return NetworkModel(path, threads=threads, spinning=spinning)
-
-
-def _options(threads: int, spinning: bool) -> "SessionOptions":
-    import onnxruntime as ort
-
-    options = ort.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.enable_cpu_mem_arena = True
-    options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spinning else "0")
-    return options
-
-
-def _checked_shapes(path: Path, session: "InferenceSession", m: ModelMetadata) -> tuple[Shapes, Shapes]:
-    """Shapes of inputs and outputs by the metadata; ModelError where the graph has others."""
-    size, places = m.input_size, m.input_size // QUERY_SPACING
-    inputs: Shapes = {"input": (1, 3, size, size)}
-    if m.encoding != "gaussian":
-        side = size // m.map_unshuffle
-        inputs = {"map": (1, 2 * m.map_unshuffle**2, side, side), "query": (1, ENDS_CHANNELS, places, places)}
-    side = m.blocks // m.output_shuffle
-    outputs: Shapes = {OUTPUT: (1, m.output_shuffle**2, side, side)}
-    if m.encoding == "ends":
-        inputs[ASK] = (1,)
-        outputs |= {PLACES: (1, 2 * m.head[0], places, places), HEAD: (count_parameters(m.head),)}
-    got = {i.name: tuple(i.shape) for i in session.get_inputs()}
-    if got != inputs:
-        raise ModelError(f"{path}: wanted inputs {inputs} by its metadata, got {got}")
-    if m.encoding == "ends" and (m.output_shuffle**2 != ANSWERS or side != places):
-        raise ModelError(
-            f"{path}: wanted two by two blocks to each of {places} × {places} places, "
-            f"got {m.blocks} to a side, {m.output_shuffle} by {m.output_shuffle}"
-        )
-    got = {o.name: tuple(o.shape) for o in session.get_outputs()}
-    if got != outputs:
-        raise ModelError(f"{path}: wanted outputs {outputs} by its metadata, got {got}")
-    return inputs, outputs

@@ -160,6 +160,18 @@ class MethodChooser:
         return choice_for(self._shape, self._model)
 
 
+def expects_network(method: str, shape: tuple[int, ...], model: str | Path | NetworkModel, apart: int) -> bool:
+    """Whether a plan by `method` to a goal `apart` cells away is expected to ask the network.
+
+    `shape` is the map's; for one that is no map ``auto`` is not expected to.
+    """
+    if apart < NEAR:
+        return False
+    if method == Method.AUTO and len(shape) == 2:
+        method, _ = choice_for((shape[0], shape[1]), model).pick(apart)
+    return method == Method.NNPP
+
+
 def choice_for(shape: tuple[int, int], model: str | Path | NetworkModel) -> MapChoice:
     """What ``auto`` picks on a map of this shape with this model."""
     saved, name = saved_choice(choice_path()), Path(model.path if isinstance(model, NetworkModel) else model).stem

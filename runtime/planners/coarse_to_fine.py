@@ -5,6 +5,7 @@ from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
@@ -20,13 +21,13 @@ class CoarseToFine:
 
     Parameters
     ----------
-    state : MapState
+    state : MapState or StreamedMap
         The map.
     finest : Workspace
         Memory of the searches at full resolution, which are made by whoever is given to `descend`.
     """
 
-    def __init__(self, state: MapState, finest: Workspace) -> None:
+    def __init__(self, state: MapState | StreamedMap, finest: Workspace) -> None:
         self._state, self._finest = state, finest
         self._levels = state.pyramid.levels
         self._coarse = [CoarseLevel(level) for level in self._levels[1:]]

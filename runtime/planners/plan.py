@@ -119,6 +119,8 @@ class Plan:
     """Name of the planner that was used: the method's, or a `DynamicPlanner`'s own for it."""
     reason: str = ""
     """Why ``auto`` picked its method, or how the search was made where there was a choice."""
+    costs_computed: float = 1.0
+    """Share of the map's cells whose cost was there when the plan was, in [0, 1]: below 1 on a map of elevations."""
     timings_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage, and ``total``."""
 

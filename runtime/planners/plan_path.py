@@ -3,12 +3,17 @@
 import math
 from pathlib import Path
 
+import numpy as np
+
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.network.loading import begin_loading
+from nnpp_edge.runtime.planners.choice import expects_network
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.planners.query import Query
 
 
 def plan_path(
@@ -24,6 +29,12 @@ def plan_path(
     epsilon: float = math.inf,
     time_limit_s: float = math.inf,
 ) -> Plan:
-    """Plan once; the arguments are those of `Planner` and `Planner.plan`."""
+    """Plan once; the arguments are those of `Planner` and `Planner.plan`.
+
+    Where the network is expected to be asked, its file is opened while the map is made ready.
+    """
+    query = Query(as_cell(start, "start"), as_cell(goal, "goal"))
+    if expects_network(method, np.shape(cost), model, query.apart):
+        begin_loading(model)
     planner = Planner(cost, step_cost=step_cost, omega=omega, corner_cutting=corner_cutting, model=model)
     return planner.plan(start, goal, method=method, epsilon=epsilon, time_limit_s=time_limit_s)

@@ -9,14 +9,15 @@ from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
-from nnpp_edge.runtime.memory import touch
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
+from nnpp_edge.runtime.memory import check_planner_fits, touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
+from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
 from nnpp_edge.runtime.tuning import NEAR
 
 
@@ -47,7 +48,8 @@ class Planner:
     Raises
     ------
     InvalidMapError
-        The map is not two-dimensional, is empty, or holds a cost out of range.
+        The map is not two-dimensional, is empty, holds a cost out of range, or is too large for the memory that is
+        left.
     ConcurrentUseError
         From every method: another thread is in the middle of one.
 
@@ -74,14 +76,60 @@ class Planner:
         model: str | Path | NetworkModel = "edge",
         ask_from: int = NEAR,
     ) -> None:
+        check_planner_fits(getattr(cost, "shape", ()))
         self._turns = Turns()
         self._state = MapState(cost, StepModel.of(step_cost, omega), corner_cutting=corner_cutting)
         self._model, self._ask_from = model, ask_from
         self._make_planners()
 
+    @classmethod
+    def of_elevation(
+        cls,
+        dem: Float2D,
+        cell_size_m: float,
+        traversability: Traversability | None = None,
+        *,
+        cell_width_m: float | None = None,
+        lazy: bool = True,
+        omega: float = PAPER_OMEGA,
+        corner_cutting: bool = True,
+        model: str | Path | NetworkModel = "edge",
+        ask_from: int = NEAR,
+        warn: bool = True,
+    ) -> "Planner":
+        """A planner of a map that has just arrived: costs and coarse levels are computed where a search looks.
+
+        Plans are those of ``Planner(traversability_cost(dem, …))``, but for ties, and that the network is shown means
+        of a sample of the cells.
+
+        Parameters
+        ----------
+        dem, cell_size_m, traversability, cell_width_m, warn
+            As for `traversability_cost`. The elevations are copied; they are changed by `update_elevation`.
+        lazy : bool
+            Whether to compute costs only where they are looked at. Else all are computed now; plans are the same.
+        omega, corner_cutting, model, ask_from
+            As for `Planner`.
+
+        Raises
+        ------
+        InvalidMapError
+            As for `traversability_cost`.
+        """
+        check_planner_fits(getattr(dem, "shape", ()))
+        planner = cls.__new__(cls)
+        planner._turns = Turns()
+        sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
+        step_model = StepModel.of(StepCost.PAPER, omega)
+        planner._state = MapState.of_elevation(
+            dem, sides, limits, step_model, corner_cutting=corner_cutting, lazy=lazy, warn=warn
+        )
+        planner._model, planner._ask_from = model, ask_from
+        planner._make_planners()
+        return planner
+
     def _make_planners(self) -> None:
         self._planners = MapPlanners(self._state, self._model, network_from=self._ask_from)
-        self._planners.make_coarse_levels()
         self._chooser = MethodChooser(self.shape, self._model)
 
     def __getstate__(self) -> dict[str, object]:
@@ -160,6 +208,31 @@ class Planner:
             Row or column is no whole number. The map is as it was.
         """
         return self._state.update(row, col, patch).cells
+
+    @one_at_a_time
+    def update_elevation(self, row: int, col: int, patch: Float2D) -> int:
+        """Put new elevations into a planner made by `of_elevation`.
+
+        Parameters
+        ----------
+        row, col : int
+            Where the patch's first cell goes.
+        patch : (h, w) float
+            Metres, NaN where unknown; must lie inside the map.
+
+        Returns
+        -------
+        int
+            Number of cells whose cost is another one now, those counted whose cost has not been computed yet.
+
+        Raises
+        ------
+        InvalidMapError
+            The patch does not lie inside the map, or the planner was made from costs. The map is as it was.
+        InvalidQueryError
+            Row or column is no whole number. The map is as it was.
+        """
+        return self._state.update_elevation(row, col, patch).cells
 
     @one_at_a_time
     def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:
@@ -291,6 +364,9 @@ class Planner:
             if found is None:
                 chosen, reason = Method.CORRIDOR, f"{reason}, but the way is long"
         found = found or self._planners.planner(chosen).find(query, work)
-        return found.plan(chosen, work, planner=chosen, reason=reason, keep_regions=keep_regions)
+        computed = self._state.costs_computed
+        return found.plan(
+            chosen, work, planner=chosen, reason=reason, keep_regions=keep_regions, costs_computed=computed
+        )
 
     _answer_in_turn = one_at_a_time(_answer)

@@ -90,7 +90,16 @@ class Found(NamedTuple):
         """The same, found by a network's region."""
         return self._replace(threshold=threshold, network_region=region)
 
-    def plan(self, method: Method, work: Work, *, planner: str, reason: str = "", keep_regions: bool = False) -> Plan:
+    def plan(
+        self,
+        method: Method,
+        work: Work,
+        *,
+        planner: str,
+        reason: str = "",
+        keep_regions: bool = False,
+        costs_computed: float = 1.0,
+    ) -> Plan:
         """The finished plan, which owns its data."""
         plan = Plan(
             self.search.status,
@@ -105,6 +114,7 @@ class Found(NamedTuple):
             threshold=self.threshold,
             planner=planner,
             reason=reason or work.remark,
+            costs_computed=costs_computed,
             timings_ms=work.timings_ms,
         )
         work.stage_ends("path")  # the plan's own making counts

@@ -58,11 +58,11 @@ class LearnedRegions:
         ModelError
             The model cannot be loaded.
         """
-        view = self._loaded_view()
+        view = self._loaded_view(Stopwatch())
         view.lookup_at(level.grid, number)
         view.refresh()
         if view.network.in_parts:
-            view.network.run()
+            view.network.answer((0.0, 0.0), (1.0, 1.0))
 
     def regions(
         self, start: Cell, goal: Cell, level: Level, number: int, workspace: Workspace, stopwatch: Stopwatch
@@ -81,14 +81,15 @@ class LearnedRegions:
         workspace : Workspace
             Of the level's grid.
         stopwatch : Stopwatch
-            The stages ``encode``, ``inference`` and ``threshold`` are timed by it.
+            The stages ``encode``, ``inference`` and ``threshold`` are timed by it, and ``load`` where the model's
+            file had to be opened, or was just being opened by another thread.
 
         Raises
         ------
         ModelError
             The model cannot be loaded.
         """
-        view = self._loaded_view()
+        view = self._loaded_view(stopwatch)
         places = view.show(start, goal)
         if view.network.in_parts:
             stopwatch.stage_ends("encode")
@@ -120,8 +121,8 @@ class LearnedRegions:
         if coarse:
             yield None
 
-    def _loaded_view(self) -> MapView:
+    def _loaded_view(self, stopwatch: Stopwatch) -> MapView:
         if self._view is None:
-            self._view = MapView(self._state, self.model, self._unseen_change)
+            self._view = MapView(self._state, self.model, self._unseen_change, stopwatch)
             self._finder = RegionFinder(self._view.blocks)
         return self._view

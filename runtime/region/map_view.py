@@ -17,6 +17,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, StepCost
 from nnpp_edge.runtime.network.encoding import Frame, Point, map_planes, mean_difference
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import WINDOW_ROUNDING, WINDOW_SHARE
 
 
@@ -35,6 +36,8 @@ class MapView:
         them (by the mean difference of a cell's cost, and of its share of impassable cells, in [0, 1]); and it is
         shown another window only where the standing one does not hold start and goal, or is over four times as wide
         as need be.
+    stopwatch : Stopwatch
+        Times the stage ``load``, where the model's file had to be waited for.
 
     Raises
     ------
@@ -42,8 +45,16 @@ class MapView:
         The model cannot be loaded.
     """
 
-    def __init__(self, state: MapState, model: str | Path | NetworkModel, unseen_change: float = 0.0) -> None:
+    def __init__(
+        self,
+        state: MapState,
+        model: str | Path | NetworkModel,
+        unseen_change: float = 0.0,
+        stopwatch: Stopwatch | None = None,
+    ) -> None:
         self.network = model.share() if isinstance(model, NetworkModel) else NetworkModel(model)
+        if self.network.waited and stopwatch is not None:
+            stopwatch.stage_ends("load")
         metadata = self.network.metadata
         self.size, self.blocks = metadata.input_size, metadata.blocks
         self._grid = state.grid
@@ -143,7 +154,12 @@ class MapView:
 
     def _average(self, parts: Sequence[Rectangle] | None) -> None:
         """Bring the planes up to date with the map: these parts of the window, or all of it."""
-        grid, (row0, col0, *_) = self._grid, self.window
+        grid, (row0, col0, rows, cols) = self._grid, self.window
+        if grid.tiles is not None:
+            if parts is None:
+                self.planes[:] = 1.0
+            grid.tiles.planes(self.window, self.frame.inner, parts or [(0, 0, rows, cols)], self.planes)
+            return
         first = grid.weights[row0 * grid.stride + col0 :]
         map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self.planes, parts)
 

@@ -95,6 +95,7 @@ class DStarLite:
 
     def __init__(self, state: MapState, goal: Cell) -> None:
         self._grid = state.grid
+        self._grid.complete()
         self._changes = state.log.reader()
         self._memory = DStarMemory(len(self._grid.weights))
         self._everywhere = Region.everywhere(*self._grid.shape)

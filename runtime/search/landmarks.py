@@ -75,6 +75,7 @@ class Landmarks:
         grid, missing = self._grid, count - len(self.cells)
         if missing <= 0:
             return
+        grid.complete()
         connected = np.isfinite(grid.weights)
         if self.cells:
             connected &= np.isfinite(self.fields[:, 0])

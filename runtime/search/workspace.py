@@ -5,6 +5,8 @@ search that wrote it, so what an earlier search left reads as unvisited, and sta
 nothing that grows with the map.
 """
 
+import sys
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,8 @@ from nnpp_edge.runtime.kernels.open_list import BUCKETS, CONTROL_SLOTS
 
 LAST_STAMP = (1 << (31 - STAMP_SHIFT)) - 1
 """The greatest number of a search; the next one is 1 again, and the memory is cleared."""
+MOST_KEPT = 1 << 23
+"""Numbers in the memory that a workspace leaves to the next one; more (32 MiB) is not kept."""
 Int32s = NDArray[np.int32]
 PackedWorkspace = tuple[
     NDArray[np.float32],
@@ -28,11 +32,33 @@ PackedWorkspace = tuple[
 """A workspace as `expand` takes it: (g, meta, stamp, heads, entries, control, reals, counts, path)."""
 
 
+_KEPT: dict[int, tuple[Int32s, list[int]]] = {}
+"""The memory of the newest workspace of each size, and the number of the last search in it: of four sizes at most."""
+_IN_USE = 3
+"""References to memory from which on a workspace holds it: the tuple in `_KEPT` and the counting itself make two."""
+
+
+def _memory(size: int) -> tuple[Int32s, list[int]]:
+    """So many numbers for a workspace, and that of the last search in them.
+
+    To a search whatever an earlier one left reads as unvisited, so memory that was used is as good as new. New memory
+    takes longer: it is cleared first, or given by the system page by page.
+    """
+    kept = _KEPT.pop(size, None)  # from now on no other thread finds it
+    if kept is None or sys.getrefcount(kept[0]) >= _IN_USE:
+        kept = np.zeros(size, np.int32), [0]
+    if size <= MOST_KEPT:
+        _KEPT[size] = kept
+        while len(_KEPT) > 4:
+            _KEPT.pop(next(iter(_KEPT), 0), None)
+    return kept
+
+
 class Workspace:
     """g, parents and open list of one grid. Serves one search at a time."""
 
     def __init__(self, nodes: int) -> None:
-        state = np.zeros(2 * nodes, np.int32)
+        state, self._searches = _memory(2 * nodes)
         self.g: NDArray[np.float32] = state.view(np.float32)
         """g of node n at 2n."""
         self.meta: Int32s = state
@@ -42,8 +68,15 @@ class Workspace:
         self.entries = np.empty(2 * min(max(nodes // 2, 1024), 1 << 16), np.int32)
         self.reals, self.counts = np.zeros(4), np.zeros(2, np.int64)
         self.path = np.empty((min(nodes, 4096), 2), np.int32)
-        self.stamp = 0
+
+    @property
+    def stamp(self) -> int:
         """Number of the newest search."""
+        return self._searches[0]
+
+    @stamp.setter
+    def stamp(self, number: int) -> None:
+        self._searches[0] = number
 
     @property
     def packed(self) -> PackedWorkspace:
@@ -55,9 +88,9 @@ class Workspace:
         """Number of a new search; all nodes read as unvisited to it."""
         if self.stamp == LAST_STAMP:
             self.meta[1::2] = 0
-            self.stamp = 0
-        self.stamp += 1
-        return self.stamp
+            self._searches[0] = 0
+        self._searches[0] += 1
+        return self._searches[0]
 
     def grow(self) -> None:
         """Make room for twice as many entries on the open list, keeping those that are there."""

@@ -8,19 +8,18 @@ where that is decided.
 """
 
 import math
-import os
 import warnings
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
+from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.kernels.traversability import fill_cost, fill_terms
-from nnpp_edge.runtime.tuning import ROWS_PER_BAND
+from nnpp_edge.runtime.kernels.traversability import count_saturated, fill_terms, fill_weights
+from nnpp_edge.runtime.tuning import MOST_SAMPLED_ROWS
 
 TERMS = ("slope", "roughness", "elevation difference")
 
@@ -58,12 +57,12 @@ class Traversability:
         if not (min(weights) >= 0.0 and math.isclose(sum(weights), 1.0, abs_tol=1e-6)):
             raise InvalidMapError(f"the three weights must be at least 0 and sum to 1, got {weights}")
 
-    def _packed(self) -> NDArray[np.float64]:
-        """What `fill_cost` takes: limits, weights, hard limits."""
+    def rule(self, dy: float, dx: float, scale: float = 1.0) -> NDArray[np.float64]:
+        """As `fill_weights` takes it: (RULE_SLOTS,) sides of a cell in metres, limits, weights, and the scale."""
         limits = math.radians(self.slope_limit_deg), self.roughness_limit_m, self.step_limit_m
         weights = self.slope_weight, self.roughness_weight, self.step_weight
         hard = math.radians(self.hard_slope_deg), self.hard_roughness_m, self.hard_step_m
-        return np.array((*limits, *weights, *hard))
+        return np.array((dy, dx, *limits, *weights, *hard, scale))
 
 
 class SaturationWarning(UserWarning):
@@ -109,18 +108,17 @@ def traversability_cost(
     NNPP (arXiv 2308.04792v3), Eq. 1, each ratio clipped to 1. At the border and beside unknown cells the
     plane is fitted to the cells that are known; where these lie on one line, to the gradient along it.
     """
-    dem = as_map(dem, "dem")
-    cost = np.empty(dem.shape, np.float32)
-    shares = _fill(dem, cell_size_m, cell_width_m, traversability or Traversability(), cost, None)
+    heights, _ = relative_heights(dem)
+    rule = (traversability or Traversability()).rule(*sides_of(cell_size_m, cell_width_m))
+    cost: Float2D = np.empty(heights.shape, np.float32)
+    flat, (rows, cols) = heights.reshape(-1), heights.shape
+
+    def fill(row0: int, row1: int) -> None:
+        fill_weights(flat, rows, cols, rule, (row0, row1, 0, cols), cost.reshape(-1), 0, cols)
+
+    in_bands(fill, rows, cols)
     if warn:
-        for name, share in zip(TERMS, shares, strict=True):
-            if share > 0.5:
-                warnings.warn(
-                    f"{100 * share:.0f} % of the cells reach the limit of the {name} term, which no longer tells "
-                    "them apart: raise that limit, or rescale the map to smaller cells",
-                    SaturationWarning,
-                    stacklevel=2,
-                )
+        warn_of_saturation(heights, rule)
     return cost
 
 
@@ -153,58 +151,77 @@ def update_cost(
     (row, col, rows, cols)
         The cells of `cost` that were computed; rows or cols is 0 where the rectangle misses the map.
     """
-    dem = as_map(dem, "dem")
-    if cost.shape != dem.shape or cost.dtype != np.float32:
-        raise InvalidMapError(f"cost must be {dem.shape} float32, got {cost.shape} {cost.dtype}")
-    row, col, rows, cols = changed
-    row0, row1 = max(row - 1, 0), min(row + rows + 1, dem.shape[0])
-    col0, col1 = max(col - 1, 0), min(col + cols + 1, dem.shape[1])
-    if rows < 1 or cols < 1 or row0 >= row1 or col0 >= col1:
-        return (0, 0, 0, 0)
-    part = (row0, col0, row1 - row0, col1 - col0)
-    _fill(dem, cell_size_m, cell_width_m, traversability or Traversability(), cost, part)
+    shape = np.shape(dem)
+    if cost.shape != shape or cost.dtype != np.float32:
+        raise InvalidMapError(f"cost must be {shape} float32, got {cost.shape} {cost.dtype}")
+    rule = (traversability or Traversability()).rule(*sides_of(cell_size_m, cell_width_m))
+    part = with_rim(changed, shape)
+    if part[2] == 0:
+        return part
+    (row, col, rows, cols), (row0, col0, high, wide) = part, with_rim(part, shape)
+    heights, _ = relative_heights(dem[row0 : row0 + high, col0 : col0 + wide])
+    new = np.empty((rows, cols), np.float32)
+    area = (row - row0, row - row0 + rows, col - col0, col - col0 + cols)
+    fill_weights(heights.reshape(-1), high, wide, rule, area, new.reshape(-1), -area[0] * cols - area[2], cols)
+    cost[row : row + rows, col : col + cols] = new
     return part
 
 
 def terrain_terms(dem: Float2D, cell_size_m: float, *, cell_width_m: float | None = None) -> Float2D:
     """Slope (rad), roughness (m) and elevation difference (m) of each cell: (3, H, W) float32, NaN if unknown."""
-    dem = as_map(dem, "dem")
-    dy, dx = _spacing(cell_size_m, cell_width_m)
-    out = np.empty((3, *dem.shape), np.float32)
-    fill_terms(dem, dy, dx, out)
+    heights, _ = relative_heights(dem)
+    out = np.empty((3, *heights.shape), np.float32)
+    fill_terms(heights.reshape(-1), *heights.shape, *sides_of(cell_size_m, cell_width_m), out)
     return out
 
 
-def _spacing(cell_size_m: float, cell_width_m: float | None) -> tuple[float, float]:
+def sides_of(cell_size_m: float, cell_width_m: float | None) -> tuple[float, float]:
+    """Height and width of a cell; InvalidMapError where one is not a positive number."""
     dy, dx = float(cell_size_m), float(cell_size_m if cell_width_m is None else cell_width_m)
     if not (0.0 < dy < math.inf and 0.0 < dx < math.inf):
         raise InvalidMapError(f"cell size must be a positive number of metres, got {dy} × {dx}")
     return dy, dx
 
 
-def _fill(
-    dem: Float2D,
-    cell_size_m: float,
-    cell_width_m: float | None,
-    traversability: Traversability,
-    cost: Float2D,
-    part: Rectangle | None,
-) -> NDArray[np.float64]:
-    """Compute `part` of the cost (None: all of it), rows shared out over the cores; the saturated shares."""
-    dy, dx = _spacing(cell_size_m, cell_width_m)
-    limits = traversability._packed()
-    row, col, rows, cols = part or (0, 0, *dem.shape)
-    bands = [(a, min(a + ROWS_PER_BAND, row + rows)) for a in range(row, row + rows, ROWS_PER_BAND)]
+def relative_heights(dem: ArrayLike, base: float | None = None) -> tuple[Float2D, float]:
+    """Heights as a C-contiguous (H, W) float32 map, and the height that they are relative to, which is kept exactly.
 
-    def fill(band: tuple[int, int]) -> NDArray[np.int64]:
-        saturated = np.zeros(4, np.int64)
-        fill_cost(dem, dy, dx, limits, (*band, col, col + cols), cost, saturated)
-        return saturated
+    32-bit floats are taken as they are, relative to 0. Other numbers are taken relative to the first known one, or to
+    `base`, before they are rounded: so a map in float64 far above zero keeps its millimetres.
+    """
+    values = unmasked(dem)
+    if not values.flags.writeable:  # to numba another type, for which all would be compiled once more
+        values = values.copy()
+    if values.dtype in (np.float16, np.float32) and not base:
+        return as_map(values, "dem"), 0.0
+    exact = as_map(values, "dem", np.float64)
+    if base is None:
+        known = exact[np.isfinite(exact)][:1]
+        base = float(known[0]) if known.size else 0.0
+    return as_map(exact - base, "dem"), base
 
-    if len(bands) == 1:
-        counts = fill(bands[0])
-    else:
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-            counts = np.sum(list(pool.map(fill, bands)), axis=0)
-    shares: NDArray[np.float64] = counts[1:] / max(counts[0], 1)
-    return shares
+
+def with_rim(part: Rectangle, shape: tuple[int, ...]) -> Rectangle:
+    """A rectangle and the cells around it, as far as they lie on the map; no rows and columns where it misses it."""
+    row, col, rows, cols = part
+    row0, row1 = max(row - 1, 0), min(row + rows + 1, shape[0])
+    col0, col1 = max(col - 1, 0), min(col + cols + 1, shape[1])
+    if rows < 1 or cols < 1 or row0 >= row1 or col0 >= col1:
+        return (0, 0, 0, 0)
+    return (row0, col0, row1 - row0, col1 - col0)
+
+
+def warn_of_saturation(heights: Float2D, rule: NDArray[np.float64], stacklevel: int = 3) -> None:
+    """`SaturationWarning` where one applies, by a sample of the rows."""
+    rows, cols = heights.shape
+    step = max(rows // MOST_SAMPLED_ROWS, 1)
+    counts = np.zeros(4, np.int64)
+    count_saturated(heights.reshape(-1), rows, cols, rule, step // 2, step, counts)
+    for name, share in zip(TERMS, counts[1:] / max(counts[0], 1), strict=True):
+        if share > 0.5:
+            warnings.warn(
+                f"{100 * share:.0f} % of the cells reach the limit of the {name} term, which no longer tells "
+                "them apart: raise that limit, or rescale the map to smaller cells",
+                SaturationWarning,
+                stacklevel=stacklevel,
+            )

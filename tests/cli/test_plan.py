@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import shutil
 import subprocess
 import sys
 
@@ -11,6 +12,8 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import plan_path, traversability_cost
+from nnpp_edge.runtime.network import loading
+from nnpp_edge.terrain import dem as dem_module
 from nnpp_edge.terrain.dem import Dem, Georeference, write_raster
 
 PLACE = Georeference("EPSG:32615", (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_000.0))
@@ -314,6 +317,33 @@ def test_of_several_goals_the_nearest_is_gone_to(nnpp_edge, hills, split):
     assert ended.code == 0
     assert "goals       (20, 20) " in ended.out
     assert "(70, 80) NO_PATH" in ended.out
+
+
+@pytest.mark.parametrize("method", ["astar", "corridor", "auto", "nnpp"])
+def test_the_network_is_loaded_while_the_map_is_read_where_it_will_be_asked(nnpp_edge, hills, monkeypatch, method):
+    done = []
+
+    def noted(name, function):
+        return lambda *words, **more: done.append(name) or function(*words, **more)
+
+    monkeypatch.setattr(loading, "begin_loading", noted("loading begins", loading.begin_loading))
+    monkeypatch.setattr(dem_module, "read_dem", noted("the map is read", dem_module.read_dem))
+    assert nnpp_edge("plan", hills, *ENDS, "--method", method).code == 0
+    assert done == (["loading begins"] if method == "nnpp" else []) + ["the map is read"]
+
+
+def test_the_time_shown_tells_waiting_for_the_network_apart(nnpp_edge, hills, tiny_model, tmp_path, monkeypatch):
+    monkeypatch.setattr(loading, "begin_loading", lambda model: None)
+    words = "plan", hills, *ENDS, "--method", "nnpp", "--model", shutil.copy(tiny_model, tmp_path / "slow.onnx")
+    times = [json.loads(nnpp_edge(*words, "--json").out)["timings_ms"] for _ in range(2)]
+    assert 0.0 < times[0]["load"] < times[0]["total"]
+    assert "load" not in times[1]
+
+
+def test_a_model_that_does_not_load_is_one_line(nnpp_edge, hills, tiny_model, tmp_path):
+    (tmp_path / "cut.onnx").write_bytes(tiny_model.read_bytes()[:-40])
+    ended = nnpp_edge("plan", hills, *ENDS, "--method", "nnpp", "--model", tmp_path / "cut.onnx")
+    ended.refused("cut.onnx", "wanted an ONNX model")
 
 
 def test_landmarks_change_the_work_and_not_the_answer(nnpp_edge, hills):

@@ -26,7 +26,15 @@ BATCH, BATCH_S = 200, 20.0
 """Cases that one forked process does one after another, and seconds after which it begins no other."""
 MOST_KEPT = 3
 """Findings of one cause that are kept in full."""
-SHARES = {"files": 3.0, "options": 3.0, "models": 1.5, "weights": 1.5, "messages": 1.5, "sequences": 2.0}
+SHARES = {
+    "files": 3.0,
+    "options": 3.0,
+    "models": 1.5,
+    "weights": 1.5,
+    "messages": 1.5,
+    "sequences": 2.0,
+    "elevations": 1.5,
+}
 """Of the time, for each target."""
 COMMAND_TARGETS = ("files", "options", "models")
 """Each case of these is a process; those of the others are functions, done in batches."""
@@ -71,7 +79,7 @@ class Tally:
 
 def check_case(target: str, seed: int, samples: Path, folder: Path, *, heavy: bool = True) -> Problem | None:
     """Make the case of a seed, and look for what is wrong with it. The seed decides all of it."""
-    from tests.fuzz import commands, files, messages, models, options, sequences, weights
+    from tests.fuzz import commands, elevations, files, messages, models, options, sequences, weights
 
     rng = random.Random(f"{target} {seed}")
     if target == "options":
@@ -85,6 +93,8 @@ def check_case(target: str, seed: int, samples: Path, folder: Path, *, heavy: bo
         warnings.simplefilter("ignore")
         if target == "weights":
             return weights.check(weights.generate(rng), samples)
+        if target == "elevations":
+            return elevations.check(elevations.generate(rng), samples)
         if target == "messages":
             return messages.check(messages.generate(rng), samples, folder)
         return sequences.check(sequences.generate(rng), samples)
@@ -92,7 +102,7 @@ def check_case(target: str, seed: int, samples: Path, folder: Path, *, heavy: bo
 
 def describe(target: str, seed: int, samples: Path, *, heavy: bool = True) -> str:
     """The case of a seed in words."""
-    from tests.fuzz import files, messages, models, options, sequences, weights
+    from tests.fuzz import elevations, files, messages, models, options, sequences, weights
 
     rng = random.Random(f"{target} {seed}")
     makers: dict[str, Callable[[], object]] = {
@@ -102,6 +112,7 @@ def describe(target: str, seed: int, samples: Path, *, heavy: bool = True) -> st
         "weights": lambda: weights.generate(rng),
         "messages": lambda: messages.generate(rng),
         "sequences": lambda: sequences.generate(rng),
+        "elevations": lambda: elevations.generate(rng),
     }
     return repr(makers[target]())
 
@@ -134,12 +145,12 @@ def _load(heavy: bool) -> None:
 
     import nnpp_edge.viz.picture
     import nnpp_edge.viz.sheet
-    from tests.fuzz import messages, options, sequences, weights
+    from tests.fuzz import elevations, messages, options, sequences, weights
 
     matplotlib.use("Agg")
     cv2.setNumThreads(1)
     onnxruntime.set_default_logger_severity(2)
-    used = (onnx, PIL.Image, rasterio, nnpp_edge.viz, messages, sequences, weights)
+    used = (onnx, PIL.Image, rasterio, nnpp_edge.viz, elevations, messages, sequences, weights)
     assert all(used)
     for name in options.names():
         options.command_of(name)

@@ -1,12 +1,13 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from nnpp_edge.profiling.evaluate import evaluate
-from nnpp_edge.profiling.rivals import exact_and
+from nnpp_edge.profiling.rivals import FreshMap, exact_and, narrow_corridor
 from nnpp_edge.profiling.suites import TerrainFiles, dataset_cases, terrain_cases
-from nnpp_edge.runtime import NetworkModel
+from nnpp_edge.runtime import NetworkModel, Planner, Status
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.dataset import Recipe, make_dataset
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -31,6 +32,14 @@ KEYS = {
     "widened_share",
     "whole_map_share",
     "mm_mean",
+}
+FRESH_KEYS = {
+    "fresh_ms_median",
+    "fresh_ms_p99",
+    "fresh_speedup_median",
+    "fresh_gap_mean",
+    "fresh_gap_p99",
+    "costs_computed_mean",
 }
 
 
@@ -88,6 +97,61 @@ def test_the_table_names_every_planner(nnpp_edge, terrain, tiny_model):
         assert word in ended.out
 
 
+def test_a_fresh_map_is_timed_from_its_elevations_on(nnpp_edge, terrain, tiny_model):
+    words = ("--sizes", 96, "--queries", 5, "--model", tiny_model, "--repeats", 1, "--fresh-map")
+    ended = nnpp_edge("evaluate", terrain, *words, "--json")
+    assert ended.code == 0, ended.err
+    rows = {row["method"]: row for row in json.loads(ended.out)}
+    names = ("astar", "corridor", "nnpp", "corridor-narrow")
+    assert list(rows) == [each for name in names for each in (name, f"{name}-eager")]
+    for row in rows.values():
+        assert set(row) >= KEYS | FRESH_KEYS and row["n"] == 5
+        assert all(np.isfinite(row[key]) for key in FRESH_KEYS)
+        assert 0.0 < row["fresh_ms_median"] <= row["fresh_ms_p99"]
+        assert 0.0 < row["costs_computed_mean"] <= 1.0
+        assert -1e-5 <= row["fresh_gap_mean"] <= row["fresh_gap_p99"] + 1e-9
+    for name in names:
+        lazy, eager = rows[name], rows[f"{name}-eager"]
+        assert eager["costs_computed_mean"] == 1.0
+        assert lazy["fresh_gap_mean"] == pytest.approx(eager["fresh_gap_mean"], abs=1e-6)
+        assert all(lazy[key] == eager[key] for key in KEYS - {"method"})
+        if name != "nnpp":  # whose lazy planner shows the network a sample of the map
+            assert lazy["gap_mean"] == pytest.approx(lazy["fresh_gap_mean"], abs=1e-6)
+    assert rows["astar-eager"]["fresh_speedup_median"] == 1.0
+    ended = nnpp_edge("evaluate", terrain, *words, "--markdown")
+    assert ended.code == 0 and "| corridor-narrow-eager |" in ended.out
+
+
+def test_lazy_planners_compute_part_of_a_fresh_map(terrain):
+    """Between near cells of a larger map; the narrow corridor looks no farther than the usual one."""
+    case = next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 160))
+    rivals = {each.name: each for each in (*exact_and(["corridor"], {}), narrow_corridor())}
+    shares = {}
+    for name, rival in rivals.items():
+        for lazy in (True, False):
+            call = FreshMap(rival, case.ground, lazy=lazy)
+            plan = call(((4, 4), (12, 20)))
+            shares[name, lazy] = plan.costs_computed
+            assert plan.ok
+    assert all(shares[name, False] == 1.0 for name in rivals)
+    assert 0.0 < shares["astar", True] < 1.0
+    assert 0.0 < shares["corridor-narrow", True] <= shares["corridor", True]
+
+
+def test_the_narrow_corridor_is_the_learned_regions_without_a_network(terrain):
+    """It searches no more than the usual corridor, and where that is too narrow it widens and looks everywhere."""
+    case = next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 160))
+    narrow, usual = narrow_corridor().planner(case.cost), Planner(case.cost)
+    for start, goal in case.queries:
+        plan = narrow.plan(start, goal, method="corridor", keep_regions=True)
+        other = usual.plan(start, goal, method="corridor", keep_regions=True)
+        assert plan.ok and plan.region.area() <= other.region.area()
+        assert plan.cost >= plan.lower_bound * (1.0 - 1e-6)
+    walled = case.cost.copy()
+    walled[:, 80] = np.inf
+    assert narrow_corridor().planner(walled).plan((4, 4), (4, 150), method="corridor").status == Status.NO_PATH
+
+
 def test_the_same_seed_asks_the_same(terrain):
     dems = TerrainFiles((terrain,)).read()
     first, second = (next(terrain_cases(dems, "soft", 64, seed=3)) for _ in range(2))
@@ -117,6 +181,15 @@ def test_a_data_set_can_be_judged_by(tmp_path, tiny_model, nnpp_edge):
     assert {row["size"] for row in json.loads(ended.out)} == {64}
     ended = nnpp_edge("evaluate", "--dataset", tmp_path / "set", "--workload", "limit3", "--model", tiny_model)
     ended.refused("limit3")
+
+
+def test_a_fresh_map_needs_elevations(nnpp_edge, tmp_path, terrain):
+    (tmp_path / "set").mkdir()
+    nnpp_edge("evaluate", "--dataset", tmp_path / "set", "--fresh-map").refused("--fresh-map", "elevations")
+    case = replace(next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 64)), ground=None)
+    with pytest.raises(InvalidQueryError, match="elevations"):
+        evaluate([case], exact_and(["corridor"], {}), 1, fresh_map=True)
+    nnpp_edge("evaluate", terrain, "--json", "--markdown").refused("--json", "--markdown")
 
 
 def test_wrong_use_is_one_line(nnpp_edge, terrain, tiny_model, bad_dem):

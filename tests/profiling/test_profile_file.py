@@ -82,6 +82,17 @@ def test_a_profile_says_what_stands_in_it(write):
             '"int8_speedup", limit = 1.0, direction = "at most", unit = "x"',
             ["budgets[1].quantity", "model.fp32"],
         ),
+        (
+            '"gap_mean", limit = 1, direction = "at most", unit = "%"',
+            '"reaction_ms", limit = 3.0, direction = "at most", unit = "ms"',
+            ["budgets[1].planner", "loop", "'nnpp'"],
+        ),
+        (
+            'unit = "1/s" },',
+            'unit = "1/s", planner = "loop" },',
+            ["budgets[0].planner", "'loop'"],
+        ),
+        ('"fps"', '"reaction_s"', ["budgets[0].quantity", "'reaction_s'", "reaction_ms_p99"]),
         ("budgets = [", 'budgets = ["all",', ["budgets[0]", "'all'"]),
         ("budgets = [", "budgets = [[", ["mine.toml"]),
     ],
@@ -94,6 +105,18 @@ def test_a_bad_profile_is_refused_with_the_key(write, old, new, words):
     assert "\n" not in told and "mine.toml" in told
     for word in words:
         assert word in told
+
+
+def test_the_loop_is_run_where_a_budget_asks_for_its_reactions(write):
+    assert read_profile(write(GOOD)).reactions_at == frozenset()
+    assert read_profile(write(GOOD)).arriving == {"corridor"}
+    budgets = """budgets = [
+  { name = "react", quantity = "reaction_ms", limit = 3, direction = "at most", unit = "ms", size = 64 },
+  { name = "map", quantity = "map_ms_p99", limit = 3, direction = "at most", unit = "ms", planner = "nnpp" },
+"""
+    profile = read_profile(write(GOOD.replace("budgets = [\n", budgets)))
+    assert profile.budgets[0].planner == "loop"
+    assert profile.reactions_at == {("soft", 64)} and profile.arriving == {"corridor", "nnpp"}
 
 
 def test_an_unknown_name_lists_the_shipped_ones():

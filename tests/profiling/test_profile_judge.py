@@ -57,6 +57,51 @@ def test_a_budgets_verdict(wanted, figures, disturbed, state):
     assert state != "pass" or not line["why"]
 
 
+ARRIVED = {"map_ms": {"median": 4.0, "p99": 9.0}, "patch_ms": {"median": 0.1, "p99": 0.2}}
+HALVES = {"time": [1.0, 9.0], "map": [3.9, 4.0], "patch": [0.1, 0.1]}
+
+
+@pytest.mark.parametrize(
+    ("quantity", "limit", "figures", "state"),
+    [
+        ("map_ms", 4.0, {}, "pass"),
+        ("map_ms", 3.9, {}, "fail"),
+        ("map_ms_p99", 9.0, {}, "pass"),
+        ("map_ms_p99", 8.9, {}, "fail"),
+        ("patch_ms", 0.1, {}, "pass"),
+        ("patch_ms_p99", 0.19, {}, "fail"),
+        ("map_ms", 5.0, {"halves": {"time": [1.0, 1.0], "map": [3.0, 4.0]}}, "noisy"),
+        ("map_ms", 5.0, {"map_ms": None}, "not measured"),
+    ],
+)
+def test_maps_and_patches_that_have_just_arrived_have_budgets(quantity, limit, figures, state):
+    wanted = budget(quantity, limit, "at most", "ms")
+    (line,) = judged(profile(wanted), [row(**{**ARRIVED, "halves": HALVES, **figures})], {}, QUIET)
+    assert line["verdict"] == state
+
+
+@pytest.mark.parametrize(
+    ("quantity", "limit", "at", "state"),
+    [
+        ("reaction_ms", 2.0, 64, "pass"),
+        ("reaction_ms", 1.9, 64, "fail"),
+        ("reaction_ms_p99", 6.0, 64, "pass"),
+        ("reaction_ms_p99", 5.9, 64, "fail"),
+        ("reaction_ms", 2.0, 128, "not measured"),
+    ],
+)
+def test_the_loops_reactions_have_budgets(quantity, limit, at, state):
+    loop = {
+        "workload": "soft",
+        "size": at,
+        "reaction_ms": {"median": 2.0, "p99": 6.0},
+        "halves": {"reaction": [2, 2]},
+    }
+    wanted = budget(quantity, limit, "at most", "ms", planner="loop")
+    (line,) = judged(profile(wanted), [row()], {}, QUIET, [loop])
+    assert (line["verdict"], line["planner"]) == (state, "loop")
+
+
 def test_a_ratio_is_stable_where_the_ratios_are():
     halves = {"time": [1.0, 2.0], "ratio": [3.0, 3.1]}
     wanted = budget("speedup_total", 2.0, "at least", "x")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from nnpp_edge.profiling import rivals
-from nnpp_edge.profiling.figures import rows
-from nnpp_edge.profiling.measure import queries_in, rivals_of, run
-from nnpp_edge.profiling.profile_file import Device, Load, Networks
+from nnpp_edge.profiling.figures import loop_rows, rows
+from nnpp_edge.profiling.measure import Arriving, queries_in, rivals_of, run
+from nnpp_edge.profiling.profile_file import Device, Load, Networks, OnboardLoop
 from nnpp_edge.profiling.report_format import find
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
@@ -46,7 +46,9 @@ def measured(tiny_model):
     patch.setattr(rivals, "Planner", Timed)
     Timed.calls.clear()
     planners = rivals_of(Networks(str(tiny_model), str(tiny_model)), Device((0,)))
-    found = run(planners, LOAD, cores, progress=done.append)
+    loop = OnboardLoop(rate_hz=200.0, model=str(tiny_model))
+    arriving = Arriving(frozenset({"nnpp", "astar"}), frozenset({("limit20", 256)}), loop, patches=10)
+    found = run(planners, LOAD, cores, arriving=arriving, progress=done.append)
     patch.undo()
     return found, rows(found), dict(Timed.calls), done, {planner.name: planner for planner in planners}
 
@@ -119,6 +121,27 @@ def test_both_halves_ask_the_same_and_costs_are_those_of_the_public_planner(meas
     assert find(told, "soft", 96, "astar")["gap_max"] == 0.0
     assert find(told, "soft", 96, "nnpp")["int8_speedup"] > 0.0
     assert find(told, "soft", 96, "auto")["inference_fps"] is None
+
+
+def test_maps_and_patches_that_have_just_arrived_are_measured_of_whom_it_was_asked(measured):
+    for row in measured[1]:
+        asked = row["planner"] in ("nnpp", "astar")
+        for key, basis in (("map_ms", "map"), ("patch_ms", "patch")):
+            assert (row[key] is not None) == (basis in row["halves"]) == asked
+            if asked:
+                assert 0.0 < row[key]["median"] <= row[key]["p99"] <= row[key]["max"]
+                assert len(row["halves"][basis]) == 2
+    counts = {len(half) for of in measured[0].workloads for half in of.answers["nnpp"].map_ms}
+    assert counts == {12}, "one for each judged query"
+
+
+def test_the_loop_answers_every_patch_with_a_checked_path(measured):
+    (row,) = loop_rows(measured[0])
+    assert (row["workload"], row["size"], row["method"], row["rate_hz"]) == ("limit20", 256, "auto", 200.0)
+    assert (row["n"], row["patch_side"]) == (20, 64)
+    assert row["planned"] + row["kept"] + row["without_path"] == 20 and row["planned"] > 0
+    assert 0.0 < row["reaction_ms"]["median"] <= row["reaction_ms"]["p99"]
+    assert len(row["halves"]["reaction"]) == 2
 
 
 def test_near_questions_are_nearer_than_judged_ones(measured):

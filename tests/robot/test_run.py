@@ -24,6 +24,8 @@ from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.loop.inprocess import InProcessSource
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.loop.runner import Loop
+from nnpp_edge.runtime.network import loading
+from nnpp_edge.terrain import dem as dem_module
 from tests.robot.conftest import wait_until
 
 DOCS = Path(__file__).parents[2] / "docs" / "run.md"
@@ -373,3 +375,19 @@ def test_every_method_of_the_planner_may_be_named():
     from nnpp_edge.runtime.planners.plan import DynamicMethod
 
     assert set(LOOP_METHODS) == {str(method) for method in DynamicMethod}
+
+
+@pytest.mark.parametrize("method", ["auto", "corridor-dstar", "nnpp", "nnpp-dstar"])
+def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_asked(
+    nnpp_edge, dem, recording, monkeypatch, method
+):
+    done = []
+
+    def noted(name, function):
+        return lambda *words, **more: done.append(name) or function(*words, **more)
+
+    monkeypatch.setattr(loading, "begin_loading", noted("loading begins", loading.begin_loading))
+    monkeypatch.setattr(dem_module, "read_dem", noted("the map is read", dem_module.read_dem))
+    words = ("--method", method, "--input", f"replay:{recording}", "--fast", "--output", "none")
+    assert nnpp_edge("run", "--map", dem, *words).code == 0
+    assert done == (["loading begins"] if "nnpp" in method else []) + ["the map is read"]

@@ -169,3 +169,19 @@ def test_plain_python_gives_the_same_answer(monkeypatch):
     with np.errstate(over="ignore"):
         plain = astar(grid, (0, 0), (8, 8), workspace)
     np.testing.assert_array_equal(plain.path, compiled.path)
+
+
+def test_memory_is_left_to_the_next_workspace_but_never_shared():
+    cost = np.random.default_rng(3).random((60, 70)).astype(np.float32)
+    grid, first = set_up(cost)
+    wanted = astar(grid, (0, 0), (59, 69), first).path
+    second = Workspace(len(grid.weights))
+    assert not np.shares_memory(first.meta, second.meta)
+    astar(grid, (59, 0), (0, 69), second)
+    left, number = second.meta.__array_interface__["data"][0], second.stamp
+    del second
+    third = Workspace(len(grid.weights))
+    assert third.meta.__array_interface__["data"][0] == left
+    assert third.stamp == number > 0
+    np.testing.assert_array_equal(astar(grid, (0, 0), (59, 69), third).path, wanted)
+    assert not np.shares_memory(third.meta, Workspace(len(grid.weights)).meta)

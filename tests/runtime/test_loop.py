@@ -30,7 +30,7 @@ from nnpp_edge.runtime.loop.realtime import rss_bytes
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.ticker import Ticker
 from nnpp_edge.runtime.loop.world import World
-from nnpp_edge.runtime.network import inference
+from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from tests.conftest import write_tiny_model
@@ -442,18 +442,18 @@ class SlowSession:
 
 def slow_network(path, monkeypatch):
     """A network that is loaded and asked as any other, and its session."""
-    sessions, open_session = [], inference.open_session
+    sessions, open_session = [], loading.open_session
 
     def opened(*words):
         sessions.append(SlowSession(open_session(*words)))
         return sessions[-1]
 
-    monkeypatch.setattr(inference, "open_session", opened)
+    monkeypatch.setattr(loading, "open_session", opened)
     return NetworkModel(path), sessions[-1]
 
 
-def test_after_a_slow_inference_the_corridor_answers_until_the_network_is_tried_again(tiny_model, monkeypatch):
-    model, session = slow_network(tiny_model, monkeypatch)
+def test_after_a_slow_inference_the_corridor_answers_until_the_network_is_tried_again(make_tiny_model, monkeypatch):
+    model, session = slow_network(make_tiny_model(), monkeypatch)
     nav = navigator(free((100, 100)), goal=(90, 90), method="nnpp", model=model)
     assert nav.tick().origin is Origin.FULL
     session.seconds, answers = 0.6, []
@@ -469,8 +469,8 @@ def test_after_a_slow_inference_the_corridor_answers_until_the_network_is_tried_
     assert nav.counters().degraded == {"late": skipped}
 
 
-def test_a_network_that_is_always_slow_costs_few_deadlines(tiny_model, monkeypatch):
-    model, session = slow_network(tiny_model, monkeypatch)
+def test_a_network_that_is_always_slow_costs_few_deadlines(make_tiny_model, monkeypatch):
+    model, session = slow_network(make_tiny_model(), monkeypatch)
     source, sink, goals = InProcessSource(), InProcessSink(1000), iter(range(1000))
     monkeypatch.setattr(source, "poll", lambda: [Pose(5, 5), Goal(90, 50 + next(goals) % 40)])
     nav = navigator(free((100, 100)), method="nnpp", model=model)

@@ -66,7 +66,7 @@ def test_pieces_and_links_are_the_same_by_passability_and_by_links(seed, blocked
     pieces, links, weights = (np.zeros_like(each) for each in (coarse.pieces, coarse.links, coarse.grid.weights))
     rows, cols = coarse.grid.shape
     packed = weights, pieces, links, coarse.grid.stride, rows, cols
-    pool_and_link(fine.grid.weights, steps, fine.grid.shape, corner_cutting, 1.0, (0, rows, 0, cols), packed)
+    pool_and_link(fine.grid.weights, steps, None, fine.grid.shape, corner_cutting, 1.0, (0, rows, 0, cols), packed)
     np.testing.assert_array_equal(coarse.pieces, pieces)
     np.testing.assert_array_equal(coarse.links, links)
 

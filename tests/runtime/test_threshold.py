@@ -67,7 +67,7 @@ def test_the_walkable_threshold_is_the_highest_at_which_a_search_of_the_region_s
         region = finder.region(blocks)
         return astar(grid, start, goal, Workspace(len(grid.weights)), region=region).status is Status.OK
 
-    level = Level(grid, linked=False)
+    level = Level(grid)
     td = finder.first(probability, level, workspace, blocks, ends, 0.0625)
     if td < 0:
         assert not succeeds(0)
@@ -104,7 +104,7 @@ def test_cells_that_the_network_is_not_shown_belong_to_no_region(side, above, le
     def first(cost: np.ndarray, lookup: Lookup, start: Cell, goal: Cell) -> int:
         grid = Grid.of(cost, StepModel.of("paper"))
         workspace, ends = Workspace(len(grid.weights)), Ends(start, goal, (0, 0), (side - 1, side - 1))
-        return finder.first(probability, Level(grid, linked=False), workspace, lookup, ends, 0.1, touching=True)
+        return finder.first(probability, Level(grid), workspace, lookup, ends, 0.1, touching=True)
 
     corner = inside - 1
     alone = np.arange(inside, dtype=np.int32) // 3

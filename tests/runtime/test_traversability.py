@@ -45,6 +45,48 @@ def test_the_cost_equals_the_oracles(dem, limits, cell):
     np.testing.assert_allclose(found[known], wanted[known], atol=1e-5)
 
 
+@st.composite
+def large_dems(draw):
+    """With whole patches enough for rows computed at once, and holes between them."""
+    shape = draw(st.tuples(st.sampled_from([1, 2, 3, 17, 40]), st.sampled_from([1, 2, 3, 19, 70])))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    dem = np.cumsum(
+        rng.normal(0.0, draw(st.sampled_from([0.02, 0.3, 3.0])), shape), axis=draw(st.sampled_from([0, 1]))
+    )
+    dem += draw(st.sampled_from([0.0, 8000.0, -1e6]))
+    dem[rng.random(shape) < draw(st.sampled_from([0.0, 0.01, 0.3]))] = draw(st.sampled_from([np.nan, np.inf]))
+    return dem
+
+
+@settings(deadline=None, max_examples=40)
+@given(large_dems(), st.sampled_from(LIMITS), st.sampled_from([(1.0, 1.0), (2.0, 1.7)]), st.sampled_from("fdFTs"))
+def test_rows_computed_at_once_equal_the_oracle_whatever_the_layout(dem, limits, cell, layout):
+    if layout in "fF":
+        dem = dem.astype(np.float32)
+    given = {"F": np.asfortranarray(dem), "T": np.ascontiguousarray(dem.T).T, "s": np.repeat(dem, 2, 1)[:, ::2]}
+    found = traversability_cost(given.get(layout, dem), cell[0], limits, cell_width_m=cell[1], warn=False)
+    wanted = oracles.traversability(dem, *cell, limits)
+    near_a_limit = np.isfinite(found) != np.isfinite(wanted)
+    assert near_a_limit.mean() <= 1e-3
+    known = np.isfinite(found) & np.isfinite(wanted)
+    np.testing.assert_allclose(found[known], wanted[known], atol=2e-5)
+
+
+def test_heights_in_float64_keep_their_millimetres_however_high_they_lie():
+    rng = np.random.default_rng(1)
+    dem = rng.normal(0.0, 0.05, (40, 50))
+    low = traversability_cost(dem, 1.0, warn=False)
+    np.testing.assert_allclose(traversability_cost(dem + 2.0**23, 1.0, warn=False), low, atol=1e-5)
+
+
+def test_a_large_map_is_computed_in_bands_of_rows_that_meet(monkeypatch):
+    dem = np.cumsum(np.random.default_rng(2).normal(0.0, 0.2, (70, 90)), axis=1).astype(np.float32)
+    whole = traversability_cost(dem, 1.0, warn=False)
+    monkeypatch.setattr("nnpp_edge.runtime.bands.THREADS_FROM", 1)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: range(3))
+    np.testing.assert_array_equal(traversability_cost(dem, 1.0, warn=False), whole)
+
+
 @settings(deadline=None, max_examples=100)
 @given(dems(), st.data())
 def test_updating_a_rectangle_equals_computing_all(dem, data):

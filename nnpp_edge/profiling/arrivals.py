@@ -1,0 +1,152 @@
+"""What happens to maps and patches of elevations that have just arrived: to the first path, and to a checked one."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nnpp_edge.profiling.ground import Ground, Patch
+from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.profile_file import OnboardLoop
+from nnpp_edge.profiling.rivals import RivalPlanner
+from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.loop.ladder import NavigatorSettings
+from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Origin, Output, PathMessage, Pose
+from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.loop.runner import Loop
+from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.planner import Planner
+
+REACTIONS = 120
+"""Patches that the loop is given in each half of a run: seven seconds at 17 Hz."""
+_WARM_UP = 4
+"""Patches before these, whose times do not count."""
+_QUERIES = 4
+"""Most queries of a map that share the patches: on one, hills might lie in an odd place."""
+_PLACES = (0.35, 0.5, 0.65)
+"""Where on the path hills appear, as shares of its cells."""
+
+
+def arrival_ms(rival: RivalPlanner, ground: Ground, query: Endpoints, harness: Harness) -> tuple[float, float]:
+    """Milliseconds from elevations to the path, and of a patch on that path into all that the next plan reads.
+
+    The rival's network must be none that another planner uses: it is shown the map anew.
+    """
+
+    def arrive() -> tuple[Planner, Plan]:
+        planner = ground.planner(rival.model or "edge")
+        return planner, planner.plan(*query, method=rival.method)
+
+    map_s, (planner, plan) = harness.timed(arrive)
+    row, col, heights = ground.with_hill(_on(plan.path, 0.5) if plan.ok else query[0])
+
+    def take_patch() -> None:
+        planner.update_elevation(row, col, heights)
+        if rival.method is not Method.ASTAR:  # which reads no coarse levels
+            _ = planner.state.pyramid
+
+    patch_s, _ = harness.timed(take_patch)
+    return 1e3 * map_s, 1e3 * patch_s
+
+
+@dataclass
+class Reactions:
+    """What the onboard loop made of patches, one at each tick."""
+
+    ms: list[float] = field(default_factory=list)
+    """From each patch's arrival to the path being published."""
+    planned: int = 0
+    """Answers with a new path."""
+    kept: int = 0
+    """Answers with the standing path."""
+    without_path: int = 0
+
+
+def reactions(
+    ground: Ground,
+    queries: Sequence[Endpoints],
+    loop: OnboardLoop,
+    patches: int = REACTIONS,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Reactions:
+    """Run the onboard loop at its rate on this map, with a patch of elevations at each tick.
+
+    With every other patch a hill appears on the newest path; with the next it is gone. The first of the queries share
+    the patches.
+    """
+    settings = NavigatorSettings(
+        loop.method, corner_cutting=loop.corner_cutting, model=loop.model, tolerance=loop.tolerance
+    )
+    hills = _Hills(ground, list(_script(queries[:_QUERIES], patches)), clock)
+    navigator = Navigator(ground.world(), settings)
+    Loop(navigator, hills, [hills], rate_hz=loop.rate_hz, cores=loop.cores, priority=loop.priority).run(
+        len(hills.script)
+    )
+    found = Reactions()
+    for turn, arrived, (published, message) in zip(hills.script, hills.arrived, hills.answers, strict=True):
+        if turn is not _COUNTED:
+            continue
+        found.ms.append(1e3 * (published - arrived))
+        found.planned += message.ok and message.origin is not Origin.STANDING
+        found.kept += message.origin is Origin.STANDING
+        found.without_path += not message.ok
+    return found
+
+
+_UNCOUNTED, _COUNTED = "a patch before the clock starts", "a patch"
+_Turn = Endpoints | str
+
+
+def _script(queries: Sequence[Endpoints], patches: int) -> Iterator[_Turn]:
+    """What each tick brings: another query, or a patch. After an even number of patches no hill is left."""
+    for at, query in enumerate(queries):
+        yield query
+        yield from (_UNCOUNTED,) * (0 if at else _WARM_UP)
+        first, end = (patches * number // len(queries) for number in (at, at + 1))
+        yield from (_COUNTED,) * (end - first)
+        yield from (_UNCOUNTED,) * ((end - first) % 2)
+
+
+class _Hills:
+    """The loop's source and its sink: hills come and go on the path that was published last."""
+
+    name = "hills"
+
+    def __init__(self, ground: Ground, script: Sequence[_Turn], clock: Callable[[], float]) -> None:
+        self._ground, self.script, self._clock = ground, script, clock
+        self._hill: Patch | None = None
+        self._path = np.array(script[0])
+        self.arrived: list[float] = []
+        """When the inputs of each tick came."""
+        self.answers: list[tuple[float, PathMessage]] = []
+        """When the answer of each tick was published, and the answer."""
+
+    def poll(self) -> Iterator[Input]:
+        """The inputs of the next tick."""
+        turn = self.script[len(self.arrived)]
+        messages: list[Input] = [self._patch()] if isinstance(turn, str) else [Pose(*turn[0]), Goal(*turn[1])]
+        self.arrived.append(self._clock())
+        return iter(messages)
+
+    def publish(self, message: Output) -> None:
+        """An answer of the loop."""
+        now = self._clock()
+        if isinstance(message, PathMessage):
+            self.answers.append((now, message))
+            if message.ok:
+                self._path = message.path
+
+    def _patch(self) -> MapPatch:
+        if self._hill is not None:
+            row, col, heights = self._ground.cut_out(self._hill)
+            self._hill = None
+        else:
+            self._hill = self._ground.with_hill(_on(self._path, _PLACES[len(self.arrived) % len(_PLACES)]))
+            row, col, heights = self._hill
+        return MapPatch(row, col, elevation=heights)
+
+
+def _on(path: np.ndarray, share: float) -> Cell:
+    row, col = path[int(share * len(path))]
+    return int(row), int(col)

@@ -1,0 +1,78 @@
+"""Elevations that maps are made of, and planners of such a map that has just arrived."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost
+
+Patch = tuple[int, int, Float2D]
+"""Row and column of the first cell, and heights in metres."""
+_PATCH_SIDE = 64
+
+
+def patch_side(shape: tuple[int, ...]) -> int:
+    """Cells to a side of the patches that a map of this shape gets: 64, on small maps a quarter of its side."""
+    return min(_PATCH_SIDE, max(min(shape) // 4, 1))
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Elevations, and how they become costs."""
+
+    elevation: Float2D
+    """(H, W) float32, metres; C-contiguous."""
+    cell_size_m: float
+    cell_width_m: float
+    limits: Traversability
+
+    def cost(self) -> Float2D:
+        """The whole cost map, (H, W) float32."""
+        return traversability_cost(
+            self.elevation, self.cell_size_m, self.limits, cell_width_m=self.cell_width_m, warn=False
+        )
+
+    def planner(self, model: str | NetworkModel = "edge", *, lazy: bool = True) -> Planner:
+        """`Planner.of_elevation`."""
+        return Planner.of_elevation(
+            self.elevation,
+            self.cell_size_m,
+            self.limits,
+            cell_width_m=self.cell_width_m,
+            lazy=lazy,
+            model=model,
+            warn=False,
+        )
+
+    def state(self, *, lazy: bool = True) -> MapState:
+        """The map alone, in the paper's step costs."""
+        sides = sides_of(self.cell_size_m, self.cell_width_m)
+        return MapState.of_elevation(self.elevation, sides, self.limits, StepModel.of("paper"), lazy=lazy)
+
+    def world(self) -> World:
+        """The map of an onboard loop."""
+        return World.of_elevation(self.elevation, self.cell_size_m, self.limits, cell_width_m=self.cell_width_m)
+
+    def with_hill(self, cell: Cell) -> Patch:
+        """A square patch around a cell in which a hill stands that is too steep for most rovers: 42°."""
+        shape = self.elevation.shape
+        side = patch_side(shape)
+        row, col = (min(max(at - side // 2, 0), n - side) for at, n in zip(cell, shape, strict=True))
+        along = (np.arange(side) - 0.5 * (side - 1)) / (side / 6.0)
+        bump = np.exp(-0.5 * (along[:, None] ** 2 + along**2))
+        height_m = 1.5 * side / 6.0 * self.cell_size_m
+        heights = self.elevation[row : row + side, col : col + side] + height_m * bump
+        return row, col, heights.astype(np.float32)
+
+    def cut_out(self, patch: Patch) -> Patch:
+        """The elevations as they are where a patch lies."""
+        row, col, heights = patch
+        rows, cols = heights.shape
+        return row, col, self.elevation[row : row + rows, col : col + cols]

@@ -1,0 +1,110 @@
+"""Elevation maps that are read by windows, as they are larger than the memory that is left."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.errors import TerrainError
+from nnpp_edge.runtime.reading import problem_with_file, refused_as
+from nnpp_edge.terrain.dem import cell_sides, check_option, known_heights
+from nnpp_edge.terrain.georeference import Georeference, Place
+from nnpp_edge.terrain.heights import metres
+from nnpp_edge.terrain.rasters import Raster, opened_raster
+
+_WHOLE_FILES = (".npy", ".npz", ".png")
+"""Endings of files that rasterio does not read."""
+_MOST_BLOCK_BYTES = 1 << 28
+"""Of the blocks of a row of them, which are in memory at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class DemWindows(Place):
+    """An elevation map in an open file: what `Dem` holds, but its heights are read a rectangle at a time."""
+
+    cell_size_m: float
+    cell_width_m: float
+    georeference: Georeference | None
+    source: Path
+    raster: Raster
+    scale: float
+    """Of heights, where the map is grown or shrunk."""
+
+    def __post_init__(self) -> None:
+        self.check_sides()
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.raster.shape
+
+    @property
+    def block(self) -> tuple[int, int]:
+        """Rows and columns of a stored block."""
+        return self.raster.block
+
+    def read(self, part: Rectangle) -> Float2D:
+        """(rows, cols) float32 heights of a rectangle, as `read_dem` gives them; TerrainError for a broken file."""
+        with refused_as(TerrainError, f"{self.source}: cells {part} could not be read"):
+            heights = known_heights(self.raster.heights(part))
+        return heights if self.scale == 1.0 else metres(heights, self.scale, 0.0)
+
+
+def size_of(path: Path, *, allow_vrt: bool = False) -> tuple[int, int] | None:
+    """Rows and columns of a raster, by its header; None for a file that only `read_dem` reads, or none at all."""
+    if path.suffix.lower() in _WHOLE_FILES or problem_with_file(path) is not None:
+        return None
+    refused = refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read")
+    with refused, opened_raster(path, None, allow_vrt) as raster:
+        return raster.shape
+
+
+@contextmanager
+def open_dem(
+    path: Path,
+    cell_size_m: float | None = None,
+    vertical_scale: float | None = None,
+    *,
+    rescale_m: float | None = None,
+    allow_vrt: bool = False,
+) -> Iterator[DemWindows]:
+    """An elevation map to be read by windows.
+
+    Parameters
+    ----------
+    path, cell_size_m, vertical_scale, allow_vrt
+        As for `read_dem`; a raster.
+    rescale_m : float, optional
+        As for `Dem.rescaled`.
+
+    Raises
+    ------
+    TerrainError
+        As `read_dem`, but for cells that are broken, which `DemWindows.read` meets; or the raster is stored in blocks
+        too large to be read one at a time.
+    """
+    check_option("cell size", cell_size_m)
+    check_option("vertical scale", vertical_scale)
+    if (problem := problem_with_file(path)) is not None:
+        raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
+    with ExitStack() as stack:
+        with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
+            raster = stack.enter_context(opened_raster(path, vertical_scale, allow_vrt, by_windows=True))
+            _check_blocks(path, raster)
+            cell, georeference = raster.place((0, 0, *raster.shape))
+        size, width = cell_sides(path, cell, cell_size_m)
+        factor = 1.0 if rescale_m is None else rescale_m / size
+        yield DemWindows(size * factor, width * factor, georeference, path, raster, factor)
+
+
+def _check_blocks(path: Path, raster: Raster) -> None:
+    """Refuse what can only be read as a whole, or nearly so."""
+    wanted = raster.block[0] * max(raster.shape[1], raster.block[1]) * raster.dtype.itemsize
+    if raster.driver == "AAIGrid" or wanted > _MOST_BLOCK_BYTES:
+        stored = "as text" if raster.driver == "AAIGrid" else "in blocks of {} × {} cells".format(*raster.block)
+        raise TerrainError(
+            f"{path}: wanted a raster that can be read by windows, got one stored {stored}: "
+            "make it tiled with gdal_translate -of COG"
+        )

@@ -1,0 +1,43 @@
+"""A map's rows shared out over the cores, where that pays."""
+
+import os
+import threading
+from collections.abc import Callable
+
+from nnpp_edge.runtime.tuning import THREADS_FROM
+
+
+def in_bands(work: Callable[[int, int], None], rows: int, cols: int, multiple: int = 1) -> None:
+    """Call `work` for all rows, as (first, one past the last), once or, on larger maps, once on each core.
+
+    Threads are started for the occasion: a pool that waits between two maps costs as much, and has to be minded when
+    the process forks.
+
+    Parameters
+    ----------
+    work : function
+        Releases the interpreter's lock; its calls write to rows of their own.
+    rows, cols : int
+        Of the map.
+    multiple : int
+        Bands begin at multiples of so many rows.
+    """
+    cores = len(os.sched_getaffinity(0)) if rows * cols >= THREADS_FROM else 1
+    height = -(-rows // (cores * multiple)) * multiple
+    bands = [(first, min(first + height, rows)) for first in range(0, rows, height)]
+    failed: list[BaseException] = []
+
+    def guarded(band: tuple[int, int]) -> None:
+        try:
+            work(*band)
+        except BaseException as error:  # raised below, in the thread that asked
+            failed.append(error)
+
+    threads = [threading.Thread(target=guarded, args=(band,), daemon=True) for band in bands[1:]]
+    for thread in threads:
+        thread.start()
+    guarded(bands[0])
+    for thread in threads:
+        thread.join()
+    if failed:
+        raise failed[0]

@@ -1,0 +1,352 @@
+"""A map of heights whose costs and coarse levels are computed by tiles, where somebody looks. See `map.tiles`.
+
+The kernels that look are given `tiles`, a tuple (state, wanted, row_shift, col_shift, source, address): what has been
+done to each tile, as bits; the bit without which a cell of it may not be left; by how many bits a row and a column of
+the level at hand are shifted to give the tile's; and where `open_tile` lies in memory. It is called by its address:
+numba would else compile it anew into each kernel that calls it. `source` is a tuple
+
+    heights    (rows · cols,) float32, metres; not finite where unknown
+    rule       (RULE_SLOTS,) float64, see `fill_weights`
+    weights    (nodes,) float32 of the map
+    levels     (1 + levels, 4) int64: row shift, column shift, corner cutting and number of coarse levels; then rows,
+               columns, stride and first node of each coarse level
+    coarse     (…,) float32, weights of all coarse levels, one after another
+    pieces     (…,) uint16, likewise
+    links      (…,) uint8, likewise
+    counts     (1,) int64, cells of computed tiles
+    shape      (2,) int64, rows and columns of the map
+"""
+
+import numpy as np
+from numba import types
+from numba.extending import intrinsic, overload
+
+from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.pooling import FACTOR, link, pool, whole_below
+from nnpp_edge.runtime.kernels.traversability import SCALE, fill_weights
+
+COSTED, SURROUNDED, POOLED, LINKED = 1, 2, 4, 8
+"""Of a tile: its weights are there; so are those around it; its coarse cells are there; all their links are."""
+_ROWS, _COLS, _STRIDE, _FIRST = 0, 1, 2, 3
+
+
+@kernel
+def _level(source, number):
+    """A coarse level as the kernels of `pooling` take it."""
+    _, _, _, levels, coarse, pieces, links, _, _ = source
+    first, rows, stride = levels[number, _FIRST], levels[number, _ROWS], levels[number, _STRIDE]
+    last = first + (rows + 2) * stride
+    return coarse[first:last], pieces[first:last], links[first:last], stride, rows, levels[number, _COLS]
+
+
+@kernel
+def _pool_levels(source, area):
+    """Coarse cells above a rectangle of the map whose sides the coarsest cells divide, and the links within."""
+    _, rule, weights, levels, _, _, _, _, shape = source
+    row0, row1, col0, col1 = area
+    corner_cutting, count = levels[0, 2] != 0, levels[0, 3]
+    if count == 0:
+        return
+    size = shape[0], shape[1]
+    row0, row1, col0, col1 = row0 // FACTOR, -(-row1 // FACTOR), col0 // FACTOR, -(-col1 // FACTOR)
+    part = row0, row1, col0, col1
+    pool(weights, None, None, size, corner_cutting, rule[SCALE], part, _level(source, 1))
+    for number in range(2, count + 1):
+        fine, coarse = _level(source, number - 1), _level(source, number)
+        finer = part
+        row0, row1, col0, col1 = row0 // FACTOR, -(-row1 // FACTOR), col0 // FACTOR, -(-col1 // FACTOR)
+        part = row0, row1, col0, col1
+        if number == 2:
+            _link_below(weights, size, corner_cutting, part, fine)
+        else:
+            below = _level(source, number - 2)
+            link(below[0], below[2], (below[4], below[5]), corner_cutting, finer, fine)
+        pool(fine[0], fine[2], fine[1], (fine[4], fine[5]), corner_cutting, rule[SCALE], part, coarse)
+
+
+@kernel
+def _link_below(weights, size, corner_cutting, part, fine):
+    """Links of the first coarse level under those cells of the second whose pieces are not known to be whole."""
+    rows, cols = fine[4], fine[5]
+    for row in range(part[0], part[1]):
+        for col in range(part[2], part[3]):
+            bottom, right = min((row + 1) * FACTOR, rows), min((col + 1) * FACTOR, cols)
+            inside = bottom == (row + 1) * FACTOR and right == (col + 1) * FACTOR
+            if not (inside and whole_below(fine[1], cols, row, col)):
+                link(weights, None, size, corner_cutting, (row * FACTOR, bottom, col * FACTOR, right), fine)
+
+
+@kernel
+def _link_levels(source, area):
+    """Links of the coarse cells above a rectangle of the map, all pieces in and around it being there."""
+    _, _, weights, levels, _, _, _, _, shape = source
+    row0, row1, col0, col1 = area
+    corner_cutting = levels[0, 2] != 0
+    for number in range(1, levels[0, 3] + 1):
+        row0, row1, col0, col1 = row0 // FACTOR, -(-row1 // FACTOR), col0 // FACTOR, -(-col1 // FACTOR)
+        part, coarse = (row0, row1, col0, col1), _level(source, number)
+        if number == 1:
+            link(weights, None, (shape[0], shape[1]), corner_cutting, part, coarse)
+        else:
+            fine = _level(source, number - 1)
+            link(fine[0], fine[2], (fine[4], fine[5]), corner_cutting, part, coarse)
+
+
+@kernel
+def _fill(source, area):
+    """Weights of a rectangle of the map."""
+    heights, rule, weights, _, _, _, _, _, shape = source
+    stride = shape[1] + 2
+    fill_weights(heights, shape[0], shape[1], rule, area, weights, stride + 1, stride)
+
+
+@kernel
+def _tile_area(source, i, j):
+    """First row, one past the last, and so for the columns, of a tile."""
+    _, _, _, levels, _, _, _, _, shape = source
+    high, wide = 1 << levels[0, 0], 1 << levels[0, 1]
+    return i * high, min((i + 1) * high, shape[0]), j * wide, min((j + 1) * wide, shape[1])
+
+
+@kernel
+def open_tile(tiles, i, j):
+    """Compute what is not yet there of a tile and of those around it, so that its cells may be left."""
+    state, wanted, _, _, source, _ = tiles
+    _, _, _, _, _, _, _, counts, _ = source
+    needed = POOLED if wanted == LINKED else COSTED
+    for a in range(max(i - 1, 0), min(i + 2, state.shape[0])):
+        for b in range(max(j - 1, 0), min(j + 2, state.shape[1])):
+            if state[a, b] & needed:
+                continue
+            area = _tile_area(source, a, b)
+            if not state[a, b] & COSTED:
+                _fill(source, area)
+                state[a, b] |= COSTED
+                counts[0] += (area[1] - area[0]) * (area[3] - area[2])
+            if needed == POOLED:
+                _pool_levels(source, area)
+                state[a, b] |= POOLED
+    if wanted == LINKED:
+        _link_levels(source, _tile_area(source, i, j))
+    state[i, j] |= wanted
+
+
+@intrinsic
+def _call(typing_context, address, tiles, i, j):
+    def generate(context, builder, signature, arguments):
+        convention, types_of_three = context.call_conv, signature.args[1:]
+        function = convention.get_function_type(types.none, types_of_three)
+        pointer = builder.inttoptr(arguments[0], function.as_pointer())
+        convention.call_function(builder, pointer, types.none, types_of_three, arguments[1:])
+        return context.get_dummy_value()
+
+    return types.none(address, tiles, i, j), generate
+
+
+def open_there(tiles, i, j):
+    """`open_tile`, for other kernels to call; `address_of_open_tile` must have been asked for."""
+    open_tile(tiles, i, j)
+
+
+@overload(open_there)
+def _compiled_open_there(tiles, i, j):
+    return lambda tiles, i, j: _call(tiles[5], tiles, i, j)
+
+
+def address_of_open_tile(tiles):
+    """Where `open_tile`, compiled for such arguments as these, lies in memory; 0 where kernels are not compiled."""
+    if not hasattr(open_tile, "overloads"):
+        return 0
+    open_tile(tiles, 0, 0)
+    (compiled,) = open_tile.overloads.values()
+    return compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+
+
+@kernel
+def fill_rows(tiles, row0, row1):
+    """Weights of whole rows of the map."""
+    source = tiles[4]
+    _fill(source, (row0, row1, np.int64(0), source[8][1]))
+
+
+@kernel
+def pool_rows(tiles, row0, row1):
+    """Coarse cells above whole rows of the map, which the coarsest cells divide evenly, and the links within."""
+    source = tiles[4]
+    _pool_levels(source, (row0, row1, np.int64(0), source[8][1]))
+
+
+@kernel
+def link_rows(tiles, row0, row1):
+    """All links of the coarse cells above whole rows of the map."""
+    source = tiles[4]
+    _link_levels(source, (row0, row1, np.int64(0), source[8][1]))
+
+
+@kernel
+def _weigh_anew(tiles, area, found):
+    """Weights of a rectangle within one computed tile; what changed is added to `found`, see `write_heights`."""
+    source = tiles[4]
+    _, _, weights, _, _, _, _, _, shape = source
+    row0, row1, col0, col1 = area
+    stride, wide = shape[1] + 2, col1 - col0
+    old = np.empty((row1 - row0) * wide, np.float32)
+    for row in range(row0, row1):
+        at, kept = (row + 1) * stride + col0 + 1, (row - row0) * wide
+        old[kept : kept + wide] = weights[at : at + wide]
+    _fill(source, area)
+    for row in range(row0, row1):
+        at, kept = (row + 1) * stride + col0 + 1, (row - row0) * wide
+        for c in range(wide):
+            before, now = old[kept + c], weights[at + c]
+            if now != before:
+                found[0] += 1
+                found[1] |= now < before
+                found[2], found[4] = min(found[2], row), max(found[4], row + 1)
+                found[3], found[5] = min(found[3], col0 + c), max(found[5], col0 + c + 1)
+
+
+@kernel
+def write_heights(tiles, patch, row, col, found):
+    """Put heights into the map, and bring up to date whatever of it has been computed.
+
+    Parameters
+    ----------
+    tiles
+        Of the map itself.
+    patch : (h, w) float32
+        Metres; not finite where unknown. Must lie inside the map.
+    row, col : int
+        Where its first cell goes.
+    found : (6,) int64
+        Written: the number of cells whose weights are other than before; whether one became cheaper; the first row
+        and column of the rectangle that holds them, and one past its last. What is not computed yet counts as other.
+    """
+    state, _, _, _, source, _ = tiles
+    heights, _, _, levels, _, _, _, _, shape = source
+    rows, cols = shape[0], shape[1]
+    for i in range(patch.shape[0]):
+        at = (row + i) * cols + col
+        heights[at : at + patch.shape[1]] = patch[i]
+    row0, row1 = max(row - 1, 0), min(row + patch.shape[0] + 1, rows)
+    col0, col1 = max(col - 1, 0), min(col + patch.shape[1] + 1, cols)
+    found[0], found[1], found[2], found[3], found[4], found[5] = 0, 0, rows, cols, 0, 0
+    down, right = levels[0, 0], levels[0, 1]
+    for i in range(row0 >> down, ((row1 - 1) >> down) + 1):
+        for j in range(col0 >> right, ((col1 - 1) >> right) + 1):
+            tile_row0, tile_row1, tile_col0, tile_col1 = _tile_area(source, i, j)
+            top, bottom = max(row0, tile_row0), min(row1, tile_row1)
+            left, end = max(col0, tile_col0), min(col1, tile_col1)
+            if state[i, j] & COSTED:
+                _weigh_anew(tiles, (top, bottom, left, end), found)
+            else:
+                found[0] += (bottom - top) * (end - left)
+                found[2], found[4] = min(found[2], top), max(found[4], bottom)
+                found[3], found[5] = min(found[3], left), max(found[5], end)
+    if found[0] and levels[0, 3]:
+        _pool_anew(tiles, found)
+
+
+@kernel
+def _pool_anew(tiles, found):
+    """Coarse cells above a rectangle whose weights changed, in the tiles that have any, and their links."""
+    state, _, _, _, source, _ = tiles
+    _, rule, weights, levels, _, _, _, _, shape = source
+    row0, col0, row1, col1 = found[2], found[3], found[4], found[5]
+    corner_cutting, obstacle = levels[0, 2] != 0, rule[SCALE]
+    down, right = levels[0, 0], levels[0, 1]
+    for number in range(1, levels[0, 3] + 1):
+        coarse = _level(source, number)
+        down -= 2
+        right -= 2
+        row0, row1, col0, col1 = row0 // FACTOR, -(-row1 // FACTOR), col0 // FACTOR, -(-col1 // FACTOR)
+        for linking in range(2):
+            if linking:  # what is linked changes around what is pooled, too
+                row0, row1 = max(row0 - 1, 0), min(row1 + 1, coarse[4])
+                col0, col1 = max(col0 - 1, 0), min(col1 + 1, coarse[5])
+            for i in range(row0 >> down, ((row1 - 1) >> down) + 1):
+                for j in range(col0 >> right, ((col1 - 1) >> right) + 1):
+                    if not state[i, j] & POOLED:
+                        continue
+                    top, bottom = max(row0, i << down), min(row1, (i + 1) << down)
+                    part = top, bottom, max(col0, j << right), min(col1, (j + 1) << right)
+                    if number == 1:
+                        size = shape[0], shape[1]
+                        if linking:
+                            link(weights, None, size, corner_cutting, part, coarse)
+                        else:
+                            pool(weights, None, None, size, corner_cutting, obstacle, part, coarse)
+                    else:
+                        fine = _level(source, number - 1)
+                        size = fine[4], fine[5]
+                        if linking:
+                            link(fine[0], fine[2], size, corner_cutting, part, coarse)
+                        else:
+                            pool(fine[0], fine[2], fine[1], size, corner_cutting, obstacle, part, coarse)
+
+
+@kernel
+def _pixel(n, inner, cells):
+    """First and one past the last map cell under network cell n."""
+    first = n * cells // inner
+    return first, max(-(-(n + 1) * cells // inner), first + 1)
+
+
+@kernel
+def sample_planes(tiles, rule, window, parts, inner, planes):
+    """Mean cost and share of impassable cells of parts of a window of the map, from two rows of each network cell.
+
+    Nothing of it is kept. See `network.encoding.map_planes`, which averages all cells.
+
+    Parameters
+    ----------
+    tiles
+        Of the map itself.
+    rule
+        As for `fill_weights`; with it, a cost of 1 weighs 1.
+    window : (row, col, rows, cols)
+        Of the map.
+    parts : (N, 4) int64
+        Row, column, rows and columns of rectangles within the window.
+    inner : (rows, cols)
+        Of the network's cells that the window lies under.
+    planes : (2, S, S) float32
+        Written.
+    """
+    heights, _, _, _, _, _, _, _, shape = tiles[4]
+    row0, col0, rows, cols = window
+    inner_rows, inner_cols = inner
+    line, sums, walls = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.float32)
+    for p in range(len(parts)):
+        first_row, last_row = parts[p, 0] * inner_rows // rows, -(-(parts[p, 0] + parts[p, 2]) * inner_rows // rows)
+        first_col, last_col = parts[p, 1] * inner_cols // cols, -(-(parts[p, 1] + parts[p, 3]) * inner_cols // cols)
+        last_row, last_col = min(last_row, inner_rows), min(last_col, inner_cols)
+        if first_row >= last_row or first_col >= last_col:
+            continue
+        begin, end = _pixel(first_col, inner_cols, cols)[0], _pixel(last_col - 1, inner_cols, cols)[1]
+        for n in range(first_row, last_row):
+            top, bottom = _pixel(n, inner_rows, rows)
+            apart, lines = max((bottom - top) // 2, 1), 0
+            sums[begin:end], walls[begin:end] = 0.0, 0.0
+            for row in range(top + (apart - 1) // 2, bottom, apart):
+                lines += 1
+                area = row0 + row, row0 + row + 1, col0 + begin, col0 + end
+                fill_weights(heights, shape[0], shape[1], rule, area, line, -(row0 + row) * cols - col0, cols)
+                _add(line[begin:end], sums[begin:end], walls[begin:end])
+            for m in range(first_col, last_col):
+                left, right = _pixel(m, inner_cols, cols)
+                total, blocked = np.float32(0.0), np.float32(0.0)
+                for c in range(left, right):
+                    total += sums[c]
+                    blocked += walls[c]
+                over_cells = np.float32(1.0 / (lines * (right - left)))
+                planes[0, n, m], planes[1, n, m] = total * over_cells, blocked * over_cells
+
+
+@kernel
+def _add(line, sums, walls):
+    """Add costs to sums, impassable cells as 1, and count those in `walls`. All (n,) float32."""
+    for c in range(len(line)):
+        wall = line[c] == np.inf
+        sums[c] += np.float32(1.0) if wall else line[c]
+        walls[c] += np.float32(1.0) if wall else np.float32(0.0)

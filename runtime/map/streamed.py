@@ -1,0 +1,146 @@
+"""A map larger than memory: its coarse levels, made from bands of rows, and its cells where they have been put.
+
+The arrays of the finest level have the whole map's size, but take memory only where something was written.
+"""
+
+import itertools
+import math
+
+import numpy as np
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.kernels.pooling import FACTOR, pool_and_link
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.pyramid import Level, coarse_shapes
+from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
+from nnpp_edge.runtime.memory import virtual_zeros
+
+MOST_NODES = int(np.iinfo(np.int32).max)
+"""Of the finest level: nodes are int32."""
+_KEPT = FACTOR + 1
+"""Rows of a band that the next one needs: those under the last coarse row, whose links it completes, and the one
+above them."""
+
+
+class VirtualGrid(Grid):
+    """A grid that takes memory where costs are put; elsewhere its weights are 0, and mean nothing."""
+
+    def __init__(self, rows: int, cols: int, model: StepModel, corner_cutting: bool = True) -> None:
+        super().__init__(rows, cols, model, corner_cutting, virtual_zeros((rows + 2) * (cols + 2), np.float32))
+
+    def put(self, cost: Float2D, origin: Cell) -> None:
+        """As `update`, with the border beside the rectangle; the bounds stay as they are."""
+        least, greatest, (row, col), (rows, cols) = self.least, self.greatest, origin, cost.shape
+        self.update(cost, origin)
+        self.set_bounds(least, greatest)
+        beside = self.weights.reshape(self.rows + 2, self.stride)[row : row + rows + 2, col : col + cols + 2]
+        for at_border, border in (
+            (row == 0, beside[0]),
+            (col == 0, beside[:, 0]),
+            (row + rows == self.rows, beside[-1]),
+            (col + cols == self.cols, beside[:, -1]),
+        ):
+            if at_border:
+                border[:] = np.inf
+
+
+class StreamedMap:
+    """Coarse levels as `Pyramid` makes them, and a finest one that is filled (`grid.put`) where a search goes.
+
+    Costs are taken band by band from top to bottom, with `take`, and `finish` ends that. Serves one thread at a time.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the map.
+    model : StepModel
+        What a step costs: ``paper`` only, as ``length`` weighs obstacles by the dearest cell of the whole map.
+    corner_cutting : bool
+        Whether a diagonal step may pass beside an impassable cell.
+
+    Raises
+    ------
+    InvalidMapError
+        The map is empty, or has more cells than nodes have numbers.
+    """
+
+    def __init__(self, shape: tuple[int, int], model: StepModel, *, corner_cutting: bool = True) -> None:
+        rows, cols = shape
+        if rows < 1 or cols < 1 or (rows + 2) * (cols + 2) > MOST_NODES or model.kind is not StepCost.PAPER:
+            raise InvalidMapError(f"wanted a map of 1 to {MOST_NODES} cells with the paper's costs, got {shape}")
+        self.grid = VirtualGrid(rows, cols, model, corner_cutting)
+        self.levels = [Level(self.grid)]
+        for coarse in coarse_shapes(rows, cols):
+            grid = Grid(*coarse, model)
+            nodes = len(grid.weights)
+            self.levels.append(Level(grid, np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)))
+        self._band: Grid | None = None
+        self._taken, self._least = 0, math.inf
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.grid.shape
+
+    @property
+    def pyramid(self) -> "StreamedMap":
+        """What has the levels."""
+        return self
+
+    def take(self, cost: Float2D) -> None:
+        """Pool the next rows' costs (h, cols); h is a multiple of four, but for the last band."""
+        row0, rows = self._taken, len(cost)
+        band, above = self._next_band(rows), 1 if row0 else 0
+        band.update(cost, (FACTOR * above, 0))
+        first, count, level = row0 // FACTOR - above, math.ceil(rows / FACTOR), self.levels[1]
+        stride, cols = level.grid.stride, level.grid.cols
+        part = slice(first * stride, (first + above + count + 2) * stride)
+        assert level.links is not None
+        arrays = level.grid.weights[part], level.pieces[part], level.links[part]
+        # the last coarse row so far, too, is linked anew: below it there was nothing yet
+        least = pool_and_link(
+            band.weights,
+            None,
+            None,
+            band.shape,
+            self.grid.corner_cutting,
+            self._obstacle,
+            (above, above + count, 0, cols),
+            (*arrays, stride, above + count, cols),
+        )
+        self._band, self._taken, self._least = band, row0 + rows, min(self._least, least)
+        self.grid.set_bounds(min(self.grid.least, band.least), max(self.grid.greatest, band.greatest))
+
+    def finish(self) -> None:
+        """Make the coarser levels, once all bands have been taken."""
+        self._band, least, greatest = None, self._least, max(self.grid.greatest, self._obstacle)
+        self.levels[1].grid.set_bounds(least, greatest)
+        for fine, coarse in itertools.pairwise(self.levels[1:]):
+            grid = coarse.grid
+            packed = grid.weights, coarse.pieces, coarse.links, grid.stride, grid.rows, grid.cols
+            area, cutting = (0, grid.rows, 0, grid.cols), self.grid.corner_cutting
+            least = pool_and_link(
+                fine.grid.weights, fine.links, fine.pieces, fine.grid.shape, cutting, self._obstacle, area, packed
+            )
+            grid.set_bounds(least, greatest)
+
+    def _next_band(self, rows: int) -> Grid:
+        """A grid for the next rows below four of the last ones; the row above those stands in its border."""
+        above = FACTOR if self._taken else 0
+        last, stride = self._band, self.grid.stride
+        kept = None
+        if last is not None:
+            kept = last.weights.reshape(last.rows + 2, stride)[last.rows + 1 - _KEPT : last.rows + 1].copy()
+        band = last
+        if band is None or band.rows != rows + above:
+            band = Grid(rows + above, self.grid.cols, self.grid.model, self.grid.corner_cutting)
+        if kept is not None:
+            band.weights.reshape(band.rows + 2, stride)[:_KEPT] = kept
+        return band
+
+    @property
+    def _obstacle(self) -> float:
+        """What an impassable cell counts for in the mean: T = 1."""
+        return self.grid.model.scale

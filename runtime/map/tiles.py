@@ -1,0 +1,176 @@
+"""A map of heights, whose costs and coarse levels are computed tile by tile, where somebody looks.
+
+A robot gets heights again and again, and a search looks at a part of the map. So nothing is computed when heights
+arrive. The kernels that expand a cell look whether its tile is open, which takes a byte; if not, they compute the
+tile's weights and coarse cells, and those of the tiles around it, and go on. What is computed does not depend on when
+it is: a plan on a map that is computed as a whole beforehand is the same.
+"""
+
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.bands import in_bands
+from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.kernels.tiles import (
+    COSTED,
+    LINKED,
+    POOLED,
+    SURROUNDED,
+    address_of_open_tile,
+    fill_rows,
+    link_rows,
+    open_tile,
+    pool_rows,
+    sample_planes,
+    write_heights,
+)
+from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS, SCALE
+from nnpp_edge.runtime.tuning import TILE_COLS, TILE_ROWS
+
+TileSource = tuple[
+    NDArray[np.float32],
+    NDArray[np.float64],
+    NDArray[np.float32],
+    NDArray[np.int64],
+    NDArray[np.float32],
+    NDArray[np.uint16],
+    NDArray[np.uint8],
+    NDArray[np.int64],
+    NDArray[np.int64],
+]
+PackedTiles = tuple[NDArray[np.uint8], int, int, int, TileSource, int]
+"""Tiles as the kernels take them, see `kernels.tiles`: (state, wanted, row_shift, col_shift, source, address)."""
+_EVERYWHERE = 62
+"""Bits by which a row is shifted to the one tile of a map that is there as a whole."""
+
+
+def _source(
+    heights: NDArray[np.float32], rule: NDArray[np.float64], weights: NDArray[np.float32], shape: tuple[int, int]
+) -> TileSource:
+    levels, counts = np.zeros((1, 4), np.int64), np.zeros(1, np.int64)
+    coarse = np.empty(0, np.float32), np.empty(0, np.uint16), np.empty(0, np.uint8)
+    return heights, rule, weights, levels, *coarse, counts, np.array(shape, np.int64)
+
+
+COMPLETE: PackedTiles = (
+    np.full((1, 1), COSTED | SURROUNDED | POOLED | LINKED, np.uint8),
+    SURROUNDED,
+    _EVERYWHERE,
+    _EVERYWHERE,
+    _source(np.empty(0, np.float32), np.zeros(RULE_SLOTS), np.empty(0, np.float32), (0, 0)),
+    0,
+)
+"""Of a grid whose weights are all there."""
+
+
+@functools.cache
+def _address() -> int:
+    return int(address_of_open_tile(COMPLETE))  # type: ignore[no-untyped-call]  # as all of `kernels`
+
+
+class Tiles:
+    """Which parts of a map of heights have been computed, and what it takes to compute the others.
+
+    Parameters
+    ----------
+    heights : (H, W) float32
+        Metres, C-contiguous; not finite where unknown. Kept, and changed by `write` alone.
+    rule : (RULE_SLOTS,) float64
+        As for `fill_weights`.
+    weights : (nodes,) float32
+        Of the map's grid; written.
+    corner_cutting : bool
+        Of the map's grid.
+    coarsest : int
+        Cells to the side of a cell of the coarsest level: tiles consist of whole ones.
+    """
+
+    def __init__(
+        self,
+        heights: Float2D,
+        rule: NDArray[np.float64],
+        weights: NDArray[np.float32],
+        corner_cutting: bool,
+        coarsest: int,
+    ) -> None:
+        self.heights, self.rule = heights, rule
+        self.shape: tuple[int, int] = heights.shape
+        self._source = _source(heights.reshape(-1), rule, weights, self.shape)
+        self._unit_rule = rule.copy()
+        self._unit_rule[SCALE] = 1.0
+        high, wide = self._sides = max(TILE_ROWS, coarsest), max(TILE_COLS, coarsest)
+        self.state = np.zeros((-(-self.shape[0] // high), -(-self.shape[1] // wide)), np.uint8)
+        """(I, J) uint8, what has been computed of each tile, as bits."""
+        self._source[3][0] = high.bit_length() - 1, wide.bit_length() - 1, corner_cutting, 0
+
+    @property
+    def cells_computed(self) -> int:
+        """Cells whose weights there are."""
+        return int(self._source[7][0])
+
+    def packed(self, number: int = 0) -> PackedTiles:
+        """As kernels take them that look at the level of that number."""
+        down, right = (int(shift) - 2 * number for shift in self._source[3][0, :2])
+        return self.state, LINKED if number else SURROUNDED, down, right, self._source, _address()
+
+    def add_levels(
+        self, shapes: list[tuple[int, int]]
+    ) -> list[tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.uint8]]]:
+        """Make room for coarse levels of these shapes, finest first: weights, pieces and links of each, padded."""
+        sizes = [(rows + 2) * (cols + 2) for rows, cols in shapes]
+        firsts = np.cumsum([0, *sizes])
+        levels = np.empty((1 + len(shapes), 4), np.int64)
+        levels[0] = self._source[3][0]
+        levels[0, 3] = len(shapes)
+        for number, (rows, cols) in enumerate(shapes):
+            levels[number + 1] = rows, cols, cols + 2, firsts[number]
+        weights = np.zeros(firsts[-1], np.float32)
+        pieces, links = np.zeros(firsts[-1], np.uint16), np.zeros(firsts[-1], np.uint8)
+        parts = [slice(first, first + size) for first, size in zip(firsts, sizes, strict=False)]
+        for part, (rows, cols) in zip(parts, shapes, strict=True):
+            border = weights[part].reshape(rows + 2, cols + 2)
+            border[[0, -1]] = border[:, [0, -1]] = np.inf
+        heights, rule, own, _, _, _, _, counts, shape = self._source
+        self._source = heights, rule, own, levels, weights, pieces, links, counts, shape
+        return [(weights[part], pieces[part], links[part]) for part in parts]
+
+    def open_at(self, row: int, col: int) -> None:
+        """See to it that the weights of a cell and of those around it are there."""
+        i, j = row // self._sides[0], col // self._sides[1]
+        if not self.state[i, j] & SURROUNDED:
+            open_tile(self.packed(), i, j)
+
+    def complete(self) -> None:
+        """Compute all that is not there yet, on all cores where that pays."""
+        tiles, (rows, cols), high = self.packed(), self.shape, self._sides[0]
+        if not (self.state & COSTED).all():
+            in_bands(lambda row0, row1: fill_rows(tiles, row0, row1), rows, cols, high)
+            self._source[7][0] = rows * cols
+        if self._source[3][0, 3] and not (self.state & LINKED).all():
+            in_bands(lambda row0, row1: pool_rows(tiles, row0, row1), rows, cols, high)
+            in_bands(lambda row0, row1: link_rows(tiles, row0, row1), rows, cols, high)
+            self.state |= POOLED | LINKED
+        self.state |= COSTED | SURROUNDED
+
+    def write(self, row: int, col: int, patch: Float2D) -> tuple[int, bool, Rectangle]:
+        """Put heights into the map, (h, w) float32 that lie inside it, and bring up to date what has been computed.
+
+        Returns
+        -------
+        tuple
+            As `write_heights` writes: number of changed cells, whether one became cheaper, where they are.
+        """
+        found = np.empty(6, np.int64)
+        write_heights(self.packed(), patch, row, col, found)
+        cells, cheaper, row0, col0, row1, col1 = found.tolist()
+        return cells, bool(cheaper), (row0, col0, row1 - row0, col1 - col0) if cells else (row, col, 0, 0)
+
+    def planes(
+        self, window: Rectangle, inner: tuple[int, int], parts: Sequence[Rectangle], out: NDArray[np.float32]
+    ) -> None:
+        """As `network.encoding.map_planes`, for parts of a window, from two rows of each network cell."""
+        sample_planes(self.packed(), self._unit_rule, window, np.array(parts), inner, out)

@@ -1,0 +1,283 @@
+"""Planning on a map larger than memory, whose heights are read by windows.
+
+Each height is read once, to make the coarse levels. These are searched in memory, from the coarsest down, and only
+what lies under the last corridor is read again, and searched at full resolution.
+"""
+
+import math
+import time
+from collections.abc import Callable, Generator, Iterable
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell, Rectangle, as_cell, enclosing
+from nnpp_edge.runtime.errors import InvalidMapError, Status
+from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
+from nnpp_edge.runtime.map.streamed import StreamedMap
+from nnpp_edge.runtime.memory import available_bytes, small_pages, virtual_zeros
+from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
+from nnpp_edge.runtime.search.astar import Search, astar
+from nnpp_edge.runtime.search.connection import connected
+from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.stopwatch import Stopwatch
+from nnpp_edge.runtime.terrain.traversability import Traversability
+from nnpp_edge.runtime.terrain.windows import CostWindows, HeightWindows
+from nnpp_edge.runtime.tuning import CORRIDOR, LEAST_WINDOW, WIDENED_CORRIDOR
+
+_PAGE = 4096
+_NO_CORRIDOR = "there is a path, but neither corridor holds one: to find it would take a search of the whole map"
+_NO_TIME = "neither corridor holds a path, and no time was left to find out whether there is one"
+
+
+class VirtualWorkspace(Workspace):
+    """Scratch memory that takes room where a search goes."""
+
+    def __init__(self, nodes: int) -> None:
+        super().__init__(1)
+        state = virtual_zeros(2 * nodes, np.int32)
+        self.g, self.meta, self._searches = state.view(np.float32), state, [0]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What planning by windows has read."""
+
+    cells_read: int
+    """Heights; those that were read again are counted again."""
+    read_again: float
+    """Heights read again, as a share of the map's cells."""
+    map_ms: float
+    """Milliseconds for reading all heights once and making the coarse levels."""
+
+
+class WindowedPlanner:
+    """Plans by the corridor method on a map that is read by windows. Serves one thread at a time.
+
+    Paths, costs and bounds are those of `Planner` with ``method="corridor"`` on the same map, as long as one of its
+    two corridors holds a path. Where neither does, the map is read once more to tell whether start and goal are
+    connected: the answer is NO_PATH or, as the whole map is not searched, UNKNOWN.
+
+    Parameters
+    ----------
+    heights : HeightWindows
+        Of the map.
+    traversability : Traversability
+        Limits and weights of Eq. 1; the paper's if not given.
+    omega : float
+        Weight of T per grey level.
+    corner_cutting : bool
+        Whether a diagonal step may pass beside an impassable cell.
+    progress : callable
+        Called with what the map is read for, and the number of rows that have been read.
+
+    Raises
+    ------
+    InvalidMapError
+        The map is empty, or has more cells than nodes have numbers.
+    """
+
+    def __init__(
+        self,
+        heights: HeightWindows,
+        traversability: Traversability | None = None,
+        *,
+        omega: float = PAPER_OMEGA,
+        corner_cutting: bool = True,
+        progress: Callable[[str, int], None] = lambda what, rows: None,
+    ) -> None:
+        watch, self._progress = Stopwatch(), progress
+        self.costs = CostWindows(heights, traversability)
+        with small_pages():
+            self._map = StreamedMap(heights.shape, StepModel.of("paper", omega), corner_cutting=corner_cutting)
+            for row, _, cost in self.costs.bands():
+                self._map.take(cost)
+                progress("coarse levels", row + len(cost))
+            self._map.finish()
+            workspace = VirtualWorkspace(len(self._map.grid.weights))
+            self._descent = CoarseToFine(self._map, workspace)
+        self._corridor = CorridorCells(self._map, self.costs, workspace)
+        self._map_ms = watch.total_ms()
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the map."""
+        return self._map.shape
+
+    def coarse_costs(self, most_cells: int) -> tuple[int, Float2D]:
+        """Mean costs of the finest coarse level with at most so many cells a side, or of the coarsest.
+
+        Cells of the map to the side of one of the level's; float32, inf where none of them is passable.
+        """
+        levels, scale = self._map.levels, np.float32(self._map.grid.model.scale or 1.0)
+        number = next((n for n in range(1, len(levels)) if max(levels[n].grid.shape) <= most_cells), len(levels) - 1)
+        return FACTOR**number, np.asarray(levels[number].grid.map() / scale)
+
+    @property
+    def any_passable(self) -> bool:
+        """Whether there is a cell to stand on."""
+        return math.isfinite(self._map.grid.least)
+
+    def reading(self) -> Reading:
+        """What has been read so far."""
+        rows, cols = self.shape
+        cells = self.costs.cells_read
+        return Reading(cells, cells / (rows * cols) - 1.0, self._map_ms)
+
+    def plan(self, start: Cell, goal: Cell, *, epsilon: float = math.inf, time_limit_s: float = math.inf) -> Plan:
+        """A path from start to goal.
+
+        Parameters
+        ----------
+        start, goal : (row, col)
+            Cells.
+        epsilon : float
+            The corridor is widened unless the path is certain to cost at most 1 + epsilon times the optimum. What the
+            wide one holds is taken; `Plan.bound` says how good it is.
+        time_limit_s : float
+            After this the status is TIMEOUT.
+
+        Returns
+        -------
+        Plan
+            NO_PATH where there is none. UNKNOWN where there is one, but not in a corridor; or no time to find out.
+
+        Raises
+        ------
+        InvalidQueryError
+            Start or goal are not two integers, or another number is out of range.
+        InvalidMapError
+            The cells under the corridor need more memory than there is.
+        """
+        work = Work()
+        query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
+        grid, found = self._map.grid, None
+        with small_pages():
+            for cell in (query.start, query.goal):
+                if grid.holds(cell):
+                    self._corridor.put([(*cell, 1, 1)])
+            if problem := problem_with(grid, query.start, query.goal):
+                return Plan(problem, Method.CORRIDOR, planner=Method.CORRIDOR)
+            for width, source in ((CORRIDOR, Source.REGION), (WIDENED_CORRIDOR, Source.WIDENED)):
+                top = self._descent.top_for(query)
+                tried = self._descent.find(query, work, self._corridor, top, None, width, source)
+                found = tried or found
+                if found is not None and found.suffices(query):
+                    break
+        reason = ""
+        if found is None:
+            status, reason = self._without_corridor(query)
+            work.stage_ends("connection")
+            found = Found.of(grid, Search.without_path(status), Source.WIDENED, None, work)
+        return found.plan(Method.CORRIDOR, work, planner=Method.CORRIDOR, reason=reason)
+
+    def _without_corridor(self, query: Query) -> tuple[Status, str]:
+        """Whether there is a path where no corridor holds one, and in words."""
+        late = False
+
+        def bands() -> Generator[Float2D, None, None]:
+            nonlocal late
+            for row, _, cost in self.costs.bands():
+                if late := time.monotonic() > query.deadline:
+                    return
+                yield cost
+                self._progress("connection", row + len(cost))
+
+        ends, cutting = (query.start, query.goal), self._map.grid.corner_cutting
+        with closing(bands()) as costs:
+            there_is_one = connected(costs, ends, corner_cutting=cutting)
+        if late:
+            return Status.UNKNOWN, _NO_TIME
+        return (Status.UNKNOWN, _NO_CORRIDOR) if there_is_one else (Status.NO_PATH, "")
+
+
+class CorridorCells:
+    """A `Searcher` that reads what lies under a corridor before it searches there.
+
+    Parameters
+    ----------
+    state : StreamedMap
+        Whose finest level is filled.
+    costs : CostWindows
+        Of the map.
+    workspace : Workspace
+        Of the finest level.
+    """
+
+    def __init__(self, state: StreamedMap, costs: CostWindows, workspace: Workspace) -> None:
+        self._map, self._costs, self._workspace = state, costs, workspace
+        block_rows, block_cols = costs.heights.block
+        self._unit = max(block_rows, LEAST_WINDOW), max(min(block_cols, 4 * LEAST_WINDOW), LEAST_WINDOW)
+        self._known: dict[Cell, Rectangle] = {}
+        """What has been read, by the row and column of the unit that it lies in."""
+
+    def search(self, query: Query, work: Work, region: Region) -> Search:
+        """A* inside the region, whose cells, and those beside them, are read first."""
+        parts = self._under(region)
+        wanted = sum(rows * (12 * cols + 2 * _PAGE) for _, _, rows, cols in parts)
+        if wanted > (room := available_bytes()):
+            cells = sum(rows * cols for _, _, rows, cols in parts)
+            raise InvalidMapError(
+                f"wanted {wanted / 1e9:.2f} GB of memory for the {cells} cells under the corridor, got "
+                f"{room / 1e9:.2f} GB: plan in several legs"
+            )
+        self.put(parts)
+        work.stage_ends("read")
+        found = astar(
+            self._map.grid, query.start, query.goal, self._workspace, region=region, deadline=query.deadline
+        )
+        work.expansions += found.expansions
+        work.stage_ends("search")
+        return found
+
+    def put(self, parts: Iterable[Rectangle]) -> None:
+        """Read rectangles, each inside one unit, as far as they are not known."""
+        unread = []
+        for part in parts:
+            unit = part[0] // self._unit[0], part[1] // self._unit[1]
+            known = self._known.get(unit, part)
+            whole = enclosing([part, known])
+            if unit not in self._known or whole != known:
+                self._known[unit] = whole
+                unread.append(whole)
+        for (row, col, _, _), _, cost in self._costs.windows(unread):
+            self._map.grid.put(np.ascontiguousarray(cost), (row, col))
+
+    def _under(self, region: Region) -> list[Rectangle]:
+        """For each unit of the map the least rectangle that holds its cells in the region and beside it."""
+        rows, cols = self._map.shape
+        found = []
+        for row in range(0, rows, self._unit[0]):
+            end = min(row + self._unit[0], rows)
+            blocks = region.row_block[max(row - 1, 0) : end + 1]
+            inside = region.bitmap[blocks[0] : blocks[-1] + 1] == region.stamp
+            wide = _dilated(inside.any(axis=0)[region.col_block])
+            for col in np.unique(np.flatnonzero(wide) // self._unit[1]) * self._unit[1]:
+                columns = _extent(wide[col : col + self._unit[1]])
+                beside = region.col_block[max(col - 1, 0) : col + self._unit[1] + 1]
+                tall = inside[:, beside[0] : beside[-1] + 1].any(axis=1)[blocks - blocks[0]]
+                lines = _extent(_dilated(tall)[row - max(row - 1, 0) :][: end - row])
+                if lines[1] and columns[1]:
+                    found.append((row + lines[0], int(col) + columns[0], lines[1], columns[1]))
+        return found
+
+
+def _dilated(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Each flag, or one beside it."""
+    out = flags.copy()
+    out[1:] |= flags[:-1]
+    out[:-1] |= flags[1:]
+    return out
+
+
+def _extent(flags: NDArray[np.bool_]) -> tuple[int, int]:
+    """The first flag that is set, and how many from there to the last one."""
+    at = np.flatnonzero(flags)
+    return (int(at[0]), int(at[-1] - at[0]) + 1) if len(at) else (0, 0)

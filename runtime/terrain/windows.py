@@ -1,0 +1,171 @@
+"""Costs of a map whose heights are read by windows: a band after another, or only where they are wanted."""
+
+from _thread import start_new_thread
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
+from nnpp_edge.runtime.tuning import BAND_CELLS, BANDS_AHEAD, LEG_CELLS
+
+T = TypeVar("T")
+
+
+class HeightWindows(Protocol):
+    """Heights of a map, read a rectangle at a time."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the map."""
+
+    @property
+    def cell_size_m(self) -> float:
+        """Side of a cell along a column."""
+
+    @property
+    def cell_width_m(self) -> float:
+        """Side of a cell along a row."""
+
+    @property
+    def block(self) -> tuple[int, int]:
+        """Rows and columns of the blocks that are stored, and so read, as one."""
+
+    def read(self, part: Rectangle) -> Float2D:
+        """Heights of a rectangle inside the map: float32, metres, NaN where unknown. Not called twice at a time, but
+        from other threads than the one that made it."""
+
+
+class CostWindows:
+    """Traversability costs of a map by windows; each as it would be in the cost map of the whole.
+
+    Parameters
+    ----------
+    heights : HeightWindows
+        Of the map.
+    traversability : Traversability
+        Limits and weights; the paper's if not given.
+    """
+
+    def __init__(self, heights: HeightWindows, traversability: Traversability | None = None) -> None:
+        self.heights, self._limits = heights, traversability or Traversability()
+        self.cells_read = 0
+        """Heights read so far; those that were read again are counted again."""
+
+    def bands(self) -> Iterator[tuple[int, Float2D, Float2D]]:
+        """First row, heights and costs of bands of rows, from top to bottom; each height is read once.
+
+        All bands but the last have a multiple of four rows, and nearly all a multiple or a part of a block's.
+        """
+        rows, cols = self.heights.shape
+        step = _rows_per_band(self.heights.block[0], cols)
+        parts = [(row, 0, min(step, rows - row), cols) for row in range(0, rows, step)]
+        above = np.empty((0, cols), np.float32)
+        waiting: tuple[Rectangle, Float2D] | None = None
+        for part, heights in _ahead(self._read, parts):
+            if waiting is not None:
+                yield self._band(*waiting, above, heights[:1])
+                above = waiting[1][-1:]
+            waiting = part, heights
+        if waiting is not None:
+            yield self._band(*waiting, above, np.empty((0, cols), np.float32))
+
+    def windows(self, parts: Iterable[Rectangle]) -> Iterator[tuple[Rectangle, Float2D, Float2D]]:
+        """Rectangles of the map with their heights and costs."""
+        for part, (heights, (top, left)) in _ahead(self._with_rim, parts):
+            cost = self._cost(heights)
+            inside = slice(top, top + part[2]), slice(left, left + part[3])
+            yield part, heights[inside], cost[inside]
+
+    def along(self, path: NDArray[np.int32]) -> tuple[Float2D, Float2D]:
+        """(N,) heights and costs of the cells of a path (N, 2)."""
+        legs = [path[at : at + LEG_CELLS] for at in range(0, len(path), LEG_CELLS)]
+        corners = [(leg.min(axis=0), leg.max(axis=0) + 1) for leg in legs]
+        parts = [(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])) for low, high in corners]
+        found = [np.empty((2, 0), np.float32)]
+        for leg, (part, heights, cost) in zip(legs, self.windows(parts), strict=True):
+            at = tuple((leg - part[:2]).T)
+            found.append(np.stack([heights[at], cost[at]]))
+        heights, cost = np.concatenate(found, axis=1)
+        return heights, cost
+
+    def _band(
+        self, part: Rectangle, heights: Float2D, above: Float2D, below: Float2D
+    ) -> tuple[int, Float2D, Float2D]:
+        cost = self._cost(np.concatenate([above, heights, below]))
+        return part[0], heights, cost[len(above) : len(above) + len(heights)]
+
+    def _with_rim(self, part: Rectangle) -> tuple[Float2D, tuple[int, int]]:
+        """Heights of a rectangle and the cells around it; the cells above it and left of it."""
+        row, col, rows, cols = part
+        row0, row1 = max(row - 1, 0), min(row + rows + 1, self.heights.shape[0])
+        col0, col1 = max(col - 1, 0), min(col + cols + 1, self.heights.shape[1])
+        return self._read((row0, col0, row1 - row0, col1 - col0)), (row - row0, col - col0)
+
+    def _read(self, part: Rectangle) -> Float2D:
+        self.cells_read += part[2] * part[3]
+        return self.heights.read(part)
+
+    def _cost(self, heights: Float2D) -> Float2D:
+        size, width = self.heights.cell_size_m, self.heights.cell_width_m
+        return traversability_cost(heights, size, self._limits, cell_width_m=width, warn=False)
+
+
+def _rows_per_band(block_rows: int, cols: int) -> int:
+    """Rows of a block, halved or doubled until a band has about `BAND_CELLS`; a multiple of four."""
+    rows = block_rows
+    while rows % 8 == 0 and rows * cols > BAND_CELLS:
+        rows //= 2
+    while rows % 4 or 2 * rows * cols <= BAND_CELLS:
+        rows *= 2
+    return rows
+
+
+def _ahead(read: Callable[[Rectangle], T], parts: Iterable[Rectangle]) -> Iterator[tuple[Rectangle, T]]:
+    """Each part with what is read for it, in order, by a thread that is a few parts ahead.
+
+    They hand one another what they have by queues that are one step of the interpreter: a signal's exception in the
+    middle of locks written in Python, as those of an executor, would leave the other thread to wait for ever.
+    """
+    wanted: SimpleQueue[Rectangle | None] = SimpleQueue()
+    found: SimpleQueue[tuple[Rectangle, T | BaseException] | None] = SimpleQueue()
+
+    def work() -> None:
+        while (part := wanted.get()) is not None:
+            try:
+                found.put((part, read(part)))
+            except BaseException as error:  # raised again where it is waited for
+                found.put((part, error))
+        found.put(None)
+
+    def taken() -> tuple[Rectangle, T]:
+        answer = found.get()
+        assert answer is not None
+        part, result = answer
+        if isinstance(result, BaseException):
+            raise result
+        return part, result
+
+    start_new_thread(work, ())
+    waiting = 0
+    try:
+        for part in parts:
+            wanted.put(part)
+            waiting += 1
+            if waiting > BANDS_AHEAD:
+                waiting -= 1
+                yield taken()
+        for _ in range(waiting):
+            yield taken()
+    finally:
+        with suppress(Empty):
+            while True:
+                wanted.get_nowait()
+        wanted.put(None)
+        while found.get() is not None:  # what it is at is read to the end: the file may be closed next
+            pass

@@ -1,0 +1,306 @@
+"""Model files are opened once in a process, in the background where that is wanted."""
+
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+import weakref
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import Navigator, NavigatorSettings, NetworkModel, Planner, World, plan_path
+from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.loop import navigator
+from nnpp_edge.runtime.network import loading
+from nnpp_edge.runtime.network.loading import KEPT, begin_loading
+from nnpp_edge.runtime.planners import choice
+
+COST = np.random.default_rng(5).uniform(0.0, 0.5, (120, 130)).astype(np.float32)
+ENDS = (3, 4), (110, 120)
+
+
+class Sessions:
+    """Counts sessions that are opened, and may make each take longer."""
+
+    def __init__(self):
+        self.paths, self.seconds = [], 0.0
+        self._open_session = loading.open_session
+
+    def __call__(self, path, options=None):
+        self.paths.append(path)
+        time.sleep(self.seconds)
+        return self._open_session(path, options)
+
+
+@pytest.fixture
+def sessions(monkeypatch):
+    found = Sessions()
+    monkeypatch.setattr(loading, "open_session", found)
+    return found
+
+
+@pytest.fixture
+def fresh_model(tiny_model, tmp_path):
+    """A file that no test has opened."""
+    return shutil.copy(tiny_model, tmp_path / "fresh.onnx")
+
+
+def loaders():
+    return [thread for thread in threading.enumerate() if thread.name == "load a model"]
+
+
+def wait_for_loaders():
+    for thread in loaders():
+        thread.join()
+
+
+def test_planners_that_name_the_same_file_share_a_session(fresh_model, sessions):
+    planners = [Planner(COST, model=model) for model in (fresh_model, str(fresh_model), fresh_model)]
+    plans = [planner.plan(*ENDS, method="nnpp") for planner in planners]
+    one, other = NetworkModel(fresh_model), NetworkModel(fresh_model, threads=1)
+    assert sessions.paths == [fresh_model]
+    assert one.session is other.session  # one thread is what so small a network gets by default
+    assert np.array_equal(plans[0].path, plans[2].path)
+    NetworkModel(fresh_model, threads=2)
+    NetworkModel(fresh_model, spinning=True)
+    assert len(sessions.paths) == 3
+
+
+def test_a_shipped_model_is_the_same_by_name_and_by_path():
+    by_name = NetworkModel("edge")
+    assert NetworkModel(by_name.path).session is by_name.session
+
+
+def test_networks_on_one_session_keep_maps_and_queries_of_their_own(fresh_model):
+    rng = np.random.default_rng(1)
+    one, other = NetworkModel(fresh_model), NetworkModel(fresh_model)
+    for network in (one, other):
+        network.set_map(rng.random((2, 64, 64)).astype(np.float32))
+        network.set_query((5.0, 6.0), (50.0, 40.0))
+    first = one.run().copy()
+    assert not np.array_equal(first, other.run())
+    np.testing.assert_array_equal(first, one.run())
+
+
+def test_threads_that_ask_at_once_wait_for_one_session(fresh_model, sessions):
+    sessions.seconds, found = 0.2, []
+    together = threading.Barrier(6)
+
+    def ask():
+        together.wait()
+        found.append(NetworkModel(fresh_model))
+
+    threads = [threading.Thread(target=ask) for _ in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(sessions.paths) == 1
+    assert len({id(network.session) for network in found}) == 1
+    assert all(network.waited for network in found)
+
+
+def test_who_asks_for_an_open_file_does_not_wait_for_another(fresh_model, tmp_path, sessions):
+    other = shutil.copy(fresh_model, tmp_path / "other.onnx")
+    kept = NetworkModel(fresh_model)
+    sessions.seconds = 1.0
+    begin_loading(other)
+    while len(sessions.paths) < 2:
+        time.sleep(0.001)
+    assert NetworkModel(fresh_model).session is kept.session
+    assert loaders()
+    wait_for_loaders()
+
+
+@pytest.mark.parametrize("way", ["in place, its time set back", "another in its place"])
+def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
+    planner = Planner(COST, model=fresh_model)
+    before = NetworkModel(fresh_model)
+    assert planner.plan(*ENDS, method="nnpp").ok
+    content, found = fresh_model.read_bytes().replace(b'"version": "0"', b'"version": "1"'), fresh_model.stat()
+    if way.startswith("in place"):
+        fresh_model.write_bytes(content)
+        os.utime(fresh_model, ns=(found.st_atime_ns, found.st_mtime_ns))
+    else:
+        fresh_model.with_suffix(".new").write_bytes(content)
+        fresh_model.with_suffix(".new").replace(fresh_model)
+    after = NetworkModel(fresh_model)
+    assert (before.metadata.version, after.metadata.version) == ("0", "1")
+    assert len(sessions.paths) == 2
+    planner.use_model(fresh_model)
+    assert planner.plan(*ENDS, method="nnpp").ok
+    assert len(sessions.paths) == 2
+
+
+def test_the_loop_reads_a_changed_model_again_and_an_unchanged_one_not(fresh_model, sessions):
+    world = World(COST)
+    loop = Navigator(world, NavigatorSettings(method="nnpp", model=fresh_model))
+    loop.reload()
+    loop.tick()
+    assert len(sessions.paths) == 1
+    fresh_model.write_bytes(fresh_model.read_bytes().replace(b'"version": "0"', b'"version": "1"'))
+    loop.reload()
+    loop.tick()
+    assert loop.model.metadata.version == "1"
+    assert (len(sessions.paths), loop.counters().reloads) == (2, 2)
+
+
+def test_a_file_that_changes_while_it_is_loaded_is_refused(fresh_model, sessions, monkeypatch):
+    def open_and_write(path, options):
+        session = sessions(path, options)
+        os.utime(path, ns=(1, 1))
+        return session
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loading, "open_session", open_and_write)
+        with pytest.raises(ModelError, match="changed while it was loaded"):
+            NetworkModel(fresh_model)
+    assert NetworkModel(fresh_model).metadata.name == "tiny"
+
+
+def test_sessions_that_nobody_uses_do_not_pile_up(tiny_model, tmp_path):
+    found = []
+    for number in range(KEPT + 4):
+        network = NetworkModel(shutil.copy(tiny_model, tmp_path / f"{number}.onnx"))
+        found.append(weakref.ref(network.session))
+    del network
+    alive = [number for number, session in enumerate(found) if session() is not None]
+    assert alive == [KEPT + 2, KEPT + 3]
+
+
+def test_calls_one_after_another_open_a_file_once(fresh_model, sessions):
+    plans = [plan_path(COST, *ENDS, "nnpp", model=fresh_model) for _ in range(3)]
+    wait_for_loaders()
+    assert len(sessions.paths) == 1
+    assert all(np.array_equal(plan.path, plans[0].path) for plan in plans)
+
+
+def test_an_error_in_the_background_is_raised_to_each_who_asks_and_printed_to_none(fresh_model, capfd):
+    content = fresh_model.read_bytes()
+    fresh_model.write_bytes(content[:-40])
+    begin_loading(fresh_model)
+    begin_loading(fresh_model.with_name("none.onnx"))
+    wait_for_loaders()
+    planners = [Planner(COST, model=fresh_model) for _ in range(2)]
+    for planner in (*planners, *planners):
+        with pytest.raises(ModelError, match=r"fresh.onnx: wanted an ONNX model"):
+            planner.plan(*ENDS, method="nnpp")
+    fresh_model.write_bytes(content)
+    assert planners[0].plan(*ENDS, method="nnpp").ok
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_time_of_waiting_for_the_network_is_a_stage_of_its_own(fresh_model, sessions):
+    sessions.seconds = 0.3
+    slow, ready = (Planner(COST, model=fresh_model).plan(*ENDS, method="nnpp").timings_ms for _ in range(2))
+    assert slow["load"] >= 300.0
+    assert "load" not in ready
+    for times in (slow, ready):
+        stages = [ms for stage, ms in times.items() if stage != "total"]
+        assert sum(stages) == pytest.approx(times["total"], rel=0.05)
+
+
+def test_a_plan_waits_only_for_what_is_left_of_loading(fresh_model, sessions):
+    sessions.seconds = 1.5
+    planner = Planner(COST, model=fresh_model)
+    begin_loading(fresh_model)
+    time.sleep(0.3)
+    times = planner.plan(*ENDS, method="nnpp").timings_ms
+    assert 0.0 < times["load"] < 1300.0
+    assert len(sessions.paths) == 1
+
+
+def test_a_model_that_is_loaded_is_not_loaded_in_the_background(network):
+    begin_loading(network)
+    begin_loading(network.path)
+    assert not loaders()
+
+
+@pytest.mark.parametrize(
+    ("method", "side", "apart", "model", "expected"),
+    [
+        ("nnpp", 100, 90, "edge", True),
+        ("nnpp", 100, 20, "edge", False),
+        ("auto", 1000, 900, "edge", False),
+        ("auto", 2000, 900, "edge", True),
+        ("auto", 2000, 300, "edge", False),
+        ("auto", 2000, 900, "paper", False),
+        ("astar", 2000, 900, "edge", False),
+        ("corridor", 2000, 900, "edge", False),
+        ("nosuch", 2000, 900, "edge", False),
+    ],
+)
+def test_the_network_is_expected_where_plans_come_from_it(monkeypatch, method, side, apart, model, expected):
+    monkeypatch.setenv(choice.VARIABLE, "")
+    assert choice.expects_network(method, (side, side), model, apart) is expected
+
+
+def test_planning_once_begins_to_load_only_what_it_will_ask(fresh_model, monkeypatch):
+    begun = []
+    module = sys.modules[plan_path.__module__]  # the package's name for it is the function's
+    monkeypatch.setattr(module, "begin_loading", begun.append)
+    for method in ("astar", "corridor", "auto"):
+        assert plan_path(COST, *ENDS, method, model=fresh_model).ok
+    assert begun == []
+    assert plan_path(COST, *ENDS, "nnpp", model=fresh_model).ok
+    assert begun == [fresh_model]
+
+
+def test_the_loop_begins_to_load_before_it_reads_its_map(fresh_model, monkeypatch):
+    begun = []
+    monkeypatch.setattr(navigator, "begin_loading", begun.append)
+    for method in ("auto", "dstar", "corridor-dstar"):
+        Navigator(World(COST), NavigatorSettings(method=method, model=fresh_model))
+    assert begun == []
+    for method in ("nnpp", "nnpp-dstar"):
+        Navigator(World(COST), NavigatorSettings(method=method, model=fresh_model))
+    assert begun == [fresh_model, fresh_model]
+
+
+FORK = """
+import os, signal, sys, time
+import numpy as np
+from nnpp_edge.runtime import NetworkModel
+from nnpp_edge.runtime.network import loading
+
+open_session = loading.open_session
+def slowly(*words):
+    time.sleep(0.2)
+    return open_session(*words)
+loading.open_session = slowly
+
+def answer(network):
+    network.set_map(np.full((2, 64, 64), 0.25, np.float32))
+    network.set_query((5.0, 6.0), (50.0, 40.0))
+    return network.run().copy()
+
+model, way = sys.argv[1:]
+if way == "while it loads":
+    loading.begin_loading(model, threads=2)
+    time.sleep(0.1)
+else:
+    network = NetworkModel(model, threads=2)
+    wanted = answer(network)
+if (child := os.fork()) == 0:
+    signal.alarm(20)
+    if way == "its own":
+        assert np.array_equal(answer(network), wanted)
+    again = NetworkModel(model, threads=2)
+    assert again.run().shape == (8, 8)
+    if way == "dropped":
+        del network
+    os._exit(7)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+assert NetworkModel(model, threads=2).run().shape == (8, 8)
+"""
+
+
+@pytest.mark.parametrize("way", ["while it loads", "its own", "dropped"])
+def test_a_forked_child_uses_no_lock_and_no_thread_of_its_parent(fresh_model, way):
+    ended = subprocess.run(
+        [sys.executable, "-c", FORK, fresh_model, way], capture_output=True, text=True, timeout=120
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")

@@ -1,0 +1,255 @@
+"""Maps read by windows: costs, coarse levels and plans are those of the whole map in memory."""
+
+import ctypes
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.runtime import Planner, plan_path
+from nnpp_edge.runtime.errors import InvalidMapError, Status
+from nnpp_edge.runtime.loop.realtime import rss_bytes
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.pyramid import Pyramid
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.map.streamed import StreamedMap
+from nnpp_edge.runtime.memory import check_planner_fits, small_pages, virtual_zeros
+from nnpp_edge.runtime.planners import windowed
+from nnpp_edge.runtime.planners.plan import Source
+from nnpp_edge.runtime.planners.windowed import WindowedPlanner
+from nnpp_edge.runtime.search.connection import connected
+from nnpp_edge.runtime.terrain import windows
+from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
+from nnpp_edge.runtime.terrain.windows import CostWindows
+from nnpp_edge.terrain.synthetic import synthetic_terrain
+from tests.strategies import cases
+
+LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0, roughness_limit_m=2.0, step_limit_m=2.0)
+
+
+class ArrayWindows:
+    """Heights in memory, handed out by windows."""
+
+    cell_size_m, cell_width_m = 1.0, 1.5
+
+    def __init__(self, heights, block=(16, 16)):
+        self.heights, self.block, self.read_parts = heights, block, []
+
+    @property
+    def shape(self):
+        return self.heights.shape
+
+    def read(self, part):
+        row, col, rows, cols = part
+        self.read_parts.append(part)
+        assert row >= 0 and col >= 0 and row + rows <= self.shape[0] and col + cols <= self.shape[1]
+        return self.heights[row : row + rows, col : col + cols].copy()
+
+
+def rough(rng, rows, cols, unknown=0.05):
+    heights = np.cumsum(rng.normal(0.0, 0.3, (rows, cols)), axis=1).astype(np.float32)
+    heights[rng.random(heights.shape) < unknown] = np.nan
+    return heights
+
+
+def cost_of(heights):
+    return traversability_cost(heights, 1.0, LIMITS, cell_width_m=1.5, warn=False)
+
+
+@pytest.fixture
+def small_bands(monkeypatch):
+    """Bands of about a block's height."""
+    monkeypatch.setattr(windows, "BAND_CELLS", 1)
+
+
+@pytest.mark.usefixtures("small_bands")
+@pytest.mark.parametrize("block_rows", [1, 3, 4, 8, 64])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (3, 9), (65, 30), (64, 7)])
+def test_costs_by_bands_are_those_of_the_whole_map(shape, block_rows):
+    heights = rough(np.random.default_rng(block_rows), *shape)
+    source = ArrayWindows(heights, (block_rows, 16))
+    bands = list(CostWindows(source, LIMITS).bands())
+    assert [row for row, *_ in bands] == np.cumsum([0, *(len(cost) for *_, cost in bands)])[:-1].tolist()
+    assert all(len(cost) % 4 == 0 for *_, cost in bands[:-1])
+    np.testing.assert_array_equal(np.concatenate([each for _, each, _ in bands]), heights)
+    np.testing.assert_array_equal(np.concatenate([cost for *_, cost in bands]), cost_of(heights))
+    assert sum(rows * cols for _, _, rows, cols in source.read_parts) == heights.size  # each once
+
+
+def test_costs_of_windows_and_along_a_path_are_those_of_the_whole_map():
+    rng = np.random.default_rng(0)
+    heights = rough(rng, 90, 700)
+    cost, source = cost_of(heights), CostWindows(ArrayWindows(heights), LIMITS)
+    parts = [(0, 0, 90, 700), (0, 5, 1, 1), (89, 699, 1, 1), (30, 40, 17, 23)]
+    for (row, col, rows, cols), found, costs in source.windows(parts):
+        np.testing.assert_array_equal(found, heights[row : row + rows, col : col + cols])
+        np.testing.assert_array_equal(costs, cost[row : row + rows, col : col + cols])
+    path = np.stack([np.minimum(np.arange(700) // 7, 89), np.arange(700)], axis=1).astype(np.int32)
+    for path_part in (path, path[:1], path[:0]):
+        found, costs = source.along(path_part)
+        np.testing.assert_array_equal(found, heights[tuple(path_part.T)])
+        np.testing.assert_array_equal(costs, cost[tuple(path_part.T)])
+
+
+@settings(deadline=None, max_examples=120)
+@given(
+    st.integers(0, 2**32),
+    st.sampled_from([0.0, 0.1, 0.3, 0.5, 0.8]),
+    st.sampled_from([4, 8, 12, 100]),
+    st.booleans(),
+)
+def test_coarse_levels_made_by_bands_are_those_of_the_whole_map(seed, blocked, rows_per_band, corner_cutting):
+    rng = np.random.default_rng(seed)
+    rows, cols = rng.integers(1, 90), rng.choice([rng.integers(1, 60), 1100])
+    cost = rng.random((rows, cols)).astype(np.float32) * 0.9
+    cost[rng.random(cost.shape) < blocked] = np.inf
+    cost[:, rng.integers(cols)] = np.inf  # a wall
+    cost[rng.integers(rows)] = np.inf
+    model = StepModel.of("paper")
+    whole = Pyramid(Grid.of(cost, model, corner_cutting))
+    streamed = StreamedMap(cost.shape, model, corner_cutting=corner_cutting)
+    for row in range(0, rows, rows_per_band):
+        streamed.take(cost[row : row + rows_per_band])
+    streamed.finish()
+    assert len(whole.levels) == len(streamed.levels)
+    for one, other in zip(whole.levels[1:], streamed.levels[1:], strict=True):
+        np.testing.assert_array_equal(one.grid.weights, other.grid.weights)
+        np.testing.assert_array_equal(one.pieces, other.pieces)
+        np.testing.assert_array_equal(one.links, other.links)
+        assert (one.grid.least, one.grid.greatest) == (other.grid.least, other.grid.greatest)
+    assert (whole.levels[0].grid.least, whole.levels[0].grid.greatest) == (
+        streamed.grid.least,
+        streamed.grid.greatest,
+    )
+
+
+@pytest.mark.usefixtures("small_bands")
+@pytest.mark.parametrize("corner_cutting", [True, False])
+@pytest.mark.parametrize("seed", range(4))
+def test_plans_are_those_of_the_corridor_planner_in_memory(seed, corner_cutting):
+    rng = np.random.default_rng(seed)
+    heights = synthetic_terrain(rng, 420, 2.0)[: rng.integers(200, 420), : rng.integers(200, 420)]
+    heights[rng.random(heights.shape) < 0.02] = np.nan
+    heights[heights.shape[0] // 2, : heights.shape[1] // 3] = np.nan
+    cost, block = cost_of(heights), [(16, 16), (1, 420), (128, 128), (512, 512)][seed]
+    source = ArrayWindows(heights, block)
+    planner = Planner(cost, corner_cutting=corner_cutting)
+    by_windows = WindowedPlanner(source, LIMITS, corner_cutting=corner_cutting)
+    passable = np.argwhere(np.isfinite(cost))
+    sources = set()
+    for _ in range(12):
+        start, goal = (tuple(each.tolist()) for each in passable[rng.integers(len(passable), size=2)])
+        epsilon = rng.choice([math.inf, 0.3])
+        wanted = planner.plan(start, goal, method="corridor", epsilon=epsilon)
+        plan = by_windows.plan(start, goal, epsilon=epsilon)
+        sources.add(wanted.source)
+        if wanted.source is Source.FALLBACK:
+            no_path = Status.UNKNOWN if wanted.ok else Status.NO_PATH
+            assert plan.status is no_path or (plan.ok and plan.lower_bound <= wanted.cost * (1 + 1e-6))
+            continue
+        assert (plan.status, plan.cost, plan.source) == (wanted.status, wanted.cost, wanted.source)
+        assert (plan.lower_bound, plan.expansions) == (wanted.lower_bound, wanted.expansions)
+        np.testing.assert_array_equal(plan.path, wanted.path)
+    assert Source.REGION in sources
+    assert by_windows.reading().read_again > 0.0
+
+
+@settings(deadline=None, max_examples=150)
+@given(cases(most_side=30), st.sampled_from([1, 4, 7, 64]))
+def test_whether_two_cells_are_connected_is_what_a_search_finds(case, rows_per_band):
+    cost = np.where(np.isfinite(case.cost), np.float32(0.5), np.float32(np.nan))
+    plan = plan_path(cost, case.start, case.goal, method="astar", corner_cutting=case.corner_cutting)
+    bands = (cost[row : row + rows_per_band] for row in range(0, len(cost), rows_per_band))
+    assert connected(bands, (case.start, case.goal), corner_cutting=case.corner_cutting) == plan.ok
+
+
+def test_a_spiral_is_followed_and_reading_ends_when_all_is_known():
+    cost = np.full((41, 41), np.inf, np.float32)
+    cost[::4], cost[:, ::40] = 0.5, 0.5
+    for n, row in enumerate(range(2, 41, 4)):  # a snake: from each row to the next at the other end
+        cost[row - 1 : row + 2, 0 if n % 2 else 40] = np.inf
+    given_out = []
+
+    def bands():
+        for row in range(0, 41, 5):
+            given_out.append(row)
+            yield cost[row : row + 5]
+
+    assert connected(bands(), ((0, 0), (40, 40)))
+    assert len(given_out) == 9
+    given_out.clear()
+    cost[6] = np.inf
+    assert not connected(bands(), ((0, 0), (40, 40)))
+    assert len(given_out) == 2
+
+
+def test_a_corridor_without_a_path_is_widened_and_then_it_is_told_whether_there_is_one():
+    heights = np.zeros((300, 300), np.float32)
+    heights[150] = np.nan
+    planner = WindowedPlanner(ArrayWindows(heights), LIMITS)
+    plan = planner.plan((10, 10), (290, 290))
+    assert (plan.status, plan.source, len(plan.path)) == (Status.NO_PATH, Source.WIDENED, 0)
+    assert plan.lower_bound == 0.0 and not plan.reason
+    # two ways into one coarse cell, of which it keeps the larger, and that leads nowhere
+    heights[148:152] = np.nan
+    heights[148:152, 100] = heights[148:151, 102:104] = 0.0
+    planner = WindowedPlanner(ArrayWindows(heights))
+    plan = planner.plan((10, 10), (290, 290))
+    exact = Planner(traversability_cost(heights, 1.0, cell_width_m=1.5, warn=False)).plan(
+        (10, 10), (290, 290), method="corridor"
+    )
+    assert exact.source is Source.FALLBACK and exact.ok
+    assert plan.status is Status.UNKNOWN and "there is a path" in plan.reason
+
+
+def test_ends_outside_and_blocked_and_alike():
+    heights = np.zeros((60, 70), np.float32)
+    heights[20:23, 20:23] = np.nan
+    planner = WindowedPlanner(ArrayWindows(heights))
+    assert planner.plan((60, 0), (1, 1)).status is Status.START_OUTSIDE_MAP
+    assert planner.plan((1, 1), (0, -1)).status is Status.GOAL_OUTSIDE_MAP
+    assert planner.plan((21, 21), (1, 1)).status is Status.START_BLOCKED
+    assert planner.plan((1, 1), (21, 21)).status is Status.GOAL_BLOCKED
+    assert planner.plan((0, 0), (0, 0)).cost == 0.0
+    assert planner.plan((0, 0), (59, 69)).ok
+    assert planner.any_passable
+    assert not WindowedPlanner(ArrayWindows(np.full((9, 9), np.nan, np.float32))).any_passable
+
+
+def test_only_what_is_written_to_takes_memory():
+    zeros = virtual_zeros(1 << 31, np.int32)
+    before = rss_bytes()
+    zeros[:: 1 << 21] = 1  # in a thousand places, each of which would bring 2 MiB along as a huge page
+    assert rss_bytes() - before < 64 << 20
+    assert zeros[1 << 21] == 1 and not zeros[(1 << 21) + 1 : (1 << 21) + 100].any()
+
+
+def test_huge_pages_are_off_for_a_while():
+    def off():
+        return ctypes.CDLL(None).prctl(42, 0, 0, 0, 0)  # PR_GET_THP_DISABLE
+
+    assert off() == 0
+    with small_pages():
+        assert off() == 1
+    assert off() == 0
+
+
+def test_a_corridor_that_does_not_fit_is_refused_before_it_is_read(monkeypatch):
+    source = ArrayWindows(np.zeros((300, 300), np.float32))
+    planner = WindowedPlanner(source)
+    monkeypatch.setattr(windowed, "available_bytes", lambda: 100_000)
+    before = len(source.read_parts)
+    with pytest.raises(InvalidMapError, match=r"cells under the corridor, got 0.00 GB: plan in several legs"):
+        planner.plan((10, 10), (290, 290))
+    assert len(source.read_parts) == before + 2  # start and goal
+
+
+def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated():
+    huge = np.broadcast_to(np.float32(0.2), (4_000_000, 1_000_000))
+    with pytest.raises(InvalidMapError, match=r"wanted 64000.0 GB of memory .* WindowedPlanner"):
+        Planner(huge)
+    check_planner_fits((2048, 2048))
+    with pytest.raises(InvalidMapError, match="cells"):
+        StreamedMap((60_000, 60_000), StepModel.of("paper"))
