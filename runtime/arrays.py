@@ -38,3 +38,10 @@ def as_map(array: ArrayLike, name: str, dtype: type[Float] = np.float32) -> NDAr
     except FloatingPointError:
         furthest = np.abs(values[np.isfinite(values)]).max()
         raise InvalidMapError(f"{name} must hold 32-bit floats, got a value of size {furthest:.3g}") from None
+
+
+def close_border(weights: NDArray[np.float32], rows: int, cols: int) -> None:
+    """Make the border impassable of a grid of (rows + 2) · (cols + 2) nodes."""
+    padded = weights.reshape(rows + 2, cols + 2)
+    for side in (padded[0], padded[-1], padded[:, 0], padded[:, -1]):
+        side.fill(np.inf)

@@ -39,8 +39,8 @@ THREADS_FROM = 200_000
 TILE_ROWS, TILE_COLS = 32, 64
 """Cells of the pieces in which a map of heights is computed: powers of two. In smaller ones rows are too short for
 the compiler's loops; of larger ones a search looks at a small part."""
-MOST_SAMPLED_ROWS = 16
-"""Rows by which it is judged, roughly, whether most of a map lies at a term's limit."""
+MOST_SAMPLED = 24
+"""Cells to the side of the sample by which it is judged, roughly, whether most of a map lies at a term's limit."""
 
 # Maps read by windows
 

@@ -163,17 +163,20 @@ def address_of_open_tile(tiles):
 
 
 @kernel
-def fill_rows(tiles, row0, row1):
-    """Weights of whole rows of the map."""
-    source = tiles[4]
-    _fill(source, (row0, row1, np.int64(0), source[8][1]))
+def compute_rows(tiles, row0, row1):
+    """Weights of whole rows of tiles, and the coarse cells above them with the links within.
 
-
-@kernel
-def pool_rows(tiles, row0, row1):
-    """Coarse cells above whole rows of the map, which the coarsest cells divide evenly, and the links within."""
-    source = tiles[4]
-    _pool_levels(source, (row0, row1, np.int64(0), source[8][1]))
+    Rows `row0` to `row1` of the map are those of the tiles. Row of tiles by row of tiles: what is read again is near.
+    """
+    state, _, _, _, source, _ = tiles
+    down, cols = source[3][0, 0], source[8][1]
+    for i in range(row0 >> down, ((row1 - 1) >> down) + 1):
+        area = i << down, min((i + 1) << down, row1), np.int64(0), cols
+        for j in range(state.shape[1]):
+            if not state[i, j] & COSTED:
+                _fill(source, area)
+                break
+        _pool_levels(source, area)
 
 
 @kernel

@@ -1,9 +1,10 @@
 """Slope, roughness and elevation difference of each cell, and its cost. See `terrain.traversability`.
 
-Two ways lead to the same result. Where all nine cells of a patch are known, the plane has a closed form, in float32
-and without a branch, so that the compiler computes eight cells of a row at once. Heights are taken relative to the
-patch's own middle, and the residual is the sum of the squares of six contrasts in which no plane has a part: so no
-large numbers are subtracted, and a map 8,000 m up loses no digit. All other patches are fitted by their moments.
+Several ways lead to the same result. Where all nine cells of a patch are known, the plane has a closed form, in
+float32 and without a branch, so that the compiler computes eight cells of a row at once. Heights are taken relative
+to the patch's own middle, and the residual is the sum of the squares of six contrasts in which no plane has a part:
+so no large numbers are subtracted, and a map 8,000 m up loses no digit. The six cells of a patch at a side of the map
+have such a form, too. All other patches are fitted by their moments.
 """
 
 import math
@@ -19,6 +20,7 @@ SLOPE_WEIGHT, ROUGHNESS_WEIGHT, STEP_WEIGHT = 5, 6, 7
 HARD_SLOPE, HARD_ROUGHNESS, HARD_STEP, SCALE = 8, 9, 10, 11
 
 _ONE, _ZERO, _INF, _NAN = np.float32(1.0), np.float32(0.0), np.float32(np.inf), np.float32(np.nan)
+_1, _2 = np.uint64(1), np.uint64(2)
 _QUARTER_TURN = np.float32(0.5 * math.pi)
 _MOST = np.nextafter(_ONE, _ZERO)
 """The greatest cost below 1."""
@@ -35,8 +37,8 @@ _A0, _A1, _A2, _A3, _A4, _A5, _A6 = (
     )
 )
 """Of the odd polynomial of degree 13 that is nowhere in [0, 1] more than 2.5e-7 from the arc tangent."""
-_NINTH, _QUARTER, _TWELFTH = np.float32(1 / 9), np.float32(1 / 4), np.float32(1 / 12)
-_EIGHTEENTH, _THIRTY_SIXTH = np.float32(1 / 18), np.float32(1 / 36)
+_THIRD, _QUARTER, _SIXTH, _NINTH = np.float32(1 / 3), np.float32(1 / 4), np.float32(1 / 6), np.float32(1 / 9)
+_TWELFTH, _EIGHTEENTH, _THIRTY_SIXTH = np.float32(1 / 12), np.float32(1 / 18), np.float32(1 / 36)
 
 
 @kernel
@@ -85,8 +87,25 @@ def _moments_plane(heights, rows, cols, row, col, dy, dx):
 
 
 @kernel
+def _of_plane(a, b, variance, own):
+    """Slope (rad), roughness and elevation difference by a plane's gradients, all float32.
+
+    `variance` is the mean square of the patch's vertical distances from it, `own` the cell's own.
+    """
+    square = a * a + b * b
+    steepness = math.sqrt(square)
+    steep = steepness > _ONE
+    x = _ONE / steepness if steep else steepness
+    y = x * x
+    angle = x * (_A0 + y * (_A1 + y * (_A2 + y * (_A3 + y * (_A4 + y * (_A5 + y * _A6))))))
+    slope = _QUARTER_TURN - angle if steep else angle
+    upright = _ONE / (_ONE + square)
+    return slope, math.sqrt(variance * upright), abs(own) * math.sqrt(upright)
+
+
+@kernel
 def _whole_plane(top, middle, bottom, over_dx, over_dy):
-    """The same of a cell all of whose patch is known, three rows of three; not finite where it is not. All float32.
+    """The same of a cell all of whose patch is known, three rows of three; not finite where it is not.
 
     `over_dx` and `over_dy` are 1 / (6 dx) and 1 / (6 dy). Each column's sum, difference of its ends and curvature
     (top - 2 middle + bottom), and then the same three of those along the row.
@@ -103,50 +122,81 @@ def _whole_plane(top, middle, bottom, over_dx, over_dy):
     saddle = bends - (ends_m + ends_m)
     residual = (along * along + across * across) * _EIGHTEENTH + twist * twist * _QUARTER
     residual += (fan * fan + tent * tent) * _TWELFTH + saddle * saddle * _THIRTY_SIXTH
-    a, b = (sum_r - sum_l) * over_dx, (rises + rise_m) * over_dy
-    square = a * a + b * b
-    steepness = math.sqrt(square)
-    steep = steepness > _ONE
-    x = _ONE / steepness if steep else steepness
-    y = x * x
-    angle = x * (_A0 + y * (_A1 + y * (_A2 + y * (_A3 + y * (_A4 + y * (_A5 + y * _A6))))))
-    slope = _QUARTER_TURN - angle if steep else angle
-    upright = _ONE / (_ONE + square)
-    own = (sums + ends_m) * _NINTH
-    return slope, math.sqrt(residual * upright * _NINTH), abs(own) * math.sqrt(upright)
+    return _of_plane(
+        (sum_r - sum_l) * over_dx, (rises + rise_m) * over_dy, residual * _NINTH, (sums + ends_m) * _NINTH
+    )
 
 
 @kernel
-def _fill_row(heights, first, cols, n, rule, out, at):
-    """Weights of `n` cells of a row, none at the border, from index `first` on: NaN where a patch has a hole.
+def _side_plane(side, beside, over_along, over_across):
+    """The same of a cell at a side of the map, of whose patch there are the three cells of the side and three beside.
 
-    Returns whether one has.
+    `over_along` and `over_across` are 1 / (4 d) and 1 / (3 d) of the distances of cells along the side and across it.
+    Each pair's sum and rise, and of those along the side their mean, difference of the ends and curvature.
     """
-    over_dx, over_dy = np.float32(1.0 / (6.0 * rule[DX])), np.float32(1.0 / (6.0 * rule[DY]))
-    over_slope, over_roughness = np.float32(1.0 / rule[SLOPE_LIMIT]), np.float32(1.0 / rule[ROUGHNESS_LIMIT])
-    over_step, scale = np.float32(1.0 / rule[STEP_LIMIT]), np.float32(rule[SCALE])
-    slope_weight, roughness_weight = np.float32(rule[SLOPE_WEIGHT]), np.float32(rule[ROUGHNESS_WEIGHT])
-    step_weight, hard_slope = np.float32(rule[STEP_WEIGHT]), np.float32(rule[HARD_SLOPE])
-    hard_roughness, hard_step = np.float32(rule[HARD_ROUGHNESS]), np.float32(rule[HARD_STEP])
-    top, bottom = first - cols, first + cols
-    # a slice for each of the nine neighbours: indices that begin at 0 need no look for negative ones
-    t0, t1, t2 = heights[top - 1 : top - 1 + n], heights[top : top + n], heights[top + 1 : top + 1 + n]
-    m0, m1, m2 = heights[first - 1 : first - 1 + n], heights[first : first + n], heights[first + 1 : first + 1 + n]
-    b0, b1, b2 = (
-        heights[bottom - 1 : bottom - 1 + n],
-        heights[bottom : bottom + n],
-        heights[bottom + 1 : bottom + 1 + n],
+    (ol, om, other), (xl, xm, xr) = side, beside
+    ol, other, xl, xm, xr = ol - om, other - om, xl - om, xm - om, xr - om
+    rise_l, rise_r = xl - ol, xr - other
+    rises, sum_l, sum_r = rise_l + rise_r, ol + xl, other + xr
+    curve, twist, fan = sum_l + sum_r - (xm + xm), rise_r - rise_l, rises - (xm + xm)
+    residual = (curve * curve + fan * fan) * _TWELFTH + twist * twist * _QUARTER
+    own = (ol + other) * _THIRD
+    return _of_plane((sum_r - sum_l) * over_along, (rises + xm) * over_across, residual * _SIXTH, own)
+
+
+@kernel
+def _constants(rule):
+    """What cells need of a rule, in float32: inverse limits, weights, hard limits, scale, and inverse distances.
+
+    These are as `_whole_plane` takes them, then as `_side_plane` does along a row and along a column.
+    """
+    dy, dx = rule[DY], rule[DX]
+    whole = np.float32(1.0 / (6.0 * dx)), np.float32(1.0 / (6.0 * dy))
+    row, column = (
+        (np.float32(0.25 / dx), np.float32(1.0 / (3.0 * dy))),
+        (np.float32(0.25 / dy), np.float32(1.0 / (3.0 * dx))),
     )
-    row = out[at : at + n]
+    inverse = np.float32(1.0 / rule[SLOPE_LIMIT]), np.float32(1.0 / rule[ROUGHNESS_LIMIT])
+    weights = np.float32(rule[SLOPE_WEIGHT]), np.float32(rule[ROUGHNESS_WEIGHT]), np.float32(rule[STEP_WEIGHT])
+    hard = np.float32(rule[HARD_SLOPE]), np.float32(rule[HARD_ROUGHNESS]), np.float32(rule[HARD_STEP])
+    return (
+        (*inverse, np.float32(1.0 / rule[STEP_LIMIT])),
+        weights,
+        hard,
+        np.float32(rule[SCALE]),
+        (whole, row, column),
+    )
+
+
+@kernel
+def _of_terms(slope, roughness, step, constants):
+    """Weight of a cell by Eq. 1, inf where impassable; NaN where a term is not finite."""
+    inverse, weights, hard, scale, _ = constants
+    s, r = min(slope * inverse[0], _ONE), min(roughness * inverse[1], _ONE)
+    f = min(step * inverse[2], _ONE)
+    t = min(weights[0] * s + weights[1] * r + weights[2] * f, _MOST)
+    beyond = (slope > hard[0]) | (roughness > hard[1]) | (step > hard[2])
+    beyond |= (s >= _ONE) & (r >= _ONE) & (f >= _ONE)
+    weight, terms = _INF if beyond else t * scale, slope + roughness + step
+    return weight if terms - terms == _ZERO else _NAN
+
+
+@kernel
+def _fill_row(heights, first, cols, n, constants, out, at):
+    """Weights of `n` cells of a row, neither the map's first nor its last, from index `first` on: NaN beside a hole.
+
+    Returns whether there is a hole. Cells at the border are to be weighed anew.
+    """
+    # a slice for each row of neighbours: indices that begin at 0 need no look for negative ones
+    above, below = heights[first - cols - 1 : first - cols + n + 1], heights[first + cols - 1 : first + cols + n + 1]
+    over_dx, over_dy = constants[4][0]
+    beside, row = heights[first - 1 : first + n + 1], out[at : at + n]
     for c in range(n):
-        above, beside, below = (t0[c], t1[c], t2[c]), (m0[c], m1[c], m2[c]), (b0[c], b1[c], b2[c])
-        slope, roughness, step = _whole_plane(above, beside, below, over_dx, over_dy)
-        s, r, f = min(slope * over_slope, _ONE), min(roughness * over_roughness, _ONE), min(step * over_step, _ONE)
-        t = min(slope_weight * s + roughness_weight * r + step_weight * f, _MOST)
-        beyond = (slope > hard_slope) | (roughness > hard_roughness) | (step > hard_step)
-        beyond |= (s >= _ONE) & (r >= _ONE) & (f >= _ONE)
-        weight, terms = _INF if beyond else t * scale, slope + roughness + step
-        row[c] = weight if terms - terms == _ZERO else _NAN
+        left, mid, right = np.uint64(c), np.uint64(c) + _1, np.uint64(c) + _2
+        top, middle = (above[left], above[mid], above[right]), (beside[left], beside[mid], beside[right])
+        bottom = below[left], below[mid], below[right]
+        slope, roughness, step = _whole_plane(top, middle, bottom, over_dx, over_dy)
+        row[left] = _of_terms(slope, roughness, step, constants)
     holes = False
     for c in range(n):
         holes |= row[c] != row[c]
@@ -170,6 +220,23 @@ def _weight(heights, rows, cols, row, col, rule):
 
 
 @kernel
+def _border_weight(heights, rows, cols, row, col, rule, constants):
+    """The same of a cell at the border, sooner done where its patch has no hole."""
+    at = row * cols + col
+    if 0 < col < cols - 1 and rows > 1:
+        along, across, over = 1, cols if row == 0 else -cols, constants[4][1]
+    elif 0 < row < rows - 1 and cols > 1:
+        along, across, over = cols, 1 if col == 0 else -1, constants[4][2]
+    else:
+        return _weight(heights, rows, cols, row, col, rule)
+    side, other = (heights[at - along], heights[at], heights[at + along]), at + across
+    beside = heights[other - along], heights[other], heights[other + along]
+    terms = _side_plane(side, beside, over[0], over[1])
+    weight = _of_terms(terms[0], terms[1], terms[2], constants)
+    return _weight(heights, rows, cols, row, col, rule) if math.isnan(weight) else weight
+
+
+@kernel
 def fill_weights(heights, rows, cols, rule, area, out, first, stride):
     """Weights of a rectangle of cells, inf where impassable.
 
@@ -190,29 +257,49 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
     """
     row0, row1, col0, col1 = area
     inner0, inner1 = max(col0, 1), min(col1, cols - 1)
+    constants = _constants(rule)
     for row in range(row0, row1):
         at = first + row * stride
         if row == 0 or row == rows - 1 or inner0 >= inner1:
             for col in range(col0, col1):
-                out[at + col] = _weight(heights, rows, cols, row, col, rule)
+                out[at + col] = _border_weight(heights, rows, cols, row, col, rule, constants)
             continue
-        if col0 == 0:
-            out[at] = _weight(heights, rows, cols, row, 0, rule)
-        if col1 == cols:
-            out[at + cols - 1] = _weight(heights, rows, cols, row, cols - 1, rule)
-        if _fill_row(heights, row * cols + inner0, cols, inner1 - inner0, rule, out, at + inner0):
+        # with the cells at the border, where their neighbours' places are in memory: whole rows of tiles are quicker
+        begin, end = (inner0 if row == 1 else col0), (inner1 if row == rows - 2 else col1)
+        if _fill_row(heights, row * cols + begin, cols, end - begin, constants, out, at + begin):
             for col in range(inner0, inner1):
                 if math.isnan(out[at + col]):
                     out[at + col] = _weight(heights, rows, cols, row, col, rule)
+        if col0 == 0:
+            out[at] = _border_weight(heights, rows, cols, row, 0, rule, constants)
+        if col1 == cols:
+            out[at + cols - 1] = _border_weight(heights, rows, cols, row, cols - 1, rule, constants)
 
 
 @kernel
-def count_saturated(heights, rows, cols, rule, first, step, counts):
-    """Count, in every `step`-th row from `first` on, the known cells and those at the limit of each of the terms."""
-    for row in range(first, rows, step):
-        for col in range(cols):
+def _plane(heights, rows, cols, row, col, dy, dx):
+    """Slope (rad), roughness and elevation difference of one known cell, in the shortest way."""
+    if 0 < row < rows - 1 and 0 < col < cols - 1:
+        t, m, b = (row - 1) * cols + col, row * cols + col, (row + 1) * cols + col
+        top, middle = (heights[t - 1], heights[t], heights[t + 1]), (heights[m - 1], heights[m], heights[m + 1])
+        bottom = heights[b - 1], heights[b], heights[b + 1]
+        terms = _whole_plane(top, middle, bottom, np.float32(1.0 / (6.0 * dx)), np.float32(1.0 / (6.0 * dy)))
+        slope, roughness, step = np.float64(terms[0]), np.float64(terms[1]), np.float64(terms[2])
+        if math.isfinite(slope + roughness + step):
+            return slope, roughness, step
+    return _moments_plane(heights, rows, cols, row, col, dy, dx)
+
+
+@kernel
+def count_saturated(heights, rows, cols, rule, steps, counts):
+    """Count, in a sample of the cells, the known ones and those at the limit of each of the terms.
+
+    `steps` are the rows and the columns from one cell of the sample to the next.
+    """
+    for row in range(steps[0] // 2, rows, steps[0]):
+        for col in range(steps[1] // 2, cols, steps[1]):
             if math.isfinite(heights[row * cols + col]):
-                terms = _moments_plane(heights, rows, cols, row, col, rule[DY], rule[DX])
+                terms = _plane(heights, rows, cols, row, col, rule[DY], rule[DX])
                 counts[0] += 1
                 for n in range(3):
                     counts[n + 1] += terms[n] >= rule[SLOPE_LIMIT + n]

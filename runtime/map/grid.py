@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.arrays import Float2D, as_map, close_border
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidMapError
@@ -223,7 +223,6 @@ class Grid:
 
 def _bordered(rows: int, cols: int) -> NDArray[np.float32]:
     """Room for a map's weights within an impassable border. Pages of it that nobody touches take no time."""
-    padded = np.empty((rows + 2, cols + 2), np.float32)
-    padded[[0, -1]] = np.inf
-    padded[:, [0, -1]] = np.inf
-    return padded.reshape(-1)
+    padded = np.empty((rows + 2) * (cols + 2), np.float32)
+    close_border(padded, rows, cols)
+    return padded

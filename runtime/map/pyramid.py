@@ -9,6 +9,7 @@ A coarse cell's weight is the mean over the cells it covers, those outside its p
 `obstacle_weight`. Means keep the balance of length and weight: both halves of a step's cost shrink alike.
 """
 
+import functools
 import itertools
 import math
 
@@ -44,10 +45,7 @@ class Level:
         """The piece that each cell stands for, as bits for the cells that it covers, row by row."""
         self.version = 0
         """Number of times that it has changed."""
-        self.quarters: Lookup = (
-            np.arange(grid.rows, dtype=np.int32) // (FACTOR // 2),
-            np.arange(grid.cols, dtype=np.int32) // (FACTOR // 2),
-        )
+        self.quarters: Lookup = _quarters(grid.rows), _quarters(grid.cols)
         """Row and column, among the quarters of the cells of the level above, of each row and column."""
 
 
@@ -110,3 +108,9 @@ def coarse_shapes(rows: int, cols: int) -> list[tuple[int, int]]:
         rows, cols = math.ceil(rows / FACTOR), math.ceil(cols / FACTOR)
         shapes.append((rows, cols))
     return shapes
+
+
+@functools.lru_cache(maxsize=64)
+def _quarters(cells: int) -> NDArray[np.int32]:
+    """(cells,) int32, the quarter of a coarse cell, along one side of the map, that each row or column lies in."""
+    return np.arange(cells, dtype=np.int32) // np.int32(FACTOR // 2)

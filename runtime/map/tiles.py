@@ -7,12 +7,13 @@ it is: a plan on a map that is computed as a whole beforehand is the same.
 """
 
 import functools
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, close_border
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.kernels.tiles import (
@@ -21,10 +22,9 @@ from nnpp_edge.runtime.kernels.tiles import (
     POOLED,
     SURROUNDED,
     address_of_open_tile,
-    fill_rows,
+    compute_rows,
     link_rows,
     open_tile,
-    pool_rows,
     sample_planes,
     write_heights,
 )
@@ -114,7 +114,7 @@ class Tiles:
 
     def packed(self, number: int = 0) -> PackedTiles:
         """As kernels take them that look at the level of that number."""
-        down, right = (int(shift) - 2 * number for shift in self._source[3][0, :2])
+        down, right = (side.bit_length() - 1 - 2 * number for side in self._sides)
         return self.state, LINKED if number else SURROUNDED, down, right, self._source, _address()
 
     def add_levels(
@@ -122,7 +122,7 @@ class Tiles:
     ) -> list[tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.uint8]]]:
         """Make room for coarse levels of these shapes, finest first: weights, pieces and links of each, padded."""
         sizes = [(rows + 2) * (cols + 2) for rows, cols in shapes]
-        firsts = np.cumsum([0, *sizes])
+        firsts = [0, *itertools.accumulate(sizes)]
         levels = np.empty((1 + len(shapes), 4), np.int64)
         levels[0] = self._source[3][0]
         levels[0, 3] = len(shapes)
@@ -132,8 +132,7 @@ class Tiles:
         pieces, links = np.zeros(firsts[-1], np.uint16), np.zeros(firsts[-1], np.uint8)
         parts = [slice(first, first + size) for first, size in zip(firsts, sizes, strict=False)]
         for part, (rows, cols) in zip(parts, shapes, strict=True):
-            border = weights[part].reshape(rows + 2, cols + 2)
-            border[[0, -1]] = border[:, [0, -1]] = np.inf
+            close_border(weights[part], rows, cols)
         heights, rule, own, _, _, _, _, counts, shape = self._source
         self._source = heights, rule, own, levels, weights, pieces, links, counts, shape
         return [(weights[part], pieces[part], links[part]) for part in parts]
@@ -147,14 +146,14 @@ class Tiles:
     def complete(self) -> None:
         """Compute all that is not there yet, on all cores where that pays."""
         tiles, (rows, cols), high = self.packed(), self.shape, self._sides[0]
-        if not (self.state & COSTED).all():
-            in_bands(lambda row0, row1: fill_rows(tiles, row0, row1), rows, cols, high)
-            self._source[7][0] = rows * cols
-        if self._source[3][0, 3] and not (self.state & LINKED).all():
-            in_bands(lambda row0, row1: pool_rows(tiles, row0, row1), rows, cols, high)
+        wanted = COSTED | (LINKED if self._source[3][0, 3] else 0)
+        if (self.state & wanted == wanted).all():
+            return
+        in_bands(lambda row0, row1: compute_rows(tiles, row0, row1), rows, cols, high)
+        if wanted & LINKED:
             in_bands(lambda row0, row1: link_rows(tiles, row0, row1), rows, cols, high)
-            self.state |= POOLED | LINKED
-        self.state |= COSTED | SURROUNDED
+        self.state |= SURROUNDED | POOLED | wanted
+        self._source[7][0] = rows * cols
 
     def write(self, row: int, col: int, patch: Float2D) -> tuple[int, bool, Rectangle]:
         """Put heights into the map, (h, w) float32 that lie inside it, and bring up to date what has been computed.

@@ -48,9 +48,9 @@ class MapPlanners:
         unseen_change: float = 0.0,
     ) -> None:
         self.state, self._network_from = state, network_from
+        self._model, self._unseen_change = model, unseen_change
         self.astar = AStarSearcher(state)
         self.exact = ExactPlanner(self.astar)
-        self.regions = LearnedRegions(state, model, unseen_change)
 
     def planner(self, method: Method) -> FindsPaths:
         """The planner of a method that is not ``auto``."""
@@ -77,6 +77,11 @@ class MapPlanners:
     def make_coarse_levels(self) -> None:
         """Pool the map now, so that the first plan does not wait for it."""
         _ = self.coarse_to_fine
+
+    @cached_property
+    def regions(self) -> LearnedRegions:
+        """The network's regions."""
+        return LearnedRegions(self.state, self._model, self._unseen_change)
 
     @cached_property
     def coarse_to_fine(self) -> CoarseToFine:

@@ -19,7 +19,7 @@ from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.traversability import count_saturated, fill_terms, fill_weights
-from nnpp_edge.runtime.tuning import MOST_SAMPLED_ROWS
+from nnpp_edge.runtime.tuning import MOST_SAMPLED
 
 TERMS = ("slope", "roughness", "elevation difference")
 
@@ -212,15 +212,16 @@ def with_rim(part: Rectangle, shape: tuple[int, ...]) -> Rectangle:
 
 
 def warn_of_saturation(heights: Float2D, rule: NDArray[np.float64], stacklevel: int = 3) -> None:
-    """`SaturationWarning` where one applies, by a sample of the rows."""
+    """`SaturationWarning` where one applies, by a sample of the cells."""
     rows, cols = heights.shape
-    step = max(rows // MOST_SAMPLED_ROWS, 1)
+    steps = max(-(-rows // MOST_SAMPLED), 1), max(-(-cols // MOST_SAMPLED), 1)
     counts = np.zeros(4, np.int64)
-    count_saturated(heights.reshape(-1), rows, cols, rule, step // 2, step, counts)
-    for name, share in zip(TERMS, counts[1:] / max(counts[0], 1), strict=True):
-        if share > 0.5:
+    count_saturated(heights.reshape(-1), rows, cols, rule, steps, counts)
+    known, *at_limit = counts.tolist()
+    for name, count in zip(TERMS, at_limit, strict=True):
+        if 2 * count > known:
             warnings.warn(
-                f"{100 * share:.0f} % of the cells reach the limit of the {name} term, which no longer tells "
+                f"{100 * count / known:.0f} % of the cells reach the limit of the {name} term, which no longer tells "
                 "them apart: raise that limit, or rescale the map to smaller cells",
                 SaturationWarning,
                 stacklevel=stacklevel,
