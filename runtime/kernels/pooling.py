@@ -100,7 +100,7 @@ def _pool_row(fine, first, stride, n, weights, at):
 
 
 @kernel
-def whole_below(fine_pieces, fine_cols, row, col):
+def _whole_below(fine_pieces, fine_cols, row, col):
     """Whether the pieces of all sixteen cells under a coarse cell, none of which may lie off the map, are whole.
 
     Such cells are linked with one another.
@@ -157,7 +157,7 @@ def pool(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, c
         for col in range(col0, col1):
             whole_piece = col < averaged and weights[at + col] < np.inf
             if fine_pieces is not None:
-                whole_piece = whole_piece and whole_below(fine_pieces, shape[1], row, col)
+                whole_piece = whole_piece and _whole_below(fine_pieces, shape[1], row, col)
             if whole_piece:
                 pieces[at + col] = ALL
             else:

@@ -22,7 +22,7 @@ from numba import types
 from numba.extending import intrinsic, overload
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.kernels.pooling import FACTOR, link, pool, whole_below
+from nnpp_edge.runtime.kernels.pooling import FACTOR, link, pool
 from nnpp_edge.runtime.kernels.traversability import SCALE, fill_weights
 
 COSTED, SURROUNDED, POOLED, LINKED = 1, 2, 4, 8
@@ -57,23 +57,11 @@ def _pool_levels(source, area):
         row0, row1, col0, col1 = row0 // FACTOR, -(-row1 // FACTOR), col0 // FACTOR, -(-col1 // FACTOR)
         part = row0, row1, col0, col1
         if number == 2:
-            _link_below(weights, size, corner_cutting, part, fine)
+            link(weights, None, size, corner_cutting, finer, fine)
         else:
             below = _level(source, number - 2)
             link(below[0], below[2], (below[4], below[5]), corner_cutting, finer, fine)
         pool(fine[0], fine[2], fine[1], (fine[4], fine[5]), corner_cutting, rule[SCALE], part, coarse)
-
-
-@kernel
-def _link_below(weights, size, corner_cutting, part, fine):
-    """Links of the first coarse level under those cells of the second whose pieces are not known to be whole."""
-    rows, cols = fine[4], fine[5]
-    for row in range(part[0], part[1]):
-        for col in range(part[2], part[3]):
-            bottom, right = min((row + 1) * FACTOR, rows), min((col + 1) * FACTOR, cols)
-            inside = bottom == (row + 1) * FACTOR and right == (col + 1) * FACTOR
-            if not (inside and whole_below(fine[1], cols, row, col)):
-                link(weights, None, size, corner_cutting, (row * FACTOR, bottom, col * FACTOR, right), fine)
 
 
 @kernel
@@ -296,7 +284,7 @@ def _pixel(n, inner, cells):
 
 
 @kernel
-def sample_planes(tiles, rule, window, parts, inner, planes):
+def sample_planes(tiles, window, parts, inner, planes):
     """Mean cost and share of impassable cells of parts of a window of the map, from two rows of each network cell.
 
     Nothing of it is kept. See `network.encoding.map_planes`, which averages all cells.
@@ -305,8 +293,6 @@ def sample_planes(tiles, rule, window, parts, inner, planes):
     ----------
     tiles
         Of the map itself.
-    rule
-        As for `fill_weights`; with it, a cost of 1 weighs 1.
     window : (row, col, rows, cols)
         Of the map.
     parts : (N, 4) int64
@@ -316,7 +302,8 @@ def sample_planes(tiles, rule, window, parts, inner, planes):
     planes : (2, S, S) float32
         Written.
     """
-    heights, _, _, _, _, _, _, _, shape = tiles[4]
+    heights, rule, _, _, _, _, _, _, shape = tiles[4]
+    per_weight = np.float32(1.0 / rule[SCALE]) if rule[SCALE] > 0.0 else np.float32(0.0)
     row0, col0, rows, cols = window
     inner_rows, inner_cols = inner
     line, sums, walls = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.float32)
@@ -335,7 +322,7 @@ def sample_planes(tiles, rule, window, parts, inner, planes):
                 lines += 1
                 area = row0 + row, row0 + row + 1, col0 + begin, col0 + end
                 fill_weights(heights, shape[0], shape[1], rule, area, line, -(row0 + row) * cols - col0, cols)
-                _add(line[begin:end], sums[begin:end], walls[begin:end])
+                _add(line[begin:end], per_weight, sums[begin:end], walls[begin:end])
             for m in range(first_col, last_col):
                 left, right = _pixel(m, inner_cols, cols)
                 total, blocked = np.float32(0.0), np.float32(0.0)
@@ -347,9 +334,9 @@ def sample_planes(tiles, rule, window, parts, inner, planes):
 
 
 @kernel
-def _add(line, sums, walls):
-    """Add costs to sums, impassable cells as 1, and count those in `walls`. All (n,) float32."""
+def _add(line, per_weight, sums, walls):
+    """Add weights as costs to sums, impassable cells as 1, and count those in `walls`. All (n,) float32."""
     for c in range(len(line)):
         wall = line[c] == np.inf
-        sums[c] += np.float32(1.0) if wall else line[c]
+        sums[c] += np.float32(1.0) if wall else line[c] * per_weight
         walls[c] += np.float32(1.0) if wall else np.float32(0.0)

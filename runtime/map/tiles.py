@@ -28,7 +28,7 @@ from nnpp_edge.runtime.kernels.tiles import (
     sample_planes,
     write_heights,
 )
-from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS, SCALE
+from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS
 from nnpp_edge.runtime.tuning import TILE_COLS, TILE_ROWS
 
 TileSource = tuple[
@@ -100,8 +100,6 @@ class Tiles:
         self.heights, self.rule = heights, rule
         self.shape: tuple[int, int] = heights.shape
         self._source = _source(heights.reshape(-1), rule, weights, self.shape)
-        self._unit_rule = rule.copy()
-        self._unit_rule[SCALE] = 1.0
         high, wide = self._sides = max(TILE_ROWS, coarsest), max(TILE_COLS, coarsest)
         self.state = np.zeros((-(-self.shape[0] // high), -(-self.shape[1] // wide)), np.uint8)
         """(I, J) uint8, what has been computed of each tile, as bits."""
@@ -172,4 +170,4 @@ class Tiles:
         self, window: Rectangle, inner: tuple[int, int], parts: Sequence[Rectangle], out: NDArray[np.float32]
     ) -> None:
         """As `network.encoding.map_planes`, for parts of a window, from two rows of each network cell."""
-        sample_planes(self.packed(), self._unit_rule, window, np.array(parts), inner, out)
+        sample_planes(self.packed(), window, np.array(parts), inner, out)

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import random
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from nnpp_edge.runtime import Planner, Traversability, traversability_cost
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.terrain.traversability import SaturationWarning
+from tests.fuzz import elevations
 
 SIDE = 300
 ROW, COL = np.mgrid[:SIDE, :SIDE]
@@ -123,3 +125,10 @@ def test_unknown_maps_hold_no_cell_to_start_from():
 def test_a_saturated_map_warns_once_it_arrives():
     with pytest.warns(SaturationWarning, match="slope"):
         Planner.of_elevation(HILLS * 100.0, 1.0, Traversability(step_limit_m=1e6, roughness_limit_m=1e6))
+
+
+@pytest.mark.filterwarnings("ignore:the network edge was trained for omega")
+@pytest.mark.parametrize("seed", [1795346114005736, 1795346114009973, 1795346114008315])
+def test_what_is_computed_does_not_depend_on_what_was_there_before(seed):
+    """Three coarse levels; a patch in tiles that are pooled and not yet linked; costs that weigh nothing."""
+    assert elevations.check(elevations.generate(random.Random(f"elevations {seed}"))) is None
