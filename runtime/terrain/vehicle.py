@@ -1,0 +1,177 @@
+"""The robot's body: what it measures, what it can take, and which cells lie under it.
+
+A pose is a cell and one of the four headings of the eight steps, each of which leads both ways. The ground between the
+cells' middles is bilinear: its height at a point is a mean of the four cells around it. So a wheel's contact patch can
+touch no height beyond those of the cells whose middles lie less than a cell from it, along rows and along columns.
+See docs/vehicle.md for what follows, and `kernels.poses` for the check.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.errors import InvalidMapError
+
+HEADINGS = ((1, 0), (1, 1), (0, 1), (-1, 1))
+"""(row, col) of the step along each heading; its reverse has the same."""
+_INSIDE = 1e-9
+"""Share of a cell by which a middle that lies just a cell away counts as farther."""
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A body on wheels, or on tracks, each of which is a row of wheels with long contact patches.
+
+    The wheels stand in pairs, symmetric about the body's middle, on `axles` axles that are evenly spaced over the
+    wheelbase. A value of None is taken from the others.
+    """
+
+    length_m: float
+    """Of the body, along its heading."""
+    width_m: float
+    clearance_m: float
+    """Height of the belly above the plane of the wheels' contacts."""
+    max_tilt_deg: float = 25.0
+    """Steepest inclination of the body in any direction, in (0, 90)."""
+    max_pitch_deg: float | None = None
+    """Steepest inclination along the heading; None for the tilt's."""
+    max_roll_deg: float | None = None
+    """Steepest inclination across the heading; None for the tilt's."""
+    max_step_m: float | None = None
+    """Greatest difference of heights under one wheel's contact patch; None for the clearance."""
+    axles: int = 2
+    wheelbase_m: float | None = None
+    """From the first axle to the last; None for the length less a wheel's."""
+    track_m: float | None = None
+    """From the left wheels' middles to the right ones'; None for the width less a wheel's."""
+    wheel_length_m: float | None = None
+    """Of a contact patch, along the heading; None for an eighth of the body's length."""
+    wheel_width_m: float | None = None
+    """Of a contact patch; None for an eighth of the body's width."""
+    unknown_passes: bool = False
+    """Whether unknown cells count as no higher and no lower than those that are known; else none may lie below."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no body: InvalidMapError."""
+        for name in ("length_m", "width_m", "clearance_m"):
+            _positive(name, getattr(self, name))
+        for name in ("max_step_m", "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m"):
+            if getattr(self, name) is not None:
+                _positive(name, getattr(self, name))
+        for name in ("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < 90.0:
+                raise InvalidMapError(f"{name} must lie in (0, 90) degrees, got {value}")
+        if isinstance(self.axles, bool) or self.axles not in range(2, 9):
+            raise InvalidMapError(f"axles must be a whole number from 2 to 8, got {self.axles}")
+        (base, track), (long, wide) = self.stance_m, self.contact_m
+        for name, wanted, most in (
+            ("wheelbase_m", base + long, self.length_m),
+            ("track_m", track + wide, self.width_m),
+        ):
+            if not 0.0 < wanted <= most * (1.0 + _INSIDE):
+                raise InvalidMapError(
+                    f"the wheels must lie under the body: {name} and a contact patch make {wanted:g} m, got {most:g}"
+                )
+
+    @property
+    def contact_m(self) -> tuple[float, float]:
+        """Length and width of a wheel's contact patch."""
+        long = self.length_m / 8.0 if self.wheel_length_m is None else self.wheel_length_m
+        return long, self.width_m / 8.0 if self.wheel_width_m is None else self.wheel_width_m
+
+    @property
+    def stance_m(self) -> tuple[float, float]:
+        """Wheelbase and track."""
+        long, wide = self.contact_m
+        base = self.length_m - long if self.wheelbase_m is None else self.wheelbase_m
+        return base, self.width_m - wide if self.track_m is None else self.track_m
+
+    @property
+    def wheels_m(self) -> NDArray[np.float64]:
+        """(W, 2) middles of the contact patches, ahead of the body's middle and to the right of it."""
+        base, track = self.stance_m
+        ahead = np.linspace(-0.5, 0.5, self.axles) * base
+        return np.array([(along, side * track) for along in ahead for side in (-0.5, 0.5)])
+
+    @property
+    def step_m(self) -> float:
+        """Greatest difference of heights under a contact patch."""
+        return self.clearance_m if self.max_step_m is None else self.max_step_m
+
+    @property
+    def tilts_deg(self) -> tuple[float, float, float]:
+        """Steepest pitch, roll and tilt."""
+        pitch = self.max_tilt_deg if self.max_pitch_deg is None else self.max_pitch_deg
+        return pitch, self.max_tilt_deg if self.max_roll_deg is None else self.max_roll_deg, self.max_tilt_deg
+
+    @property
+    def reach_m(self) -> float:
+        """From the body's middle to its corners."""
+        return math.hypot(self.length_m, self.width_m) / 2.0
+
+
+class Footprint(NamedTuple):
+    """The cells that a pose of one heading takes to check, as (row, col) from the pose's own."""
+
+    wheels: list[NDArray[np.int64]]
+    """(N, 2) cells that bound the heights under each wheel."""
+    belly: NDArray[np.int64]
+    """(N, 2) cells that bound the ground below the body."""
+    places: NDArray[np.float64]
+    """(N, 2) metres, where the belly's cells lie: ahead of the body's middle and to the right of it."""
+    half_step: float
+    """Half the length of a step along the heading, metres."""
+
+
+def footprint(vehicle: Vehicle, heading: int, dy: float, dx: float) -> Footprint:
+    """What lies under the body on cells of `dy` × `dx` metres.
+
+    On its way from a cell to the next the body is at most half a step from a checked pose. The belly's cells are
+    those under it all along that half step, both ways. Wheels need that along diagonals alone: between two cells of
+    a row (or of a column) every wheel's height is (1 - s) a + s b, with a among its heights at one pose and b at the
+    other, and the body's inclination is linear in them (docs/vehicle.md).
+    """
+    row, col = HEADINGS[heading]
+    step = math.hypot(row * dy, col * dx)
+    ahead = np.array((row * dy, col * dx)) / step
+    right = np.array((-ahead[1], ahead[0]))
+    shift = 0.5 * step
+    long, wide = vehicle.contact_m
+    swept = shift if row and col else 0.0
+    wheels = [
+        _cells_near(along * ahead + side * right, ahead, (0.5 * long + swept, 0.5 * wide), dy, dx)
+        for along, side in vehicle.wheels_m
+    ]
+    belly = _cells_near(np.zeros(2), ahead, (0.5 * vehicle.length_m + shift, 0.5 * vehicle.width_m), dy, dx)
+    metres = belly * (dy, dx)
+    return Footprint(wheels, belly, np.stack((metres @ ahead, metres @ right), 1), shift)
+
+
+def _cells_near(
+    middle: NDArray[np.float64], ahead: NDArray[np.float64], half: tuple[float, float], dy: float, dx: float
+) -> NDArray[np.int64]:
+    """(N, 2) cells whose middles lie less than a cell, along rows and along columns, from some point of a rectangle.
+
+    The rectangle's sides lie along `ahead`, (row, col) of length 1, and across it, `half` as long to each side. It
+    meets the open box around a middle unless one of the four directions of their sides parts them.
+    """
+    right = np.array((-ahead[1], ahead[0]))
+    extent = np.abs(ahead) * half[0] + np.abs(right) * half[1] + (dy, dx)
+    low, high = np.floor((middle - extent) / (dy, dx)), np.ceil((middle + extent) / (dy, dx))
+    rows, cols = (np.arange(first, last + 1) for first, last in zip(low, high, strict=True))
+    cells = np.stack(np.meshgrid(rows, cols, indexing="ij"), -1).reshape(-1, 2)
+    apart = np.abs(cells * (dy, dx) - middle)
+    inside = (apart < extent - _INSIDE * min(dy, dx)).all(1)
+    for axis, reach in ((ahead, half[0]), (right, half[1])):
+        box = abs(axis[0]) * dy + abs(axis[1]) * dx
+        inside &= np.abs((cells * (dy, dx) - middle) @ axis) < reach + box - _INSIDE * min(dy, dx)
+    return cells[inside].astype(np.int64)
+
+
+def _positive(name: str, value: float) -> None:
+    if not 0.0 < value < math.inf:
+        raise InvalidMapError(f"{name} must be a positive number of metres, got {value}")
