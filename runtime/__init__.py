@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.runner import handling_signals as handling_signals
     from nnpp_edge.runtime.loop.sinks import Sink as Sink
     from nnpp_edge.runtime.loop.world import World as World
+    from nnpp_edge.runtime.map.poses import pose_costs as pose_costs
     from nnpp_edge.runtime.map.region import Region as Region
     from nnpp_edge.runtime.network.inference import NetworkModel as NetworkModel
     from nnpp_edge.runtime.network.model_file import ModelFile as ModelFile
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.terrain.traversability import Traversability as Traversability
     from nnpp_edge.runtime.terrain.traversability import traversability_cost as traversability_cost
     from nnpp_edge.runtime.terrain.traversability import update_cost as update_cost
+    from nnpp_edge.runtime.terrain.vehicle import Vehicle as Vehicle
 
 _MODULES = {
     "errors": ("NnppEdgeError", "Status"),
@@ -70,6 +72,8 @@ _MODULES = {
     "planners.plan_path": ("plan_path",),
     "planners.planner": ("Planner",),
     "planners.standing_path": ("Standing",),
+    "map.poses": ("pose_costs",),
+    "terrain.vehicle": ("Vehicle",),
     "terrain.traversability": ("SaturationWarning", "Traversability", "traversability_cost", "update_cost"),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}

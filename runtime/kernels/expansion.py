@@ -39,6 +39,7 @@ from nnpp_edge.runtime.kernels.open_list import (
     pop,
     push,
 )
+from nnpp_edge.runtime.kernels.poses import HEADING, UNCHECKED, pose_weight, weight_of_pose
 from nnpp_edge.runtime.kernels.tiles import open_there
 
 FOUND, EXHAUSTED, PAUSED, FULL = 0, 1, 2, 3
@@ -166,7 +167,7 @@ def trace(meta, node, stride, out):
 
 
 @kernel
-def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
+def expand(grid, poses, links, region, hints, start, goal, rule, memory, beyond, most):
     """Search until the goal is settled, nothing is left, `most` expansions are done or the list is full.
 
     Begins at `start`, or goes on where the last call stopped if that is negative. Once the goal has been
@@ -178,6 +179,8 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
     ----------
     grid, region
         As everywhere.
+    poses : tuple or None
+        Of a body, see `kernels.poses`; None where the cells' weights decide. What a step needs of them is checked.
     links : (nodes,) uint8 or None
         The directions in which each cell may be left, as bits; None where passability decides.
     hints : (fields, at_goal, slack) or None
@@ -201,6 +204,9 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
         expansions so far; and the least f of a node that the region refused.
     """
     weights, stride, steps, corner_cutting, tiles = grid
+    if poses is not None:
+        codes, unit, _, _ = poses
+        nodes = np.int64(len(weights))
     tile_state, wanted, row_shift, col_shift, _, _ = tiles
     h_straight, h_diagonal, width, successors = rule
     g, meta, stamp, heads, entries, control, reals, counts, path = memory
@@ -273,9 +279,10 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
         g_node = g[np.uint64(2 * node)]
         if g_node + h >= bound:
             continue
-        i, j = np.uint64((row - 1) >> row_shift), np.uint64((col - 1) >> col_shift)
-        if not tile_state[i, j] & wanted:
-            open_there(tiles, np.int64(i), np.int64(j))
+        if poses is None:
+            i, j = np.uint64((row - 1) >> row_shift), np.uint64((col - 1) >> col_shift)
+            if not tile_state[i, j] & wanted:
+                open_there(tiles, np.int64(i), np.int64(j))
         own = weights[np.uint64(node)]
         expansions += 1
         if h < best_h:
@@ -286,7 +293,14 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
         for k in range(8):  # unrolled by the compiler
             there = np.uint64(node + row_steps[k] + COL_STEP[k])
             length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
-            reached = g_node + (length + weight * (own + weights[there]))  # inf where impassable
+            if poses is None:
+                sum_of_two = own + weights[there]
+            else:  # what is not checked yet weighs nothing
+                plane = np.uint64(HEADING[k] * nodes)
+                sum_of_two = pose_weight(codes[plane + np.uint64(node)], unit) + pose_weight(
+                    codes[plane + there], unit
+                )
+            reached = g_node + (length + weight * sum_of_two)  # inf where impassable
             visited = meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp
             known = g[there * np.uint64(2)] if visited else np.float32(np.inf)
             better |= np.int64(reached < known) << k
@@ -299,14 +313,22 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
             up, left = np.int64(ROW_STEP[k]), np.int64(COL_STEP[k])
             across = np.int64(node + up * stride + left)
             there = np.uint64(across)
-            if k < 4:
-                reached = g_node + (length_s + weight_s * (own + weights[there]))
+            if poses is None:
+                sum_of_two = own + weights[there]
             else:
-                if not corner_cutting and (
-                    weights[np.uint64(node + up * stride)] == np.inf or weights[np.uint64(node + left)] == np.inf
-                ):
-                    continue
-                reached = g_node + (length_d + weight_d * (own + weights[there]))
+                plane = np.uint64(HEADING[k] * nodes)
+                sum_of_two = pose_weight(codes[plane + np.uint64(node)], unit) + pose_weight(
+                    codes[plane + there], unit
+                )
+            if k < 4:
+                reached = g_node + (length_s + weight_s * sum_of_two)
+            else:
+                if poses is None:  # noqa: SIM102
+                    if not corner_cutting and (
+                        weights[np.uint64(node + up * stride)] == np.inf or weights[np.uint64(node + left)] == np.inf
+                    ):
+                        continue
+                reached = g_node + (length_d + weight_d * sum_of_two)
             i, j = row + up, col + left
             h = octile(i, j, goal_row, goal_col, h_straight, h_diagonal)
             if hints is not None:  # numba drops this branch, and the two below, where there is nothing to look at
@@ -321,6 +343,20 @@ def expand(grid, links, region, hints, start, goal, rule, memory, beyond, most):
                     and across != goal
                 ):
                     refused = min(refused, f)
+                    continue
+            if poses is not None:
+                heading, visited = (
+                    np.int64(HEADING[k]),
+                    meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp,
+                )
+                known = g[there * np.uint64(2)] if visited else np.float32(np.inf)
+                length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
+                here = weight_of_pose(poses, node, stride, heading)
+                reached = g_node + (length + weight * (here + pose_weight(codes[plane + there], unit)))
+                if reached < known and reached + h < bound and codes[plane + there] == UNCHECKED:
+                    reached = g_node + (length + weight * (here + weight_of_pose(poses, across, stride, heading)))
+                f = reached + h
+                if not (reached < known and f < bound):
                     continue
             g[there * np.uint64(2)] = reached
             word = np.int64((stamp << STAMP_SHIFT) | OPEN_BIT | k)

@@ -18,10 +18,10 @@ numba would else compile it anew into each kernel that calls it. `source` is a t
 """
 
 import numpy as np
-from numba import types
-from numba.extending import intrinsic, overload
+from numba.extending import overload
 
 from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.by_address import address_of, call_at
 from nnpp_edge.runtime.kernels.pooling import FACTOR, link, pool
 from nnpp_edge.runtime.kernels.traversability import SCALE, fill_weights
 
@@ -119,18 +119,6 @@ def open_tile(tiles, i, j):
     state[i, j] |= wanted
 
 
-@intrinsic
-def _call(typing_context, address, tiles, i, j):
-    def generate(context, builder, signature, arguments):
-        convention, types_of_three = context.call_conv, signature.args[1:]
-        function = convention.get_function_type(types.none, types_of_three)
-        pointer = builder.inttoptr(arguments[0], function.as_pointer())
-        convention.call_function(builder, pointer, types.none, types_of_three, arguments[1:])
-        return context.get_dummy_value()
-
-    return types.none(address, tiles, i, j), generate
-
-
 def open_there(tiles, i, j):
     """`open_tile`, for other kernels to call; `address_of_open_tile` must have been asked for."""
     open_tile(tiles, i, j)
@@ -138,16 +126,12 @@ def open_there(tiles, i, j):
 
 @overload(open_there)
 def _compiled_open_there(tiles, i, j):
-    return lambda tiles, i, j: _call(tiles[5], tiles, i, j)
+    return lambda tiles, i, j: call_at(tiles[5], (tiles, i, j))
 
 
 def address_of_open_tile(tiles):
     """Where `open_tile`, compiled for such arguments as these, lies in memory; 0 where kernels are not compiled."""
-    if not hasattr(open_tile, "overloads"):
-        return 0
-    open_tile(tiles, 0, 0)
-    (compiled,) = open_tile.overloads.values()
-    return compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+    return address_of(open_tile, tiles, 0, 0)
 
 
 @kernel

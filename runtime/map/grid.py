@@ -11,6 +11,7 @@ from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import Change
+from nnpp_edge.runtime.map.poses import Poses
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, LEAST_WEIGHT, PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.map.tiles import COMPLETE, PackedTiles, Tiles
 
@@ -55,6 +56,8 @@ class Grid:
         """(nodes,) weights; inf where impassable."""
         self.tiles: Tiles | None = None
         """By which weights are computed where somebody looks; None where all are there."""
+        self.poses: Poses | None = None
+        """Of a vehicle, by which steps cost and cells can be stood on; None for a point, which the weights decide for."""
         self.packed: PackedGrid = (self.weights, self.stride, model.steps, corner_cutting, COMPLETE)
         floor, most, ceiling = map(np.float32, model.costs)
         self._limits = floor, most, np.float32(model.scale), ceiling
@@ -112,10 +115,17 @@ class Grid:
         self.packed = (*self.packed[:4], tiles.packed(number))
         self.set_bounds(0.0, self.model.scale)
 
+    def stand_by(self, poses: Poses) -> None:
+        """From now on steps cost by these poses; the weights remain what the coarse levels are made of."""
+        self.poses = poses
+        self.set_bounds(0.0, self.model.scale)
+
     def complete(self) -> None:
-        """See to it that all weights are there."""
+        """See to it that all weights are there, and all poses checked."""
         if self.tiles is not None:
             self.tiles.complete()
+        if self.poses is not None:
+            self.poses.complete()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -216,6 +226,8 @@ class Grid:
 
     def is_passable(self, cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
+        if self.poses is not None:
+            return self.poses.stands_at(cell)
         if self.tiles is not None:
             self.tiles.open_at(*cell)
         return math.isfinite(self.weights[self.node(*cell)])

@@ -11,9 +11,11 @@ from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.poses import Poses, term_weights
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
 from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, warn_of_saturation
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 
 class _Elevation(NamedTuple):
@@ -26,6 +28,9 @@ class _Elevation(NamedTuple):
     model: StepModel
     corner_cutting: bool
     lazy: bool
+    sides_m: tuple[float, float]
+    traversability: Traversability
+    vehicle: Vehicle | None
 
 
 class MapState:
@@ -64,10 +69,11 @@ class MapState:
         corner_cutting: bool = True,
         lazy: bool = True,
         warn: bool = False,
+        vehicle: Vehicle | None = None,
     ) -> "MapState":
         """The state of an elevation map, (H, W) float in metres, NaN where unknown; copied.
 
-        Weights are computed where a search first looks, or, unless `lazy`, all at once. `sides_m` are the height and
+        With a vehicle, steps cost by its poses. Weights are computed where a search first looks, or, unless `lazy`, all at once. `sides_m` are the height and
         the width of a cell. Raises InvalidMapError for what is no such map or for the ``length`` model, whose weights
         may not be 0.
         """
@@ -82,15 +88,19 @@ class MapState:
         rule = traversability.rule(*sides_m, scale=model.scale)
         if warn:
             warn_of_saturation(heights, rule, stacklevel=4)
-        state._lay_out(_Elevation(heights, base, rule, model, corner_cutting, lazy))
+        surface = sides_m, traversability, vehicle
+        state._lay_out(_Elevation(heights, base, rule, model, corner_cutting, lazy, *surface))
         return state
 
     def _lay_out(self, elevation: "_Elevation") -> None:
         """Begin with heights of which nothing has been computed."""
-        heights, _, rule, model, corner_cutting, lazy = elevation
+        heights, _, rule, model, corner_cutting, lazy, sides_m, traversability, vehicle = elevation
         self._elevation = elevation
         coarsest = FACTOR ** len(coarse_shapes(*heights.shape))
         self.grid = Grid.of_heights(heights, rule, model, corner_cutting, coarsest)
+        if vehicle is not None:
+            weights = term_weights(traversability)
+            self.grid.stand_by(Poses(heights, sides_m, vehicle, weights, model.scale))
         self._forget()
         if not lazy:
             self.grid.complete()
@@ -183,10 +193,18 @@ class MapState:
         if row < 0 or col < 0 or row + rows > shape[0] or col + cols > shape[1]:
             raise InvalidMapError(f"a patch must lie inside the map of {shape}, got {(row, col, rows, cols)}")
         cells, cheaper, part = tiles.write(row, col, heights)
+        if self.grid.poses is not None:
+            part = self.grid.poses.write(row, col, heights)
+            cells, cheaper = part[2] * part[3], True
         change = Change(part, cells, cheaper)
         if cells:
             self.log.append(change)
         return change
+
+    @property
+    def checked(self) -> int:
+        """Poses of a vehicle that have been checked so far."""
+        return 0 if self.grid.poses is None else self.grid.poses.checked
 
     @property
     def costs_computed(self) -> float:

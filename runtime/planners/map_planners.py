@@ -4,6 +4,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
+from nnpp_edge.runtime.map.prices import Price, PricedMap
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
@@ -50,13 +51,22 @@ class MapPlanners:
         self.state, self._network_from = state, network_from
         self._model, self._unseen_change = model, unseen_change
         self.astar = AStarSearcher(state)
+        self._by_price: dict[Price, CorridorPlanner] = {}
         self.exact = ExactPlanner(self.astar)
 
-    def planner(self, method: Method) -> FindsPaths:
-        """The planner of a method that is not ``auto``."""
+    def planner(self, method: Method, price: Price = Price.EQ1) -> FindsPaths:
+        """The planner of a method that is not ``auto``, with coarse levels of this price where it is the corridor."""
         if method is Method.NNPP:
             return self.learned
-        return self.corridor if method is Method.CORRIDOR else self.exact
+        if method is Method.ASTAR:
+            return self.exact
+        return self.corridor if price is Price.EQ1 else self._corridor_by(price)
+
+    def _corridor_by(self, price: Price) -> CorridorPlanner:
+        if price not in self._by_price:
+            descent = CoarseToFine(PricedMap(self.state, price), self.astar.workspace)
+            self._by_price[price] = CorridorPlanner(descent, self.astar, self.exact)
+        return self._by_price[price]
 
     def dynamic(self, method: DynamicMethod) -> FindsPaths:
         """The planner of a dynamic method that is not ``auto``."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.paths import measure
+from nnpp_edge.runtime.kernels.poses import measure_poses
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import SQRT2
@@ -121,6 +122,8 @@ class Plan:
     """Why ``auto`` picked its method, or how the search was made where there was a choice."""
     costs_computed: float = 1.0
     """Share of the map's cells whose cost was there when the plan was, in [0, 1]: below 1 on a map of elevations."""
+    checks: int = 0
+    """Poses of a vehicle that were checked for this plan."""
     timings_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage, and ``total``."""
 
@@ -128,6 +131,18 @@ class Plan:
     def ok(self) -> bool:
         """Whether the path leads from start to goal."""
         return self.status is Status.OK
+
+    @property
+    def headings_deg(self) -> NDArray[np.float64]:
+        """(N,) degrees clockwise from the direction of row 0 in which each cell is left, the last as it is arrived at.
+
+        In [0, 360), by the cells' rows and columns as if cells were square; empty for less than two cells.
+        """
+        if len(self.path) < 2:
+            return np.empty(0)
+        rows, cols = np.diff(self.path, axis=0).T
+        headings = np.degrees(np.arctan2(cols, -rows)) % 360.0
+        return np.append(headings, headings[-1])
 
     @property
     def bound(self) -> float:
@@ -156,7 +171,10 @@ def path_costs(grid: Grid, path: NDArray[np.int32]) -> tuple[float, float, float
     """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
     if not len(path):
         return math.inf, math.inf, math.inf
-    straight, diagonal, by_straight, by_diagonal, total = measure(grid.weights, grid.stride, path)
+    if grid.poses is None:
+        straight, diagonal, by_straight, by_diagonal, total = measure(grid.weights, grid.stride, path)
+    else:
+        straight, diagonal, by_straight, by_diagonal, total = measure_poses(grid.poses.packed, grid.stride, path)
     length_s, length_d, weight_s, weight_d = grid.model.steps
     cost = length_s * straight + length_d * diagonal + weight_s * by_straight + weight_d * by_diagonal
     scale = grid.model.scale

@@ -8,6 +8,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
+from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.memory import check_planner_fits, touch
@@ -18,6 +19,7 @@ from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.tuning import NEAR
 
 
@@ -96,6 +98,7 @@ class Planner:
         model: str | Path | NetworkModel = "edge",
         ask_from: int = NEAR,
         warn: bool = True,
+        vehicle: Vehicle | None = None,
     ) -> "Planner":
         """A planner of a map that has just arrived: costs and coarse levels are computed where a search looks.
 
@@ -110,6 +113,9 @@ class Planner:
             Whether to compute costs only where they are looked at. Else all are computed now; plans are the same.
         omega, corner_cutting, model, ask_from
             As for `Planner`.
+        vehicle : Vehicle
+            The body whose poses decide where the path may go and what it costs, checked where a search looks; without
+            one, the robot is a point.
 
         Raises
         ------
@@ -122,7 +128,7 @@ class Planner:
         sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
         step_model = StepModel.of(StepCost.PAPER, omega)
         planner._state = MapState.of_elevation(
-            dem, sides, limits, step_model, corner_cutting=corner_cutting, lazy=lazy, warn=warn
+            dem, sides, limits, step_model, corner_cutting=corner_cutting, lazy=lazy, warn=warn, vehicle=vehicle
         )
         planner._model, planner._ask_from = model, ask_from
         planner._make_planners()
@@ -317,6 +323,7 @@ class Planner:
         epsilon: float = math.inf,
         time_limit_s: float = math.inf,
         keep_regions: bool = False,
+        price: str = Price.EQ1,
     ) -> Plan:
         """A path from start to goal.
 
@@ -336,6 +343,9 @@ class Planner:
             After this the status is TIMEOUT, with the path as far as it had come.
         keep_regions : bool
             Whether the plan says in what region it was found; copied after the clock has stopped.
+        price : str
+            With a vehicle, by what ``corridor`` prices the coarse levels before any pose is checked: ``eq1``,
+            ``body-fit`` or ``sampled``, see `map.prices`.
 
         Returns
         -------
@@ -352,10 +362,11 @@ class Planner:
         """
         work = Work()
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
-        return self._answer_in_turn(query, work, method, keep_regions)
+        return self._answer_in_turn(query, work, method, keep_regions, price)
 
-    def _answer(self, query: Query, work: Work, method: str, keep_regions: bool) -> Plan:
+    def _answer(self, query: Query, work: Work, method: str, keep_regions: bool, price: str = Price.EQ1) -> Plan:
         chosen, reason = self._chooser.choose(method, query)
+        wanted, checked = self._price(price), self._state.checked
         if problem := problem_with(self._state.grid, query.start, query.goal):
             return Plan(problem, chosen, planner=chosen, reason=reason)
         found: Found | None = None
@@ -363,10 +374,18 @@ class Planner:
             found = self._planners.exact.find_briefly(query, work)
             if found is None:
                 chosen, reason = Method.CORRIDOR, f"{reason}, but the way is long"
-        found = found or self._planners.planner(chosen).find(query, work)
-        computed = self._state.costs_computed
-        return found.plan(
-            chosen, work, planner=chosen, reason=reason, keep_regions=keep_regions, costs_computed=computed
-        )
+        found = found or self._planners.planner(chosen, wanted).find(query, work)
+        computed, checks = self._state.costs_computed, self._state.checked - checked
+        said = {"planner": str(chosen), "reason": reason}
+        return found.plan(chosen, work, **said, keep_regions=keep_regions, costs_computed=computed, checks=checks)
+
+    def _price(self, price: str) -> Price:
+        try:
+            wanted = Price(price)
+        except ValueError:
+            raise InvalidQueryError(f"price must be one of {', '.join(Price)}, got {price!r}") from None
+        if wanted is not Price.EQ1 and self._state.grid.poses is None:
+            raise InvalidQueryError(f"price={price!r} is a vehicle's: wanted a planner of elevations with a vehicle")
+        return wanted
 
     _answer_in_turn = one_at_a_time(_answer)

@@ -99,6 +99,7 @@ class Found(NamedTuple):
         reason: str = "",
         keep_regions: bool = False,
         costs_computed: float = 1.0,
+        checks: int = 0,
     ) -> Plan:
         """The finished plan, which owns its data."""
         plan = Plan(
@@ -115,6 +116,7 @@ class Found(NamedTuple):
             planner=planner,
             reason=reason or work.remark,
             costs_computed=costs_computed,
+            checks=checks,
             timings_ms=work.timings_ms,
         )
         work.stage_ends("path")  # the plan's own making counts

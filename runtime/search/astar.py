@@ -110,6 +110,7 @@ def astar(
     width = grid.prices[0] * (BUCKET_WIDTH if landmarks is None else BUCKET_WIDTH_BY_LANDMARKS)
     rule = (*grid.prices, width, SUCCESSORS[_dominance(grid, links)])
     hints = None if landmarks is None else landmarks.towards(last)
+    poses = None if grid.poses is None else grid.poses.packed
     allowed = None if region is None else tuple(region)
     timed = deadline < math.inf
     most = limit or (EXPANSIONS_BETWEEN_CHECKS if timed else _WITHOUT_END)
@@ -118,7 +119,7 @@ def astar(
     ws.next_stamp()
     while True:
         code, length, expansions, refused = expand(
-            grid.packed, links, allowed, hints, begin, last, rule, ws.packed, factor, most
+            grid.packed, poses, links, allowed, hints, begin, last, rule, ws.packed, factor, most
         )
         begin = -1
         if code == FULL:
@@ -144,11 +145,12 @@ def settle_all(grid: Grid, source: Cell, workspace: Workspace, *, links: Links =
     ws = workspace
     ws.next_stamp()
     rule = (0.0, 0.0, grid.prices[0] * BUCKET_WIDTH, SUCCESSORS[_dominance(grid, links)])
+    poses = None if grid.poses is None else grid.poses.packed
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), FULL
     while code == FULL:
         code, *_ = expand(
-            grid.packed, links, None, None, begin, corner_of_border, rule, ws.packed, BELOW, _WITHOUT_END
+            grid.packed, poses, links, None, None, begin, corner_of_border, rule, ws.packed, BELOW, _WITHOUT_END
         )
         if code == FULL:
             ws.grow()
@@ -164,7 +166,7 @@ def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
 
 
 def _dominance(grid: Grid, links: Links) -> Dominance:
-    if links is not None:
+    if links is not None or grid.poses is not None:
         return Dominance.NONE
     diagonal = grid.corner_cutting and grid.model.kind is StepCost.PAPER
     return Dominance.DIAGONAL if diagonal else Dominance.STRAIGHT

@@ -169,7 +169,8 @@ def _cells_near(
     for axis, reach in ((ahead, half[0]), (right, half[1])):
         box = abs(axis[0]) * dy + abs(axis[1]) * dx
         inside &= np.abs((cells * (dy, dx) - middle) @ axis) < reach + box - _INSIDE * min(dy, dx)
-    return cells[inside].astype(np.int64)
+    found: NDArray[np.int64] = cells[inside].astype(np.int64)
+    return found
 
 
 def _positive(name: str, value: float) -> None:

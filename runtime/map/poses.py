@@ -1,0 +1,272 @@
+"""The poses of a vehicle on a map of heights: checked where a search first asks, kept, forgotten where it changes.
+
+A search of the map stands on cells, and a step along a heading costs by the poses of both its cells in that heading.
+An unchecked pose counts as free until its step would be worth taking; only then it is checked. So what a search
+finds is the optimum over all poses, though it has checked a part.
+"""
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.kernels.poses import (
+    FAILS,
+    LIMIT_SLOTS,
+    MOST_CODE,
+    RUN,
+    UNCHECKED,
+    address_of_check,
+    check_rows,
+    check_run,
+    forget_poses,
+)
+from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
+from nnpp_edge.runtime.terrain.vehicle import HEADINGS, Vehicle, footprint
+
+PoseSource = tuple[
+    NDArray[np.float32],
+    NDArray[np.int64],
+    NDArray[np.int64],
+    tuple[NDArray[np.float32], NDArray[np.float32]],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.int64],
+    NDArray[np.int64],
+]
+PackedPoses = tuple[NDArray[np.uint16], np.float32, PoseSource, int]
+"""Poses as the kernels take them, see `kernels.poses`."""
+_SCRATCH = 10
+"""Numbers that the check keeps of each pose of a run, besides one for each wheel."""
+_SAFE = 1.0 - 1e-5
+"""Share of a limit that is used: what rounding to float32 may add."""
+
+
+class Poses:
+    """Which poses of a map have been checked, with what result, and what it takes to check the others.
+
+    Parameters
+    ----------
+    heights : (H, W) float32
+        Metres; not finite where unknown. Copied.
+    sides_m : (float, float)
+        Height and width of a cell.
+    vehicle : Vehicle
+        The body.
+    weights : (float, float, float)
+        Of tilt, rise and step in T; they sum to 1.
+    scale : float
+        Weight of T = 1.
+
+    Raises
+    ------
+    InvalidMapError
+        The body is larger than the map.
+    """
+
+    def __init__(
+        self,
+        heights: Float2D,
+        sides_m: tuple[float, float],
+        vehicle: Vehicle,
+        weights: tuple[float, float, float],
+        scale: float,
+    ) -> None:
+        self.weights = weights
+        self.vehicle, self.shape, self.sides_m = vehicle, (heights.shape[0], heights.shape[1]), sides_m
+        (rows, cols), (dy, dx) = self.shape, sides_m
+        if vehicle.length_m > max(rows * dy, cols * dx) or vehicle.width_m > min(rows * dy, cols * dx):
+            raise InvalidMapError(
+                f"wanted a map that the vehicle fits on, {vehicle.length_m:g} × {vehicle.width_m:g} m, "
+                f"got one of {rows * dy:g} × {cols * dx:g} m"
+            )
+        geometry = _geometry(vehicle, dy, dx)
+        offsets = geometry.cells
+        self.reach: Cell = (int(np.abs(offsets[:, 0]).max()), int(np.abs(offsets[:, 1]).max()))
+        """Rows and columns from a pose to the cells that it takes to check."""
+        self._margin, width = max(self.reach), cols + 2 * max(self.reach) + RUN
+        known = heights[np.isfinite(heights)][:1]
+        self._base = np.float32(known[0]) if known.size else np.float32(0.0)
+        self._unknown = np.float32(np.nan if vehicle.unknown_passes else np.inf)
+        self._heights = np.full((rows + 2 * self._margin, width), self._unknown, np.float32)
+        nodes = (rows + 2) * (cols + 2)
+        self.codes: NDArray[np.uint16] = np.zeros(len(HEADINGS) * nodes, np.uint16)
+        """(4 · nodes,) what is known of each pose, heading by heading."""
+        self._close_border(rows, cols)
+        self._counts = np.zeros(1, np.int64)
+        source = (
+            self._heights.reshape(-1),
+            offsets[:, 0] * width + offsets[:, 1],
+            geometry.starts,
+            (geometry.places, geometry.shares),
+            geometry.gradients,
+            _limits(geometry.half_steps, vehicle, weights),
+            np.zeros((len(geometry.gradients) + _SCRATCH, RUN), np.float32),
+            self._counts,
+            np.array((rows, cols, width, self._margin, len(vehicle.wheels_m)), np.int64),
+        )
+        self.packed: PackedPoses = self.codes, np.float32(scale / MOST_CODE), source, _address()
+        """As the kernels take them."""
+        self._put(0, 0, heights)
+
+    def _close_border(self, rows: int, cols: int) -> None:
+        padded = self.codes.reshape(len(HEADINGS), rows + 2, cols + 2)
+        padded[:, [0, -1]] = FAILS
+        padded[:, :, [0, -1]] = FAILS
+
+    @property
+    def checked(self) -> int:
+        """Poses checked so far; one that was forgotten and checked again counts twice."""
+        return int(self._counts[0])
+
+    def _put(self, row: int, col: int, heights: Float2D) -> None:
+        rows, cols = heights.shape
+        place = self._heights[self._margin + row :, self._margin + col :][:rows, :cols]
+        np.subtract(heights, self._base, out=place)
+        place[~np.isfinite(place)] = self._unknown
+
+    def write(self, row: int, col: int, heights: Float2D) -> Rectangle:
+        """Put heights into the map, (h, w) float32 that lie inside it, and forget the poses that they touch.
+
+        Returns the rectangle of cells whose poses may be other ones now.
+        """
+        self._put(row, col, heights)
+        (rows, cols), (up, left) = heights.shape, self.reach
+        forget_poses(self.packed, (row, row + rows, col, col + cols), self.reach)
+        row0, row1 = max(row - up, 0), min(row + rows + up, self.shape[0])
+        col0, col1 = max(col - left, 0), min(col + cols + left, self.shape[1])
+        return row0, col0, row1 - row0, col1 - col0
+
+    def complete(self) -> None:
+        """Check all poses that are not checked yet."""
+        check_rows(self.packed, 0, self.shape[0])
+
+    def stands_at(self, cell: Cell) -> bool:
+        """Whether the body may stand on a cell of the map in one heading at least."""
+        nodes, node = len(self.codes) // len(HEADINGS), (cell[0] + 1) * (self.shape[1] + 2) + cell[1] + 1
+        for heading in range(len(HEADINGS)):
+            if self.codes[heading * nodes + node] == UNCHECKED:
+                check_run(self.packed, *cell, heading)
+            if self.codes[heading * nodes + node] != FAILS:
+                return True
+        return False
+
+    def costs(self, rows: NDArray[np.int64] | slice = slice(None)) -> NDArray[np.float32]:
+        """(4, H, W) float32, T of all poses, or of those of some rows; inf where one fails. All of them are checked."""
+        for row in np.arange(self.shape[0])[rows].tolist():
+            check_rows(self.packed, row, row + 1)
+        codes = self.codes.reshape(len(HEADINGS), self.shape[0] + 2, -1)[:, 1:-1, 1:-1][:, rows]
+        costs = (np.maximum(codes, 1) - np.float32(1)) / np.float32(MOST_CODE)
+        return np.where(codes == FAILS, np.float32(np.inf), costs.astype(np.float32))
+
+
+def pose_costs(
+    dem: Float2D,
+    cell_size_m: float,
+    vehicle: Vehicle,
+    *,
+    cell_width_m: float | None = None,
+    traversability: Traversability | None = None,
+) -> NDArray[np.float32]:
+    """Cost of a vehicle's poses on each cell: every one is checked, which planners do only where they look.
+
+    Parameters
+    ----------
+    dem : (H, W) float
+        Elevation in metres; NaN where unknown.
+    cell_size_m : float
+        Side of a cell from row to row.
+    vehicle : Vehicle
+        The body.
+    cell_width_m : float
+        Side of a cell from column to column, where cells are not square.
+    traversability : Traversability
+        Its three weights are those of tilt, rise of the ground under the belly, and step; the paper's if not given.
+
+    Returns
+    -------
+    (4, H, W) float32
+        T in [0, 1), rounded up to a part in 65533; inf where the pose fails. The headings are those of the steps (1, 0),
+        (1, 1), (0, 1) and (-1, 1) in (row, col), and of their reverses.
+
+    Raises
+    ------
+    InvalidMapError
+        `dem` is no map, a cell size is not positive, or the body is larger than the map.
+
+    Notes
+    -----
+    docs/vehicle.md. NNPP (arXiv 2308.04792v3), Eq. 1, of the body in place of the 3 × 3 patch; bounds as in ACE (arXiv
+    1808.00031).
+    """
+    heights, _ = relative_heights(dem)
+    sides = sides_of(cell_size_m, cell_width_m)
+    return Poses(heights, sides, vehicle, term_weights(traversability), 1.0).costs()
+
+
+def term_weights(traversability: Traversability | None) -> tuple[float, float, float]:
+    """Weights of tilt, rise and step in T."""
+    rule = traversability or Traversability()
+    return rule.slope_weight, rule.roughness_weight, rule.step_weight
+
+
+@functools.cache
+def _address() -> int:
+    """Of the check, compiled by way of a map of one cell and a body without wheels."""
+    nothing, one = np.zeros((0, 4), np.float32), np.ones(LIMIT_SLOTS, np.float32)
+    parts = (nothing[:, :2].copy(), nothing), nothing[:, :3].copy(), one, np.zeros((4 + _SCRATCH, RUN), np.float32)
+    heights, cells = np.zeros(2 * RUN, np.float32), np.zeros(1, np.int64)
+    source = heights, cells, np.zeros((4, 2), np.int64), *parts, cells, np.array((1, 1, RUN, 0, 0))
+    packed = np.zeros(4 * 9, np.uint16), np.float32(1.0), source, 0
+    return int(address_of_check(packed))  # type: ignore[no-untyped-call]  # as all of `kernels`
+
+
+class _Geometry(NamedTuple):
+    """What the check goes by, of all headings, one after another."""
+
+    cells: NDArray[np.int64]
+    """(N, 2) cells of each heading's wheels, then of its belly, as (row, col) from the pose's own."""
+    starts: NDArray[np.int64]
+    """(4, W + 2) where the cells of each wheel begin, those of the belly, and where they end."""
+    places: NDArray[np.float32]
+    """(N, 2) metres ahead of the body's middle and to its right; 0 for wheels."""
+    shares: NDArray[np.float32]
+    """(N, V) what each wheel's height adds to the plane there, without sign; V is W or, of fours, the next."""
+    gradients: NDArray[np.float32]
+    """(V, 3) what it adds to the plane at the body's middle, and to its gradients ahead and to the right."""
+    half_steps: tuple[float, ...]
+    """Half a step along each heading, metres."""
+
+
+@functools.lru_cache(maxsize=16)
+def _geometry(vehicle: Vehicle, dy: float, dx: float) -> _Geometry:
+    """Of a vehicle on cells of `dy` × `dx` metres. The plane is fitted by least squares to the wheels' heights."""
+    prints = [footprint(vehicle, heading, dy, dx) for heading in range(len(HEADINGS))]
+    counts = [[len(cells) for cells in (*each.wheels, each.belly)] for each in prints]
+    ends = np.cumsum(counts).reshape(len(prints), -1)
+    starts = np.concatenate((np.r_[0, ends[:-1, -1]][:, None], ends), 1)
+    wheels = vehicle.wheels_m
+    solved = np.linalg.pinv(np.column_stack((np.ones(len(wheels)), wheels)))
+    gradients = np.pad(solved.T, ((0, -len(wheels) % 4), (0, 0)))
+    under_wheels = [np.zeros((sum(map(len, each.wheels)), 2)) for each in prints]
+    places = np.concatenate(
+        [part for each in zip(under_wheels, prints, strict=True) for part in (each[0], each[1].places)]
+    )
+    shares = np.abs(np.column_stack((np.ones(len(places)), places)) @ gradients.T)
+    cells = np.concatenate([part for each in prints for part in (*each.wheels, each.belly)])
+    near, linear, own = (np.ascontiguousarray(part, np.float32) for part in (places, shares, gradients))
+    return _Geometry(cells, starts, near, linear, own, tuple(each.half_step for each in prints))
+
+
+def _limits(
+    half_steps: tuple[float, ...], vehicle: Vehicle, weights: tuple[float, float, float]
+) -> NDArray[np.float32]:
+    pitch, roll, tilt = (math.radians(angle) for angle in vehicle.tilts_deg)
+    limits = np.array((math.tan(pitch), math.tan(roll), tilt, vehicle.step_m, vehicle.clearance_m)) * _SAFE
+    return np.array((*limits, *weights, *half_steps), np.float32)
