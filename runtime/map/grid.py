@@ -57,7 +57,7 @@ class Grid:
         self.tiles: Tiles | None = None
         """By which weights are computed where somebody looks; None where all are there."""
         self.poses: Poses | None = None
-        """Of a vehicle, by which steps cost and cells can be stood on; None for a point, which the weights decide for."""
+        """Of a vehicle, by which steps cost and cells can be stood on; None for a point."""
         self.packed: PackedGrid = (self.weights, self.stride, model.steps, corner_cutting, COMPLETE)
         floor, most, ceiling = map(np.float32, model.costs)
         self._limits = floor, most, np.float32(model.scale), ceiling

@@ -158,7 +158,7 @@ class Poses:
         return False
 
     def costs(self, rows: NDArray[np.int64] | slice = slice(None)) -> NDArray[np.float32]:
-        """(4, H, W) float32, T of all poses, or of those of some rows; inf where one fails. All of them are checked."""
+        """(4, H, W) float32, T of all poses, or of those of some rows, inf where one fails; all get checked."""
         for row in np.arange(self.shape[0])[rows].tolist():
             check_rows(self.packed, row, row + 1)
         codes = self.codes.reshape(len(HEADINGS), self.shape[0] + 2, -1)[:, 1:-1, 1:-1][:, rows]
@@ -192,8 +192,8 @@ def pose_costs(
     Returns
     -------
     (4, H, W) float32
-        T in [0, 1), rounded up to a part in 65533; inf where the pose fails. The headings are those of the steps (1, 0),
-        (1, 1), (0, 1) and (-1, 1) in (row, col), and of their reverses.
+        T in [0, 1), rounded up to a part in 65533; inf where the pose fails. The headings are those of the steps
+        (1, 0), (1, 1), (0, 1) and (-1, 1) in (row, col), and of their reverses.
 
     Raises
     ------
