@@ -134,9 +134,9 @@ class Plan:
 
     @property
     def headings_deg(self) -> NDArray[np.float64]:
-        """(N,) degrees clockwise from the direction of row 0 in which each cell is left, the last as it is arrived at.
+        """(N,) degrees clockwise from up the rows in which each cell is left; the last as it is arrived at.
 
-        In [0, 360), by the cells' rows and columns as if cells were square; empty for less than two cells.
+        In [0, 360), as if cells were square; empty for less than two cells.
         """
         if len(self.path) < 2:
             return np.empty(0)
