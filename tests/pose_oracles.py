@@ -201,9 +201,9 @@ def path_cost_over_poses(costs, path, scale):
     return total
 
 
-def headings_of(path, dy=1.0, dx=1.0):
-    """(N - 1,) degrees of the steps, clockwise from north, which is up the rows: 0 north, 90 east."""
-    steps = np.diff(np.asarray(path, np.int64), axis=0) * (dy, dx)
+def headings_of(path):
+    """(N - 1,) degrees of the steps of square cells, clockwise from north, which is up the rows; 90 is east."""
+    steps = np.diff(np.asarray(path, np.int64), axis=0)
     return np.degrees(np.arctan2(steps[:, 1], -steps[:, 0])) % 360.0
 
 

@@ -122,8 +122,9 @@ def _step(rng: random.Random, numbers: np.random.Generator, dem: np.ndarray, veh
         patch += vehicle.clearance_m * rng.choice((0.0, 0.1, 2.0)) * numbers.normal(size=(height, width))
         patch[numbers.random(patch.shape) < rng.choice((0.0, 0.0, 0.3))] = np.nan
         return "update", (row, col, patch.astype(rng.choice((np.float32, np.float64))))
-    ends = tuple((rng.randrange(rows), rng.randrange(cols)) for _ in range(2))
-    return "plan", (*ends, rng.choice(METHODS), rng.choice(PRICES), rng.choice((math.inf, math.inf, 0.0, 0.05)))
+    anywhere = rng.random() < 0.1
+    ends = rng.random(), rng.random()
+    return "plan", (anywhere, ends, rng.choice(METHODS), rng.choice(PRICES), rng.choice((math.inf, 0.0, 0.05)))
 
 
 def check(case: Case, folder: Path | None = None) -> Problem | None:
@@ -147,11 +148,12 @@ def _check(case: Case, folder: Path | None) -> Problem | None:
             for planner in (lazy, dense):
                 planner.update_elevation(*value)
             continue
-        start, goal, method, price, epsilon = value
+        anywhere, ends, method, price, epsilon = value
+        costs = pose_costs(dem, case.cell[0], case.vehicle, cell_width_m=case.cell[1])
+        start, goal = (_cell_of(share, costs, anywhere) for share in ends)
         ours, theirs = (
             planner.plan(start, goal, method=method, price=price, epsilon=epsilon) for planner in (lazy, dense)
         )
-        costs = pose_costs(dem, case.cell[0], case.vehicle, cell_width_m=case.cell[1])
         for name in ("status", "cost", "lower_bound", "expansions", "source"):
             one, other = getattr(ours, name), getattr(theirs, name)
             if one != other and not (one != one and other != other):
@@ -159,9 +161,17 @@ def _check(case: Case, folder: Path | None) -> Problem | None:
         if not np.array_equal(ours.path, theirs.path):
             return Problem(f"lazy is not dense: path of {method}", told)
         exact = method == "astar" or epsilon == 0.0
-        if problem := problem_with_plan(ours, costs, start, goal, case.omega, case.cell, exact, epsilon, told):
+        if problem := problem_with_plan(ours, costs, start, goal, case.omega, exact, epsilon, told):
             return problem
     return problem_with_poses(dem, case.cell, case.vehicle, repr(case))
+
+
+def _cell_of(share: float, costs: np.ndarray, anywhere: bool) -> tuple[int, int]:
+    """The cell so far through the map, or through those where the body may stand."""
+    stands = np.isfinite(costs).any(0)
+    cells = np.argwhere(stands | (anywhere or not stands.any()))
+    row, col = cells[int(share * len(cells))]
+    return int(row), int(col)
 
 
 def problem_with_poses(
@@ -195,7 +205,6 @@ def problem_with_plan(
     start: tuple[int, int],
     goal: tuple[int, int],
     omega: float,
-    cell: tuple[float, float],
     exact: bool,
     epsilon: float = math.inf,
     told: str = "",
@@ -215,7 +224,7 @@ def problem_with_plan(
         return None if plan.status is Status.NO_PATH else Problem(f"{plan.status} without a path: {name}", facts)
     if plan.status is not Status.OK:
         return Problem(f"{plan.status} where there is a path: {name}", facts)
-    if wrong := problem_with_path(plan, costs, start, goal, scale, cell):
+    if wrong := problem_with_path(plan, costs, start, goal, scale):
         return Problem(f"{wrong}: {name}", facts)
     if plan.cost < optimum * (1.0 - EXACT):
         return Problem(f"below the optimum: {name}", facts)
@@ -234,7 +243,6 @@ def problem_with_path(
     start: tuple[int, int],
     goal: tuple[int, int],
     scale: float,
-    cell: tuple[float, float],
 ) -> str:
     """What is wrong with a path, its cost and its headings; empty if nothing is."""
     path = [(int(row), int(col)) for row, col in plan.path]
@@ -249,18 +257,17 @@ def problem_with_path(
         return "a path through a pose that fails"
     if abs(cost - plan.cost) > 1e-5 * max(cost, 1.0):
         return "its cost is not its path's"
-    return problem_with_headings(plan.headings_deg, path, cell)
+    return problem_with_headings(plan.headings_deg, path)
 
 
-def problem_with_headings(headings_deg: np.ndarray, path: list[tuple[int, int]], cell: tuple[float, float]) -> str:
+def problem_with_headings(headings_deg: np.ndarray, path: list[tuple[int, int]]) -> str:
     """Each cell's heading is that of the step that leaves it, the last one's that of the step that reaches it.
 
-    Degrees in [0, 360), clockwise from north, which is up the rows, over the ground: cells need not be square.
+    Degrees in [0, 360), clockwise from north, which is up the rows, as if cells were square; none for a single cell.
     """
+    if len(path) < 2:
+        return "a heading without a step" if len(headings_deg) else ""
     if len(headings_deg) != len(path):
         return f"{len(headings_deg)} headings for {len(path)} cells"
-    if len(path) < 2:
-        return ""
-    wanted = pose_oracles.headings_of(path, *cell)
-    apart = np.abs((np.asarray(headings_deg, np.float64) - [*wanted, wanted[-1]] + 180.0) % 360.0 - 180.0)
-    return "headings that are not the steps'" if apart.max() > 1e-3 else ""
+    steps = pose_oracles.headings_of(path)
+    return "" if np.allclose(headings_deg, [*steps, steps[-1]], atol=1e-3) else "headings that are not the steps'"

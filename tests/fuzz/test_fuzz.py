@@ -72,6 +72,12 @@ def test_costs_computed_where_a_search_looks_are_those_computed_at_once(small, c
     assert (problem := elevations.check(case, small)) is None, problem.kind
 
 
+@settings(UNHURRIED, max_examples=8)
+@given(drawn(lambda rng: bodies.generate(rng, 12)))
+def test_poses_checked_where_a_search_looks_are_those_checked_at_once(small, case):
+    assert (problem := bodies.check(case, small)) is None, problem.kind
+
+
 @UNHURRIED
 @given(drawn(messages.generate))
 def test_whatever_comes_the_loop_answers(small, case):
