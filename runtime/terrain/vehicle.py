@@ -68,13 +68,14 @@ class Vehicle:
         if isinstance(self.axles, bool) or self.axles not in range(2, 9):
             raise InvalidMapError(f"axles must be a whole number from 2 to 8, got {self.axles}")
         (base, track), (long, wide) = self.stance_m, self.contact_m
-        for name, wanted, most in (
-            ("wheelbase_m", base + long, self.length_m),
-            ("track_m", track + wide, self.width_m),
+        for name, apart, contact, most in (
+            ("wheelbase_m", base, long, self.length_m),
+            ("track_m", track, wide, self.width_m),
         ):
-            if not 0.0 < wanted <= most * (1.0 + _INSIDE):
+            if not 0.0 < apart <= (most - contact) * (1.0 + _INSIDE):
                 raise InvalidMapError(
-                    f"the wheels must lie under the body: {name} and a contact patch make {wanted:g} m, got {most:g}"
+                    f"the wheels must lie under the body: {name} must be at most {most:g} m less a contact patch of "
+                    f"{contact:g} m and more than 0, got {apart:g}"
                 )
 
     @property

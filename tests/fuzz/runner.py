@@ -34,6 +34,7 @@ SHARES = {
     "messages": 1.5,
     "sequences": 2.0,
     "elevations": 1.5,
+    "bodies": 1.5,
 }
 """Of the time, for each target."""
 COMMAND_TARGETS = ("files", "options", "models")
@@ -79,7 +80,7 @@ class Tally:
 
 def check_case(target: str, seed: int, samples: Path, folder: Path, *, heavy: bool = True) -> Problem | None:
     """Make the case of a seed, and look for what is wrong with it. The seed decides all of it."""
-    from tests.fuzz import commands, elevations, files, messages, models, options, sequences, weights
+    from tests.fuzz import bodies, commands, elevations, files, messages, models, options, sequences, weights
 
     rng = random.Random(f"{target} {seed}")
     if target == "options":
@@ -95,6 +96,8 @@ def check_case(target: str, seed: int, samples: Path, folder: Path, *, heavy: bo
             return weights.check(weights.generate(rng), samples)
         if target == "elevations":
             return elevations.check(elevations.generate(rng), samples)
+        if target == "bodies":
+            return bodies.check(bodies.generate(rng), samples)
         if target == "messages":
             return messages.check(messages.generate(rng), samples, folder)
         return sequences.check(sequences.generate(rng), samples)
@@ -102,7 +105,7 @@ def check_case(target: str, seed: int, samples: Path, folder: Path, *, heavy: bo
 
 def describe(target: str, seed: int, samples: Path, *, heavy: bool = True) -> str:
     """The case of a seed in words."""
-    from tests.fuzz import elevations, files, messages, models, options, sequences, weights
+    from tests.fuzz import bodies, elevations, files, messages, models, options, sequences, weights
 
     rng = random.Random(f"{target} {seed}")
     makers: dict[str, Callable[[], object]] = {
@@ -113,6 +116,7 @@ def describe(target: str, seed: int, samples: Path, *, heavy: bool = True) -> st
         "messages": lambda: messages.generate(rng),
         "sequences": lambda: sequences.generate(rng),
         "elevations": lambda: elevations.generate(rng),
+        "bodies": lambda: bodies.generate(rng),
     }
     return repr(makers[target]())
 
@@ -145,12 +149,12 @@ def _load(heavy: bool) -> None:
 
     import nnpp_edge.viz.picture
     import nnpp_edge.viz.sheet
-    from tests.fuzz import elevations, messages, options, sequences, weights
+    from tests.fuzz import bodies, elevations, messages, options, sequences, weights
 
     matplotlib.use("Agg")
     cv2.setNumThreads(1)
     onnxruntime.set_default_logger_severity(2)
-    used = (onnx, PIL.Image, rasterio, nnpp_edge.viz, elevations, messages, sequences, weights)
+    used = (onnx, PIL.Image, rasterio, nnpp_edge.viz, bodies, elevations, messages, sequences, weights)
     assert all(used)
     for name in options.names():
         options.command_of(name)

@@ -17,12 +17,21 @@ from hypothesis import HealthCheck, given, settings
 
 from nnpp_edge.runtime import Planner, Status
 from nnpp_edge.runtime.loop.navigator import Navigator
-from tests.fuzz import commands, elevations, messages, options, runner, samples, sequences, weights
+from tests.fuzz import bodies, commands, elevations, messages, options, runner, samples, sequences, weights
 from tests.fuzz.children import Limits, run_forked
 from tests.fuzz.commands import Command, Problem, judge
 from tests.strategies import drawn
 
-CASES = {"files": 20, "options": 12, "models": 16, "weights": 100, "messages": 60, "sequences": 60, "elevations": 60}
+CASES = {
+    "files": 20,
+    "options": 12,
+    "models": 16,
+    "weights": 100,
+    "messages": 60,
+    "sequences": 60,
+    "elevations": 60,
+    "bodies": 30,
+}
 SEED = 1
 pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for omega")
 UNHURRIED = settings(deadline=None, max_examples=40, suppress_health_check=list(HealthCheck))
@@ -61,6 +70,12 @@ def test_weights_of_any_size_are_planned_on(small, case):
 @given(drawn(lambda rng: elevations.generate(rng, 40)))
 def test_costs_computed_where_a_search_looks_are_those_computed_at_once(small, case):
     assert (problem := elevations.check(case, small)) is None, problem.kind
+
+
+@settings(UNHURRIED, max_examples=8)
+@given(drawn(lambda rng: bodies.generate(rng, 12)))
+def test_poses_checked_where_a_search_looks_are_those_checked_at_once(small, case):
+    assert (problem := bodies.check(case, small)) is None, problem.kind
 
 
 @UNHURRIED
