@@ -73,9 +73,10 @@ class MapState:
     ) -> "MapState":
         """The state of an elevation map, (H, W) float in metres, NaN where unknown; copied.
 
-        With a vehicle, steps cost by its poses. Weights are computed and poses checked where a search first looks, or,
-        unless `lazy`, all at once. `sides_m` are the height and the width of a cell. Raises InvalidMapError for what is
-        no such map, for one that the vehicle is larger than, or for the ``length`` model, whose weights may not be 0.
+        With a vehicle, steps cost by its poses. Weights are computed and poses checked where a search first looks,
+        or, unless `lazy`, all at once. `sides_m` are the height and the width of a cell. Raises InvalidMapError for
+        what is no such map, for one that the vehicle is larger than, or for the ``length`` model, whose weights may
+        not be 0.
         """
         if model.kind is not StepCost.PAPER:
             raise InvalidMapError(

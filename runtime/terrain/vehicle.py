@@ -1,8 +1,8 @@
 """The robot's body: what it measures, what it can take, and which cells lie under it.
 
 A pose is a cell and one of the four headings of the eight steps, each of which leads both ways. The ground between
-the cells' middles is bilinear: its height at a point is a mean of the four cells around it. So a wheel's contact patch
-can touch no height beyond those of the cells whose middles lie less than a cell from it, along rows and along columns.
+the cells' middles is bilinear: its height at a point is a mean of the four cells around it. So a contact patch can
+touch no height beyond those of cells whose middles lie less than a cell from it, along rows and along columns.
 See docs/vehicle.md for what follows, and `kernels.poses` for the check.
 """
 
