@@ -27,6 +27,7 @@ from nnpp_edge.runtime.compiled import cache, kernel
 from nnpp_edge.runtime.compiled.cache import NumbaObject
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS
+from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -50,6 +51,7 @@ from nnpp_edge.runtime.terrain.traversability import (
     traversability_cost,
     update_cost,
 )
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.tuning import MapSize
 
 _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
@@ -158,7 +160,22 @@ def _exercise_elevations(network: NetworkModel) -> None:
                 planner.plan((1, 2), (140, 20), method=method)
             planner.update_elevation(3, 4, heights[:5, :6].copy())
             planner.update_elevation(0, 0, heights)
+    _exercise_body(dem, network)
     connected([cost], ((0, 0), (1, 1)))
+
+
+def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
+    vehicle, (start, goal) = Vehicle(2.2, 2.2, 1.0, max_tilt_deg=60.0, unknown_passes=True), ((8, 5), (140, 18))
+    planner = Planner.of_elevation(dem, 1.0, vehicle=vehicle, model=network, ask_from=0, warn=False)
+    for method in ("astar", "corridor", "nnpp"):
+        planner.plan(start, goal, method=method)
+        planner.plan(start, goal, method=method, time_limit_s=60.0)
+    planner.plan(start, goal, method="corridor", price="sampled")
+    planner.prepare(landmarks=1, goals=[goal])
+    for method in ("astar", "corridor"):
+        planner.plan(start, goal, method=method)
+    planner.update_elevation(3, 4, dem[:5, :6].copy())
+    pose_costs(dem, 1.0, vehicle)
 
 
 def warmup_shapes() -> list[tuple[int, int]]:
