@@ -9,25 +9,30 @@ from typing import TYPE_CHECKING
 
 import click
 
-from nnpp_edge.cli import options
+from nnpp_edge.cli import options, vehicle_options
 from nnpp_edge.cli.costmap import cost_of
 from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.cli.plan_answer import Answer, Compared, Near, Planned, files_in, refuse_impassable, warn_if_not_square
 from nnpp_edge.cli.plan_request import Request
+from nnpp_edge.cli.vehicle_options import VehicleOptions
 from nnpp_edge.cli.windows import plan_by_windows, reads_by_windows
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.runtime.planners.plan import Plan
-    from nnpp_edge.runtime.planners.query import PlanOptions
+    from nnpp_edge.runtime.planners.query import PlannerOptions, PlanOptions
     from nnpp_edge.runtime.terrain.traversability import Traversability
+    from nnpp_edge.runtime.terrain.vehicle import Vehicle
     from nnpp_edge.terrain.dem import Dem
     from nnpp_edge.terrain.georeference import Place
+    from nnpp_edge.terrain.route import Route
     from nnpp_edge.viz.sheet import Cells
 
 _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
+_BYTES_PER_POSED_CELL = 12
+"""More for a vehicle: four codes and another height."""
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions.md)."""
 
@@ -56,6 +61,13 @@ _BYTES_PER_CELL = 24
 )
 @click.option("--compare", is_flag=True, help="Plan with exact A* and the corridor planner too.")
 @click.option("--hillshade", is_flag=True, help="Draw the relief in place of the cost.")
+@vehicle_options.vehicle
+@click.option(
+    "--price",
+    type=click.Choice(["eq1", "body-fit", "sampled"]),
+    default="eq1",
+    help="By what the corridor of a vehicle prices blocks of cells before their poses are checked.",
+)
 @options.memory
 @click.option("-o", "--output", type=options.PATH, help="Folder for path.geojson, path.csv, plan.png and plan.json.")
 @options.as_json
@@ -67,6 +79,7 @@ def command(
     memory: float | None,
     as_json: bool,
     terrain: TerrainOptions,
+    vehicle: VehicleOptions,
     request: Request,
 ) -> None:
     """Plan a path over the elevation map DEM.
@@ -86,11 +99,18 @@ def command(
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
-    limits = terrain.limits()
+    limits, body = terrain.limits(), vehicle.make()
+    if request.price != "eq1" and body is None:
+        raise click.UsageError("--price is a vehicle's: give --vehicle too")
     if output is not None:
         options.check_outputs(*(("--output", path) for path in files_in(output)), make_folders=True)
-    plan = plan_by_windows if reads_by_windows(dem, terrain, memory, _BYTES_PER_CELL) else plan_whole
-    planned = plan(request, dem, terrain, limits, hillshade=hillshade, drawn=output is not None)
+    bytes_per_cell = _BYTES_PER_CELL + (_BYTES_PER_POSED_CELL if body else 0)
+    if not reads_by_windows(dem, terrain, memory, bytes_per_cell):
+        planned = plan_whole(request, dem, terrain, limits, body, hillshade=hillshade, drawn=output is not None)
+    elif body is None:
+        planned = plan_by_windows(request, dem, terrain, limits, hillshade=hillshade, drawn=output is not None)
+    else:
+        raise click.UsageError("a vehicle is planned for on maps that fit into memory: leave --vehicle out")
     answer = planned.answer
     if answer.plan.source is None:  # no search was made
         from nnpp_edge.runtime.errors import InvalidQueryError
@@ -105,7 +125,14 @@ def command(
 
 
 def plan_whole(
-    request: Request, dem: Path, terrain: TerrainOptions, limits: Traversability, *, hillshade: bool, drawn: bool
+    request: Request,
+    dem: Path,
+    terrain: TerrainOptions,
+    limits: Traversability,
+    vehicle: Vehicle | None = None,
+    *,
+    hillshade: bool,
+    drawn: bool,
 ) -> Planned:
     """Plan on a map that is read into memory."""
     from nnpp_edge.runtime.network.loading import begin_loading
@@ -119,7 +146,7 @@ def plan_whole(
     cost = cost_of(ground, limits)
     if not (cost < 1.0).any():
         refuse_impassable(ground)
-    answer, shade = find(request, ground, cost, keep_regions=drawn), None
+    answer, shade = find(request, ground, cost, limits, vehicle, keep_regions=drawn), None
     if hillshade and drawn:
         from nnpp_edge.viz.picture import hillshade as shaded
 
@@ -127,7 +154,15 @@ def plan_whole(
     return Planned(answer, cost, shade, 1, Near((0, 0), ground.elevation, cost))
 
 
-def find(request: Request, dem: Dem, cost: Float2D, *, keep_regions: bool) -> Answer:
+def find(
+    request: Request,
+    dem: Dem,
+    cost: Float2D,
+    limits: Traversability,
+    vehicle: Vehicle | None,
+    *,
+    keep_regions: bool,
+) -> Answer:
     """Plan to the nearest goal, once; and by the other methods where a comparison is wanted."""
     from functools import partial
     from math import inf
@@ -136,35 +171,62 @@ def find(request: Request, dem: Dem, cost: Float2D, *, keep_regions: bool) -> An
     from nnpp_edge.terrain.route import Route
 
     start, goals = request.cells(dem)
-    planner = Planner(cost, omega=request.omega, corner_cutting=request.corner_cutting, model=request.model)
+    given: PlannerOptions = {
+        "omega": request.omega,
+        "corner_cutting": request.corner_cutting,
+        "model": request.model,
+    }
+    sides = dem.cell_size_m, dem.cell_width_m
+    if vehicle is None:
+        planner = Planner(cost, **given)
+    else:
+        planner = Planner.of_elevation(
+            dem.elevation, sides[0], limits, cell_width_m=sides[1], vehicle=vehicle, warn=False, **given
+        )
     if request.landmarks:
         planner.prepare(landmarks=request.landmarks)
     if request.time_limit is not None:  # loading would use it up
         from nnpp_edge.runtime.warmup import exercise
 
         exercise()
-    limits: PlanOptions = {
+    within: PlanOptions = {
+        "price": request.price,
         "epsilon": inf if request.epsilon is None else request.epsilon,
         "time_limit_s": request.time_limit or inf,
     }
-    wanted: PlanOptions = {**limits, "method": request.method, "keep_regions": keep_regions}
+    wanted: PlanOptions = {**within, "method": request.method, "keep_regions": keep_regions}
     ranked = planner.nearest(start, goals, count=len(goals), **wanted)
     goal, plan = goals[ranked[0][0]], ranked[0][1]
     compared: list[Compared] = []
     exact_path = None
     if request.compare and plan.source is not None:
-        plan_by = partial(planner.plan, start, goal, **limits)
+        plan_by = partial(planner.plan, start, goal, **within)
         plan, compared, exact_path = _compare(plan_by, plan)
     return Answer(
         plan,
-        Route.of(plan.path, cost, dem),
+        Route.of(plan.path, cost, dem) if vehicle is None else _driven(plan, cost, dem, vehicle),
         start,
         goal,
         [(goals[at], found) for at, found in ranked] if len(goals) > 1 else [],
         compared,
         exact_path,
         loading_included=not request.compare and request.time_limit is None,
+        vehicle=vehicle,
     )
+
+
+def _driven(plan: Plan, cost: Float2D, dem: Dem, vehicle: Vehicle) -> Route:
+    """The route of a path, with how the vehicle stands along it."""
+    from dataclasses import replace
+
+    from nnpp_edge.runtime.map.attitude import attitudes
+    from nnpp_edge.terrain.route import Route
+
+    route = Route.of(plan.path, cost, dem)
+    if len(plan.path) < 2:
+        return route
+    stands = attitudes(dem.elevation, (dem.cell_size_m, dem.cell_width_m), vehicle, plan.path)
+    return replace(route, standing={"heading_deg": plan.headings_deg, **stands._asdict()})
 
 
 def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Compared], Cells | None]:
@@ -198,6 +260,8 @@ def _refusal(planned: Planned, limits: Traversability) -> str:
     if problem != "BLOCKED":
         return f"{end} lies outside the map of {place.shape[0]} × {place.shape[1]} cells"
     at = (cell[0] - near.origin[0], cell[1] - near.origin[1])
+    if answer.vehicle is not None:
+        return f"{end} is impassable: the vehicle stands there in none of the four headings"
     reason = _why_blocked(at, near.elevation, place, limits)
     passable = np.argwhere(near.cost < 1.0)
     if not len(passable):

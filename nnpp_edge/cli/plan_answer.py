@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.runtime.planners.plan import Plan
+    from nnpp_edge.runtime.terrain.vehicle import Vehicle
     from nnpp_edge.terrain.georeference import Place
     from nnpp_edge.terrain.route import Route
     from nnpp_edge.viz.sheet import Cells
@@ -148,6 +149,8 @@ class Answer:
     """Whether the plan's times hold those of loading compiled code and the network."""
     windows: WindowsRead | None = None
     """What was read, where the map was read by windows."""
+    vehicle: Vehicle | None = None
+    """Whose poses the path goes by; None for a point."""
 
     def figures(self, files: list[str]) -> dict[str, object]:
         """Ready for JSON."""
@@ -166,6 +169,10 @@ class Answer:
             figures["goals"] = [{"goal": goal, "status": s["status"], "cost": s["cost"]} for goal, s in plans]
         if self.windows:
             figures["windows"] = asdict(self.windows)
+        if self.vehicle is not None:
+            figures["vehicle"] = asdict(self.vehicle)
+            figures["checks"] = self.plan.checks
+            figures["waypoints"] = self.route.stands()
         if files:
             figures["files"] = files
         return figures
@@ -187,6 +194,8 @@ class Answer:
             lines["CC"] = f"{plan.traverse_cost:.6g}"
         elif len(plan.path):
             lines["path"] = f"{len(plan.path)} cells so far, {length}"
+        if self.vehicle is not None and plan.ok and self.route.standing:
+            lines["vehicle"] = self._worst()
         lines["expansions"] = str(plan.expansions)
         stages = ", ".join(f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total")
         loading = ", loading included" if self.loading_included else ""
@@ -231,6 +240,11 @@ class Answer:
             }
         )
         return files
+
+    def _worst(self) -> str:
+        """The steepest that the vehicle may stand on the path, the least clearance, and how many poses were checked."""
+        tilt, clearance = self.route.standing["tilt_deg"].max(), self.route.standing["clearance_m"].min()
+        return f"tilted by at most {tilt:.1f}°, clear by at least {clearance:.2f} m, {self.plan.checks} poses checked"
 
     def _optimality(self) -> str:
         """How far from the optimum the path's cost is, or may be."""

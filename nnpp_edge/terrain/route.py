@@ -2,8 +2,10 @@
 
 import io
 import json
+import math
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +32,8 @@ class Route:
         Along the path, on the level.
     dem : Place
         The map that it leads over.
+    standing : mapping of str to (N,) float
+        How a vehicle stands on each cell: headings, angles and clearances by name; empty for a point.
     """
 
     cells: NDArray[np.int32]
@@ -38,6 +42,7 @@ class Route:
     cost: NDArray[np.float32]
     distance_m: NDArray[np.float64]
     dem: Place
+    standing: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, cells: NDArray[np.int32], cost: NDArray[np.float32], dem: Dem) -> "Route":
@@ -65,13 +70,22 @@ class Route:
         """Length on the level; 0 without a path."""
         return float(self.distance_m[-1]) if len(self.cells) else 0.0
 
+    def stands(self) -> dict[str, list[float | None]]:
+        """`standing`, ready for JSON: None for what is not finite."""
+        return {
+            name: [round(number, 4) if math.isfinite(number) else None for number in numbers.tolist()]
+            for name, numbers in self.standing.items()
+        }
+
     def csv(self) -> bytes:
-        """A line a cell, under a header."""
+        """A line a cell, under a header; with a vehicle, how it stands there too."""
         out = io.StringIO()
-        out.write("row,col,x,y,elevation_m,cost,distance_m\n")
+        out.write(",".join(("row,col,x,y,elevation_m,cost,distance_m", *self.standing)) + "\n")
         columns = (self.cells.tolist(), self.places.tolist(), self.elevation_m, self.cost, self.distance_m)
-        for (row, col), (x, y), elevation, cost, distance in zip(*columns, strict=True):
-            out.write(f"{row},{col},{x!r},{y!r},{elevation:.7g},{cost:.6g},{distance:.10g}\n")
+        stands = zip(*self.standing.values(), strict=True) if self.standing else iter([()] * len(self.cells))
+        for (row, col), (x, y), elevation, cost, distance, own in zip(*columns, stands, strict=True):
+            out.write(f"{row},{col},{x!r},{y!r},{elevation:.7g},{cost:.6g},{distance:.10g}")
+            out.write("".join(f",{number:.6g}" for number in own) + "\n")
         return out.getvalue().encode()
 
     def geojson(self, properties: dict[str, object]) -> bytes:
@@ -92,7 +106,7 @@ class Route:
         feature = {
             "type": "Feature",
             "geometry": geometry,
-            "properties": {**properties, "coordinates": meaning, "crs": crs},
+            "properties": {**properties, **self.stands(), "coordinates": meaning, "crs": crs},
         }
         if number := _EPSG.search(crs or ""):
             name = f"urn:ogc:def:crs:EPSG::{number[1]}"

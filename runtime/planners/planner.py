@@ -273,6 +273,7 @@ class Planner:
         epsilon: float = math.inf,
         time_limit_s: float = math.inf,
         keep_regions: bool = False,
+        price: str = Price.EQ1,
     ) -> list[tuple[int, Plan]]:
         """Paths to the goals that cost least to reach, cheapest first.
 
@@ -284,7 +285,7 @@ class Planner:
             At least one.
         count : int
             How many are wanted.
-        method, epsilon, time_limit_s, keep_regions
+        method, epsilon, time_limit_s, keep_regions, price
             As for `plan`; the time is each goal's own. Only exact methods are certain to know the order of goals that
             are nearly as near.
 
@@ -311,7 +312,7 @@ class Planner:
             if len(known) >= count and known[count - 1] <= bounds[at]:
                 break
             work, query = Work(), Query.within(begin, cells[at], time_limit_s, epsilon)
-            plans[at] = self._answer(query, work, method, keep_regions)
+            plans[at] = self._answer(query, work, method, keep_regions, price)
         return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
 
     def plan(

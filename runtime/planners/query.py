@@ -3,12 +3,14 @@
 import math
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple, TypedDict
 
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source, path_costs
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.stopwatch import Stopwatch
@@ -45,6 +47,15 @@ class PlanOptions(TypedDict, total=False):
     epsilon: float
     time_limit_s: float
     keep_regions: bool
+    price: str
+
+
+class PlannerOptions(TypedDict, total=False):
+    """Options of `Planner` and `Planner.of_elevation`."""
+
+    omega: float
+    corner_cutting: bool
+    model: str | Path | NetworkModel
 
 
 class Work(Stopwatch):
