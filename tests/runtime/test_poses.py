@@ -23,6 +23,8 @@ UNHURRIED = settings(deadline=None, max_examples=CASES, suppress_health_check=li
 ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21, wheel_width_m=0.13)
 METHODS = [("astar", "eq1"), ("nnpp", "eq1"), *itertools.product(["corridor"], bodies.PRICES)]
 CELL_M = 0.25
+MARGIN_M = CELL_M * math.tan(math.radians(25.0)) / 16.0
+"""Between two cells of a row the plane of the wheels mixes those of both cells' poses, and may lie lower than both."""
 
 
 @pytest.fixture
@@ -98,7 +100,7 @@ def test_unknown_cells_fail_or_are_left_out():
     dem[12, 12] = np.nan
     assert np.isinf(pose_costs(dem, CELL_M, ROVER)[:, 11:14, 11:14]).all()
     bold = dataclasses.replace(ROVER, unknown_passes=True)
-    assert (pose_costs(dem, CELL_M, bold) == 0.0).all()
+    assert (pose_costs(dem, CELL_M, bold)[:, 3:-3, 3:-3] == 0.0).all()
     dem[9:] = np.nan  # no wheel may stand on nothing
     assert np.isinf(pose_costs(dem, CELL_M, bold)[:, 16:]).all()
 
@@ -138,12 +140,12 @@ def test_what_is_driven_breaks_no_limit_between_the_cells(planner, method, price
         dem = rocks(seed, share=0.01)
         start, goal = ends_of(pose_costs(dem, CELL_M, ROVER), seed)
         plan = planner(dem).plan(start, goal, method=method, price=price)
-        assert pose_oracles.drive_breaks(dem, CELL_M, ROVER, plan.path) is None
+        assert pose_oracles.drive_breaks(dem, CELL_M, ROVER, plan.path, margin_m=MARGIN_M) is None
         driven += len(plan.path)
     assert driven > 40
 
 
-@pytest.mark.parametrize(("width", "status"), [(5, Status.NO_PATH), (12, Status.OK)])
+@pytest.mark.parametrize(("width", "status"), [(4, Status.NO_PATH), (5, Status.OK)])
 @pytest.mark.parametrize(("method", "price"), METHODS)
 def test_a_gap_lets_through_what_is_narrower(planner, method, price, width, status):
     dem = np.zeros((40, 60), np.float32)
@@ -154,11 +156,11 @@ def test_a_gap_lets_through_what_is_narrower(planner, method, price, width, stat
 
 
 def test_checks_are_made_where_a_search_looks_and_are_kept(planner):
-    dem = rocks(1)
+    dem = rocks(1, share=0.003)
     ours = planner(dem)
     start, goal = ends_of(pose_costs(dem, CELL_M, ROVER), 5)
     first, again = (ours.plan(start, goal, method="astar") for _ in range(2))
-    assert 0 < first.checks <= 4 * dem.size
+    assert first.ok and 0 < first.checks <= 4 * dem.size
     assert again.checks == 0 and again.cost == first.cost
     row, col = first.path[len(first.path) // 2]
     ours.update_elevation(int(row), int(col), dem[row : row + 1, col : col + 1] + np.float32(0.01))
