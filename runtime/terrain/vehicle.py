@@ -65,7 +65,7 @@ class Vehicle:
             value = getattr(self, name)
             if value is not None and not 0.0 < value < 90.0:
                 raise InvalidMapError(f"{name} must lie in (0, 90) degrees, got {value}")
-        if isinstance(self.axles, bool) or self.axles not in range(2, 9):
+        if type(self.axles) is not int or self.axles not in range(2, 9):
             raise InvalidMapError(f"axles must be a whole number from 2 to 8, got {self.axles}")
         (base, track), (long, wide) = self.stance_m, self.contact_m
         for name, apart, contact, most in (

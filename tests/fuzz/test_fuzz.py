@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 
 from nnpp_edge.runtime import Planner, Status
 from nnpp_edge.runtime.loop.navigator import Navigator
-from tests.fuzz import bodies, commands, elevations, messages, options, runner, samples, sequences, weights
+from tests.fuzz import commands, elevations, messages, options, runner, samples, sequences, weights
 from tests.fuzz.children import Limits, run_forked
 from tests.fuzz.commands import Command, Problem, judge
 from tests.strategies import drawn
@@ -70,12 +70,6 @@ def test_weights_of_any_size_are_planned_on(small, case):
 @given(drawn(lambda rng: elevations.generate(rng, 40)))
 def test_costs_computed_where_a_search_looks_are_those_computed_at_once(small, case):
     assert (problem := elevations.check(case, small)) is None, problem.kind
-
-
-@settings(UNHURRIED, max_examples=8)
-@given(drawn(lambda rng: bodies.generate(rng, 12)))
-def test_poses_checked_where_a_search_looks_are_those_checked_at_once(small, case):
-    assert (problem := bodies.check(case, small)) is None, problem.kind
 
 
 @UNHURRIED

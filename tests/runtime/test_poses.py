@@ -1,0 +1,254 @@
+"""Poses of a robot with a body, and plans over them, beside plain and slow answers.
+
+Many more cases of the same kind: ``python -m tests.fuzz --target bodies``.
+"""
+
+import dataclasses
+import itertools
+import math
+import random
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from nnpp_edge.runtime import Planner, Status, Traversability, Vehicle, pose_costs, traversability_cost
+from nnpp_edge.runtime.errors import InvalidMapError
+from tests import pose_oracles
+from tests.fuzz import bodies
+from tests.strategies import drawn
+
+CASES = 15
+UNHURRIED = settings(deadline=None, max_examples=CASES, suppress_health_check=list(HealthCheck))
+ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21, wheel_width_m=0.13)
+METHODS = [("astar", "eq1"), ("nnpp", "eq1"), *itertools.product(["corridor"], bodies.PRICES)]
+CELL_M = 0.25
+MARGIN_M = CELL_M * math.tan(math.radians(25.0)) / 16.0
+"""Between two cells of a row the plane of the wheels mixes those of both cells' poses, and may lie lower than both."""
+
+
+@pytest.fixture
+def planner(tiny_model):
+    """Makes planners with a small network."""
+
+    def make(dem, vehicle=ROVER, **options):
+        return Planner.of_elevation(dem, CELL_M, vehicle=vehicle, model=tiny_model, ask_from=0, warn=False, **options)
+
+    return make
+
+
+def rocks(seed, rows=44, cols=52, share=0.02):
+    """Gentle hills with rocks of half a clearance to two."""
+    rng = np.random.default_rng(seed)
+    row, col = np.mgrid[:rows, :cols]
+    dem = 0.15 * np.sin(row / 9.0 + seed) + 0.2 * np.cos(col / 11.0)
+    dem[rng.random(dem.shape) < share] += rng.uniform(0.15, 0.6)
+    return dem.astype(np.float32)
+
+
+def ends_of(costs, seed):
+    """Two cells far apart on which the body may stand."""
+    cells = np.argwhere(np.isfinite(costs).any(0))
+    rng = random.Random(seed)
+    pairs = [[tuple(map(int, cells[rng.randrange(len(cells))])) for _ in range(2)] for _ in range(8)]
+    return max(pairs, key=lambda pair: math.dist(*pair))
+
+
+# --- the pose check
+
+
+@UNHURRIED
+@given(drawn(lambda rng: bodies.generate(rng, 12)))
+def test_poses_equal_the_naive_ones(case):
+    assert bodies.problem_with_poses(case.dem, case.cell, case.vehicle) is None
+
+
+def test_the_three_weights_are_those_of_eq_1():
+    limits = Traversability(slope_weight=0.1, roughness_weight=0.7, step_weight=0.2)
+    dem = rocks(3, 20, 24)
+    found = pose_costs(dem, CELL_M, ROVER, traversability=limits)
+    wanted = pose_oracles.naive_pose_costs(dem, CELL_M, ROVER, weights=(0.1, 0.7, 0.2))
+    both = np.isfinite(found) & np.isfinite(wanted)
+    assert both.any()
+    np.testing.assert_allclose(found[both], wanted[both], atol=5e-5)
+
+
+def test_flat_ground_costs_nothing_and_the_body_stays_on_the_map():
+    found = pose_costs(np.full((20, 24), 7.0, np.float32), CELL_M, ROVER)
+    assert found.shape == (4, 20, 24) and found.dtype == np.float32
+    assert (found[:, 6:-6, 6:-6] == 0.0).all()
+    assert np.isinf(found[:, 0]).all() and np.isinf(found[:, :, -1]).all()
+
+
+@pytest.mark.parametrize(("limit", "fails"), [("max_pitch_deg", (0,)), ("max_roll_deg", (2,))])
+def test_pitch_is_along_the_heading_and_roll_across(limit, fails):
+    dem = CELL_M * math.tan(math.radians(12.0)) * np.mgrid[:24, :24][0]  # rises from row to row
+    vehicle = dataclasses.replace(ROVER, max_tilt_deg=40.0, max_step_m=1.0, clearance_m=0.6, **{limit: 10.0})
+    passes = np.isfinite(pose_costs(dem, CELL_M, vehicle)[:, 12, 12])
+    assert [heading for heading in (0, 2) if not passes[heading]] == list(fails)
+
+
+@pytest.mark.parametrize(("height", "passes"), [(0.28, True), (0.32, False)])
+def test_a_rock_under_the_belly_may_be_no_higher_than_the_clearance(height, passes):
+    dem, wide = np.zeros((24, 24)), dataclasses.replace(ROVER, length_m=2.1, width_m=1.9)
+    dem[12, 12] = height
+    assert np.isfinite(pose_costs(dem, CELL_M, wide)[:, 12, 12]).all() == passes
+
+
+def test_unknown_cells_fail_or_are_left_out():
+    dem = np.zeros((24, 24))
+    dem[12, 12] = np.nan
+    assert np.isinf(pose_costs(dem, CELL_M, ROVER)[:, 11:14, 11:14]).all()
+    bold = dataclasses.replace(ROVER, unknown_passes=True)
+    assert (pose_costs(dem, CELL_M, bold)[:, 3:-3, 3:-3] == 0.0).all()
+    dem[9:] = np.nan  # no wheel may stand on nothing
+    assert np.isinf(pose_costs(dem, CELL_M, bold)[:, 16:]).all()
+
+
+@pytest.mark.parametrize("make", [pose_costs, lambda *given: Planner.of_elevation(*given[:2], vehicle=given[2])])
+@pytest.mark.parametrize("sizes", [{"length_m": 4.3}, {"length_m": 3.0, "width_m": 2.9}])
+def test_a_body_larger_than_the_map_is_refused(make, sizes):
+    with pytest.raises(InvalidMapError, match="map") as told:
+        make(np.zeros((10, 16), np.float32), CELL_M, dataclasses.replace(ROVER, **sizes))
+    assert "\n" not in str(told.value)
+
+
+# --- plans over poses
+
+
+@UNHURRIED
+@given(drawn(lambda rng: bodies.generate(rng, 16)))
+def test_plans_are_those_over_all_poses_checked_at_once_or_where_a_search_looks(tiny_model, case):
+    assert (problem := bodies.check(case, tiny_model.parent)) is None, problem.kind
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("method", "price"), METHODS)
+def test_among_rocks_every_method_keeps_to_poses_that_pass(planner, method, price, seed):
+    dem = rocks(seed)
+    costs = pose_costs(dem, CELL_M, ROVER)
+    start, goal = ends_of(costs, seed)
+    plan = planner(dem).plan(start, goal, method=method, price=price)
+    problem = bodies.problem_with_plan(plan, costs, start, goal, 0.011, method == "astar")
+    assert problem is None, problem.kind
+
+
+@pytest.mark.parametrize(("method", "price"), METHODS)
+def test_what_is_driven_breaks_no_limit_between_the_cells(planner, method, price):
+    driven = 0
+    for seed in range(4):
+        dem = rocks(seed, share=0.01)
+        start, goal = ends_of(pose_costs(dem, CELL_M, ROVER), seed)
+        plan = planner(dem).plan(start, goal, method=method, price=price)
+        assert pose_oracles.drive_breaks(dem, CELL_M, ROVER, plan.path, margin_m=MARGIN_M) is None
+        driven += len(plan.path)
+    assert driven > 40
+
+
+@pytest.mark.parametrize(("width", "status"), [(4, Status.NO_PATH), (5, Status.OK)])
+@pytest.mark.parametrize(("method", "price"), METHODS)
+def test_a_gap_lets_through_what_is_narrower(planner, method, price, width, status):
+    dem = np.zeros((40, 60), np.float32)
+    dem[:, 30] = 3.0
+    dem[20 : 20 + width, 30] = 0.0
+    plan = planner(dem).plan((20, 10), (20, 50), method=method, price=price)
+    assert plan.status is status
+
+
+def test_checks_are_made_where_a_search_looks_and_are_kept(planner):
+    dem = rocks(1, share=0.003)
+    ours = planner(dem)
+    start, goal = ends_of(pose_costs(dem, CELL_M, ROVER), 5)
+    first, again = (ours.plan(start, goal, method="astar") for _ in range(2))
+    assert first.ok and 0 < first.checks <= 4 * dem.size
+    assert again.checks == 0 and again.cost == first.cost
+    row, col = first.path[len(first.path) // 2]
+    ours.update_elevation(int(row), int(col), dem[row : row + 1, col : col + 1] + np.float32(0.01))
+    assert 0 < ours.plan(start, goal, method="astar").checks < first.checks
+    assert planner(dem, lazy=False).plan(start, goal, method="astar").checks == 0
+
+
+def test_a_short_way_checks_a_small_part_of_the_map(planner):
+    plan = planner(np.zeros((200, 200), np.float32)).plan((90, 90), (92, 110), method="astar")
+    assert plan.ok and plan.checks < 0.1 * 4 * 200 * 200
+
+
+def test_after_many_patches_plans_are_those_of_a_new_planner(planner):
+    rng, dem = np.random.default_rng(2), rocks(2)
+    kept = planner(dem)
+    for turn in range(60):
+        rows, cols = rng.integers(1, 7, 2)
+        row, col = rng.integers(0, dem.shape[0] - rows), rng.integers(0, dem.shape[1] - cols)
+        patch = dem[row : row + rows, col : col + cols] + rng.normal(0.0, 0.05, (rows, cols)).astype(np.float32)
+        dem[row : row + rows, col : col + cols] = patch
+        kept.update_elevation(int(row), int(col), patch)
+        if turn % 6 == 5:
+            costs = pose_costs(dem, CELL_M, ROVER)
+            start, goal = ends_of(costs, turn)
+            method, price = METHODS[turn // 6 % len(METHODS)]
+            plan = kept.plan(start, goal, method=method, price=price)
+            problem = bodies.problem_with_plan(plan, costs, start, goal, 0.011, method == "astar")
+            assert problem is None, problem.kind
+
+
+def test_headings_are_those_of_the_steps(planner):
+    ours = planner(np.zeros((40, 40), np.float32))
+    for goal, heading in (((10, 20), 0.0), ((20, 30), 90.0), ((30, 20), 180.0), ((30, 10), 225.0), ((10, 10), 315.0)):
+        plan = ours.plan((20, 20), goal, method="astar")
+        np.testing.assert_allclose(plan.headings_deg, np.full(len(plan.path), heading), atol=1e-9)
+    assert len(ours.plan((20, 20), (20, 20), method="astar").headings_deg) == 0
+
+
+def test_without_a_vehicle_nothing_changes(tiny_model):
+    dem = rocks(4)
+    settings = {"model": tiny_model, "ask_from": 0}
+    point = Planner.of_elevation(dem, CELL_M, warn=False, **settings)
+    plain = Planner(traversability_cost(dem, CELL_M, warn=False), **settings)
+    for method in ("astar", "corridor", "nnpp"):
+        found, wanted = (each.plan((2, 3), (40, 48), method=method) for each in (point, plain))
+        assert found.ok and found.checks == 0
+        assert found.cost == pytest.approx(wanted.cost, rel=1e-6) or method == "nnpp"
+    np.testing.assert_array_equal(plain.plan((2, 3), (2, 6), method="astar").headings_deg, [90.0] * 4)
+
+
+# --- the judges can fail
+
+
+def test_the_judge_of_plans_sees_a_pose_that_fails():
+    costs = np.zeros((4, 6, 6), np.float32)
+    plan = Planner(np.zeros((6, 6), np.float32)).plan((2, 0), (2, 5), method="astar")
+    assert bodies.problem_with_plan(plan, costs, (2, 0), (2, 5), 0.011, True) is None
+    costs[2, 2, 3] = np.inf
+    found = bodies.problem_with_plan(plan, costs, (2, 0), (2, 5), 0.011, True)
+    assert found is not None and found.kind.startswith("a path through a pose that fails")
+
+
+@pytest.mark.parametrize(
+    ("kind", "fault"),
+    [
+        ("a path with a leap", {"path": np.array([[2, 0], [2, 5]])}),
+        ("a path with other ends", {"path": np.array([[2, 0], [2, 1]])}),
+        ("its cost is not its path's", {"cost": 4.9}),
+        ("its lower bound is above", {"lower_bound": 5.1}),
+        ("NO_PATH where there is a path", {"status": Status.NO_PATH}),
+        ("145 of 144 poses checked", {"checks": 145}),
+        ("not the optimum", {"path": np.array([[2, 0], [1, 1], [2, 2], [2, 3], [2, 4], [2, 5]]), "cost": 5.828427}),
+    ],
+)
+def test_the_judge_of_plans_sees(kind, fault):
+    plan = Planner(np.zeros((6, 6), np.float32)).plan((2, 0), (2, 5), method="astar")
+    found = bodies.problem_with_plan(
+        dataclasses.replace(plan, **fault), np.zeros((4, 6, 6), np.float32), (2, 0), (2, 5), 0.011, True
+    )
+    assert found is not None and found.kind.startswith(kind)
+
+
+def test_the_judge_of_poses_sees_a_check_that_forgets_the_belly(monkeypatch):
+    case = bodies.generate(random.Random(1), 12)
+    dem = np.zeros(case.dem.shape)
+    dem[dem.shape[0] // 2, dem.shape[1] // 2] = 1.5 * case.vehicle.clearance_m
+    assert bodies.problem_with_poses(dem, case.cell, case.vehicle) is None
+    flat = pose_costs(np.zeros_like(dem), case.cell[0], case.vehicle, cell_width_m=case.cell[1])
+    monkeypatch.setattr(bodies, "pose_costs", lambda *given, **options: flat)
+    found = bodies.problem_with_poses(dem, case.cell, case.vehicle)
+    assert found is not None and found.kind == "a pose passes that must fail"

@@ -1,0 +1,145 @@
+"""The oracles of a body can fail, and agree with each other."""
+
+import math
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import Vehicle
+from tests import pose_oracles
+
+BODY = Vehicle(
+    length_m=2.2,
+    width_m=1.7,
+    clearance_m=0.3,
+    max_pitch_deg=20.0,
+    max_roll_deg=15.0,
+    max_tilt_deg=22.0,
+    wheel_length_m=0.001,
+    wheel_width_m=0.001,
+)
+"""On wheels that touch the ground at points: on a plane the body has its inclination, and no more."""
+ALONG_ROW = [(8, 6), (8, 7), (8, 8), (8, 9)]
+DIAGONAL = [(6, 6), (7, 7), (8, 8)]
+
+
+def flat():
+    return np.zeros((17, 17))
+
+
+def slope(down, right):
+    row, col = np.mgrid[:17, :17]
+    return row * math.tan(math.radians(down)) + col * math.tan(math.radians(right))
+
+
+@pytest.mark.parametrize("path", [ALONG_ROW, ALONG_ROW[::-1], DIAGONAL, DIAGONAL[::-1], [(8, 8)]])
+def test_nothing_breaks_on_flat_ground(path):
+    assert pose_oracles.drive_breaks(flat(), 1.0, BODY, path) is None
+
+
+@pytest.mark.parametrize(
+    ("limit", "ground", "path"),
+    [
+        ("pitch", slope(0, 21), ALONG_ROW),
+        ("roll", slope(16, 0), ALONG_ROW),
+        ("roll", slope(0, -16), [(8, 8), (9, 8)]),
+        ("tilt", slope(14, 19), ALONG_ROW),
+        ("unknown", np.full((17, 17), np.nan), ALONG_ROW),
+        ("unknown", flat(), [(8, 8), (8, 9), (8, 10), (8, 11), (8, 12), (8, 13), (8, 14), (8, 15), (8, 16)]),
+    ],
+)
+def test_a_drive_that_breaks_a_limit_is_seen(limit, ground, path):
+    found = pose_oracles.drive_breaks(ground, 1.0, BODY, path)
+    assert found is not None and found.limit == limit
+
+
+@pytest.mark.parametrize(("limit", "angles"), [("pitch", (0, 19.9)), ("roll", (14.9, 0)), ("tilt", (13, 18))])
+def test_a_slope_within_the_limits_is_driven(limit, angles):
+    assert pose_oracles.drive_breaks(slope(*angles), 1.0, BODY, ALONG_ROW) is None
+
+
+def test_a_rock_between_the_wheels_is_seen_where_the_belly_meets_it():
+    ground = flat()
+    ground[8, 8] = 0.29
+    wide = Vehicle(length_m=2.2, width_m=4.0, clearance_m=0.3)
+    assert pose_oracles.drive_breaks(ground, 1.0, wide, [(8, 7), (8, 8)]) is None
+    ground[8, 8] = 0.31
+    found = pose_oracles.drive_breaks(ground, 1.0, wide, [(8, 5), (8, 6), (8, 7), (8, 8)])
+    assert found.limit == "clearance"
+    assert 0.3 < found.value <= 0.31 + 1e-9
+    assert pose_oracles.drive_breaks(ground, 1.0, wide, [(8, 7), (8, 8)], margin_m=0.02) is None
+
+
+def test_a_kerb_under_one_contact_patch_is_a_step():
+    ground = flat()
+    ground[:, 9:] = 0.25
+    long = Vehicle(length_m=4.4, width_m=2.0, clearance_m=2.0, max_step_m=0.2, wheel_length_m=1.0)
+    found = pose_oracles.drive_breaks(ground, 1.0, long, [(8, 6), (8, 7), (8, 8)])
+    assert found.limit == "step" and found.value > 0.2
+    ground[:, 9:] = 0.19
+    assert pose_oracles.drive_breaks(ground, 1.0, long, [(8, 6), (8, 7), (8, 8)]) is None
+
+
+def test_what_stands_may_not_drive_between_two_cells():
+    """A hole that the wheels of neither cell touch: only places in between see it."""
+    ground, small = flat(), Vehicle(length_m=0.2, width_m=0.2, clearance_m=0.02, max_tilt_deg=10.0)
+    ground[8, 8] = -0.5
+    middles = [pose_oracles.drive_breaks(ground, 1.0, small, [(8, 6), (8, 7)], positions=n) for n in (1, 10)]
+    assert middles[0] is not None or middles[1] is not None
+
+
+def test_unknown_ground_may_be_left_out():
+    ground = flat()
+    ground[8, 8] = np.nan
+    for passes in (False, True):
+        body = Vehicle(length_m=2.2, width_m=1.7, clearance_m=0.3, unknown_passes=passes)
+        assert (pose_oracles.drive_breaks(ground, 1.0, body, ALONG_ROW) is None) == passes
+        assert np.isfinite(pose_oracles.naive_pose_costs(ground, 1.0, body)[2, 8, 8]) == passes
+
+
+def test_the_cells_near_a_point_are_the_four_around_it():
+    assert pose_oracles.cells_near((0.5, 0.25), (1.0, 0.0), (0.01, 0.01), 1.0, 1.0) == {
+        (0, 0),
+        (0, 1),
+        (1, 0),
+        (1, 1),
+    }
+    assert pose_oracles.cells_near((0.0, 0.0), (0.0, 1.0), (1e-12, 1e-12), 1.0, 1.0) == {(0, 0)}
+    assert pose_oracles.cells_near((0.0, 0.5), (0.0, 1.0), (1e-12, 1e-12), 1.0, 1.0) == {(0, 0), (0, 1)}
+    across = math.sqrt(0.5)
+    diamond = pose_oracles.cells_near((0.0, 0.0), (across, across), (0.72, 0.72), 1.0, 1.0)
+    assert (1, 1) in diamond and (2, 1) in diamond and (2, 2) not in diamond
+
+
+def test_poses_on_a_plane_cost_its_tilt():
+    found = pose_oracles.naive_pose_costs(0.25 * slope(3, 4), 0.25, BODY)[:, 8, 8]
+    tilt = math.atan(math.hypot(math.tan(math.radians(3)), math.tan(math.radians(4))))
+    assert (found > 0.6 * tilt / math.radians(22.0)).all()
+    assert (found < 1.0).all()
+    np.testing.assert_array_equal(pose_oracles.naive_pose_costs(flat(), 1.0, BODY)[:, 4:-4, 4:-4], 0.0)
+
+
+def test_coded_costs_are_rounded_up_by_a_part_in_65533_at_most():
+    costs = np.random.default_rng(0).random(1000)
+    coded = pose_oracles.coded(costs)
+    assert ((coded >= costs) & (coded < costs + 1.0 / 65533)).all()
+    assert pose_oracles.coded([0.0, np.inf]).tolist() == [0.0, np.inf]
+
+
+def test_paths_cost_the_poses_of_both_ends_in_the_steps_heading():
+    costs = np.full((4, 3, 3), 0.5)
+    costs[2, 1] = (0.0, 0.25, 0.5)
+    assert pose_oracles.path_cost_over_poses(costs, [(1, 0), (1, 1)], 2.0) == 1.5
+    assert pose_oracles.path_cost_over_poses(costs, [(2, 0), (1, 1)], 2.0) == pytest.approx(math.sqrt(2) + 2.0)
+    assert pose_oracles.dijkstra_over_poses(costs, (1, 2), (1, 0), 2.0) == 4.0
+    costs[2, 1, 1] = np.inf
+    assert math.isinf(pose_oracles.path_cost_over_poses(costs, [(1, 0), (1, 1)], 2.0))
+    assert pose_oracles.dijkstra_over_poses(costs, (1, 2), (1, 0), 2.0) == pytest.approx(2 * math.sqrt(2) + 4.0)
+    costs[:, 1, 1] = costs[:, 0] = costs[:, 2] = np.inf
+    assert math.isinf(pose_oracles.dijkstra_over_poses(costs, (1, 2), (1, 0), 2.0))
+    assert pose_oracles.dijkstra_over_poses(costs, (1, 2), (1, 2), 2.0) == 0.0
+
+
+def test_headings_go_clockwise_from_north():
+    path = [(5, 5), (4, 5), (3, 6), (3, 7), (4, 8), (5, 8), (6, 7), (6, 6), (5, 5)]
+    assert pose_oracles.headings_of(path).tolist() == [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0]
