@@ -242,7 +242,7 @@ class Answer:
         return files
 
     def _worst(self) -> str:
-        """The steepest that the vehicle may stand on the path, the least clearance, and how many poses were checked."""
+        """The steepest that the vehicle may stand on the path, its least clearance, and how many poses were checked."""
         tilt, clearance = self.route.standing["tilt_deg"].max(), self.route.standing["clearance_m"].min()
         return f"tilted by at most {tilt:.1f}°, clear by at least {clearance:.2f} m, {self.plan.checks} poses checked"
 
