@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
+_LOOKED_AROUND = 64
+"""Cells around an end that are tried for a place where the vehicle stands."""
 _BYTES_PER_POSED_CELL = 12
 """More for a vehicle: four codes and another height."""
 _BYTES_PER_CELL = 24
@@ -261,13 +263,30 @@ def _refusal(planned: Planned, limits: Traversability) -> str:
         return f"{end} lies outside the map of {place.shape[0]} × {place.shape[1]} cells"
     at = (cell[0] - near.origin[0], cell[1] - near.origin[1])
     if answer.vehicle is not None:
-        return f"{end} is impassable: the vehicle stands there in none of the four headings"
+        return f"{end} is impassable: the vehicle stands there in no heading; {_where_it_stands(cell, answer, near)}"
     reason = _why_blocked(at, near.elevation, place, limits)
     passable = np.argwhere(near.cost < 1.0)
     if not len(passable):
         return f"{end} is impassable: {reason}; so is all around it"
     nearest = passable[((passable - at) ** 2).sum(axis=1).argmin()] + near.origin
     return f"{end} is impassable: {reason}; the nearest passable cell is {tuple(nearest.tolist())}"
+
+
+def _where_it_stands(cell: Cell, answer: Answer, near: Near) -> str:
+    """The nearest cell, if one is near, where the vehicle stands in some heading."""
+    import numpy as np
+
+    from nnpp_edge.runtime import pose_costs
+
+    assert answer.vehicle is not None
+    place, (row, col) = answer.route.dem, (max(each - _LOOKED_AROUND, 0) for each in cell)
+    part = near.elevation[row : cell[0] + _LOOKED_AROUND + 1, col : cell[1] + _LOOKED_AROUND + 1]
+    costs = pose_costs(part, place.cell_size_m, answer.vehicle, cell_width_m=place.cell_width_m)
+    stands = np.argwhere(np.isfinite(costs).any(0)) + (row, col)
+    if not len(stands):
+        return f"nor on any cell within {_LOOKED_AROUND}"
+    nearest = stands[((stands - cell) ** 2).sum(axis=1).argmin()]
+    return f"the nearest cell where it does is {tuple(nearest.tolist())}"
 
 
 def _why_blocked(cell: Cell, elevation: Float2D, place: Place, limits: Traversability) -> str:

@@ -30,10 +30,10 @@ UNCHECKED, FAILS, MOST_CODE = 0, 65535, 65533
 HEADING = (0, 0, 2, 2, 1, 3, 3, 1)
 """Number of the heading of each of the eight steps, see `terrain.vehicle.HEADINGS`."""
 PITCH, ROLL, TILT, STEP, CLEARANCE = 0, 1, 2, 3, 4
-TILT_WEIGHT, RISE_WEIGHT, STEP_WEIGHT, HALF_STEPS = 5, 6, 7, 8
-LIMIT_SLOTS = 12
+TILT_WEIGHT, RISE_WEIGHT, STEP_WEIGHT, HALF_STEPS, MARGINS = 5, 6, 7, 8, 12
+LIMIT_SLOTS = 16
 """Of the limits: the greatest gradients along and across, tilt in radians, step and clearance in metres; weights of
-the terms of T; and half a step's length of each heading."""
+the terms of T; and of each heading half a step's length and the belly's margin."""
 _ONE, _HALF, _ZERO, _INF = np.float32(1.0), np.float32(0.5), np.float32(0.0), np.float32(np.inf)
 
 
@@ -123,20 +123,25 @@ def check_run(poses, row, col, heading):
     _lift(heights, first, offsets[begin:end], places[begin:end], shares[begin:end], plane, halves, more, rise)
     n = min(RUN, cols - col)
     out = (heading * (rows + 2) + row + 1) * (cols + 2) + col + 1
-    _write_codes(plane, spread, steepest, rise, limits, limits[HALF_STEPS + heading], codes[out : out + n])
+    moved = limits[HALF_STEPS + heading], limits[MARGINS + heading]
+    _write_codes(plane, spread, steepest, rise, limits, moved, codes[out : out + n])
     counts[0] += n
 
 
 @kernel
-def _write_codes(plane, spread, steepest, rise, limits, half_step, codes):
-    """The verdict on each pose of a run, and its T."""
+def _write_codes(plane, spread, steepest, rise, limits, moved, codes):
+    """The verdict on each pose of a run, and its T; `moved` is half a step, and the belly's margin on it."""
+    half_step, margin = moved
     _, along, across = plane
     spread_along, spread_across = spread
     over_tilt, over_step = _ONE / limits[TILT], _ONE / limits[STEP]
     over_clearance, most = _ONE / limits[CLEARANCE], np.float32(MOST_CODE)
     for c in range(len(codes)):
         pitch, roll = abs(along[c]) + spread_along[c], abs(across[c]) + spread_across[c]
-        tilt, up = arc_tangent(math.sqrt(pitch * pitch + roll * roll)), max(rise[c] + half_step * pitch, _ZERO)
+        tilt, up = (
+            arc_tangent(math.sqrt(pitch * pitch + roll * roll)),
+            max(rise[c] + half_step * pitch + margin, _ZERO),
+        )
         stands = (pitch <= limits[PITCH]) & (roll <= limits[ROLL]) & (tilt <= limits[TILT])
         stands &= (steepest[c] <= limits[STEP]) & (up <= limits[CLEARANCE])
         t = limits[TILT_WEIGHT] * (tilt * over_tilt) + limits[RISE_WEIGHT] * (up * over_clearance)

@@ -106,7 +106,7 @@ class Poses:
             geometry.starts,
             (geometry.places, geometry.shares),
             geometry.gradients,
-            _limits(geometry.half_steps, vehicle, weights),
+            _limits(geometry, vehicle, weights),
             np.zeros((len(geometry.gradients) + _SCRATCH, RUN), np.float32),
             self._counts,
             np.array((rows, cols, width, self._margin, len(vehicle.wheels_m)), np.int64),
@@ -242,6 +242,8 @@ class _Geometry(NamedTuple):
     """(V, 3) what it adds to the plane at the body's middle, and to its gradients ahead and to the right."""
     half_steps: tuple[float, ...]
     """Half a step along each heading, metres."""
+    margins: tuple[float, ...]
+    """By how much the belly may come lower between two poses of each heading than their gradients say, metres."""
 
 
 @functools.lru_cache(maxsize=16)
@@ -261,12 +263,18 @@ def _geometry(vehicle: Vehicle, dy: float, dx: float) -> _Geometry:
     shares = np.abs(np.column_stack((np.ones(len(places)), places)) @ gradients.T)
     cells = np.concatenate([part for each in prints for part in (*each.wheels, each.belly)])
     near, linear, own = (np.ascontiguousarray(part, np.float32) for part in (places, shares, gradients))
-    return _Geometry(cells, starts, near, linear, own, tuple(each.half_step for each in prints))
+    return _Geometry(
+        cells,
+        starts,
+        near,
+        linear,
+        own,
+        tuple(each.half_step for each in prints),
+        tuple(each.margin for each in prints),
+    )
 
 
-def _limits(
-    half_steps: tuple[float, ...], vehicle: Vehicle, weights: tuple[float, float, float]
-) -> NDArray[np.float32]:
+def _limits(geometry: _Geometry, vehicle: Vehicle, weights: tuple[float, float, float]) -> NDArray[np.float32]:
     pitch, roll, tilt = (math.radians(angle) for angle in vehicle.tilts_deg)
     limits = np.array((math.tan(pitch), math.tan(roll), tilt, vehicle.step_m, vehicle.clearance_m)) * _SAFE
-    return np.array((*limits, *weights, *half_steps), np.float32)
+    return np.array((*limits, *weights, *geometry.half_steps, *geometry.margins), np.float32)
