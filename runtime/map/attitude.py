@@ -87,6 +87,6 @@ def _stand(
     shares = np.abs(np.column_stack((np.ones(len(below.places)), below.places)) @ solved)
     plane = level[:, None] + np.outer(along, below.places[:, 0]) + np.outer(across, below.places[:, 1])
     rise = under(below.belly) - plane + (shares @ half).T
-    reduced = extremes[1].reduce(rise, axis=1) + below.half_step * steepest
+    reduced = extremes[1].reduce(rise, axis=1) + below.half_step * steepest + below.margin
     clearance = vehicle.clearance_m - np.maximum(reduced, 0.0)
     return np.stack((np.degrees(np.arctan(along)), -np.degrees(np.arctan(across)), tilt, clearance))

@@ -126,6 +126,8 @@ class Footprint(NamedTuple):
     """(N, 2) metres, where the belly's cells lie: ahead of the body's middle and to the right of it."""
     half_step: float
     """Half the length of a step along the heading, metres."""
+    margin: float
+    """By how much the belly may come lower on the way to the next cell than the poses' own gradients say, metres."""
 
 
 def footprint(vehicle: Vehicle, heading: int, dy: float, dx: float) -> Footprint:
@@ -134,7 +136,7 @@ def footprint(vehicle: Vehicle, heading: int, dy: float, dx: float) -> Footprint
     On its way from a cell to the next the body is at most half a step from a checked pose. The belly's cells are
     those under it all along that half step, both ways. Wheels need that along diagonals alone: between two cells of
     a row (or of a column) every wheel's height is (1 - s) a + s b, with a among its heights at one pose and b at the
-    other, and the body's inclination is linear in them (docs/vehicle.md).
+    other, and the body's inclination is linear in them. The belly then needs a margin, which docs/vehicle.md proves.
     """
     row, col = HEADINGS[heading]
     step = math.hypot(row * dy, col * dx)
@@ -149,7 +151,9 @@ def footprint(vehicle: Vehicle, heading: int, dy: float, dx: float) -> Footprint
     ]
     belly = _cells_near(np.zeros(2), ahead, (0.5 * vehicle.length_m + shift, 0.5 * vehicle.width_m), dy, dx)
     metres = belly * (dy, dx)
-    return Footprint(wheels, belly, np.stack((metres @ ahead, metres @ right), 1), shift)
+    steepest = math.tan(math.radians(min(vehicle.tilts_deg[0], vehicle.tilts_deg[2])))
+    margin = 0.0 if row and col else step / 16.0 * steepest
+    return Footprint(wheels, belly, np.stack((metres @ ahead, metres @ right), 1), shift, margin)
 
 
 def _cells_near(
