@@ -216,11 +216,13 @@ class Answer:
         The picture is drawn on the cost map, or on one whose cells are `factor` times as large.
         """
         from nnpp_edge.files import write_all
-        from nnpp_edge.viz.picture import plan_picture, png_bytes
+        from nnpp_edge.viz.picture import body_outlines, plan_picture, png_bytes
 
         geojson, csv, png, json_file = paths = files_in(folder)
         files = [str(path) for path in paths]
         figures = self.figures(files)
+        dem = self.route.dem
+        sides = dem.cell_size_m, dem.cell_width_m
         picture = plan_picture(
             cost,
             self.plan if factor == 1 else replace(self.plan, path=self.plan.path // factor),
@@ -228,8 +230,9 @@ class Answer:
             goal=(self.goal[0] // factor, self.goal[1] // factor),
             shade=shade,
             reference_path=self.exact_path,
-            cell_size_m=self.route.dem.cell_width_m * factor,
+            cell_size_m=dem.cell_width_m * factor,
             length_m=self.route.length_m,
+            bodies=body_outlines(self.plan.path, self.vehicle, sides) if self.vehicle is not None else (),
         )
         write_all(
             {
@@ -242,7 +245,7 @@ class Answer:
         return files
 
     def _worst(self) -> str:
-        """The steepest that the vehicle may stand on the path, its least clearance, and how many poses were checked."""
+        """The steepest that the vehicle may stand on the path, its least clearance, and the poses checked."""
         tilt, clearance = self.route.standing["tilt_deg"].max(), self.route.standing["clearance_m"].min()
         return f"tilted by at most {tilt:.1f}°, clear by at least {clearance:.2f} m, {self.plan.checks} poses checked"
 

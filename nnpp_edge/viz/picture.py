@@ -5,7 +5,7 @@ A picture is (H, W, 3) uint8 in OpenCV's order blue, green, red.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -16,6 +16,7 @@ from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.viz.sheet import INK, Cells, Colour, MapDrawing, Picture, metres
 
 Mask = NDArray[np.bool_]
@@ -24,6 +25,7 @@ IMPASSABLE: Colour = (34, 44, 96)
 REGION: Colour = (255, 230, 0)
 PATH: Colour = (20, 120, 255)
 OPTIMUM: Colour = (255, 90, 235)
+BODY: Colour = (120, 255, 190)
 _LIGHT = (315.0, 45.0)
 """Azimuth and height of the light of a hillshade, degrees."""
 
@@ -73,6 +75,7 @@ def plan_picture(
     reference_path: Cells | None = None,
     cell_size_m: float | None = None,
     length_m: float | None = None,
+    bodies: Sequence[NDArray[np.float64]] = (),
 ) -> Picture:
     """A plan on its map: regions in translucent cyan, path, start (yellow square) and goal (red star).
 
@@ -92,6 +95,8 @@ def plan_picture(
         Side of a cell, for the scale.
     length_m : float
         Length of the path; without it the legend gives it in cells.
+    bodies : sequence of (5, 2) float
+        Closed outlines of a vehicle along the path, rows and columns; from `body_outlines`.
     """
     regions = [
         (region, strength, words)
@@ -116,10 +121,15 @@ def plan_picture(
     for rim in (True, False):
         for path, colour, width, dashed in reversed(lines) if rim else lines:
             drawing.line(path, INK if rim else colour, width + 2.0 * rim, dashed)
+    for outline in bodies:
+        drawing.line(outline, INK, 2.5)
+        drawing.line(outline, BODY, 1.2)
     if len(plan.path):
         keys.append(drawing.line_key(PATH, "path"))
         start = start or (int(plan.path[0, 0]), int(plan.path[0, 1]))
         goal = goal or (int(plan.path[-1, 0]), int(plan.path[-1, 1]))
+    if bodies:
+        keys.append(drawing.line_key(BODY, "vehicle"))
     if reference_path is not None and len(reference_path):
         keys.append(drawing.line_key(OPTIMUM, "exact optimum", dashed=True))
     if goal is not None:
@@ -137,6 +147,26 @@ def plan_picture(
         keys.append(drawing.grey_bar())
     facts = [drawing.text_item(text) for text in _facts(plan, length_m)]
     return drawing.finish([keys, facts + drawing.scale(cell_size_m)])
+
+
+def body_outlines(path: Cells, vehicle: Vehicle, sides_m: tuple[float, float]) -> list[NDArray[np.float64]]:
+    """(5, 2) corners of the body, rows and columns, at every second body length of a path, closed.
+
+    At most a hundred; none for a path of less than two cells.
+    """
+    if len(path) < 2:
+        return []
+    steps = np.diff(path, axis=0) * sides_m
+    along = np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T))))
+    count = min(max(int(along[-1] / (2.0 * vehicle.length_m)), 1), 100)
+    outlines = []
+    for at in np.searchsorted(along, np.linspace(0.0, along[-1], count + 1)).tolist():
+        step = steps[min(at, len(steps) - 1)]
+        ahead = step / np.hypot(*step) * vehicle.length_m / 2.0
+        right = np.array((-ahead[1], ahead[0])) * vehicle.width_m / vehicle.length_m
+        corners = np.array([ahead + right, ahead - right, -ahead - right, right - ahead, ahead + right])
+        outlines.append(path[at] + corners / sides_m)
+    return outlines
 
 
 def png_bytes(picture: Picture) -> bytes:

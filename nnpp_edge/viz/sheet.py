@@ -72,7 +72,7 @@ class MapDrawing:
         x, y = cols * self.sides[1] - 0.5 + self.left, rows * self.sides[0] - 0.5 + self.margin
         return np.column_stack([x, y])
 
-    def line(self, cells: Cells, colour: Colour, width: float, dashed: bool = False) -> None:
+    def line(self, cells: NDArray[np.generic], colour: Colour, width: float, dashed: bool = False) -> None:
         """A path, `width` points wide."""
         self._stroke(self._points(cells), colour, width, dashed)
 
