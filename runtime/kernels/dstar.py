@@ -1,8 +1,11 @@
 """The kernels of D* Lite: reading the map, mending what a change touched, expanding, following the path.
 
-Bundles: ``search`` is (stride, start, goal, corner_cutting, steps, prices, km), ``terrain`` (costs, walls), ``heap``
-(position, firsts, seconds, nodes), ``source`` (weights, factor, stride, start, goal) of the map that is read,
-``known`` (costs, walls, inside), ``noted`` (changed, is_changed).
+Bundles: ``search`` is (stride, start, goal, corner_cutting, steps, prices, km), ``terrain`` (costs, walls, span),
+``heap`` (position, firsts, seconds, nodes), ``source`` (weights, factor, stride, start, goal) of the map that is
+read, ``known`` (costs, walls, inside), ``noted`` (changed, is_changed).
+
+Where a body's poses decide, `costs` holds four costs of each node, one for each heading, `span` apart; else one, and
+`span` is 0. A pose is checked when its node is read, so those outside the region are not.
 
 The open list is a heap, four entries below each, whose keys are pairs: their first parts stand in one array
 and their second parts, which are looked at only where first parts are equal, in another. Unused slots hold
@@ -16,6 +19,7 @@ import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP, lowest_bit
+from nnpp_edge.runtime.kernels.poses import HEADING, weight_of_pose
 
 SETTLED, PAUSED = 0, 1
 ABSENT = -1
@@ -38,28 +42,39 @@ def octile(rows, cols, prices):
 
 
 @kernel
-def _read(node, weights, factor, start, goal, costs, walls, inside):
-    """Read one node's weight; whether its steps have changed."""
-    weight = weights[np.uint64(node)]
-    wall = weight == np.inf
-    allowed = (inside[np.uint64(node)] != 0) | (node == start) | (node == goal)
-    cost = np.float32(min(np.rint(factor * weight), DEAREST))
-    cost = np.float32(np.inf) if wall | (not allowed) else cost
-    changed = (cost != costs[np.uint64(node)]) | (wall != walls[np.uint64(node)])
-    costs[np.uint64(node)] = cost
-    walls[np.uint64(node)] = wall
+def _read(node, weights, poses, factor, stride, ends, known):
+    """Read what one node weighs; whether its steps have changed."""
+    costs, walls, inside = known
+    allowed = (inside[np.uint64(node)] != 0) | (node == ends[0]) | (node == ends[1])
+    if poses is None:
+        weight = weights[np.uint64(node)]
+        wall = weight == np.inf
+        cost = np.float32(min(np.rint(factor * weight), DEAREST))
+        cost = np.float32(np.inf) if wall | (not allowed) else cost
+        changed = (cost != costs[np.uint64(node)]) | (wall != walls[np.uint64(node)])
+        costs[np.uint64(node)] = cost
+        walls[np.uint64(node)] = wall
+    else:
+        changed = False
+        for heading in range(4):
+            cost = np.float32(np.inf)
+            if allowed:
+                weight = weight_of_pose(poses, node, stride, heading)
+                cost = np.float32(min(np.rint(factor * weight), DEAREST)) if weight < np.inf else cost
+            at = np.uint64(heading * len(inside) + node)
+            changed |= cost != costs[at]
+            costs[at] = cost
     return changed
 
 
 @kernel
-def read_map(shape, source, known):
+def read_map(shape, source, poses, known):
     """Read all of the map."""
     weights, factor, stride, start, goal = source
-    costs, walls, inside = known
     rows, cols = shape
     for r in range(rows):
         for c in range(cols):
-            _read((r + 1) * stride + c + 1, weights, factor, start, goal, costs, walls, inside)
+            _read((r + 1) * stride + c + 1, weights, poses, factor, stride, (start, goal), known)
 
 
 @kernel
@@ -74,26 +89,25 @@ def _note(node, stride, changed, is_changed, pending):
 
 
 @kernel
-def read_rectangle(part, source, known, noted, pending):
+def read_rectangle(part, source, poses, known, noted, pending):
     """Read a rectangle of the map; the number of nodes put down as changed so far."""
     row, col, rows, cols = part
     weights, factor, stride, start, goal = source
-    costs, walls, inside = known
     changed, is_changed = noted
     for r in range(row, row + rows):
         for c in range(col, col + cols):
             node = (r + 1) * stride + c + 1
-            if _read(node, weights, factor, start, goal, costs, walls, inside):
+            if _read(node, weights, poses, factor, stride, (start, goal), known):
                 pending = _note(node, stride, changed, is_changed, pending)
     return pending
 
 
 @kernel
-def read_region(mask, blocks, rows_to_read, source, known, noted, pending):
+def read_region(mask, blocks, rows_to_read, source, poses, known, noted, pending):
     """Read a region, as far as its rows may differ; the number of nodes put down as changed so far."""
     row_block, col_block = blocks
     weights, factor, stride, start, goal = source
-    costs, walls, inside = known
+    inside = known[2]
     changed, is_changed = noted
     for r in range(len(row_block)):
         if not rows_to_read[row_block[r]]:
@@ -103,7 +117,7 @@ def read_region(mask, blocks, rows_to_read, source, known, noted, pending):
             now = mask[np.uint64(row_block[r]), np.uint64(col_block[c])]
             if now != inside[node]:
                 inside[node] = now
-                if _read(node, weights, factor, start, goal, costs, walls, inside):
+                if _read(node, weights, poses, factor, stride, (start, goal), known):
                     pending = _note(node, stride, changed, is_changed, pending)
     return pending
 
@@ -115,13 +129,12 @@ def _step(k, pair, steps):
 
 
 @kernel
-def _least_by_way(node, row_steps, corner_cutting, steps, costs, walls, state):
+def _least_by_way(node, row_steps, corner_cutting, steps, costs, walls, span, state):
     """The least cost to the goal by way of a neighbour of a passable node, and the direction of that neighbour."""
-    own = np.float64(costs[np.uint64(node)])
     best, direction = np.inf, -1
     for k in range(8):  # unrolled by the compiler
-        there = node + row_steps[k] + COL_STEP[k]
-        pair = own + np.float64(costs[np.uint64(there)])
+        there, plane = node + row_steps[k] + COL_STEP[k], HEADING[k] * span
+        pair = np.float64(costs[np.uint64(plane + node)]) + np.float64(costs[np.uint64(plane + there)])
         step = _step(k, pair, steps)
         if k >= 4 and not corner_cutting:
             shut = walls[np.uint64(node + row_steps[k])] | walls[np.uint64(node + COL_STEP[k])]
@@ -207,16 +220,15 @@ def _update_vertex(node, ahead, state, position, firsts, seconds, nodes, size):
 
 
 @kernel
-def _touched(node, value, raised, row_steps, costs, steps, state):
+def _touched(node, value, raised, row_steps, costs, span, steps, state):
     """Directions, as bits, of the neighbours that a node touches whose g becomes, or where `raised` was, `value`.
 
     They come to a lower rhs by way of it; or their rhs may have rested on it.
     """
-    own = np.float64(costs[np.uint64(node)])
     found = np.int64(0)
     for k in range(8):  # unrolled by the compiler
-        there = node + row_steps[k] + COL_STEP[k]
-        pair = own + np.float64(costs[np.uint64(there)])
+        there, plane = node + row_steps[k] + COL_STEP[k], HEADING[k] * span
+        pair = np.float64(costs[np.uint64(plane + node)]) + np.float64(costs[np.uint64(plane + there)])
         by_way, rhs = value + _step(k, pair, steps), state[np.uint64(2 * there + 1)]
         found |= np.int64((by_way == rhs) & (by_way < np.inf) if raised else by_way < rhs) << k
     return found
@@ -248,7 +260,7 @@ def least_known(changed, count, inside, state):
 def mend(pending, search, terrain, state, heap, size, noted):
     """Work out rhs anew wherever a step has changed; the open list's new size."""
     stride, start, goal, corner_cutting, steps, prices, km = search
-    costs, walls = terrain
+    costs, walls, span = terrain
     position, firsts, seconds, nodes = heap
     changed, is_changed = noted
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
@@ -259,8 +271,11 @@ def mend(pending, search, terrain, state, heap, size, noted):
         if node == goal:
             continue
         rhs = np.inf
-        if costs[node] < np.inf:  # so not on the border, whose neighbours are not all there
-            rhs, _ = _least_by_way(node, row_steps, corner_cutting, steps, costs, walls, state)
+        least = costs[node]
+        for heading in range(1, 4):
+            least = min(least, costs[heading * span + node])
+        if least < np.inf:  # so not on the border, whose neighbours are not all there
+            rhs, _ = _least_by_way(node, row_steps, corner_cutting, steps, costs, walls, span, state)
         if rhs == state[2 * node + 1]:
             continue
         state[2 * node + 1] = rhs
@@ -280,7 +295,7 @@ def expand(search, terrain, state, heap, size, most):
     The code, the number of expansions and the open list's size.
     """
     stride, start, goal, corner_cutting, steps, prices, km = search
-    costs, walls = terrain
+    costs, walls, span = terrain
     position, firsts, seconds, nodes = heap
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     start_row, start_col = start // stride, start % stride
@@ -308,7 +323,7 @@ def expand(search, terrain, state, heap, size, most):
             continue
         expansions += 1
         raised = g <= rhs
-        touched = _touched(node, g if raised else rhs, raised, row_steps, costs, steps, state)
+        touched = _touched(node, g if raised else rhs, raised, row_steps, costs, span, steps, state)
         state[np.uint64(2 * node)] = np.inf if raised else rhs
         # A node that leaves the list leaves its slot to the first neighbour to come on. With a key not much
         # greater that one stays near the top, where the heap's last entry would sink to the bottom again.
@@ -326,11 +341,12 @@ def expand(search, terrain, state, heap, size, most):
             if there == goal:
                 continue
             if raised:
-                by_way, _ = _least_by_way(there, row_steps, corner_cutting, steps, costs, walls, state)
+                by_way, _ = _least_by_way(there, row_steps, corner_cutting, steps, costs, walls, span, state)
                 if by_way == state[np.uint64(2 * there + 1)]:
                     continue
             else:
-                pair = np.float64(costs[np.uint64(node)]) + np.float64(costs[np.uint64(there)])
+                plane = HEADING[k] * span
+                pair = np.float64(costs[np.uint64(plane + node)]) + np.float64(costs[np.uint64(plane + there)])
                 by_way = rhs + _step(k, pair, steps)
                 if k >= 4 and not corner_cutting and (walls[node + up * stride] or walls[node + left]):
                     continue
@@ -361,7 +377,7 @@ def descend(search, terrain, state, cells, path):
     0 if it does not lead to the goal.
     """
     stride, start, goal, corner_cutting, steps, _, _ = search
-    costs, walls = terrain
+    costs, walls, span = terrain
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     node, n = start, 0
     while n < cells:
@@ -370,7 +386,7 @@ def descend(search, terrain, state, cells, path):
         n += 1
         if node == goal:
             return n
-        _, k = _least_by_way(node, row_steps, corner_cutting, steps, costs, walls, state)
+        _, k = _least_by_way(node, row_steps, corner_cutting, steps, costs, walls, span, state)
         if k < 0:
             return 0
         node += ROW_STEP[k] * stride + COL_STEP[k]

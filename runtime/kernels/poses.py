@@ -212,6 +212,25 @@ def weight_of_pose(poses, node, stride, heading):
 
 
 @kernel
+def walk_poses(poses, stride, steps, path, first, costs):
+    """As `kernels.paths.walk`, of a path over poses: the first cell that a failing pose leads to, or -1."""
+    total = 0.0
+    for n in range(first, len(path)):
+        if n > first:
+            up, left = path[n, 0] - path[n - 1, 0], path[n, 1] - path[n - 1, 1]
+            heading = 0 if left == 0 else (2 if up == 0 else (1 if up == left else 3))
+            node = (path[n, 0] + 1) * stride + path[n, 1] + 1
+            weights = np.float64(weight_of_pose(poses, node - up * stride - left, stride, heading))
+            weights += np.float64(weight_of_pose(poses, node, stride, heading))
+            if weights == np.inf:
+                return n
+            length, factor = (steps[1], steps[3]) if up != 0 and left != 0 else (steps[0], steps[2])
+            total += length + factor * weights
+        costs[n] = total
+    return -1
+
+
+@kernel
 def measure_poses(poses, stride, path):
     """As `kernels.paths.measure`, of a path over poses; a cell counts with the mean of its one or two headings."""
     straight, diagonal, by_straight, by_diagonal, ends = 0, 0, 0.0, 0.0, 0.0

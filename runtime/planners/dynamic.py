@@ -15,8 +15,8 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
-from nnpp_edge.runtime.memory import touch
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
+from nnpp_edge.runtime.memory import check_planner_fits, touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic_choice import DynamicChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
@@ -24,6 +24,8 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Query, Work, problem_with
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
+from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.tuning import UNSEEN_CHANGE
 
 
@@ -78,11 +80,44 @@ class DynamicPlanner:
         corner_cutting: bool = True,
         model: str | Path | NetworkModel = "edge",
     ) -> None:
+        state = MapState(cost, StepModel.of(step_cost, omega), corner_cutting=corner_cutting)
+        self._begin(state, goal, method, also, model)
+
+    @classmethod
+    def of_elevation(
+        cls,
+        dem: Float2D,
+        cell_size_m: float,
+        goal: Cell,
+        traversability: Traversability | None = None,
+        method: str = DynamicMethod.AUTO,
+        *,
+        vehicle: Vehicle | None = None,
+        cell_width_m: float | None = None,
+        also: Sequence[str] = (),
+        omega: float = PAPER_OMEGA,
+        corner_cutting: bool = True,
+        model: str | Path | NetworkModel = "edge",
+    ) -> "DynamicPlanner":
+        """A planner of elevations, changed by `update_elevation`; with a vehicle, over its poses.
+
+        Arguments are those of `Planner.of_elevation` and of the class.
+        """
+        check_planner_fits(getattr(dem, "shape", ()))
+        planner = cls.__new__(cls)
+        sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
+        step_model = StepModel.of(StepCost.PAPER, omega)
+        state = MapState.of_elevation(dem, sides, limits, step_model, corner_cutting=corner_cutting, vehicle=vehicle)
+        planner._begin(state, goal, method, also, model)
+        return planner
+
+    def _begin(
+        self, state: MapState, goal: Cell, method: str, also: Sequence[str], model: str | Path | NetworkModel
+    ) -> None:
         self._turns = Turns()
         self.method = DynamicMethod.named(method)
         self.methods = frozenset((self.method, *map(DynamicMethod.named, also)))
-        self._state = MapState(cost, StepModel.of(step_cost, omega), corner_cutting=corner_cutting)
-        self._model = model
+        self._state, self._model = state, model
         self._start: Cell | None = None
         self._make_planners()
         self.set_goal(goal)
@@ -149,6 +184,13 @@ class DynamicPlanner:
     def update(self, row: int, col: int, patch: Float2D) -> int:
         """As `Planner.update`: the number of cells that are other ones now."""
         change = self._state.update(row, col, patch)
+        self._path.catch_up()
+        return change.cells
+
+    @one_at_a_time
+    def update_elevation(self, row: int, col: int, patch: Float2D) -> int:
+        """As `Planner.update_elevation`: the number of cells that may be other ones now."""
+        change = self._state.update_elevation(row, col, patch)
         self._path.catch_up()
         return change.cells
 
@@ -220,7 +262,7 @@ class DynamicPlanner:
         if wanted not in self.methods:
             known = ", ".join(sorted(self.methods))
             raise InvalidQueryError(f"method must be one that the planner was made for ({known}), got {wanted}")
-        query = Query.within(self._where(), self._goal, time_limit_s)
+        query, checked = Query.within(self._where(), self._goal, time_limit_s), self._state.checked
         problem = problem_with(self._state.grid, query.start, query.goal)
         if problem is not None:
             return Plan(problem, wanted.base, planner=wanted)
@@ -228,7 +270,8 @@ class DynamicPlanner:
             found, wanted, reason = self._chooser.find(query, work)
         else:
             found = self._planners.dynamic(wanted).find(query, work)
-        plan = found.plan(wanted.base, work, planner=wanted, reason=reason, keep_regions=keep_regions)
+        checks = self._state.checked - checked
+        plan = found.plan(wanted.base, work, planner=wanted, reason=reason, keep_regions=keep_regions, checks=checks)
         if plan.ok:
             self._path.set(plan)
             self._chooser.answered()

@@ -9,6 +9,8 @@ less what the robot has walked since. A path on the map as it is now
 - meets such cells, but none that was impassable: then it cost at most the sum of their savings more, as each cell
   takes part in two steps;
 - meets a cell that was impassable: then it costs at least the octile distance by way of it.
+With a vehicle, old costs of poses are not kept: a path that meets a rectangle in which heights have changed costs at
+least the octile distance by way of it.
 The least of the three bounds every path. Cells that became dearer change nothing.
 """
 
@@ -17,11 +19,13 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.paths import remember, savings, walk
+from nnpp_edge.runtime.kernels.poses import walk_poses
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.tuning import MOST_LOGGED_CHANGES
@@ -92,9 +96,11 @@ class StandingPath:
     """
 
     def __init__(self, state: MapState) -> None:
-        nodes = len(state.grid.weights)
         self._grid = state.grid
-        self._changes = state.log.reader(keeps_old_weights=True)
+        nodes = len(state.grid.weights) if state.grid.poses is None else 0
+        self._changes = state.log.reader(keeps_old_weights=state.grid.poses is None)
+        self._parts: list[Rectangle] = []
+        """Where poses have changed since the path was set: of these no old weights are kept."""
         self._before = np.empty(nodes, np.float32)
         """What changed nodes weighed when the path was set."""
         self._noted = np.zeros(nodes, np.int32)
@@ -120,9 +126,9 @@ class StandingPath:
         if not plan.ok or not len(plan.path):
             raise InvalidQueryError(f"a standing path must lead to the goal, got a plan of status {plan.status}")
         self._walked, self._scratch = np.empty(len(plan.path)), np.empty(len(plan.path))
-        if walk(self._grid.packed, plan.path, 0, self._walked) >= 0:
+        if self._walk(plan.path, 0, self._walked) >= 0:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
-        self._plan, self._count = plan, 0
+        self._plan, self._count, self._parts = plan, 0, []
         self._changes.skip()
         if self._stamp == _LAST_STAMP:
             self._noted[:] = 0
@@ -131,7 +137,7 @@ class StandingPath:
 
     def forget(self) -> None:
         """There is no path to follow."""
-        self._plan, self._count = None, 0
+        self._plan, self._count, self._parts = None, 0, []
         self._changes.skip()
 
     def catch_up(self) -> None:
@@ -152,7 +158,7 @@ class StandingPath:
         walked, straight = float(self._walked[index]), octile.py_func(*at, *goal, *grid.prices)
         rest = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self._plan.lower_bound - walked
         floor, lower = (max(bound, straight) for bound in self._bounds_now(rest, at, goal))
-        blocked = walk(grid.packed, path, index, self._scratch)
+        blocked = self._walk(path, index, self._scratch)
         if blocked >= 0:
             cell = int(path[blocked, 0]), int(path[blocked, 1])
             return Standing(Footing.BLOCKED, index, cell, lower_bound=lower, floor=floor)
@@ -164,6 +170,9 @@ class StandingPath:
         if self._plan is None:
             self._changes.skip()
         for change in self._changes.read():
+            if self._grid.poses is not None:
+                self._parts.append(change.part)
+                continue
             self._count = remember(
                 change.nodes, change.old_weights, self._before, self._noted, self._stamp, self._touched, self._count
             )
@@ -171,6 +180,9 @@ class StandingPath:
     def _bounds_now(self, bounds: tuple[float, ...], at: Cell, goal: Cell) -> list[float]:
         """What bounds the paths of now, given bounds of those on the map as it was."""
         grid = self._grid
+        if grid.poses is not None:
+            by_way = min((self._by_way_of(part, at, goal) for part in self._parts), default=math.inf)
+            return [min(bound, by_way) for bound in bounds]
         saved, by_cheaper, by_opened = savings(
             grid.weights, self._before, self._touched, self._count, grid.stride, at, goal, grid.prices
         )
@@ -178,3 +190,18 @@ class StandingPath:
         if not grid.corner_cutting:  # beside a cell that was opened, a diagonal step may have become allowed
             by_opened -= 2.0 * grid.prices[0]
         return [min(bound, max(bound - saved, by_cheaper), by_opened) for bound in bounds]
+
+    def _walk(self, path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+        """Write the cost of each cell of the path from `first` on; the first that cannot be stepped on, or -1."""
+        grid = self._grid
+        if grid.poses is None:
+            return int(walk(grid.packed, path, first, costs))
+        return int(walk_poses(grid.poses.packed, grid.stride, grid.model.steps, path, first, costs))
+
+    def _by_way_of(self, part: Rectangle, at: Cell, goal: Cell) -> float:
+        """The least that a path by way of a rectangle's cells costs."""
+        (row, col, rows, cols), cost = part, 0.0
+        for end in (at, goal):
+            nearest = min(max(end[0], row), row + rows - 1), min(max(end[1], col), col + cols - 1)
+            cost += octile.py_func(*end, *nearest, *self._grid.prices)
+        return cost

@@ -35,6 +35,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.search.astar import Search
+from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 from nnpp_edge.runtime.tuning import DSTAR_EXPANSIONS_BETWEEN_CHECKS, MOST_RATIO_FOR_DSTAR
 
 UNITS = float(1 << 20)
@@ -50,9 +51,9 @@ def serves(grid: Grid) -> bool:
 class DStarMemory:
     """What one D* Lite search knows of each node, and its open list."""
 
-    def __init__(self, nodes: int) -> None:
-        self.costs = np.full(nodes, np.inf, np.float32)
-        """Weight of each node in units, whole numbers; inf where impassable or outside the region."""
+    def __init__(self, nodes: int, headings: int = 1) -> None:
+        self.costs = np.full(headings * nodes, np.inf, np.float32)
+        """Weight of each node in units, whole numbers; inf where impassable or outside the region. By headings."""
         self.walls = np.ones(nodes, np.uint8)
         """Whether a node is impassable on the map itself, region or none: what corners are judged by."""
         self.inside = np.zeros(nodes, np.uint8)
@@ -69,7 +70,7 @@ class DStarMemory:
         self.changed = np.empty(nodes + 1, np.int32)
         """Nodes one of whose steps has changed since the last plan, each once, and a spare place."""
         self.is_changed = np.zeros(nodes, np.uint8)
-        self.terrain = self.costs, self.walls
+        self.terrain = self.costs, self.walls, nodes if headings > 1 else 0
         self.known = self.costs, self.walls, self.inside
         self.heap = self.position, self.firsts, self.seconds, self.heap_nodes
         self.noted = self.changed, self.is_changed
@@ -95,9 +96,11 @@ class DStarLite:
 
     def __init__(self, state: MapState, goal: Cell) -> None:
         self._grid = state.grid
-        self._grid.complete()
+        self._poses = None if self._grid.poses is None else self._grid.poses.packed
+        if self._poses is None:
+            self._grid.complete()
         self._changes = state.log.reader()
-        self._memory = DStarMemory(len(self._grid.weights))
+        self._memory = DStarMemory(len(self._grid.weights), 1 if self._poses is None else len(HEADINGS))
         self._everywhere = Region.everywhere(*self._grid.shape)
         self._region, self._blocks = self._everywhere, self._everywhere.blocks()
         self._memory.inside[:] = 1
@@ -163,7 +166,7 @@ class DStarLite:
         self._region, self._blocks = region, blocks
         memory, lookup = self._memory, (region.row_block, region.col_block)
         self._pending = read_region(
-            blocks, lookup, rows_to_read, self._source, memory.known, memory.noted, self._pending
+            blocks, lookup, rows_to_read, self._source, self._poses, memory.known, memory.noted, self._pending
         )
 
     def reach(self) -> float:
@@ -203,7 +206,8 @@ class DStarLite:
         self.move_start(start)
         self._read_changes()
         expansions, memory = 0, self._memory
-        if math.isfinite(memory.costs[self._start]) and math.isfinite(memory.costs[self._goal]):
+        ends = memory.costs.reshape(-1, len(memory.inside))[:, [self._start, self._goal]]
+        if np.isfinite(ends).any(0).all():
             for afresh in (False, True):
                 if afresh:
                     self._restart()
@@ -233,7 +237,7 @@ class DStarLite:
     def _packed_search(self) -> tuple[int, int, int, bool, tuple[float, float, float], tuple[float, float], float]:
         """The ``search`` of the kernels."""
         grid = self._grid
-        ends = grid.stride, self._start, self._goal, grid.corner_cutting
+        ends = grid.stride, self._start, self._goal, grid.corner_cutting or self._poses is not None
         return *ends, self._steps, self._prices, self._km
 
     def _restart(self) -> None:
@@ -254,7 +258,7 @@ class DStarLite:
         memory.is_changed[:] = 0
         self._changes.skip()
         self._pending, self._km = 0, 0.0
-        read_map(self._grid.shape, self._source, memory.known)
+        read_map(self._grid.shape, self._source, self._poses, memory.known)
         self._size = clear(
             self._goal, memory.state, memory.position, memory.firsts, memory.seconds, memory.heap_nodes
         )
@@ -284,7 +288,7 @@ class DStarLite:
 
     def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
         memory = self._memory
-        self._pending = read_rectangle(part, self._source, memory.known, memory.noted, self._pending)
+        self._pending = read_rectangle(part, self._source, self._poses, memory.known, memory.noted, self._pending)
 
     def _search(self, deadline: float) -> tuple[bool, int]:
         """Mend the search until the start is settled: whether it is, and the number of expansions."""
