@@ -24,7 +24,8 @@ ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21,
 METHODS = [("astar", "eq1"), ("nnpp", "eq1"), *itertools.product(["corridor"], bodies.PRICES)]
 CELL_M = 0.25
 MARGIN_M = CELL_M * math.tan(math.radians(25.0)) / 16.0
-"""Between two cells of a row the plane of the wheels mixes those of both cells' poses, and may lie lower than both."""
+"""Between two cells of a row the plane of the wheels mixes those of both poses, and may lie lower than both."""
+pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for omega")
 
 
 @pytest.fixture
