@@ -155,15 +155,12 @@ def _check(case: Case, folder: Path | None) -> Problem | None:
         ours, theirs = (
             planner.plan(start, goal, method=method, price=price, epsilon=epsilon) for planner in (lazy, dense)
         )
-        for name in ("status", "cost", "lower_bound", "expansions", "source"):
-            one, other = getattr(ours, name), getattr(theirs, name)
-            if one != other and not (one != one and other != other):
-                return Problem(f"lazy is not dense: {name} of {method}", f"{one} {other}\n{told}")
-        if not np.array_equal(ours.path, theirs.path):
-            return Problem(f"lazy is not dense: path of {method}", told)
+        if ours.status is not theirs.status or not math.isclose(ours.cost, theirs.cost, rel_tol=1e-6):
+            return Problem(f"lazy is not dense: {method}", f"{ours}\n{theirs}\n{told}")
         exact = method == "astar" or epsilon == 0.0
-        if problem := problem_with_plan(ours, costs, start, goal, case.omega, exact, epsilon, told):
-            return problem
+        for plan in (ours, theirs):  # their bounds may differ: a pose that is not checked yet counts as free
+            if problem := problem_with_plan(plan, costs, start, goal, case.omega, exact, epsilon, told):
+                return problem
     return problem_with_poses(dem, case.cell, case.vehicle, repr(case))
 
 
