@@ -183,9 +183,9 @@ def test_ground_made_to_meet_the_belly_between_two_cells_does_so_by_no_more_than
             if np.isfinite(pose_costs(dem, 1.0, vehicle)[2, middle, col : col + 2]).all():
                 break
             dem[middle, at] = -3.0
-    if np.isfinite(pose_costs(dem, 1.0, vehicle)[2, middle, col : col + 2]).all():
-        path, margin = [(middle, col), (middle, col + 1)], math.tan(math.radians(30.0)) / 8.0
-        assert pose_oracles.drive_breaks(dem, 1.0, vehicle, path, positions=20, margin_m=margin) is None
+    assert np.isfinite(pose_costs(dem, 1.0, vehicle)[2, middle, col : col + 2]).all()
+    path, margin = [(middle, col), (middle, col + 1)], math.tan(math.radians(30.0)) / 8.0
+    assert pose_oracles.drive_breaks(dem, 1.0, vehicle, path, positions=20, margin_m=margin) is None
 
 
 def test_checks_are_made_where_a_search_looks_and_are_kept(planner):
