@@ -227,6 +227,8 @@ class Break:
 
 PER_CELL = 8
 """Samples of the edges."""
+MOST_AT_ONCE = 16
+"""Steps of a path whose places are looked at together."""
 LIMITS = ("unknown", "step", "pitch", "roll", "tilt", "clearance")
 
 
@@ -244,15 +246,21 @@ def drive_breaks(dem, cell_size_m, vehicle, path, *, cell_width_m=None, position
     shares = np.linspace(0.0, 1.0, positions + 1)
     pitch, roll, tilt = np.radians(vehicle.tilts_deg) + math.radians(margin_deg)
     allowed = (0.5, vehicle.step_m + margin_m, pitch, roll, tilt, vehicle.clearance_m + margin_m)
-    for segment, (one, other) in enumerate(itertools.pairwise(cells)):
-        middles = (one + shares[:, None] * (other - one)) * ground.sides
-        found = _worst_along(ground, vehicle, middles, (other - one) * ground.sides)
-        broken = found > np.array(allowed) + 1e-9
-        if broken.any():
-            at, which = np.argwhere(broken)[0]
-            value = math.nan if which == 0 else float(found[at, which])
-            return Break(LIMITS[which], value, float(allowed[which]), segment, float(shares[at]))
-    return None
+    steps, first = np.diff(cells, axis=0), None
+    for step in np.unique(steps, axis=0):
+        segments = np.flatnonzero((steps == step).all(1))
+        for part in np.split(segments, range(MOST_AT_ONCE, len(segments), MOST_AT_ONCE)):
+            middles = (cells[part, None] + shares[:, None] * step).reshape(-1, 2) * ground.sides
+            found = _worst_along(ground, vehicle, middles, step * ground.sides)
+            broken = np.argwhere(found > np.array(allowed) + 1e-9)
+            if not len(broken):
+                continue
+            at, which = broken[0]
+            segment, place = int(part[at // len(shares)]), float(shares[at % len(shares)])
+            if first is None or segment < first.segment:
+                value = math.nan if which == 0 else float(found[at, which])
+                first = Break(LIMITS[which], value, float(allowed[which]), segment, place)
+    return first
 
 
 class _Ground:

@@ -63,22 +63,23 @@ def generate(rng: random.Random, most_side: int = 22) -> Case:
 
 def draw_vehicle(rng: random.Random, cell: float) -> Vehicle:
     """A body of one cell to seven, of odd sizes: no cell lies on an edge of it."""
-    length, width = (cell * rng.uniform(*rng.choice(((0.8, 2.0), (1.5, 4.0), (4.0, 7.0)))) for _ in range(2))
+    size = rng.choice(((0.8, 2.0), (1.0, 3.0), (1.5, 4.0), (3.0, 7.0)))
+    length, width = (cell * rng.uniform(*size) for _ in range(2))
     long, wide = (side * rng.uniform(0.02, 0.3) for side in (length, width))
     narrow = rng.random() < 0.6
 
     def perhaps(value: float) -> float | None:
         return value if rng.random() < 0.5 else None
 
-    clearance = cell * 10.0 ** rng.uniform(-1.0, 0.0)
+    clearance = cell * 10.0 ** rng.uniform(-0.8, 0.0)
     return Vehicle(
         length_m=length,
         width_m=width,
         clearance_m=clearance,
-        max_tilt_deg=rng.uniform(8.0, 60.0),
-        max_pitch_deg=perhaps(rng.uniform(5.0, 60.0)),
-        max_roll_deg=perhaps(rng.uniform(5.0, 60.0)),
-        max_step_m=perhaps(clearance * rng.uniform(0.3, 3.0)),
+        max_tilt_deg=rng.uniform(10.0, 60.0),
+        max_pitch_deg=perhaps(rng.uniform(10.0, 60.0)),
+        max_roll_deg=perhaps(rng.uniform(10.0, 60.0)),
+        max_step_m=perhaps(clearance * rng.uniform(0.5, 3.0)),
         axles=rng.choice((2, 2, 3, 4)),
         wheelbase_m=(length - long) * rng.uniform(0.4, 0.99) if narrow else None,
         track_m=(width - wide) * rng.uniform(0.4, 0.99) if narrow else None,
@@ -95,18 +96,18 @@ def draw_heights(
     row, col = np.mgrid[:rows, :cols]
     size = vehicle.clearance_m
     waves = np.sin(row / rng.uniform(2, 9) + rng.random()) + np.cos(col / rng.uniform(2, 9) + rng.random())
-    dem = size * rng.choice((0.0, 0.3, 1.0, 3.0)) * waves
-    dem += size * (rng.choice((0.0, 0.1, 0.3)) * row + rng.choice((0.0, 0.0, 0.2)) * col)
-    dem += size * rng.choice((0.0, 0.01, 0.1)) * numbers.normal(size=(rows, cols))
-    rocks = numbers.random((rows, cols)) < rng.choice((0.0, 0.02, 0.1))
+    dem = size * rng.choice((0.0, 0.1, 0.3, 1.0)) * waves
+    dem += size * (rng.choice((0.0, 0.0, 0.1)) * row + rng.choice((0.0, 0.0, 0.1)) * col)
+    dem += size * rng.choice((0.0, 0.01, 0.05)) * numbers.normal(size=(rows, cols))
+    rocks = numbers.random((rows, cols)) < rng.choice((0.0, 0.01, 0.04))
     dem[rocks] += size * rng.choice((0.6, 1.0, 2.0)) * numbers.random(int(rocks.sum()))
     kind = rng.choice(("whole", "whole", "whole", "holes", "stripe", "wall", "cliff"))
     if kind == "holes":
-        dem[numbers.random((rows, cols)) < rng.choice((0.01, 0.05))] = rng.choice((np.nan, np.inf, -np.inf))
+        dem[numbers.random((rows, cols)) < rng.choice((0.005, 0.02))] = rng.choice((np.nan, np.inf, -np.inf))
     elif kind == "stripe":
         dem[: rng.randint(0, rows), cols // 2] = np.nan
     elif kind == "wall":
-        dem[rows // 2, rng.choice((0, cols // 3)) :] += 10.0 * size
+        dem[rows // 2, rng.choice((0, cols // 3, cols // 2)) :] += 10.0 * size
     elif kind == "cliff":
         dem[:, cols // 2 :] += size * rng.choice((0.5, 5.0))
     dem += rng.choice((0.0, 0.0, -40.0 * size, 100.0 * size))
@@ -154,15 +155,12 @@ def _check(case: Case, folder: Path | None) -> Problem | None:
         ours, theirs = (
             planner.plan(start, goal, method=method, price=price, epsilon=epsilon) for planner in (lazy, dense)
         )
-        for name in ("status", "cost", "lower_bound", "expansions", "source"):
-            one, other = getattr(ours, name), getattr(theirs, name)
-            if one != other and not (one != one and other != other):
-                return Problem(f"lazy is not dense: {name} of {method}", f"{one} {other}\n{told}")
-        if not np.array_equal(ours.path, theirs.path):
-            return Problem(f"lazy is not dense: path of {method}", told)
+        if ours.status is not theirs.status or not math.isclose(ours.cost, theirs.cost, rel_tol=1e-6):
+            return Problem(f"lazy is not dense: {method}", f"{ours}\n{theirs}\n{told}")
         exact = method == "astar" or epsilon == 0.0
-        if problem := problem_with_plan(ours, costs, start, goal, case.omega, exact, epsilon, told):
-            return problem
+        for plan in (ours, theirs):  # their bounds may differ: a pose that is not checked yet counts as free
+            if problem := problem_with_plan(plan, costs, start, goal, case.omega, exact, epsilon, told):
+                return problem
     return problem_with_poses(dem, case.cell, case.vehicle, repr(case))
 
 
