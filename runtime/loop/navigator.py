@@ -17,6 +17,7 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import begin_loading
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod
+from nnpp_edge.runtime.planners.query import PlannerOptions
 
 _LOG = logging.getLogger(__name__)
 
@@ -165,8 +166,9 @@ class Navigator:
     def _update_map(self) -> None:
         version, changes = self.world.read_changes()
         try:
+            put = self.planner.update if self.world.body is None else self.planner.update_elevation
             for row, col, patch in changes:
-                self._cells_changed += self.planner.update(row, col, patch)
+                self._cells_changed += put(row, col, patch)
         except Exception:
             _LOG.exception("a map update failed; the planner is made anew")
             self.count_error("map")
@@ -179,16 +181,27 @@ class Navigator:
         if settings.asks_network:
             begin_loading(self.model)
         self._map_version, _ = self.world.read_changes()
-        planner = DynamicPlanner(
-            self.world.cost(),
-            (0, 0),
-            settings.method,
-            also=(DynamicMethod.CORRIDOR,),
-            step_cost=settings.step_cost,
-            omega=settings.omega,
-            corner_cutting=settings.corner_cutting,
-            model=self.model,
-        )
+        also, body = (DynamicMethod.CORRIDOR,), self.world.body
+        given: PlannerOptions = {
+            "omega": settings.omega,
+            "corner_cutting": settings.corner_cutting,
+            "model": self.model,
+        }
+        if body is None:
+            costs = self.world.cost()
+            planner = DynamicPlanner(costs, (0, 0), settings.method, also=also, step_cost=settings.step_cost, **given)
+        else:
+            planner = DynamicPlanner.of_elevation(
+                self.world.heights(),
+                body.cell_size_m,
+                (0, 0),
+                body.traversability,
+                settings.method,
+                vehicle=body.vehicle,
+                cell_width_m=body.cell_width_m,
+                also=also,
+                **given,
+            )
         planner.prepare()
         return planner
 

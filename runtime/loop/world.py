@@ -11,8 +11,10 @@ from nnpp_edge.runtime.cells import Rectangle, enclosing
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.messages import MapPatch
 from nnpp_edge.runtime.map.changes import Change, ChangeLog
+from nnpp_edge.runtime.map.poses import Poses, term_weights
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost, update_cost
+from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost, update_cost
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 
 @dataclass(frozen=True)
@@ -22,6 +24,13 @@ class Terrain:
     cell_size_m: float
     traversability: Traversability
     cell_width_m: float | None = None
+    vehicle: Vehicle | None = None
+    """Whose poses the path must hold for, on the heights; None for a point, which goes by the costs."""
+
+    @property
+    def sides_m(self) -> tuple[float, float]:
+        """Height and width of a cell."""
+        return sides_of(self.cell_size_m, self.cell_width_m)
 
 
 class World:
@@ -55,6 +64,14 @@ class World:
         if self._elevation is not None and self._elevation.shape != self._cost.shape:
             raise InvalidMapError(f"elevation must be {self._cost.shape}, got {self._elevation.shape}")
         self._terrain = terrain
+        self._blocked: NDArray[np.bool_] | None = None
+        """Cells that a vehicle may not stand over, whatever their heights: those that cost patches made impassable."""
+        self._poses: Poses | None = None
+        if terrain is not None and terrain.vehicle is not None:
+            assert self._elevation is not None
+            self._blocked = np.zeros(self._cost.shape, np.bool_)
+            weights = term_weights(terrain.traversability)
+            self._poses = Poses(self._elevation, terrain.sides_m, terrain.vehicle, weights, 1.0)
         self._model = StepModel.of(step_cost)
         self._lock = threading.Lock()
         self._log = ChangeLog()
@@ -72,11 +89,15 @@ class World:
         traversability: Traversability | None = None,
         *,
         cell_width_m: float | None = None,
+        vehicle: Vehicle | None = None,
     ) -> "World":
-        """The world of an elevation map, in the paper's step costs; arguments as for `traversability_cost`."""
+        """The world of an elevation map, in the paper's step costs; arguments as for `Planner.of_elevation`.
+
+        With a vehicle, what a patch of costs makes impassable is as unknown ground to it.
+        """
         limits = traversability or Traversability()
         cost = traversability_cost(elevation, cell_size_m, limits, cell_width_m=cell_width_m, warn=False)
-        terrain = Terrain(cell_size_m, limits, cell_width_m)
+        terrain = Terrain(cell_size_m, limits, cell_width_m, vehicle)
         return cls(cost, elevation=elevation, terrain=terrain)
 
     @property
@@ -98,6 +119,16 @@ class World:
         """A copy of the costs as they are now."""
         with self._lock:
             return self._cost.copy()
+
+    @property
+    def body(self) -> Terrain | None:
+        """How the heights become costs, where a vehicle stands on them; None for a point."""
+        return None if self._poses is None else self._terrain
+
+    def heights(self) -> Float2D:
+        """A copy of what a vehicle stands on as it is now: metres, NaN where it may not or where it is unknown."""
+        with self._lock:
+            return self._ground((0, 0, *self.shape))
 
     def put(self, patch: MapPatch) -> bool:
         """Write a patch into the map, as far as it lies on it; False if it is rejected.
@@ -122,7 +153,7 @@ class World:
         return True
 
     def read_changes(self) -> tuple[int, list[tuple[int, int, Float2D]]]:
-        """The version, and what has changed since the last call: (row, col, costs) of rectangles.
+        """The version, and what has changed since the last call: (row, col, costs) of rectangles; with a vehicle, heights.
 
         Rectangles that together have more cells than the one that holds them all are read as that one.
         """
@@ -130,8 +161,19 @@ class World:
             parts = [change.part for change in self._unread.read()]
             if parts and _area(whole := enclosing(parts)) < sum(map(_area, parts)):
                 parts = [whole]
-            changes = [(r, c, self._cost[r : r + h, c : c + w].copy()) for r, c, h, w in parts]
-            return self.version, changes
+            read = self._costs_of if self._poses is None else self._ground
+            return self.version, [(part[0], part[1], read(part)) for part in parts]
+
+    def _costs_of(self, part: Rectangle) -> Float2D:
+        row, col, rows, cols = part
+        return self._cost[row : row + rows, col : col + cols].copy()
+
+    def _ground(self, part: Rectangle) -> Float2D:
+        row, col, rows, cols = part
+        here = (slice(row, row + rows), slice(col, col + cols))
+        assert self._elevation is not None and self._blocked is not None
+        heights: Float2D = np.where(self._blocked[here], np.float32(np.nan), self._elevation[here])
+        return heights
 
     def path_problem(self, path: NDArray[np.int32], corner_cutting: bool) -> str:
         """Why a path may not be walked on the newest map; empty if it may."""
@@ -143,6 +185,9 @@ class World:
         if len(path) > 1 and not (np.abs(np.diff(path, axis=0)).max(axis=1) == 1).all():
             return "it is not connected"
         with self._lock:
+            if self._poses is not None:
+                standing = self._poses.walk(path) < 0 and (len(path) > 1 or self._poses.stands_at(path[0].tolist()))
+                return "" if standing else "the vehicle does not stand on all of it"
             if not self._passable(rows, cols).all():
                 return "it leads through an impassable cell"
             if not corner_cutting and not (
@@ -162,6 +207,9 @@ class World:
             new = patch.cost[cut]
             unseen = self._cost[here] if patch.keep_known else np.float32(np.inf)
             self._cost[here] = np.where(np.isnan(new), unseen, new)
+            if self._poses is not None and self._blocked is not None:
+                self._blocked[here] = ~(self._cost[here] < self._model.costs[2])
+                self._poses.write(row, col, self._ground(part))
             return part
         terrain = self._terrain
         assert patch.elevation is not None and self._elevation is not None and terrain is not None
@@ -169,6 +217,8 @@ class World:
         unknown = self._elevation[here] if patch.keep_known else np.float32(np.nan)
         self._elevation[here] = np.where(np.isfinite(heights), heights, unknown)
         size, width = terrain.cell_size_m, terrain.cell_width_m
+        if self._poses is not None:
+            self._poses.write(row, col, self._ground(part))
         return update_cost(self._cost, self._elevation, part, size, terrain.traversability, cell_width_m=width)
 
 

@@ -25,6 +25,7 @@ from nnpp_edge.runtime.kernels.poses import (
     check_rows,
     check_run,
     forget_poses,
+    walk_poses,
 )
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS, Vehicle, footprint
@@ -156,6 +157,11 @@ class Poses:
             if self.codes[heading * nodes + node] != FAILS:
                 return True
         return False
+
+    def walk(self, path: NDArray[np.int32]) -> int:
+        """Number of the first cell of a path that a failing pose leads to; -1 if all its poses pass."""
+        stride, steps = self.shape[1] + 2, (1.0, 1.0, 1.0, 1.0)
+        return int(walk_poses(self.packed, stride, steps, path, 0, np.empty(len(path))))
 
     def costs(self, rows: NDArray[np.int64] | slice = slice(None)) -> NDArray[np.float32]:
         """(4, H, W) float32, T of all poses, or of those of some rows, inf where one fails; all get checked."""
