@@ -71,6 +71,7 @@ class Body:
     belly: np.ndarray
     places: np.ndarray
     half_step: float
+    margin: float
     design: np.ndarray
     """(W, 3) of 1, ahead, right: the plane through the wheels' contacts is fitted to these."""
 
@@ -91,7 +92,9 @@ class Body:
         metres = belly * (dy, dx)
         places = np.stack((metres @ ahead, metres @ right), 1)
         design = np.column_stack((np.ones(len(vehicle.wheels_m)), vehicle.wheels_m))
-        return cls(wheels, belly, places, half_step, design)
+        steepest = math.tan(math.radians(min(vehicle.tilts_deg[0], vehicle.tilts_deg[2])))
+        margin = 0.0 if row and col else 2.0 * half_step * steepest / 16.0
+        return cls(wheels, belly, places, half_step, margin, design)
 
 
 # --- the pose check
@@ -124,7 +127,7 @@ def naive_pose_checks(dem, cell_size_m, vehicle, cell_width_m=None, weights=(0.6
             if figures is None:
                 continue
             pitch, roll, tilt, step, rise = figures
-            limits = (*np.radians(vehicle.tilts_deg), vehicle.step_m, vehicle.clearance_m)
+            limits = (*np.radians(vehicle.tilts_deg), vehicle.step_m, vehicle.clearance_m - body.margin)
             shares = np.array(figures) / limits
             margins[heading][cell] = np.abs(shares - 1.0).min()
             if (shares <= 1.0).all():

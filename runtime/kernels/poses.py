@@ -81,7 +81,7 @@ def _add_wheel(low, high, gradients, half, plane, spread, steepest):
 def _lift(heights, first, offsets, places, shares, plane, halves, more, rise):
     """How far the ground under the body comes above the lowest that the wheels' plane can be there, into `rise`.
 
-    `places` are (N, 2) metres ahead and to the right of the middle; `shares` (N, W) what each wheel's height adds
+    `places` are (N, 2) metres ahead and to the left of the middle; `shares` (N, W) what each wheel's height adds
     there, without sign. W is a multiple of four.
     """
     level, along, across = plane
@@ -140,10 +140,10 @@ def _write_codes(plane, spread, steepest, rise, limits, moved, codes):
         pitch, roll = abs(along[c]) + spread_along[c], abs(across[c]) + spread_across[c]
         tilt, up = (
             arc_tangent(math.sqrt(pitch * pitch + roll * roll)),
-            max(rise[c] + half_step * pitch + margin, _ZERO),
+            max(rise[c] + half_step * pitch, _ZERO),
         )
         stands = (pitch <= limits[PITCH]) & (roll <= limits[ROLL]) & (tilt <= limits[TILT])
-        stands &= (steepest[c] <= limits[STEP]) & (up <= limits[CLEARANCE])
+        stands &= (steepest[c] <= limits[STEP]) & (up + margin <= limits[CLEARANCE])
         t = limits[TILT_WEIGHT] * (tilt * over_tilt) + limits[RISE_WEIGHT] * (up * over_clearance)
         t += limits[STEP_WEIGHT] * (steepest[c] * over_step)
         t = min(t, _ONE) if stands else _ZERO

@@ -65,7 +65,7 @@ class World:
             raise InvalidMapError(f"elevation must be {self._cost.shape}, got {self._elevation.shape}")
         self._terrain = terrain
         self._blocked: NDArray[np.bool_] | None = None
-        """Cells that a vehicle may not stand over, whatever their heights: those that cost patches made impassable."""
+        """Cells that a vehicle may not stand over, whatever their heights: cost patches made them impassable."""
         self._poses: Poses | None = None
         if terrain is not None and terrain.vehicle is not None:
             assert self._elevation is not None
@@ -153,7 +153,7 @@ class World:
         return True
 
     def read_changes(self) -> tuple[int, list[tuple[int, int, Float2D]]]:
-        """The version, and what has changed since the last call: (row, col, costs) of rectangles; with a vehicle, heights.
+        """The version, and what has changed since the last call: (row, col, costs) of rectangles; for a vehicle, heights.
 
         Rectangles that together have more cells than the one that holds them all are read as that one.
         """

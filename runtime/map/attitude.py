@@ -89,4 +89,4 @@ def _stand(
     rise = under(below.belly) - plane + (shares @ half).T
     reduced = extremes[1].reduce(rise, axis=1) + below.half_step * steepest + below.margin
     clearance = vehicle.clearance_m - np.maximum(reduced, 0.0)
-    return np.stack((np.degrees(np.arctan(along)), -np.degrees(np.arctan(across)), tilt, clearance))
+    return np.stack((np.degrees(np.arctan(along)), np.degrees(np.arctan(across)), tilt, clearance))

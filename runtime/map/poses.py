@@ -241,11 +241,11 @@ class _Geometry(NamedTuple):
     starts: NDArray[np.int64]
     """(4, W + 2) where the cells of each wheel begin, those of the belly, and where they end."""
     places: NDArray[np.float32]
-    """(N, 2) metres ahead of the body's middle and to its right; 0 for wheels."""
+    """(N, 2) metres ahead of the body's middle and to its left; 0 for wheels."""
     shares: NDArray[np.float32]
     """(N, V) what each wheel's height adds to the plane there, without sign; V is W or, of fours, the next."""
     gradients: NDArray[np.float32]
-    """(V, 3) what it adds to the plane at the body's middle, and to its gradients ahead and to the right."""
+    """(V, 3) what it adds to the plane at the body's middle, and to its gradients ahead and to the left."""
     half_steps: tuple[float, ...]
     """Half a step along each heading, metres."""
     margins: tuple[float, ...]

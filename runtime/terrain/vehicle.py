@@ -93,7 +93,7 @@ class Vehicle:
 
     @property
     def wheels_m(self) -> NDArray[np.float64]:
-        """(W, 2) middles of the contact patches, ahead of the body's middle and to the right of it."""
+        """(W, 2) middles of the contact patches, ahead of the body's middle and to the left of it."""
         base, track = self.stance_m
         ahead = np.linspace(-0.5, 0.5, self.axles) * base
         return np.array([(along, side * track) for along in ahead for side in (-0.5, 0.5)])
@@ -123,7 +123,7 @@ class Footprint(NamedTuple):
     belly: NDArray[np.int64]
     """(N, 2) cells that bound the ground below the body."""
     places: NDArray[np.float64]
-    """(N, 2) metres, where the belly's cells lie: ahead of the body's middle and to the right of it."""
+    """(N, 2) metres, where the belly's cells lie: ahead of the body's middle and to the left of it."""
     half_step: float
     """Half the length of a step along the heading, metres."""
     margin: float
@@ -141,19 +141,19 @@ def footprint(vehicle: Vehicle, heading: int, dy: float, dx: float) -> Footprint
     row, col = HEADINGS[heading]
     step = math.hypot(row * dy, col * dx)
     ahead = np.array((row * dy, col * dx)) / step
-    right = np.array((-ahead[1], ahead[0]))
+    left = np.array((-ahead[1], ahead[0]))  # rows go down
     shift = 0.5 * step
     long, wide = vehicle.contact_m
     swept = shift if row and col else 0.0
     wheels = [
-        _cells_near(along * ahead + side * right, ahead, (0.5 * long + swept, 0.5 * wide), dy, dx)
+        _cells_near(along * ahead + side * left, ahead, (0.5 * long + swept, 0.5 * wide), dy, dx)
         for along, side in vehicle.wheels_m
     ]
     belly = _cells_near(np.zeros(2), ahead, (0.5 * vehicle.length_m + shift, 0.5 * vehicle.width_m), dy, dx)
     metres = belly * (dy, dx)
     steepest = math.tan(math.radians(min(vehicle.tilts_deg[0], vehicle.tilts_deg[2])))
     margin = 0.0 if row and col else step / 16.0 * steepest
-    return Footprint(wheels, belly, np.stack((metres @ ahead, metres @ right), 1), shift, margin)
+    return Footprint(wheels, belly, np.stack((metres @ ahead, metres @ left), 1), shift, margin)
 
 
 def _cells_near(
@@ -164,14 +164,14 @@ def _cells_near(
     The rectangle's sides lie along `ahead`, (row, col) of length 1, and across it, `half` as long to each side. It
     meets the open box around a middle unless one of the four directions of their sides parts them.
     """
-    right = np.array((-ahead[1], ahead[0]))
-    extent = np.abs(ahead) * half[0] + np.abs(right) * half[1] + (dy, dx)
+    left = np.array((-ahead[1], ahead[0]))  # rows go down
+    extent = np.abs(ahead) * half[0] + np.abs(left) * half[1] + (dy, dx)
     low, high = np.floor((middle - extent) / (dy, dx)), np.ceil((middle + extent) / (dy, dx))
     rows, cols = (np.arange(first, last + 1) for first, last in zip(low, high, strict=True))
     cells = np.stack(np.meshgrid(rows, cols, indexing="ij"), -1).reshape(-1, 2)
     apart = np.abs(cells * (dy, dx) - middle)
     inside = (apart < extent - _INSIDE * min(dy, dx)).all(1)
-    for axis, reach in ((ahead, half[0]), (right, half[1])):
+    for axis, reach in ((ahead, half[0]), (left, half[1])):
         box = abs(axis[0]) * dy + abs(axis[1]) * dx
         inside &= np.abs((cells * (dy, dx) - middle) @ axis) < reach + box - _INSIDE * min(dy, dx)
     found: NDArray[np.int64] = cells[inside].astype(np.int64)

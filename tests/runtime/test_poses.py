@@ -23,9 +23,7 @@ UNHURRIED = settings(deadline=None, max_examples=CASES, suppress_health_check=li
 ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21, wheel_width_m=0.13)
 METHODS = [("astar", "eq1"), ("nnpp", "eq1"), *itertools.product(["corridor"], bodies.PRICES)]
 CELL_M = 0.25
-MARGIN_M = CELL_M * math.tan(math.radians(25.0)) / 8.0
-"""Between two cells of a row the plane of the wheels mixes those of both poses, and may lie lower than either check
-knows: by s (1 - 2 s) of a step's length times the steepest gradient along it, s of the step being driven."""
+ROUNDING_M = 1e-6
 pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for omega")
 
 
@@ -142,7 +140,7 @@ def test_what_is_driven_breaks_no_limit_between_the_cells(planner, method, price
         dem = rocks(seed, share=0.01)
         start, goal = ends_of(pose_costs(dem, CELL_M, ROVER), seed)
         plan = planner(dem).plan(start, goal, method=method, price=price)
-        assert pose_oracles.drive_breaks(dem, CELL_M, ROVER, plan.path, margin_m=MARGIN_M) is None
+        assert pose_oracles.drive_breaks(dem, CELL_M, ROVER, plan.path, margin_m=ROUNDING_M) is None
         driven += len(plan.path)
     assert driven > 40
 
@@ -159,7 +157,7 @@ def test_a_gap_lets_through_what_is_narrower(planner, method, price, width, stat
 
 @pytest.mark.parametrize("wheels_apart", [2, 3, 4, 6])
 @pytest.mark.parametrize("drop", [0.05, 0.15, 0.26])
-def test_ground_made_to_meet_the_belly_between_two_cells_does_so_by_no_more_than_the_margin(wheels_apart, drop):
+def test_ground_made_to_meet_the_belly_between_two_cells_never_does(wheels_apart, drop):
     """The front wheels come down and the ground between the wheels is as high as both poses bear."""
     n, length = wheels_apart, 2 * wheels_apart + 0.07
     vehicle = Vehicle(
@@ -184,14 +182,14 @@ def test_ground_made_to_meet_the_belly_between_two_cells_does_so_by_no_more_than
                 break
             dem[middle, at] = -3.0
     assert np.isfinite(pose_costs(dem, 1.0, vehicle)[2, middle, col : col + 2]).all()
-    path, margin = [(middle, col), (middle, col + 1)], math.tan(math.radians(30.0)) / 8.0
-    assert pose_oracles.drive_breaks(dem, 1.0, vehicle, path, positions=20, margin_m=margin) is None
+    path = [(middle, col), (middle, col + 1)]
+    assert pose_oracles.drive_breaks(dem, 1.0, vehicle, path, positions=20, margin_m=ROUNDING_M) is None
 
 
 def test_checks_are_made_where_a_search_looks_and_are_kept(planner):
     dem = rocks(1, share=0.003)
     ours = planner(dem)
-    start, goal = ends_of(pose_costs(dem, CELL_M, ROVER), 5)
+    start, goal = ends_of(pose_costs(dem, CELL_M, ROVER), 4)
     first, again = (ours.plan(start, goal, method="astar") for _ in range(2))
     assert first.ok and 0 < first.checks <= 4 * dem.size
     assert again.checks == 0 and again.cost == first.cost
