@@ -1,0 +1,177 @@
+"""Boulders on an elevation map, by the size-frequency law of Golombek & Rapp."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.terrain.traversability import sides_of
+
+MOST_COVER = 0.2
+"""Largest share of the ground that rocks cover; the law was fitted below it."""
+HEIGHT = 0.5
+"""Of a rock, as a share of its diameter: half a ball, as Golombek et al. take it for landing sites."""
+_LEAST_M, _LEAST_CELLS = 0.2, 0.5
+"""Smaller rocks are left out by default: no obstacle, or less than a fifth of a cell."""
+_GREATEST_M = 3.0
+"""Larger rocks cover less than 0.01 % of the ground even at the largest share."""
+_TABLE = 4096
+"""Diameters at which the law is tabulated: counts are right to four digits or better."""
+_AT_ONCE = 1 << 20
+"""Cells of rocks that are worked out together."""
+
+
+class Rocks(NamedTuple):
+    """Where rocks lie, and how large they are."""
+
+    places: NDArray[np.float64]
+    """(N, 2) of their middles in cells, (row, col); 0 is the middle of the first cell."""
+    diameters_m: NDArray[np.float64]
+
+
+def covered_share(cover: float, diameter_m: ArrayLike) -> NDArray[np.float64]:
+    """Share of the ground that rocks of this diameter and more cover, where all rocks cover the share `cover`.
+
+    Notes
+    -----
+    Golombek & Rapp, Size-frequency distributions of rocks on Mars and Earth analog sites, J. Geophys. Res. 102 (E2),
+    1997: F_k(D) = k exp(-q(k) D), q(k) = 1.79 + 0.152 / k, with D in metres.
+    """
+    _check_cover(cover)
+    diameters = np.asarray(diameter_m, np.float64)
+    if cover == 0.0:
+        return np.zeros_like(diameters)
+    with np.errstate(under="ignore"):
+        return np.asarray(cover * np.exp(-(1.79 + 0.152 / cover) * diameters))
+
+
+def rocks_per_m2(cover: float, least_m: float, greatest_m: float) -> float:
+    """How many rocks of these diameters lie on a square metre: the integral of -dF / (π D² / 4)."""
+    return float(_numbers(cover, least_m, greatest_m)[1][-1])
+
+
+def draw_rocks(
+    shape: tuple[int, int],
+    sides_m: tuple[float, float],
+    cover: float,
+    rng: np.random.Generator | int,
+    diameters_m: tuple[float, float],
+) -> Rocks:
+    """Rocks at random places of a map of (H, W) cells of these (height, width), as many as the law has on average.
+
+    Raises InvalidQueryError as `with_rocks` does.
+    """
+    rng = np.random.default_rng(rng)
+    table, numbers = _numbers(cover, *diameters_m)
+    count = int(rng.poisson(numbers[-1] * math.prod(shape) * math.prod(sides_m)))
+    places = rng.random((count, 2)) * shape - 0.5
+    return Rocks(places, np.interp(rng.random(count) * numbers[-1], numbers, table))
+
+
+def with_rocks(
+    dem: ArrayLike,
+    cell_size_m: float,
+    cover: float,
+    rng: np.random.Generator | int,
+    *,
+    cell_width_m: float | None = None,
+    diameters_m: tuple[float, float] | None = None,
+) -> Float2D:
+    """An elevation map with rocks on it.
+
+    A rock is half a ball that lies on the ground. It raises every cell that it touches by its greatest height over that
+    cell, so that none is lost between cells' middles; where rocks overlap, the highest counts. So a rock smaller than
+    a cell is as wide as the cells that it touches.
+
+    Parameters
+    ----------
+    dem : (H, W) array
+        Elevation in metres; NaN where unknown, which it stays.
+    cell_size_m, cell_width_m : float
+        Height of a cell, and its width where that differs.
+    cover : float
+        Share of the ground under rocks of any size, from 0 to 0.2: the law's k. Those that are drawn cover
+        `covered_share` of the least diameter less that of the greatest.
+    rng : Generator or int
+        The source of all choices, or its seed.
+    diameters_m : (float, float), optional
+        Of the least and the greatest rock. By default the least is 0.2 m or half a cell, whichever is more, and the
+        greatest 3 m.
+
+    Returns
+    -------
+    (H, W) float32
+        A new array.
+
+    Raises
+    ------
+    InvalidMapError
+        `dem` is no map of numbers, or the cells' sides are not positive.
+    InvalidQueryError
+        The share lies outside [0, 0.2], or the diameters are not positive and in order: also where cells are so large
+        that no rock is drawn by default.
+    """
+    heights, sides = as_map(dem, "dem"), sides_of(cell_size_m, cell_width_m)
+    wanted = (max(_LEAST_M, _LEAST_CELLS * max(sides)), _GREATEST_M) if diameters_m is None else diameters_m
+    return heights + rock_heights(heights.shape, sides, draw_rocks(heights.shape, sides, cover, rng, wanted))
+
+
+def rock_heights(shape: tuple[int, int], sides_m: tuple[float, float], rocks: Rocks) -> Float2D:
+    """(H, W) metres by which rocks raise the cells of a map."""
+    out = np.zeros(shape, np.float32)
+    flat = out.reshape(-1)
+    first = np.ceil(rocks.places - 0.5 - 0.5 * rocks.diameters_m[:, None] / sides_m).astype(np.int64)
+    last = np.floor(rocks.places + 0.5 + 0.5 * rocks.diameters_m[:, None] / sides_m).astype(np.int64)
+    windows, kinds = np.unique(last - first + 1, axis=0, return_inverse=True)
+    for kind, (rows, cols) in enumerate(windows.tolist()):
+        same = np.flatnonzero(kinds.reshape(-1) == kind)
+        most = max(_AT_ONCE // (rows * cols), 1)
+        for some in (same[at : at + most] for at in range(0, len(same), most)):
+            index, height = _raised(Rocks(*(each[some] for each in rocks)), first[some], (rows, cols), shape, sides_m)
+            np.maximum.at(flat, index, height)
+    return out
+
+
+def _raised(
+    rocks: Rocks,
+    first: NDArray[np.int64],
+    window: tuple[int, int],
+    shape: tuple[int, int],
+    sides_m: tuple[float, float],
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Cells that rocks touch, as indices into the map, and each rock's greatest height over each.
+
+    All lie in windows of one size, from their `first` cells on.
+    """
+    row = first[:, :1] + np.arange(window[0])
+    col = first[:, 1:] + np.arange(window[1])
+    down, across = (
+        np.maximum(np.abs(cells - rocks.places[:, axis, None]) - 0.5, 0.0) * sides_m[axis]
+        for axis, cells in enumerate((row, col))
+    )
+    rest = (0.5 * rocks.diameters_m)[:, None, None] ** 2 - down[:, :, None] ** 2 - across[:, None, :] ** 2
+    inside = ((row >= 0) & (row < shape[0]))[:, :, None] & ((col >= 0) & (col < shape[1]))[:, None, :]
+    touched = (rest > 0.0) & inside
+    index = row[:, :, None] * shape[1] + col[:, None, :]
+    return index[touched], (2.0 * HEIGHT * np.sqrt(rest[touched])).astype(np.float32)
+
+
+def _numbers(cover: float, least_m: float, greatest_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Diameters from the least to the greatest, and how many rocks a square metre has from the least up to each."""
+    _check_cover(cover)
+    if not 0.0 < least_m < greatest_m < math.inf:
+        raise InvalidQueryError(
+            f"rocks' diameters must be a least and a larger greatest number of metres, got {least_m:g} and {greatest_m:g}"
+        )
+    table = np.geomspace(least_m, greatest_m, _TABLE)
+    shares = covered_share(cover, table)
+    between = np.maximum(shares[:-1] - shares[1:], 0.0) / (0.25 * math.pi * table[:-1] * table[1:])
+    return table, np.concatenate(((0.0,), np.cumsum(between)))
+
+
+def _check_cover(cover: float) -> None:
+    if not 0.0 <= cover <= MOST_COVER:
+        raise InvalidQueryError(f"rocks must cover a share of the ground from 0 to {MOST_COVER}, got {cover}")

@@ -1,0 +1,122 @@
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.terrain.rocks import Rocks, covered_share, draw_rocks, rock_heights, rocks_per_m2, with_rocks
+
+SIDES = (0.25, 0.25)
+
+
+def hills(rows=60, cols=50):
+    row, col = np.mgrid[:rows, :cols]
+    return (np.sin(row / 7.0) * np.cos(col / 9.0)).astype(np.float32)
+
+
+@pytest.mark.parametrize("cover", [0.02, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize("least, greatest", [(0.1, 3.0), (0.5, 1.0)])
+def test_numbers_and_covered_ground_follow_the_law(cover, least, greatest):
+    q = 1.79 + 0.152 / cover
+
+    def density(diameter):
+        return cover * q * math.exp(-q * diameter) * 4.0 / (math.pi * diameter**2)
+
+    expected = quad(density, least, greatest, epsabs=0.0)[0]
+    assert rocks_per_m2(cover, least, greatest) == pytest.approx(expected, rel=1e-4)
+
+    side = math.ceil(math.sqrt(20_000 / max(expected, 1e-4)))  # metres; some 20,000 rocks
+    drawn = draw_rocks((side, side), (1.0, 1.0), cover, 1, (least, greatest))
+    area = float(side**2)
+    assert len(drawn.places) == pytest.approx(expected * area, abs=4.0 * math.sqrt(expected * area))
+    assert least <= drawn.diameters_m.min() and drawn.diameters_m.max() <= greatest
+    ground = 0.25 * math.pi * drawn.diameters_m**2
+    wanted = float(covered_share(cover, least) - covered_share(cover, greatest)) * area
+    assert ground.sum() == pytest.approx(wanted, abs=4.0 * math.sqrt((ground**2).sum()))
+    middle = math.sqrt(least * greatest)
+    more = int((drawn.diameters_m >= middle).sum())
+    assert more == pytest.approx(rocks_per_m2(cover, middle, greatest) * area, abs=4.0 * math.sqrt(more + 9.0))
+
+
+def test_the_ground_under_large_rocks_is_the_laws():
+    """Rocks far larger than a cell, of which only the rim is rounded up to whole cells."""
+    raised = with_rocks(np.zeros((2000, 2000), np.float32), 0.05, 0.1, 3, diameters_m=(0.6, 3.0)) > 0.0
+    wanted = float(covered_share(0.1, 0.6) - covered_share(0.1, 3.0))
+    assert wanted < raised.mean() < 1.5 * wanted
+
+
+def test_a_rock_raises_the_cells_that_it_touches_by_its_greatest_height_over_each():
+    rng = np.random.default_rng(0)
+    sides = (0.25, 0.4)
+    share = (np.arange(41) - 20) / 40.0
+    for diameter in (0.1, 0.24, 0.3, 0.9, 2.0):
+        place = rng.uniform(-0.5, 11.5, (1, 2))
+        found = rock_heights((12, 12), sides, Rocks(place, np.array([diameter])))
+        down = (np.arange(12)[:, None] + share - place[0, 0]) * sides[0]
+        across = (np.arange(12)[:, None] + share - place[0, 1]) * sides[1]
+        rest = (0.5 * diameter) ** 2 - down[:, None, :, None] ** 2 - across[None, :, None, :] ** 2
+        sampled = np.sqrt(np.maximum(rest, 0.0)).max((2, 3))
+        assert (found >= sampled - 1e-6).all()  # the samples miss a cell that is barely touched
+        assert found[sampled > 0.1 * diameter] == pytest.approx(sampled[sampled > 0.1 * diameter], abs=0.1 * diameter)
+        nearest = tuple(np.clip(np.round(place[0]).astype(int), 0, 11))
+        assert found[nearest] == found.max() == pytest.approx(0.5 * diameter)
+
+
+def test_no_rock_is_lost_and_the_highest_counts():
+    rocks = draw_rocks((40, 30), SIDES, 0.15, 5, (0.05, 1.0))
+    together = rock_heights((40, 30), SIDES, rocks)
+    alone = [
+        rock_heights((40, 30), SIDES, Rocks(*(each[at : at + 1] for each in rocks))) for at in range(len(rocks[0]))
+    ]
+    assert len(alone) > 100 and all(each.max() > 0.0 for each in alone)
+    assert np.array_equal(np.maximum.reduce(alone), together)
+
+
+def test_heights_only_rise_what_is_unknown_stays_so_and_the_input_is_untouched():
+    dem = hills()
+    dem[10:14, 20:25] = np.nan
+    before = dem.copy()
+    found = with_rocks(dem, 0.25, 0.2, 4)
+    known = np.isfinite(before)
+    assert np.array_equal(dem, before, equal_nan=True) and np.array_equal(np.isfinite(found), known)
+    assert (found[known] >= before[known]).all() and (found[known] > before[known]).any()
+    assert found.dtype == np.float32 and (found - before)[known].max() <= 1.5 + 1e-4
+
+
+def test_the_same_seed_gives_the_same_map():
+    dem = hills()
+    one, same = with_rocks(dem, 0.25, 0.1, 7), with_rocks(dem, 0.25, 0.1, np.random.default_rng(7))
+    assert np.array_equal(one, same) and not np.array_equal(one, with_rocks(dem, 0.25, 0.1, 8))
+
+
+def test_no_cover_changes_nothing():
+    assert np.array_equal(with_rocks(hills(), 0.25, 0.0, 1), hills())
+
+
+def test_cells_of_two_sides_hold_as_many_rocks_by_area():
+    square = draw_rocks((400, 400), (0.5, 0.5), 0.1, 1, (0.3, 2.0))
+    oblong = draw_rocks((400, 400), (0.25, 1.0), 0.1, 1, (0.3, 2.0))
+    assert len(square.diameters_m) == len(oblong.diameters_m) > 1000
+
+
+@pytest.mark.parametrize(
+    "change, error, words",
+    [
+        ({"cover": -0.01}, InvalidQueryError, "from 0 to 0.2, got -0.01"),
+        ({"cover": 0.21}, InvalidQueryError, "from 0 to 0.2, got 0.21"),
+        ({"cover": math.nan}, InvalidQueryError, "got nan"),
+        ({"cell_size_m": 0.0}, InvalidMapError, "cell size"),
+        ({"cell_size_m": -1.0}, InvalidMapError, "cell size"),
+        ({"cell_size_m": 54.0}, InvalidQueryError, "got 27 and 3"),
+        ({"diameters_m": (0.0, 1.0)}, InvalidQueryError, "got 0 and 1"),
+        ({"diameters_m": (1.0, 1.0)}, InvalidQueryError, "got 1 and 1"),
+        ({"diameters_m": (0.5, math.inf)}, InvalidQueryError, "got 0.5 and inf"),
+        ({"dem": np.zeros(3)}, InvalidMapError, r"\(H, W\)"),
+    ],
+)
+def test_bad_input_is_one_clear_error(change, error, words):
+    given = {"dem": hills(), "cell_size_m": 0.25, "cover": 0.1, "rng": 1} | change
+    with pytest.raises(error, match=words) as caught:
+        with_rocks(**given)
+    assert "\n" not in str(caught.value)
