@@ -82,9 +82,9 @@ def with_rocks(
 ) -> Float2D:
     """An elevation map with rocks on it.
 
-    A rock is half a ball that lies on the ground. It raises every cell that it touches by its greatest height over that
-    cell, so that none is lost between cells' middles; where rocks overlap, the highest counts. So a rock smaller than
-    a cell is as wide as the cells that it touches.
+    A rock is half a ball that lies on the ground. It raises every cell that it touches by its greatest height over
+    that cell, so that none is lost between cells' middles; where rocks overlap, the highest counts. So a rock smaller
+    than a cell is as wide as the cells that it touches.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _numbers(cover: float, least_m: float, greatest_m: float) -> tuple[NDArray[n
     _check_cover(cover)
     if not 0.0 < least_m < greatest_m < math.inf:
         raise InvalidQueryError(
-            f"rocks' diameters must be a least and a larger greatest number of metres, got {least_m:g} and {greatest_m:g}"
+            f"rocks' diameters must be positive and in order, metres, got {least_m:g} and {greatest_m:g}"
         )
     table = np.geomspace(least_m, greatest_m, _TABLE)
     shares = covered_share(cover, table)

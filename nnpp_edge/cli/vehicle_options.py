@@ -1,0 +1,75 @@
+"""The options by which commands are given a vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import click
+
+from nnpp_edge.cli.options import ANGLE, POSITIVE, gathered, together
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.terrain.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class VehicleOptions:
+    """A vehicle's name or file, and what the user has set of its values; None for what was not given."""
+
+    vehicle: str | None
+    length_m: float | None
+    width_m: float | None
+    clearance_m: float | None
+    max_tilt_deg: float | None
+    max_pitch_deg: float | None
+    max_roll_deg: float | None
+    max_step_m: float | None
+    axles: int | None
+    wheelbase_m: float | None
+    track_m: float | None
+    wheel_length_m: float | None
+    wheel_width_m: float | None
+    unknown_passes: bool | None
+
+    def make(self) -> Vehicle | None:
+        """The vehicle with the values that were given in place of its own; None if nothing was given.
+
+        Without --vehicle the values make one by themselves. VehicleError for what makes none.
+        """
+        given: dict[str, object] = {name: value for name, value in asdict(self).items() if value is not None}
+        name = given.pop("vehicle", None)
+        if name is None and not given:
+            return None
+        from nnpp_edge.terrain.vehicle_files import read_vehicle, vehicle_of
+
+        values = {} if name is None else read_vehicle(str(name))
+        return vehicle_of(values | given, "vehicle" if name is None else str(name))
+
+
+vehicle = together(
+    click.option("--vehicle", metavar="NAME|FILE", help="small-rover, large-rover, tracked, or a TOML file."),
+    click.option("--vehicle-length", "length_m", type=POSITIVE, help="Of the body along its heading, metres."),
+    click.option("--vehicle-width", "width_m", type=POSITIVE, help="Of the body, metres."),
+    click.option(
+        "--clearance", "clearance_m", type=POSITIVE, help="Of the belly above the wheels' contacts, metres."
+    ),
+    click.option("--max-tilt", "max_tilt_deg", type=ANGLE, help="Steepest inclination in any direction, degrees."),
+    click.option("--max-pitch", "max_pitch_deg", type=ANGLE, help="… along the heading; by default the tilt's."),
+    click.option("--max-roll", "max_roll_deg", type=ANGLE, help="… across the heading; by default the tilt's."),
+    click.option("--max-step", "max_step_m", type=POSITIVE, help="Highest step under a wheel, metres."),
+    click.option("--axles", type=click.IntRange(2, 8), help="How many pairs of wheels there are."),
+    click.option("--wheelbase", "wheelbase_m", type=POSITIVE, help="From the first axle to the last, metres."),
+    click.option(
+        "--track", "track_m", type=POSITIVE, help="From the left wheels' middles to the right ones', metres."
+    ),
+    click.option("--wheel-length", "wheel_length_m", type=POSITIVE, help="Of a contact patch, metres."),
+    click.option("--wheel-width", "wheel_width_m", type=POSITIVE, help="Of a contact patch, metres."),
+    click.option(
+        "--unknown-passes/--unknown-fails",
+        default=None,
+        help="Whether the vehicle may stand on unknown cells. By default as the vehicle's file says, else not.",
+    ),
+    gathered("vehicle", VehicleOptions),
+)
+"""Which vehicle drives, and its values; the command is given them as `vehicle`."""

@@ -1,0 +1,77 @@
+from dataclasses import fields
+
+import pytest
+
+from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
+from nnpp_edge.terrain.vehicle_files import VehicleError, load_vehicle, shipped_vehicles
+
+GOOD = "length_m = 1.5\nwidth_m = 1\nclearance_m = 0.3\n"
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text):
+        (tmp_path / "mine.toml").write_text(text)
+        return tmp_path / "mine.toml"
+
+    return write
+
+
+def test_what_is_shipped_can_be_read():
+    assert shipped_vehicles() == ["large-rover", "small-rover", "tracked"]
+    small, large, tracked = map(load_vehicle, ("small-rover", "large-rover", "tracked"))
+    assert small.length_m < tracked.length_m < large.length_m
+    assert (small.axles, large.axles, large.max_tilt_deg) == (3, 3, 30.0)
+    spacing, (patch, _) = tracked.stance_m[0] / (tracked.axles - 1), tracked.contact_m
+    assert spacing == pytest.approx(patch)  # a track without gaps
+
+
+def test_a_vehicle_has_what_stands_in_its_file_and_defaults_else(write):
+    found = load_vehicle(write(GOOD + "axles = 4\nunknown_passes = true\nmax_roll_deg = 15\n"))
+    assert found == Vehicle(1.5, 1.0, 0.3, axles=4, unknown_passes=True, max_roll_deg=15.0)
+    assert load_vehicle(str(write(GOOD))) == Vehicle(1.5, 1.0, 0.3)
+
+
+def test_every_value_can_stand_in_a_file(write):
+    lines = {"unknown_passes": "true", "axles": "3", "length_m": "9.0", "width_m": "9.0"}
+    text = "\n".join(f"{field.name} = {lines.get(field.name, '1.25')}" for field in fields(Vehicle))
+    found = load_vehicle(write(text))
+    assert {getattr(found, field.name) for field in fields(Vehicle)} == {True, 3, 9.0, 1.25}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (GOOD + "colour = 1", ["colour is unknown", "one of length_m, width_m", "unknown_passes"]),
+        (GOOD + "[wheels]\nlength_m = 1", ["wheels is unknown"]),
+        ("length_m = 1.0\nwidth_m = 1.0", ["clearance_m is missing"]),
+        ("", ["length_m is missing"]),
+        (GOOD + "axles = 2.5", ["axles: wanted a whole number, got 2.5"]),
+        (GOOD + "axles = true", ["axles: wanted a whole number, got True"]),
+        (GOOD + "axles = 9", ["axles", "2 to 8", "got 9"]),
+        (GOOD + "track_m = '1'", ["track_m: wanted a number, got '1'"]),
+        (GOOD + "track_m = [1]", ["track_m: wanted a number, got [1]"]),
+        (GOOD.replace("1.5", "true"), ["length_m: wanted a number, got True"]),
+        (GOOD + "unknown_passes = 1", ["unknown_passes: wanted true or false, got 1"]),
+        (GOOD.replace("0.3", "-0.3"), ["clearance_m", "-0.3"]),
+        (GOOD.replace("0.3", "nan"), ["clearance_m", "nan"]),
+        (GOOD + "max_tilt_deg = 90", ["max_tilt_deg", "(0, 90)", "90"]),
+        (GOOD + "track_m = 1.2", ["the wheels must lie under the body", "track_m"]),
+        (GOOD + "length_m = 2", ["wanted a vehicle in TOML"]),
+        ("length_m = ", ["wanted a vehicle in TOML"]),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(write, text, words):
+    with pytest.raises(VehicleError) as caught:
+        load_vehicle(write(text))
+    message = str(caught.value)
+    assert all(word in message for word in ["mine.toml", *words]), message
+    assert "\n" not in message and isinstance(caught.value, NnppEdgeError | ValueError)
+
+
+@pytest.mark.parametrize("name", ["nope", "", "/", "a\0b", "../quick"])
+def test_no_such_vehicle_names_those_that_there_are(name):
+    with pytest.raises(VehicleError, match="large-rover, small-rover, tracked") as caught:
+        load_vehicle(name)
+    assert repr(name) in str(caught.value)
