@@ -146,7 +146,6 @@ def command(
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
     from nnpp_edge.terrain.dataset import read_recipe
-    from nnpp_edge.terrain.workloads import body_rocks
 
     files = (*terrain, *more_terrain)
     if bool(files) + (dataset is not None) + synthetic != 1:
@@ -159,20 +158,16 @@ def command(
         raise click.UsageError("give one of --json and --markdown")
     if unknown := set(methods) - set(Method):
         raise click.UsageError(f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}")
-    bodies = [name for name in workloads if body_rocks(name) is not None]
     body = vehicle.make()
+    bodies = _body_workloads(workloads, body is not None, prices is not None)
     if dataset is not None and (bodies or rocks):
         raise click.UsageError("vehicles and rocks need elevations, a data set holds cost maps: give --terrain")
-    if bodies and body is None:
-        raise click.UsageError(f"--workload {bodies[0]} needs a vehicle: give --vehicle")
-    if not bodies and (body is not None or prices is not None):
-        raise click.UsageError("--vehicle and --prices are for the workloads body and body-rocksN")
-    chosen = _prices(prices)
+    of_each = _prices(prices)
     options.check_outputs(("--plot", plot))
     needed = models if {Method.NNPP, Method.AUTO} & set(methods) else ()
     networks = {Path(name).stem: NetworkModel(name) for name in needed}
     control = [narrow_corridor()] if fresh_map else []
-    of_point, of_body = exact_and(methods, networks) + control, exact_and(methods, networks, chosen) + control
+    of_point, of_body = (exact_and(methods, networks, each) + control for each in ((), of_each))
     dems = suites.TerrainFiles(files, rescale, cell_size, allow_vrt).read()
     suites.check_sizes(dems, sizes)
 
@@ -196,7 +191,7 @@ def command(
                 cases(name, size), rivals, queries, repeats=repeats, fresh_map=fresh_map, progress=of_run
             )
             place = {"workload": name, "size": suites.name_of(size)}
-            rows += [place | row for row in figures.values()]
+            rows += [{**place, **row} for row in figures.values()]
     standing = [row for row in rows if not str(row["method"]).endswith(EAGER)]
     if plot is not None:
         from nnpp_edge.viz.figures import pareto
@@ -210,6 +205,21 @@ def command(
         tables.append(([row for row in rows if row["workload"] not in bodies], FRESH_COLUMNS))
     tables.append(([row for row in rows if row["workload"] in bodies], BODY_COLUMNS))
     click.echo("\n\n".join(table(each, columns, markdown) for each, columns in tables if each))
+
+
+def _body_workloads(names: Sequence[str], vehicle: bool, prices: bool) -> list[str]:
+    """The workloads of a vehicle; UsageError where there are some without a vehicle, or the other way round."""
+    from nnpp_edge.terrain.workloads import body_rocks, workload
+
+    found = [name for name in names if body_rocks(name) is not None]
+    for name in names:
+        if name not in found:
+            workload(name)  # InvalidQueryError where there is none of that name
+    if found and not vehicle:
+        raise click.UsageError(f"--workload {found[0]} needs a vehicle: give --vehicle")
+    if not found and (vehicle or prices):
+        raise click.UsageError("--vehicle and --prices are for the workloads body and body-rocksN")
+    return found
 
 
 def _prices(names: tuple[str, ...] | None) -> "list[Price]":

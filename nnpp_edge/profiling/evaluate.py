@@ -158,7 +158,7 @@ class _Counts:
                 fresh = self._on_fresh.get(key)
                 if not lazy and fresh is None:
                     continue
-                rows[key] = {"method": rival.name + EAGER * (not lazy), "price": rival.price} | answers.figures()
+                rows[key] = {"method": rival.name + EAGER * (not lazy), "price": rival.price, **answers.figures()}
                 rows[key]["unsolvable"] = self.unsolvable
                 if self._has_body:
                     rows[key] |= answers.body_figures(eager=not lazy)

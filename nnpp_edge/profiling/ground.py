@@ -38,7 +38,7 @@ class Ground:
     """The body whose poses cost; None for a point."""
 
     def cost(self) -> Float2D:
-        """The whole cost map, (H, W) float32; with a vehicle the cost of each cell's best pose, inf where none passes."""
+        """The whole cost map, (H, W) float32; with a vehicle that of each cell's best pose, inf where all fail."""
         if self.vehicle is not None:
             size, width = self.cell_size_m, self.cell_width_m
             poses = pose_costs(self.elevation, size, self.vehicle, cell_width_m=width, traversability=self.limits)

@@ -54,7 +54,7 @@ class Case:
     cost: Float2D
     """(H, W) traversability cost."""
     queries: tuple[Endpoints, ...]
-    """Start and goal both passable, or places where the vehicle stands in some heading; whether they are connected is not known yet."""
+    """Start and goal both passable, a vehicle's in some heading; whether they are connected is not known yet."""
     ground: Ground | None = None
     """What the costs were made from; None where that is not known."""
 
