@@ -141,7 +141,9 @@ def pareto(rows: Sequence[dict[str, Any]], path: Path) -> None:
     handles: dict[str, Any] = {}
     for axes in panels.flat:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=len(handles))
+    figure.legend(
+        handles.values(), handles.keys(), loc="outside lower center", ncols=min(len(handles), 2 * len(sizes))
+    )
     _save(figure, path)
 
 
