@@ -1,125 +1,27 @@
 """Every planner on the same queries, in one interleaved run, judged by the exact optimum."""
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from nnpp_edge.profiling.answers import Answers, Figures, FreshAnswers
 from nnpp_edge.profiling.harness import Harness, Record
-from nnpp_edge.profiling.rivals import EXACT, FIRST_SOURCES, Forgetting, FreshMap, RivalPlanner, call_on
+from nnpp_edge.profiling.rivals import EXACT, FindsPlans, Forgetting, FreshMap, RivalPlanner, call_on
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.warmup import exercise
 
-Figures = dict[str, float | None]
-"""A row of docs/evaluate.md: figures by key; None where there was nothing to count."""
+Records = Mapping[str, Record[Endpoints, Plan]]
+"""What was measured on one query, by the names of the calls."""
 EAGER = "-eager"
 """Ends the name of a planner that computes all costs of a fresh map before it plans."""
 _FRESH = "fresh map: "
 """Before the names of planners that are measured on fresh maps beside others of the same name."""
-
-
-@dataclass
-class _Answers:
-    """What one planner did on the queries of one workload and size: a value for each query."""
-
-    time_ms: list[float] = field(default_factory=list)
-    exact_ms: list[float] = field(default_factory=list)
-    """Exact A*'s time."""
-    expansions: list[int] = field(default_factory=list)
-    sources: list[Source | None] = field(default_factory=list)
-    region_shares: list[float] = field(default_factory=list)
-    """Of the map's cells, those of the region that was searched; 1 for the whole map."""
-    mms: list[float] = field(default_factory=list)
-    """Cells of the optimal path over those of the region; of the queries that searched a region."""
-    network_mms: list[float] = field(default_factory=list)
-    """The same of the network's region at the threshold itself."""
-    gaps: list[float] = field(default_factory=list)
-    """Of the queries with a path."""
-    traverse_costs: list[float] = field(default_factory=list)
-    """Of the queries with a path."""
-
-    def add(self, plan: Plan, seconds: float, exact: Plan, exact_seconds: float, cells: int) -> None:
-        """Count one query on a map of so many cells; the plan's regions are read."""
-        self.time_ms.append(1e3 * seconds)
-        self.exact_ms.append(1e3 * exact_seconds)
-        self.expansions.append(plan.expansions)
-        self.sources.append(plan.source)
-        searched = plan.region.area() if plan.region is not None else None
-        self.region_shares.append(1.0 if searched is None else searched / cells)
-        if searched is not None:
-            self.mms.append(len(exact.path) / searched)
-        if plan.network_region is not None:
-            self.network_mms.append(len(exact.path) / plan.network_region.area())
-        if plan.ok:
-            self.gaps.append(plan.cost / exact.cost - 1.0 if exact.cost else 0.0)
-            self.traverse_costs.append(plan.traverse_cost)
-
-    def figures(self) -> Figures:
-        n = len(self.time_ms)
-        times, exact = np.array(self.time_ms), np.array(self.exact_ms)
-        gaps = np.array(self.gaps) if self.gaps else np.array([np.nan])
-
-        def share(*sources: Source) -> float:
-            return sum(source in sources for source in self.sources) / n
-
-        def mean(values: list[float]) -> float | None:
-            return float(np.mean(values)) if values else None
-
-        return {
-            "n": n,
-            "success_raw": share(*FIRST_SOURCES),
-            "success": len(self.gaps) / n,
-            "gap_mean": float(gaps.mean()),
-            "gap_p95": float(np.quantile(gaps, 0.95)),
-            "gap_p99": float(np.quantile(gaps, 0.99)),
-            "gap_max": float(gaps.max()),
-            "time_ms_median": float(np.median(times)),
-            "time_ms_p99": float(np.quantile(times, 0.99)),
-            "speedup_median": float(np.median(exact / times)),
-            "speedup_total": float(exact.sum() / times.sum()),
-            "expansions_median": float(np.median(self.expansions)),
-            "region_share_mean": float(np.mean(self.region_shares)),
-            "widened_share": share(Source.WIDENED),
-            "whole_map_share": share(Source.FALLBACK),
-            "mm_mean": mean(self.mms),
-            "mm_network_mean": mean(self.network_mms),
-            "cc_mean": mean(self.traverse_costs),
-        }
-
-
-@dataclass
-class _FreshAnswers:
-    """What one planner did on fresh maps: a value for each query."""
-
-    time_ms: list[float] = field(default_factory=list)
-    exact_ms: list[float] = field(default_factory=list)
-    """Eager exact A*'s time."""
-    costs_computed: list[float] = field(default_factory=list)
-    gaps: list[float] = field(default_factory=list)
-    """Of the queries with a path."""
-
-    def add(self, record: Record[Endpoints, Plan], exact_ms: float, optimum: float) -> None:
-        """Count one query."""
-        plan = record.results[0]
-        self.time_ms.append(1e3 * record.median_s)
-        self.exact_ms.append(exact_ms)
-        self.costs_computed.append(plan.costs_computed)
-        if plan.ok:
-            self.gaps.append(plan.cost / optimum - 1.0 if optimum else 0.0)
-
-    def figures(self) -> Figures:
-        times, gaps = np.array(self.time_ms), np.array(self.gaps) if self.gaps else np.array([np.nan])
-        return {
-            "fresh_ms_median": float(np.median(times)),
-            "fresh_ms_p99": float(np.quantile(times, 0.99)),
-            "fresh_speedup_median": float(np.median(np.array(self.exact_ms) / times)),
-            "fresh_gap_mean": float(gaps.mean()),
-            "fresh_gap_p99": float(np.quantile(gaps, 0.99)),
-            "costs_computed_mean": float(np.mean(self.costs_computed)),
-        }
+_MAPS_WITHOUT_PATH = 50
+"""So many maps in a row without any path, and there will be none."""
 
 
 def evaluate(
@@ -139,14 +41,22 @@ def evaluate(
     `progress` is called with the number of queries that are done.
 
     With `fresh_map` each also answers every query on a map that has just arrived, lazily and eagerly, in the same
-    turns: a planner is made of the elevations for each call, all of it on the clock. InvalidQueryError for a case
-    without elevations.
+    turns: a planner is made of the elevations for each call, all of it on the clock.
+
+    On the maps of a vehicle every answer is that of a planner which has not checked any pose before, and which is
+    made of the elevations for it: its time is the plan's own, and from the elevations on it is given as of a fresh
+    map. All cases are a vehicle's, or none.
 
     Returns
     -------
     dict
-        A row of figures for each planner's name, in order. With `fresh_map` a row that ends in ``-eager`` follows
+        A row of figures for each planner's key, in order. With `fresh_map` a row that ends in ``-eager`` follows
         each: the figures of a standing map are the same in both, as there all costs have been computed.
+
+    Raises
+    ------
+    InvalidQueryError
+        A case without elevations where they are needed, or 50 maps in a row without a path.
 
     Notes
     -----
@@ -155,39 +65,110 @@ def evaluate(
     the map is set, before the clock starts, for all planners alike.
     """
     exercise()
-    harness = harness or Harness()
-    answers = {rival.name: _Answers() for rival in rivals}
-    arrivals = [(rival, lazy) for rival in rivals for lazy in (True, False) if fresh_map]
-    on_fresh = {_fresh_name(rival, lazy): _FreshAnswers() for rival, lazy in arrivals}
-    done = 0
+    harness, counts = harness or Harness(), _Counts(rivals)
+    done = in_vain = 0
     for case in cases:
-        planners = {rival.name: rival.planner(case.cost) for rival in rivals}
-        exact = {query: planners[EXACT].plan(*query, method=Method.ASTAR) for query in case.queries}
+        on_map = _OnMap(case, rivals, fresh_map)
+        exact = on_map.exact_plans()
         solvable = [query for query in case.queries if exact[query].ok][: queries - done]
-        calls: dict[str, Callable[[Endpoints], Plan]] = {
-            rival.name: call_on(planners[rival.name], rival.method) for rival in rivals
-        }
-        fresh = {_FRESH + _fresh_name(rival, lazy): _arriving(rival, case, lazy) for rival, lazy in arrivals}
-        calls |= fresh
-        for call in calls.values():
+        counts.unsolvable += sum(not plan.ok for plan in exact.values())
+        in_vain = 0 if solvable else in_vain + 1
+        if in_vain == _MAPS_WITHOUT_PATH:
+            raise InvalidQueryError(f"no query has a path on {in_vain} maps in a row of the workload {case.workload}")
+        for call in on_map.calls.values():
             call(case.queries[0])
-        for records in harness.measure(calls, solvable, repeats=repeats, observer=Forgetting(fresh)):
-            query = records[EXACT].case
-            for rival in rivals:
-                record = records[rival.name]
-                plan = planners[rival.name].plan(*query, method=rival.method, keep_regions=True)
-                answers[rival.name].add(plan, record.median_s, exact[query], records[EXACT].median_s, case.cost.size)
-            for name, arrived in on_fresh.items():
-                exact_ms = 1e3 * records[_FRESH + EXACT + EAGER].median_s
-                arrived.add(records[_FRESH + name], exact_ms, exact[query].cost)
+        measured = harness.measure(on_map.calls, solvable, repeats=repeats, observer=Forgetting(on_map.fresh))
+        for query, records in zip(solvable, measured, strict=True):
+            counts.add(on_map, query, records, exact[query])
             progress(done := done + 1)
         if done == queries:
             break
-    return _rows(answers, on_fresh)
+    return counts.rows()
 
 
-def _fresh_name(rival: RivalPlanner, lazy: bool) -> str:
-    return rival.name if lazy else rival.name + EAGER
+class _OnMap:
+    """The rivals on the map of one case, as functions of start and goal."""
+
+    def __init__(self, case: Case, rivals: Sequence[RivalPlanner], fresh_map: bool) -> None:
+        self.case, self.has_body = case, case.ground is not None and case.ground.vehicle is not None
+        laziness = (True, False) if fresh_map else (True,) if self.has_body else ()
+        self.fresh = {
+            _FRESH + _key(rival, lazy): _arriving(rival, case, lazy) for rival in rivals for lazy in laziness
+        }
+        """On a map that has just arrived."""
+        self._standing = {} if self.has_body else {rival.key: rival.planner(case.cost) for rival in rivals}
+        self.calls: dict[str, Callable[[Endpoints], Plan]] = {
+            rival.key: call_on(self._standing[rival.key], rival.method) for rival in rivals if self._standing
+        }
+        self.calls |= self.fresh
+
+    def exact_plans(self) -> dict[Endpoints, Plan]:
+        """The optimum of each query."""
+        planner = self._planner(EXACT)
+        return {query: planner.plan(*query, method=Method.ASTAR) for query in self.case.queries}
+
+    def plan(self, rival: RivalPlanner, query: Endpoints) -> Plan:
+        """The rival's plan with its regions, of a planner that has checked no pose."""
+        return rival.plan(self._planner(rival.key), query, keep_regions=True)
+
+    def own_s(self, key: str, records: Records) -> float:
+        """What an answer took: with a vehicle without the making of the planner, which has to be made for each."""
+        if not self.has_body:
+            return records[key].median_s
+        return 1e-3 * float(np.median([plan.timings_ms["total"] for plan in records[_FRESH + key].results]))
+
+    def _planner(self, key: str) -> FindsPlans:
+        if self._standing:
+            return self._standing[key]
+        assert self.case.ground is not None
+        return self.fresh[_FRESH + key].rival.planner_of(self.case.ground, lazy=True)
+
+
+class _Counts:
+    """What the rivals did so far, on all maps."""
+
+    def __init__(self, rivals: Sequence[RivalPlanner]) -> None:
+        self._rivals = rivals
+        self._answers = {rival.key: Answers() for rival in rivals}
+        self._on_fresh: dict[str, FreshAnswers] = {}
+        self._has_body = False
+        self.unsolvable = 0
+
+    def add(self, on_map: _OnMap, query: Endpoints, records: Records, exact: Plan) -> None:
+        """Count what was measured on one query."""
+        self._has_body = on_map.has_body
+        cells, exact_s = on_map.case.cost.size, on_map.own_s(EXACT, records)
+        for rival in self._rivals:
+            plan, seconds = on_map.plan(rival, query), on_map.own_s(rival.key, records)
+            self._answers[rival.key].add(plan, seconds, exact, exact_s, cells)
+        eager = records.get(_FRESH + EXACT + EAGER)
+        for name in on_map.fresh:
+            arrived = self._on_fresh.setdefault(name.removeprefix(_FRESH), FreshAnswers())
+            arrived.add(records[name], None if eager is None else 1e3 * eager.median_s, exact.cost)
+
+    def rows(self) -> dict[str, Figures]:
+        """By the rivals' keys; none where nothing was counted."""
+        rows: dict[str, Figures] = {}
+        for rival in self._rivals:
+            answers = self._answers[rival.key]
+            if not answers.time_ms:
+                continue
+            for lazy in (True, False):
+                key = _key(rival, lazy)
+                fresh = self._on_fresh.get(key)
+                if not lazy and fresh is None:
+                    continue
+                rows[key] = {"method": rival.name + EAGER * (not lazy), "price": rival.price, **answers.figures()}
+                rows[key]["unsolvable"] = self.unsolvable
+                if self._has_body:
+                    rows[key] |= answers.body_figures(eager=not lazy)
+                if fresh is not None:
+                    rows[key] |= fresh.figures()
+        return rows
+
+
+def _key(rival: RivalPlanner, lazy: bool) -> str:
+    return rival.key + EAGER * (not lazy)
 
 
 def _arriving(rival: RivalPlanner, case: Case, lazy: bool) -> FreshMap:
@@ -195,15 +176,3 @@ def _arriving(rival: RivalPlanner, case: Case, lazy: bool) -> FreshMap:
     if case.ground is None:
         raise InvalidQueryError("a fresh map is made from elevations, got a case of costs alone")
     return FreshMap(replace(rival, model=rival.model and rival.model.share()), case.ground, lazy=lazy)
-
-
-def _rows(answers: dict[str, _Answers], on_fresh: dict[str, _FreshAnswers]) -> dict[str, Figures]:
-    rows = {}
-    for name, counted in answers.items():
-        if not counted.time_ms:
-            continue
-        rows[name] = counted.figures()
-        for each in (name, name + EAGER):
-            if each in on_fresh:
-                rows[each] = rows[name] | on_fresh[each].figures()
-    return rows

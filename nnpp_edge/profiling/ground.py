@@ -7,11 +7,13 @@ import numpy as np
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 Patch = tuple[int, int, Float2D]
 """Row and column of the first cell, and heights in metres."""
@@ -32,9 +34,16 @@ class Ground:
     cell_size_m: float
     cell_width_m: float
     limits: Traversability
+    vehicle: Vehicle | None = None
+    """The body whose poses cost; None for a point."""
 
     def cost(self) -> Float2D:
-        """The whole cost map, (H, W) float32."""
+        """The whole cost map, (H, W) float32; with a vehicle that of each cell's best pose, inf where all fail."""
+        if self.vehicle is not None:
+            size, width = self.cell_size_m, self.cell_width_m
+            poses = pose_costs(self.elevation, size, self.vehicle, cell_width_m=width, traversability=self.limits)
+            best: Float2D = poses.min(0)
+            return best
         return traversability_cost(
             self.elevation, self.cell_size_m, self.limits, cell_width_m=self.cell_width_m, warn=False
         )
@@ -49,12 +58,14 @@ class Ground:
             lazy=lazy,
             model=model,
             warn=False,
+            vehicle=self.vehicle,
         )
 
     def state(self, *, lazy: bool = True) -> MapState:
         """The map alone, in the paper's step costs."""
         sides = sides_of(self.cell_size_m, self.cell_width_m)
-        return MapState.of_elevation(self.elevation, sides, self.limits, StepModel.of("paper"), lazy=lazy)
+        model = StepModel.of("paper")
+        return MapState.of_elevation(self.elevation, sides, self.limits, model, lazy=lazy, vehicle=self.vehicle)
 
     def world(self) -> World:
         """The map of an onboard loop."""

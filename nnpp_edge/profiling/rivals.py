@@ -9,6 +9,7 @@ from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.profiling.harness import Observer
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -27,7 +28,9 @@ FIRST_SOURCES = (Source.MAP, Source.REGION)
 class FindsPlans(Protocol):
     """`Planner`, as far as rivals need it."""
 
-    def plan(self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False) -> Plan:
+    def plan(
+        self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False, price: str = Price.EQ1
+    ) -> Plan:
         """As `Planner.plan`."""
 
 
@@ -40,12 +43,16 @@ class CorridorOfWidth:
     def __init__(self, state: MapState, width: CorridorWidth) -> None:
         self._state, self._width, self._planners = state, width, MapPlanners(state, "edge")
 
-    def plan(self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False) -> Plan:
-        """As `Planner.plan`; there is but one method."""
-        work = Work()
+    def plan(
+        self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False, price: str = Price.EQ1
+    ) -> Plan:
+        """As `Planner.plan`; there is but one method, and one price."""
+        work, checked = Work(), self._state.checked
         found = self._find(Query.within(start, goal, math.inf), work)
-        computed = self._state.costs_computed
-        return found.plan(Method.CORRIDOR, work, planner=method, keep_regions=keep_regions, costs_computed=computed)
+        computed, checks = self._state.costs_computed, self._state.checked - checked
+        return found.plan(
+            Method.CORRIDOR, work, planner=method, keep_regions=keep_regions, costs_computed=computed, checks=checks
+        )
 
     def _find(self, query: Query, work: Work) -> Found:
         descent, searcher = self._planners.coarse_to_fine, self._planners.astar
@@ -66,6 +73,18 @@ class RivalPlanner:
     """None: the default model, loaded only if it is needed."""
     width: CorridorWidth | None = None
     """Of the first corridor, instead of the usual one."""
+    price: Price | None = None
+    """Of the corridor's coarse levels on a vehicle's map; None for the usual one."""
+
+    @property
+    def key(self) -> str:
+        """Its name, and its price where it has one: no other rival's."""
+        return self.name if self.price is None else f"{self.name}:{self.price}"
+
+    def plan(self, planner: FindsPlans, query: Endpoints, *, keep_regions: bool = False) -> Plan:
+        """What a planner of the rival's own answers."""
+        price = self.price or Price.EQ1
+        return planner.plan(*query, method=self.method, keep_regions=keep_regions, price=price)
 
     def planner(self, cost: Float2D) -> FindsPlans:
         """A planner of its own for a map."""
@@ -94,7 +113,7 @@ class FreshMap:
     def __call__(self, query: Endpoints) -> Plan:
         """From elevations to the plan."""
         self._planner = self.rival.planner_of(self._ground, lazy=self._lazy)
-        return self._planner.plan(*query, method=self.rival.method)
+        return self.rival.plan(self._planner, query)
 
     def forget(self) -> None:
         """Give the planner's memory back."""
@@ -120,16 +139,22 @@ def call_on(planner: FindsPlans, method: str) -> Callable[[Endpoints], Plan]:
     return lambda query: planner.plan(*query, method=method)
 
 
-def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> list[RivalPlanner]:
-    """Exact A*, and a rival for each other method; for ``nnpp`` one for each model.
+def exact_and(
+    methods: Iterable[str], models: Mapping[str, NetworkModel], prices: Iterable[Price] = ()
+) -> list[RivalPlanner]:
+    """Exact A*, and a rival for each other method; for ``nnpp`` one for each model, for ``corridor`` for each price.
 
-    The first model's is called ``nnpp``, any other's ``nnpp:NAME``.
+    The first model's is called ``nnpp``, any other's ``nnpp:NAME``. Without `prices` the corridor has the usual one.
     """
     found = [RivalPlanner(EXACT, Method.ASTAR)]
     for method in dict.fromkeys(methods):
         if method == Method.NNPP:
             for at, (name, model) in enumerate(models.items()):
                 found.append(RivalPlanner(f"nnpp:{name}" if at else "nnpp", Method.NNPP, model))
+        elif method == Method.CORRIDOR:
+            found += [
+                RivalPlanner(method, Method.CORRIDOR, price=price) for price in dict.fromkeys(prices) or (None,)
+            ]
         elif method != EXACT:
             found.append(RivalPlanner(method, Method(method), next(iter(models.values()), None)))
     return found

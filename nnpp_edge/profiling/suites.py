@@ -12,11 +12,14 @@ from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
+from nnpp_edge.runtime.terrain.traversability import Traversability
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.dataset import read_recipe, read_shards
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.labels import random_query
+from nnpp_edge.terrain.rocks import with_rocks
 from nnpp_edge.terrain.synthetic import synthetic_terrain
-from nnpp_edge.terrain.workloads import workload
+from nnpp_edge.terrain.workloads import body_rocks, workload
 
 QUERIES_PER_MAP = 10
 SYNTHETIC = "synthetic"
@@ -24,6 +27,8 @@ SYNTHETIC_CELL_M = 20.0
 LEAST_DISTANCE = 0.35
 """Between start and goal by default, as a share of the map's longer side."""
 _SAMPLE_FILE, _SAMPLE_CELL_M = "moon_highlands.npz", 20.0
+_CELLS_TO_A_BODY = 4.0
+"""Cells of synthetic ground along a vehicle."""
 _TRIES = 50
 
 Size = int | tuple[int, int]
@@ -49,7 +54,7 @@ class Case:
     cost: Float2D
     """(H, W) traversability cost."""
     queries: tuple[Endpoints, ...]
-    """Start and goal both passable; whether they are connected is not known yet."""
+    """Start and goal both passable, a vehicle's in some heading; whether they are connected is not known yet."""
     ground: Ground | None = None
     """What the costs were made from; None where that is not known."""
 
@@ -95,34 +100,81 @@ def check_sizes(dems: Sequence[Dem], sizes: Sequence[Size]) -> None:
             )
 
 
+@dataclass(frozen=True)
+class Scene:
+    """What a workload makes of elevations: limits, and for a vehicle's workloads the vehicle and rocks."""
+
+    limits: Traversability
+    vehicle: Vehicle | None = None
+    rocks: float = 0.0
+    """Share of the ground under rocks."""
+
+    @classmethod
+    def of(cls, name: str, vehicle: Vehicle | None = None, rocks: float = 0.0) -> "Scene":
+        """The scene of a workload, with `rocks` where its name says nothing of them.
+
+        InvalidQueryError where there is none of that name, or it takes a vehicle.
+        """
+        own = body_rocks(name)
+        if own is None:
+            return cls(workload(name), None, rocks)
+        if vehicle is None:
+            raise InvalidQueryError(f"the workload {name} is a vehicle's: wanted a vehicle, got none")
+        return cls(Traversability(), vehicle, own or rocks)
+
+    def ground(self, heights: Float2D, sides_m: tuple[float, float], rng: np.random.Generator) -> Ground:
+        """Of heights in metres; rocks are drawn by a child of `rng`, which itself goes on as it would without."""
+        if self.rocks:
+            heights = with_rocks(heights, sides_m[0], self.rocks, rng.spawn(1)[0], cell_width_m=sides_m[1])
+        return Ground(np.ascontiguousarray(heights), *sides_m, self.limits, self.vehicle)
+
+
 def terrain_cases(
-    dems: Sequence[Dem], name: str, size: Size, seed: int = 1, least_distance: float = LEAST_DISTANCE
+    dems: Sequence[Dem],
+    name: str,
+    size: Size,
+    seed: int = 1,
+    least_distance: float = LEAST_DISTANCE,
+    vehicle: Vehicle | None = None,
+    rocks: float = 0.0,
 ) -> Iterator[Case]:
     """Cases of one workload and size on random crops of terrain, without end; the same for the same seed on any
     machine.
 
     Each terrain must be at least of the size. `least_distance` is that between start and goal, as a share of the
-    map's longer side. InvalidQueryError if the terrain has no fitting query.
+    map's longer side; `vehicle` is for its workloads, `rocks` the share of ground that
+    they cover. InvalidQueryError if the terrain has no fitting query.
     """
-    limits, (rows, cols) = workload(name), shape_of(size)
+    scene, (rows, cols) = Scene.of(name, vehicle, rocks), shape_of(size)
 
     def ground(rng: np.random.Generator) -> Ground:
         dem = dems[int(rng.integers(len(dems)))]
         row = int(rng.integers(0, dem.elevation.shape[0] - rows + 1))
         col = int(rng.integers(0, dem.elevation.shape[1] - cols + 1))
-        crop = np.ascontiguousarray(dem.elevation[row : row + rows, col : col + cols])
-        return Ground(crop, dem.cell_size_m, dem.cell_width_m, limits)
+        crop = dem.elevation[row : row + rows, col : col + cols]
+        return scene.ground(crop, (dem.cell_size_m, dem.cell_width_m), rng)
 
     return _with_queries(name, size, ground, seed, least_distance)
 
 
-def synthetic_cases(name: str, size: Size, seed: int, least_distance: float = LEAST_DISTANCE) -> Iterator[Case]:
-    """Cases on fractal and cratered ground (`synthetic_terrain`), as of `terrain_cases`, for what no file holds."""
-    limits, (rows, cols) = workload(name), shape_of(size)
+def synthetic_cases(
+    name: str,
+    size: Size,
+    seed: int,
+    least_distance: float = LEAST_DISTANCE,
+    vehicle: Vehicle | None = None,
+    rocks: float = 0.0,
+) -> Iterator[Case]:
+    """Cases on fractal and cratered ground (`synthetic_terrain`), as of `terrain_cases`, for what no file holds.
+
+    Cells are 20 m wide, and for a vehicle's workloads a quarter of its length.
+    """
+    scene, (rows, cols) = Scene.of(name, vehicle, rocks), shape_of(size)
+    cell_m = SYNTHETIC_CELL_M if scene.vehicle is None else scene.vehicle.length_m / _CELLS_TO_A_BODY
 
     def ground(rng: np.random.Generator) -> Ground:
-        heights = synthetic_terrain(rng, max(rows, cols), SYNTHETIC_CELL_M)[:rows, :cols]
-        return Ground(np.ascontiguousarray(heights), SYNTHETIC_CELL_M, SYNTHETIC_CELL_M, limits)
+        heights = synthetic_terrain(rng, max(rows, cols), cell_m)[:rows, :cols]
+        return scene.ground(heights, (cell_m, cell_m), rng)
 
     return _with_queries(name, size, ground, seed, least_distance)
 

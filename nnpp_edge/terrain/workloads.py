@@ -4,8 +4,11 @@ from dataclasses import replace
 
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import Traversability
+from nnpp_edge.terrain.rocks import MOST_COVER
 
 SOFT = "soft"
+BODY = "body"
+_ROCKS = "body-rocks"
 
 
 def workload(name: str, base: Traversability | None = None) -> Traversability:
@@ -17,6 +20,8 @@ def workload(name: str, base: Traversability | None = None) -> Traversability:
     base = base or Traversability()
     if name == SOFT:
         return base
+    if body_rocks(name) is not None:
+        raise InvalidQueryError(f"workload {name!r} is a vehicle's, which `nnpp-edge evaluate` alone judges by")
     try:
         limit = float(name.removeprefix("limit")) if name.startswith("limit") else 0.0
     except ValueError:
@@ -24,3 +29,24 @@ def workload(name: str, base: Traversability | None = None) -> Traversability:
     if not 0.0 < limit < 90.0:
         raise InvalidQueryError(f"workload must be 'soft' or 'limitN' with N in (0, 90) degrees, got {name!r}")
     return replace(base, slope_limit_deg=limit, hard_slope_deg=limit)
+
+
+def body_rocks(name: str) -> float | None:
+    """Share of the ground under rocks in the workloads of a vehicle; None for those of a point.
+
+    ``body`` is the ground as it is, ``body-rocksN`` has rocks on N percent of it. InvalidQueryError for other N than
+    0 to 20.
+    """
+    if name == BODY:
+        return 0.0
+    if not name.startswith(_ROCKS):
+        return None
+    try:
+        share = float(name.removeprefix(_ROCKS)) / 100.0
+    except ValueError:
+        share = -1.0
+    if not 0.0 <= share <= MOST_COVER:
+        raise InvalidQueryError(
+            f"workload must be 'body-rocksN' with N from 0 to {100 * MOST_COVER:g} percent, got {name!r}"
+        )
+    return share

@@ -1,0 +1,205 @@
+import json
+
+import numpy as np
+import pytest
+
+from nnpp_edge.profiling.evaluate import evaluate
+from nnpp_edge.profiling.rivals import exact_and
+from nnpp_edge.profiling.suites import TerrainFiles, synthetic_cases, terrain_cases
+from nnpp_edge.runtime import Planner, Vehicle, pose_costs
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.prices import Price
+from nnpp_edge.terrain.synthetic import synthetic_terrain
+from nnpp_edge.terrain.workloads import body_rocks, workload
+
+CELL_M = 0.25
+ROVER = Vehicle(length_m=1.0, width_m=0.8, clearance_m=0.3)
+SIZE = 96
+FRESH = ("fresh_ms_median", "fresh_ms_p99", "fresh_gap_mean", "fresh_gap_p99", "costs_computed_mean")
+
+
+@pytest.fixture(scope="module")
+def terrain(tmp_path_factory):
+    path = tmp_path_factory.mktemp("terrain") / "dem.npz"
+    dem = synthetic_terrain(np.random.default_rng(4), 128, CELL_M)
+    np.savez(path, elevation_m=dem, cell_size_m=CELL_M)
+    return path
+
+
+@pytest.fixture(scope="module")
+def rover(tmp_path_factory):
+    path = tmp_path_factory.mktemp("vehicle") / "rover.toml"
+    path.write_text("".join(f"{name} = {getattr(ROVER, name)}\n" for name in ("length_m", "width_m", "clearance_m")))
+    return path
+
+
+@pytest.fixture(scope="module")
+def rocky(terrain):
+    """A case with rocks, of the vehicle."""
+    return next(terrain_cases(TerrainFiles((terrain,)).read(), "body-rocks5", SIZE, vehicle=ROVER))
+
+
+@pytest.fixture
+def judged(nnpp_edge, terrain, rover):
+    """Run `evaluate` on maps of 96 × 96 with a vehicle and these words more."""
+    words = (terrain, "--vehicle", rover, "--sizes", SIZE, "--queries", 4, "--methods", "corridor", "--repeats", 1)
+    return lambda *more: nnpp_edge("evaluate", *words, *more)
+
+
+def test_every_price_makes_a_row_of_the_corridor(judged):
+    ended = judged("--workload", "body,body-rocks5,soft", "--prices", "eq1,body-fit,sampled", "--json")
+    assert ended.code == 0, ended.err
+    rows = json.loads(ended.out)
+    of_body = [("astar", None), ("corridor", "eq1"), ("corridor", "body-fit"), ("corridor", "sampled")]
+    named = [(row["workload"], row["method"], row["price"]) for row in rows]
+    assert named == [
+        *(("body", *each) for each in of_body),
+        *(("body-rocks5", *each) for each in of_body),
+        *(("soft", name, None) for name in ("astar", "corridor")),
+    ]
+    for row in rows:
+        assert (row["n"], row["success"]) == (4, 1.0)
+        assert row["unsolvable"] >= 0
+        assert row["success_raw"] + row["widened_share"] + row["whole_map_share"] == pytest.approx(1.0)
+        if row["workload"] == "soft":
+            assert "checks_mean" not in row and "fresh_ms_median" not in row
+            continue
+        assert 0.0 < row["checks_share_mean"] < 1.0
+        assert row["checks_mean"] == pytest.approx(4 * SIZE**2 * row["checks_share_mean"])
+        assert 0.0 < row["time_ms_median"] <= row["time_ms_p99"]
+        assert row["time_ms_median"] < row["fresh_ms_median"] <= row["fresh_ms_p99"]
+        assert all(np.isfinite(row[key]) for key in FRESH)
+        assert row["gap_mean"] == pytest.approx(row["fresh_gap_mean"], abs=1e-6)
+        assert row["gap_mean"] >= -1e-5
+        if row["method"] == "astar":
+            assert row["gap_max"] == 0.0 and row["whole_map_share"] == 0.0
+
+
+def test_the_table_says_what_was_checked(judged):
+    ended = judged("--workload", "body", "--prices", "eq1,sampled", "--markdown")
+    assert ended.code == 0, ended.err
+    assert "poses checked" in ended.out and "| sampled |" in ended.out
+    assert "speed-up" not in ended.out  # a table of points, of which there are none
+
+
+def test_a_planner_that_checks_all_poses_first_is_the_control_on_a_fresh_map(judged):
+    ended = judged("--workload", "body", "--prices", "body-fit", "--fresh-map", "--json")
+    assert ended.code == 0, ended.err
+    rows = {(row["method"], row["price"]): row for row in json.loads(ended.out)}
+    pairs = [("astar", None), ("corridor", "body-fit"), ("corridor-narrow", None)]
+    assert list(rows) == [(name + end, price) for name, price in pairs for end in ("", "-eager")]
+    for name, price in pairs:
+        lazy, eager = rows[name, price], rows[f"{name}-eager", price]
+        assert eager["checks_share_mean"] == 1.0 > lazy["checks_share_mean"]
+        assert eager["fresh_gap_mean"] == pytest.approx(lazy["fresh_gap_mean"], abs=1e-6)
+        assert lazy["fresh_speedup_median"] > 0.0
+    assert rows["astar-eager", None]["fresh_speedup_median"] == 1.0
+
+
+def test_counts_are_those_of_planners_that_have_checked_nothing(rocky):
+    """Each query by a planner of its own; the cost is that of an exact search of all poses."""
+    rivals = exact_and(["corridor"], {}, [Price.EQ1, Price.BODY_FIT])
+    rows = evaluate([rocky], rivals, 10, repeats=1)
+    assert list(rows) == ["astar", "corridor:eq1", "corridor:body-fit"]
+    ground, optima, own = rocky.ground, {}, {}
+    every = ground.planner(lazy=False)
+    for query in rocky.queries:
+        optima[query] = every.plan(*query, method="astar")
+        own[query] = ground.planner().plan(*query, method="corridor", price="body-fit")
+    solvable = [query for query in rocky.queries if optima[query].ok]
+    assert (rows["astar"]["n"], rows["astar"]["unsolvable"]) == (len(solvable), 10 - len(solvable))
+    row = rows["corridor:body-fit"]
+    assert row["checks_mean"] == pytest.approx(np.mean([own[query].checks for query in solvable]))
+    gaps = [own[query].cost / optima[query].cost - 1.0 for query in solvable]
+    assert row["gap_mean"] == pytest.approx(np.mean(gaps), abs=1e-6)
+
+
+def test_the_vehicle_stands_on_starts_and_goals_and_rocks_lie_on_the_crops(terrain, rocky):
+    costs = pose_costs(rocky.ground.elevation, CELL_M, ROVER)
+    for start, goal in rocky.queries:
+        assert np.isfinite(costs[:, *start]).any() and np.isfinite(costs[:, *goal]).any()
+        assert np.hypot(start[0] - goal[0], start[1] - goal[1]) >= 0.35 * SIZE
+    np.testing.assert_array_equal(rocky.cost, costs.min(0))
+    dems = TerrainFiles((terrain,)).read()
+    again = next(terrain_cases(dems, "body-rocks5", SIZE, vehicle=ROVER))
+    bare = next(terrain_cases(dems, "body", SIZE, vehicle=ROVER))
+    asked = next(terrain_cases(dems, "body", SIZE, vehicle=ROVER, rocks=0.05))
+    np.testing.assert_array_equal(again.ground.elevation, rocky.ground.elevation)
+    np.testing.assert_array_equal(asked.ground.elevation, rocky.ground.elevation)
+    raised = rocky.ground.elevation - bare.ground.elevation
+    assert raised.min() >= 0.0 and 0.0 < np.mean(raised > 0.05) < 0.5
+
+
+def test_rocks_of_each_map_are_others(terrain):
+    cases = terrain_cases(TerrainFiles((terrain,)).read(), "body-rocks5", 128, vehicle=ROVER)
+    first, second = (next(cases).ground.elevation for _ in range(2))
+    assert first.shape == (128, 128) and (first != second).any()  # of the same crop: the whole terrain
+
+
+def test_rocks_may_lie_in_the_way_of_a_point(nnpp_edge, terrain):
+    words = ("--sizes", SIZE, "--queries", 2, "--methods", "astar", "--repeats", 1, "--workload", "limit20", "--json")
+    bare, rocky = (nnpp_edge("evaluate", terrain, *words, "--rocks", share) for share in (0.0, 0.1))
+    assert bare.code == rocky.code == 0
+    assert json.loads(bare.out)[0]["cc_mean"] != json.loads(rocky.out)[0]["cc_mean"]
+
+
+def test_synthetic_ground_has_four_cells_to_a_body():
+    case = next(synthetic_cases("body", 64, 1, vehicle=ROVER))
+    assert case.ground.cell_size_m == pytest.approx(0.25)
+    assert any(Planner.of_elevation(case.ground.elevation, 0.25, vehicle=ROVER).plan(*q).ok for q in case.queries)
+
+
+def test_maps_without_any_path_are_not_asked_forever(rocky):
+    """Of a body that is held up everywhere: it stands on islands."""
+    walled = np.zeros((48, 48), np.float32)
+    walled[:, 20:28] = 5.0
+
+    def cases():
+        from dataclasses import replace
+
+        ground = replace(rocky.ground, elevation=walled)
+        while True:
+            yield replace(rocky, ground=ground, cost=ground.cost(), queries=(((24, 8), (24, 40)),))
+
+    with pytest.raises(InvalidQueryError, match="no query has a path on 50 maps"):
+        evaluate(cases(), exact_and(["astar"], {}), 1, repeats=1)
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("--workload", "body", "--prices", "dear"), "--prices must be of eq1, body-fit, sampled, got dear"),
+        (("--workload", "soft", "--prices", "eq1"), "for the workloads body and body-rocksN"),
+        (("--workload", "body-rocks30"), "N from 0 to 20 percent, got 'body-rocks30'"),
+        (("--workload", "body-rocks"), "N from 0 to 20 percent, got 'body-rocks'"),
+        (("--workload", "bodyrocks5"), "'bodyrocks5'"),
+        (("--workload", "body", "--vehicle-length", 500, "--max-tilt", 20), "wanted a map that the vehicle fits on"),
+        (("--workload", "body", "--rocks", 0.5), "--rocks"),
+    ],
+)
+def test_wrong_use_is_one_line(judged, words, complaint):
+    judged(*words).refused(complaint)
+
+
+def test_a_vehicle_needs_its_workload_and_elevations_and_the_other_way_round(nnpp_edge, terrain, rover, tmp_path):
+    nnpp_edge("evaluate", terrain, "--workload", "body-rocks5").refused("--workload body-rocks5", "--vehicle")
+    nnpp_edge("evaluate", terrain, "--vehicle", rover).refused("for the workloads body and body-rocksN")
+    nnpp_edge("evaluate", terrain, "--vehicle", "unicycle", "--workload", "body").refused("unicycle")
+    (tmp_path / "set").mkdir()
+    words = ("evaluate", "--dataset", tmp_path / "set")
+    nnpp_edge(*words, "--vehicle", rover, "--workload", "body").refused("elevations")
+    nnpp_edge(*words, "--rocks", 0.1).refused("elevations")
+
+
+def test_other_commands_say_that_they_do_not_serve_a_vehicles_workloads(nnpp_edge, terrain):
+    nnpp_edge("costmap", terrain, "-o", "out.npz", "--workload", "body-rocks5").refused("'body-rocks5'", "evaluate")
+    with pytest.raises(InvalidQueryError, match="vehicle"):
+        workload("body")
+
+
+def test_a_body_workload_names_its_rocks():
+    shares = {name: body_rocks(name) for name in ("body", "body-rocks10", "body-rocks2.5", "soft", "limit15")}
+    assert shares == {"body": 0.0, "body-rocks10": 0.1, "body-rocks2.5": 0.025, "soft": None, "limit15": None}
+    for name in ("body-rocks-1", "body-rocksnan", "body-rocks21"):
+        with pytest.raises(InvalidQueryError, match="percent"):
+            body_rocks(name)
