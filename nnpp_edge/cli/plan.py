@@ -282,7 +282,7 @@ def _where_it_stands(cell: Cell, answer: Answer, near: Near) -> str:
     place, (row, col) = answer.route.dem, (max(each - _LOOKED_AROUND, 0) for each in cell)
     part = near.elevation[row : cell[0] + _LOOKED_AROUND + 1, col : cell[1] + _LOOKED_AROUND + 1]
     costs = pose_costs(part, place.cell_size_m, answer.vehicle, cell_width_m=place.cell_width_m)
-    stands = np.argwhere(np.isfinite(costs).any(0)) + (row, col)
+    stands = np.argwhere(np.isfinite(costs).any(0)) + np.array((row, col))
     if not len(stands):
         return f"nor on any cell within {_LOOKED_AROUND}"
     nearest = stands[((stands - cell) ** 2).sum(axis=1).argmin()]

@@ -167,7 +167,7 @@ def trace(meta, node, stride, out):
 
 
 @kernel
-def expand(grid, poses, links, region, hints, start, goal, rule, memory, beyond, most):
+def expand(grid, poses, links, region, hints, start, goal, rule, memory, most):
     """Search until the goal is settled, nothing is left, `most` expansions are done or the list is full.
 
     Begins at `start`, or goes on where the last call stopped if that is negative. Once the goal has been
@@ -187,12 +187,11 @@ def expand(grid, poses, links, region, hints, start, goal, rule, memory, beyond,
         Of the landmarks.
     start, goal : int
         Nodes.
-    rule : (h_straight, h_diagonal, width, successors)
-        Prices of the octile distance, the width of a bucket at first, and `SUCCESSORS` of the grid's dominance.
+    rule : (h_straight, h_diagonal, width, successors, beyond)
+        Prices of the octile distance, the width of a bucket at first, `SUCCESSORS` of the grid's dominance; and, as
+        said above, how far beyond the goal to look.
     memory : (g, meta, stamp, heads, entries, control, reals, counts, path)
         Of a `Workspace`, and the number of this search.
-    beyond : float
-        See above.
     most : int
         Expansions in this call.
 
@@ -208,7 +207,7 @@ def expand(grid, poses, links, region, hints, start, goal, rule, memory, beyond,
         codes, unit, _, _ = poses
         nodes = np.int64(len(weights))
     tile_state, wanted, row_shift, col_shift, _, _ = tiles
-    h_straight, h_diagonal, width, successors = rule
+    h_straight, h_diagonal, width, successors, beyond = rule
     g, meta, stamp, heads, entries, control, reals, counts, path = memory
     if region is not None:
         bitmap, row_block, col_block, region_stamp = region

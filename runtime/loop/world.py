@@ -153,7 +153,7 @@ class World:
         return True
 
     def read_changes(self) -> tuple[int, list[tuple[int, int, Float2D]]]:
-        """The version, and what has changed since the last call: (row, col, costs) of rectangles; for a vehicle, heights.
+        """The version, and what has changed since the last call: (row, col, costs), or heights for a vehicle.
 
         Rectangles that together have more cells than the one that holds them all are read as that one.
         """

@@ -95,4 +95,4 @@ class PricedMap:
             return sampled(poses)
         from nnpp_edge.runtime.map.body_fit import body_fit  # OpenCV takes a tenth of a second to load
 
-        return body_fit(tiles.heights, poses.vehicle, poses.sides_m, poses.weights)
+        return body_fit(tiles.heights, poses.vehicle, poses.sides_m)

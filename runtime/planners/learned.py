@@ -7,7 +7,7 @@ from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import Searcher
 from nnpp_edge.runtime.region.learned import LearnedRegions
-from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, NEAR, REFINE_FROM
+from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, NEAR, REFINE_FROM, CorridorWidth
 
 
 class LearnedPlanner:
@@ -28,6 +28,8 @@ class LearnedPlanner:
     network_from : int
         Cells between start and goal from which on the network is asked. Nearer goals A* has mostly found before
         the network has answered, and is tried first.
+    width : CorridorWidth
+        Of the corridors inside a region that is searched coarsely first.
     """
 
     def __init__(
@@ -38,9 +40,10 @@ class LearnedPlanner:
         searcher: Searcher,
         exact: ExactPlanner,
         network_from: int = NEAR,
+        width: CorridorWidth = LEARNED_CORRIDOR,
     ) -> None:
         self._state, self._regions, self._coarse_to_fine = state, regions, coarse_to_fine
-        self._searcher, self._exact, self._network_from = searcher, exact, network_from
+        self._searcher, self._exact, self._network_from, self._width = searcher, exact, network_from, width
         self._top = len(coarse_to_fine.coarse_levels) if max(state.shape) >= REFINE_FROM else 0
         """Number of the level that a learned region is searched on first."""
 
@@ -59,7 +62,7 @@ class LearnedPlanner:
         answer, regions = self._regions.regions(query.start, query.goal, level, top, memory, work)
         for number, region in enumerate(regions):
             source = Source.WIDENED if number else Source.REGION
-            found = descent.find(query, work, self._searcher, top, region, LEARNED_CORRIDOR, source)
+            found = descent.find(query, work, self._searcher, top, region, self._width, source)
             if found is not None and found.suffices(query):
                 return found.by_network(answer.threshold, answer.region)
         return self._exact.find(query, work, Source.FALLBACK).by_network(answer.threshold, answer.region)

@@ -15,7 +15,14 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender, Searcher
 from nnpp_edge.runtime.region.learned import LearnedRegions
-from nnpp_edge.runtime.tuning import NEAR
+from nnpp_edge.runtime.tuning import (
+    BODY_CORRIDOR,
+    CORRIDOR,
+    LEARNED_CORRIDOR,
+    NEAR,
+    WIDENED_BODY_CORRIDOR,
+    WIDENED_CORRIDOR,
+)
 
 
 class FindsPaths(Protocol):
@@ -52,6 +59,9 @@ class MapPlanners:
         self._model, self._unseen_change = model, unseen_change
         self.astar = AStarSearcher(state)
         self._by_price: dict[Price, CorridorPlanner] = {}
+        body = state.grid.poses is not None
+        self._widths = (BODY_CORRIDOR, WIDENED_BODY_CORRIDOR) if body else (CORRIDOR, WIDENED_CORRIDOR)
+        self._learned_width = BODY_CORRIDOR if body else LEARNED_CORRIDOR
         self.exact = ExactPlanner(self.astar)
 
     def planner(self, method: Method, price: Price = Price.EQ1) -> FindsPaths:
@@ -65,7 +75,7 @@ class MapPlanners:
     def _corridor_by(self, price: Price) -> CorridorPlanner:
         if price not in self._by_price:
             descent = CoarseToFine(PricedMap(self.state, price), self.astar.workspace)
-            self._by_price[price] = CorridorPlanner(descent, self.astar, self.exact)
+            self._by_price[price] = CorridorPlanner(descent, self.astar, self.exact, self._widths)
         return self._by_price[price]
 
     def dynamic(self, method: DynamicMethod) -> FindsPaths:
@@ -134,8 +144,8 @@ class MapPlanners:
         return MendingExactPlanner(self.state, self.exact)
 
     def _corridor(self, searcher: Searcher) -> CorridorPlanner:
-        return CorridorPlanner(self.coarse_to_fine, searcher, self.exact)
+        return CorridorPlanner(self.coarse_to_fine, searcher, self.exact, self._widths)
 
     def _learned(self, searcher: Searcher) -> LearnedPlanner:
         parts = self.state, self.regions, self.coarse_to_fine, searcher, self.exact
-        return LearnedPlanner(*parts, network_from=self._network_from)
+        return LearnedPlanner(*parts, network_from=self._network_from, width=self._learned_width)

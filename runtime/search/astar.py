@@ -108,18 +108,18 @@ def astar(
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0)
     width = grid.prices[0] * (BUCKET_WIDTH if landmarks is None else BUCKET_WIDTH_BY_LANDMARKS)
-    rule = (*grid.prices, width, SUCCESSORS[_dominance(grid, links)])
+    factor = 1.0 + beyond if beyond else BELOW
+    rule = (*grid.prices, width, SUCCESSORS[_dominance(grid, links)], factor)
     hints = None if landmarks is None else landmarks.towards(last)
     poses = None if grid.poses is None else grid.poses.packed
     allowed = None if region is None else tuple(region)
     timed = deadline < math.inf
     most = limit or (EXPANSIONS_BETWEEN_CHECKS if timed else _WITHOUT_END)
-    factor = 1.0 + beyond if beyond else BELOW
     ws, begin = workspace, first
     ws.next_stamp()
     while True:
         code, length, expansions, refused = expand(
-            grid.packed, poses, links, allowed, hints, begin, last, rule, ws.packed, factor, most
+            grid.packed, poses, links, allowed, hints, begin, last, rule, ws.packed, most
         )
         begin = -1
         if code == FULL:
@@ -144,13 +144,13 @@ def settle_all(grid: Grid, source: Cell, workspace: Workspace, *, links: Links =
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there."""
     ws = workspace
     ws.next_stamp()
-    rule = (0.0, 0.0, grid.prices[0] * BUCKET_WIDTH, SUCCESSORS[_dominance(grid, links)])
+    rule = (0.0, 0.0, grid.prices[0] * BUCKET_WIDTH, SUCCESSORS[_dominance(grid, links)], BELOW)
     poses = None if grid.poses is None else grid.poses.packed
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), FULL
     while code == FULL:
         code, *_ = expand(
-            grid.packed, poses, links, None, None, begin, corner_of_border, rule, ws.packed, BELOW, _WITHOUT_END
+            grid.packed, poses, links, None, None, begin, corner_of_border, rule, ws.packed, _WITHOUT_END
         )
         if code == FULL:
             ws.grow()
