@@ -39,7 +39,7 @@ from nnpp_edge.runtime.kernels.open_list import (
     pop,
     push,
 )
-from nnpp_edge.runtime.kernels.poses import HEADING, UNCHECKED, pose_weight, weight_of_pose
+from nnpp_edge.runtime.kernels.poses import HEADING, UNCHECKED, check_there, pose_weight
 from nnpp_edge.runtime.kernels.tiles import open_there
 
 FOUND, EXHAUSTED, PAUSED, FULL = 0, 1, 2, 3
@@ -343,17 +343,18 @@ def expand(grid, poses, links, region, hints, start, goal, rule, memory, most):
                 ):
                     refused = min(refused, f)
                     continue
-            if poses is not None:
-                heading, visited = (
-                    np.int64(HEADING[k]),
-                    meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp,
-                )
+            if poses is not None:  # a call with `poses` counts references to all arrays in it: only where needed
+                visited = meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp
                 known = g[there * np.uint64(2)] if visited else np.float32(np.inf)
                 length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
-                here = weight_of_pose(poses, node, stride, heading)
-                reached = g_node + (length + weight * (here + pose_weight(codes[plane + there], unit)))
-                if reached < known and reached + h < bound and codes[plane + there] == UNCHECKED:
-                    reached = g_node + (length + weight * (here + weight_of_pose(poses, across, stride, heading)))
+                here, over = plane + np.uint64(node), plane + there
+                if codes[here] == UNCHECKED:
+                    check_there(poses, row - 1, col - 1, np.int64(HEADING[k]))
+                own = pose_weight(codes[here], unit)
+                reached = g_node + (length + weight * (own + pose_weight(codes[over], unit)))
+                if codes[over] == UNCHECKED and reached < known and reached + h < bound:
+                    check_there(poses, i - 1, j - 1, np.int64(HEADING[k]))
+                    reached = g_node + (length + weight * (own + pose_weight(codes[over], unit)))
                 f = reached + h
                 if not (reached < known and f < bound):
                     continue
