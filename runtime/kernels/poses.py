@@ -34,7 +34,8 @@ TILT_WEIGHT, RISE_WEIGHT, STEP_WEIGHT, HALF_STEPS, MARGINS = 5, 6, 7, 8, 12
 LIMIT_SLOTS = 16
 """Of the limits: the greatest gradients along and across, tilt in radians, step and clearance in metres; weights of
 the terms of T; and of each heading half a step's length and the belly's margin."""
-_ONE, _HALF, _ZERO, _INF = np.float32(1.0), np.float32(0.5), np.float32(0.0), np.float32(np.inf)
+_ONE, _TWO, _HALF = np.float32(1.0), np.float32(2.0), np.float32(0.5)
+_ZERO, _INF = np.float32(0.0), np.float32(np.inf)
 
 
 @kernel
@@ -60,21 +61,36 @@ def _range_of(heights, first, offsets, low, high):
 
 
 @kernel
-def _add_wheel(low, high, gradients, half, plane, spread, steepest):
-    """Add a wheel's heights to the plane at the body's middle and its gradients, and to what these may be off by."""
-    level, along, across = plane
-    spread_along, spread_across = spread
-    e, p, q = gradients
+def _middle(lows, highs):
+    """Of ranges, in place: their middles where their least numbers were, half their widths where the greatest."""
+    low, high = lows.reshape(-1), highs.reshape(-1)
     for c in range(len(low)):
-        middle = (low[c] + high[c]) * _HALF
-        half[c] = (high[c] - low[c]) * _HALF
-        level[c] += e * middle
-        along[c] += p * middle
-        across[c] += q * middle
-        spread_along[c] += abs(p) * half[c]
-        spread_across[c] += abs(q) * half[c]
-        step = high[c] - low[c]
-        steepest[c] = steepest[c] if steepest[c] > step else step
+        half = (high[c] - low[c]) * _HALF
+        high[c] = half
+        low[c] += half
+
+
+@kernel
+def _weighed(shares, numbers, total):
+    """Sums of the rows of an array, of which there are four or eight, …, each times its share."""
+    for w in range(0, len(shares), 4):
+        s0, s1, s2, s3 = shares[w], shares[w + 1], shares[w + 2], shares[w + 3]
+        n0, n1, n2, n3 = numbers[w], numbers[w + 1], numbers[w + 2], numbers[w + 3]
+        for c in range(len(total)):
+            before = total[c] if w else _ZERO
+            total[c] = before + ((s0 * n0[c] + s1 * n1[c]) + (s2 * n2[c] + s3 * n3[c]))
+
+
+@kernel
+def _widest(halves, steepest):
+    """The greatest of the rows of an array, twice."""
+    for w in range(0, len(halves), 4):
+        n0, n1, n2, n3 = halves[w], halves[w + 1], halves[w + 2], halves[w + 3]
+        for c in range(len(steepest)):
+            one, other = n0[c] if n0[c] > n1[c] else n1[c], n2[c] if n2[c] > n3[c] else n3[c]
+            step = _TWO * (one if one > other else other)
+            before = steepest[c] if w else _ZERO
+            steepest[c] = before if before > step else step
 
 
 @kernel
@@ -86,6 +102,8 @@ def _lift(heights, first, offsets, places, shares, plane, halves, more, rise):
     """
     level, along, across = plane
     lanes = len(level)
+    for c in range(lanes):
+        more[c], rise[c] = _ZERO, -_INF
     h0, h1, h2, h3 = halves[0], halves[1], halves[2], halves[3]
     for n in range(len(offsets)):
         for w in range(4, shares.shape[1]):
@@ -110,15 +128,17 @@ def check_run(poses, row, col, heading):
     rows, cols, width, margin, wheels = shape[0], shape[1], shape[2], shape[3], shape[4]
     col -= col % RUN
     first = (row + margin) * width + col + margin
-    halves, rest = scratch[: shares.shape[1]], scratch[shares.shape[1] :]
-    low, high, more, rise, steepest = rest[0], rest[1], rest[2], rest[3], rest[4]
-    plane, spread = (rest[5], rest[6], rest[7]), (rest[8], rest[9])
-    rest[2:] = _ZERO
-    rise[:] = -_INF
+    most = shares.shape[1]
+    lows, halves, rest = scratch[:most], scratch[most : 2 * most], scratch[2 * most :]
+    plane, spread, steepest, rise, more = (rest[0], rest[1], rest[2]), (rest[3], rest[4]), rest[5], rest[6], rest[7]
     for w in range(wheels):
-        _range_of(heights, first, offsets[starts[heading, w] : starts[heading, w + 1]], low, high)
-        added = gradients[w, 0], gradients[w, 1], gradients[w, 2]
-        _add_wheel(low, high, added, halves[w], plane, spread, steepest)
+        _range_of(heights, first, offsets[starts[heading, w] : starts[heading, w + 1]], lows[w], halves[w])
+    _middle(lows, halves)
+    for n in range(3):
+        _weighed(gradients[n], lows, plane[n])
+    for n in range(2):
+        _weighed(gradients[3 + n], halves, spread[n])
+    _widest(halves, steepest)
     begin, end = starts[heading, wheels], starts[heading, wheels + 1]
     _lift(heights, first, offsets[begin:end], places[begin:end], shares[begin:end], plane, halves, more, rise)
     n = min(RUN, cols - col)

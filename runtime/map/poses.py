@@ -43,8 +43,8 @@ PoseSource = tuple[
 ]
 PackedPoses = tuple[NDArray[np.uint16], np.float32, PoseSource, int]
 """Poses as the kernels take them, see `kernels.poses`."""
-_SCRATCH = 10
-"""Numbers that the check keeps of each pose of a run, besides one for each wheel."""
+_SCRATCH = 8
+"""Numbers that the check keeps of each pose of a run, besides two for each wheel."""
 _SAFE = 1.0 - 1e-5
 """Share of a limit that is used: what rounding to float32 may add."""
 
@@ -108,7 +108,7 @@ class Poses:
             (geometry.places, geometry.shares),
             geometry.gradients,
             _limits(geometry, vehicle, weights),
-            np.zeros((len(geometry.gradients) + _SCRATCH, RUN), np.float32),
+            np.zeros((2 * geometry.gradients.shape[1] + _SCRATCH, RUN), np.float32),
             self._counts,
             np.array((rows, cols, width, self._margin, len(vehicle.wheels_m)), np.int64),
         )
@@ -226,7 +226,8 @@ def term_weights(traversability: Traversability | None) -> tuple[float, float, f
 def _address() -> int:
     """Of the check, compiled by way of a map of one cell and a body without wheels."""
     nothing, one = np.zeros((0, 4), np.float32), np.ones(LIMIT_SLOTS, np.float32)
-    parts = (nothing[:, :2].copy(), nothing), nothing[:, :3].copy(), one, np.zeros((4 + _SCRATCH, RUN), np.float32)
+    own, scratch = np.zeros((5, 4), np.float32), np.zeros((8 + _SCRATCH, RUN), np.float32)
+    parts = (nothing[:, :2].copy(), nothing), own, one, scratch
     heights, cells = np.zeros(2 * RUN, np.float32), np.zeros(1, np.int64)
     source = heights, cells, np.zeros((4, 2), np.int64), *parts, cells, np.array((1, 1, RUN, 0, 0))
     packed = np.zeros(4 * 9, np.uint16), np.float32(1.0), source, 0
@@ -245,7 +246,8 @@ class _Geometry(NamedTuple):
     shares: NDArray[np.float32]
     """(N, V) what each wheel's height adds to the plane there, without sign; V is W or, of fours, the next."""
     gradients: NDArray[np.float32]
-    """(V, 3) what it adds to the plane at the body's middle, and to its gradients ahead and to the left."""
+    """(5, V) what it adds to the plane at the body's middle, to its gradients ahead and to the left, and to these two
+    without sign."""
     half_steps: tuple[float, ...]
     """Half a step along each heading, metres."""
     margins: tuple[float, ...]
@@ -268,7 +270,8 @@ def _geometry(vehicle: Vehicle, dy: float, dx: float) -> _Geometry:
     )
     shares = np.abs(np.column_stack((np.ones(len(places)), places)) @ gradients.T)
     cells = np.concatenate([part for each in prints for part in (*each.wheels, each.belly)])
-    near, linear, own = (np.ascontiguousarray(part, np.float32) for part in (places, shares, gradients))
+    own = np.concatenate((gradients.T, np.abs(gradients.T[1:])))
+    near, linear, own = (np.ascontiguousarray(part, np.float32) for part in (places, shares, own))
     return _Geometry(
         cells,
         starts,
