@@ -93,8 +93,8 @@ LEARNED_CORRIDOR = CorridorWidth(1, 0.0005, nearby=0.08, coarse_radius=2, coarse
 """Inside a learned region, which is searched for speed: mean gap 0.28 to 0.31 %."""
 BODY_CORRIDOR = CorridorWidth(6, 0.03, nearby=0.3, coarse_radius=6, coarse_band=0.2)
 WIDENED_BODY_CORRIDOR = CorridorWidth(12, 0.1, nearby=0.4, coarse_radius=8, coarse_band=0.4)
-"""For a vehicle, whose poses the coarse levels can only guess: of the first ones 0.86 to 0.92 hold a path on lunar train
-tiles with up to a tenth of the ground under rocks, mean gap 0.6 to 1.1 % (docs/decisions.md)."""
+"""For a vehicle, whose poses the coarse levels can only guess: of the first ones 0.86 to 0.92 hold a path on lunar
+train tiles with up to a tenth of the ground under rocks, mean gap 0.6 to 1.1 % (docs/decisions.md)."""
 REFINE_FROM = MapSize(192)
 """Cells of a map's longer side from which on a learned region is searched coarsely first."""
 WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1

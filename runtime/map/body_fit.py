@@ -32,11 +32,11 @@ def body_fit(heights: Float2D, vehicle: Vehicle, sides_m: tuple[float, float]) -
     Notes
     -----
     A plane is fitted by least squares to a square whose side is the mean of the body's, by sums over windows. The
-    chance that a pose passes is a logistic function, and T a linear one, of shares of the limits: the plane's gradient,
-    how far cells under the body lie above and below the means of their own squares, the greatest difference of heights
-    within 3 × 3 cells under the body, and the root mean square of those distances. Their coefficients were fitted to
-    the poses of three vehicles on the train tiles, without rocks and with up to a tenth of the ground covered; see
-    docs/decisions.md.
+    chance that a pose passes is a logistic function, and T a linear one, of shares of the limits: the plane's
+    gradient, how far cells under the body lie above and below the means of their own squares, the greatest difference
+    of heights within 3 × 3 cells under the body, and the root mean square of those distances. Their coefficients were
+    fitted to the poses of three vehicles on the train tiles, without rocks and with up to a tenth of the ground
+    covered; see docs/decisions.md.
     """
     dy, dx = sides_m
     known = np.isfinite(heights)

@@ -187,9 +187,10 @@ def test_ground_made_to_meet_the_belly_between_two_cells_never_does(wheels_apart
 
 
 def test_checks_are_made_where_a_search_looks_and_are_kept(planner):
-    dem = rocks(1, share=0.003)
-    ours = planner(dem)
-    start, goal = ends_of(pose_costs(dem, CELL_M, ROVER), 4)
+    dem = rocks(1, share=0.001)
+    costs, ours = pose_costs(dem, CELL_M, ROVER), planner(dem)
+    pairs = (ends_of(costs, seed) for seed in range(40))
+    start, goal = next(pair for pair in pairs if planner(dem).plan(*pair, method="astar").ok)
     first, again = (ours.plan(start, goal, method="astar") for _ in range(2))
     assert first.ok and 0 < first.checks <= 4 * dem.size
     assert again.checks == 0 and again.cost == first.cost
