@@ -211,8 +211,10 @@ def pose_costs(
     docs/vehicle.md. NNPP (arXiv 2308.04792v3), Eq. 1, of the body in place of the 3 × 3 patch; bounds as in ACE
     (arXiv 1808.00031).
     """
-    heights, _ = relative_heights(dem)
     sides = sides_of(cell_size_m, cell_width_m)
+    if vehicle.is_disc:
+        raise InvalidMapError("a disc has no poses: wanted a vehicle with length, width and clearance")
+    heights, _ = relative_heights(dem)
     return Poses(heights, sides, vehicle, term_weights(traversability), 1.0).costs()
 
 

@@ -14,6 +14,7 @@ from typing import cast
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.disc import state_of_costs, state_of_elevation
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.memory import check_planner_fits, touch
@@ -37,7 +38,7 @@ class DynamicPlanner:
 
     Parameters
     ----------
-    cost, step_cost, omega, corner_cutting, model
+    cost, step_cost, omega, corner_cutting, model, vehicle, cell_size_m
         As for `Planner`.
     goal : (row, col)
         A cell of the map.
@@ -79,8 +80,13 @@ class DynamicPlanner:
         omega: float = PAPER_OMEGA,
         corner_cutting: bool = True,
         model: str | Path | NetworkModel = "edge",
+        vehicle: Vehicle | None = None,
+        cell_size_m: float | None = None,
     ) -> None:
-        state = MapState(cost, StepModel.of(step_cost, omega), corner_cutting=corner_cutting)
+        step_model = StepModel.of(step_cost, omega)
+        state = state_of_costs(
+            cost, step_model, corner_cutting=corner_cutting, vehicle=vehicle, cell_size_m=cell_size_m
+        )
         self._begin(state, goal, method, also, model)
 
     @classmethod
@@ -107,7 +113,7 @@ class DynamicPlanner:
         planner = cls.__new__(cls)
         sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
         step_model = StepModel.of(StepCost.PAPER, omega)
-        state = MapState.of_elevation(dem, sides, limits, step_model, corner_cutting=corner_cutting, vehicle=vehicle)
+        state = state_of_elevation(dem, sides, limits, step_model, corner_cutting=corner_cutting, vehicle=vehicle)
         planner._begin(state, goal, method, also, model)
         return planner
 

@@ -8,6 +8,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
+from nnpp_edge.runtime.map.disc import state_of_costs, state_of_elevation
 from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
@@ -46,6 +47,10 @@ class Planner:
     ask_from : int
         Cells between start and goal from which on ``nnpp`` asks the network. Nearer goals A* has mostly found before
         it has answered, and is tried first.
+    vehicle : Vehicle
+        A disc (`radius_m`): it may not touch impassable cells, nor leave the map. A body needs `of_elevation`.
+    cell_size_m : float
+        Side of a cell, wanted with a vehicle alone.
 
     Raises
     ------
@@ -77,10 +82,15 @@ class Planner:
         corner_cutting: bool = True,
         model: str | Path | NetworkModel = "edge",
         ask_from: int = NEAR,
+        vehicle: Vehicle | None = None,
+        cell_size_m: float | None = None,
     ) -> None:
         check_planner_fits(getattr(cost, "shape", ()))
         self._turns = Turns()
-        self._state = MapState(cost, StepModel.of(step_cost, omega), corner_cutting=corner_cutting)
+        model_of_steps = StepModel.of(step_cost, omega)
+        self._state = state_of_costs(
+            cost, model_of_steps, corner_cutting=corner_cutting, vehicle=vehicle, cell_size_m=cell_size_m
+        )
         self._model, self._ask_from = model, ask_from
         self._make_planners()
 
@@ -127,7 +137,7 @@ class Planner:
         planner._turns = Turns()
         sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
         step_model = StepModel.of(StepCost.PAPER, omega)
-        planner._state = MapState.of_elevation(
+        planner._state = state_of_elevation(
             dem, sides, limits, step_model, corner_cutting=corner_cutting, lazy=lazy, warn=warn, vehicle=vehicle
         )
         planner._model, planner._ask_from = model, ask_from

@@ -7,7 +7,7 @@ See docs/vehicle.md for what follows, and `kernels.poses` for the check.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -23,16 +23,17 @@ _INSIDE = 1e-9
 
 @dataclass(frozen=True)
 class Vehicle:
-    """A body on wheels, or on tracks, each of which is a row of wheels with long contact patches.
+    """A body on wheels, or on tracks, each of which is a row of wheels with long contact patches; or a disc.
 
     The wheels stand in pairs, symmetric about the body's middle, on `axles` axles that are evenly spaced over the
-    wheelbase. A value of None is taken from the others.
+    wheelbase. A value of None is taken from the others. A disc has a radius and nothing else: it may not touch
+    impassable cells, and needs no elevations.
     """
 
-    length_m: float
+    length_m: float = 0.0
     """Of the body, along its heading."""
-    width_m: float
-    clearance_m: float
+    width_m: float = 0.0
+    clearance_m: float = 0.0
     """Height of the belly above the plane of the wheels' contacts."""
     max_tilt_deg: float = 25.0
     """Steepest inclination of the body in any direction, in (0, 90)."""
@@ -53,9 +54,16 @@ class Vehicle:
     """Of a contact patch; None for an eighth of the body's width."""
     unknown_passes: bool = False
     """Whether unknown cells count as no higher and no lower than those that are known; else none may lie below."""
+    radius_m: float | None = None
+    """Of a disc, of which no more is known."""
 
     def __post_init__(self) -> None:
         """Refuse what is no body: InvalidMapError."""
+        if self.radius_m is not None:
+            _positive("radius_m", self.radius_m)
+            if self._has_more:
+                raise InvalidMapError("a vehicle with a radius is a disc: wanted no other values beside radius_m")
+            return
         for name in ("length_m", "width_m", "clearance_m"):
             _positive(name, getattr(self, name))
         for name in ("max_step_m", "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m"):
@@ -77,6 +85,15 @@ class Vehicle:
                     f"the wheels must lie under the body: {name} must be at most {most:g} m less a contact patch of "
                     f"{contact:g} m and more than 0, got {apart:g}"
                 )
+
+    @property
+    def is_disc(self) -> bool:
+        """Whether nothing but a radius is known."""
+        return self.radius_m is not None
+
+    @property
+    def _has_more(self) -> bool:
+        return any(getattr(self, field.name) != field.default for field in fields(self) if field.name != "radius_m")
 
     @property
     def contact_m(self) -> tuple[float, float]:

@@ -1,0 +1,116 @@
+"""A vehicle of which a radius is known: a disc, on costs and on elevations."""
+
+import copy
+import math
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, pose_costs, traversability_cost
+from nnpp_edge.runtime.errors import InvalidMapError, Status
+
+DISC = Vehicle(radius_m=1.2)
+CELL_M = 0.5
+
+
+def costs(seed=0, side=40, share=0.004):
+    rng = np.random.default_rng(seed)
+    cost = rng.uniform(0.1, 0.6, (side, side)).astype(np.float32)
+    cost[rng.random(cost.shape) < share] = math.inf
+    return cost
+
+
+def stands(cost, cell, radius=DISC.radius_m, side=CELL_M):
+    """Whether no obstacle and no edge of the map lies within the radius of a cell's middle."""
+    rows, cols = np.mgrid[-8 : len(cost) + 8, -8 : len(cost[0]) + 8]
+    blocked = np.pad(~(cost < 1.0), 8, constant_values=True)
+    down = np.maximum(np.abs(rows - cell[0]) - 0.5, 0.0) * side
+    along = np.maximum(np.abs(cols - cell[1]) - 0.5, 0.0) * side
+    return not (blocked & (np.hypot(down, along) < radius)).any()
+
+
+def ends(planner):
+    weights = planner.state.grid.map()
+    cells = np.argwhere(np.isfinite(weights))
+    return tuple(cells[0].tolist()), tuple(cells[-1].tolist())
+
+
+@pytest.mark.parametrize("method", ["astar", "corridor", "nnpp"])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_disc_keeps_its_distance_on_cells_and_between_them(method, seed):
+    cost = costs(seed)
+    planner = Planner(cost, vehicle=DISC, cell_size_m=CELL_M)
+    plan = planner.plan(*ends(planner), method=method)
+    assert plan.status in (Status.OK, Status.NO_PATH)
+    for one, other in zip(plan.path[:-1], plan.path[1:], strict=True):
+        for share in np.linspace(0.0, 1.0, 5):
+            assert stands(cost, (1.0 - share) * one + share * other)
+
+
+def test_a_gap_is_passed_if_it_is_wide_enough():
+    for gap, status in ((3, Status.NO_PATH), (9, Status.OK)):
+        cost = np.full((40, 60), 0.2, np.float32)
+        cost[:, 30] = math.inf
+        cost[16 : 16 + gap, 30] = 0.2
+        assert Planner(cost).plan((20, 8), (20, 50)).ok
+        planner = Planner(cost, vehicle=DISC, cell_size_m=CELL_M)
+        assert planner.plan((20, 8), (20, 50)).status is status
+    planner.update(16, 30, np.full((9, 1), math.inf, np.float32))
+    assert planner.plan((20, 8), (20, 50)).status is Status.NO_PATH
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_after_patches_the_map_is_that_of_a_new_planner(seed):
+    cost, rng = costs(seed), np.random.default_rng(seed)
+    planner = Planner(cost, vehicle=DISC, cell_size_m=CELL_M)
+    for _ in range(20):
+        rows, cols = rng.integers(1, 9, 2)
+        row, col = (int(rng.integers(0, 40 - size)) for size in (rows, cols))
+        cost[row : row + rows, col : col + cols] = costs(int(rng.integers(1e6)), 9, 0.05)[:rows, :cols]
+        planner.update(row, col, cost[row : row + rows, col : col + cols])
+        fresh = Planner(cost, vehicle=DISC, cell_size_m=CELL_M)
+        for ours in (planner, copy.deepcopy(planner)):
+            np.testing.assert_array_equal(ours.state.grid.map(), fresh.state.grid.map())
+
+
+def test_elevations_serve_a_disc_too():
+    row, col = np.mgrid[:40, :40]
+    dem = (0.3 * np.sin(row / 5.0) * np.cos(col / 6.0)).astype(np.float32)
+    dem[20, 20] = np.nan
+    planner = Planner.of_elevation(dem, CELL_M, vehicle=DISC, warn=False)
+    wanted = Planner(traversability_cost(dem, CELL_M, warn=False), vehicle=DISC, cell_size_m=CELL_M)
+    np.testing.assert_array_equal(planner.state.grid.map(), wanted.state.grid.map())
+    dem[10:13, 9:12] = np.nan
+    planner.update_elevation(10, 9, dem[10:13, 9:12])
+    wanted = Planner(traversability_cost(dem, CELL_M, warn=False), vehicle=DISC, cell_size_m=CELL_M)
+    np.testing.assert_array_equal(planner.state.grid.map(), wanted.state.grid.map())
+
+
+def test_a_disc_on_a_map_that_changes():
+    planner = DynamicPlanner(costs(1, share=0.0), (30, 30), "dstar", vehicle=DISC, cell_size_m=CELL_M)
+    planner.move((8, 8))
+    assert planner.replan().ok
+    planner.update(18, 0, np.full((1, 40), math.inf, np.float32))
+    assert not planner.standing().valid and planner.replan().status is Status.NO_PATH
+
+
+def test_what_makes_no_sense_is_refused():
+    body = Vehicle(1.5, 1.2, 0.3)
+    with pytest.raises(InvalidMapError, match="a body stands on elevations"):
+        Planner(costs(), vehicle=body, cell_size_m=CELL_M)
+    with pytest.raises(InvalidMapError, match="wanted cell_size_m"):
+        Planner(costs(), vehicle=DISC)
+    with pytest.raises(InvalidMapError, match="wanted no other values"):
+        Vehicle(1.5, 1.2, 0.3, radius_m=1.0)
+    with pytest.raises(InvalidMapError, match="radius_m must be a positive"):
+        Vehicle(radius_m=-1.0)
+    with pytest.raises(InvalidMapError, match="a disc has no poses"):
+        pose_costs(np.zeros((20, 20), np.float32), CELL_M, DISC)
+    planner = Planner(costs(), vehicle=DISC, cell_size_m=CELL_M)
+    for patch, place in ((np.full((1, 1), -1.0), (3, 3)), (np.zeros((2, 2)), (39, 39))):
+        before = planner.state.grid.map().copy()
+        with pytest.raises(InvalidMapError):
+            planner.update(*place, patch)
+        np.testing.assert_array_equal(planner.state.grid.map(), before)
+    with pytest.raises(InvalidMapError, match="wanted costs"):
+        planner.update_elevation(0, 0, np.zeros((2, 2)))
