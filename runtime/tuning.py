@@ -92,9 +92,10 @@ WIDENED_CORRIDOR = CorridorWidth(8, 0.02, nearby=0.12, coarse_radius=2, coarse_b
 LEARNED_CORRIDOR = CorridorWidth(1, 0.0005, nearby=0.08, coarse_radius=2, coarse_band=0.02)
 """Inside a learned region, which is searched for speed: mean gap 0.28 to 0.31 %."""
 BODY_CORRIDOR = CorridorWidth(6, 0.03, nearby=0.3, coarse_radius=6, coarse_band=0.2)
+"""For a vehicle, whose poses coarse levels can only guess: 0.86 to 0.92 hold a path on lunar train tiles with up to a
+tenth of the ground under rocks, mean gap 0.6 to 1.1 % (docs/decisions.md)."""
 WIDENED_BODY_CORRIDOR = CorridorWidth(12, 0.1, nearby=0.4, coarse_radius=8, coarse_band=0.4)
-"""For a vehicle, whose poses the coarse levels can only guess: of the first ones 0.86 to 0.92 hold a path on lunar
-train tiles with up to a tenth of the ground under rocks, mean gap 0.6 to 1.1 % (docs/decisions.md)."""
+"""Where the first held no path for a vehicle, or not one good enough."""
 REFINE_FROM = MapSize(192)
 """Cells of a map's longer side from which on a learned region is searched coarsely first."""
 WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1

@@ -176,6 +176,16 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
         planner.plan(start, goal, method=method)
     planner.update_elevation(3, 4, dem[:5, :6].copy())
     pose_costs(dem, 1.0, vehicle)
+    moving = DynamicPlanner.of_elevation(
+        dem, 1.0, goal, method="dstar", vehicle=vehicle, also=("corridor-dstar",), model=network
+    )
+    moving.move(start)
+    for method in ("dstar", "corridor-dstar"):
+        moving.replan(method=method)
+        moving.update_elevation(3, 4, dem[:5, :6] + np.float32(0.01))
+        moving.standing()
+    state = MapState.of_elevation(dem, (1.0, 1.0), Traversability(), StepModel.of("paper"), vehicle=vehicle)
+    MapPlanners(state, network).corridor_mended.find(Query(start, goal), Work())
 
 
 def warmup_shapes() -> list[tuple[int, int]]:

@@ -102,8 +102,8 @@ def command(
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
     limits, body = terrain.limits(), vehicle.make()
-    if request.price != "eq1" and body is None:
-        raise click.UsageError("--price is a vehicle's: give --vehicle too")
+    if request.price != "eq1" and (body is None or body.is_disc):
+        raise click.UsageError("--price is for a vehicle with a body: give --vehicle too")
     if output is not None:
         options.check_outputs(*(("--output", path) for path in files_in(output)), make_folders=True)
     bytes_per_cell = _BYTES_PER_CELL + (_BYTES_PER_POSED_CELL if body else 0)
@@ -227,6 +227,8 @@ def _driven(plan: Plan, cost: Float2D, dem: Dem, vehicle: Vehicle) -> Route:
     route = Route.of(plan.path, cost, dem)
     if len(plan.path) < 2:
         return route
+    if vehicle.is_disc:
+        return replace(route, standing={"heading_deg": plan.headings_deg})
     stands = attitudes(dem.elevation, (dem.cell_size_m, dem.cell_width_m), vehicle, plan.path)
     return replace(route, standing={"heading_deg": plan.headings_deg, **stands._asdict()})
 
@@ -262,7 +264,9 @@ def _refusal(planned: Planned, limits: Traversability) -> str:
     if problem != "BLOCKED":
         return f"{end} lies outside the map of {place.shape[0]} × {place.shape[1]} cells"
     at = (cell[0] - near.origin[0], cell[1] - near.origin[1])
-    if answer.vehicle is not None:
+    if answer.vehicle is not None and answer.vehicle.is_disc and near.cost[at] < 1.0:
+        return f"{end} is impassable: an obstacle or the map's edge lies within the vehicle's radius"
+    if answer.vehicle is not None and not answer.vehicle.is_disc:
         return f"{end} is impassable: the vehicle stands there in no heading; {_where_it_stands(cell, answer, near)}"
     reason = _why_blocked(at, near.elevation, place, limits)
     passable = np.argwhere(near.cost < 1.0)

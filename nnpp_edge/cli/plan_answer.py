@@ -194,7 +194,7 @@ class Answer:
             lines["CC"] = f"{plan.traverse_cost:.6g}"
         elif len(plan.path):
             lines["path"] = f"{len(plan.path)} cells so far, {length}"
-        if self.vehicle is not None and plan.ok and self.route.standing:
+        if self.vehicle is not None and plan.ok and "tilt_deg" in self.route.standing:
             lines["vehicle"] = self._worst()
         lines["expansions"] = str(plan.expansions)
         stages = ", ".join(f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total")

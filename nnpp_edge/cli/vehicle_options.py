@@ -31,6 +31,7 @@ class VehicleOptions:
     wheel_length_m: float | None
     wheel_width_m: float | None
     unknown_passes: bool | None
+    radius_m: float | None
 
     def make(self) -> Vehicle | None:
         """The vehicle with the values that were given in place of its own; None if nothing was given.
@@ -70,6 +71,7 @@ vehicle = together(
         default=None,
         help="Whether the vehicle may stand on unknown cells. By default as the vehicle's file says, else not.",
     ),
+    click.option("--radius", "radius_m", type=POSITIVE, help="Of a disc, of which no more is known, metres."),
     gathered("vehicle", VehicleOptions),
 )
 """Which vehicle drives, and its values; the command is given them as `vehicle`."""

@@ -57,6 +57,10 @@ def vehicle_of(values: Mapping[str, object], source: str) -> Vehicle:
     for name in values:
         if name not in known:
             raise VehicleError(f"{source}: {name} is unknown: wanted one of {', '.join(known)}")
+    if "radius_m" not in values:
+        for name in ("length_m", "width_m", "clearance_m"):
+            if name not in values:
+                raise VehicleError(f"{source}: {name} is missing")
     try:
         return msgspec.convert(values, Vehicle)
     except msgspec.ValidationError as error:
@@ -65,8 +69,6 @@ def vehicle_of(values: Mapping[str, object], source: str) -> Vehicle:
 
 def _explained(problem: str, values: Mapping[str, object]) -> str:
     """msgspec's sentence on a value as ours, with the value that came; ours, from `Vehicle` itself, as it is."""
-    if missing := re.fullmatch(r"Object missing required field `(\w+)`", problem):
-        return f"{missing[1]} is missing"
     if wrong := re.fullmatch(r"Expected `(.+?)`, got `.+` - at `\$\.(\w+)`", problem):
         return f"{wrong[2]}: wanted {_KINDS[wrong[1]]}, got {values[wrong[2]]!r}"
     return problem

@@ -152,9 +152,9 @@ def plan_picture(
 def body_outlines(path: Cells, vehicle: Vehicle, sides_m: tuple[float, float]) -> list[NDArray[np.float64]]:
     """(5, 2) corners of the body, rows and columns, at every second body length of a path, closed.
 
-    At most a hundred; none for a path of less than two cells.
+    At most a hundred; none for a disc, and for a path of less than two cells.
     """
-    if len(path) < 2:
+    if len(path) < 2 or vehicle.is_disc:
         return []
     steps = np.diff(path, axis=0) * sides_m
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T))))

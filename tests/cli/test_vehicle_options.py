@@ -46,6 +46,9 @@ def test_every_value_can_be_set_in_place_of_the_vehicles_own(make):
     names = {"length_m": "--vehicle-length", "width_m": "--vehicle-width"}
     for field in fields(Vehicle):
         option = names.get(field.name, "--" + field.name.removesuffix("_m").removesuffix("_deg").replace("_", "-"))
+        if field.name == "radius_m":
+            assert make("--radius", 0.5) == Vehicle(radius_m=0.5)
+            continue
         if field.name == "unknown_passes":
             assert make("--vehicle", "large-rover", option) == replace(own, unknown_passes=True)
             continue
