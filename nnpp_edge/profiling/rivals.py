@@ -13,10 +13,11 @@ from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.corridor import CorridorPlanner
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.planners.query import Found, Query, Work
+from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, WIDENED_CORRIDOR, CorridorWidth
 
 EXACT = "astar"
@@ -41,26 +42,20 @@ class CorridorOfWidth:
     """
 
     def __init__(self, state: MapState, width: CorridorWidth) -> None:
-        self._state, self._width, self._planners = state, width, MapPlanners(state, "edge")
+        self._state, planners = state, MapPlanners(state, "edge")
+        parts = planners.coarse_to_fine, planners.astar, planners.exact
+        self._corridor = CorridorPlanner(*parts, (width, WIDENED_CORRIDOR))
 
     def plan(
         self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False, price: str = Price.EQ1
     ) -> Plan:
         """As `Planner.plan`; there is but one method, and one price."""
         work, checked = Work(), self._state.checked
-        found = self._find(Query.within(start, goal, math.inf), work)
+        found = self._corridor.find(Query.within(start, goal, math.inf), work)
         computed, checks = self._state.costs_computed, self._state.checked - checked
         return found.plan(
             Method.CORRIDOR, work, planner=method, keep_regions=keep_regions, costs_computed=computed, checks=checks
         )
-
-    def _find(self, query: Query, work: Work) -> Found:
-        descent, searcher = self._planners.coarse_to_fine, self._planners.astar
-        for width, source in ((self._width, Source.REGION), (WIDENED_CORRIDOR, Source.WIDENED)):
-            found = descent.find(query, work, searcher, descent.top_for(query), None, width, source)
-            if found is not None:
-                return found
-        return self._planners.exact.find(query, work, Source.FALLBACK)
 
 
 @dataclass(frozen=True)

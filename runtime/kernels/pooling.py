@@ -16,7 +16,7 @@ _FIRST_ROW = (1 << FACTOR) - 1
 _FIRST_COL = ALL // _FIRST_ROW
 _LAST_COL = _FIRST_COL << FACTOR - 1
 _TO_LAST_ROW = FACTOR * (FACTOR - 1)
-_ALL, _SIXTEENTH = np.uint16(ALL), np.float32(1 / 16)
+_ALL, _EVERY_WAY, _SIXTEENTH = np.uint16(ALL), np.uint8(255), np.float32(1 / 16)
 _1, _2, _3 = np.uint64(1), np.uint64(2), np.uint64(3)
 
 
@@ -100,26 +100,18 @@ def _pool_row(fine, first, stride, n, weights, at):
 
 
 @kernel
-def _whole_below(fine_pieces, fine_cols, row, col):
-    """Whether the pieces of all sixteen cells under a coarse cell, none of which may lie off the map, are whole.
+def _common_below(fine, fine_cols, row, col):
+    """The bits that the sixteen cells under a coarse cell, none of which may lie off the map, have in common.
 
-    Such cells are linked with one another.
+    Of pieces: all where every piece is whole, and such cells are linked with one another. Of links: all where all
+    leave each of them.
     """
-    every = _ALL
+    first = np.uint64((row * FACTOR + 1) * (fine_cols + 2) + col * FACTOR + 1)
+    common = fine[first]
     for i in range(FACTOR):
-        first = np.uint64((row * FACTOR + i + 1) * (fine_cols + 2) + col * FACTOR + 1)
-        every &= fine_pieces[first] & fine_pieces[first + _1] & fine_pieces[first + _2] & fine_pieces[first + _3]
-    return every == _ALL
-
-
-@kernel
-def _open_below(fine_links, fine_cols, row, col):
-    """The same for links: whether all leave each of the sixteen."""
-    every = np.uint8(255)
-    for i in range(FACTOR):
-        first = np.uint64((row * FACTOR + i + 1) * (fine_cols + 2) + col * FACTOR + 1)
-        every &= fine_links[first] & fine_links[first + _1] & fine_links[first + _2] & fine_links[first + _3]
-    return every == np.uint8(255)
+        at = first + np.uint64(i * (fine_cols + 2))
+        common &= fine[at] & fine[at + _1] & fine[at + _2] & fine[at + _3]
+    return common
 
 
 @kernel
@@ -157,7 +149,7 @@ def pool(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, c
         for col in range(col0, col1):
             whole_piece = col < averaged and weights[at + col] < np.inf
             if fine_pieces is not None:
-                whole_piece = whole_piece and _whole_below(fine_pieces, shape[1], row, col)
+                whole_piece = whole_piece and _common_below(fine_pieces, shape[1], row, col) == _ALL
             if whole_piece:
                 pieces[at + col] = ALL
             else:
@@ -200,7 +192,7 @@ def _link_free_row(pieces, first, stride, n, links):
     out = links[first : first + n]
     for c in range(n):
         every = t0[c] & t1[c] & t2[c] & m0[c] & m1[c] & m2[c] & b0[c] & b1[c] & b2[c]
-        out[c] = np.uint8(255) if every == _ALL else np.uint8(0)
+        out[c] = _EVERY_WAY if every == _ALL else np.uint8(0)
 
 
 @kernel
@@ -232,7 +224,9 @@ def _link(fine_links, fine_cols, area, pieces, links, coarse_stride):
         _link_free_row(pieces, (row + 1) * coarse_stride + col0 + 1, coarse_stride, col1 - col0, links)
         for col in range(col0, col1):
             here = (row + 1) * coarse_stride + col + 1
-            if links[here] and _open_below(fine_links, fine_cols, row, col):  # no passage to a neighbour is closed
+            if (
+                links[here] and _common_below(fine_links, fine_cols, row, col) == _EVERY_WAY
+            ):  # no passage to a neighbour is closed
                 continue
             piece, found = np.int64(pieces[here]), 0
             for b in range(FACTOR * FACTOR):
