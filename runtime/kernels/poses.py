@@ -9,7 +9,7 @@ found from the middles and half widths of these ranges, without trying any out.
 
 The kernels are given `poses`, a tuple (codes, unit, source, address):
 
-    codes      (4 · nodes,) uint16, heading by heading: `UNCHECKED`, `FAILS`, or 1 + T · `MOST_CODE`, rounded up
+    codes      (nodes, 4) uint16, of each heading: `UNCHECKED`, `FAILS`, or 1 + T · `MOST_CODE`, rounded up
     unit       float32, weight of a step of T's code
     source     (heights, offsets, starts, terms, gradients, limits, scratch, counts, shape), see `map.poses`
     address    of `check_run`
@@ -21,7 +21,7 @@ import numpy as np
 from numba.extending import overload
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.kernels.by_address import address_of, call_at
+from nnpp_edge.runtime.kernels.by_address import address_of, borrowed, call_at
 from nnpp_edge.runtime.kernels.traversability import arc_tangent
 
 RUN = 32
@@ -47,17 +47,29 @@ def pose_weight(code, unit):
 
 @kernel
 def _range_of(heights, first, offsets, low, high):
-    """Least and greatest height of some cells beside each of a run."""
+    """Least and greatest height of some cells, a multiple of four, beside each of a run."""
     lanes = len(low)  # a constant would have the compiler write out all lanes, one by one
     for c in range(lanes):
         low[c], high[c] = _INF, -_INF
-    for n in range(len(offsets)):
-        at = first + offsets[n]
-        line = heights[at : at + lanes]
+    for n in range(0, len(offsets), 4):
+        at0, at1, at2, at3 = (
+            first + offsets[n],
+            first + offsets[n + 1],
+            first + offsets[n + 2],
+            first + offsets[n + 3],
+        )
+        line0, line1 = heights[at0 : at0 + lanes], heights[at1 : at1 + lanes]
+        line2, line3 = heights[at2 : at2 + lanes], heights[at3 : at3 + lanes]
         for c in range(lanes):
-            h = line[c]
-            low[c] = h if h < low[c] else low[c]
-            high[c] = h if h > high[c] else high[c]
+            h0, h1, h2, h3, least, most = line0[c], line1[c], line2[c], line3[c], low[c], high[c]
+            least = h0 if h0 < least else least
+            least = h1 if h1 < least else least
+            least = h2 if h2 < least else least
+            low[c] = h3 if h3 < least else least
+            most = h0 if h0 > most else most
+            most = h1 if h1 > most else most
+            most = h2 if h2 > most else most
+            high[c] = h3 if h3 > most else most
 
 
 @kernel
@@ -94,69 +106,97 @@ def _widest(halves, steepest):
 
 
 @kernel
-def _lift(heights, first, offsets, places, shares, plane, halves, more, rise):
+def _lift(heights, first, offsets, belly, heading, gradients, halves, planes, rise):
     """How far the ground under the body comes above the lowest that the wheels' plane can be there, into `rise`.
 
-    `places` are (N, 2) metres ahead and to the left of the middle; `shares` (N, W) what each wheel's height adds
-    there, without sign. W is a multiple of four.
+    The first three of `planes` are the plane through the wheels' least heights: the lowest, wherever each wheel's
+    height raises it. On a patch of the belly where a wheel's height lowers it, that wheel's greatest height counts.
     """
-    level, along, across = plane
-    lanes = len(level)
+    places, of_heading, patches = belly
+    lanes = len(rise)
     for c in range(lanes):
-        more[c], rise[c] = _ZERO, -_INF
-    h0, h1, h2, h3 = halves[0], halves[1], halves[2], halves[3]
-    for n in range(len(offsets)):
-        for w in range(4, shares.shape[1]):
-            share, half = shares[n, w], halves[w]
+        rise[c] = -_INF
+    for number in range(of_heading[heading], of_heading[heading + 1]):
+        begin, end, like = patches[number, 0], patches[number, 1], patches[number, 2]
+        own, wheel = patches[number, 3], patches[number, 4]
+        if wheel >= 0:
+            for part in range(3):
+                share, half, other, plane = (
+                    _TWO * gradients[part, wheel],
+                    halves[wheel],
+                    planes[like + part],
+                    planes[own + part],
+                )
+                for c in range(lanes):
+                    plane[c] = other[c] + share * half[c]
+        level, along, across = planes[own], planes[own + 1], planes[own + 2]
+        for n in range(begin, end, 4):
+            at0, at1, at2, at3 = (
+                first + offsets[n],
+                first + offsets[n + 1],
+                first + offsets[n + 2],
+                first + offsets[n + 3],
+            )
+            line0, line1 = heights[at0 : at0 + lanes], heights[at1 : at1 + lanes]
+            line2, line3 = heights[at2 : at2 + lanes], heights[at3 : at3 + lanes]
+            x0, y0, x1, y1 = places[n, 0], places[n, 1], places[n + 1, 0], places[n + 1, 1]
+            x2, y2, x3, y3 = places[n + 2, 0], places[n + 2, 1], places[n + 3, 0], places[n + 3, 1]
             for c in range(lanes):
-                more[c] = share * half[c] + (more[c] if w > 4 else _ZERO)
-        at = first + offsets[n]
-        line = heights[at : at + lanes]
-        x, y = places[n, 0], places[n, 1]
-        t0, t1, t2, t3 = shares[n, 0], shares[n, 1], shares[n, 2], shares[n, 3]
-        for c in range(lanes):
-            above = line[c] - (level[c] + x * along[c] + y * across[c]) + more[c]
-            above += (t0 * h0[c] + t1 * h1[c]) + (t2 * h2[c] + t3 * h3[c])
-            rise[c] = above if above > rise[c] else rise[c]
+                middle, x, y, most = level[c], along[c], across[c], rise[c]
+                above = line0[c] - (middle + x0 * x + y0 * y)
+                most = above if above > most else most
+                above = line1[c] - (middle + x1 * x + y1 * y)
+                most = above if above > most else most
+                above = line2[c] - (middle + x2 * x + y2 * y)
+                most = above if above > most else most
+                above = line3[c] - (middle + x3 * x + y3 * y)
+                rise[c] = above if above > most else most
 
 
 @kernel
 def check_run(poses, row, col, heading):
     """Check all poses of the run that a cell lies in, in one heading, and write their codes."""
-    codes, _, source, _ = poses
-    heights, offsets, starts, (places, shares), gradients, limits, scratch, counts, shape = source
-    rows, cols, width, margin, wheels = shape[0], shape[1], shape[2], shape[3], shape[4]
+    source = poses[2]
+    codes, heights = borrowed(poses[0]), borrowed(source[0])
+    offsets, starts = borrowed(source[1]), borrowed(source[2])
+    belly = borrowed(source[3][0]), borrowed(source[3][1]), borrowed(source[3][2])
+    gradients, limits, scratch = borrowed(source[4]), borrowed(source[5]), borrowed(source[6])
+    counts, shape = borrowed(source[7]), borrowed(source[8])
+    cols, width, margin, wheels = shape[1], shape[2], shape[3], shape[4]
     col -= col % RUN
     first = (row + margin) * width + col + margin
-    most = shares.shape[1]
-    lows, halves, rest = scratch[:most], scratch[most : 2 * most], scratch[2 * most :]
-    plane, spread, steepest, rise, more = (rest[0], rest[1], rest[2]), (rest[3], rest[4]), rest[5], rest[6], rest[7]
+    most = gradients.shape[1]
+    lows, halves, rest, planes = scratch[6:][:most], scratch[6 + most :][:most], scratch[:6], scratch[6 + 2 * most :]
+    plane, spread, steepest, rise = (rest[0], rest[1]), (rest[2], rest[3]), rest[4], rest[5]
     for w in range(wheels):
         _range_of(heights, first, offsets[starts[heading, w] : starts[heading, w + 1]], lows[w], halves[w])
-    _middle(lows, halves)
     for n in range(3):
-        _weighed(gradients[n], lows, plane[n])
+        _weighed(gradients[n], lows, planes[n])
+    _middle(lows, halves)
     for n in range(2):
+        _weighed(gradients[1 + n], lows, plane[n])
         _weighed(gradients[3 + n], halves, spread[n])
     _widest(halves, steepest)
-    begin, end = starts[heading, wheels], starts[heading, wheels + 1]
-    _lift(heights, first, offsets[begin:end], places[begin:end], shares[begin:end], plane, halves, more, rise)
+    _lift(heights, first, offsets, belly, heading, gradients, halves, planes, rise)
     n = min(RUN, cols - col)
-    out = (heading * (rows + 2) + row + 1) * (cols + 2) + col + 1
+    out = (row + 1) * (cols + 2) + col + 1
     moved = limits[HALF_STEPS + heading], limits[MARGINS + heading]
-    _write_codes(plane, spread, steepest, rise, limits, moved, codes[out : out + n])
+    _judge(plane, spread, steepest, rise, limits, moved)
+    there = codes[out : out + n, heading]
+    for c in range(n):
+        there[c] = np.uint16(rise[c])
     counts[0] += n
 
 
 @kernel
-def _write_codes(plane, spread, steepest, rise, limits, moved, codes):
-    """The verdict on each pose of a run, and its T; `moved` is half a step, and the belly's margin on it."""
+def _judge(plane, spread, steepest, rise, limits, moved):
+    """The code of each pose of a run, into `rise`; `moved` is half a step, and the belly's margin on it."""
     half_step, margin = moved
-    _, along, across = plane
+    along, across = plane
     spread_along, spread_across = spread
     over_tilt, over_step = _ONE / limits[TILT], _ONE / limits[STEP]
     over_clearance, most = _ONE / limits[CLEARANCE], np.float32(MOST_CODE)
-    for c in range(len(codes)):
+    for c in range(len(rise)):
         pitch, roll = abs(along[c]) + spread_along[c], abs(across[c]) + spread_across[c]
         tilt, up = (
             arc_tangent(math.sqrt(pitch * pitch + roll * roll)),
@@ -167,8 +207,7 @@ def _write_codes(plane, spread, steepest, rise, limits, moved, codes):
         t = limits[TILT_WEIGHT] * (tilt * over_tilt) + limits[RISE_WEIGHT] * (up * over_clearance)
         t += limits[STEP_WEIGHT] * (steepest[c] * over_step)
         t = min(t, _ONE) if stands else _ZERO
-        code = min(np.int32(np.ceil(t * most)), np.int32(MOST_CODE - 1)) + np.int32(1)
-        codes[c] = np.uint16(code) if stands else np.uint16(FAILS)
+        rise[c] = min(np.ceil(t * most), most - _ONE) + _ONE if stands else np.float32(FAILS)
 
 
 def check_there(poses, row, col, heading):
@@ -190,12 +229,12 @@ def address_of_check(poses):
 def check_rows(poses, row0, row1):
     """Check all poses of some rows that are not checked yet."""
     codes, _, source, _ = poses
-    rows, cols = source[8][0], source[8][1]
+    cols = source[8][1]
     for row in range(row0, row1):
+        first = (row + 1) * (cols + 2) + 1
         for heading in range(4):
-            first = (heading * (rows + 2) + row + 1) * (cols + 2) + 1
             for col in range(0, cols, RUN):
-                if codes[first + col] == UNCHECKED:
+                if codes[first + col, heading] == UNCHECKED:
                     check_run(poses, row, col, heading)
 
 
@@ -212,12 +251,12 @@ def forget_poses(poses, area, reach):
     col0 -= col0 % RUN
     col1 = min(col1 + (RUN - col1 % RUN) % RUN, cols)
     forgotten = 0
-    for heading in range(4):
-        for row in range(row0, row1):
-            first = (heading * (rows + 2) + row + 1) * (cols + 2) + 1
-            for col in range(col0, col1):
-                forgotten += codes[first + col] != UNCHECKED
-                codes[first + col] = UNCHECKED
+    for row in range(row0, row1):
+        first = (row + 1) * (cols + 2) + 1
+        for col in range(col0, col1):
+            for heading in range(4):
+                forgotten += codes[first + col, heading] != UNCHECKED
+                codes[first + col, heading] = UNCHECKED
     return forgotten
 
 
@@ -225,10 +264,9 @@ def forget_poses(poses, area, reach):
 def weight_of_pose(poses, node, stride, heading):
     """Weight of a pose, which is checked if it was not."""
     codes, unit, source, _ = poses
-    at = np.uint64(heading * (np.int64(len(codes)) // 4) + node)
-    if codes[at] == UNCHECKED:
+    if codes[np.uint64(node), np.uint64(heading)] == UNCHECKED:
         check_there(poses, node // stride - 1, node % stride - 1, heading)
-    return pose_weight(codes[at], unit)
+    return pose_weight(codes[np.uint64(node), np.uint64(heading)], unit)
 
 
 @kernel
