@@ -8,6 +8,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
+from nnpp_edge.simulation.robots import Point
 from nnpp_edge.simulation.scene import Scene, SurveyedGround, walkable
 from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
 from nnpp_edge.terrain.obstacles import Obstacles
@@ -126,7 +127,7 @@ def test_a_scene_moves_only_along_its_path():
 def test_what_can_be_walked_is_checked_by_the_definition(path, right):
     cost = np.full((5, 5), 0.3, np.float32)
     cost[4, 2], cost[4, 1] = np.nan, 1.0
-    assert walkable(np.array(path, np.int32).reshape(-1, 2), cost, (3, 2)) is right
+    assert walkable(Point(), np.array(path, np.int32).reshape(-1, 2), cost, (3, 2)) is right
 
 
 # --- the drive
