@@ -85,7 +85,7 @@ def command(
 
     The robot begins with a coarse survey of the terrain, sees the true cost of the cells around it, and walks
     along the newest path; obstacles of cost 1 appear, move and vanish. Every path is checked apart from the loop.
-    With a vehicle all of these are heights, obstacles are higher than any step, and the body must stand on every pose.
+    With a vehicle all of these are heights, obstacles are higher than any step, and the body must stand everywhere.
     Exit codes: 0 at the goal, 1 where it was not reached or a path crossed a forbidden cell, 2 for wrong use.
 
     \b

@@ -39,9 +39,9 @@ def check_name(path: Path) -> None:
 
 
 def drive_picture(scene: Scene, drive: Drive) -> Picture:
-    """The true cost, the way driven, and the optimum for a robot that knew everything; with the body, where it has one.
+    """The true cost, the way driven, and the optimum for a robot that knew everything.
 
-    A body's cost of a cell is that of its best heading there.
+    Of a body the outline is drawn along the way; the cost of a cell is that of its best heading there.
     """
     sheet = MapDrawing(cost_picture(scene.ground.costs()))
     sheet.line(drive.driven, DRIVEN, 4.0)

@@ -158,7 +158,7 @@ class World:
         Rectangles that together have more cells than the one that holds them all are read as that one.
         """
         with self._lock:
-            parts = [change.part for change in self._unread.read()]
+            parts = [change.part for change in self._unread.read() if change.cells]
             if parts and _area(whole := enclosing(parts)) < sum(map(_area, parts)):
                 parts = [whole]
             read = self._costs_of if self._poses is None else self._ground
@@ -214,12 +214,25 @@ class World:
         terrain = self._terrain
         assert patch.elevation is not None and self._elevation is not None and terrain is not None
         heights = patch.elevation[cut]
-        unknown = self._elevation[here] if patch.keep_known else np.float32(np.nan)
-        self._elevation[here] = np.where(np.isfinite(heights), heights, unknown)
+        old = self._elevation[here].copy()
+        unknown = old if patch.keep_known else np.float32(np.nan)
+        self._elevation[here] = new = np.where(np.isfinite(heights), heights, unknown)
+        part = _trimmed(part, (new != old) & ~(np.isnan(new) & np.isnan(old)))
+        if not _area(part):
+            return part
         size, width = terrain.cell_size_m, terrain.cell_width_m
         if self._poses is not None:
-            self._poses.write(row, col, self._ground(part))
+            self._poses.write(part[0], part[1], self._ground(part))
         return update_cost(self._cost, self._elevation, part, size, terrain.traversability, cell_width_m=width)
+
+
+def _trimmed(part: Rectangle, changed: NDArray[np.bool_]) -> Rectangle:
+    """The least rectangle of a part that holds its changed cells: a robot sends again what the map has already."""
+    rows, cols = np.flatnonzero(changed.any(1)), np.flatnonzero(changed.any(0))
+    if not len(rows):
+        return part[0], part[1], 0, 0
+    row, col = int(rows[0]), int(cols[0])
+    return part[0] + row, part[1] + col, int(rows[-1]) - row + 1, int(cols[-1]) - col + 1
 
 
 def _area(part: Rectangle) -> int:
