@@ -30,6 +30,7 @@ from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.labels import random_query
+from nnpp_edge.terrain.rocks import with_rocks
 from nnpp_edge.terrain.vehicle_files import load_vehicle
 
 RATE_HZ = 17.0
@@ -39,8 +40,6 @@ _WARM_UP = 0.1
 _PATIENCE = 50
 """Ticks without a path, or without a step, after which the robot gets another goal."""
 _WORKLOAD, _BODY_WORKLOAD = "limit20", "body"
-_SURVEY = 6
-"""Cells over which heights are blurred in a body's first map."""
 _TRIES = 200
 
 
@@ -182,20 +181,18 @@ def soak_ground(
 ) -> SurveyedGround:
     """A part of the terrain, or synthetic ground, `size` cells a side, with rocks on a share of it.
 
-    A point knows it as it is: what changes are the obstacles. A vehicle knows it blurred, without most of the rocks,
-    and sees heights as it goes. InvalidQueryError if a terrain is smaller.
+    What the robot's first map lacks are obstacles, and rocks. InvalidQueryError if a terrain is smaller.
     """
     workload = _WORKLOAD if vehicle is None else _BODY_WORKLOAD
     if dems:
         check_sizes(dems, (size,))
-        case = next(terrain_cases(dems, workload, size, seed, vehicle=vehicle, rocks=rocks))
+        below = next(terrain_cases(dems, workload, size, seed, vehicle=vehicle)).ground
     else:
-        case = next(synthetic_cases(workload, size, seed, vehicle=vehicle, rocks=rocks))
-    below = case.ground
-    if vehicle is None or below is None:
-        return SurveyedGround(case.cost, case.cost.copy())
-    sides = below.cell_size_m, below.cell_width_m
-    return SurveyedGround.of(below.elevation, sides[0], below.limits, _SURVEY, sides[1], vehicle)
+        below = next(synthetic_cases(workload, size, seed, vehicle=vehicle)).ground
+    assert below is not None
+    bare, (height_m, width_m) = below.elevation, (below.cell_size_m, below.cell_width_m)
+    heights = with_rocks(bare, height_m, rocks, seed, cell_width_m=width_m) if rocks else bare
+    return SurveyedGround.of(heights, height_m, below.limits, 1, width_m, vehicle, bare=bare)
 
 
 def rss_mb() -> float:

@@ -26,7 +26,7 @@ class SurveyedGround:
     true: Float2D
     """(H, W)."""
     surveyed: Float2D
-    """(H, W) of blurred heights."""
+    """(H, W) of heights that are blurred, or lack the rocks."""
     cell_size_m: float = 1.0
     robot: Robot = field(default_factory=Point)
 
@@ -39,8 +39,13 @@ class SurveyedGround:
         block: int,
         cell_width_m: float | None = None,
         vehicle: Vehicle | None = None,
+        *,
+        bare: Float2D | None = None,
     ) -> "SurveyedGround":
         """From heights; the survey has them blurred by a Gaussian of half a `block` of cells (1 knows all).
+
+        Of ground with rocks the survey has the `bare` heights. To a body, the edge of what it has seen of ground that
+        was much blurred is a step, and may shut it in.
 
         Raises
         ------
@@ -51,7 +56,8 @@ class SurveyedGround:
         """
         if block < 1:
             raise InvalidQueryError(f"the survey's blocks must be of at least 1 cell, got {block}")
-        heights = (elevation, elevation.copy() if block == 1 else _blurred(elevation, block / 2.0))
+        bare = elevation if bare is None else bare
+        heights = (elevation, bare.copy() if block == 1 else _blurred(bare, block / 2.0))
         if vehicle is not None:
             return cls(*heights, cell_size_m, Body(Terrain(cell_size_m, limits, cell_width_m, vehicle)))
         true, surveyed = (
