@@ -105,7 +105,7 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     size = (round(ground.shape[1] * factor), round(ground.shape[0] * factor))
     picture: Picture = cv2.resize(ground, size, interpolation=cv2.INTER_NEAREST)  # type: ignore[assignment]
     driven = np.array(scene.driven, np.int32)
-    lines = [(message.path, PATH, 2), (driven, DRIVEN, 2)]
+    lines: list[tuple[NDArray[np.generic], Colour, int]] = [(message.path, PATH, 2), (driven, DRIVEN, 2)]
     lines += [(outline, BODY, 1) for outline in _bodies(scene, message.path)]
     lines += [(outline, _ROBOT, 2) for outline in _bodies(scene, driven)[-1:]]
     for cells, colour, width in lines:

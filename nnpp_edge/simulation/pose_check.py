@@ -58,7 +58,8 @@ class PoseCheck:
         share = np.column_stack((np.ones(len(below.places)), below.places)) @ self._plane
         lowest = middle @ share.T - half @ np.abs(share.T) - below.half_step * ahead[:, None]
         ground = _heights_at(heights, cells, below.belly)
-        return np.fmax.reduce(ground - lowest, axis=1, initial=0.0), np.isfinite(ground).all(1)
+        rise: NDArray[np.float64] = np.fmax.reduce(ground - lowest, axis=1, initial=0.0)
+        return rise, np.asarray(np.isfinite(ground).all(1))
 
 
 def headings_of(path: NDArray[np.integer]) -> NDArray[np.int64]:

@@ -118,9 +118,8 @@ class Scene:
             if not ground.robot.stands(ground.true, cell):
                 raise InvalidQueryError(f"{name} {cell} is impassable")
         self.ground, self.robot, self.goal = ground, start, goal
-        under = ground.robot.reach
-        value = ground.robot.obstacle(ground.true)
-        self.obstacles = Obstacles((rows, cols), rng, value=value, clear=max(CLEAR, under))
+        under, obstacle = ground.robot.reach, ground.robot.obstacle(ground.true)
+        self.obstacles = Obstacles((rows, cols), rng, value=obstacle, clear=max(CLEAR, under))
         self._sight, self._speed, self._changes = sight + under, speed, changes
         self.known = ground.surveyed.copy()
         """(H, W) what has been seen or surveyed, without obstacles."""
