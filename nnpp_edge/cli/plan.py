@@ -102,17 +102,15 @@ def command(
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
     limits, body = terrain.limits(), vehicle.make()
-    if request.price != "eq1" and (body is None or body.is_disc):
+    if "price" in options.given_options() and (body is None or body.is_disc):
         raise click.UsageError("--price is for a vehicle with a body: give --vehicle too")
     if output is not None:
         options.check_outputs(*(("--output", path) for path in files_in(output)), make_folders=True)
     bytes_per_cell = _BYTES_PER_CELL + (_BYTES_PER_POSED_CELL if body else 0)
-    if not reads_by_windows(dem, terrain, memory, bytes_per_cell):
-        planned = plan_whole(request, dem, terrain, limits, body, hillshade=hillshade, drawn=output is not None)
-    elif body is None:
+    if reads_by_windows(dem, terrain, memory, bytes_per_cell, has_body=body is not None):
         planned = plan_by_windows(request, dem, terrain, limits, hillshade=hillshade, drawn=output is not None)
     else:
-        raise click.UsageError("a vehicle is planned for on maps that fit into memory: leave --vehicle out")
+        planned = plan_whole(request, dem, terrain, limits, body, hillshade=hillshade, drawn=output is not None)
     answer = planned.answer
     if answer.plan.source is None:  # no search was made
         from nnpp_edge.runtime.errors import InvalidQueryError
