@@ -2,9 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from nnpp_edge.runtime.errors import InvalidQueryError
 
 Cell = tuple[int, int]
@@ -24,18 +21,6 @@ def as_cell(cell: Cell, name: str) -> Cell:
     except (TypeError, ValueError, OverflowError):
         pass
     raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {cell!r}")
-
-
-def headings_along(path: NDArray[np.int32]) -> NDArray[np.float64]:
-    """(N,) degrees in which each cell of a path (N, 2) is left; the last as it is arrived at.
-
-    Clockwise from up the rows, in [0, 360), as if cells were square; empty for less than two cells.
-    """
-    if len(path) < 2:
-        return np.empty(0)
-    rows, cols = np.diff(path, axis=0).T
-    headings: NDArray[np.float64] = np.degrees(np.arctan2(cols, -rows)) % 360.0
-    return np.append(headings, headings[-1])
 
 
 def enclosing(parts: Sequence[Rectangle]) -> Rectangle:

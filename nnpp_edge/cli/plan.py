@@ -33,6 +33,8 @@ _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
 _LOOKED_AROUND = 64
 """Cells around an end that are tried for a place where the vehicle stands."""
+_MOST_SHOWN = 1 << 20
+"""Cells of a map whose poses are all checked for a picture, a tenth of a second."""
 _BYTES_PER_POSED_CELL = 12
 """More for a vehicle: four codes and another height."""
 _BYTES_PER_CELL = 24
@@ -147,6 +149,8 @@ def plan_whole(
     if not (cost < 1.0).any():
         refuse_impassable(ground)
     answer, shade = find(request, ground, cost, limits, vehicle, keep_regions=drawn), None
+    if drawn and vehicle is not None and answer.plan.source is not None:
+        answer = _beside_a_point(answer, request, ground, cost, vehicle)
     if hillshade and drawn:
         from nnpp_edge.viz.picture import hillshade as shaded
 
@@ -213,6 +217,23 @@ def find(
         loading_included=not request.compare and request.time_limit is None,
         vehicle=vehicle,
     )
+
+
+def _beside_a_point(answer: Answer, request: Request, dem: Dem, cost: Float2D, vehicle: Vehicle) -> Answer:
+    """With what the picture shows beside a vehicle's path: where it stands, and with --compare a point's optimum."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from nnpp_edge.runtime import Planner, pose_costs
+
+    if dem.elevation.size <= _MOST_SHOWN and not vehicle.is_disc:
+        poses = pose_costs(dem.elevation, dem.cell_size_m, vehicle, cell_width_m=dem.cell_width_m)
+        answer = replace(answer, stands=np.isfinite(poses.min(0)))
+    if request.compare:
+        planner = Planner(cost, omega=request.omega, corner_cutting=request.corner_cutting)
+        answer = replace(answer, point_path=planner.plan(answer.start, answer.goal, method="astar").path)
+    return answer
 
 
 def _driven(plan: Plan, cost: Float2D, dem: Dem, vehicle: Vehicle) -> Route:

@@ -8,8 +8,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import as_map
-from nnpp_edge.runtime.cells import Cell, headings_along
+from nnpp_edge.runtime.arrays import as_map, headings_along
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status
 
 

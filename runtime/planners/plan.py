@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import headings_along
+from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.paths import measure
 from nnpp_edge.runtime.kernels.poses import measure_poses
@@ -135,7 +135,7 @@ class Plan:
 
     @property
     def headings_deg(self) -> NDArray[np.float64]:
-        """(N,) degrees clockwise from up the rows in which each cell is left, see `cells.headings_along`."""
+        """(N,) degrees clockwise from up the rows in which each cell is left, see `arrays.headings_along`."""
         return headings_along(self.path)
 
     @property

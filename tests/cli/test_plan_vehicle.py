@@ -3,15 +3,17 @@
 import csv
 import json
 
+import cv2
 import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.terrain.dem import Dem, Georeference, write_raster
+from nnpp_edge.viz.picture import BODY, POINT
 
 CELL_M = 0.25
 GOOD = "length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\n"
-BODY = Vehicle(1.0, 0.8, 0.3)
+OWN = Vehicle(1.0, 0.8, 0.3)
 ENDS = ("--start", "10,10", "--goal", "45,48")
 PRICED = ("--vehicle", "small-rover", "--price")
 
@@ -38,7 +40,7 @@ def test_every_waypoint_has_its_heading_and_how_the_body_stands(nnpp_edge, place
     ended = nnpp_edge("plan", "hill.npz", *ENDS, "--vehicle", "own.toml", "--method", "astar", "-o", "out")
     assert (ended.code, ended.err) == (0, "")
     heights = np.load("hill.npz")["elevation_m"]
-    plan = Planner.of_elevation(heights, CELL_M, vehicle=BODY).plan((10, 10), (45, 48), method="astar")
+    plan = Planner.of_elevation(heights, CELL_M, vehicle=OWN).plan((10, 10), (45, 48), method="astar")
     told = json.loads((place / "out" / "plan.json").read_text())
     assert told["cost"] == pytest.approx(plan.cost, rel=1e-5)
     assert told["waypoints"]["heading_deg"] == plan.headings_deg.tolist()
@@ -46,9 +48,20 @@ def test_every_waypoint_has_its_heading_and_how_the_body_stands(nnpp_edge, place
         rows = list(csv.DictReader(file))
     assert [float(row["heading_deg"]) for row in rows] == plan.headings_deg.tolist()
     assert all(float(row["tilt_deg"]) <= 25.0 and 0.0 < float(row["clearance_m"]) <= 0.3 for row in rows)
-    costs = pose_costs(heights, CELL_M, BODY)
+    costs = pose_costs(heights, CELL_M, OWN)
     assert np.isfinite(costs[:, *plan.path.T]).any(0).all()
     assert set(told["waypoints"]) <= set(json.loads((place / "out" / "path.geojson").read_text())["properties"])
+
+
+def test_the_picture_has_the_body_and_with_a_comparison_a_points_path(nnpp_edge, place):
+    pictures = []
+    for more in ((), ("--vehicle", "small-rover"), ("--vehicle", "small-rover", "--compare")):
+        assert nnpp_edge("plan", "hill.npz", *ENDS, *more, "--method", "astar", "-o", "out").code == 0
+        picture = cv2.imread(str(place / "out" / "plan.png"))
+        pictures.append([int((picture == colour).all(2).sum()) for colour in (BODY, POINT)])
+    (no_body, few), (body, as_few), (as_much, point) = pictures
+    assert no_body == 0 and body == as_much > 100
+    assert few == as_few < 50 and point > few + 100
 
 
 @pytest.mark.parametrize(
