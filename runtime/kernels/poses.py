@@ -15,16 +15,15 @@ The kernels are given `poses`, a tuple (codes, unit, source, address):
     address    of `check_run`
 """
 
-import math
-
 import numpy as np
 from numba.extending import overload
 
 from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.lanes import LANES, chosen, in_all, put_run, root, rounded_up, run_at
 from nnpp_edge.runtime.kernels.by_address import address_of, borrowed, call_at
 from nnpp_edge.runtime.kernels.traversability import arc_tangent
 
-RUN = 32
+RUN = LANES
 """Poses that are checked at once."""
 UNCHECKED, FAILS, MOST_CODE = 0, 65535, 65533
 HEADING = (0, 0, 2, 2, 1, 3, 3, 1)
@@ -35,7 +34,7 @@ LIMIT_SLOTS = 16
 """Of the limits: the greatest gradients along and across, tilt in radians, step and clearance in metres; weights of
 the terms of T; and of each heading half a step's length and the belly's margin."""
 _ONE, _TWO, _HALF = np.float32(1.0), np.float32(2.0), np.float32(0.5)
-_ZERO, _INF = np.float32(0.0), np.float32(np.inf)
+_ZERO, _INF, _MOST = np.float32(0.0), np.float32(np.inf), np.float32(MOST_CODE)
 
 
 @kernel
@@ -46,111 +45,40 @@ def pose_weight(code, unit):
 
 
 @kernel
-def _range_of(heights, first, offsets, low, high):
-    """Least and greatest height of some cells, a multiple of four, beside each of a run."""
-    lanes = len(low)  # a constant would have the compiler write out all lanes, one by one
-    for c in range(lanes):
-        low[c], high[c] = _INF, -_INF
-    for n in range(0, len(offsets), 4):
-        at0, at1, at2, at3 = (
-            first + offsets[n],
-            first + offsets[n + 1],
-            first + offsets[n + 2],
-            first + offsets[n + 3],
-        )
-        line0, line1 = heights[at0 : at0 + lanes], heights[at1 : at1 + lanes]
-        line2, line3 = heights[at2 : at2 + lanes], heights[at3 : at3 + lanes]
-        for c in range(lanes):
-            h0, h1, h2, h3, least, most = line0[c], line1[c], line2[c], line3[c], low[c], high[c]
-            least = h0 if h0 < least else least
-            least = h1 if h1 < least else least
-            least = h2 if h2 < least else least
-            low[c] = h3 if h3 < least else least
-            most = h0 if h0 > most else most
-            most = h1 if h1 > most else most
-            most = h2 if h2 > most else most
-            high[c] = h3 if h3 > most else most
+def _lift(heights, first, offsets, belly, heading, plane, gradients, halves):
+    """How far the ground under the body comes above the lowest that the wheels' plane can be there.
 
-
-@kernel
-def _middle(lows, highs):
-    """Of ranges, in place: their middles where their least numbers were, half their widths where the greatest."""
-    low, high = lows.reshape(-1), highs.reshape(-1)
-    for c in range(len(low)):
-        half = (high[c] - low[c]) * _HALF
-        high[c] = half
-        low[c] += half
-
-
-@kernel
-def _weighed(shares, numbers, total):
-    """Sums of the rows of an array, of which there are four or eight, …, each times its share."""
-    for w in range(0, len(shares), 4):
-        s0, s1, s2, s3 = shares[w], shares[w + 1], shares[w + 2], shares[w + 3]
-        n0, n1, n2, n3 = numbers[w], numbers[w + 1], numbers[w + 2], numbers[w + 3]
-        for c in range(len(total)):
-            before = total[c] if w else _ZERO
-            total[c] = before + ((s0 * n0[c] + s1 * n1[c]) + (s2 * n2[c] + s3 * n3[c]))
-
-
-@kernel
-def _widest(halves, steepest):
-    """The greatest of the rows of an array, twice."""
-    for w in range(0, len(halves), 4):
-        n0, n1, n2, n3 = halves[w], halves[w + 1], halves[w + 2], halves[w + 3]
-        for c in range(len(steepest)):
-            one, other = n0[c] if n0[c] > n1[c] else n1[c], n2[c] if n2[c] > n3[c] else n3[c]
-            step = _TWO * (one if one > other else other)
-            before = steepest[c] if w else _ZERO
-            steepest[c] = before if before > step else step
-
-
-@kernel
-def _lift(heights, first, offsets, belly, heading, gradients, halves, planes, rise):
-    """How far the ground under the body comes above the lowest that the wheels' plane can be there, into `rise`.
-
-    The first three of `planes` are the plane through the wheels' least heights: the lowest, wherever each wheel's
-    height raises it. On a patch of the belly where a wheel's height lowers it, that wheel's greatest height counts.
+    `plane` goes through the wheels' least heights: the lowest, wherever each wheel's height raises it. On a patch of
+    the belly where some wheels' heights lower it, their greatest heights count.
     """
-    places, of_heading, patches = belly
-    lanes = len(rise)
-    for c in range(lanes):
-        rise[c] = -_INF
-    for number in range(of_heading[heading], of_heading[heading + 1]):
-        begin, end, like = patches[number, 0], patches[number, 1], patches[number, 2]
-        own, wheel = patches[number, 3], patches[number, 4]
-        if wheel >= 0:
-            for part in range(3):
-                share, half, other, plane = (
-                    _TWO * gradients[part, wheel],
-                    halves[wheel],
-                    planes[like + part],
-                    planes[own + part],
-                )
-                for c in range(lanes):
-                    plane[c] = other[c] + share * half[c]
-        level, along, across = planes[own], planes[own + 1], planes[own + 2]
-        for n in range(begin, end, 4):
-            at0, at1, at2, at3 = (
-                first + offsets[n],
-                first + offsets[n + 1],
-                first + offsets[n + 2],
-                first + offsets[n + 3],
-            )
-            line0, line1 = heights[at0 : at0 + lanes], heights[at1 : at1 + lanes]
-            line2, line3 = heights[at2 : at2 + lanes], heights[at3 : at3 + lanes]
-            x0, y0, x1, y1 = places[n, 0], places[n, 1], places[n + 1, 0], places[n + 1, 1]
-            x2, y2, x3, y3 = places[n + 2, 0], places[n + 2, 1], places[n + 3, 0], places[n + 3, 1]
-            for c in range(lanes):
-                middle, x, y, most = level[c], along[c], across[c], rise[c]
-                above = line0[c] - (middle + x0 * x + y0 * y)
-                most = above if above > most else most
-                above = line1[c] - (middle + x1 * x + y1 * y)
-                most = above if above > most else most
-                above = line2[c] - (middle + x2 * x + y2 * y)
-                most = above if above > most else most
-                above = line3[c] - (middle + x3 * x + y3 * y)
-                rise[c] = above if above > most else most
+    places, of_heading, patches, raised = belly
+    rise = in_all(-_INF)
+    for patch in range(of_heading[heading], of_heading[heading + 1]):
+        level, along, across = plane
+        for n in range(patches[patch, 2], patches[patch, 3]):
+            w = raised[n]
+            more = _TWO * run_at(halves, w * RUN)
+            level += gradients[0, w] * more
+            along += gradients[1, w] * more
+            across += gradients[2, w] * more
+        for n in range(patches[patch, 0], patches[patch, 1]):
+            above = run_at(heights, first + offsets[n]) - (level + places[n, 0] * along + places[n, 1] * across)
+            rise = chosen(above > rise, above, rise)
+    return rise
+
+
+@kernel
+def _verdicts(pitch, roll, step, rise, limits, heading):
+    """Codes of a run's poses by their greatest gradients along and across, and by how far the ground is above."""
+    tilt = arc_tangent(root(pitch * pitch + roll * roll))
+    up = rise + limits[HALF_STEPS + heading] * pitch
+    up = chosen(up > _ZERO, up, _ZERO)
+    stands = (pitch <= limits[PITCH]) & (roll <= limits[ROLL]) & (tilt <= limits[TILT])
+    stands &= (step <= limits[STEP]) & (up + limits[MARGINS + heading] <= limits[CLEARANCE])
+    t = limits[TILT_WEIGHT] / limits[TILT] * tilt + limits[RISE_WEIGHT] / limits[CLEARANCE] * up
+    t += limits[STEP_WEIGHT] / limits[STEP] * step
+    codes = rounded_up(t * _MOST) + _ONE
+    return chosen(stands, chosen(codes < _MOST, codes, _MOST), np.float32(FAILS))
 
 
 @kernel
@@ -159,55 +87,36 @@ def check_run(poses, row, col, heading):
     source = poses[2]
     codes, heights = borrowed(poses[0]), borrowed(source[0])
     offsets, starts = borrowed(source[1]), borrowed(source[2])
-    belly = borrowed(source[3][0]), borrowed(source[3][1]), borrowed(source[3][2])
-    gradients, limits, scratch = borrowed(source[4]), borrowed(source[5]), borrowed(source[6])
+    belly = borrowed(source[3][0]), borrowed(source[3][1]), borrowed(source[3][2]), borrowed(source[3][3])
+    gradients, limits, halves = borrowed(source[4]), borrowed(source[5]), borrowed(source[6])
     counts, shape = borrowed(source[7]), borrowed(source[8])
-    cols, width, margin, wheels = shape[1], shape[2], shape[3], shape[4]
+    cols, width, margin = shape[1], shape[2], shape[3]
     col -= col % RUN
     first = (row + margin) * width + col + margin
-    most = gradients.shape[1]
-    lows, halves, rest, planes = scratch[6:][:most], scratch[6 + most :][:most], scratch[:6], scratch[6 + 2 * most :]
-    plane, spread, steepest, rise = (rest[0], rest[1]), (rest[2], rest[3]), rest[4], rest[5]
-    for w in range(wheels):
-        _range_of(heights, first, offsets[starts[heading, w] : starts[heading, w + 1]], lows[w], halves[w])
-    for n in range(3):
-        _weighed(gradients[n], lows, planes[n])
-    _middle(lows, halves)
-    for n in range(2):
-        _weighed(gradients[1 + n], lows, plane[n])
-        _weighed(gradients[3 + n], halves, spread[n])
-    _widest(halves, steepest)
-    _lift(heights, first, offsets, belly, heading, gradients, halves, planes, rise)
+    level, along, across, step = in_all(_ZERO), in_all(_ZERO), in_all(_ZERO), in_all(_ZERO)
+    pitch, roll, more_pitch, more_roll = in_all(_ZERO), in_all(_ZERO), in_all(_ZERO), in_all(_ZERO)
+    for w in range(gradients.shape[1]):
+        low, high = in_all(_INF), in_all(-_INF)
+        for n in range(starts[heading, w], starts[heading, w + 1]):
+            there = run_at(heights, first + offsets[n])
+            low, high = chosen(there < low, there, low), chosen(there > high, there, high)
+        half = _HALF * (high - low)
+        put_run(halves, w * RUN, half)
+        level += gradients[0, w] * low
+        along += gradients[1, w] * low
+        across += gradients[2, w] * low
+        pitch += gradients[1, w] * (low + half)
+        roll += gradients[2, w] * (low + half)
+        more_pitch += gradients[3, w] * half
+        more_roll += gradients[4, w] * half
+        step = chosen(half > step, half, step)
+    rise = _lift(heights, first, offsets, belly, heading, (level, along, across), gradients, halves)
+    put_run(halves, 0, _verdicts(abs(pitch) + more_pitch, abs(roll) + more_roll, _TWO * step, rise, limits, heading))
     n = min(RUN, cols - col)
-    out = (row + 1) * (cols + 2) + col + 1
-    moved = limits[HALF_STEPS + heading], limits[MARGINS + heading]
-    _judge(plane, spread, steepest, rise, limits, moved)
-    there = codes[out : out + n, heading]
+    there = codes[(row + 1) * (cols + 2) + col + 1 :, heading]
     for c in range(n):
-        there[c] = np.uint16(rise[c])
+        there[c] = np.uint16(halves[c])
     counts[0] += n
-
-
-@kernel
-def _judge(plane, spread, steepest, rise, limits, moved):
-    """The code of each pose of a run, into `rise`; `moved` is half a step, and the belly's margin on it."""
-    half_step, margin = moved
-    along, across = plane
-    spread_along, spread_across = spread
-    over_tilt, over_step = _ONE / limits[TILT], _ONE / limits[STEP]
-    over_clearance, most = _ONE / limits[CLEARANCE], np.float32(MOST_CODE)
-    for c in range(len(rise)):
-        pitch, roll = abs(along[c]) + spread_along[c], abs(across[c]) + spread_across[c]
-        tilt, up = (
-            arc_tangent(math.sqrt(pitch * pitch + roll * roll)),
-            max(rise[c] + half_step * pitch, _ZERO),
-        )
-        stands = (pitch <= limits[PITCH]) & (roll <= limits[ROLL]) & (tilt <= limits[TILT])
-        stands &= (steepest[c] <= limits[STEP]) & (up + margin <= limits[CLEARANCE])
-        t = limits[TILT_WEIGHT] * (tilt * over_tilt) + limits[RISE_WEIGHT] * (up * over_clearance)
-        t += limits[STEP_WEIGHT] * (steepest[c] * over_step)
-        t = min(t, _ONE) if stands else _ZERO
-        rise[c] = min(np.ceil(t * most), most - _ONE) + _ONE if stands else np.float32(FAILS)
 
 
 def check_there(poses, row, col, heading):

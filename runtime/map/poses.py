@@ -34,7 +34,7 @@ PoseSource = tuple[
     NDArray[np.float32],
     NDArray[np.int64],
     NDArray[np.int64],
-    tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]],
+    tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
     NDArray[np.float32],
     NDArray[np.float32],
     NDArray[np.float32],
@@ -45,8 +45,6 @@ PackedPoses = tuple[NDArray[np.uint16], np.float32, PoseSource, int]
 """Poses as the kernels take them, see `kernels.poses`."""
 _ROUNDING = 1e-12
 """By which a share of a height may seem negative that is none."""
-_SCRATCH = 6
-"""Numbers that the check keeps of each pose of a run, besides two for each wheel."""
 _SAFE = 1.0 - 1e-5
 """Share of a limit that is used: what rounding to float32 may add."""
 
@@ -107,12 +105,12 @@ class Poses:
             self._heights.reshape(-1),
             offsets[:, 0] * width + offsets[:, 1],
             geometry.starts,
-            (geometry.places, geometry.patches_of, geometry.patches),
+            (geometry.places, geometry.patches_of, geometry.patches, geometry.raised),
             geometry.gradients,
             _limits(geometry, vehicle, weights),
-            np.zeros((2 * geometry.gradients.shape[1] + _SCRATCH + geometry.planes, RUN), np.float32),
+            np.zeros(geometry.gradients.shape[1] * RUN, np.float32),
             self._counts,
-            np.array((rows, cols, width, self._margin, len(vehicle.wheels_m)), np.int64),
+            np.array((rows, cols, width, self._margin), np.int64),
         )
         self.packed: PackedPoses = self.codes, np.float32(scale / MOST_CODE), source, _address()
         """As the kernels take them."""
@@ -230,10 +228,10 @@ def term_weights(traversability: Traversability | None) -> tuple[float, float, f
 def _address() -> int:
     """Of the check, compiled by way of a map of one cell and a body without wheels."""
     nothing, one, none = np.zeros((0, 2), np.float32), np.ones(LIMIT_SLOTS, np.float32), np.zeros(5, np.int64)
-    own, scratch = np.zeros((5, 4), np.float32), np.zeros((8 + _SCRATCH + 3, RUN), np.float32)
-    parts = (nothing, none, none.reshape(1, 5)), own, one, scratch
+    own, scratch = np.zeros((5, 4), np.float32), np.zeros(4 * RUN, np.float32)
+    parts = (nothing, none, none.reshape(1, 5), none), own, one, scratch
     heights, cells = np.zeros(2 * RUN, np.float32), np.zeros(1, np.int64)
-    source = heights, cells, np.zeros((4, 2), np.int64), *parts, cells, np.array((1, 1, RUN, 0, 0))
+    source = heights, cells, np.zeros((4, 5), np.int64), *parts, cells, np.array((1, 1, RUN, 0))
     packed = np.zeros((9, 4), np.uint16), np.float32(1.0), source, 0
     return int(address_of_check(packed))  # type: ignore[no-untyped-call]  # as all of `kernels`
 
@@ -244,19 +242,19 @@ class _Geometry(NamedTuple):
     cells: NDArray[np.int64]
     """(N, 2) cells of each heading's wheels, then of its belly, as (row, col) from the pose's own."""
     starts: NDArray[np.int64]
-    """(4, W + 1) where the cells of each wheel begin, and where the last one's end: multiples of four."""
+    """(4, W + 1) where the cells of each wheel begin, and where the last one's end."""
     places: NDArray[np.float32]
     """(N, 2) metres ahead of the body's middle and to its left; 0 for wheels."""
     patches_of: NDArray[np.int64]
     """(5,) where each heading's patches of the belly begin, and the last one's end."""
     patches: NDArray[np.int64]
-    """(P, 5) of each patch, on which the same wheels' heights lower the plane: where its cells begin and end, a
-    multiple of four; the plane it is made of, its own, and the wheel by whose greatest height they differ, or -1."""
-    planes: int
-    """Numbers for each pose of a run that the planes take."""
+    """(P, 4) of each patch, on which the same wheels' heights lower the plane: where its cells begin and end, and where
+    these wheels do among the raised."""
+    raised: NDArray[np.int64]
+    """Numbers of the wheels whose greatest heights make the plane lowest, patch by patch."""
     gradients: NDArray[np.float32]
-    """(5, V) what a wheel's height adds to the plane at the body's middle, to its gradients ahead and to the left,
-    and to these two without sign; V is the number of wheels or, of fours, the next."""
+    """(5, W) what a wheel's height adds to the plane at the body's middle, to its gradients ahead and to the left, and
+    to these two without sign."""
     half_steps: tuple[float, ...]
     """Half a step along each heading, metres."""
     margins: tuple[float, ...]
@@ -268,59 +266,34 @@ def _geometry(vehicle: Vehicle, dy: float, dx: float) -> _Geometry:
     """Of a vehicle on cells of `dy` × `dx` metres. The plane is fitted by least squares to the wheels' heights."""
     wheels = vehicle.wheels_m
     solved = np.linalg.pinv(np.column_stack((np.ones(len(wheels)), wheels)))
-    gradients = np.pad(solved.T, ((0, -len(wheels) % 4), (0, 0)))
     prints = [footprint(vehicle, heading, dy, dx) for heading in range(len(HEADINGS))]
-    cells, places, starts = [], [], np.zeros((len(prints), len(wheels) + 1), np.int64)
-    patches_of, patches, planes, count = [0], [], 3, 0
+    parts, starts = [], np.zeros((len(prints), len(wheels) + 1), np.int64)
+    patches_of, patches, raised, count = [0], [], [], 0
     for heading, each in enumerate(prints):
-        starts[heading, 0] = count
-        for number, under in enumerate(each.wheels):
-            whole = _repeated(under, 4)
-            cells.append(whole)
-            places.append(np.zeros(whole.shape))
-            starts[heading, number + 1] = count = count + len(whole)
+        under = np.concatenate(each.wheels)
+        parts.append(np.column_stack((under, np.zeros(under.shape))))
+        starts[heading] = count + np.cumsum([0, *map(len, each.wheels)])
+        count += len(under)
         lowers = np.column_stack((np.ones(len(each.places)), each.places)) @ solved < -_ROUNDING
-        made: dict[frozenset[int], int] = {frozenset(): 0}
-        for pattern in sorted(np.unique(lowers, axis=0).tolist(), key=sum):
-            at = _repeated(np.nonzero((lowers == pattern).all(1))[0], 4)
-            cells.append(each.belly[at])
-            places.append(each.places[at])
-            patches.extend(_patch(frozenset(np.nonzero(pattern)[0].tolist()), made, count, len(at)))
-            count += len(at)
-        planes = max(planes, 3 * len(made))
+        for pattern in np.unique(lowers, axis=0):
+            there, here = (lowers == pattern).all(1), np.nonzero(pattern)[0]
+            parts.append(np.column_stack((each.belly[there], each.places[there])))
+            patches.append((count, count + int(there.sum()), len(raised), len(raised) + len(here)))
+            raised.extend(here)
+            count += int(there.sum())
         patches_of.append(len(patches))
-    own = np.concatenate((gradients.T, np.abs(gradients.T[1:])))
+    cells = np.concatenate(parts)
     return _Geometry(
-        np.concatenate(cells),
+        cells[:, :2].astype(np.int64),
         starts,
-        np.ascontiguousarray(np.concatenate(places), np.float32),
+        np.ascontiguousarray(cells[:, 2:], np.float32),
         np.array(patches_of, np.int64),
         np.array(patches, np.int64),
-        planes,
-        np.ascontiguousarray(own, np.float32),
+        np.array(raised, np.int64),
+        np.ascontiguousarray(np.concatenate((solved, np.abs(solved[1:]))), np.float32),
         tuple(each.half_step for each in prints),
         tuple(each.margin for each in prints),
     )
-
-
-def _patch(wheels: frozenset[int], made: dict[frozenset[int], int], begin: int, cells: int) -> list[list[int]]:
-    """Of a patch on which some wheels' heights lower the plane, and of what lies between it and planes made before.
-
-    As rows of `_Geometry.patches`; only the last one has cells.
-    """
-    have = max((known for known in made if known <= wheels), key=len)
-    rows = [] if have < wheels else [[begin, begin, made[have], made[have], -1]]
-    for wheel in sorted(wheels - have):
-        rows.append([begin, begin, made[have], 3 * len(made), wheel])
-        have |= {wheel}
-        made[have] = 3 * len(made)
-    rows[-1][1] += cells
-    return rows
-
-
-def _repeated(cells: NDArray[np.int64], multiple: int) -> NDArray[np.int64]:
-    """With the last one repeated until there is a multiple of a number of them."""
-    return np.concatenate((cells, cells[-1:].repeat(-len(cells) % multiple, axis=0)))
 
 
 def _limits(geometry: _Geometry, vehicle: Vehicle, weights: tuple[float, float, float]) -> NDArray[np.float32]:
