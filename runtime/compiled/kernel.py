@@ -24,7 +24,7 @@ from nnpp_edge.runtime.compiled.cache import KernelCache, NumbaObject, make_priv
 def _source_digest() -> str:
     """Eight hex digits over every source file that a kernel's code comes from."""
     digest, runtime = hashlib.sha256(), Path(__file__).parent.parent
-    for source in sorted([*(runtime / "kernels").glob("*.py"), *(runtime / "compiled").glob("*.py")]):
+    for source in (*sorted((runtime / "kernels").glob("*.py")), Path(__file__)):
         digest.update(source.read_bytes())
     return digest.hexdigest()[:8]
 

@@ -1,7 +1,7 @@
 """The check of poses: whether a body may stand on a cell in a heading, and what that costs. See `terrain.vehicle`.
 
-Poses are checked a run at a time, `RUN` cells of a row in one heading, where a search first asks: so the compiler
-checks eight at once, and a run takes about as long as a single pose would.
+Poses are checked a run at a time, `RUN` cells of a row in one heading, where a search first asks: a run takes about as
+long as two or three poses would take one by one.
 
 The heights under each wheel lie between a least and a greatest, and the plane of the wheels' contacts, fitted by
 least squares, is linear in them: its steepest gradients, and the lowest that its belly can come above each cell, are
@@ -11,7 +11,7 @@ The kernels are given `poses`, a tuple (codes, unit, source, address):
 
     codes      (nodes, 4) uint16, of each heading: `UNCHECKED`, `FAILS`, or 1 + T · `MOST_CODE`, rounded up
     unit       float32, weight of a step of T's code
-    source     (heights, offsets, starts, terms, gradients, limits, scratch, counts, shape), see `map.poses`
+    source     (heights, offsets, starts, belly, gradients, limits, halves, counts, shape), see `map.poses`
     address    of `check_run`
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 from numba.extending import overload
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.compiled.lanes import LANES, chosen, in_all, put_run, root, rounded_up, run_at
+from nnpp_edge.runtime.kernels.lanes import LANES, chosen, in_all, put_run, root, rounded_up, run_at
 from nnpp_edge.runtime.kernels.by_address import address_of, borrowed, call_at
 from nnpp_edge.runtime.kernels.traversability import arc_tangent
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.compiled.lanes import chosen
+from nnpp_edge.runtime.kernels.lanes import chosen
 
 RULE_SLOTS = 12
 # slots of the array of floats that says how heights become costs

@@ -248,13 +248,13 @@ class _Geometry(NamedTuple):
     patches_of: NDArray[np.int64]
     """(5,) where each heading's patches of the belly begin, and the last one's end."""
     patches: NDArray[np.int64]
-    """(P, 4) of each patch, on which the same wheels' heights lower the plane: where its cells begin and end, and where
-    these wheels do among the raised."""
+    """(P, 4) of each patch, on which the same wheels' heights lower the plane: where its cells begin and end, and
+    where these wheels do among the raised."""
     raised: NDArray[np.int64]
     """Numbers of the wheels whose greatest heights make the plane lowest, patch by patch."""
     gradients: NDArray[np.float32]
-    """(5, W) what a wheel's height adds to the plane at the body's middle, to its gradients ahead and to the left, and
-    to these two without sign."""
+    """(5, W) what a wheel's height adds to the plane at the body's middle, to its gradients ahead and to the left,
+    and to these two without sign."""
     half_steps: tuple[float, ...]
     """Half a step along each heading, metres."""
     margins: tuple[float, ...]
@@ -268,7 +268,9 @@ def _geometry(vehicle: Vehicle, dy: float, dx: float) -> _Geometry:
     solved = np.linalg.pinv(np.column_stack((np.ones(len(wheels)), wheels)))
     prints = [footprint(vehicle, heading, dy, dx) for heading in range(len(HEADINGS))]
     parts, starts = [], np.zeros((len(prints), len(wheels) + 1), np.int64)
-    patches_of, patches, raised, count = [0], [], [], 0
+    patches_of, count = [0], 0
+    patches: list[tuple[int, int, int, int]] = []
+    raised: list[int] = []
     for heading, each in enumerate(prints):
         under = np.concatenate(each.wheels)
         parts.append(np.column_stack((under, np.zeros(under.shape))))
