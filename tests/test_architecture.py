@@ -21,6 +21,7 @@ KERNEL_IMPORTS = (
     "llvmlite",
     "math",
     "enum",
+    "operator",
     "typing",
     "nnpp_edge.runtime.tuning",
     "nnpp_edge.runtime.compiled",

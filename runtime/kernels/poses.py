@@ -19,8 +19,8 @@ import numpy as np
 from numba.extending import overload
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.kernels.lanes import LANES, chosen, in_all, put_run, root, rounded_up, run_at
 from nnpp_edge.runtime.kernels.by_address import address_of, borrowed, call_at
+from nnpp_edge.runtime.kernels.lanes import LANES, chosen, in_all, put_run, root, rounded_up, run_at
 from nnpp_edge.runtime.kernels.traversability import arc_tangent
 
 RUN = LANES

@@ -82,8 +82,9 @@ def test_a_recording_holds_the_outline_of_the_body_along_the_path(tmp_path):
     outlines, none = read(tmp_path / "loop.rrd")["/map/body"]["strips"]
     assert len(outlines) == 2 and not none
     for outline, middle in zip(outlines, (5.5, 13.5), strict=True):
-        corners = {tuple(corner) for corner in outline}
-        assert corners == {(middle + x, 5.5 + y) for x in (-2.0, 2.0) for y in (-1.0, 1.0)}
+        drawn = {tuple(corner) for corner in outline}
+        corners = {(middle + x, 5.5 + y) for x in (-2.0, 2.0) for y in (-1.0, 1.0)}
+        assert drawn == corners | {(middle, 5.5), (middle + 2.0, 5.5)}, "its outline, and a line to its front"
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
