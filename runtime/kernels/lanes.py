@@ -1,8 +1,8 @@
 """Runs of `LANES` float32 numbers as one value, for kernels that do the same to neighbouring cells.
 
 numba leaves it to the compiler to find out that a loop over cells may do several at once. It gives up where arrays
-are many, and elsewhere asks at each start of a loop whether they overlap, which takes longer than a short loop does. A
-run is a vector of LLVM: each operation on it is as many of the processor's as its registers are narrower.
+are many, and elsewhere asks at each start of a loop whether they overlap, which takes longer than a short loop does.
+A run is a vector of LLVM: each operation on it is as many of the processor's as its registers are narrower.
 
 In kernels that are not compiled, runs are arrays of NumPy.
 """

@@ -1,7 +1,7 @@
 """The check of poses: whether a body may stand on a cell in a heading, and what that costs. See `terrain.vehicle`.
 
-Poses are checked a run at a time, `RUN` cells of a row in one heading, where a search first asks: a run takes about as
-long as two or three poses would take one by one.
+Poses are checked a run at a time, `RUN` cells of a row in one heading, where a search first asks: a run takes about
+as long as two or three poses would take one by one.
 
 The heights under each wheel lie between a least and a greatest, and the plane of the wheels' contacts, fitted by
 least squares, is linear in them: its steepest gradients, and the lowest that its belly can come above each cell, are
