@@ -71,7 +71,7 @@ class Checkpoint:
     optimiser: dict[str, object]
     origin: dict[str, object] = field(default_factory=dict)
     """What else the weights come from: ``torch`` (its version), ``threads``, ``begun_with`` (the `facts` of the run
-    whose weights this one began with), ``resumed_with_other_settings``."""
+    whose weights this one began with), ``resumed_with_other_settings``, ``resumed_without_optimiser``."""
 
     def facts(self) -> dict[str, object]:
         """What decided the weights, for a model's metadata."""
@@ -96,6 +96,11 @@ class Checkpoint:
         torch.save(plain | weights, content)
         write_whole(path, content.getbuffer())
         write_whole(path.with_name(HISTORY), json.dumps(self.progress.history, indent=1).encode())
+
+
+def in_16_bits(state: State) -> State:
+    """The state with the weights of convolutions rounded to float16; the few other numbers as they are."""
+    return {name: values.half() if values.ndim > 1 else values for name, values in state.items()}
 
 
 def load_checkpoint(path: Path) -> Checkpoint:

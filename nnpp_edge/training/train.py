@@ -18,7 +18,7 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.training.batches import Batch, Batches
-from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, load_checkpoint
+from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, in_16_bits, load_checkpoint
 from nnpp_edge.training.processes import Processes
 from nnpp_edge.training.validation import Judgement, Validator
 
@@ -41,6 +41,8 @@ def train(
     *,
     omega: float,
     begin_with: Path | None = None,
+    small_checkpoints: bool = False,
+    pause_after_s: float = math.inf,
     report: Callable[[Progress, float, float], None] = lambda progress, loss, share: None,
 ) -> Path:
     """Train a network, going on from the folder's checkpoint if there is one; the path of its checkpoint.
@@ -57,6 +59,11 @@ def train(
     begin_with : Path, optional
         Checkpoint of another run whose averaged weights a new run begins with; its input may have been of
         another size.
+    small_checkpoints : bool
+        Save the running mean of the weights alone, convolutions in 16 bits: an eighth of the size. A resumed run goes
+        on from the mean with a new optimiser, whose learning rate is warmed up again.
+    pause_after_s : float
+        Save and return after so many seconds, wherever the training is; called again it goes on.
     report : callable
         Called after each step with the progress, the latest mean loss and the share of the training that is done.
 
@@ -86,14 +93,19 @@ def train(
         raise InvalidQueryError(f"batch must be a multiple of the {processes.world} processes, got {settings.batch}")
     make_folder(folder)
     run = _Run(spec, settings, processes, folder / CHECKPOINT, begin_with)
+    run.small_checkpoints = small_checkpoints
     batches = Batches(training, spec, settings, rank=processes.rank, world=processes.world)
     validator = Validator(validation, spec, omega) if processes.first else None
     run.start(len(batches))
     progress = run.progress
-    validated = time.monotonic()
-    while not run.done() and progress.epoch < settings.epochs:
+    began = validated = time.monotonic()
+
+    def stops() -> bool:
+        return run.done() or processes.of_the_first(time.monotonic() - began) > pause_after_s
+
+    while not stops() and progress.epoch < settings.epochs:
         for batch in batches.epoch(progress.epoch, progress.step_in_epoch):
-            if run.done():
+            if stops():
                 break
             run.step(batch)
             if processes.first:
@@ -125,6 +137,9 @@ class _Run:
             self.network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
         self.progress = Progress()
+        self.small_checkpoints = False
+        self._optimiser_since = 0
+        """Step from which on the optimiser has learned."""
         self.origin: dict[str, object] = {"torch": str(torch.__version__), "threads": torch.get_num_threads()}
         if path.exists():
             self._resume()
@@ -193,16 +208,20 @@ class _Run:
                     ours.copy_(theirs)  # the batch norms' statistics
                 self.progress.history.append(_history_row(self.progress, loss, validator.judge(self.average)))
             states = self.network.state_dict(), self.average.state_dict(), self.optimiser.state_dict()
+            if self.small_checkpoints:
+                mean = in_16_bits(self.average.state_dict())
+                states = mean, mean, {}
             Checkpoint(self.spec, self.settings, self.progress, *states, self.origin).save(self.path)
         self.losses.clear()
 
     def _learning_rate(self) -> float:
         """Linear warm-up, then half a cosine down to a hundredth; the warm-up is the same however long the run."""
         step, warm = self.progress.step, self.settings.warmup_steps
+        warmed = self.settings.learning_rate * min(1.0, (step - self._optimiser_since + 1) / warm)
         if step < warm or self.progress.steps is None:
-            return self.settings.learning_rate * min(1.0, (step + 1) / warm)
+            return warmed
         half_cosine = 0.5 * (1.0 + math.cos(math.pi * (step - warm) / (self.progress.steps - warm)))
-        return self.settings.learning_rate * (0.01 + 0.99 * half_cosine)
+        return warmed * (0.01 + 0.99 * half_cosine)
 
     def _resume(self) -> None:
         saved = load_checkpoint(self.path)
@@ -210,8 +229,11 @@ class _Run:
             raise ModelError(f"{self.path}: wanted a checkpoint of {self.spec}, got one of {saved.spec}")
         self.network.load_state_dict(saved.network)
         self.average.load_state_dict(saved.average)
-        self.optimiser.load_state_dict(saved.optimiser)
         self.progress, self.origin = saved.progress, saved.origin | self.origin
+        if saved.optimiser:
+            self.optimiser.load_state_dict(saved.optimiser)
+        else:
+            self._optimiser_since, self.origin["resumed_without_optimiser"] = saved.progress.step, True
         if saved.settings != self.settings:
             self.origin["resumed_with_other_settings"] = True
             self.progress.steps = None
