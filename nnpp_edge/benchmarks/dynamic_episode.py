@@ -4,6 +4,7 @@ A path is planned; the robot follows it for 45 cells; rectangles of cost 1 appea
 or vanish; the rest is planned anew, until the goal is near. The robot follows exact A*'s path.
 """
 
+import math
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -57,11 +58,13 @@ class Episode:
         return cost
 
 
-def make_episode(cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int = STRIDE) -> Episode:
+def make_episode(
+    cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int = STRIDE, reach: float = math.inf
+) -> Episode:
     """An episode on a cost map (H, W), the same for the same seed; start and goal are passable and connected.
 
-    `stride` is the number of cells that the robot walks between two plans. InvalidQueryError if it is less than 1, or
-    the goal cannot be reached.
+    `stride` is the number of cells that the robot walks between two plans; the map changes at most about `reach`
+    cells from the robot. InvalidQueryError if the stride is less than 1, or the goal cannot be reached.
     """
     if stride < 1:
         raise InvalidQueryError(f"the stride must be at least 1 cell, got {stride}")
@@ -75,7 +78,7 @@ def make_episode(cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int 
         rest = path[stride:]
         here, before = (int(rest[0, 0]), int(rest[0, 1])), obstacles.blocks
         for _ in range(_TRIES):
-            obstacles.next_scene(here, goal, rest)
+            obstacles.next_scene(here, goal, rest, reach)
             patches = _change(planner, base, obstacles, before)
             if (found := _exact(planner, here)) is not None:
                 break
@@ -89,12 +92,12 @@ def make_episode(cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int 
     return Episode(base, goal, tuple(steps))
 
 
-def episodes_of(cases: Iterable[Case], seed: int, stride: int = STRIDE) -> Iterator[Episode]:
+def episodes_of(cases: Iterable[Case], seed: int, stride: int = STRIDE, reach: float = math.inf) -> Iterator[Episode]:
     """An episode for the first query of each case; cases whose goal cannot be reached are passed over."""
     for at, case in enumerate(cases):
         start, goal = case.queries[0]
         with suppress(InvalidQueryError):
-            yield make_episode(case.cost, start, goal, seed=seed + at, stride=stride)
+            yield make_episode(case.cost, start, goal, seed=seed + at, stride=stride, reach=reach)
 
 
 def _exact(planner: DynamicPlanner, start: Cell) -> NDArray[np.int32] | None:

@@ -26,6 +26,7 @@ COLOURS = {
     "inference": "#cc79a7",
 }
 """Of the planners, told apart by the colour-blind too (Okabe and Ito)."""
+_CONTROL = "#aaaaaa"
 MARKERS = {"plain A*": "o", "plain A*NN": "s", "astar": "^", "corridor": "D", "nnpp": "v", "inference": "x"}
 
 OPTIMUM, PATH = "#e0218a", "#ffe100"
@@ -34,6 +35,11 @@ _CYAN = np.array([0.0, 0.9, 1.0])
 _TINT = 0.45
 REGION = tuple(((1.0 - _TINT) * np.full(3, 0.35) + _TINT * _CYAN).tolist())
 """A region on ground of middling cost, for legends."""
+
+
+def colour_of(planner: str) -> str:
+    """A planner's colour; one for all controls."""
+    return COLOURS.get(planner, _CONTROL)
 
 
 def new_figure(width: float, height: float) -> "Figure":

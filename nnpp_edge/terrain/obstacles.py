@@ -1,5 +1,6 @@
 """Simulated obstacles: rectangles of impassable cells that appear, move and vanish."""
 
+import math
 from collections.abc import Collection, Sequence
 
 import numpy as np
@@ -62,17 +63,24 @@ class Obstacles:
         blocks[at] = new
         return [old, new]
 
-    def next_scene(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> None:
-        """The paper's scene between two plans: some vanish, some move on, and one more appears across the path."""
+    def next_scene(self, robot: Cell, goal: Cell, path: NDArray[np.int32], reach: float = math.inf) -> None:
+        """The paper's scene between two plans: some vanish, some move on, and one more appears across the path.
+
+        All of it happens at most about `reach` cells from the robot.
+        """
         rng, kept = self._rng, []
         for block in self.blocks:
+            if apart(block, robot) > reach:
+                kept.append(block)
+                continue
             fate = rng.random()
             if fate < _VANISHES:
                 continue
             kept.append(self._moved(block, block[2], block[3]) if fate < _VANISHES + _MOVES else block)
         side = max(self.shape)
         rows, cols = (min(max(int(rng.uniform(*_SIDES) * side), 2), n) for n in self.shape)
-        kept.append(self._around(path[int(rng.uniform(*_ON_PATH) * (len(path) - 1))], rows, cols))
+        ahead = min(len(path) - 1, reach)
+        kept.append(self._around(path[int(rng.uniform(*_ON_PATH) * ahead)], rows, cols))
         self.blocks = [block for block in kept if not self._near(block, robot, goal)]
 
     def clear_of(self, cell: Cell) -> list[Rectangle]:
