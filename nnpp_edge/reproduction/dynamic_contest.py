@@ -1,6 +1,5 @@
 """Episodes on a map that changes, for the paper's plain methods and our dynamic planners."""
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -52,6 +51,8 @@ TIMES_NOTE = (
     "if mending would be more work. Speed-ups are over the method of the same kind, summed over the plans. Times of "
     "ours hold the map's update and the whole plan; what the first map alone decides is made before the clock starts."
 )
+NEAR_STRIDE = 5
+"""Cells that the robot walks between two plans where the map changes near it."""
 _PAPER_SIZE = 256
 
 
@@ -73,13 +74,14 @@ def stride_on(size: int) -> int:
     return min(STRIDE, max(STRIDE * size // _PAPER_SIZE, 1))
 
 
-def find_episodes(context: Context, size: int, count: int, reach: float = math.inf) -> list[Episode]:
-    """So many episodes on crops of the terrain, whose maps change at most about `reach` cells from the robot.
+def find_episodes(context: Context, size: int, count: int, *, near: bool = False) -> list[Episode]:
+    """So many episodes on crops of the terrain: the paper's scene, or the one whose changes stay near the robot.
 
     InvalidQueryError if too few have a way.
     """
     cases = islice(context.cases(size, LEAST_DISTANCE), MAPS_TRIED * count)
-    found = list(islice(episodes_of(cases, context.seed, stride_on(size), reach), count))
+    stride = NEAR_STRIDE if near else stride_on(size)
+    found = list(islice(episodes_of(cases, context.seed, stride, near=near), count))
     if len(found) < count:
         raise InvalidQueryError(f"wanted {count} maps of {size} × {size} cells with a path, got {len(found)}")
     return found

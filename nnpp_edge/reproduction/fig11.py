@@ -20,7 +20,7 @@ from nnpp_edge.reproduction.contest import (
     shown,
 )
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
-from nnpp_edge.reproduction.pictures import colour_of, new_figure, png, tidy
+from nnpp_edge.reproduction.pictures import COLOURS, new_figure, png, tidy
 from nnpp_edge.reproduction.regions import CONTROLS_NOTE, Networks
 from nnpp_edge.reproduction.report import About, Finding, Result, Row, Table, columns, judge, percent
 
@@ -157,10 +157,8 @@ def _picture(rounds: Sequence[Round], lines: dict[str, Line]) -> bytes:
     ):
         for name in names:
             line = lines[name]
-            axes.scatter(cells, 1e3 * _times(rounds, name), s=12, alpha=0.6, color=colour_of(name), linewidths=0)
-            axes.plot(
-                ends, 1e3 * (line.offset_s + line.slope_s * ends), color=colour_of(name), linewidth=2, label=name
-            )
+            axes.scatter(cells, 1e3 * _times(rounds, name), s=12, alpha=0.6, color=COLOURS[name], linewidths=0)
+            axes.plot(ends, 1e3 * (line.offset_s + line.slope_s * ends), color=COLOURS[name], linewidth=2, label=name)
         tidy(axes, title, "cells of the optimal path", "time of a query, ms")
         axes.set_ylim(bottom=0.0)
         axes.legend(fontsize="small", loc="upper left")

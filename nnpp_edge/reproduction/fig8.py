@@ -31,8 +31,10 @@ class Settings:
     """What is drawn."""
 
     size: int = 256
-    factors: tuple[float, ...] = (4.0, 2.0, 1.0, 0.5)
-    """Thresholds, in times of td; above 1 they are brought below 1."""
+    above: tuple[float, ...] = (0.6, 0.3)
+    """Thresholds above td, as shares of the way from it to 1."""
+    below: tuple[float, ...] = (1.0, 0.5)
+    """Thresholds from td down, as shares of it."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +52,8 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     ((case, query),) = context.maps(size, 1)
     maker = PaperRegions(case.cost, context.networks.paper)
     probability, td = maker.probability(query)
-    cuts = [
-        _cut(maker, min(factor * td, 0.5 * (1.0 + td)) if factor > 1.0 else factor * td, td)
-        for factor in settings.factors
-    ]
+    thresholds = [*(td + share * (1.0 - td) for share in settings.above), *(share * td for share in settings.below)]
+    cuts = [_cut(maker, threshold, td) for threshold in thresholds]
     found = compare_regions(case.cost, query, context.networks.paper, context.networks.shuffled)
     progress(1.0)
     notes.append(

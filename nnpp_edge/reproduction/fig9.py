@@ -23,7 +23,6 @@ from nnpp_edge.reproduction.pictures import (
     COLOURS,
     MARKERS,
     PAPER,
-    colour_of,
     legend_below,
     new_figure,
     png,
@@ -176,7 +175,7 @@ def _picture(figures: Figures) -> bytes:
     left.plot(both, [paper.TABLE_2[s].nn_s for s in both], "s:", color=PAPER, label="paper's A*NN")
     for name in PLANNERS:
         times_s = [scale.by_name[name].time_s for scale in figures.values()]
-        left.plot(sizes, times_s, marker=MARKERS.get(name, "."), color=colour_of(name), label=name)
+        left.plot(sizes, times_s, marker=MARKERS[name], color=COLOURS[name], label=name)
     (line,) = left.plot(sizes, [scale.inference_s for scale in figures.values()], label="inference")
     line.set(marker=MARKERS["inference"], color=COLOURS["inference"], linewidth=1.0)
     sides_axis(left, sizes)

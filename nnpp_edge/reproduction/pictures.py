@@ -24,10 +24,13 @@ COLOURS = {
     "corridor": "#009e73",
     "nnpp": "#56b4e9",
     "inference": "#cc79a7",
+    "plain A*, corridor": "#444444",
+    "plain A*, straight band": "#888888",
+    "plain A*, shuffled weights": "#bbbbbb",
 }
 """Of the planners, told apart by the colour-blind too (Okabe and Ito)."""
-_CONTROL = "#aaaaaa"
 MARKERS = {"plain A*": "o", "plain A*NN": "s", "astar": "^", "corridor": "D", "nnpp": "v", "inference": "x"}
+MARKERS |= {"plain A*, corridor": "P", "plain A*, straight band": "|", "plain A*, shuffled weights": "."}
 
 OPTIMUM, PATH = "#e0218a", "#ffe100"
 """The optimal path, and a path in a region."""
@@ -35,11 +38,6 @@ _CYAN = np.array([0.0, 0.9, 1.0])
 _TINT = 0.45
 REGION = tuple(((1.0 - _TINT) * np.full(3, 0.35) + _TINT * _CYAN).tolist())
 """A region on ground of middling cost, for legends."""
-
-
-def colour_of(planner: str) -> str:
-    """A planner's colour; one for all controls."""
-    return COLOURS.get(planner, _CONTROL)
 
 
 def new_figure(width: float, height: float) -> "Figure":

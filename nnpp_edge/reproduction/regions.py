@@ -29,10 +29,10 @@ from nnpp_edge.runtime.search.workspace import Workspace
 NETWORK, CORRIDOR, BAND, SHUFFLED = "network", "corridor", "straight band", "shuffled weights"
 CONTROLS = (CORRIDOR, BAND, SHUFFLED)
 CONTROLS_NOTE = (
-    "Controls: *corridor*, the blocks nearest to the path that a search over the map averaged to blocks finds, as "
-    "many as the network's region has; *straight band*, as many blocks nearest to the line from start to goal; "
-    "*shuffled weights*, the same network with the weights of each layer in a random order, its region by the same"
-    " rule. Where a control meets a rule as well, the figure says nothing about the network."
+    "*corridor*, the blocks nearest to the path that a search over the map averaged to blocks finds, as many as the "
+    "network's region has, so that MM is the same; *straight band*, as many blocks nearest to the line from start to "
+    "goal; *shuffled weights*, the same network with the weights of each layer in a random order, its region by the "
+    "same rule. Where a control meets a rule as well, the figure says nothing about the network"
 )
 Blocks = NDArray[np.bool_]
 """(B, B), which blocks of the map belong to a region."""
@@ -219,6 +219,8 @@ class RegionMeans:
     queries: int
     success: float
     cc: float
+    exact_cc: float
+    """Of the optimal paths, over all queries."""
     cc_increase: float
     excess: float
     mm: float
@@ -235,6 +237,7 @@ def region_means(found: Sequence[Found]) -> RegionMeans:
         queries=len(found),
         success=len(solved) / len(found),
         cc=cc / len(solved) if solved else math.inf,
+        exact_cc=float(np.mean([each.exact_traverse_cost for each in found])),
         cc_increase=cc / exact - 1.0 if exact else (0.0 if solved else math.inf),
         excess=float(np.mean([each.excess for each in solved])) if solved else math.inf,
         mm=float(np.mean(mms)),

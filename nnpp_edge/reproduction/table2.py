@@ -20,7 +20,7 @@ from nnpp_edge.reproduction.contest import (
     shown,
 )
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
-from nnpp_edge.reproduction.pictures import PAPER, colour_of, new_figure, png, tidy
+from nnpp_edge.reproduction.pictures import COLOURS, PAPER, new_figure, png, tidy
 from nnpp_edge.reproduction.regions import (
     CONTROLS,
     CONTROLS_NOTE,
@@ -151,11 +151,8 @@ def _papers(figures: Figures, networks: Networks) -> Table:
         for name in PLAIN_PLANNERS:
             m, region = scale.times[name], scale.paper.get(_KINDS.get(name, ""))
             timed = (seconds(m.time_s), _gain(scale.times[PLAIN], m))
-            of_it = (
-                _quality(region)
-                if region
-                else (f"{m.traverse_cost:.1f}", percent(0.0), percent(m.success), None, None)
-            )
+            exact = (f"{scale.paper[NETWORK].exact_cc:.1f}", percent(0.0), percent(1.0), None, None)
+            of_it = _quality(region) if region else exact
             rows.append((side, name, network_of(name, networks), *timed, *of_it))
     return Table(header, rows)
 
@@ -297,7 +294,7 @@ def _picture(figures: Figures) -> bytes:
     grid = figure.subplots(len(figures), 2, squeeze=False)
     for (size, scale), (left, right) in zip(figures.items(), grid, strict=True):
         theirs = paper.TABLE_2.get(size)
-        bars = [(name, m.time_s, m.cc_increase, colour_of(name)) for name, m in scale.times.items()]
+        bars = [(name, m.time_s, m.cc_increase, COLOURS[name]) for name, m in scale.times.items()]
         if theirs:
             bars.insert(0, ("paper's A*", theirs.astar_s, 0.0, PAPER))
             bars.insert(1, ("paper's A*NN", theirs.nn_s, theirs.cc_increase, PAPER))

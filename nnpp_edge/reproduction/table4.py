@@ -1,6 +1,5 @@
 """Table 4: five maps, each standing still and changing: anywhere as in the paper, and near the robot alone."""
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -9,6 +8,7 @@ from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round, answers_table
 from nnpp_edge.reproduction.dynamic_contest import (
     CONTROL_OF,
     CONTROLS_NOTE,
+    NEAR_STRIDE,
     PLAIN_DSTAR,
     PLAIN_DSTAR_NN,
     PLANNERS,
@@ -42,9 +42,6 @@ from nnpp_edge.reproduction.report import (
     times,
 )
 
-_REACH = 2
-"""Strides from the robot within which the map changes, in the scene whose changes stay near it."""
-
 
 @dataclass(frozen=True)
 class Settings:
@@ -68,6 +65,11 @@ class Scenes:
         """All plans of ``static`` (the first ones), ``dynamic`` or ``near the robot``."""
         drives = self.near if scene == NEAR else self.anywhere
         return [each for one in drives for each in (one.rounds[:1] if scene == STATIC else one.rounds)]
+
+    def later(self, scene: str) -> list[Round]:
+        """The plans of a scene that are not an episode's first."""
+        drives = self.near if scene == NEAR else self.anywhere
+        return [each for one in drives for each in one.rounds[1:]]
 
 
 STATIC, DYNAMIC, NEAR = "static", "dynamic", "near the robot"
@@ -115,10 +117,9 @@ _COMPARISONS = (
 def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     """Two episodes on each of some maps, by all planners: changes anywhere, and near the robot."""
     size, notes = context.one_size(settings.size)
-    reach = float(_REACH * stride_on(size))
     drives: tuple[list[Drive], list[Drive]] = ([], [])
-    for of_scene, within in zip(drives, (math.inf, reach), strict=True):
-        for episode in find_episodes(context, size, settings.maps, within):
+    for of_scene, near in zip(drives, (False, True), strict=True):
+        for episode in find_episodes(context, size, settings.maps, near=near):
             of_scene.append(drive(episode, context.networks, settings.repeats))
             progress(sum(map(len, drives)) / (2 * settings.maps))
     scenes = Scenes(*drives)
@@ -126,10 +127,14 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     notes.append(TIMES_NOTE)
     notes.append(
         f"Maps of {size}². -s is an episode's first plan; -d all its plans, one every {stride_on(size)} cells, in "
-        "the paper's scene, where rectangles appear anywhere on the way; -n the same where the map changes within "
-        f"{reach:.0f} cells of the robot. Plans: {plans}. CC of an episode is the sum over its plans, each of the "
-        "path from the robot to the goal, as Table 3 adds it up; the paper does not say what its Table 4 adds up "
-        "(its CC grows less from -s to -d than in its Table 3), so only shares are compared."
+        f"the paper's scene, where rectangles appear anywhere on the way; -n all plans, one every {NEAR_STRIDE} "
+        f"cells, where smaller rectangles appear near the robot alone. Plans: {plans}. *Mended* counts the plans "
+        "after an episode's first for which a search from before was mended rather than made afresh."
+    )
+    notes.append(
+        "CC of an episode is the sum over its plans, each of the path from the robot to the goal, as Table 3 adds "
+        "it up; the paper does not say what its Table 4 adds up (its CC grows less from -s to -d than in its Table"
+        " 3), so only shares are compared."
     )
     about = About(
         context.networks.named,
@@ -193,19 +198,12 @@ def _sums(scenes: Scenes, networks: Networks) -> Table:
         for name in PLANNERS:
             m, slow = means(rounds, name), PLAIN if name.startswith("plain") else "astar"
             gain = times(means(rounds, slow).total_s, m.total_s)
-            quality = (percent(m.success), percent(m.cc_increase, 2), _mended(scenes, scene, name))
+            done = None if scene == STATIC else mended(scenes.later(scene), name)
+            quality = (percent(m.success), percent(m.cc_increase, 2), done)
             rows.append(
                 (scene, label(name), network_of(name, networks), len(rounds), seconds(m.total_s), gain, *quality)
             )
     return Table(header, rows)
-
-
-def _mended(scenes: Scenes, scene: str, name: str) -> str | None:
-    """On how many plans that were not an episode's first a planner mended."""
-    if scene == STATIC:
-        return None
-    drives = scenes.near if scene == NEAR else scenes.anywhere
-    return mended([each for one in drives for each in one.rounds[1:]], name)
 
 
 def _paper_row(label: str, row: paper.Static) -> Row:
@@ -244,7 +242,21 @@ def findings(scenes: Scenes) -> Sequence[Finding]:
     ):
         own, corridor = (means(scenes.rounds(scene), each).cc_increase for each in (name, CONTROL_OF[name]))
         found.append(judge_increase(f"CC increase of {what}", gain - 1.0, own, controls={CORRIDOR: corridor}))
+    for scene in (DYNAMIC, NEAR):
+        if later := scenes.later(scene):
+            found += [_mends(later, scene, name) for name in (PLAIN_DSTAR_NN, "nnpp-dstar")]
     return found
+
+
+def _mends(later: Sequence[Round], scene: str, name: str) -> Finding:
+    """Whether D*NN mends, and gains by it over A*NN, which searches afresh."""
+    afresh = PLAIN_NN if name == PLAIN_DSTAR_NN else "nnpp"
+    gain, control = speedup(later, afresh, name), speedup(later, CONTROL_OF[afresh], CONTROL_OF[name])
+    often = sum(each.answers[name].mended for each in later) >= 0.5 * len(later)
+    ours = f"{mended(later, name)} plans after the first, {gain:.2f}× as fast as afresh"
+    claim = f"D*NN mends, and gains by it, {scene} ({label(name)})"
+    rule, as_well = "on half of the plans or more, and faster than afresh", {CORRIDOR: control > 1.0}
+    return judge(claim, "yes", ours, agrees=often and gain > 1.0, rule=rule, controls=as_well)
 
 
 def _picture(scenes: Scenes) -> bytes:
