@@ -1,0 +1,208 @@
+"""Maps that a passage network learns from: rough ground of many kinds, a vehicle, and which of its poses pass.
+
+Cells have a side of 1: a vehicle's lengths and all heights are in cells.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.map.poses import pose_costs
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
+from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.rocks import MOST_COVER, with_rocks
+from nnpp_edge.terrain.synthetic import add_craters, fractal
+
+CELL_SIZES_M = 0.1, 1.0
+"""Of the cells whose rocks are drawn: their sizes follow a law in metres."""
+
+
+def random_vehicle(rng: np.random.Generator) -> Vehicle:
+    """A vehicle within the range that networks are trained for, in cells."""
+    length = rng.uniform(2.8, 8.4)
+    width = length * rng.uniform(0.5, 1.05)
+    long, wide = (side * math.exp(rng.uniform(math.log(0.04), math.log(0.3))) for side in (length, width))
+    base, track = (
+        (most - wheel) * (1.0 if rng.random() < 0.25 else rng.uniform(0.5, 1.0))
+        for most, wheel in ((length, long), (width, wide))
+    )
+    clearance = length * math.exp(rng.uniform(math.log(0.08), math.log(0.35)))
+    step = clearance * (1.0 if rng.random() < 0.3 else math.exp(rng.uniform(math.log(0.5), math.log(1.5))))
+    tilt = math.degrees(math.atan(math.exp(rng.uniform(math.log(0.21), math.log(0.73)))))
+    pitch, roll = (_below(tilt, 1.0 if rng.random() < 0.7 else rng.uniform(0.5, 1.0)) for _ in range(2))
+    axles = int(rng.integers(2, 5))
+    return Vehicle(length, width, clearance, tilt, pitch, roll, step, axles, base, track, long, wide)
+
+
+def _below(tilt_deg: float, share: float) -> float:
+    """The angle whose gradient is this share of another's."""
+    return math.degrees(math.atan(share * math.tan(math.radians(tilt_deg))))
+
+
+def random_ground(rng: np.random.Generator, tiles: Sequence[Dem], side: int, vehicle: Vehicle) -> Float2D:
+    """(side, side) float32 heights in cells, NaN where unknown."""
+    steepest = math.degrees(math.atan(math.tan(math.radians(vehicle.tilts_deg[2]))))
+    if tiles and rng.random() < 0.75:
+        ground = _crop(rng, tiles, side) * np.float32(math.exp(rng.uniform(math.log(0.3), math.log(1.4))))
+    else:
+        ground = fractal(rng, side, 1.0, steepest * rng.uniform(0.05, 0.5))
+    if rng.random() < 0.55:
+        ground = ground + _patchy(rng, fractal(rng, side, 1.0, steepest * math.exp(rng.uniform(-4.0, -1.2))))
+    if rng.random() < 0.15:
+        ground = add_craters(rng, ground, 1.0, int(rng.integers(1, 12)))
+    if rng.random() < 0.12:
+        ground = ground + _ledges(rng, side, vehicle.step_m)
+    if rng.random() < 0.65:
+        cell_m = math.exp(rng.uniform(*map(math.log, CELL_SIZES_M)))
+        ground = with_rocks(ground * np.float32(cell_m), cell_m, MOST_COVER * rng.random(), rng) / np.float32(cell_m)
+    if rng.random() < 0.08:
+        ground = _with_holes(rng, ground)
+    return np.ascontiguousarray(ground, np.float32)
+
+
+def _crop(rng: np.random.Generator, tiles: Sequence[Dem], side: int) -> Float2D:
+    """Part of a random tile in cells, averaged by 1, 2 or 4."""
+    fits = [dem for dem in tiles if min(dem.elevation.shape) >= side]
+    dem = fits[int(rng.integers(len(fits)))]
+    factor = int(rng.choice([f for f in (1, 2, 4) if side * f <= min(dem.elevation.shape)]))
+    row, col = (int(rng.integers(0, n - side * factor + 1)) for n in dem.elevation.shape)
+    crop = dem.elevation[row : row + side * factor, col : col + side * factor]
+    averaged: Float2D = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
+    return averaged / np.float32(dem.cell_size_m * factor)
+
+
+def _patchy(rng: np.random.Generator, heights: Float2D) -> Float2D:
+    """Roughness that comes and goes over the map, on half of the maps."""
+    if rng.random() < 0.5:
+        return heights
+    where = fractal(rng, heights.shape[0], 1.0, 1.0)
+    share = (where - where.min()) / max(float(np.ptp(where)), 1e-6)
+    return heights * np.clip(2.0 * share - 0.5, 0.0, 1.0).astype(np.float32)
+
+
+def _ledges(rng: np.random.Generator, side: int, step: float) -> Float2D:
+    """Ground that rises by a step wherever a smooth field passes a height."""
+    field = fractal(rng, side, 1.0, 5.0)
+    levels = np.quantile(field, rng.random(int(rng.integers(1, 5))))
+    heights = rng.uniform(0.3, 2.0, len(levels)) * step
+    return sum((np.float32(h) * (field > level) for h, level in zip(heights, levels, strict=True)), 0.0 * field)
+
+
+def _with_holes(rng: np.random.Generator, ground: Float2D) -> Float2D:
+    """The same, unknown in a few places or beyond a line."""
+    side, out = ground.shape[0], ground.copy()
+    if rng.random() < 0.3:
+        out[int(side * rng.uniform(0.5, 0.95)) :] = np.nan
+    for _ in range(int(rng.integers(1, 30))):
+        row, col, rows, cols = *rng.integers(0, side, 2), *rng.integers(1, 12, 2)
+        out[row : row + rows, col : col + cols] = np.nan
+    return out
+
+
+class BlockLabels(NamedTuple):
+    """What the dense check says of the blocks of a map of (H, W) cells, H and W multiples of 4."""
+
+    passing: NDArray[np.uint8]
+    """(4, H / 4, W / 4) how many of a block's 16 poses of each heading pass."""
+    cost: NDArray[np.uint8]
+    """(4, H / 4, W / 4) the mean T of those, in 255ths; 0 where none passes."""
+
+
+def block_labels(heights: Float2D, vehicle: Vehicle) -> BlockLabels:
+    """Of a map of heights in cells: every pose is checked."""
+    costs = pose_costs(heights, 1.0, vehicle)
+    rows, cols = (n // 4 for n in heights.shape)
+    blocks = costs.reshape(4, rows, 4, cols, 4).transpose(0, 1, 3, 2, 4).reshape(4, rows, cols, 16)
+    passes = np.isfinite(blocks)
+    passing = passes.sum(-1)
+    total = np.where(passes, blocks, np.float32(0.0)).sum(-1)
+    mean = total / np.maximum(passing, 1)
+    return BlockLabels(passing.astype(np.uint8), np.rint(255.0 * mean).astype(np.uint8))
+
+
+LENGTHS = 12
+"""Numbers in which a stored vehicle is kept."""
+
+
+def as_stored(vehicle: Vehicle) -> NDArray[np.float64]:
+    """(12,) a vehicle in cells, for a shard."""
+    pitch, roll, tilt = vehicle.tilts_deg
+    return np.array(
+        (
+            vehicle.length_m,
+            vehicle.width_m,
+            vehicle.clearance_m,
+            tilt,
+            pitch,
+            roll,
+            vehicle.step_m,
+            vehicle.axles,
+            *vehicle.stance_m,
+            *vehicle.contact_m,
+        )
+    )
+
+
+def of_stored(numbers: NDArray[np.float64]) -> Vehicle:
+    """The vehicle of such numbers."""
+    values = numbers.tolist()
+    return Vehicle(*values[:7], int(values[7]), *values[8:])
+
+
+def make_maps(
+    rng: np.random.Generator, tiles: Sequence[Dem], side: int, vehicles: int, maps_per_vehicle: int
+) -> dict[str, NDArray[np.generic]]:
+    """The arrays of a shard: maps in the order of their vehicles."""
+    heights, scales, numbers, passing, cost = [], [], [], [], []
+    for _ in range(vehicles):
+        vehicle = random_vehicle(rng)
+        numbers.append(as_stored(vehicle))
+        for _ in range(maps_per_vehicle):
+            stored, scale, labels = _labelled(random_ground(rng, tiles, side, vehicle), vehicle)
+            heights.append(stored)
+            scales.append(scale)
+            passing.append(labels.passing)
+            cost.append(labels.cost)
+    return {
+        "heights": np.stack(heights),
+        "scale": np.array(scales, np.float32),
+        "vehicle": np.stack(numbers),
+        "passing": np.stack(passing),
+        "cost": np.stack(cost),
+    }
+
+
+_NOWHERE = -32768
+_BARREN, _TRIES = 0.05, 3
+"""Share of passing poses below which heights are halved, and how often."""
+
+
+def _labelled(ground: Float2D, vehicle: Vehicle) -> tuple[NDArray[np.int16], float, BlockLabels]:
+    """Packed heights and their labels; ground on which hardly a pose passes is flattened first."""
+    for _ in range(_TRIES):
+        stored, scale = packed_heights(ground)
+        labels = block_labels(unpacked_heights(stored, scale), vehicle)
+        if labels.passing.mean() >= 16 * _BARREN:
+            break
+        ground = ground * np.float32(0.5)
+    return stored, scale, labels
+
+
+def packed_heights(heights: Float2D) -> tuple[NDArray[np.int16], float]:
+    """Heights around their middle in int16, and how many cells a step of these is; -32768 is unknown."""
+    known = heights[np.isfinite(heights)]
+    if known.size == 0:
+        return np.full(heights.shape, _NOWHERE, np.int16), 1.0
+    middle = 0.5 * (float(known.min()) + float(known.max()))
+    scale = max(float(known.max()) - middle, 1e-3) / 32767.0
+    steps = np.rint((heights.astype(np.float64) - middle) / scale)
+    return np.where(np.isfinite(steps), steps, _NOWHERE).astype(np.int16), scale
+
+
+def unpacked_heights(stored: NDArray[np.int16], scale: float) -> Float2D:
+    """Heights in cells, NaN where unknown."""
+    return np.where(stored == _NOWHERE, np.float32(np.nan), stored * np.float32(scale)).astype(np.float32)
