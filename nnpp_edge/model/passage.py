@@ -16,8 +16,9 @@ from nnpp_edge.runtime.kernels.blocks import CHANNELS
 from nnpp_edge.runtime.network.passage import NUMBERS
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 
-ANSWERS = 2 * len(HEADINGS)
-"""Of a block: a logit of the chance, by heading, then one of T of the poses that pass, by heading."""
+ANSWERS = 4 * len(HEADINGS)
+"""Of a block, each by heading: logits of the chance that a pose passes, of the mean T of those that do, of the chance that
+a way leads to the next block, and of half the T of that way."""
 
 
 class PassageNet(nn.Module):
@@ -66,7 +67,7 @@ class PassageNet(nn.Module):
 
         Returns
         -------
-        (V, N, 8, R, C) float
+        (V, N, 16, R, C) float
         """
         described = self.describe(numbers)
         folded = [layer.weights(described) for layer in (*self.convolutions, self.head)]
@@ -79,7 +80,7 @@ class PassageNet(nn.Module):
         return torch.stack(answers)
 
     def of_vehicle(self, numbers: Tensor) -> nn.Sequential:
-        """The plain network of one vehicle, (12,): (N, 19, R, C) to (N, 8, R, C)."""
+        """The plain network of one vehicle, (12,): (N, 19, R, C) to (N, 16, R, C)."""
         described = self.describe(numbers[None])
         layers: list[nn.Module] = []
         for layer in (*self.convolutions, self.head):

@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.kernels.crossing import connected_parts, crossing_costs, middles_of_blocks
+from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.poses import pose_costs
+from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.rocks import MOST_COVER, with_rocks
@@ -110,18 +113,41 @@ class BlockLabels(NamedTuple):
     """(4, H / 4, W / 4) how many of a block's 16 poses of each heading pass."""
     cost: NDArray[np.uint8]
     """(4, H / 4, W / 4) the mean T of those, in 255ths; 0 where none passes."""
+    link: NDArray[np.uint8]
+    """(4, H / 4, W / 4) the mean T of the way to the next block along each heading, in 127ths, up to 2; 255 where there
+    is no way. Detours count as dearer ground."""
+
+
+CLOSED = 255
+"""Of a link: that there is none."""
+LINK_STEPS = 127.0
+"""To a T of 1, of links."""
 
 
 def block_labels(heights: Float2D, vehicle: Vehicle) -> BlockLabels:
     """Of a map of heights in cells: every pose is checked."""
     costs = pose_costs(heights, 1.0, vehicle)
-    rows, cols = (n // 4 for n in heights.shape)
-    blocks = costs.reshape(4, rows, 4, cols, 4).transpose(0, 1, 3, 2, 4).reshape(4, rows, cols, 16)
+    rows, cols = (n // FACTOR for n in heights.shape)
+    blocks = costs.reshape(4, rows, FACTOR, cols, FACTOR).transpose(0, 1, 3, 2, 4).reshape(4, rows, cols, -1)
     passes = np.isfinite(blocks)
     passing = passes.sum(-1)
     total = np.where(passes, blocks, np.float32(0.0)).sum(-1)
     mean = total / np.maximum(passing, 1)
-    return BlockLabels(passing.astype(np.uint8), np.rint(255.0 * mean).astype(np.uint8))
+    return BlockLabels(passing.astype(np.uint8), np.rint(255.0 * mean).astype(np.uint8), _links(costs))
+
+
+def _links(costs: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """The label of that name."""
+    shape = costs.shape[1:]
+    parts, queue, sizes = (np.zeros(n, np.int32) for n in (shape, shape[0] * shape[1], shape[0] * shape[1]))
+    connected_parts(costs, parts, queue, sizes)
+    middles = np.empty((shape[0] // FACTOR, shape[1] // FACTOR, 2), np.int32)
+    middles_of_blocks(parts, sizes, middles)
+    crossing = np.empty((4, *middles.shape[:2]), np.float32)
+    weight = np.float32(StepModel.of("paper").scale)
+    crossing_costs(costs, weight, middles, np.empty((12, 12), np.float32), crossing)
+    codes = np.rint(LINK_STEPS * (np.where(np.isfinite(crossing), crossing, 1.0) - 1.0) / (2.0 * weight))
+    return np.where(np.isfinite(crossing), np.clip(codes, 0, CLOSED - 1), CLOSED).astype(np.uint8)
 
 
 LENGTHS = 12
@@ -157,22 +183,20 @@ def make_maps(
     rng: np.random.Generator, tiles: Sequence[Dem], side: int, vehicles: int, maps_per_vehicle: int
 ) -> dict[str, NDArray[np.generic]]:
     """The arrays of a shard: maps in the order of their vehicles."""
-    heights, scales, numbers, passing, cost = [], [], [], [], []
+    heights, scales, numbers, labels = [], [], [], []
     for _ in range(vehicles):
         vehicle = random_vehicle(rng)
         numbers.append(as_stored(vehicle))
         for _ in range(maps_per_vehicle):
-            stored, scale, labels = _labelled(random_ground(rng, tiles, side, vehicle), vehicle)
+            stored, scale, found = _labelled(random_ground(rng, tiles, side, vehicle), vehicle)
             heights.append(stored)
             scales.append(scale)
-            passing.append(labels.passing)
-            cost.append(labels.cost)
+            labels.append(found)
     return {
         "heights": np.stack(heights),
         "scale": np.array(scales, np.float32),
         "vehicle": np.stack(numbers),
-        "passing": np.stack(passing),
-        "cost": np.stack(cost),
+        **{name: np.stack([getattr(each, name) for each in labels]) for name in BlockLabels._fields},
     }
 
 

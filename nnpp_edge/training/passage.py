@@ -1,6 +1,6 @@
 """Training of passage networks."""
 
-import glob, io, json, math, os, sys, time
+import json, math, os, sys, time
 from pathlib import Path
 import numpy as np
 import torch
@@ -8,70 +8,86 @@ from torch import nn
 from torch.nn import functional
 from nnpp_edge.model.passage import PassageNet
 from nnpp_edge.runtime.network.passage import shown_blocks, shown_numbers, vehicle_numbers
-from nnpp_edge.terrain.passage import of_stored, unpacked_heights
+from nnpp_edge.terrain.passage import CLOSED, of_stored, unpacked_heights
 
-# heading after a flip of rows, and after a transposition
-FLIPPED, TRANSPOSED = (0, 3, 2, 1), (2, 1, 0, 3)
+NAMES = ('passing', 'cost', 'link')
+
+def flipped(h, a):
+    """A map and its labels, rows in reverse."""
+    out = {n: a[n][[0, 3, 2, 1], ::-1] for n in NAMES[:2]}
+    link = a['link'][[0, 3, 2, 1], ::-1].copy()
+    link[0, :-1], link[0, -1] = link[0, 1:].copy(), CLOSED
+    return h[::-1], out | {'link': link}
+
+def transposed(h, a):
+    """A map and its labels, rows and columns exchanged."""
+    out = {n: a[n][[2, 1, 0, 3]].transpose(0, 2, 1) for n in NAMES}
+    link = out['link'].copy()
+    link[3] = CLOSED; link[3, 1:, :-1] = out['link'][3, :-1, 1:]
+    return h.T, out | {'link': link}
 
 class Maps:
     def __init__(self, folder, most=10**9):
         self.folder, self.files, self.most = Path(folder), [], most
-        self.h, self.s, self.v, self.p, self.c = [], [], [], [], []
+        self.items = []
         self.reload()
     def reload(self):
         for f in sorted(self.folder.glob('shard-?????.npz')):
             if f in self.files or len(self.files) >= self.most: continue
-            self.files.append(f)
-            with np.load(f) as a:
-                g = len(a['heights']) // len(a['vehicle'])
-                for k in range(len(a['vehicle'])):
-                    part = slice(k*g, (k+1)*g)
-                    self.h.append(a['heights'][part]) if k else self.h.append(a['heights'][part])
-                    self.s.append(a['scale'][part]); self.v.append(a['vehicle'][k])
-                    self.p.append(a['passing'][part]); self.c.append(a['cost'][part])
-        return len(self.v)
+            with np.load(f) as content:
+                if 'link' not in content.files: continue
+                a = {name: content[name] for name in content.files}
+            self.files.append(f); g = len(a['heights']) // len(a['vehicle'])
+            for k in range(len(a['vehicle'])):
+                self.items.append((a['vehicle'][k], {n: a[n][k*g:(k+1)*g] for n in a if n != 'vehicle'}))
     def batch(self, which, rng):
-        xs, ps, cs, ns = [], [], [], []
+        xs, ns, labels = [], [], {n: [] for n in NAMES}
         for k in which:
-            vehicle = of_stored(self.v[k]); ns.append(shown_numbers(vehicle_numbers(vehicle, (1., 1.))))
-            for h, s, p, c in zip(self.h[k], self.s[k], self.p[k], self.c[k]):
-                h = unpacked_heights(h, s)
+            v, a = self.items[k]
+            vehicle = of_stored(v); ns.append(shown_numbers(vehicle_numbers(vehicle, (1., 1.))))
+            for m in range(len(a['heights'])):
+                h, l = unpacked_heights(a['heights'][m], a['scale'][m]), {n: a[n][m] for n in NAMES}
                 if rng is not None:
-                    t, f, l = rng.random(3) < .5
-                    if f: h, p, c = h[::-1], p[FLIPPED, ::-1], c[FLIPPED, ::-1]
-                    if l: h, p, c = h[:, ::-1], p[FLIPPED, :, ::-1], c[FLIPPED, :, ::-1]
-                    if t: h, p, c = h.T, p.transpose(0, 2, 1)[TRANSPOSED,], c.transpose(0, 2, 1)[TRANSPOSED,]
+                    for turn in np.flatnonzero(rng.random(4) < .5): h, l = (transposed, flipped)[turn % 2](h, l)
                     h = np.ascontiguousarray(h)
-                rows, cols = p.shape[1:]
-                xs.append(shown_blocks(h, (1., 1.), vehicle, (-1, -1), (rows+2, cols+2))); ps.append(p); cs.append(c)
+                rows, cols = l['link'].shape[1:]
+                xs.append(shown_blocks(h, (1., 1.), vehicle, (-1, -1), (rows+2, cols+2)))
+                for n in NAMES: labels[n].append(l[n])
         n = len(which); form = lambda a: torch.from_numpy(np.stack(a)).reshape(n, -1, *a[0].shape)
-        return form(xs), torch.from_numpy(np.stack(ns)), form(ps), form(cs)
+        return form(xs), torch.from_numpy(np.stack(ns)), {n_: form(l) for n_, l in labels.items()}
 
-def loss_of(out, p, c):
-    share, cost = p.float()/16, c.float()/255
-    out = out.float()[..., 1:-1, 1:-1]
-    chance, t = out[:, :, :4], out[:, :, 4:]
-    a = functional.binary_cross_entropy_with_logits(chance, share)
-    b = (functional.binary_cross_entropy_with_logits(t, cost, reduction='none')*share).sum()/share.sum().clamp_min(1)
+def masked(loss, weight): return (loss*weight).sum()/weight.sum().clamp_min(1)
+
+def loss_of(out, labels):
+    share, cost = labels['passing'].float()/16, labels['cost'].float()/255
+    open_ = (labels['link'] != CLOSED).float(); dear = labels['link'].float().clamp_max(CLOSED-1)/(CLOSED-1)
+    chance, t, link, way = out.float()[..., 1:-1, 1:-1].split(4, 2)
+    bce = functional.binary_cross_entropy_with_logits
+    a = bce(chance, share); b = masked(bce(t, cost, reduction='none'), share)
+    c = bce(link, open_); d = masked(bce(way, dear, reduction='none'), open_)
     with torch.no_grad():
-        e = (torch.sigmoid(chance)-share).abs().mean(); et = ((torch.sigmoid(t)-cost).abs()*share).sum()/share.sum().clamp_min(1)
-    return a + b, (a.item(), b.item(), e.item(), et.item())
+        s = torch.sigmoid
+        row = [a, b, c, d, (s(chance)-share).abs().mean(), masked((s(t)-cost).abs(), share), ((link > 0) != (open_ > .5)).float().mean(), 2*masked((s(way)-dear).abs(), open_)]
+    return a+b+c+d, [float(x) for x in row]
 
 def shown(x): return (x.float()-128)/127
 
 def judge(net, maps, most=64):
     rows = []
     with torch.no_grad():
-        for k in range(0, min(len(maps.v), most), 8):
-            x, n, p, c = maps.batch(range(k, k+8), None)
+        for k in range(0, min(len(maps.items), most), 8):
+            x, n, l = maps.batch(range(k, k+8), None)
             with torch.autocast('cpu', torch.bfloat16):
                 out = net(shown(x), n)
-            rows.append(loss_of(out, p, c)[1])
+            rows.append(loss_of(out, l)[1])
     return np.mean(rows, 0)
 
-def main(data, val, out, steps, options, lr=2e-3, vehicles=16, seed=1, warm=200):
+def main(data, val, out, steps, options, lr=2e-3, vehicles=16, seed=1, warm=200, begin=None):
     out = Path(out); out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(seed); net = PassageNet(**options)
+    if begin:
+        s = torch.load(begin, weights_only=True)['average']; own = net.state_dict()
+        own |= {k: v for k, v in s.items() if own[k].shape == v.shape}; net.load_state_dict(own)
     ema = PassageNet(**options); ema.load_state_dict(net.state_dict())
     opt = torch.optim.AdamW(net.parameters(), lr=lr, weight_decay=1e-4)
     step, history, spent = 0, [], 0.
@@ -82,13 +98,13 @@ def main(data, val, out, steps, options, lr=2e-3, vehicles=16, seed=1, warm=200)
     rows, t0 = [], time.monotonic()-spent
     while step < steps:
         rng = np.random.default_rng([seed, step])
-        if step % 500 == 0: maps.reload()
-        x, n, p, c = maps.batch(rng.choice(len(maps.v), vehicles, replace=False), rng)
+        if step % 250 == 0: maps.reload()
+        x, n, l = maps.batch(rng.choice(len(maps.items), vehicles, replace=False), rng)
         rate = lr*min(1, (step+1)/warm)*(0.01+0.99*0.5*(1+math.cos(math.pi*min(1, step/steps))))
         for g in opt.param_groups: g['lr'] = rate
         with torch.autocast('cpu', torch.bfloat16):
             o = net(shown(x), n)
-        loss, row = loss_of(o, p, c)
+        loss, row = loss_of(o, l)
         opt.zero_grad(set_to_none=True); loss.backward(); nn.utils.clip_grad_norm_(net.parameters(), 1.); opt.step()
         step += 1; rows.append(row)
         d = min(.998, (1+step)/(10+step))
@@ -96,7 +112,7 @@ def main(data, val, out, steps, options, lr=2e-3, vehicles=16, seed=1, warm=200)
         if step % 250 == 0 or step == steps:
             spent = time.monotonic()-t0
             j = judge(ema, check); history.append([step, spent, *np.mean(rows, 0).tolist(), *j.tolist()]); rows = []
-            print(step, round(spent), 'maps', 4*len(maps.v), 'train', np.round(history[-1][2:6], 4), 'val', np.round(j, 4), flush=True)
+            print(step, round(spent), 'vehicles', len(maps.items), 'train', np.round(history[-1][2:10], 3), 'val', np.round(j, 4), flush=True)
             tmp = path.with_suffix('.tmp')
             torch.save({'options': options, 'network': net.state_dict(), 'average': ema.state_dict(), 'optimiser': opt.state_dict(), 'step': step, 'history': history, 'spent': spent}, tmp); os.replace(tmp, path)
 
