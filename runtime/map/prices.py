@@ -25,6 +25,15 @@ class Price(StrEnum):
     """The plane fitted to the cells under a body, and how far the ground stands out from it."""
     SAMPLED = "sampled"
     """The poses of one cell in each block of 4 × 4, all four headings."""
+    NETWORK = "network"
+    """What a passage network says of the ways from block to block, see `region.looked`."""
+    NETWORK_SHUFFLED = "network-shuffled"
+    """A control: the same network with its weights in another order."""
+
+    @property
+    def is_learned(self) -> bool:
+        """Whether a network is asked."""
+        return self in (Price.NETWORK, Price.NETWORK_SHUFFLED)
 
 
 def sampled(poses: Poses) -> Float2D:
@@ -52,7 +61,8 @@ class PricedMap:
     state : MapState
         Of heights, with a vehicle.
     price : Price
-        Any but ``eq1``, which the state's own coarse levels are made of.
+        Neither ``eq1``, which the state's own coarse levels are made of, nor a network's, which has links in place of
+        levels.
     """
 
     def __init__(self, state: MapState, price: Price) -> None:

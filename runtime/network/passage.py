@@ -19,6 +19,9 @@ from nnpp_edge.runtime.terrain.vehicle import Vehicle
 MOST_CLEARANCES, MOST_GRADIENT = 2.5, 3.0
 """Heights in clearances, and gradients in shares of the steepest, at which bytes are cut off."""
 STEPS = UNKNOWN - MIDDLE
+MOST_STRETCHED = 1.15
+"""Times the shorter side of a cell that the longer may be."""
+_SLACK = 1e-3
 
 
 class Number(NamedTuple):
@@ -68,6 +71,16 @@ def vehicle_numbers(vehicle: Vehicle, sides_m: tuple[float, float]) -> NDArray[n
             min(roll / tilt, 1.0),
         )
     )
+
+
+def unsuited(vehicle: Vehicle, sides_m: tuple[float, float]) -> str:
+    """Why networks are not made for a vehicle on such cells; empty if they are."""
+    if max(sides_m) > MOST_STRETCHED * min(sides_m):
+        return f"is for cells that are nearly square, got {sides_m[0]:g} × {sides_m[1]:g} m"
+    for value, number in zip(vehicle_numbers(vehicle, sides_m).tolist(), NUMBERS, strict=True):
+        if not number.low * (1.0 - _SLACK) <= value <= number.high * (1.0 + _SLACK):
+            return f"is for vehicles whose {number.name} lies in [{number.low:g}, {number.high:g}], got {value:.3g}"
+    return ""
 
 
 def shown_numbers(numbers: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -7,21 +7,26 @@ from typing import Protocol
 from nnpp_edge.runtime.map.prices import Price, PricedMap
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.network.passage_model import passage_model
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.corridor import CorridorPlanner
 from nnpp_edge.runtime.planners.exact import ExactPlanner, MendingExactPlanner
 from nnpp_edge.runtime.planners.learned import LearnedPlanner
+from nnpp_edge.runtime.planners.link_descent import LinkDescent
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender, Searcher
 from nnpp_edge.runtime.region.learned import LearnedRegions
+from nnpp_edge.runtime.region.looked import LookedMap
 from nnpp_edge.runtime.tuning import (
     BODY_CORRIDOR,
     CORRIDOR,
     LEARNED_CORRIDOR,
     NEAR,
+    NETWORK_CORRIDOR,
     WIDENED_BODY_CORRIDOR,
     WIDENED_CORRIDOR,
+    WIDENED_NETWORK_CORRIDOR,
 )
 
 
@@ -73,7 +78,13 @@ class MapPlanners:
         return self.corridor if price is Price.EQ1 else self._corridor_by(price)
 
     def _corridor_by(self, price: Price) -> CorridorPlanner:
-        if price not in self._by_price:
+        if price in self._by_price:
+            return self._by_price[price]
+        if price.is_learned:
+            looked = LookedMap(self.state, passage_model(shuffled=price is Price.NETWORK_SHUFFLED))
+            parts = LinkDescent(looked), self.astar, self.exact, (NETWORK_CORRIDOR, WIDENED_NETWORK_CORRIDOR)
+            self._by_price[price] = CorridorPlanner(*parts)
+        else:
             descent = CoarseToFine(PricedMap(self.state, price), self.astar.workspace)
             self._by_price[price] = CorridorPlanner(descent, self.astar, self.exact, self._widths)
         return self._by_price[price]
