@@ -27,14 +27,14 @@ class _Graph:
         self.nodes: list[onnx.NodeProto] = []
         self.constants: list[onnx.TensorProto] = []
 
-    def constant(self, name: str, value: NDArray[np.generic] | float | int) -> str:
+    def constant(self, name: str, value: NDArray[np.generic] | np.generic) -> str:
         """A named constant."""
         self.constants.append(numpy_helper.from_array(np.asarray(value), name))
         return name
 
-    def add(self, operator: str, inputs: list[str], output: str, **attributes: object) -> str:
+    def add(self, operator: str, inputs: list[str], output: str, **attributes: int | list[int]) -> str:
         """A node with one output, which is also its name."""
-        self.nodes.append(helper.make_node(operator, inputs, [output], output, **attributes))
+        self.nodes.append(helper.make_node(operator, inputs, [output], output, None, None, None, **attributes))
         return output
 
 
@@ -66,7 +66,7 @@ def passage_graph(network: PassageNet, ranges: list[float] | None = None) -> onn
         x = graph.add("Conv", [x, weight, bias], OUTPUT if last else f"sum{i}", **shape)
         if not last:
             x = graph.add("Relu", [x], f"hidden{i}")
-    shapes = [1, CHANNELS, "rows", "cols"], [1, ANSWERS, "rows", "cols"]
+    shapes: tuple[list[str | int | None], ...] = [1, CHANNELS, "rows", "cols"], [1, ANSWERS, "rows", "cols"]
     given = helper.make_tensor_value_info(BLOCKS, TensorProto.UINT8, shapes[0])
     answer = helper.make_tensor_value_info(OUTPUT, TensorProto.FLOAT, shapes[1])
     made = helper.make_graph(graph.nodes, "passage", [given], [answer], graph.constants)
@@ -103,7 +103,11 @@ def _mixed(graph: _Graph, layer: VehicleConv, described: str, i: int) -> tuple[s
     flat = graph.constant(f"kernels{i}", _array(layer.kernels).reshape(shape[0], -1))
     mixed = graph.add("MatMul", [_linear(graph, layer.shares, described, f"shares{i}"), flat], f"mixed{i}")
     mixed = graph.add("Reshape", [mixed, graph.constant(f"shape{i}", np.array(shape[1:], np.int64))], f"kernel{i}")
-    gain = graph.add("Add", [_linear(graph, layer.gain, described, f"gain{i}"), graph.constant(f"one{i}", np.float32(1))], f"gains{i}")
+    gain = graph.add(
+        "Add",
+        [_linear(graph, layer.gain, described, f"gain{i}"), graph.constant(f"one{i}", np.float32(1))],
+        f"gains{i}",
+    )
     gain = graph.add("Reshape", [gain, graph.constant(f"column{i}", np.array((-1, 1, 1, 1), np.int64))], f"scales{i}")
     weight = graph.add("Mul", [mixed, gain], f"weight{i}")
     bias = _linear(graph, layer.bias, described, f"bias{i}")
@@ -111,7 +115,12 @@ def _mixed(graph: _Graph, layer: VehicleConv, described: str, i: int) -> tuple[s
 
 
 def _quantised(
-    graph: _Graph, x: str, layer: tuple[str, str], about: tuple[list[str], list[str]], i: int, shape: dict[str, list[int]]
+    graph: _Graph,
+    x: str,
+    layer: tuple[str, str],
+    about: tuple[list[str], list[str]],
+    i: int,
+    shape: dict[str, list[int]],
 ) -> str:
     """A convolution and its ReLU in int8: weights by output channel, so that each fills its range."""
     (weight, bias), (steps, zeros) = layer, about

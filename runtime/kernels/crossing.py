@@ -97,7 +97,7 @@ def _settle_around(costs, weight, first, corner, reached):
 
 @kernel
 def crossing_costs(costs, weight, middles, reached, out):
-    """Cost from the middle of each block to that of the next one along each heading, over what a straight way is long.
+    """Cost from the middle of each block to that of the next along each heading, over what a straight way is long.
 
     Ways may lead through the 3 × 3 blocks around a block. `weight` is that of T = 1; `reached` (12, 12) float32 is
     overwritten; `out` is (4, R, C) float32, inf where there is no way.

@@ -8,8 +8,8 @@ import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
-from nnpp_edge.runtime.kernels.poses import HEADING
 from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.kernels.poses import HEADING
 
 BACKWARDS = tuple(
     int((row, col) not in ((1, 0), (1, 1), (0, 1), (-1, 1))) for row, col in zip(ROW_STEP, COL_STEP, strict=True)

@@ -39,7 +39,9 @@ class VehicleNetwork:
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4
         with model_errors(path, "got a file that does not load"):
-            self._session = ort.InferenceSession(with_vehicle(content, numbers, path), options, ["CPUExecutionProvider"])
+            self._session = ort.InferenceSession(
+                with_vehicle(content, numbers, path), options, ["CPUExecutionProvider"]
+            )
 
     def answers(self, blocks: NDArray[np.uint8]) -> NDArray[np.float32]:
         """(16, R, C) logits of (19, R, C) blocks, see `model.passage`."""

@@ -2,12 +2,12 @@
 
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
-from nnpp_edge.runtime.region.looked import LookedMap
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import Searcher
 from nnpp_edge.runtime.region.links import LinkSearch
+from nnpp_edge.runtime.region.looked import LookedMap
 from nnpp_edge.runtime.tuning import CorridorWidth
 
 

@@ -33,7 +33,9 @@ class LinkSearch:
         self._quarters: Lookup = down, across
         self._stamp = 0
 
-    def around(self, prices: NDArray[np.float32], start: Cell, goal: Cell, band: float, radius: int) -> tuple[Region, int]:
+    def around(
+        self, prices: NDArray[np.float32], start: Cell, goal: Cell, band: float, radius: int
+    ) -> tuple[Region, int]:
         """The blocks on ways that cost at most 1 + `band` times the least, those around, and how many were expanded.
 
         Parameters

@@ -1,7 +1,7 @@
 """What a passage network says of a map: the prices of links between its blocks, looked up once and kept.
 
 The network sees blocks of 4 × 4 cells. It says of each link to a neighbouring block with what chance there is a way,
-and how dear that is. A link's price is what the way is expected to cost, and a fine for the chance that there is none.
+and how dear that is. A link's price is what the way is expected to cost, more where there may be none.
 """
 
 import numpy as np
@@ -67,7 +67,7 @@ class LookedMap:
 
 
 def link_prices(answers: NDArray[np.float32], scale: float) -> NDArray[np.float32]:
-    """(4, R, C) prices of links, in what cells cost, by the network's (16, R, C) answers; `scale` is the weight of T = 1."""
+    """(4, R, C) prices of links by the network's (16, R, C) answers; `scale` is the weight of T = 1."""
     chance, dear = (np.float32(1.0) / (np.float32(1.0) + np.exp(-answers[at : at + 4])) for at in (8, 12))
     fine = np.float32(NO_WAY) * (np.float32(1.0) - chance)
     prices: NDArray[np.float32] = _LENGTHS * (np.float32(1.0) + np.float32(4.0 * scale) * dear) + fine
