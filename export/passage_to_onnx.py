@@ -4,14 +4,20 @@ The numbers stand in the file as the initializer `VEHICLE`. Whoever loads the fi
 onnxruntime then folds all that follows from them into constants: what runs is a plain convolutional network.
 """
 
+from collections.abc import Mapping
+from pathlib import Path
+
 import numpy as np
 import onnx
 import torch
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
+from nnpp_edge import __version__
+from nnpp_edge.files import write_whole
 from nnpp_edge.model.passage import ANSWERS, PassageNet, VehicleConv
 from nnpp_edge.runtime.kernels.blocks import CHANNELS, MIDDLE
+from nnpp_edge.runtime.network.model_file import METADATA_KEY, PassageMetadata
 from nnpp_edge.runtime.network.passage import NUMBERS, STEPS
 from nnpp_edge.runtime.network.passage_model import BLOCKS, OUTPUT, VEHICLE
 
@@ -74,6 +80,27 @@ def passage_graph(network: PassageNet, ranges: list[float] | None = None) -> onn
     model.ir_version = 9
     onnx.checker.check_model(model, full_check=True)
     return model
+
+
+def write_passage(
+    network: PassageNet,
+    output: Path,
+    *,
+    name: str,
+    training: Mapping[str, object],
+    ranges: list[float] | None = None,
+) -> None:
+    """Write a passage network as ONNX, whole or not at all, in int8 if `ranges` are given; or OutputError."""
+    model = passage_graph(network, ranges)
+    facts = PassageMetadata(
+        name=name,
+        ranges={number.name: (number.low, number.high) for number in NUMBERS},
+        precision="fp32" if ranges is None else "int8",
+        training=dict(training),
+        version=__version__,
+    )
+    helper.set_model_props(model, {METADATA_KEY: facts.to_json()})
+    write_whole(output, model.SerializeToString())
 
 
 def _array(parameter: torch.Tensor) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""The passage network: from blocks of a map of heights to the chance that a vehicle's poses in them pass, and their T.
+"""The passage network: with what chance a vehicle passes the blocks of a map of heights, and what that costs.
 
 A few convolutions over blocks of 4 × 4 cells, so it takes maps of any size. What a vehicle is decides the
 convolutions' weights: each is a mixture of a few kernels, by shares that a small network works out from the vehicle's
@@ -17,8 +17,8 @@ from nnpp_edge.runtime.network.passage import NUMBERS
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 
 ANSWERS = 4 * len(HEADINGS)
-"""Of a block, each by heading: logits of the chance that a pose passes, of the mean T of those that do, of the chance that
-a way leads to the next block, and of half the T of that way."""
+"""Of a block, each by heading: logits of the chance that a pose passes, of the mean T of those that do, of the chance
+that a way leads to the next block, and of half the T of that way."""
 
 
 class PassageNet(nn.Module):

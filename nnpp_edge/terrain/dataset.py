@@ -210,6 +210,11 @@ def read_any_recipe(folder: Path) -> Recipe | PassageRecipe:
         raise DataSetError(f"{folder}: wanted a data set's folder with {RECIPE_FILE}, got {error}") from error
 
 
+def has_poses(folder: Path) -> bool:
+    """Whether a folder holds a data set for passage networks; DataSetError if it holds none at all."""
+    return isinstance(read_any_recipe(folder), PassageRecipe)
+
+
 def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None = None) -> Samples:
     """All samples of a data set (or of its first shards, up to `most_maps`).
 

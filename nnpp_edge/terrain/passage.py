@@ -138,7 +138,7 @@ def _crop(rng: np.random.Generator, tiles: Sequence[Dem], side: int) -> Float2D:
     factor = int(rng.choice([f for f in (1, 2, 4) if side * f <= min(dem.elevation.shape)]))
     row, col = (int(rng.integers(0, n - side * factor + 1)) for n in dem.elevation.shape)
     crop = dem.elevation[row : row + side * factor, col : col + side * factor]
-    averaged: Float2D = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
+    averaged: Float2D = crop.reshape(side, factor, side, factor).mean(axis=(1, 3), dtype=np.float32)
     averaged /= np.float32(dem.cell_size_m * factor)
     return averaged
 

@@ -49,11 +49,24 @@ class PassageCheckpoint:
     """At which the training ends, once that is known."""
     settings: dict[str, object] = field(default_factory=dict)
 
+    def facts(self) -> dict[str, object]:
+        """What decided the weights, for a model's metadata."""
+        return {"steps": self.step, "seconds": round(self.spent, 1), **self.settings, **self.options}
+
     def trained(self) -> PassageNet:
         """The averaged network, in evaluation mode."""
         network = PassageNet(**self.options)  # type: ignore[arg-type]
         network.load_state_dict(self.average)
         return network.eval()
+
+
+def is_passage_checkpoint(path: Path) -> bool:
+    """Whether a file is a checkpoint of a passage network, not another or none."""
+    try:
+        load_passage_checkpoint(path)
+    except ModelError:
+        return False
+    return True
 
 
 def load_passage_checkpoint(path: Path) -> PassageCheckpoint:

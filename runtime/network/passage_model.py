@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import InvalidMapError, ModelError
-from nnpp_edge.runtime.network.model_file import model_errors, model_path
+from nnpp_edge.runtime.network.model_file import model_errors, model_path, read_passage
 from nnpp_edge.runtime.network.passage import NUMBERS, shown_numbers, unsuited, vehicle_numbers
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
@@ -57,7 +57,7 @@ class PassageModel:
     model : str or Path
         Name of a shipped model, or a file.
     shuffled : bool
-        Whether the blocks' channels are shown in another order: a control, whose prices mean nothing.
+        Whether the weights of each convolution are put in another order: a control, whose prices mean nothing.
 
     Raises
     ------
@@ -67,7 +67,7 @@ class PassageModel:
 
     def __init__(self, model: str | Path = DEFAULT, *, shuffled: bool = False) -> None:
         self._path = model_path(model)
-        self._content = self._path.read_bytes()
+        self._content = read_passage(self._path)
         if shuffled:
             self._content = _shuffled(self._content)
         self._lock = threading.Lock()

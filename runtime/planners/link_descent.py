@@ -1,21 +1,40 @@
-"""From blocks whose links have prices to the map: one coarse search, and one of the region that it leaves."""
+"""From blocks whose links have prices to the map: searches of regions, which correct prices that were wrong."""
+
+import numpy as np
+from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import Searcher
-from nnpp_edge.runtime.region.links import LinkSearch
+from nnpp_edge.runtime.region.links import LinkSearch, without_dead_ends
 from nnpp_edge.runtime.region.looked import LookedMap
-from nnpp_edge.runtime.tuning import CorridorWidth
+from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.tuning import MOST_CORRECTIONS, CorridorWidth
 
 
 class LinkDescent:
-    """Stands in for `CoarseToFine` on a map whose links a network has priced. Serves one thread at a time."""
+    """Stands in for `CoarseToFine` on a map whose links a network has priced. Serves one thread at a time.
 
-    def __init__(self, looked: LookedMap) -> None:
-        self._looked, self._links = looked, LinkSearch(looked.shape)
+    Parameters
+    ----------
+    looked : LookedMap
+        The map, and the prices.
+    finest : Workspace
+        Memory of the searches at full resolution.
+
+    Notes
+    -----
+    A region without a path is not made wider at once. What its search has found out, at the price of many checks, is
+    where it got no farther: links that lead from what it reached to blocks that it did not are closed, and the blocks
+    are searched again. Poses that have been checked cost nothing the second time.
+    """
+
+    def __init__(self, looked: LookedMap, finest: Workspace) -> None:
+        self._looked, self._links, self._finest = looked, LinkSearch(looked.shape), finest
 
     def top_for(self, query: Query) -> int:
         """There is one coarse level."""
@@ -31,12 +50,24 @@ class LinkDescent:
         width: CorridorWidth,
         source: Source,
     ) -> Found | None:
-        """As `CoarseToFine.find`."""
+        """As `CoarseToFine.find`; where the source is ``WIDENED`` prices are corrected as often as it takes."""
         prices = self._looked.prices
         work.stage_ends("look")
         band = width.band + FACTOR * width.nearby / max(query.apart, FACTOR)
-        region, expanded = self._links.around(prices, query.start, query.goal, band, width.radius)
-        work.expansions += expanded
-        work.stage_ends("coarse")
-        found = searcher.search(query, work, region)
-        return None if found.status is Status.NO_PATH else Found.of(self._looked.grid, found, source, region, work)
+        for _ in range(1 if source is Source.REGION else MOST_CORRECTIONS):
+            region, expanded = self._links.around(prices, query.start, query.goal, band, width.radius)
+            work.expansions += expanded
+            work.stage_ends("coarse")
+            found = searcher.search(query, work, region)
+            if found.status is not Status.NO_PATH:
+                return Found.of(self._looked.grid, found, source, region, work)
+            if source is not Source.REGION:
+                prices = without_dead_ends(prices, region, self._reached())
+                work.stage_ends("coarse")
+        return None
+
+    def _reached(self) -> NDArray[np.bool_]:
+        """(H, W) the cells that the last search came to."""
+        ws, grid = self._finest, self._looked.grid
+        reached: NDArray[np.bool_] = ws.meta[1::2] >> STAMP_SHIFT == ws.stamp
+        return reached.reshape(grid.rows + 2, grid.stride)[1:-1, 1:-1]

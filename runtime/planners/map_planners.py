@@ -82,7 +82,12 @@ class MapPlanners:
             return self._by_price[price]
         if price.is_learned:
             looked = LookedMap(self.state, passage_model(shuffled=price is Price.NETWORK_SHUFFLED))
-            parts = LinkDescent(looked), self.astar, self.exact, (NETWORK_CORRIDOR, WIDENED_NETWORK_CORRIDOR)
+            parts = (
+                LinkDescent(looked, self.astar.workspace),
+                self.astar,
+                self.exact,
+                (NETWORK_CORRIDOR, WIDENED_NETWORK_CORRIDOR),
+            )
             self._by_price[price] = CorridorPlanner(*parts)
         else:
             descent = CoarseToFine(PricedMap(self.state, price), self.astar.workspace)

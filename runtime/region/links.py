@@ -9,6 +9,10 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.kernels.links import mark_links, settle_links
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.region import Lookup, Region
+from nnpp_edge.runtime.terrain.vehicle import HEADINGS
+
+CLOSED = 1000.0
+"""Added to the price of a link that turned out to be none."""
 
 
 class LinkSearch:
@@ -61,3 +65,31 @@ class LinkSearch:
             row, col = 2 * (row // FACTOR), 2 * (col // FACTOR)
             self._bitmap[max(row - 2, 0) : row + 4, max(col - 2, 0) : col + 4] = self._stamp
         return Region(self._bitmap, *self._quarters, self._stamp), expanded
+
+
+def without_dead_ends(prices: NDArray[np.float32], region: Region, reached: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """The prices, with links closed that a search of the region did not get across: a new array.
+
+    Parameters
+    ----------
+    prices : (4, R, C) float32
+        Of the links.
+    region : Region
+        Over the quarters of blocks.
+    reached : (H, W) bool
+        The cells that the search came to.
+    """
+    rows, cols = prices.shape[1:]
+    quarters = region.blocks()
+    searched: NDArray[np.bool_] = quarters.reshape(rows, 2, cols, 2).any((1, 3))
+    padded = np.zeros((rows * FACTOR, cols * FACTOR), np.bool_)
+    padded[: reached.shape[0], : reached.shape[1]] = reached
+    here: NDArray[np.bool_] = padded.reshape(rows, FACTOR, cols, FACTOR).any((1, 3))
+    missed = searched & ~here
+    out = prices.copy()
+    for heading, (down, right) in enumerate(HEADINGS):
+        one = slice(max(-down, 0), rows - max(down, 0)), slice(0, cols - right)
+        other = slice(max(down, 0), rows - max(-down, 0)), slice(right, cols)
+        closed = (here[one] & missed[other]) | (missed[one] & here[other])
+        out[heading][one] += np.float32(CLOSED) * closed
+    return out

@@ -17,9 +17,9 @@ from nnpp_edge.runtime.network.passage_model import PassageModel
 _REACH = 3
 """Blocks from one to the farthest that the network's answer on it depends on."""
 _LENGTHS = np.array((1.0, 2.0**0.5, 1.0, 2.0**0.5), np.float32)[:, None, None] * np.float32(FACTOR)
-NO_WAY = 200.0
-"""Fine of a link without a way, in cells' lengths."""
-_LEAST_CHANCE = 1e-3
+NO_WAY, DOUBT = 400.0, 10
+"""What a link costs more where there is certainly no way, in lengths of cells; and to what power the chance of that
+is taken first. Where it is in doubt the check is to say: to miss a way is dearer than to look for one in vain."""
 
 
 class LookedMap:
@@ -69,6 +69,6 @@ class LookedMap:
 def link_prices(answers: NDArray[np.float32], scale: float) -> NDArray[np.float32]:
     """(4, R, C) prices of links by the network's (16, R, C) answers; `scale` is the weight of T = 1."""
     chance, dear = (np.float32(1.0) / (np.float32(1.0) + np.exp(-answers[at : at + 4])) for at in (8, 12))
-    fine = np.float32(NO_WAY) * (np.float32(1.0) - chance)
+    fine = np.float32(NO_WAY) * (np.float32(1.0) - chance) ** DOUBT
     prices: NDArray[np.float32] = _LENGTHS * (np.float32(1.0) + np.float32(4.0 * scale) * dear) + fine
     return prices
