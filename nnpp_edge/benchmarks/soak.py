@@ -1,7 +1,8 @@
 """The onboard loop's planner for many ticks on a map that never rests: does it keep time, memory and its word?
 
 ``python -m nnpp_edge.benchmarks.soak --ticks 60000 --size 512`` drives a robot from goal to goal, ticks as fast as
-possible, with changes of the map at every tick, and checks each path apart from the loop.
+possible, with changes of the map at every tick, and checks each path apart from the loop. With ``--vehicle`` it has a
+body, and gets patches of the heights around it.
 """
 
 import gc
@@ -10,12 +11,13 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import click
 import numpy as np
 
 from nnpp_edge.benchmarks.dynamic_scene import dynamic_methods, run_alone
-from nnpp_edge.profiling.suites import synthetic_cases
+from nnpp_edge.profiling.suites import TerrainFiles, check_sizes, synthetic_cases, terrain_cases
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.histogram import Histogram
@@ -23,11 +25,13 @@ from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Input
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.realtime import rss_bytes
-from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.planners.plan import DynamicMethod
-from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
+from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.labels import random_query
+from nnpp_edge.terrain.rocks import with_rocks
+from nnpp_edge.terrain.vehicle_files import load_vehicle
 
 RATE_HZ = 17.0
 """The rate at which late ticks are counted (the paper's rover plans at 17 Hz)."""
@@ -35,7 +39,7 @@ _WARM_UP = 0.1
 """Share of the ticks after which memory is read for the first time."""
 _PATIENCE = 50
 """Ticks without a path, or without a step, after which the robot gets another goal."""
-_WORKLOAD = "limit20"
+_WORKLOAD, _BODY_WORKLOAD = "limit20", "body"
 _TRIES = 200
 
 
@@ -56,7 +60,7 @@ class Soaked:
     without_path: int
     """Ticks whose answer was not OK; obstacles can wall the robot or its goal in."""
     invalid: int
-    """Paths that crossed a cell which the newest map forbids, or were broken. 0, or the loop is at fault."""
+    """Paths that crossed a cell or a pose that the newest map forbids, or were broken. 0, or the loop is at fault."""
     errors: dict[str, int]
     ticks_per_s: float
     """By the time spent in ticks, map changes included."""
@@ -72,28 +76,28 @@ class Soaked:
 
 def soak(
     method: str,
+    ground: SurveyedGround,
     *,
     ticks: int,
-    size: int,
     changes: int = 1,
     seed: int = 1,
     model: str = "edge",
     progress: Callable[[int], None] = lambda done: None,
 ) -> Soaked:
-    """Let one method plan for `ticks` (at least 1) on a synthetic map of `size` (at least 32) cells a side.
+    """Let one method plan for `ticks` (at least 1) on ground of at least 32 cells a side; see `soak_ground`.
 
     At every tick `changes` obstacles appear, move or vanish. A tick's time is that of taking its changes in and of
     its answer, not that of the simulated world. InvalidQueryError if a number is out of range, or there is no such
     method.
     """
+    size = min(ground.true.shape)
     if ticks < 1 or size < 32:
         raise InvalidQueryError(f"a soak needs at least 1 tick and a map of 32 cells, got {ticks} and {size}")
     rng = np.random.default_rng(seed)
-    ground = _ground(size, seed)
     course = _Course(ground, rng, changes)
     gc.collect()
     start_mb = rss_mb()
-    navigator = Navigator(World(course.scene.told), NavigatorSettings(method=method, model=model))
+    navigator = Navigator(ground.robot.world(course.scene.told), NavigatorSettings(method=method, model=model))
     histogram, overruns, failed, warm_mb = Histogram(), 0, 0, start_mb
     for tick in range(ticks):
         inputs = list(course.poll())
@@ -138,7 +142,7 @@ class _Course:
 
     def __init__(self, ground: SurveyedGround, rng: np.random.Generator, changes: int) -> None:
         self._ground, self._rng, self._changes = ground, rng, changes
-        self._planner = Planner(ground.true)
+        self._planner, self._costs = ground.planner(), ground.costs()
         self._planner.touch()  # what the course needs is not to look like growth of the loop
         self.goals, self.reached, self._stuck = 1, 0, 0
         start, goal = self._query(None)
@@ -163,7 +167,7 @@ class _Course:
     def _query(self, robot: Cell | None) -> Endpoints:
         """A start (the robot's cell) and a goal that is far from it and truly connected."""
         for _ in range(_TRIES):
-            query = random_query(self._rng, self._ground.true, 0.4 * len(self._ground.true))
+            query = random_query(self._rng, self._costs, 0.4 * len(self._costs))
             if query is None:
                 continue
             start = query[0] if robot is None else robot
@@ -172,10 +176,23 @@ class _Course:
         raise InvalidQueryError(f"no goal was found in {_TRIES} tries")
 
 
-def _ground(size: int, seed: int) -> SurveyedGround:
-    """Synthetic terrain, surveyed as it is: what changes are the obstacles."""
-    cost = next(synthetic_cases(_WORKLOAD, size, seed)).cost
-    return SurveyedGround(cost, cost.copy())
+def soak_ground(
+    size: int, seed: int = 1, dems: Sequence[Dem] = (), vehicle: Vehicle | None = None, rocks: float = 0.0
+) -> SurveyedGround:
+    """A part of the terrain, or synthetic ground, `size` cells a side, with rocks on a share of it.
+
+    What the robot's first map lacks are obstacles, and rocks. InvalidQueryError if a terrain is smaller.
+    """
+    workload = _WORKLOAD if vehicle is None else _BODY_WORKLOAD
+    if dems:
+        check_sizes(dems, (size,))
+        below = next(terrain_cases(dems, workload, size, seed, vehicle=vehicle)).ground
+    else:
+        below = next(synthetic_cases(workload, size, seed, vehicle=vehicle)).ground
+    assert below is not None
+    bare, (height_m, width_m) = below.elevation, (below.cell_size_m, below.cell_width_m)
+    heights = with_rocks(bare, height_m, rocks, seed, cell_width_m=width_m) if rocks else bare
+    return SurveyedGround.of(heights, height_m, below.limits, 1, width_m, vehicle, bare=bare)
 
 
 def rss_mb() -> float:
@@ -204,6 +221,10 @@ def render(rows: Sequence[Soaked]) -> str:
 @click.command()
 @click.option("--ticks", type=click.IntRange(1), default=60_000, show_default=True)
 @click.option("--size", type=click.IntRange(32), default=512, show_default=True, help="Side of the map.")
+@click.option("--terrain", multiple=True, type=click.Path(path_type=Path), help="Elevation file; else synthetic.")
+@click.option("--rescale", type=float, help="Rescale the terrain to cells of so many metres, slopes kept.")
+@click.option("--vehicle", "vehicle_name", metavar="NAME|FILE", help="A shipped vehicle, or one from TOML.")
+@click.option("--rocks", type=click.FloatRange(0.0, 0.2), default=0.0, help="Share of the ground under rocks.")
 @click.option("--changes", type=click.IntRange(0), default=1, show_default=True, help="Of the map, at every tick.")
 @click.option(
     "--methods", default="auto", show_default=True, help=f"Of {', '.join(DynamicMethod)}, joined by commas."
@@ -211,14 +232,28 @@ def render(rows: Sequence[Soaked]) -> str:
 @click.option("--model", default="edge", show_default=True, help="Shipped model or file.")
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--json", "json_wanted", is_flag=True, help="Print JSON for programs.")
-def main(ticks: int, size: int, changes: int, methods: str, model: str, seed: int, json_wanted: bool) -> None:
+def main(
+    ticks: int,
+    size: int,
+    terrain: tuple[Path, ...],
+    rescale: float | None,
+    vehicle_name: str | None,
+    rocks: float,
+    changes: int,
+    methods: str,
+    model: str,
+    seed: int,
+    json_wanted: bool,
+) -> None:
     """Plan for many ticks; exit code 1 if a path was invalid."""
     from nnpp_edge.progress import bar
 
-    rows = []
-    for name in dynamic_methods(methods):
+    names, rows = dynamic_methods(methods), []
+    vehicle = None if vehicle_name is None else load_vehicle(vehicle_name)
+    ground = soak_ground(size, seed, TerrainFiles(terrain, rescale).read(), vehicle, rocks)
+    for name in names:
         with bar(f"soak {name}", ticks, quiet=True) as advance:
-            rows.append(soak(name, ticks=ticks, size=size, changes=changes, seed=seed, model=model, progress=advance))
+            rows.append(soak(name, ground, ticks=ticks, changes=changes, seed=seed, model=model, progress=advance))
     click.echo(json.dumps([asdict(row) for row in rows], indent=1) if json_wanted else render(rows))
     sys.exit(int(any(row.invalid for row in rows)))
 

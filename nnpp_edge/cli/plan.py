@@ -33,6 +33,8 @@ _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
 _LOOKED_AROUND = 64
 """Cells around an end that are tried for a place where the vehicle stands."""
+_MOST_SHOWN = 1 << 20
+"""Cells of a map whose poses are all checked for a picture, a tenth of a second."""
 _BYTES_PER_POSED_CELL = 12
 """More for a vehicle: four codes and another height."""
 _BYTES_PER_CELL = 24
@@ -102,17 +104,15 @@ def command(
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
     limits, body = terrain.limits(), vehicle.make()
-    if request.price != "eq1" and (body is None or body.is_disc):
+    if "price" in options.given_options() and (body is None or body.is_disc):
         raise click.UsageError("--price is for a vehicle with a body: give --vehicle too")
     if output is not None:
         options.check_outputs(*(("--output", path) for path in files_in(output)), make_folders=True)
     bytes_per_cell = _BYTES_PER_CELL + (_BYTES_PER_POSED_CELL if body else 0)
-    if not reads_by_windows(dem, terrain, memory, bytes_per_cell):
-        planned = plan_whole(request, dem, terrain, limits, body, hillshade=hillshade, drawn=output is not None)
-    elif body is None:
+    if reads_by_windows(dem, terrain, memory, bytes_per_cell, has_body=body is not None):
         planned = plan_by_windows(request, dem, terrain, limits, hillshade=hillshade, drawn=output is not None)
     else:
-        raise click.UsageError("a vehicle is planned for on maps that fit into memory: leave --vehicle out")
+        planned = plan_whole(request, dem, terrain, limits, body, hillshade=hillshade, drawn=output is not None)
     answer = planned.answer
     if answer.plan.source is None:  # no search was made
         from nnpp_edge.runtime.errors import InvalidQueryError
@@ -149,6 +149,8 @@ def plan_whole(
     if not (cost < 1.0).any():
         refuse_impassable(ground)
     answer, shade = find(request, ground, cost, limits, vehicle, keep_regions=drawn), None
+    if drawn and vehicle is not None and answer.plan.source is not None:
+        answer = _beside_a_point(answer, request, ground, cost, vehicle)
     if hillshade and drawn:
         from nnpp_edge.viz.picture import hillshade as shaded
 
@@ -215,6 +217,23 @@ def find(
         loading_included=not request.compare and request.time_limit is None,
         vehicle=vehicle,
     )
+
+
+def _beside_a_point(answer: Answer, request: Request, dem: Dem, cost: Float2D, vehicle: Vehicle) -> Answer:
+    """With what the picture shows beside a vehicle's path: where it stands, and with --compare a point's optimum."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from nnpp_edge.runtime import Planner, pose_costs
+
+    if dem.elevation.size <= _MOST_SHOWN and not vehicle.is_disc:
+        poses = pose_costs(dem.elevation, dem.cell_size_m, vehicle, cell_width_m=dem.cell_width_m)
+        answer = replace(answer, stands=np.isfinite(poses.min(0)))
+    if request.compare:
+        planner = Planner(cost, omega=request.omega, corner_cutting=request.corner_cutting)
+        answer = replace(answer, point_path=planner.plan(answer.start, answer.goal, method="astar").path)
+    return answer
 
 
 def _driven(plan: Plan, cost: Float2D, dem: Dem, vehicle: Vehicle) -> Route:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
     from nnpp_edge.terrain.georeference import Place
     from nnpp_edge.terrain.route import Route
+    from nnpp_edge.viz.picture import BodyDrawing
     from nnpp_edge.viz.sheet import Cells
 
 _MOST_UNEQUAL_SIDES = 0.02
@@ -151,6 +152,10 @@ class Answer:
     """What was read, where the map was read by windows."""
     vehicle: Vehicle | None = None
     """Whose poses the path goes by; None for a point."""
+    stands: NDArray[np.bool_] | None = None
+    """(H, W) cells on which the vehicle stands in some heading, for the picture."""
+    point_path: Cells | None = None
+    """The optimum of a point between the same ends, for the picture."""
 
     def figures(self, files: list[str]) -> dict[str, object]:
         """Ready for JSON."""
@@ -216,13 +221,12 @@ class Answer:
         The picture is drawn on the cost map, or on one whose cells are `factor` times as large.
         """
         from nnpp_edge.files import write_all
-        from nnpp_edge.viz.picture import body_outlines, plan_picture, png_bytes
+        from nnpp_edge.viz.picture import plan_picture, png_bytes
 
         geojson, csv, png, json_file = paths = files_in(folder)
         files = [str(path) for path in paths]
         figures = self.figures(files)
         dem = self.route.dem
-        sides = dem.cell_size_m, dem.cell_width_m
         picture = plan_picture(
             cost,
             self.plan if factor == 1 else replace(self.plan, path=self.plan.path // factor),
@@ -232,7 +236,7 @@ class Answer:
             reference_path=self.exact_path,
             cell_size_m=dem.cell_width_m * factor,
             length_m=self.route.length_m,
-            bodies=body_outlines(self.plan.path, self.vehicle, sides) if self.vehicle is not None else (),
+            **({} if self.vehicle is None else {"body": self._body()}),
         )
         write_all(
             {
@@ -243,6 +247,14 @@ class Answer:
             }
         )
         return files
+
+    def _body(self) -> BodyDrawing:
+        """What the picture shows of the vehicle."""
+        from nnpp_edge.viz.picture import BodyDrawing, body_outlines
+
+        assert self.vehicle is not None
+        sides = self.route.dem.cell_size_m, self.route.dem.cell_width_m
+        return BodyDrawing(body_outlines(self.plan.path, self.vehicle, sides), self.stands, self.point_path)
 
     def _worst(self) -> str:
         """The steepest that the vehicle may stand on the path, its least clearance, and the poses checked."""

@@ -9,8 +9,12 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.profile_run import STDOUT, ProfileOptions
 
-_ONLY_WITH_PROFILE, _ONLY_WITH_PEERS = ("html", "start_up", "save_choice"), ("limit_s", "output")
-_PROFILE = "A shipped profile (paper, edge-2core, single-core, quick) or a TOML file."
+_ONLY_WITH_PROFILE = ("vehicle", "html", "start_up", "save_choice")
+_ONLY_WITH_PEERS = ("limit_s", "output")
+_PROFILE = "A shipped profile (paper, edge-2core, single-core, quick, rover) or a TOML file."
+_VEHICLE = (
+    "Whose the workloads body and body-rocksN are, in place of the profile's: a shipped vehicle or a TOML file."
+)
 _JSON = "The report as JSON: to a file, or printed."
 _MARKDOWN = "The report, with --peers its tables, as Markdown: to a file, or printed."
 _SIZES = (
@@ -29,6 +33,7 @@ _LIMIT = "With --peers: seconds; a planner that needs longer for a query is left
 @click.option("--profile", "profile_name", metavar="NAME|FILE", help=_PROFILE)
 @click.option("--peers", is_flag=True, help="Instead: beside other libraries' grid search.")
 @options.terrain_files(", in place of the profile's; else the sample")
+@click.option("--vehicle", metavar="NAME|FILE", help=_VEHICLE)
 @click.option("--sizes", type=options.Numbers(), help=_SIZES)
 @click.option("--queries", type=options.COUNT, help=_QUERIES)
 @click.option("--seed", type=options.SEED, help=_SEED)
@@ -66,7 +71,9 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
             raise click.UsageError(f"the options of profile do not go with {ctx.invoked_subcommand}")
         return
     if bool(profile_name) == peers:
-        raise click.UsageError("give either --profile (paper, edge-2core, single-core, quick or a file) or --peers")
+        raise click.UsageError(
+            "give either --profile (paper, edge-2core, single-core, quick, rover or a file) or --peers"
+        )
     if given["json_file"] == given["markdown_file"] == STDOUT:
         raise click.UsageError("--json and --markdown cannot both be printed: name a file for one")
     for name in _ONLY_WITH_PROFILE if peers else _ONLY_WITH_PEERS:

@@ -20,6 +20,7 @@ class ProfileOptions:
     cell_size: float | None
     rescale: float | None
     allow_vrt: bool
+    vehicle: str | None
     sizes: tuple[int, ...] | None
     queries: int | None
     seed: int | None
@@ -55,21 +56,30 @@ def run_profile(name: str, given: ProfileOptions) -> int:
     from nnpp_edge.profiling.profile_file import overridden, read_profile
     from nnpp_edge.profiling.report import Watchers, choice_of, profile_machine
     from nnpp_edge.progress import bar
+    from nnpp_edge.terrain.vehicle_files import load_vehicle
 
     choice = _choice_file(given.save_choice)
     profile = read_profile(name)
+    others = (profile.networks.fp32, profile.load.vehicle)
     options.check_outputs(
         *(("--json", given.json_path), ("--html", given.html), ("--markdown", given.markdown_path)),
         ("--save-choice", choice),
-        more_inputs=(*profile.load.terrain, profile.networks.int8, profile.networks.fp32 or ""),
+        more_inputs=(*profile.load.terrain, profile.networks.int8, *filter(None, others)),
         make_folders=True,
     )
     if given.html is not None:
         from nnpp_edge.viz.profile_page import page  # before the run: what it needs may not be installed
-    changes = {key: getattr(given, key) for key in ("cell_size", "rescale", "sizes", "queries", "seed")}
+    names = ("cell_size", "rescale", "sizes", "queries", "seed", "vehicle")
+    changes = {key: getattr(given, key) for key in names}
     changes |= {"allow_vrt": given.allow_vrt or None}
     terrain = tuple(map(str, given.terrain)) or None
     profile, dropped = overridden(profile, terrain=terrain, **changes)
+    if profile.load.vehicle is not None:
+        load_vehicle(profile.load.vehicle)  # before the run: it may be none
+    if choice is not None and profile.load.of_body == profile.load.workloads:
+        raise click.UsageError(
+            "auto chooses by a point's workloads: --save-choice needs soft or limitN in the profile"
+        )
     notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
     with bar("profile", queries_in(profile.load), quiet=True) as advance:
         watchers = Watchers(advance, lambda line: click.echo(line, err=True))

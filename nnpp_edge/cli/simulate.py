@@ -10,20 +10,24 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from nnpp_edge.cli import options
+from nnpp_edge.cli import options, vehicle_options
 from nnpp_edge.cli.options import COUNT, TerrainOptions
+from nnpp_edge.cli.vehicle_options import VehicleOptions
 from nnpp_edge.runtime.cells import Cell
 
 if TYPE_CHECKING:
+    from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.loop.messages import PathMessage
     from nnpp_edge.runtime.loop.sinks import Sink
     from nnpp_edge.runtime.loop.world import World
-    from nnpp_edge.runtime.terrain.traversability import Traversability
-    from nnpp_edge.simulation.scene import SurveyedGround
     from nnpp_edge.simulation.simulate import Drive
     from nnpp_edge.terrain.dem import Dem
 
 _SAMPLE, _SAMPLE_RESCALE = "moon_highlands.npz", 20.0
+_SURVEY = 8
+"""Cells over which a point's first map is blurred by default."""
+_CELLS_TO_A_BODY = 4.0
+"""Cells of the sample along a vehicle."""
 _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
 
 
@@ -50,12 +54,13 @@ _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnp
 @click.option(
     "--survey",
     type=click.IntRange(1, 1000),
-    default=8,
-    help="Blur the first map's heights over so many cells; 1: none.",
+    help="Blur the first map's heights over so many cells; 1: none. By default 8, and 1 with a vehicle.",
 )
-@click.option("--sight", type=COUNT, default=12, help="Cells to each side whose true cost the robot sees.")
+@click.option("--sight", type=COUNT, default=12, help="Cells to each side, beyond the body, that it sees.")
 @click.option("--speed", type=COUNT, default=1, help="Cells a tick.")
 @options.terrain
+@vehicle_options.vehicle
+@click.option("--rocks", type=options.Real(0.0, 0.2), default=0.0, help="Share of the ground under rocks.")
 @options.seed
 @click.option("--log", type=options.NEW_FILE, help="Write inputs and answers as MCAP with ROS 2 messages.")
 @options.view
@@ -66,8 +71,10 @@ def command(
     size: int,
     start: Cell | None,
     goal: Cell | None,
-    survey: int,
+    survey: int | None,
     terrain: TerrainOptions,
+    vehicle: VehicleOptions,
+    rocks: float,
     rate: float | None,
     seed: int,
     log: Path | None,
@@ -80,20 +87,23 @@ def command(
 
     The robot begins with a coarse survey of the terrain, sees the true cost of the cells around it, and walks
     along the newest path; obstacles of cost 1 appear, move and vanish. Every path is checked apart from the loop.
+    With a vehicle these are heights, obstacles are higher than any step, and the body must stand wherever it goes.
+    The survey shows no rocks.
     Exit codes: 0 at the goal, 1 where it was not reached or a path crossed a forbidden cell, 2 for wrong use.
 
     \b
     nnpp-edge simulate --workload limit20 --picture drive.gif --log drive.mcap
+    nnpp-edge simulate --map dem.tif --vehicle small-rover --rocks 0.1 --picture drive.png
     """
     if (start is None) != (goal is None):
         raise click.UsageError("give both --start and --goal, or neither")
 
     from nnpp_edge.simulation.drive_picture import Film, check_name, save_drive
-    from nnpp_edge.simulation.scene import Scene
+    from nnpp_edge.simulation.scene import Scene, SurveyedGround
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
 
     settings = SimulationSettings(rate_hz=rate, seed=seed, **given)
-    limits = terrain.limits()
+    limits, body = terrain.limits(), vehicle.make()
     if picture is not None:
         check_name(picture)
     written = [file for file in (log, picture) if file is not None]
@@ -102,8 +112,13 @@ def command(
     )
     if dem is None:
         dem = Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE))
-        terrain = replace(terrain, rescale=terrain.rescale or _SAMPLE_RESCALE)
-    ground = _ground(terrain.read(dem), size, limits, survey, seed)
+        cell_m = _SAMPLE_RESCALE if body is None or body.is_disc else body.length_m / _CELLS_TO_A_BODY
+        terrain = replace(terrain, rescale=terrain.rescale or cell_m)
+    part = _part(terrain.read(dem), size, seed)
+    survey = survey or (_SURVEY if body is None else 1)
+    heights = _with_rocks(part, rocks, seed)
+    size_m, width_m = part.cell_size_m, part.cell_width_m
+    ground = SurveyedGround.of(heights, size_m, limits, survey, width_m, body, bare=part.elevation)
     if start is None or goal is None:
         start, goal = random_drive(ground, seed)
     film = Film() if picture is not None and picture.suffix.lower() == ".gif" else None
@@ -153,18 +168,26 @@ def text(drive: "Drive", shape: tuple[int, int], written: Sequence[Path]) -> str
     return "\n".join(f"{name:<{width}}{value}" for name, value in lines.items())
 
 
-def _ground(terrain: "Dem", size: int, limits: "Traversability", survey: int, seed: int) -> "SurveyedGround":
+def _part(dem: "Dem", size: int, seed: int) -> "Dem":
     """A random part of the terrain."""
     import numpy as np
 
-    from nnpp_edge.simulation.scene import SurveyedGround
-
-    height, width = terrain.elevation.shape
+    (height, width), rng = dem.shape, np.random.default_rng([seed, 3])
     rows, cols = min(size, height), min(size, width)
-    rng = np.random.default_rng([seed, 3])
     row, col = int(rng.integers(height - rows + 1)), int(rng.integers(width - cols + 1))
-    part = np.ascontiguousarray(terrain.elevation[row : row + rows, col : col + cols])
-    return SurveyedGround.of(part, terrain.cell_size_m, limits, survey, terrain.cell_width_m)
+    return replace(dem, elevation=np.ascontiguousarray(dem.elevation[row : row + rows, col : col + cols]))
+
+
+def _with_rocks(dem: "Dem", cover: float, seed: int) -> "Float2D":
+    """The terrain's heights with rocks on a share of it."""
+    import numpy as np
+
+    from nnpp_edge.terrain.rocks import with_rocks
+
+    if not cover:
+        return dem.elevation
+    rng = np.random.default_rng([seed, 4])
+    return with_rocks(dem.elevation, dem.cell_size_m, cover, rng, cell_width_m=dem.cell_width_m)
 
 
 def _sinks(stack: ExitStack, world: "World", log: Path | None, view: str | None, cell_size_m: float) -> "list[Sink]":

@@ -69,7 +69,9 @@ class Ground:
 
     def world(self) -> World:
         """The map of an onboard loop."""
-        return World.of_elevation(self.elevation, self.cell_size_m, self.limits, cell_width_m=self.cell_width_m)
+        return World.of_elevation(
+            self.elevation, self.cell_size_m, self.limits, cell_width_m=self.cell_width_m, vehicle=self.vehicle
+        )
 
     def with_hill(self, cell: Cell) -> Patch:
         """A square patch around a cell in which a hill stands that is too steep for most rovers: 42°."""

@@ -17,7 +17,6 @@ from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.planners.planner import Planner
 
 HALVES = 2
 _MAPS_TRIED = 20
@@ -177,8 +176,9 @@ def run(
     -----
     The second half repeats the first, query by query. So the halves differ by what happened on the machine
     alone, not by the queries, however few they are. What depends on the map alone is made, and every
-    planner has answered the map's first query, before the clock starts; within a round planners take turns. Maps and
-    patches that have just arrived are measured afterwards, map by map: they drive the standing map out of the caches.
+    planner has answered the map's first query, before the clock starts; within a round planners take turns. On a
+    vehicle's map each call is that of a new planner, which has checked no pose. Maps and patches that have just
+    arrived are measured afterwards, map by map: they drive the standing map out of the caches.
     """
     maps, meter, arriving = ProfileMaps(load), EnergyMeter(), arriving or Arriving()
     runs: dict[tuple[str, int], WorkloadRun] = {}
@@ -213,9 +213,9 @@ def _solvable(maps: ProfileMaps, of: WorkloadRun, load: Load) -> Iterator[tuple[
     missing = {True: load.queries, False: load.near}
     for on_map in islice(maps.maps(of.workload, of.size), _MAPS_TRIED * (load.queries + load.near)):
         chosen: list[ProfileQuery] = []
-        planner = Planner(on_map.cost)
+        connects = on_map.connections()
         for query in on_map.queries:
-            if missing[query.judged] and planner.plan(query.start, query.goal, method=Method.CORRIDOR).ok:
+            if missing[query.judged] and connects(query):
                 missing[query.judged] -= 1
                 chosen.append(query)
         of.queries_by_map.append(chosen)
@@ -243,10 +243,11 @@ class _Session:
         self, on_map: ProfileMap, queries: list[ProfileQuery], of: WorkloadRun, half: int, disturbance: Disturbance
     ) -> None:
         """Have all planners answer the queries on one map, and count the answers."""
-        calls = {rival.name: _call(rival.planner(on_map.cost), rival.method) for rival in self.rivals}
+        planners = _Planners(self.rivals, on_map)
+        calls = {rival.name: planners.call(rival) for rival in self.rivals}
         for call in calls.values():
             call(queries[0])  # the map's own work, and warm caches
-        observer = _PlanObserver(of, self.meter, disturbance)
+        observer = _PlanObserver(of, self.meter, disturbance, planners)
         disturbance.start()
         for records in self.harness.measure(calls, queries, repeats=self.repeats, observer=observer):
             for rival in self.rivals:
@@ -282,19 +283,36 @@ class _Session:
         return 1e3 * seconds
 
 
-def _call(planner: FindsPlans, method: Method) -> Callable[[ProfileQuery], Plan]:
-    return lambda query: planner.plan(query.start, query.goal, method=method)
+class _Planners:
+    """The rivals' planners on one map: kept from call to call, or with a vehicle new for each."""
+
+    def __init__(self, rivals: Sequence[RivalPlanner], on_map: ProfileMap) -> None:
+        self._rivals, self._map = {rival.name: rival for rival in rivals}, on_map
+        self._planners = {name: self._planner(rival) for name, rival in self._rivals.items()}
+
+    def call(self, rival: RivalPlanner) -> Callable[[ProfileQuery], Plan]:
+        """The rival as a function of a query."""
+        return lambda query: rival.plan(self._planners[rival.name], (query.start, query.goal))
+
+    def forget_poses(self, name: str) -> None:
+        """Have a rival of a vehicle answer with a planner that has checked no pose."""
+        if self._map.has_body:
+            self._planners[name] = self._planner(self._rivals[name])
+
+    def _planner(self, rival: RivalPlanner) -> FindsPlans:
+        return rival.planner_of(self._map.ground, lazy=True) if self._map.has_body else rival.planner(self._map.cost)
 
 
 class _PlanObserver(Observer[Plan]):
-    """Counts each call's energy, and leaves runs of the network out of the disturbance."""
+    """Makes what a call takes, counts its energy, and leaves runs of the network out of the disturbance."""
 
-    def __init__(self, of: WorkloadRun, meter: EnergyMeter, disturbance: Disturbance) -> None:
-        self._of, self._meter, self._disturbance = of, meter, disturbance
+    def __init__(self, of: WorkloadRun, meter: EnergyMeter, disturbance: Disturbance, planners: _Planners) -> None:
+        self._of, self._meter, self._disturbance, self._planners = of, meter, disturbance, planners
         self._counters: list[int] = []
         self._worked_s = 0.0
 
     def before(self, rival: str) -> None:
+        self._planners.forget_poses(rival)
         self._counters = self._meter.read()
         self._worked_s = time.thread_time()
 

@@ -81,6 +81,8 @@ class Load(_Table, frozen=True):
     allow_vrt: bool = False
     """Whether a GDAL VRT is read, too."""
     workloads: Names = ("soft",)
+    vehicle: str | None = None
+    """Name of a shipped one or a TOML file: whose the workloads ``body`` and ``body-rocksN`` are."""
     sizes: Annotated[tuple[Annotated[int, Meta(ge=16, le=1 << 15)], ...], Meta(min_length=1)] = (256,)
     queries: Count = 60
     """For each workload and size."""
@@ -96,13 +98,24 @@ class Load(_Table, frozen=True):
         self.check_different("terrain", "workloads", "sizes")
         mixed = SYNTHETIC in self.terrain and len(self.terrain) > 1
         self.refuse_unless(not mixed, "terrain", f"{SYNTHETIC!r} alone, or files")
-        from nnpp_edge.terrain.workloads import workload
+        try:
+            bodies = self.of_body
+        except InvalidQueryError as error:
+            raise ValueError(f"workloads: {error}") from None
+        needs = (
+            f"a vehicle for the workload {bodies[0]}" if bodies else "none without the workload body or body-rocksN"
+        )
+        self.refuse_unless(bool(bodies) == (self.vehicle is not None), "vehicle", needs)
 
-        for name in self.workloads:
-            try:
-                workload(name)
-            except InvalidQueryError:
-                self.refuse_unless(False, "workloads", "'soft' or 'limitN' with N in (0, 90) degrees")
+    @property
+    def of_body(self) -> tuple[str, ...]:
+        """The vehicle's workloads; InvalidQueryError where one of all has no meaning."""
+        from nnpp_edge.terrain.workloads import body_rocks, workload
+
+        found = tuple(name for name in self.workloads if body_rocks(name) is not None)
+        for name in set(self.workloads) - set(found):
+            workload(name)
+        return found
 
 
 class Networks(_Table, frozen=True):
@@ -227,8 +240,9 @@ class Profile(msgspec.Struct, frozen=True):
         return list(product(workloads, (budget.size,) if budget.size else self.load.sizes))
 
     def facts(self) -> dict[str, object]:
-        """For JSON: terrain by name only; without the loop, which is not measured."""
-        load = replace(self.load, terrain=tuple(Path(each).name for each in self.load.terrain))
+        """For JSON: terrain and vehicle by name only; without the loop, which is not measured."""
+        vehicle = self.load.vehicle and Path(self.load.vehicle).name
+        load = replace(self.load, terrain=tuple(Path(each).name for each in self.load.terrain), vehicle=vehicle)
         facts: dict[str, object] = msgspec.to_builtins(replace(self, load=load))
         del facts["loop"]
         return facts

@@ -1,7 +1,7 @@
 """The maps and queries of a profile: crops of terrain, synthetic terrain where no file is large enough."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +12,11 @@ from nnpp_edge.profiling.profile_file import SAMPLE, Load
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, SYNTHETIC, TerrainFiles, cases_from, source_of
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.planners.plan import Method
+from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.labels import random_points
+from nnpp_edge.terrain.vehicle_files import load_vehicle
 
 _LEAST_NEAR = 6.0
 """Cells between start and goal of the nearest queries."""
@@ -43,6 +46,16 @@ class ProfileMap:
     ground: Ground
     queries: tuple[ProfileQuery, ...]
 
+    @property
+    def has_body(self) -> bool:
+        """Whether a vehicle's poses cost; they are checked by each planner, `cost` has the best of each cell."""
+        return self.ground.vehicle is not None
+
+    def connections(self) -> Callable[[ProfileQuery], bool]:
+        """Whether there is a path, as a function of the query."""
+        planner = self.ground.planner() if self.has_body else Planner(self.cost)
+        return lambda query: planner.plan(query.start, query.goal, method=Method.CORRIDOR).ok
+
 
 class ProfileMaps:
     """Where a profile's maps come from. The same load gives the same maps on any machine.
@@ -50,11 +63,12 @@ class ProfileMaps:
     Raises
     ------
     TerrainError, InvalidQueryError
-        A terrain file cannot be read.
+        A terrain file or the vehicle's cannot be read.
     """
 
     def __init__(self, load: Load) -> None:
         self.load = load
+        self._vehicle = None if load.vehicle is None else load_vehicle(load.vehicle)
         self.dems: list[Dem] = []
         for name in () if load.terrain == (SYNTHETIC,) else load.terrain:
             paths = () if name == SAMPLE else (Path(name),)
@@ -68,7 +82,7 @@ class ProfileMaps:
         """Maps of one workload and size, without end; on each a share of the far and of the near queries."""
         load, source = self.load, self.source(size)
         near_per_map = math.ceil(load.near * QUERIES_PER_MAP / load.queries)
-        for at, case in enumerate(cases_from(self.dems, name, size, load.seed, load.min_distance)):
+        for at, case in enumerate(cases_from(self.dems, name, size, load.seed, load.min_distance, self._vehicle)):
             rng = np.random.default_rng([load.seed, size, at])
             near = _near(rng, case.cost, near_per_map, load.min_distance * size)
             far = tuple(ProfileQuery(start, goal, True) for start, goal in case.queries)

@@ -21,7 +21,7 @@ from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.runtime.planners.choice import Choice, Rule
 from nnpp_edge.runtime.planners.plan import Method
-from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.terrain.workloads import body_rocks
 
 SCHEMA = 1
 _START_UP = ("astar", "corridor", "nnpp", "auto")
@@ -65,6 +65,7 @@ def profile_machine(
     results, loop = rows(measured), loop_rows(measured)
     noise = _noise(measured.disturbance, profile.stability.disturbance)
     lines = judged(profile, results, whole_run, noise, loop)
+    of_points = [row for row in results if body_rocks(row["workload"]) is None]
     ending = verdict(lines, noise)
     return Report(
         schema=SCHEMA,
@@ -76,8 +77,8 @@ def profile_machine(
         budgets=lines,
         results=results,
         loop=loop,
-        break_even=break_even.break_even(results),
-        rules=break_even.rules(results),
+        break_even=break_even.break_even(of_points or results),
+        rules=break_even.rules(of_points),
         disturbance=_disturbance(measured, noise.words),
         besides=whole_run,
         profiler_peak_memory_mb=own_peak_mb,
@@ -134,12 +135,12 @@ def _peak_memory_mb(profile: Profile, rivals: Sequence[RivalPlanner]) -> dict[st
     """By planner, on a map of the greatest size whose first query has a path."""
     for on_map in ProfileMaps(profile.load).maps(profile.load.workloads[0], max(profile.load.sizes)):
         query = on_map.queries[0]
-        if Planner(on_map.cost).plan(query.start, query.goal, method=Method.CORRIDOR).ok:
+        if on_map.connections()(query):
             break
     found = {}
     for rival in rivals:
         model = rival.model.path if rival.model is not None else model_path(profile.networks.int8)
-        if (peak := peak_memory_mb(on_map.cost, query, rival.method, str(model))) is not None:
+        if (peak := peak_memory_mb(on_map, query, rival.method, str(model))) is not None:
             found[rival.name] = peak
     return found
 

@@ -190,13 +190,18 @@ def source_of(dems: Sequence[Dem], size: int) -> str:
 
 
 def cases_from(
-    dems: Sequence[Dem], name: str, size: int, seed: int, least_distance: float = LEAST_DISTANCE
+    dems: Sequence[Dem],
+    name: str,
+    size: int,
+    seed: int,
+    least_distance: float = LEAST_DISTANCE,
+    vehicle: Vehicle | None = None,
 ) -> Iterator[Case]:
     """`terrain_cases` of the terrain that is large enough; `synthetic_cases` where none is."""
     fitting = large_enough(dems, size)
     if fitting:
-        return terrain_cases(fitting, name, size, seed, least_distance)
-    return synthetic_cases(name, size, seed, least_distance)
+        return terrain_cases(fitting, name, size, seed, least_distance, vehicle)
+    return synthetic_cases(name, size, seed, least_distance, vehicle)
 
 
 def _with_queries(

@@ -14,8 +14,8 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import PathMessage
 from nnpp_edge.simulation.scene import Scene
 from nnpp_edge.simulation.simulate import Drive
-from nnpp_edge.viz.picture import IMPASSABLE, OPTIMUM, PATH, cost_picture, save_picture
-from nnpp_edge.viz.sheet import Colour, MapDrawing, Picture
+from nnpp_edge.viz.picture import BODY, IMPASSABLE, OPTIMUM, PATH, body_outlines, cost_picture, save_picture
+from nnpp_edge.viz.sheet import INK, Colour, MapDrawing, Picture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -39,14 +39,22 @@ def check_name(path: Path) -> None:
 
 
 def drive_picture(scene: Scene, drive: Drive) -> Picture:
-    """The true cost, the way driven, and the optimum for a robot that knew everything."""
-    sheet = MapDrawing(cost_picture(scene.ground.true))
+    """The true cost, the way driven, and the optimum for a robot that knew everything.
+
+    Of a body the outline is drawn along the way; the cost of a cell is that of its best heading there.
+    """
+    sheet = MapDrawing(cost_picture(scene.ground.costs()))
     sheet.line(drive.driven, DRIVEN, 4.0)
     sheet.line(drive.optimal, OPTIMUM, 2.0, dashed=True)
+    bodies = _bodies(scene, drive.driven)
+    for outline in bodies:
+        sheet.line(outline, INK, 2.5)
+        sheet.line(outline, BODY, 1.2)
     sheet.star(sheet.at(drive.goal))
     sheet.square(sheet.at(drive.start))
     ends = [sheet.symbol_key(sheet.square, "start"), sheet.symbol_key(sheet.star, "goal")]
     lines = [sheet.line_key(DRIVEN, "driven"), sheet.line_key(OPTIMUM, "optimum, with all known", dashed=True)]
+    lines += [sheet.line_key(BODY, "vehicle")] * bool(bodies)
     costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
     if drive.excess is not None:
         costs += f" (+{100 * drive.excess:.1f} %)"
@@ -56,7 +64,7 @@ def drive_picture(scene: Scene, drive: Drive) -> Picture:
 
 
 class Film:
-    """Frames of a drive: the map as the loop has it, the way driven, the robot and its path.
+    """Frames of a drive: the map as the loop has it, the way driven, the robot, its path, and its body along that.
 
     At most 80 frames are kept. When there are more, every second one is dropped, and half as many are made from then.
     """
@@ -92,13 +100,17 @@ def save_drive(path: Path, scene: Scene, drive: Drive, film: Film | None) -> Non
 
 
 def _frame(scene: Scene, message: PathMessage) -> Picture:
-    ground = cost_picture(scene.told)
+    ground = cost_picture(scene.ground.robot.costs(scene.told))
     factor = _FRAME_PIXELS / max(ground.shape[:2])
     size = (round(ground.shape[1] * factor), round(ground.shape[0] * factor))
     picture: Picture = cv2.resize(ground, size, interpolation=cv2.INTER_NEAREST)  # type: ignore[assignment]
-    for cells, colour in ((message.path, PATH), (np.array(scene.driven, np.int32), DRIVEN)):
+    driven = np.array(scene.driven, np.int32)
+    lines: list[tuple[NDArray[np.generic], Colour, int]] = [(message.path, PATH, 2), (driven, DRIVEN, 2)]
+    lines += [(outline, BODY, 1) for outline in _bodies(scene, message.path)]
+    lines += [(outline, _ROBOT, 2) for outline in _bodies(scene, driven)[-1:]]
+    for cells, colour, width in lines:
         if len(cells):
-            cv2.polylines(picture, [_pixels(cells, factor)], False, colour, 2, cv2.LINE_AA)
+            cv2.polylines(picture, [_pixels(cells, factor)], False, colour, width, cv2.LINE_AA)
     row, col, rows, cols = scene.seen
     corners = _pixels(np.array([(row, col), (row + rows - 1, col + cols - 1)]), factor)
     cv2.rectangle(picture, corners[0].tolist(), corners[1].tolist(), SEEN, 1)
@@ -108,8 +120,14 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     return picture
 
 
-def _pixels(cells: NDArray[np.integer], factor: float) -> NDArray[np.int32]:
-    pixels: NDArray[np.int32] = np.rint((cells[:, ::-1] + 0.5) * factor - 0.5).astype(np.int32)
+def _bodies(scene: Scene, path: NDArray[np.int32]) -> list[NDArray[np.float64]]:
+    """(5, 2) outlines of the robot's body along a path, rows and columns; none of a point."""
+    robot = scene.ground.robot
+    return [] if robot.vehicle is None else body_outlines(path, robot.vehicle, robot.sides_m)
+
+
+def _pixels(cells: NDArray[np.generic], factor: float) -> NDArray[np.int32]:
+    pixels: NDArray[np.int32] = np.rint((cells[:, ::-1].astype(np.float64) + 0.5) * factor - 0.5).astype(np.int32)
     return pixels
 
 
@@ -118,7 +136,7 @@ def _palette(picture: Picture) -> "Image":
     from PIL import Image
 
     greys = [(level, level, level) for level in np.linspace(0, 255, _GREYS).astype(int).tolist()]
-    colours = [*greys, IMPASSABLE, PATH, DRIVEN, SEEN, _GOAL, _ROBOT]
+    colours = [*greys, IMPASSABLE, PATH, BODY, DRIVEN, SEEN, _GOAL, _ROBOT]
     palette = Image.new("P", (1, 1))
     palette.putpalette([value for blue, green, red in colours for value in (red, green, blue)])
     image = Image.fromarray(np.ascontiguousarray(picture[..., ::-1]))

@@ -1,7 +1,7 @@
 """A small simulated world for the onboard loop: ground that is not what the map says, a robot, and obstacles."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -11,19 +11,24 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
+from nnpp_edge.runtime.loop.world import Terrain
+from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
-from nnpp_edge.terrain.obstacles import OBSTACLE, Obstacles
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
+from nnpp_edge.simulation.robots import Body, Point, Robot
+from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
 
 
 @dataclass(frozen=True, eq=False)
 class SurveyedGround:
-    """A terrain as it is, and as a coarse survey has it."""
+    """A terrain as it is, and as a coarse survey has it, in the values that a robot goes by."""
 
     true: Float2D
-    """(H, W) traversability cost."""
+    """(H, W)."""
     surveyed: Float2D
-    """(H, W) traversability cost of blurred heights."""
+    """(H, W) of heights that are blurred, or lack the rocks."""
     cell_size_m: float = 1.0
+    robot: Robot = field(default_factory=Point)
 
     @classmethod
     def of(
@@ -33,27 +38,40 @@ class SurveyedGround:
         limits: Traversability,
         block: int,
         cell_width_m: float | None = None,
+        vehicle: Vehicle | None = None,
+        *,
+        bare: Float2D | None = None,
     ) -> "SurveyedGround":
         """From heights; the survey has them blurred by a Gaussian of half a `block` of cells (1 knows all).
+
+        Of ground with rocks the survey has the `bare` heights. To a body, the edge of what it has seen of ground that
+        was much blurred is a step, and may shut it in.
 
         Raises
         ------
         InvalidQueryError
             `block` is less than 1, or no cell's height is known.
+        InvalidMapError
+            The vehicle is a disc.
         """
         if block < 1:
             raise InvalidQueryError(f"the survey's blocks must be of at least 1 cell, got {block}")
-        true = traversability_cost(elevation, cell_size_m, limits, cell_width_m=cell_width_m, warn=False)
-        if block == 1:
-            return cls(true, true.copy(), cell_size_m)
-        known = np.isfinite(elevation)
-        if not known.any():
-            raise InvalidQueryError("wanted an elevation map, got no cell with a known height")
-        filled = np.where(known, elevation, elevation[known].mean()).astype(np.float32)
-        blurred = cv2.GaussianBlur(filled, (0, 0), block / 2.0, borderType=cv2.BORDER_REPLICATE)
-        smooth: Float2D = np.where(known, blurred, np.nan).astype(np.float32)
-        surveyed = traversability_cost(smooth, cell_size_m, limits, cell_width_m=cell_width_m, warn=False)
+        bare = elevation if bare is None else bare
+        heights = (elevation, bare.copy() if block == 1 else _blurred(bare, block / 2.0))
+        if vehicle is not None:
+            return cls(*heights, cell_size_m, Body(Terrain(cell_size_m, limits, cell_width_m, vehicle)))
+        true, surveyed = (
+            traversability_cost(each, cell_size_m, limits, cell_width_m=cell_width_m, warn=False) for each in heights
+        )
         return cls(true, surveyed, cell_size_m)
+
+    def costs(self) -> Float2D:
+        """(H, W) true traversability costs; impassable from 1 up."""
+        return self.robot.costs(self.true)
+
+    def planner(self) -> Planner:
+        """Of the truth."""
+        return self.robot.planner(self.true)
 
 
 class Scene:
@@ -67,7 +85,7 @@ class Scene:
     start, goal : (row, col)
         Cells that are truly passable. Around both the true costs are known from the beginning.
     sight : int
-        Cells that the robot sees to each side, at least 1.
+        Cells that the robot sees to each side, beyond those under its body; at least 1.
     speed : int
         Cells that it walks between two polls, at least 1.
     changes : int
@@ -97,23 +115,26 @@ class Scene:
         for name, cell in (("start", start), ("goal", goal)):
             if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
                 raise InvalidQueryError(f"{name} {cell} lies outside the map of {rows} × {cols} cells")
-            if not ground.true[cell] < OBSTACLE:
+            if not ground.robot.stands(ground.true, cell):
                 raise InvalidQueryError(f"{name} {cell} is impassable")
         self.ground, self.robot, self.goal = ground, start, goal
-        self.obstacles = Obstacles((rows, cols), rng)
+        under, obstacle = ground.robot.reach, ground.robot.obstacle(ground.true)
+        self.obstacles = Obstacles((rows, cols), rng, value=obstacle, clear=max(CLEAR, under))
+        self._sight, self._speed, self._changes = sight + under, speed, changes
         self.known = ground.surveyed.copy()
         """(H, W) what has been seen or surveyed, without obstacles."""
         for cell in (start, goal):
-            part = self._around(cell, sight)
+            part = self._around(cell)
             self.known[_slices(part)] = ground.true[_slices(part)]
+        self.now = ground.true.copy()
+        """(H, W) the ground with the obstacles that are there."""
         self.told = self.known.copy()
         """(H, W) the map as the loop has been given it."""
         self.driven: list[Cell] = [start]
         """Cells that the robot walked over, each next to the one before."""
         self.polls = self.waited = self.forbidden = self.answers = 0
         """`forbidden`: published paths that crossed a cell which the map that was told forbids, or were broken."""
-        self._sight, self._speed, self._changes = sight, speed, changes
-        self.seen = self._around(start, sight)
+        self.seen = self._around(start)
         """(row, col, rows, cols) of what the robot sees."""
         self.path = np.empty((0, 2), np.int32)
         """The newest that was published."""
@@ -134,7 +155,7 @@ class Scene:
         parts = [
             part for _ in range(self._changes) for part in self.obstacles.one_event(self.robot, self.goal, self.path)
         ]
-        self.seen = seen = self._around(self.robot, self._sight)
+        self.seen = seen = self._around(self.robot)
         self.known[_slices(seen)] = self.ground.true[_slices(seen)]
         yield from self._patches((*parts, seen))
         yield Pose(self.robot[0] + 0.5, self.robot[1] + 0.5)
@@ -149,46 +170,54 @@ class Scene:
     def _patches(self, parts: Iterable[Rectangle]) -> Iterator[MapPatch]:
         """What is known of these parts, and the obstacles there."""
         for part in parts:
-            cost = self.obstacles.cover(self.known, part)
-            self.told[_slices(part)] = cost
-            yield MapPatch(part[0], part[1], cost=cost)
+            self.now[_slices(part)] = self.obstacles.cover(self.ground.true, part)
+            told = self.obstacles.cover(self.known, part)
+            self.told[_slices(part)] = told
+            yield self.ground.robot.patch(part[0], part[1], told)
 
     def heard(self, message: PathMessage) -> None:
         """Take the loop's answer, which is checked by the definition of a path that can be walked."""
         self.answers += 1
         self.path = message.path
-        if message.ok and not walkable(message.path, self.told, message.goal):
+        if message.ok and not walkable(self.ground.robot, message.path, self.told, message.goal):
             self.forbidden += 1
 
     def _walk(self) -> None:
-        """Along the path, while the next cell is truly free."""
-        before = self.robot
+        """Along the path, while the next step is truly free."""
         at = np.flatnonzero((self.path == self.robot).all(axis=1))
-        if len(at):
-            for row, col in self.path[at[0] + 1 : at[0] + 1 + self._speed].tolist():
-                if not self.obstacles.cover(self.ground.true, (row, col, 1, 1))[0, 0] < OBSTACLE:
-                    break
-                self.robot = (row, col)
-                self.driven.append(self.robot)
-        self.waited += self.robot == before
+        ahead = self.path[at[0] : at[0] + 1 + self._speed] if len(at) else self.path[:1]
+        free = self.ground.robot.steps(self.now, ahead) if len(ahead) > 1 else np.empty(0, np.bool_)
+        count = int(free.cumprod().sum())
+        for row, col in ahead[1 : 1 + count].tolist():
+            self.robot = (row, col)
+            self.driven.append(self.robot)
+        self.waited += not count
 
-    def _around(self, cell: Cell, radius: int) -> Rectangle:
+    def _around(self, cell: Cell) -> Rectangle:
+        """What the robot sees from a cell."""
+        radius = self._sight
         row, col = max(cell[0] - radius, 0), max(cell[1] - radius, 0)
         rows, cols = self.ground.true.shape
         return row, col, min(cell[0] + radius + 1, rows) - row, min(cell[1] + radius + 1, cols) - col
 
 
-def walkable(path: NDArray[np.int32], cost: Float2D, goal: Cell | None) -> bool:
-    """Whether a path leads to the goal over passable cells of a cost map, each next to the one before."""
-    before: tuple[int, int] | None = None
-    rows, cols = cost.shape
-    for row, col in path.tolist():
-        if not (0 <= row < rows and 0 <= col < cols) or not cost[row, col] < OBSTACLE:
-            return False
-        if before is not None and max(abs(row - before[0]), abs(col - before[1])) != 1:
-            return False
-        before = (row, col)
-    return before is not None and before == goal
+def walkable(robot: Robot, path: NDArray[np.int32], values: Float2D, goal: Cell | None) -> bool:
+    """Whether a path leads to the goal over a map, each cell next to the one before, and the robot can take it."""
+    if not len(path) or tuple(path[-1].tolist()) != goal:
+        return False
+    if not ((path >= 0) & (path < values.shape)).all() or (np.abs(np.diff(path, axis=0)).max(axis=1) != 1).any():
+        return False
+    return robot.stands(values, tuple(path[0].tolist())) and bool(robot.steps(values, path).all())
+
+
+def _blurred(elevation: Float2D, sigma: float) -> Float2D:
+    """Heights blurred by a Gaussian of so many cells; InvalidQueryError if none is known."""
+    known = np.isfinite(elevation)
+    if not known.any():
+        raise InvalidQueryError("wanted an elevation map, got no cell with a known height")
+    filled = np.where(known, elevation, elevation[known].mean()).astype(np.float32)
+    blurred = cv2.GaussianBlur(filled, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    return np.where(known, blurred, np.nan).astype(np.float32)
 
 
 def _slices(part: Rectangle) -> tuple[slice, slice]:

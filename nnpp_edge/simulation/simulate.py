@@ -19,7 +19,6 @@ from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.loop.sinks import Sink
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.planners.plan import path_costs
-from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
 
@@ -54,7 +53,7 @@ class SimulationSettings:
     changes: int = 1
     """Events of obstacles between two ticks: one appears, moves or vanishes."""
     sight: int = 12
-    """Cells that the robot sees to each side."""
+    """Cells that the robot sees to each side, beyond those under its body."""
     speed: int = 1
     """Cells that it walks between two ticks."""
     seed: int = 1
@@ -80,8 +79,8 @@ class Drive:
     waited: int
     """Times that the robot stood still."""
     forbidden: int
-    """Published paths that crossed a cell which the map forbade by then; checked apart from the loop. 0, or the loop
-    is at fault."""
+    """Published paths that crossed a cell, or a pose of the vehicle, that the map forbade by then; checked apart from
+    the loop. 0, or the loop is at fault."""
     driven_cost: float
     """Of the cells that the robot walked over, by the true costs without obstacles."""
     optimal_cost: float
@@ -110,10 +109,10 @@ class Drive:
 def random_drive(ground: SurveyedGround, seed: int) -> tuple[Cell, Cell]:
     """A start and a goal that are far apart and truly connected; InvalidQueryError if there are none to be found."""
     rng = np.random.default_rng([seed, 1])
-    planner = Planner(ground.true)
+    costs, planner = ground.costs(), ground.planner()
     least = _LEAST_DISTANCE * max(ground.true.shape)
     for _ in range(_TRIES):
-        query = random_query(rng, ground.true, least)
+        query = random_query(rng, costs, least)
         if query is not None and planner.plan(*query, method="corridor").ok:
             return query
     raise InvalidQueryError(f"no two connected cells {least:.0f} apart were found on the map; give start and goal")
@@ -133,7 +132,7 @@ def simulate(
     Parameters
     ----------
     ground : SurveyedGround
-        True costs, which decide where the robot can go and what it sees; surveyed costs, which are its first map.
+        What is true decides where the robot can go and what it sees; what was surveyed is its first map.
     make_sinks : callable
         Makes the sinks of the answers, given the loop's world. Sinks with a method `record` get the inputs too.
     watch : callable
@@ -147,11 +146,11 @@ def simulate(
     settings = settings or SimulationSettings()
     rng = np.random.default_rng([settings.seed, 2])
     scene = Scene(ground, start, goal, rng, sight=settings.sight, speed=settings.speed, changes=settings.changes)
-    planner = Planner(ground.true)
+    planner = ground.planner()
     best = planner.plan(start, goal, method="astar")
     if not best.ok:
         raise InvalidQueryError(f"the goal {goal} cannot be reached from {start}: {best.status}")
-    world = World(scene.told)
+    world = ground.robot.world(scene.told)
     sinks = list(make_sinks(world))
     source = _RecordedScene(scene, [sink for sink in sinks if isinstance(sink, InputRecorder)])
     histogram = Histogram()
@@ -197,7 +196,7 @@ class _RecordedScene:
 
 def _load_kernels(scene: Scene, settings: NavigatorSettings) -> None:
     """Plan once beside the drive: what a process loads only once is no part of a tick."""
-    navigator = Navigator(World(scene.told), settings)
+    navigator = Navigator(scene.ground.robot.world(scene.told), settings)
     navigator.offer(Pose(*scene.robot))
     navigator.offer(Goal(*scene.goal))
     navigator.tick()

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.cells import Cell, Rectangle, apart
 
 OBSTACLE = 1.0
 """Traversability cost of an obstacle: impassable (the paper's)."""
-_CLEAR = 3
+CLEAR = 3
 """Cells around robot and goal that no obstacle covers."""
 
 _MOST = 12
@@ -31,10 +31,15 @@ _VANISHES, _MOVES = 0.25, 0.35
 
 
 class Obstacles:
-    """Obstacles on a map of this shape, (H, W); the same for the same generator."""
+    """Obstacles on a map of this shape, (H, W); the same for the same generator.
 
-    def __init__(self, shape: tuple[int, int], rng: np.random.Generator) -> None:
-        self.shape, self._rng = shape, rng
+    Their cells have at least this `value`, and stay out of so many `clear` cells around robot and goal.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], rng: np.random.Generator, *, value: float = OBSTACLE, clear: int = CLEAR
+    ) -> None:
+        self.shape, self._rng, self._value, self._clear = shape, rng, value, clear
         self.blocks: list[Rectangle] = []
 
     def one_event(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> list[Rectangle]:
@@ -42,7 +47,7 @@ class Obstacles:
         rng, blocks = self._rng, self.blocks
         if not blocks or (len(blocks) < _MOST and rng.random() < _APPEARS):
             block = self._new(path)
-            if _near(block, (robot, goal)):
+            if self._near(block, robot, goal):
                 return []
             blocks.append(block)
             return [block]
@@ -52,7 +57,7 @@ class Obstacles:
             del blocks[at]
             return [old]
         new = self._moved(old, _REACH, _REACH)
-        if new == old or _near(new, (robot, goal)):
+        if new == old or self._near(new, robot, goal):
             return []
         blocks[at] = new
         return [old, new]
@@ -68,17 +73,17 @@ class Obstacles:
         side = max(self.shape)
         rows, cols = (min(max(int(rng.uniform(*_SIDES) * side), 2), n) for n in self.shape)
         kept.append(self._around(path[int(rng.uniform(*_ON_PATH) * (len(path) - 1))], rows, cols))
-        self.blocks = [block for block in kept if not _near(block, (robot, goal))]
+        self.blocks = [block for block in kept if not self._near(block, robot, goal)]
 
     def clear_of(self, cell: Cell) -> list[Rectangle]:
         """Remove the obstacles that are too near to a cell, and return them."""
-        near = [block for block in self.blocks if _near(block, (cell,))]
+        near = [block for block in self.blocks if self._near(block, cell)]
         self.blocks = [block for block in self.blocks if block not in near]
         return near
 
     def cover(self, ground: Float2D, part: Rectangle) -> Float2D:
         """A copy of a part of the ground with the obstacles on it."""
-        return covered(ground, part, self.blocks)
+        return covered(ground, part, self.blocks, self._value)
 
     def _new(self, path: NDArray[np.int32]) -> Rectangle:
         rng = self._rng
@@ -103,27 +108,22 @@ class Obstacles:
         height, width = self.shape
         return min(max(row, 0), height - rows), min(max(col, 0), width - cols), rows, cols
 
+    def _near(self, block: Rectangle, *cells: Cell) -> bool:
+        """Whether an obstacle is nearer to one of the cells than allowed."""
+        return any(apart(block, cell) <= self._clear for cell in cells)
 
-def covered(ground: Float2D, part: Rectangle, blocks: Collection[Rectangle]) -> Float2D:
-    """A copy of a part of the ground with obstacles on it; they may reach beyond the map."""
+
+def covered(ground: Float2D, part: Rectangle, blocks: Collection[Rectangle], value: float = OBSTACLE) -> Float2D:
+    """A copy of a part of the ground with obstacles of this value on it; they may reach beyond the map."""
     row, col, rows, cols = part
     out = ground[row : row + rows, col : col + cols].copy()
     for top, left, height, width in blocks:
         down = slice(max(top - row, 0), max(top + height - row, 0))
         across = slice(max(left - col, 0), max(left + width - col, 0))
-        np.maximum(out[down, across], np.float32(OBSTACLE), out=out[down, across])
+        np.maximum(out[down, across], np.float32(value), out=out[down, across])
     return out
 
 
 def changed_parts(before: Sequence[Rectangle], after: Sequence[Rectangle]) -> list[Rectangle]:
     """Where the map changes when obstacles become others: those that leave, then those that come."""
     return [block for block in before if block not in after] + [block for block in after if block not in before]
-
-
-def _near(block: Rectangle, cells: Collection[Cell]) -> bool:
-    """Whether an obstacle is nearer to one of the cells than allowed."""
-    row, col, rows, cols = block
-    return any(
-        row - _CLEAR <= cell[0] < row + rows + _CLEAR and col - _CLEAR <= cell[1] < col + cols + _CLEAR
-        for cell in cells
-    )

@@ -21,7 +21,9 @@ def workload(name: str, base: Traversability | None = None) -> Traversability:
     if name == SOFT:
         return base
     if body_rocks(name) is not None:
-        raise InvalidQueryError(f"workload {name!r} is a vehicle's, which `nnpp-edge evaluate` alone judges by")
+        raise InvalidQueryError(
+            f"workload {name!r} is a vehicle's: `nnpp-edge evaluate` and `profile` judge by it, no other command"
+        )
     try:
         limit = float(name.removeprefix("limit")) if name.startswith("limit") else 0.0
     except ValueError:

@@ -7,6 +7,7 @@ A picture is (H, W, 3) uint8 in OpenCV's order blue, green, red.
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -26,8 +27,25 @@ REGION: Colour = (255, 230, 0)
 PATH: Colour = (20, 120, 255)
 OPTIMUM: Colour = (255, 90, 235)
 BODY: Colour = (120, 255, 190)
+POINT: Colour = (255, 255, 255)
+_NO_STAND = 0.45
+"""How strongly cells are coloured where a vehicle stands in no heading."""
 _LIGHT = (315.0, 45.0)
 """Azimuth and height of the light of a hillshade, degrees."""
+
+
+class BodyDrawing(NamedTuple):
+    """What a picture shows of a vehicle."""
+
+    outlines: Sequence[NDArray[np.float64]]
+    """Of the body along the path, rows and columns; from `body_outlines`."""
+    stands: Mask | None = None
+    """(H, W) cells where it stands in some heading; None where that is not known."""
+    point_path: Cells | None = None
+    """(N, 2) the path of a point, drawn dashed."""
+
+
+_NO_BODY = BodyDrawing(())
 
 
 def cost_picture(cost: Float2D) -> Picture:
@@ -75,7 +93,7 @@ def plan_picture(
     reference_path: Cells | None = None,
     cell_size_m: float | None = None,
     length_m: float | None = None,
-    bodies: Sequence[NDArray[np.float64]] = (),
+    body: BodyDrawing = _NO_BODY,
 ) -> Picture:
     """A plan on its map: regions in translucent cyan, path, start (yellow square) and goal (red star).
 
@@ -95,8 +113,8 @@ def plan_picture(
         Side of a cell, for the scale.
     length_m : float
         Length of the path; without it the legend gives it in cells.
-    bodies : sequence of (5, 2) float
-        Closed outlines of a vehicle along the path, rows and columns; from `body_outlines`.
+    body : BodyDrawing
+        Of a vehicle.
     """
     regions = [
         (region, strength, words)
@@ -108,6 +126,9 @@ def plan_picture(
     ]
     passable = cost < 1.0
     ground = cost_picture(cost) if shade is None else _with_obstacles(shade, passable)
+    if body.stands is not None:
+        mask = passable & ~body.stands
+        ground[mask] = _mixed(ground[mask], _NO_STAND, IMPASSABLE)
     for region, strength, _ in regions:
         mask = region.mask() & passable
         ground[mask] = _mixed(ground[mask], strength)
@@ -117,21 +138,25 @@ def plan_picture(
     lines = [(plan.path, PATH, 4.0, False)]
     if reference_path is not None:
         lines.append((reference_path, OPTIMUM, 2.0, True))
+    if body.point_path is not None:
+        lines.append((body.point_path, POINT, 2.0, True))
     lines = [line for line in lines if len(line[0])]
     for rim in (True, False):
         for path, colour, width, dashed in reversed(lines) if rim else lines:
             drawing.line(path, INK if rim else colour, width + 2.0 * rim, dashed)
-    for outline in bodies:
+    for outline in body.outlines:
         drawing.line(outline, INK, 2.5)
         drawing.line(outline, BODY, 1.2)
     if len(plan.path):
         keys.append(drawing.line_key(PATH, "path"))
         start = start or (int(plan.path[0, 0]), int(plan.path[0, 1]))
         goal = goal or (int(plan.path[-1, 0]), int(plan.path[-1, 1]))
-    if bodies:
+    if len(body.outlines):
         keys.append(drawing.line_key(BODY, "vehicle"))
     if reference_path is not None and len(reference_path):
         keys.append(drawing.line_key(OPTIMUM, "exact optimum", dashed=True))
+    if body.point_path is not None and len(body.point_path):
+        keys.append(drawing.line_key(POINT, "path of a point", dashed=True))
     if goal is not None:
         drawing.star(drawing.at(goal))
         keys.insert(0, drawing.symbol_key(drawing.star, "goal"))
@@ -141,6 +166,9 @@ def plan_picture(
     middling = 190 if shade is not None else 90
     for _, strength, words in regions:
         keys.append(drawing.swatch(tuple(_mixed(np.full(3, middling, np.uint8), strength).tolist()), words))
+    if body.stands is not None and not body.stands.all():
+        tint = _mixed(np.full(3, middling, np.uint8), _NO_STAND, IMPASSABLE)
+        keys.append(drawing.swatch(tuple(tint.tolist()), "stands in no heading"))
     if not passable.all():
         keys.append(drawing.swatch(IMPASSABLE, "impassable"))
     if shade is None:
@@ -150,23 +178,34 @@ def plan_picture(
 
 
 def body_outlines(path: Cells, vehicle: Vehicle, sides_m: tuple[float, float]) -> list[NDArray[np.float64]]:
-    """(5, 2) corners of the body, rows and columns, at every second body length of a path, closed.
+    """(N, 2) the body's outline, rows and columns, and a line from its front to its middle, all along a path.
 
-    At most a hundred; none for a disc, and for a path of less than two cells.
+    One at every second body length, at most a hundred; none for a path of less than two cells.
     """
-    if len(path) < 2 or vehicle.is_disc:
+    if len(path) < 2:
         return []
     steps = np.diff(path, axis=0) * sides_m
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T))))
-    count = min(max(int(along[-1] / (2.0 * vehicle.length_m)), 1), 100)
+    shape = _outline(vehicle)
+    count = min(max(int(along[-1] / (4.0 * shape[:, 0].max())), 1), 100)
     outlines = []
     for at in np.searchsorted(along, np.linspace(0.0, along[-1], count + 1)).tolist():
         step = steps[min(at, len(steps) - 1)]
-        ahead = step / np.hypot(*step) * vehicle.length_m / 2.0
-        right = np.array((-ahead[1], ahead[0])) * vehicle.width_m / vehicle.length_m
-        corners = np.array([ahead + right, ahead - right, -ahead - right, right - ahead, ahead + right])
-        outlines.append(path[at] + corners / sides_m)
+        ahead = step / np.hypot(*step)
+        left = np.array((-ahead[1], ahead[0]))  # rows go down
+        outlines.append(path[at] + (shape @ np.array((ahead, left))) / sides_m)
     return outlines
+
+
+def _outline(vehicle: Vehicle) -> NDArray[np.float64]:
+    """(N, 2) metres ahead of the body's middle and to its left: from the front's middle around, and to the middle."""
+    if vehicle.radius_m is not None:
+        turns = np.linspace(0.0, 2.0 * math.pi, 33)
+        around = vehicle.radius_m * np.column_stack((np.cos(turns), np.sin(turns)))
+    else:
+        corners = np.array([(1, 0), (1, 1), (-1, 1), (-1, -1), (1, -1), (1, 0)])
+        around = corners * (vehicle.length_m / 2.0, vehicle.width_m / 2.0)
+    return np.concatenate((around, np.zeros((1, 2))))
 
 
 def png_bytes(picture: Picture) -> bytes:
@@ -205,6 +244,6 @@ def _with_obstacles(grey: NDArray[np.uint8], passable: Mask) -> Picture:
     return picture
 
 
-def _mixed(ground: NDArray[np.uint8], strength: float) -> NDArray[np.uint8]:
-    """The region's colour laid over the ground, which shows through."""
-    return ((1.0 - strength) * ground + strength * np.array(REGION)).astype(np.uint8)
+def _mixed(ground: NDArray[np.uint8], strength: float, colour: Colour = REGION) -> NDArray[np.uint8]:
+    """A colour laid over the ground, which shows through."""
+    return ((1.0 - strength) * ground + strength * np.array(colour)).astype(np.uint8)

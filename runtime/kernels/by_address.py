@@ -2,7 +2,7 @@
 
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
+from numba.extending import intrinsic, overload
 
 
 @intrinsic
@@ -17,6 +17,28 @@ def call_at(typing_context, address, arguments):
         return context.get_dummy_value()
 
     return types.none(address, arguments), generate
+
+
+@intrinsic
+def _without_owner(typing_context, array):
+    """An array as it is, but for what counts references to it."""
+
+    def generate(context, builder, signature, values):
+        parts = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=values[0])
+        parts.meminfo, parts.parent = (cgutils.get_null_value(part.type) for part in (parts.meminfo, parts.parent))
+        return parts._getvalue()
+
+    return array(array), generate
+
+
+def borrowed(array):
+    """An array, for a kernel that neither keeps nor returns it: references to it and its views are not counted."""
+    return array
+
+
+@overload(borrowed)
+def _compiled_borrowed(array):
+    return lambda array: _without_owner(array)
 
 
 def address_of(kernel, *arguments):

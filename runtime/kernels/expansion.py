@@ -205,7 +205,6 @@ def expand(grid, poses, links, region, hints, start, goal, rule, memory, most):
     weights, stride, steps, corner_cutting, tiles = grid
     if poses is not None:
         codes, unit, _, _ = poses
-        nodes = np.int64(len(weights))
     tile_state, wanted, row_shift, col_shift, _, _ = tiles
     h_straight, h_diagonal, width, successors, beyond = rule
     g, meta, stamp, heads, entries, control, reals, counts, path = memory
@@ -295,10 +294,9 @@ def expand(grid, poses, links, region, hints, start, goal, rule, memory, most):
             if poses is None:
                 sum_of_two = own + weights[there]
             else:  # what is not checked yet weighs nothing
-                plane = np.uint64(HEADING[k] * nodes)
-                sum_of_two = pose_weight(codes[plane + np.uint64(node)], unit) + pose_weight(
-                    codes[plane + there], unit
-                )
+                heading = np.uint64(HEADING[k])
+                sum_of_two = pose_weight(codes[np.uint64(node), heading], unit)
+                sum_of_two += pose_weight(codes[there, heading], unit)
             reached = g_node + (length + weight * sum_of_two)  # inf where impassable
             visited = meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp
             known = g[there * np.uint64(2)] if visited else np.float32(np.inf)
@@ -315,10 +313,9 @@ def expand(grid, poses, links, region, hints, start, goal, rule, memory, most):
             if poses is None:
                 sum_of_two = own + weights[there]
             else:
-                plane = np.uint64(HEADING[k] * nodes)
-                sum_of_two = pose_weight(codes[plane + np.uint64(node)], unit) + pose_weight(
-                    codes[plane + there], unit
-                )
+                heading = np.uint64(HEADING[k])
+                sum_of_two = pose_weight(codes[np.uint64(node), heading], unit)
+                sum_of_two += pose_weight(codes[there, heading], unit)
             if k < 4:
                 reached = g_node + (length_s + weight_s * sum_of_two)
             else:
@@ -347,14 +344,13 @@ def expand(grid, poses, links, region, hints, start, goal, rule, memory, most):
                 visited = meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp
                 known = g[there * np.uint64(2)] if visited else np.float32(np.inf)
                 length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
-                here, over = plane + np.uint64(node), plane + there
-                if codes[here] == UNCHECKED:
+                if codes[np.uint64(node), heading] == UNCHECKED:
                     check_there(poses, row - 1, col - 1, np.int64(HEADING[k]))
-                own = pose_weight(codes[here], unit)
-                reached = g_node + (length + weight * (own + pose_weight(codes[over], unit)))
-                if codes[over] == UNCHECKED and reached < known and reached + h < bound:
+                own = pose_weight(codes[np.uint64(node), heading], unit)
+                reached = g_node + (length + weight * (own + pose_weight(codes[there, heading], unit)))
+                if codes[there, heading] == UNCHECKED and reached < known and reached + h < bound:
                     check_there(poses, i - 1, j - 1, np.int64(HEADING[k]))
-                    reached = g_node + (length + weight * (own + pose_weight(codes[over], unit)))
+                    reached = g_node + (length + weight * (own + pose_weight(codes[there, heading], unit)))
                 f = reached + h
                 if not (reached < known and f < bound):
                     continue

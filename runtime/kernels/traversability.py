@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.lanes import chosen
 
 RULE_SLOTS = 12
 # slots of the array of floats that says how heights become costs
@@ -88,12 +89,12 @@ def _moments_plane(heights, rows, cols, row, col, dy, dx):
 
 @kernel
 def arc_tangent(x):
-    """Of a float32 from 0 up, within 2.5e-7."""
+    """Of a float32 from 0 up, or of a run of them, within 2.5e-7."""
     steep = x > _ONE
-    x = _ONE / x if steep else x
+    x = chosen(steep, _ONE / x, x)
     y = x * x
     angle = x * (_A0 + y * (_A1 + y * (_A2 + y * (_A3 + y * (_A4 + y * (_A5 + y * _A6))))))
-    return _QUARTER_TURN - angle if steep else angle
+    return chosen(steep, _QUARTER_TURN - angle, angle)
 
 
 @kernel

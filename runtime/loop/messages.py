@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import as_map
+from nnpp_edge.runtime.arrays import as_map, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status
 
@@ -162,14 +162,20 @@ class PathMessage:
         """Whether there is a path to follow."""
         return self.outcome is Status.OK
 
+    @property
+    def headings_deg(self) -> NDArray[np.float64]:
+        """(N,) degrees clockwise from up the rows, of each cell of the path as in `Plan`; none for a path of one."""
+        return headings_along(self.path)
+
     def summary(self) -> dict[str, object]:
-        """Ready for JSON: the path as a list of [row, col], an infinite cost as None."""
+        """Ready for JSON: the path as a list of [row, col], its headings, an infinite cost as None."""
         fields: dict[str, object] = {name: getattr(self, name) for name in self.__dataclass_fields__}
         cost = self.cost if math.isfinite(self.cost) else None
         return fields | {
             "outcome": str(self.outcome),
             "origin": str(self.origin),
             "path": self.path.tolist(),
+            "headings_deg": self.headings_deg.tolist(),
             "cost": cost,
         }
 

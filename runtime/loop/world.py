@@ -11,6 +11,7 @@ from nnpp_edge.runtime.cells import Rectangle, enclosing
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.messages import MapPatch
 from nnpp_edge.runtime.map.changes import Change, ChangeLog
+from nnpp_edge.runtime.map.disc import Disc
 from nnpp_edge.runtime.map.poses import Poses, term_weights
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost, update_cost
@@ -67,12 +68,16 @@ class World:
         self._blocked: NDArray[np.bool_] | None = None
         """Cells that a vehicle may not stand over, whatever their heights: cost patches made them impassable."""
         self._poses: Poses | None = None
+        self._disc: Disc | None = None
+        self._model = StepModel.of(step_cost)
         if terrain is not None and terrain.vehicle is not None:
             assert self._elevation is not None
             self._blocked = np.zeros(self._cost.shape, np.bool_)
             weights = term_weights(terrain.traversability)
-            self._poses = Poses(self._elevation, terrain.sides_m, terrain.vehicle, weights, 1.0)
-        self._model = StepModel.of(step_cost)
+            if terrain.vehicle.radius_m is not None:
+                self._disc = Disc(terrain.vehicle.radius_m, terrain.sides_m, self._model.costs[2])
+            else:
+                self._poses = Poses(self._elevation, terrain.sides_m, terrain.vehicle, weights, 1.0)
         self._lock = threading.Lock()
         self._log = ChangeLog()
         self._unread = self._log.reader()
@@ -123,7 +128,7 @@ class World:
     @property
     def body(self) -> Terrain | None:
         """How the heights become costs, where a vehicle stands on them; None for a point."""
-        return None if self._poses is None else self._terrain
+        return None if self._blocked is None else self._terrain
 
     def heights(self) -> Float2D:
         """A copy of what a vehicle stands on as it is now: metres, NaN where it may not or where it is unknown."""
@@ -158,10 +163,10 @@ class World:
         Rectangles that together have more cells than the one that holds them all are read as that one.
         """
         with self._lock:
-            parts = [change.part for change in self._unread.read()]
+            parts = [change.part for change in self._unread.read() if change.cells]
             if parts and _area(whole := enclosing(parts)) < sum(map(_area, parts)):
                 parts = [whole]
-            read = self._costs_of if self._poses is None else self._ground
+            read = self._costs_of if self._blocked is None else self._ground
             return self.version, [(part[0], part[1], read(part)) for part in parts]
 
     def _costs_of(self, part: Rectangle) -> Float2D:
@@ -188,6 +193,11 @@ class World:
             if self._poses is not None:
                 standing = self._poses.walk(path) < 0 and (len(path) > 1 or self._poses.stands_at(path[0].tolist()))
                 return "" if standing else "the vehicle does not stand on all of it"
+            if self._disc is not None:
+                row, col, _, _ = part = enclosing([(*cell, 1, 1) for cell in path.tolist()])
+                free = self._disc.costs(self._cost, part) < self._model.costs[2]
+                if not free[rows - row, cols - col].all():
+                    return "the vehicle touches an impassable cell"
             if not self._passable(rows, cols).all():
                 return "it leads through an impassable cell"
             if not corner_cutting and not (
@@ -207,19 +217,33 @@ class World:
             new = patch.cost[cut]
             unseen = self._cost[here] if patch.keep_known else np.float32(np.inf)
             self._cost[here] = np.where(np.isnan(new), unseen, new)
-            if self._poses is not None and self._blocked is not None:
+            if self._blocked is not None:
                 self._blocked[here] = ~(self._cost[here] < self._model.costs[2])
+            if self._poses is not None:
                 self._poses.write(row, col, self._ground(part))
             return part
         terrain = self._terrain
         assert patch.elevation is not None and self._elevation is not None and terrain is not None
         heights = patch.elevation[cut]
-        unknown = self._elevation[here] if patch.keep_known else np.float32(np.nan)
-        self._elevation[here] = np.where(np.isfinite(heights), heights, unknown)
+        old = self._elevation[here].copy()
+        unknown = old if patch.keep_known else np.float32(np.nan)
+        self._elevation[here] = new = np.where(np.isfinite(heights), heights, unknown)
+        part = _trimmed(part, (new != old) & ~(np.isnan(new) & np.isnan(old)))
+        if not _area(part):
+            return part
         size, width = terrain.cell_size_m, terrain.cell_width_m
         if self._poses is not None:
-            self._poses.write(row, col, self._ground(part))
+            self._poses.write(part[0], part[1], self._ground(part))
         return update_cost(self._cost, self._elevation, part, size, terrain.traversability, cell_width_m=width)
+
+
+def _trimmed(part: Rectangle, changed: NDArray[np.bool_]) -> Rectangle:
+    """The least rectangle of a part that holds its changed cells: a robot sends again what the map has already."""
+    rows, cols = np.flatnonzero(changed.any(1)), np.flatnonzero(changed.any(0))
+    if not len(rows):
+        return part[0], part[1], 0, 0
+    row, col = int(rows[0]), int(cols[0])
+    return part[0] + row, part[1] + col, int(rows[-1]) - row + 1, int(cols[-1]) - col + 1
 
 
 def _area(part: Rectangle) -> int:

@@ -13,6 +13,8 @@ _DEAR = np.float32(1.0 - 1e-6)
 """The greatest price below 1."""
 _PASSES = (6.56, -6.12, -0.58, -5.18, -3.36, -2.87)
 _COSTS = (0.108, 0.965, 0.129, -0.077, 0.12, 0.353)
+_HOPELESS = np.float32(60.0)
+"""Logarithm of the odds against a pose from which on the chance is as good as 0, lest the odds overflow."""
 _HARDLY = 0.1
 """Chance up to which a cell counts as impassable."""
 
@@ -61,7 +63,8 @@ def body_fit(heights: Float2D, vehicle: Vehicle, sides_m: tuple[float, float]) -
         steps / np.float32(vehicle.step_m),
         spread / np.float32(vehicle.clearance_m),
     )
-    chance = np.float32(1.0) / (np.float32(1.0) + np.exp(-_weighed(terms, _PASSES)))
+    against = np.minimum(-_weighed(terms, _PASSES), _HOPELESS)
+    chance = np.float32(1.0) / (np.float32(1.0) + np.exp(against))
     cost = np.clip(_weighed(terms, _COSTS), np.float32(0.0), _DEAR)
     return np.where(known & (chance > _HARDLY), cost, np.float32(np.inf)).astype(np.float32)
 

@@ -34,7 +34,7 @@ PoseSource = tuple[
     NDArray[np.float32],
     NDArray[np.int64],
     NDArray[np.int64],
-    tuple[NDArray[np.float32], NDArray[np.float32]],
+    tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
     NDArray[np.float32],
     NDArray[np.float32],
     NDArray[np.float32],
@@ -43,8 +43,8 @@ PoseSource = tuple[
 ]
 PackedPoses = tuple[NDArray[np.uint16], np.float32, PoseSource, int]
 """Poses as the kernels take them, see `kernels.poses`."""
-_SCRATCH = 8
-"""Numbers that the check keeps of each pose of a run, besides two for each wheel."""
+_ROUNDING = 1e-12
+"""By which a share of a height may seem negative that is none."""
 _SAFE = 1.0 - 1e-5
 """Share of a limit that is used: what rounding to float32 may add."""
 
@@ -97,29 +97,29 @@ class Poses:
         self._unknown = np.float32(np.nan if vehicle.unknown_passes else np.inf)
         self._heights = np.full((rows + 2 * self._margin, width), self._unknown, np.float32)
         nodes = (rows + 2) * (cols + 2)
-        self.codes: NDArray[np.uint16] = np.zeros(len(HEADINGS) * nodes, np.uint16)
-        """(4 · nodes,) what is known of each pose, heading by heading."""
+        self.codes: NDArray[np.uint16] = np.zeros((nodes, len(HEADINGS)), np.uint16)
+        """(nodes, 4) what is known of each pose."""
         self._close_border(rows, cols)
         self._counts = np.zeros(1, np.int64)
         source = (
             self._heights.reshape(-1),
             offsets[:, 0] * width + offsets[:, 1],
             geometry.starts,
-            (geometry.places, geometry.shares),
+            (geometry.places, geometry.patches_of, geometry.patches, geometry.raised),
             geometry.gradients,
             _limits(geometry, vehicle, weights),
-            np.zeros((2 * geometry.gradients.shape[1] + _SCRATCH, RUN), np.float32),
+            np.zeros(geometry.gradients.shape[1] * RUN, np.float32),
             self._counts,
-            np.array((rows, cols, width, self._margin, len(vehicle.wheels_m)), np.int64),
+            np.array((rows, cols, width, self._margin), np.int64),
         )
         self.packed: PackedPoses = self.codes, np.float32(scale / MOST_CODE), source, _address()
         """As the kernels take them."""
         self._put(0, 0, heights)
 
     def _close_border(self, rows: int, cols: int) -> None:
-        padded = self.codes.reshape(len(HEADINGS), rows + 2, cols + 2)
+        padded = self.codes.reshape(rows + 2, cols + 2, -1)
+        padded[[0, -1]] = FAILS
         padded[:, [0, -1]] = FAILS
-        padded[:, :, [0, -1]] = FAILS
 
     @property
     def checked(self) -> int:
@@ -150,11 +150,11 @@ class Poses:
 
     def stands_at(self, cell: Cell) -> bool:
         """Whether the body may stand on a cell of the map in one heading at least."""
-        nodes, node = len(self.codes) // len(HEADINGS), (cell[0] + 1) * (self.shape[1] + 2) + cell[1] + 1
+        codes = self.codes[(cell[0] + 1) * (self.shape[1] + 2) + cell[1] + 1]
         for heading in range(len(HEADINGS)):
-            if self.codes[heading * nodes + node] == UNCHECKED:
+            if codes[heading] == UNCHECKED:
                 check_run(self.packed, *cell, heading)
-            if self.codes[heading * nodes + node] != FAILS:
+            if codes[heading] != FAILS:
                 return True
         return False
 
@@ -167,7 +167,7 @@ class Poses:
         """(4, H, W) float32, T of all poses, or of those of some rows, inf where one fails; all get checked."""
         for row in np.arange(self.shape[0])[rows].tolist():
             check_rows(self.packed, row, row + 1)
-        codes = self.codes.reshape(len(HEADINGS), self.shape[0] + 2, -1)[:, 1:-1, 1:-1][:, rows]
+        codes = self.codes.reshape(self.shape[0] + 2, self.shape[1] + 2, -1)[1:-1, 1:-1][rows].transpose(2, 0, 1)
         costs = (np.maximum(codes, 1) - np.float32(1)) / np.float32(MOST_CODE)
         return np.where(codes == FAILS, np.float32(np.inf), costs.astype(np.float32))
 
@@ -227,12 +227,12 @@ def term_weights(traversability: Traversability | None) -> tuple[float, float, f
 @functools.cache
 def _address() -> int:
     """Of the check, compiled by way of a map of one cell and a body without wheels."""
-    nothing, one = np.zeros((0, 4), np.float32), np.ones(LIMIT_SLOTS, np.float32)
-    own, scratch = np.zeros((5, 4), np.float32), np.zeros((8 + _SCRATCH, RUN), np.float32)
-    parts = (nothing[:, :2].copy(), nothing), own, one, scratch
+    nothing, one, none = np.zeros((0, 2), np.float32), np.ones(LIMIT_SLOTS, np.float32), np.zeros(5, np.int64)
+    own, scratch = np.zeros((5, 4), np.float32), np.zeros(4 * RUN, np.float32)
+    parts = (nothing, none, none.reshape(1, 5), none), own, one, scratch
     heights, cells = np.zeros(2 * RUN, np.float32), np.zeros(1, np.int64)
-    source = heights, cells, np.zeros((4, 2), np.int64), *parts, cells, np.array((1, 1, RUN, 0, 0))
-    packed = np.zeros(4 * 9, np.uint16), np.float32(1.0), source, 0
+    source = heights, cells, np.zeros((4, 5), np.int64), *parts, cells, np.array((1, 1, RUN, 0))
+    packed = np.zeros((9, 4), np.uint16), np.float32(1.0), source, 0
     return int(address_of_check(packed))  # type: ignore[no-untyped-call]  # as all of `kernels`
 
 
@@ -242,14 +242,19 @@ class _Geometry(NamedTuple):
     cells: NDArray[np.int64]
     """(N, 2) cells of each heading's wheels, then of its belly, as (row, col) from the pose's own."""
     starts: NDArray[np.int64]
-    """(4, W + 2) where the cells of each wheel begin, those of the belly, and where they end."""
+    """(4, W + 1) where the cells of each wheel begin, and where the last one's end."""
     places: NDArray[np.float32]
     """(N, 2) metres ahead of the body's middle and to its left; 0 for wheels."""
-    shares: NDArray[np.float32]
-    """(N, V) what each wheel's height adds to the plane there, without sign; V is W or, of fours, the next."""
+    patches_of: NDArray[np.int64]
+    """(5,) where each heading's patches of the belly begin, and the last one's end."""
+    patches: NDArray[np.int64]
+    """(P, 4) of each patch, on which the same wheels' heights lower the plane: where its cells begin and end, and
+    where these wheels do among the raised."""
+    raised: NDArray[np.int64]
+    """Numbers of the wheels whose greatest heights make the plane lowest, patch by patch."""
     gradients: NDArray[np.float32]
-    """(5, V) what it adds to the plane at the body's middle, to its gradients ahead and to the left, and to these two
-    without sign."""
+    """(5, W) what a wheel's height adds to the plane at the body's middle, to its gradients ahead and to the left,
+    and to these two without sign."""
     half_steps: tuple[float, ...]
     """Half a step along each heading, metres."""
     margins: tuple[float, ...]
@@ -259,27 +264,35 @@ class _Geometry(NamedTuple):
 @functools.lru_cache(maxsize=16)
 def _geometry(vehicle: Vehicle, dy: float, dx: float) -> _Geometry:
     """Of a vehicle on cells of `dy` × `dx` metres. The plane is fitted by least squares to the wheels' heights."""
-    prints = [footprint(vehicle, heading, dy, dx) for heading in range(len(HEADINGS))]
-    counts = [[len(cells) for cells in (*each.wheels, each.belly)] for each in prints]
-    ends = np.cumsum(counts).reshape(len(prints), -1)
-    starts = np.concatenate((np.r_[0, ends[:-1, -1]][:, None], ends), 1)
     wheels = vehicle.wheels_m
     solved = np.linalg.pinv(np.column_stack((np.ones(len(wheels)), wheels)))
-    gradients = np.pad(solved.T, ((0, -len(wheels) % 4), (0, 0)))
-    under_wheels = [np.zeros((sum(map(len, each.wheels)), 2)) for each in prints]
-    places = np.concatenate(
-        [part for each in zip(under_wheels, prints, strict=True) for part in (each[0], each[1].places)]
-    )
-    shares = np.abs(np.column_stack((np.ones(len(places)), places)) @ gradients.T)
-    cells = np.concatenate([part for each in prints for part in (*each.wheels, each.belly)])
-    own = np.concatenate((gradients.T, np.abs(gradients.T[1:])))
-    near, linear, own = (np.ascontiguousarray(part, np.float32) for part in (places, shares, own))
+    prints = [footprint(vehicle, heading, dy, dx) for heading in range(len(HEADINGS))]
+    parts, starts = [], np.zeros((len(prints), len(wheels) + 1), np.int64)
+    patches_of, count = [0], 0
+    patches: list[tuple[int, int, int, int]] = []
+    raised: list[int] = []
+    for heading, each in enumerate(prints):
+        under = np.concatenate(each.wheels)
+        parts.append(np.column_stack((under, np.zeros(under.shape))))
+        starts[heading] = count + np.cumsum([0, *map(len, each.wheels)])
+        count += len(under)
+        lowers = np.column_stack((np.ones(len(each.places)), each.places)) @ solved < -_ROUNDING
+        for pattern in np.unique(lowers, axis=0):
+            there, here = (lowers == pattern).all(1), np.nonzero(pattern)[0]
+            parts.append(np.column_stack((each.belly[there], each.places[there])))
+            patches.append((count, count + int(there.sum()), len(raised), len(raised) + len(here)))
+            raised.extend(here)
+            count += int(there.sum())
+        patches_of.append(len(patches))
+    cells = np.concatenate(parts)
     return _Geometry(
-        cells,
+        cells[:, :2].astype(np.int64),
         starts,
-        near,
-        linear,
-        own,
+        np.ascontiguousarray(cells[:, 2:], np.float32),
+        np.array(patches_of, np.int64),
+        np.array(patches, np.int64),
+        np.array(raised, np.int64),
+        np.ascontiguousarray(np.concatenate((solved, np.abs(solved[1:]))), np.float32),
         tuple(each.half_step for each in prints),
         tuple(each.margin for each in prints),
     )

@@ -7,6 +7,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.paths import measure
 from nnpp_edge.runtime.kernels.poses import measure_poses
@@ -134,15 +135,8 @@ class Plan:
 
     @property
     def headings_deg(self) -> NDArray[np.float64]:
-        """(N,) degrees clockwise from up the rows in which each cell is left; the last as it is arrived at.
-
-        In [0, 360), as if cells were square; empty for less than two cells.
-        """
-        if len(self.path) < 2:
-            return np.empty(0)
-        rows, cols = np.diff(self.path, axis=0).T
-        headings = np.degrees(np.arctan2(cols, -rows)) % 360.0
-        return np.append(headings, headings[-1])
+        """(N,) degrees clockwise from up the rows in which each cell is left, see `arrays.headings_along`."""
+        return headings_along(self.path)
 
     @property
     def bound(self) -> float:

@@ -273,6 +273,12 @@ def changed(told, path, **changes):
     return path
 
 
+def test_a_vehicles_workloads_alone_choose_nothing(nnpp_edge, profile, no_saved_choice):
+    file = profile(**{'["soft",_"limit20"]': '["body"]\nvehicle = "small-rover"'})
+    nnpp_edge("profile", "--profile", file, "--save-choice").refused("--save-choice needs soft or limitN")
+    assert not choice.choice_path().exists()
+
+
 def test_regressions_between_two_reports(nnpp_edge, profile, tmp_path):
     first = tmp_path / "first.json"
     assert nnpp_edge("profile", "--profile", profile(), "--json", first).code == 0
@@ -311,16 +317,24 @@ def test_what_is_no_report_is_refused(nnpp_edge, tmp_path, content):
 def test_peak_memory_is_that_of_another_process(tiny_model):
     import numpy as np
 
+    from nnpp_edge.profiling.ground import Ground
     from nnpp_edge.profiling.memory import peak_memory_mb
-    from nnpp_edge.profiling.profile_maps import ProfileQuery
+    from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileQuery
+    from nnpp_edge.runtime import Traversability, Vehicle
+
+    query = ProfileQuery((5, 5), (90, 90), True)
+
+    def peak(side, vehicle=None):
+        flat = np.zeros((side, side), np.float32)
+        on_map = ProfileMap("flat", flat + 0.2, Ground(flat, 0.25, 0.25, Traversability(), vehicle), (query,))
+        return peak_memory_mb(on_map, query, "astar", str(tiny_model))
 
     mine = np.ones(200_000_000, np.uint8)  # must not count
-    query = ProfileQuery((0, 0), (90, 90), True)
-    small = peak_memory_mb(np.full((96, 96), 0.2, np.float32), query, "astar", str(tiny_model))
-    large = peak_memory_mb(np.full((2400, 2400), 0.2, np.float32), query, "astar", str(tiny_model))
+    small, large, with_body = peak(96), peak(2400), peak(2400, Vehicle(1.0, 0.8, 0.3))
     assert mine.nbytes == 200_000_000
     assert 30.0 < small < 0.9 * large
     assert large - small > 1e-6 * 2400 * 2400 * 7  # costs and weights, less what either finds freed before
+    assert with_body - small > 1e-6 * 2400 * 2400 * 8  # heights, and codes where it looked
 
 
 def test_start_up_is_measured_where_a_budget_asks_for_it(nnpp_edge, profile, monkeypatch):

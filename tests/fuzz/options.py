@@ -48,6 +48,7 @@ BASES: dict[str, list[Values]] = {
     "simulate": [
         {"dem": ["in/dem.npz"], "size": ["16"], "ticks": ["3"], "method": ["astar"]},
         {"dem": ["in/dem.npz"], "size": ["24"], "ticks": ["3"], "method": ["corridor"], "log": ["out/drive.mcap"]},
+        {"size": ["32"], "ticks": ["3"], "method": ["corridor"], "vehicle": ["small-rover"], "rocks": ["0.02"]},
     ],
     "run": [
         {"map_file": ["in/dem.npz"], "input": ["replay:in/drive.jsonl"], "fast": [], "outputs": ["none"]},

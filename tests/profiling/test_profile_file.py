@@ -27,7 +27,7 @@ def write(tmp_path):
 
 
 def test_what_is_shipped_can_be_read_and_has_budgets():
-    assert shipped_profiles() == ["edge-2core", "paper", "quick", "single-core"]
+    assert shipped_profiles() == ["edge-2core", "paper", "quick", "rover", "single-core"]
     for name in shipped_profiles():
         profile = read_profile(name)
         assert profile.name == name and profile.budgets and profile.title != name
@@ -59,6 +59,14 @@ def test_a_profile_says_what_stands_in_it(write):
         ("sizes = [64, 128]", "sizes = [4, 128]", ["workload.sizes", "at least 16"]),
         ("sizes = [64, 128]", "sizes = [64.5, 128]", ["workload.sizes"]),
         ('workloads = "soft"', 'workloads = "hard"', ["workload.workloads", "'hard'"]),
+        ('workloads = "soft"', 'workloads = "body"', ["workload.vehicle", "a vehicle for the workload body", "None"]),
+        ('workloads = "soft"', 'vehicle = "tracked"', ["workload.vehicle", "without the workload body", "'tracked'"]),
+        ('workloads = "soft"', 'vehicle = 3\nworkloads = "body"', ["workload.vehicle", "got 3"]),
+        (
+            'workloads = "soft"',
+            'vehicle = "tracked"\nworkloads = ["body", "body-rocks30"]',
+            ["workload.workloads", "0 to 20 percent", "'body-rocks30'"],
+        ),
         ('workloads = "soft"', "queries = 0", ["workload.queries", "at least 1"]),
         ('workloads = "soft"', "rescale = -1.0", ["workload.rescale", "-1.0"]),
         ('workloads = "soft"', "rescale = nan", ["workload.rescale"]),
@@ -107,6 +115,16 @@ def test_a_bad_profile_is_refused_with_the_key(write, old, new, words):
         assert word in told
 
 
+def test_a_vehicle_has_workloads_beside_a_points(write):
+    text = GOOD.replace('workloads = "soft"', 'workloads = ["body-rocks5", "soft", "body"]\nvehicle = "tracked"')
+    profile = read_profile(write(text))
+    assert profile.load.of_body == ("body-rocks5", "body") and profile.load.vehicle == "tracked"
+    other, _ = overridden(profile, vehicle="a/folder/own.toml")
+    assert other.load.vehicle == "a/folder/own.toml" and other.facts()["load"]["vehicle"] == "own.toml"
+    with pytest.raises(ProfileError, match="vehicle: wanted none without"):
+        overridden(read_profile(write(GOOD)), vehicle="tracked")
+
+
 def test_the_loop_is_run_where_a_budget_asks_for_its_reactions(write):
     assert read_profile(write(GOOD)).reactions_at == frozenset()
     assert read_profile(write(GOOD)).arriving == {"corridor"}
@@ -120,7 +138,7 @@ def test_the_loop_is_run_where_a_budget_asks_for_its_reactions(write):
 
 
 def test_an_unknown_name_lists_the_shipped_ones():
-    with pytest.raises(ProfileError, match=r"edge-2core, paper, quick, single-core.*'fast'"):
+    with pytest.raises(ProfileError, match=r"edge-2core, paper, quick, rover, single-core.*'fast'"):
         read_profile("fast")
 
 

@@ -10,6 +10,7 @@ from nnpp_edge.profiling import rivals
 from nnpp_edge.profiling.figures import loop_rows, rows
 from nnpp_edge.profiling.measure import Arriving, queries_in, rivals_of, run
 from nnpp_edge.profiling.profile_file import Device, Load, Networks, OnboardLoop
+from nnpp_edge.profiling.profile_maps import ProfileMaps
 from nnpp_edge.profiling.report_format import find
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
@@ -160,3 +161,36 @@ def test_terrain_without_enough_queries_is_refused(tmp_path, tiny_model):
     planners = rivals_of(Networks(str(tiny_model)), Device((0,)))
     with pytest.raises(InvalidQueryError, match="wanted 2 queries with a path"):
         run(planners, load, [0])
+
+
+def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothing(tiny_model):
+    load = Load(
+        terrain=("synthetic",),
+        vehicle="small-rover",
+        workloads=("soft", "body", "body-rocks5"),
+        sizes=(64,),
+        queries=3,
+        near=1,
+        repeats=2,
+    )
+    loop = OnboardLoop(rate_hz=200.0, model=str(tiny_model))
+    arriving = Arriving(frozenset({"corridor"}), frozenset({("body", 64)}), loop, patches=4)
+    planners = rivals_of(Networks(str(tiny_model)), Device((0,)))
+    found = run(planners, load, sorted(os.sched_getaffinity(0)), arriving=arriving)
+    maps = ProfileMaps(load)
+    for of in found.workloads:
+        grounds = [on_map.ground for _, on_map in zip(of.queries_by_map, maps.maps(of.workload, 64), strict=False)]
+        wanted = [
+            ground.planner().plan(query.start, query.goal, method="astar")
+            for ground, queries in zip(grounds, of.queries_by_map, strict=True)
+            for query in queries
+        ]
+        for plan, answer in zip(of.answers["astar"].plans, wanted, strict=True):
+            assert plan.cost == pytest.approx(answer.cost, rel=1e-5)
+            assert plan.checks == answer.checks  # in the last of all repeats, too
+            assert (plan.checks > 0) == (of.workload != "soft")
+        assert len(of.answers["corridor"].map_ms[0]) == 3
+    (reacting,) = (of for of in found.workloads if of.reactions)
+    assert reacting.workload == "body" and len(reacting.reactions[0].ms) == 4
+    gaps = {row["planner"]: row["gap_mean"] for row in rows(found) if row["workload"] == "body"}
+    assert gaps["astar"] == 0.0 and all(gap > -1e-6 for gap in gaps.values())

@@ -1,5 +1,6 @@
 import json
 import logging
+import math
 import os
 import resource
 import signal
@@ -113,12 +114,19 @@ def test_everything_comes_back_through_the_public_reader(tmp_path):
     assert xy(elevation.info.pose) == (4.25, 0.0)
     np.testing.assert_array_equal(layer.data, heights[::-1, ::-1].ravel())
     for cells, m in zip((1, 2, 5), found["/path"], strict=True):
-        got = [(*xy(p.pose), p.pose.orientation.w, p.header.frame_id) for p in m.message.poses]
-        wanted = [((3 + n // 2 + 0.5) * 0.5, (2 + n + 0.5) * 0.5, 1.0, "map") for n in range(cells)]
+        got = [(*xy(p.pose), p.header.frame_id) for p in m.message.poses]
+        wanted = [((3 + n // 2 + 0.5) * 0.5, (2 + n + 0.5) * 0.5, "map") for n in range(cells)]
         assert got == wanted
+        turns = [p.pose.orientation for p in m.message.poses]
+        assert all((turn.x, turn.y) == (0.0, 0.0) for turn in turns)
+        heads = [
+            2.0 * math.degrees(math.atan2(turn.z, turn.w)) for turn in turns
+        ]  # from x, the columns, to y, the rows
+        assert heads == pytest.approx({1: [0.0], 2: [90.0, 90.0], 5: [90.0, 45.0, 90.0, 45.0, 45.0]}[cells])
         assert all(p.header.stamp.sec == m.message.header.stamp.sec for p in m.message.poses)
     answers = [json.loads(m.message.data) for m in found["/answer"]]
     assert [(a["tick"], a["outcome"], a["path"]) for a in answers] == [(1, "OK", 1), (2, "OK", 2), (5, "OK", 5)]
+    assert not any("headings_deg" in a for a in answers)
     assert json.loads(found["/status"][0].message.data)["counters"]["ticks"] == 3
     assert (log.written, log.lost) == (sum(map(len, found.values())), 0)
 

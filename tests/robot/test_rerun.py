@@ -24,6 +24,7 @@ from nnpp_edge.runtime.loop.messages import (  # noqa: E402
     StatusMessage,
 )
 from nnpp_edge.runtime.loop.world import World  # noqa: E402
+from nnpp_edge.runtime.terrain.vehicle import Vehicle  # noqa: E402
 from nnpp_edge.viz.picture import cost_picture  # noqa: E402
 
 PATH = np.array([[3, 4], [4, 5], [4, 6]], np.int32)
@@ -69,6 +70,21 @@ def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
     assert len(pictures) == 2, "anew only where it has changed"
     np.testing.assert_array_equal(pictures[0], cost_picture(cost)[..., ::-1])
     np.testing.assert_array_equal(pictures[1], cost_picture(world.cost())[..., ::-1])
+
+
+def test_a_recording_holds_the_outline_of_the_body_along_the_path(tmp_path):
+    body = Vehicle(length_m=2.0, width_m=1.0, clearance_m=0.3)
+    world = World.of_elevation(np.zeros((20, 30), np.float32), 0.5, vehicle=body)
+    with RerunSink(tmp_path / "loop.rrd", world=world) as sink:
+        line = np.array([(5, 5 + n) for n in range(9)], np.int32)
+        sink.publish(PathMessage(1, Status.OK, Origin.FULL, line))
+        sink.publish(PathMessage(2, Status.NO_PATH, Origin.NONE))
+    outlines, none = read(tmp_path / "loop.rrd")["/map/body"]["strips"]
+    assert len(outlines) == 2 and not none
+    for outline, middle in zip(outlines, (5.5, 13.5), strict=True):
+        drawn = {tuple(corner) for corner in outline}
+        corners = {(middle + x, 5.5 + y) for x in (-2.0, 2.0) for y in (-1.0, 1.0)}
+        assert drawn == corners | {(middle, 5.5), (middle + 2.0, 5.5)}, "its outline, and a line to its front"
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")

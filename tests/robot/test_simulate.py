@@ -6,12 +6,18 @@ import pytest
 
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
+from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
+from nnpp_edge.simulation.pose_check import PoseCheck, headings_of
+from nnpp_edge.simulation.robots import Point
 from nnpp_edge.simulation.scene import Scene, SurveyedGround, walkable
 from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
 from nnpp_edge.terrain.obstacles import Obstacles
+from nnpp_edge.terrain.rocks import with_rocks
 from nnpp_edge.terrain.synthetic import synthetic_terrain
+from nnpp_edge.viz.picture import BODY as BODY_COLOUR
 
 LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
 
@@ -126,7 +132,7 @@ def test_a_scene_moves_only_along_its_path():
 def test_what_can_be_walked_is_checked_by_the_definition(path, right):
     cost = np.full((5, 5), 0.3, np.float32)
     cost[4, 2], cost[4, 1] = np.nan, 1.0
-    assert walkable(np.array(path, np.int32).reshape(-1, 2), cost, (3, 2)) is right
+    assert walkable(Point(), np.array(path, np.int32).reshape(-1, 2), cost, (3, 2)) is right
 
 
 # --- the drive
@@ -230,7 +236,102 @@ def test_what_makes_no_sense_is_refused(ground):
         random_drive(islands, 1)
 
 
+# --- a body
+
+BODY = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3)
+
+
+@pytest.fixture(scope="module")
+def rocky():
+    rng = np.random.default_rng(5)
+    bare = synthetic_terrain(rng, 72, 0.4)
+    bare[30:33, 40:50] = np.nan
+    return SurveyedGround.of(with_rocks(bare, 0.4, 0.04, rng), 0.4, Traversability(), 1, vehicle=BODY, bare=bare)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_the_simulation_judges_by_agrees_with_the_planners_check(seed):
+    rng = np.random.default_rng(seed)
+    width = (0.25, 0.3)[seed % 2]
+    heights = with_rocks(synthetic_terrain(rng, 60, 0.25), 0.25, 0.03, rng, cell_width_m=width)
+    heights[20:22, 30:36] = np.nan
+    vehicle = replace(BODY, unknown_passes=seed % 3 == 0, axles=2 + seed % 3, max_pitch_deg=20.0)
+    known = np.isfinite(pose_costs(heights, 0.25, vehicle, cell_width_m=width))
+    check, cells = PoseCheck(vehicle, (0.25, width)), np.argwhere(np.ones(heights.shape))
+    passes = np.stack([check.stands(heights, cells, heading).reshape(heights.shape) for heading in range(4)])
+    assert 0.01 < known.mean() < 0.99
+    assert not (known & ~passes).any(), "what a planner may drive over, the simulation does not forbid"
+    assert (passes & ~known).sum() <= 0.001 * known.size, "but for rounding they are one check"
+
+
+def test_the_headings_of_a_path_are_those_of_its_steps():
+    steps = np.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)])
+    path = np.concatenate((np.zeros((1, 2), int), np.cumsum(steps, 0)))
+    assert headings_of(path).tolist() == [0, 1, 2, 3, 0, 1, 2, 3]
+    assert headings_of(path[:1]).tolist() == []
+
+
+@pytest.mark.parametrize("method", ["auto", "corridor", "dstar"])
+def test_a_body_drives_over_ground_that_holds_it_and_no_pose_published_failed(rocky, method):
+    start, goal = random_drive(rocky, 1)
+    drive = simulate(rocky, start, goal, SimulationSettings(method, ticks=1500))
+    assert drive.reached and drive.forbidden == 0 and drive.counters.errors == {}
+    poses = np.isfinite(pose_costs(rocky.true, 0.4, BODY))
+    headings = headings_of(drive.driven)
+    for end in (drive.driven[:-1], drive.driven[1:]):
+        assert poses[headings, end[:, 0], end[:, 1]].all(), "rocks that it saw on its way are not driven over"
+    assert drive.driven_cost >= drive.optimal_cost * (1 - 1e-6)
+    json.dumps(drive.summary())
+
+
+def test_a_body_stops_before_a_rock_and_is_told_heights():
+    flat = np.zeros((40, 60), np.float32)
+    rocks = flat.copy()
+    rocks[18:23, 40:43] = 1.0
+    ground = SurveyedGround.of(rocks, 0.25, Traversability(), 1, vehicle=BODY, bare=flat)
+    scene = Scene(ground, (20, 10), (20, 55), np.random.default_rng(0), sight=1, changes=0)
+    line = [(20, 10 + n) for n in range(46)]
+    told = list(scene.poll())
+    assert scene.told[20, 41] == 0.0
+    for _ in range(60):
+        scene.heard(answer(line, (20, 55)))
+        told += scene.poll()
+    reach = ground.robot.reach
+    assert 39 - reach <= scene.robot[1] < 40 - 3, "half a body before it"
+    assert scene.waited > 20
+    assert scene.told[20, 40] == 1.0 and 20 < scene.forbidden < 60, "once it is seen, the path is forbidden"
+    patches = [message for message in told if isinstance(message, MapPatch)]
+    assert all(patch.cost is None for patch in patches)
+    assert patches[0].shape == (2 * reach + 3, 2 * reach + 3)
+
+
+def test_obstacles_stand_above_the_ground_and_out_of_the_bodys_reach():
+    ground = SurveyedGround.of(np.zeros((80, 80), np.float32), 0.25, Traversability(), 1, vehicle=BODY)
+    scene = Scene(ground, (40, 10), (40, 70), np.random.default_rng(0), changes=3)
+    for _ in range(100):
+        list(scene.poll())
+        assert scene.now.max() in (0.0, np.float32(ground.robot.obstacle(ground.true)))
+        for cell in ((40, 10), (40, 70)):
+            assert ground.robot.stands(scene.now, cell)
+        np.testing.assert_array_equal(scene.now, scene.told)
+    blocked = np.isinf(ground.robot.costs(scene.now)) & ~np.isinf(ground.costs())
+    assert blocked.sum() > (scene.now > 0.0).sum() / 2
+
+
 # --- the command
+
+
+def test_the_command_drives_a_body_and_draws_it(nnpp_edge, tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    words = ("simulate", "--size", 64, "--vehicle", "small-rover", "--rocks", 0.02, "--ticks", 1500)
+    for name in ("drive.png", "drive.gif"):
+        ended = nnpp_edge(*words, "--json", "--picture", tmp_path / name)
+        assert ended.code == 0, ended.err
+        told = json.loads(ended.out)
+        assert told["reached"] and told["forbidden"] == 0
+    with image.open(tmp_path / "drive.png") as picture:
+        colours = np.asarray(picture).reshape(-1, 3)
+    assert (colours == BODY_COLOUR[::-1]).all(1).sum() > 100
 
 
 def test_the_command_drives_writes_and_tells(nnpp_edge, tmp_path):
@@ -268,6 +369,10 @@ def test_the_command_drives_writes_and_tells(nnpp_edge, tmp_path):
         (("--start", "3,3", "--goal", "900,3", "--size", "32"), "outside the map"),
         (("--model", "missing.onnx", "--method", "nnpp", "--size", "32"), "missing.onnx"),
         (("--rate", "0"), "--rate"),
+        (("--radius", "1"), "length, width and clearance"),
+        (("--vehicle", "bicycle"), "small-rover"),
+        (("--rocks", "0.3"), "--rocks"),
+        (("--vehicle", "small-rover", "--rescale", "0.02", "--size", "16"), "that the vehicle fits on"),
     ],
 )
 def test_wrong_use_of_the_command_ends_in_one_line(nnpp_edge, words, said):

@@ -59,15 +59,39 @@ def test_answers_come_back_as_they_were():
     )
     back = decode_output(encode(whole))
     np.testing.assert_array_equal(back.path, path)
+    assert json.loads(encode(whole))["headings_deg"] == back.headings_deg.tolist() == [135.0, 135.0]
     assert back.path.dtype == np.int32
     assert replace(back, path=path).summary() == whole.summary()
     failed = PathMessage(8, Status.NO_PATH, Origin.NONE)
     assert json.loads(encode(failed))["cost"] is None
+    assert json.loads(encode(failed))["headings_deg"] == []
     assert decode_output(encode(failed)).summary() == failed.summary()
     assert decode_output(encode(failed)).cost == math.inf
     status = StatusMessage(9, Status.OK, "fine", Counters(ticks=9, drops={"x": 1}, tick_ms={"p50": 0.25}))
     assert decode_output(encode(status)) == status
     assert decode_output(encode(Fault("no", 3))) == Fault("no", 3)
+
+
+@given(st.lists(st.tuples(st.integers(-1, 1), st.integers(-1, 1)).filter(any), max_size=30))
+def test_a_path_has_a_heading_for_each_cell(steps):
+    path = np.cumsum([(40, 40), *steps], axis=0).astype(np.int32)
+    message = PathMessage(1, Status.OK, Origin.FULL, path, (40, 40), tuple(path[-1].tolist()))
+    headings = json.loads(encode(message))["headings_deg"]
+    assert headings == message.summary()["headings_deg"]
+    assert len(headings) == (len(path) if steps else 0)
+    for heading, (row, col) in zip(headings, [*steps, *steps[-1:]], strict=True):
+        length = math.hypot(row, col)
+        assert 0.0 <= heading < 360.0
+        assert (-math.cos(math.radians(heading)), math.sin(math.radians(heading))) == pytest.approx(
+            (row / length, col / length), abs=1e-9
+        )
+
+
+def test_an_answer_without_headings_is_read_as_before():
+    path = np.array([[1, 2], [1, 3]], np.int32)
+    answer = json.loads(encode(PathMessage(7, Status.OK, Origin.FULL, path, (1, 2), (1, 3))))
+    del answer["headings_deg"]
+    assert decode_output(json.dumps(answer).encode()).headings_deg.tolist() == [90.0, 90.0]
 
 
 def test_a_message_is_one_line():

@@ -8,6 +8,7 @@ import pytest
 from nnpp_edge.runtime import DynamicPlanner, Navigator, NavigatorSettings, Planner, Vehicle, World, pose_costs
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
+from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 from tests import pose_oracles
 
 ROVER = Vehicle(length_m=1.2, width_m=0.9, clearance_m=0.3, max_tilt_deg=30.0)
@@ -93,10 +94,22 @@ def test_no_path_is_published_that_fails_the_newest_check(method):
         published += 1
         costs = pose_costs(world.heights(), CELL_M, ROVER)
         assert math.isfinite(pose_oracles.path_cost_over_poses(costs, message.path, SCALE))
+        _assert_stands_in_its_headings(costs, message)
         at = tuple(message.path[min(1, len(message.path) - 1)].tolist())
         if at == goal:
             at = (7, 8)
     assert published > 20
+
+
+def _assert_stands_in_its_headings(costs, message):
+    """The pose of each cell in the heading that the message gives passes, as the robot drives on."""
+    if len(message.path) < 2:
+        assert len(message.headings_deg) == 0
+        return
+    for (row, col), heading in zip(message.path, message.headings_deg, strict=True):
+        step = round(-math.cos(math.radians(heading))), round(math.sin(math.radians(heading)))
+        way = HEADINGS.index(step if step in HEADINGS else (-step[0], -step[1]))
+        assert math.isfinite(costs[way, row, col])
 
 
 def test_what_costs_make_impassable_is_as_unknown_ground():

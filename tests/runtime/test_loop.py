@@ -33,6 +33,7 @@ from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from tests.conftest import write_tiny_model
 
 
@@ -800,3 +801,34 @@ def test_a_rate_must_be_positive():
     for wrong in ({"tolerance": -1.0}, {"snap_radius": -1}):
         with pytest.raises(InvalidQueryError):
             NavigatorSettings(**wrong)
+
+
+def test_a_patch_of_heights_that_the_map_has_already_changes_nothing():
+    heights = np.random.default_rng(0).normal(0.0, 0.01, (30, 40)).astype(np.float32)
+    heights[3, 4] = np.nan
+    world = World.of_elevation(heights, 0.5, vehicle=Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3))
+    assert world.put(MapPatch(0, 0, elevation=heights[:20, :20]))
+    assert world.read_changes() == (1, [])
+    other = heights.copy()
+    other[10:12, 15], other[11, 17] = 0.5, np.nan
+    assert world.put(MapPatch(5, 5, elevation=other[5:25, 5:35]))
+    version, ((row, col, changed),) = world.read_changes()
+    assert (version, row, col) == (2, 9, 14), "with the rim whose costs are other ones"
+    np.testing.assert_array_equal(changed, other[9:13, 14:19])
+    np.testing.assert_array_equal(world.heights(), other)
+    np.testing.assert_array_equal(world.cost(), World.of_elevation(other, 0.5).cost())
+
+
+def test_a_disc_drives_past_what_it_must_not_touch():
+    heights = np.zeros((40, 60), np.float32)
+    heights[:18, 30] = heights[24:, 30] = np.nan
+    for radius_m, outcome in ((0.4, Status.OK), (2.0, Status.NO_PATH)):
+        world = World.of_elevation(heights, 0.5, vehicle=Vehicle(radius_m=radius_m))
+        found = Navigator(world)
+        found.offer(Pose(20.0, 10.0))
+        found.offer(Goal(20, 50))
+        message = found.tick()
+        assert message.outcome is outcome
+    beside = np.array([(18, 28), (18, 29)], np.int32)
+    assert world.path_problem(beside, True) == "the vehicle touches an impassable cell"
+    assert world.path_problem(beside - np.int32((0, 10)), True) == ""

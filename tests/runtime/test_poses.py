@@ -10,7 +10,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 
 from nnpp_edge.runtime import Planner, Status, Traversability, Vehicle, pose_costs, traversability_cost
 from nnpp_edge.runtime.errors import InvalidMapError
@@ -19,7 +19,12 @@ from tests.fuzz import bodies
 from tests.strategies import drawn
 
 CASES = 15
-UNHURRIED = settings(deadline=None, max_examples=CASES, suppress_health_check=list(HealthCheck))
+UNHURRIED = settings(
+    deadline=None,
+    max_examples=CASES,
+    suppress_health_check=list(HealthCheck),
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),  # to make a drawn map smaller takes minutes
+)
 ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21, wheel_width_m=0.13)
 METHODS = [("astar", "eq1"), ("nnpp", "eq1"), *itertools.product(["corridor"], bodies.PRICES)]
 CELL_M = 0.25

@@ -8,11 +8,14 @@ import pytest
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import OutputError, Status
-from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.viz.picture import (
     IMPASSABLE,
     OPTIMUM,
     PATH,
+    BodyDrawing,
+    body_outlines,
     cost_map_picture,
     cost_picture,
     hillshade,
@@ -125,3 +128,40 @@ def test_a_picture_is_written_whole(tmp_path):
     with pytest.raises(OutputError, match="could not be written"):
         save_picture(tmp_path / "map.png" / "below.png", picture)
     assert [path.name for path in tmp_path.iterdir()] == ["map.png"]
+
+
+@pytest.mark.parametrize("vehicle", [Vehicle(2.0, 1.0, 0.3), Vehicle(radius_m=0.7)])
+@pytest.mark.parametrize("sides", [(0.5, 0.5), (0.5, 0.25)])
+def test_bodies_lie_along_the_path_and_point_ahead(vehicle, sides):
+    path = np.array([(10, 10 + at) for at in range(30)] + [(11 + at, 40 + at) for at in range(20)], np.int32)
+    outlines = body_outlines(path, vehicle, sides)
+    assert len(outlines) > 3
+    long, wide = (2.0, 1.0) if vehicle.radius_m is None else (1.4, 1.4)
+    for outline in outlines:
+        front, around, middle = outline[0], outline[:-1], outline[-1]
+        at = int(np.flatnonzero((path == np.rint(middle).astype(int)).all(1))[0])
+        step = (path[min(at + 1, len(path) - 1)] - path[at - (at == len(path) - 1)]) * sides
+        ahead = step / np.hypot(*step)
+        np.testing.assert_allclose((front - middle) * sides, ahead * long / 2.0, atol=1e-9)
+        metres = (around - middle) * sides
+        np.testing.assert_allclose(np.abs(metres @ ahead).max(), long / 2.0)
+        np.testing.assert_allclose(np.abs(metres @ (-ahead[1], ahead[0])).max(), wide / 2.0)
+        np.testing.assert_allclose(around[0], around[-1])
+    assert body_outlines(path[:1], vehicle, sides) == []
+
+
+def test_a_picture_shows_where_the_vehicle_stands_in_no_heading():
+    cost = np.full((40, 40), 0.3, np.float32)
+    path = np.array([(20, col) for col in range(5, 35)], np.int32)
+    plan = Plan(Status.OK, Method.ASTAR, Source.MAP, path, cost=1.0, length=29.0)
+    stands = np.ones((40, 40), bool)
+    stands[2:8, 2:8] = False
+    outlines = body_outlines(path, Vehicle(4.0, 3.0, 0.3), (1.0, 1.0))
+    plain, shown = (plan_picture(cost, plan, body=BodyDrawing(outlines, each)) for each in (None, stands))
+    pixels = 800 // 40
+    at = slice(18 + 3 * pixels, 18 + 7 * pixels)
+    assert (plain[at, at] != shown[at, at]).any(-1).all()
+    other = slice(18 + 10 * pixels, 18 + 39 * pixels)
+    assert np.array_equal(plain[other, other], shown[other, other])
+    with_point = plan_picture(cost, plan, body=BodyDrawing(outlines, stands, path[:, ::-1].copy()))
+    assert not np.array_equal(with_point[: shown.shape[0]], shown)

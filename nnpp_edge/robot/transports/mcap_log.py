@@ -9,7 +9,7 @@ topic                 message                     when
 ``/elevation_patch``  grid_map_msgs/GridMap       each patch of heights, in metres
 ``/pose``, ``/goal``  geometry_msgs/PoseStamped   each
 ``/path``             nav_msgs/Path               each that is not the end of the one before; empty if there is none
-``/answer``           std_msgs/String             each tick: the answer as JSON, without its path
+``/answer``           std_msgs/String             each tick: the answer as JSON, without path and headings
 ``/status``           std_msgs/String             each status message as JSON
 ====================  ==========================  ==================================================================
 
@@ -137,6 +137,7 @@ class McapLog(Closing):
             self._write_waiting()
             if isinstance(message, PathMessage):
                 answer = message.summary() | {"path": len(message.path)}
+                del answer["headings_deg"]
                 self._write("/answer", now, string_message(json.dumps(answer)))
                 if not _is_rest(message.path, self._last_path):
                     self._write("/path", now, path_message(message.path, self._cell, now))

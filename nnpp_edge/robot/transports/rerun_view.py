@@ -14,6 +14,7 @@ from nnpp_edge.runtime.loop.world import World
 
 _PATH = (255, 120, 20)
 _DEGRADED = (235, 60, 200)
+_BODY = (190, 255, 120)
 _ROBOT = (255, 215, 0)
 _GOAL = (225, 20, 30)
 _PATCH = (0, 200, 230)
@@ -120,6 +121,7 @@ class RerunSink(Closing):
         colour = _DEGRADED if message.degraded else _PATH
         strips = [_points(message.path)] if len(message.path) else []
         self._stream.log("map/path", rr.LineStrips2D(strips, colors=colour, radii=0.4, draw_order=10.0))
+        self._show_bodies(message.path)
         self._scalar("planning_ms", message.planning_ms)
         self._scalar("cost", message.cost if message.ok else None)
         outcome = f"{message.outcome} by {message.origin}" + (" (degraded)" if message.degraded else "")
@@ -145,6 +147,16 @@ class RerunSink(Closing):
         picture = np.ascontiguousarray(cost_picture(self._world.cost())[..., ::-1])
         self._stream.log("map/cost", self._rr.Image(picture))
 
+    def _show_bodies(self, path: NDArray[np.int32]) -> None:
+        """The outline of the world's vehicle along the path."""
+        terrain = None if self._world is None else self._world.body
+        if terrain is None or terrain.vehicle is None:
+            return
+        from nnpp_edge.viz.picture import body_outlines
+
+        strips = [_points(outline) for outline in body_outlines(path, terrain.vehicle, terrain.sides_m)]
+        self._stream.log("map/body", self._rr.LineStrips2D(strips, colors=_BODY, radii=0.15, draw_order=15.0))
+
     def _point(self, place: str, cell: tuple[float, float], colour: tuple[int, int, int]) -> None:
         point = self._rr.Points2D([(cell[1], cell[0])], colors=colour, radii=1.2, draw_order=20.0)
         self._stream.log(place, point)
@@ -154,6 +166,6 @@ class RerunSink(Closing):
             self._stream.log(place, self._rr.Scalars(value))
 
 
-def _points(path: NDArray[np.int32]) -> NDArray[np.float32]:
+def _points(path: NDArray[np.generic]) -> NDArray[np.float32]:
     """Middles of cells as (x, y)."""
-    return (path[:, ::-1] + 0.5).astype(np.float32)
+    return path[:, ::-1].astype(np.float32) + np.float32(0.5)

@@ -98,7 +98,9 @@ def encode(message: Input | Output | Fault) -> bytes:
         packed = Packed((values.shape[0], values.shape[1]), values.astype("<f4").tobytes())
         place = {"row": message.row, "col": message.col}
         return _joined("patch", {**place, name: packed, "keep_known": message.keep_known, "stamp": message.stamp})
-    kinds = {Pose: "pose", Goal: "goal", PathMessage: "path", StatusMessage: "status", Fault: "error"}
+    if isinstance(message, PathMessage):
+        return _joined("path", {**vars(message), "headings_deg": message.headings_deg})
+    kinds = {Pose: "pose", Goal: "goal", StatusMessage: "status", Fault: "error"}
     return _joined(kinds[type(message)], message)
 
 
@@ -120,7 +122,10 @@ def decode(payload: bytes, limit: int = LIMIT_BYTES, kind: str | None = None) ->
 
 
 def decode_output(payload: bytes, limit: int = LIMIT_BYTES) -> Output | Fault:
-    """The answer that a message holds; for programs that listen to the loop. WireError as for `decode`."""
+    """The answer that a message holds; for programs that listen to the loop. WireError as for `decode`.
+
+    Words that no answer has are passed over, and so are a path's headings, which follow from its cells.
+    """
     wanted = "an answer of the loop"
     fields = decoded(payload, msgspec.json.Decoder(dict[str, object]), wanted, limit)
     kind = fields.get("type")
