@@ -27,13 +27,6 @@ class Price(StrEnum):
     """The poses of one cell in each block of 4 × 4, all four headings."""
     NETWORK = "network"
     """What a passage network says of the ways from block to block, see `region.looked`."""
-    NETWORK_SHUFFLED = "network-shuffled"
-    """A control: the same network with its weights in another order."""
-
-    @property
-    def is_learned(self) -> bool:
-        """Whether a network is asked."""
-        return self in (Price.NETWORK, Price.NETWORK_SHUFFLED)
 
 
 def sampled(poses: Poses) -> Float2D:
@@ -61,7 +54,7 @@ class PricedMap:
     state : MapState
         Of heights, with a vehicle.
     price : Price
-        Neither ``eq1``, which the state's own coarse levels are made of, nor a network's, which has links in place of
+        Neither ``eq1``, which the state's own coarse levels are made of, nor ``network``, which has links in place of
         levels.
     """
 
