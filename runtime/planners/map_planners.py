@@ -11,7 +11,7 @@ from nnpp_edge.runtime.map.prices import Price, PricedMap
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.passage import unsuited
-from nnpp_edge.runtime.network.passage_model import PassageModel, passage_model
+from nnpp_edge.runtime.network.passage_model import PassageModel, VehicleNetwork, passage_model
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.corridor import CorridorPlanner
 from nnpp_edge.runtime.planners.exact import ExactPlanner, MendingExactPlanner
@@ -139,6 +139,13 @@ class MapPlanners:
     def make_coarse_levels(self) -> None:
         """Pool the map now, so that the first plan does not wait for it."""
         _ = self.coarse_to_fine
+
+    @cached_property
+    def passage_network(self) -> VehicleNetwork:
+        """The network that prices the map's links; InvalidMapError outside its range, ModelError without its file."""
+        poses = self.state.grid.poses
+        assert poses is not None
+        return self._passage.of(poses.vehicle, poses.sides_m)
 
     @cached_property
     def _passage(self) -> PassageModel:

@@ -402,6 +402,8 @@ class Planner:
             raise InvalidQueryError(f"price must be one of {', '.join(Price)}, got {price!r}") from None
         if wanted is not Price.EQ1 and self._state.grid.poses is None:
             raise InvalidQueryError(f"price={price!r} is a vehicle's: wanted a planner of elevations with a vehicle")
+        if wanted is Price.NETWORK:
+            _ = self._planners.passage_network  # refused now, whatever the method, if it cannot be asked
         return wanted
 
     _answer_in_turn = one_at_a_time(_answer)
