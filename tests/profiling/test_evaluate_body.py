@@ -14,7 +14,7 @@ from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.runtime.tuning import BODY_CORRIDOR
+from nnpp_edge.runtime.tuning import BODY_CORRIDOR, CorridorWidth
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import body_rocks, workload
 
@@ -183,15 +183,21 @@ def test_the_corridor_alone_is_the_planners(rocky, price):
             np.testing.assert_array_equal(plan.path, other.path)
 
 
-def test_a_corridor_of_other_width_searches_another_share(rocky):
-    areas = []
-    for times in (0.25, 1.0, 4.0):
-        plan = CorridorAlone(rocky.ground.state(), times=times).plan(
-            *rocky.queries[0], method="corridor", keep_regions=True
-        )
-        areas.append(SIZE**2 if plan.region is None else plan.region.area())
-    assert areas[0] < areas[1] <= areas[2]
+@pytest.mark.parametrize("price", ["eq1", "network", "straight"])
+def test_a_corridor_of_other_width_searches_another_share(price):
+    ground = Ground(np.zeros((128, 128), np.float32), CELL_M, CELL_M, Traversability(), ROVER)
+    chosen, areas = (Control if price == "straight" else Price)(price), []
+    for times in (0.25, 1.0, 16.0):
+        corridor = CorridorAlone(ground.state(), chosen, times=times)
+        plan = corridor.plan((64, 20), (64, 108), method="corridor", keep_regions=True)
+        assert plan.source == "region"
+        areas.append(plan.region.area())
+    assert areas[0] < areas[1] < areas[2]
+
+
+def test_a_corridor_that_is_wider_has_radii_by_the_root():
     assert wider(BODY_CORRIDOR, 1.0) == BODY_CORRIDOR
+    assert wider(CorridorWidth(6, 0.03, 0.3, 4, 0.2), 4.0) == CorridorWidth(12, 0.12, 1.2, 8, 0.8)
 
 
 def test_links_by_body_fit_are_dearer_where_it_is_rough_and_never_cheaper_than_their_length():
