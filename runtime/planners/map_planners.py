@@ -168,7 +168,7 @@ class MapPlanners:
                 problem = str(error)
         if problem:
             problem = f"nnpp goes by the price {Price.EQ1}: {problem}"
-            _warn_once(problem)
+            warn_once(problem)
         return problem
 
     @cached_property
@@ -225,5 +225,6 @@ class MapPlanners:
 
 
 @functools.cache
-def _warn_once(problem: str) -> None:
+def warn_once(problem: str) -> None:
+    """Warn of something, the first time that it is said in a process."""
     warnings.warn(problem, stacklevel=8)

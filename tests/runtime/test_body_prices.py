@@ -21,7 +21,7 @@ ENDS = (20, 20), (76, 70)
 @pytest.fixture(autouse=True)
 def nothing_said():
     """Each test is warned anew."""
-    map_planners._warn_once.cache_clear()
+    map_planners.warn_once.cache_clear()
 
 
 def planner(cell_m=CELL_M, **options):
