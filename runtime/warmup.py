@@ -167,7 +167,7 @@ def _exercise_elevations(network: NetworkModel) -> None:
 def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
     vehicle, (start, goal) = Vehicle(2.2, 2.2, 3.0, max_tilt_deg=60.0, unknown_passes=True), ((8, 5), (140, 18))
     planner = Planner.of_elevation(dem, 1.0, vehicle=vehicle, model=network, ask_from=0, warn=False)
-    for method in ("astar", "corridor", "nnpp"):
+    for method in ("astar", "corridor"):
         planner.plan(start, goal, method=method)
         planner.plan(start, goal, method=method, time_limit_s=60.0)
     planner.plan(start, goal, method="corridor", price="sampled")

@@ -1,0 +1,139 @@
+"""A passage network in int8: how large its hidden outputs get, what int8 costs, and what it saves on this machine."""
+
+import json
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+from onnx import numpy_helper
+from torch import Tensor, nn
+
+from nnpp_edge.export.passage_to_onnx import write_passage
+from nnpp_edge.model.passage import PassageNet
+from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.kernels.blocks import CHANNELS, MIDDLE
+from nnpp_edge.runtime.network.model_file import METADATA_KEY, PassageMetadata, read_passage
+from nnpp_edge.runtime.network.passage import STEPS
+from nnpp_edge.runtime.network.passage_model import VehicleNetwork
+from nnpp_edge.training.passage import FIGURES, passage_loss
+from nnpp_edge.training.passage_batches import PassageBatch, PassageMaps
+
+PERCENTILE = 0.9999
+"""Share of a convolution's outputs, on a vehicle's maps, that int8 can tell apart; the others are cut off."""
+VEHICLES = 32
+"""Of the data set, to calibrate on and to judge on, at most."""
+TIMED_BLOCKS, ROUNDS = 66, 50
+"""Blocks to the side of the timed map, 256 cells and a rim, and timed runs of each file."""
+
+
+@dataclass(frozen=True)
+class PassageReport:
+    """Both files beside each other; figures as `training.passage.FIGURES`."""
+
+    source: str
+    output: str
+    vehicles: int
+    fp32: dict[str, float]
+    int8: dict[str, float]
+    fp32_ms: float
+    int8_ms: float
+
+    def to_json(self) -> str:
+        """One line of JSON."""
+        return json.dumps(asdict(self))
+
+    def render(self) -> str:
+        """The report as lines of text."""
+        lines = [f"{self.output}: calibrated on {self.vehicles} vehicles", f"  {'':14}{'fp32':>9}{'int8':>9}"]
+        lines += [f"  {name:14}{self.fp32[name]:9.4f}{self.int8[name]:9.4f}" for name in FIGURES]
+        return "\n".join([*lines, f"  {'ms at 256²':14}{self.fp32_ms:9.2f}{self.int8_ms:9.2f}"])
+
+
+def quantize_passage(model: Path, dataset: Path, output: Path, validation: Path | None = None) -> PassageReport:
+    """Write an int8 file of a passage network in fp32, and judge both on a data set for such networks.
+
+    Raises ModelError where the file is no such network, DataSetError where a folder is no such set, OutputError where
+    the file cannot be written.
+    """
+    network, facts = read_network(model)
+    maps, judged_on = PassageMaps(dataset), PassageMaps(validation or dataset)
+    count = min(len(maps), VEHICLES)
+    ranges = hidden_ranges(network, [maps.batch(range(k, k + 1)) for k in range(count)])
+    write_passage(network, output, name=output.stem, training=facts.training, ranges=ranges)
+    parts = [judged_on.batch(range(k, k + 1)) for k in range(min(len(judged_on), VEHICLES))]
+    one, other = (_figures(path, parts) for path in (model, output))
+    numbers = parts[0].numbers[0].numpy()
+    fp32_ms, int8_ms = _times([VehicleNetwork(read_passage(path), numbers, path) for path in (model, output)])
+    return PassageReport(str(model), str(output), count, one, other, fp32_ms, int8_ms)
+
+
+def hidden_ranges(network: PassageNet, batches: list[PassageBatch]) -> list[float]:
+    """The greatest output of each hidden convolution, but for the outliers, over batches of one vehicle each."""
+    found = []
+    with torch.no_grad():
+        for batch in batches:
+            x, greatest = batch.blocks[0], []
+            for layer in network.of_vehicle(batch.numbers[0]):
+                x = layer(x)
+                if isinstance(layer, nn.ReLU):
+                    greatest.append(_percentile(x))
+            found.append(greatest)
+    ranges: list[float] = np.max(found, 0).tolist()
+    return ranges
+
+
+def _percentile(outputs: Tensor) -> float:
+    return max(float(np.quantile(outputs.numpy(), PERCENTILE)), 1e-6)
+
+
+def read_network(path: Path) -> tuple[PassageNet, PassageMetadata]:
+    """The network in a file that `nnpp-edge export` wrote, and its metadata; ModelError for another one."""
+    content = read_passage(path)
+    try:
+        model = onnx.load_from_string(content)
+        facts = PassageMetadata.from_json({p.key: p.value for p in model.metadata_props}[METADATA_KEY], str(path))
+        stored = {each.name: numpy_helper.to_array(each) for each in model.graph.initializer}
+        count = sum(name.startswith("kernels") for name in stored)
+        shapes = [(len(stored[f"kernels{i}"]), *stored[f"shape{i}"].tolist()) for i in range(count)]
+        described, widths = stored["describe0.bias"].size, [shape[1] for shape in shapes[:-1]]
+        network = PassageNet(widths, [shape[3] for shape in shapes[:-1]], shapes[0][0], described)
+        state = {f"describe.{i}.weight": stored[f"describe{i}.weight"].T for i in (0, 2)}
+        state |= {f"describe.{i}.bias": stored[f"describe{i}.bias"] for i in (0, 2)}
+        for i, shape in enumerate(shapes):
+            layer = "head" if i == count - 1 else f"convolutions.{i}"
+            state[f"{layer}.kernels"] = stored[f"kernels{i}"].reshape(shape)
+            for part in ("shares", "gain", "bias"):
+                state[f"{layer}.{part}.weight"] = stored[f"{part}{i}.weight"].T
+                state[f"{layer}.{part}.bias"] = stored[f"{part}{i}.bias"]
+        network.load_state_dict({name: torch.from_numpy(np.array(part)) for name, part in state.items()})
+    except Exception as error:  # protobuf, onnx and torch each have errors of their own
+        raise ModelError(f"{path}: wanted a passage network of nnpp-edge export, got another graph") from error
+    return network.eval(), facts
+
+
+def _figures(path: Path, parts: list[PassageBatch]) -> dict[str, float]:
+    """What a file answers, judged by the labels."""
+    content, rows = read_passage(path), []
+    for part in parts:
+        network = VehicleNetwork(content, part.numbers[0].numpy(), path)
+        blocks = torch.round(part.blocks[0] * STEPS + MIDDLE).to(torch.uint8).numpy()
+        answers = torch.from_numpy(np.stack([network.answers(each) for each in blocks]))
+        rows.append(passage_loss(answers[None], part.labels)[1])
+    return dict(zip(FIGURES, np.mean(rows, 0).tolist(), strict=True))
+
+
+def _times(networks: list[VehicleNetwork]) -> tuple[float, float]:
+    """Median milliseconds of each, in turns, on a map of random blocks."""
+    shape = CHANNELS, TIMED_BLOCKS, TIMED_BLOCKS
+    blocks = np.random.default_rng(0).integers(MIDDLE - 40, MIDDLE + 40, shape).astype(np.uint8)
+    spent: list[list[float]] = [[] for _ in networks]
+    for _ in range(ROUNDS):
+        for network, times in zip(networks, spent, strict=True):
+            began = time.perf_counter()
+            network.answers(blocks)
+            times.append(1e3 * (time.perf_counter() - began))
+    one, other = (float(np.median(times)) for times in spent)
+    return one, other

@@ -1,0 +1,155 @@
+"""Searches of a map's blocks whose links have prices, and the region around what they find. See `region.links`.
+
+A link leads from a block to the next along one of the four headings, and has one price both ways. It stands with the
+block that it leaves forwards: `prices` is (4, R, C) float32, finite.
+"""
+
+import numpy as np
+
+from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
+from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.kernels.poses import HEADING
+
+BACKWARDS = tuple(
+    int((row, col) not in ((1, 0), (1, 1), (0, 1), (-1, 1))) for row, col in zip(ROW_STEP, COL_STEP, strict=True)
+)
+"""Whether each of the eight directions leads against its heading."""
+_DIAGONAL = np.float32(2.0**0.5 - 1.0)
+_INF = np.float32(np.inf)
+
+
+@kernel
+def _left(row, col, goal_row, goal_col):
+    """The least that is left: no link is cheaper than the way that it is long."""
+    down, across = abs(row - goal_row), abs(col - goal_col)
+    return np.float32(FACTOR) * (np.float32(max(down, across)) + _DIAGONAL * np.float32(min(down, across)))
+
+
+@kernel
+def _push(keys, nodes, size, key, node):
+    """Put a node on the heap."""
+    i = size
+    while i > 0 and key < keys[(i - 1) >> 1]:
+        above = (i - 1) >> 1
+        keys[i], nodes[i] = keys[above], nodes[above]
+        i = above
+    keys[i], nodes[i] = key, node
+    return size + 1
+
+
+@kernel
+def _pop(keys, nodes, size):
+    """Take the first node off the heap."""
+    size -= 1
+    key, node = keys[size], nodes[size]
+    i = 0
+    while 2 * i + 1 < size:
+        below = 2 * i + 1
+        if below + 1 < size and keys[below + 1] < keys[below]:
+            below += 1
+        if keys[below] >= key:
+            break
+        keys[i], nodes[i] = keys[below], nodes[below]
+        i = below
+    keys[i], nodes[i] = key, node
+    return size
+
+
+@kernel
+def settle_links(prices, first, last, beyond, reached, stamps, stamp, heap):
+    """Costs from block `first` to all that lie on ways to `last` which cost at most `beyond` times the least.
+
+    Parameters
+    ----------
+    first, last : int
+        Blocks, row by row.
+    beyond : float
+        At least 1.
+    reached, stamps : (R · C,) float32, int32
+        Costs, and the number of the search that reached a block; written.
+    heap : (keys, nodes)
+        Room for eight times the blocks.
+
+    Returns
+    -------
+    int
+        Blocks expanded.
+    """
+    rows, cols = prices.shape[1], prices.shape[2]
+    keys, nodes = heap
+    last_row, last_col = last // cols, last % cols
+    reached[first], stamps[first] = 0.0, stamp
+    size = _push(keys, nodes, 0, _left(first // cols, first % cols, last_row, last_col), first)
+    bound, expanded = _INF, 0
+    while size and keys[0] <= bound:
+        key, node = keys[0], nodes[0]
+        size = _pop(keys, nodes, size)
+        row, col = node // cols, node % cols
+        own = reached[node]
+        if key > own + _left(row, col, last_row, last_col):
+            continue  # reached for less since
+        expanded += 1
+        for k in range(8):
+            i, j = row + ROW_STEP[k], col + COL_STEP[k]
+            if i < 0 or i >= rows or j < 0 or j >= cols:
+                continue
+            price = prices[HEADING[k], i, j] if BACKWARDS[k] else prices[HEADING[k], row, col]
+            there, cost = i * cols + j, own + price
+            if stamps[there] == stamp and cost >= reached[there]:
+                continue
+            promise = cost + _left(i, j, last_row, last_col)
+            if promise > bound:
+                continue
+            reached[there], stamps[there] = cost, stamp
+            if there == last:
+                bound = min(bound, cost * np.float32(beyond))
+            size = _push(keys, nodes, size, promise, there)
+    return expanded
+
+
+@kernel
+def mark_links(prices, first, beyond, found, scratch, radius, marks):
+    """Mark the quarters of blocks on ways from `first` that cost at most `beyond` times the least, and those around.
+
+    Parameters
+    ----------
+    found : (reached, stamps, stamp)
+        What `settle_links` left, that came from the other end.
+    scratch : (cost, queue)
+        (R · C,) float32; a power of two of int32, at least twice R · C. Overwritten.
+    radius : int
+        Quarters around each block, as the king moves.
+    marks : (bitmap, stamp)
+        (2 R, 2 C) int32, and the number to write.
+    """
+    rows, cols = prices.shape[1], prices.shape[2]
+    reached, stamps, stamp = found
+    cost, queue = scratch
+    bitmap, mark = marks
+    limit = reached[first] * np.float32(beyond)
+    mask = len(queue) - 1
+    cost[:] = np.inf
+    cost[first], queue[0] = 0.0, first
+    head, tail = 0, 1
+    while head != tail:
+        node = np.int64(queue[head & mask])
+        head += 1
+        row, col = node // cols, node % cols
+        for i in range(max(2 * row - radius, 0), min(2 * row + 2 + radius, 2 * rows)):
+            for j in range(max(2 * col - radius, 0), min(2 * col + 2 + radius, 2 * cols)):
+                bitmap[i, j] = mark
+        for k in range(8):
+            i, j = row + ROW_STEP[k], col + COL_STEP[k]
+            if i < 0 or i >= rows or j < 0 or j >= cols:
+                continue
+            there = i * cols + j
+            if stamps[there] != stamp:
+                continue
+            price = prices[HEADING[k], i, j] if BACKWARDS[k] else prices[HEADING[k], row, col]
+            through = cost[node] + price
+            if through >= cost[there] or through + reached[there] > limit:
+                continue
+            cost[there] = through
+            queue[tail & mask] = there
+            tail += 1

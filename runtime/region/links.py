@@ -1,0 +1,95 @@
+"""Where to search by the prices of links between blocks: all blocks on ways that cost nearly the least."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.kernels.links import mark_links, settle_links
+from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.map.region import Lookup, Region
+from nnpp_edge.runtime.terrain.vehicle import HEADINGS
+
+CLOSED = 1000.0
+"""Added to the price of a link that turned out to be none."""
+
+
+class LinkSearch:
+    """Searches of a map's blocks of 4 × 4 cells, whose links have prices. Serves one search at a time.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the map.
+    """
+
+    def __init__(self, shape: Cell) -> None:
+        rows, cols = (math.ceil(n / FACTOR) for n in shape)
+        blocks = rows * cols
+        self._cols = cols
+        self._reached, self._stamps = np.empty(blocks, np.float32), np.zeros(blocks, np.int32)
+        self._heap = np.empty(8 * blocks + 8, np.float32), np.empty(8 * blocks + 8, np.int32)
+        self._scratch = np.empty(blocks, np.float32), np.empty(2 << (blocks - 1).bit_length(), np.int32)
+        self._bitmap = np.zeros((2 * rows, 2 * cols), np.int32)
+        half = FACTOR // 2
+        down, across = (np.arange(n, dtype=np.int32) // np.int32(half) for n in shape)
+        self._quarters: Lookup = down, across
+        self._stamp = 0
+
+    def around(
+        self, prices: NDArray[np.float32], start: Cell, goal: Cell, band: float, radius: int
+    ) -> tuple[Region, int]:
+        """The blocks on ways that cost at most 1 + `band` times the least, those around, and how many were expanded.
+
+        Parameters
+        ----------
+        prices : (4, R, C) float32
+            Of the links, see `kernels.links`.
+        start, goal : (row, col)
+            Cells of the map.
+        radius : int
+            Quarters of blocks that belong to the region around each block.
+
+        Returns
+        -------
+        (Region, int)
+            The region's bitmap is overwritten by the next call.
+        """
+        self._stamp += 1
+        first, last = (cell[0] // FACTOR * self._cols + cell[1] // FACTOR for cell in (start, goal))
+        beyond, found = 1.0 + band, (self._reached, self._stamps, self._stamp)
+        expanded = settle_links(prices, last, first, beyond, *found, self._heap)
+        mark_links(prices, first, beyond + 1e-6, found, self._scratch, radius, (self._bitmap, self._stamp))
+        for row, col in (start, goal):
+            row, col = 2 * (row // FACTOR), 2 * (col // FACTOR)
+            self._bitmap[max(row - 2, 0) : row + 4, max(col - 2, 0) : col + 4] = self._stamp
+        return Region(self._bitmap, *self._quarters, self._stamp), expanded
+
+
+def without_dead_ends(prices: NDArray[np.float32], region: Region, reached: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """The prices, with links closed that a search of the region did not get across: a new array.
+
+    Parameters
+    ----------
+    prices : (4, R, C) float32
+        Of the links.
+    region : Region
+        Over the quarters of blocks.
+    reached : (H, W) bool
+        The cells that the search came to.
+    """
+    rows, cols = prices.shape[1:]
+    quarters = region.blocks()
+    searched: NDArray[np.bool_] = quarters.reshape(rows, 2, cols, 2).any((1, 3))
+    padded = np.zeros((rows * FACTOR, cols * FACTOR), np.bool_)
+    padded[: reached.shape[0], : reached.shape[1]] = reached
+    here: NDArray[np.bool_] = padded.reshape(rows, FACTOR, cols, FACTOR).any((1, 3))
+    missed = searched & ~here
+    out = prices.copy()
+    for heading, (down, right) in enumerate(HEADINGS):
+        one = slice(max(-down, 0), rows - max(down, 0)), slice(0, cols - right)
+        other = slice(max(down, 0), rows - max(-down, 0)), slice(right, cols)
+        closed = (here[one] & missed[other]) | (missed[one] & here[other])
+        out[heading][one] += np.float32(CLOSED) * closed
+    return out

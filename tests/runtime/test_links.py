@@ -1,0 +1,71 @@
+"""Searches of blocks whose links have prices, against a plain Dijkstra."""
+
+import heapq
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.region.links import CLOSED, LinkSearch, without_dead_ends
+from nnpp_edge.runtime.terrain.vehicle import HEADINGS
+
+LENGTHS = np.array((4.0, 4.0 * 2**0.5, 4.0, 4.0 * 2**0.5), np.float32)[:, None, None]
+
+
+def neighbours(prices, row, col):
+    """Blocks beside one, and the prices of the links to them."""
+    rows, cols = prices.shape[1:]
+    for heading, (down, right) in enumerate(HEADINGS):
+        for sign in (1, -1):
+            i, j = row + sign * down, col + sign * right
+            if 0 <= i < rows and 0 <= j < cols:
+                at = (row, col) if sign == 1 else (i, j)
+                yield (i, j), float(prices[heading][at])
+
+
+def costs_from(prices, start):
+    """Cost of the cheapest way from a block to every other."""
+    found, waiting = {}, [(0.0, start)]
+    while waiting:
+        cost, block = heapq.heappop(waiting)
+        if block in found:
+            continue
+        found[block] = cost
+        for other, price in neighbours(prices, *block):
+            heapq.heappush(waiting, (cost + price, other))
+    field = np.empty(prices.shape[1:])
+    for block, cost in found.items():
+        field[block] = cost
+    return field
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_region_holds_just_the_blocks_on_ways_that_cost_nearly_the_least(seed):
+    rng = np.random.default_rng(seed)
+    rows, cols = rng.integers(3, 14, 2)
+    prices = (LENGTHS * (1.0 + 4.0 * rng.random((4, rows, cols)) ** 3)).astype(np.float32)
+    start, goal = ((int(rng.integers(4 * rows)), int(rng.integers(4 * cols))) for _ in range(2))
+    band = float(rng.choice([0.0, 0.05, 0.3]))
+    region, _ = LinkSearch((4 * rows, 4 * cols)).around(prices, start, goal, band, 0)
+    inside = region.blocks()[::2, ::2]
+    ends = (start[0] // 4, start[1] // 4), (goal[0] // 4, goal[1] // 4)
+    through = costs_from(prices, ends[0]) + costs_from(prices, ends[1])
+    limit = (1.0 + band) * through[ends[0]]
+    near_ends = np.zeros_like(inside)
+    for row, col in ends:
+        near_ends[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] = True
+    assert (inside | (through > limit * (1.0 - 1e-5))).all()
+    assert not (inside & ~near_ends & (through > limit * (1.0 + 1e-4))).any()
+
+
+def test_links_are_closed_where_a_search_of_the_region_got_no_farther():
+    prices = np.broadcast_to(LENGTHS, (4, 3, 4)).astype(np.float32)
+    bitmap = np.zeros((6, 8), np.int32)
+    bitmap[2:4] = 1  # the middle row of blocks
+    quarters = tuple(np.arange(n, dtype=np.int32) // 2 for n in (12, 16))
+    reached = np.zeros((12, 16), bool)
+    reached[4:8, :8] = True  # its first two blocks
+    after = without_dead_ends(prices, Region(bitmap, *quarters), reached)
+    changed = np.argwhere(after != prices).tolist()
+    assert changed == [[2, 1, 1]]
+    assert after[2, 1, 1] == pytest.approx(4.0 + CLOSED)
