@@ -102,6 +102,9 @@ WIDENED_NETWORK_CORRIDOR = CorridorWidth(2, 0.02, nearby=0.0, coarse_radius=0, c
 """Where the first held no path, or not one good enough."""
 MOST_CORRECTIONS = 8
 """Regions without a path whose links are corrected before the whole map is searched."""
+LOOK_MARGIN, LEAST_LOOK_MARGIN = 0.3, 64
+"""A network that prices links looks at the rectangle of start and goal first, and so far around it: a share of their
+distance, and cells more."""
 REFINE_FROM = MapSize(192)
 """Cells of a map's longer side from which on a learned region is searched coarsely first."""
 WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1

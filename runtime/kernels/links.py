@@ -17,6 +17,36 @@ BACKWARDS = tuple(
 """Whether each of the eight directions leads against its heading."""
 _DIAGONAL = np.float32(2.0**0.5 - 1.0)
 _INF = np.float32(np.inf)
+LOGIT_STEPS, LOGITS = 32, 1024
+"""Of the tables of what a network's answers come to: steps to a logit of 1, and entries; from -16 up to below 16."""
+
+
+@kernel
+def price_links(answers, first, part, tables, lengths, prices):
+    """Prices of links by a network's answers, of a rectangle of blocks.
+
+    Parameters
+    ----------
+    answers : (16, ., .) float32
+        Logits, see `model.passage`; those of block `first` come first.
+    part : (row, col, rows, cols)
+    tables : (dear, fine)
+        (1024,) float32 each: by the logit of half a way's T, what a length of it costs; by that of the chance that
+        there is a way, what is added.
+    lengths : (4,) float32
+        Of a straight way along each heading.
+    prices : (4, R, C) float32
+        Written.
+    """
+    row, col, rows, cols = part
+    dear, fine = tables
+    by, middle, last = np.float32(LOGIT_STEPS), np.float32(LOGITS // 2), np.float32(LOGITS - 1)
+    for k in range(4):
+        for i in range(row, row + rows):
+            for j in range(col, col + cols):
+                chance = min(max(by * answers[8 + k, i - first[0], j - first[1]] + middle, np.float32(0.0)), last)
+                way = min(max(by * answers[12 + k, i - first[0], j - first[1]] + middle, np.float32(0.0)), last)
+                prices[k, i, j] = lengths[k] * dear[np.int32(way)] + fine[np.int32(chance)]
 
 
 @kernel

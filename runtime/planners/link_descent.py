@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.pooling import FACTOR
@@ -13,7 +14,7 @@ from nnpp_edge.runtime.planners.searchers import Searcher
 from nnpp_edge.runtime.region.links import LinkSearch, without_dead_ends
 from nnpp_edge.runtime.region.looked import LookedMap
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import MOST_CORRECTIONS, CorridorWidth
+from nnpp_edge.runtime.tuning import LEAST_LOOK_MARGIN, LOOK_MARGIN, MOST_CORRECTIONS, CorridorWidth
 
 
 class LinkDescent:
@@ -51,7 +52,9 @@ class LinkDescent:
         source: Source,
     ) -> Found | None:
         """As `CoarseToFine.find`; where the source is ``WIDENED`` prices are corrected as often as it takes."""
-        prices = self._looked.prices
+        prices = self._looked.prices_within(
+            self._window(query) if source is Source.REGION else (0, 0, *self._looked.shape)
+        )
         work.stage_ends("look")
         band = width.band + FACTOR * width.nearby / max(query.apart, FACTOR)
         for _ in range(1 if source is Source.REGION else MOST_CORRECTIONS):
@@ -65,6 +68,15 @@ class LinkDescent:
                 prices = without_dead_ends(prices, region, self._reached())
                 work.stage_ends("coarse")
         return None
+
+    def _window(self, query: Query) -> Rectangle:
+        """The cells about start and goal, which nearly all good paths keep to."""
+        margin = int(LOOK_MARGIN * query.apart) + LEAST_LOOK_MARGIN
+        low = [max(min(ends) - margin, 0) for ends in zip(query.start, query.goal, strict=True)]
+        high = [
+            min(max(e) + margin + 1, n) for *e, n in zip(query.start, query.goal, self._looked.shape, strict=True)
+        ]
+        return low[0], low[1], high[0] - low[0], high[1] - low[1]
 
     def _reached(self) -> NDArray[np.bool_]:
         """(H, W) the cells that the last search came to."""
