@@ -7,7 +7,7 @@ block that it leaves forwards: `prices` is (4, R, C) float32, finite.
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP, STAMP_SHIFT
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.poses import HEADING
 
@@ -15,6 +15,8 @@ BACKWARDS = tuple(
     int((row, col) not in ((1, 0), (1, 1), (0, 1), (-1, 1))) for row, col in zip(ROW_STEP, COL_STEP, strict=True)
 )
 """Whether each of the eight directions leads against its heading."""
+FORWARDS = tuple(next(n for n in range(8) if HEADING[n] == k and not BACKWARDS[n]) for k in range(4))
+"""The direction that leads along each heading."""
 _DIAGONAL = np.float32(2.0**0.5 - 1.0)
 _INF = np.float32(np.inf)
 LOGIT_STEPS, LOGITS = 32, 1024
@@ -183,3 +185,47 @@ def mark_links(prices, first, beyond, found, scratch, radius, marks):
             cost[there] = through
             queue[tail & mask] = there
             tail += 1
+
+
+@kernel
+def _was_reached(meta, stamp, shape, row, col):
+    """Whether a search came to any cell of a block."""
+    rows, cols = shape
+    for i in range(FACTOR * row, min(FACTOR * row + FACTOR, rows)):
+        for j in range(FACTOR * col, min(FACTOR * col + FACTOR, cols)):
+            if meta[2 * ((i + 1) * (cols + 2) + j + 1) + 1] >> STAMP_SHIFT == stamp:
+                return True
+    return False
+
+
+@kernel
+def close_links(prices, marks, reached, more, came):
+    """Make links dearer between blocks of a region that a search came to and those that it did not.
+
+    Parameters
+    ----------
+    prices : (4, R, C) float32
+        Changed.
+    marks : (bitmap, stamp)
+        The region, in quarters of blocks: (2 R, 2 C) int32, and the number within it.
+    reached : (meta, stamp, shape)
+        What the search left, see `search.workspace`; its number; the map's rows and columns.
+    more : float
+        What is added.
+    came : (R, C) int8
+        Scratch: 1 where a block of the region was missed, 2 where it was reached, else 0.
+    """
+    bitmap, mark = marks
+    meta, stamp, shape = reached
+    rows, cols = came.shape
+    for i in range(rows):
+        for j in range(cols):
+            came[i, j] = 0
+            if (bitmap[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] == mark).any():
+                came[i, j] = 2 if _was_reached(meta, stamp, shape, i, j) else 1
+    for k in range(4):
+        down, right = ROW_STEP[FORWARDS[k]], COL_STEP[FORWARDS[k]]
+        for i in range(max(-down, 0), rows - max(down, 0)):
+            for j in range(cols - right):
+                if came[i, j] * came[i + down, j + right] == 2:
+                    prices[k, i, j] += np.float32(more)

@@ -1,11 +1,7 @@
 """From blocks whose links have prices to the map: searches of regions, which correct prices that were wrong."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners.plan import Source
@@ -65,7 +61,7 @@ class LinkDescent:
             if found.status is not Status.NO_PATH:
                 return Found.of(self._looked.grid, found, source, region, work)
             if source is not Source.REGION:
-                prices = without_dead_ends(prices, region, self._reached())
+                prices = without_dead_ends(prices, region, self._finest, self._looked.shape)
                 work.stage_ends("coarse")
         return None
 
@@ -77,9 +73,3 @@ class LinkDescent:
             min(max(e) + margin + 1, n) for *e, n in zip(query.start, query.goal, self._looked.shape, strict=True)
         ]
         return low[0], low[1], high[0] - low[0], high[1] - low[1]
-
-    def _reached(self) -> NDArray[np.bool_]:
-        """(H, W) the cells that the last search came to."""
-        ws, grid = self._finest, self._looked.grid
-        reached: NDArray[np.bool_] = ws.meta[1::2] >> STAMP_SHIFT == ws.stamp
-        return reached.reshape(grid.rows + 2, grid.stride)[1:-1, 1:-1]

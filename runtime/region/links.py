@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.kernels.links import mark_links, settle_links
+from nnpp_edge.runtime.kernels.links import close_links, mark_links, settle_links
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.region import Lookup, Region
-from nnpp_edge.runtime.terrain.vehicle import HEADINGS
+from nnpp_edge.runtime.search.workspace import Workspace
 
+Prices = NDArray[np.float32]
 CLOSED = 1000.0
 """Added to the price of a link that turned out to be none."""
 
@@ -67,8 +68,8 @@ class LinkSearch:
         return Region(self._bitmap, *self._quarters, self._stamp), expanded
 
 
-def without_dead_ends(prices: NDArray[np.float32], region: Region, reached: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """The prices, with links closed that a search of the region did not get across: a new array.
+def without_dead_ends(prices: NDArray[np.float32], region: Region, searched: Workspace, shape: Cell) -> Prices:
+    """The prices, with links closed that the last search of a region did not get across: a new array.
 
     Parameters
     ----------
@@ -76,20 +77,12 @@ def without_dead_ends(prices: NDArray[np.float32], region: Region, reached: NDAr
         Of the links.
     region : Region
         Over the quarters of blocks.
-    reached : (H, W) bool
-        The cells that the search came to.
+    searched : Workspace
+        Of that search.
+    shape : (int, int)
+        Rows and columns of the map.
     """
-    rows, cols = prices.shape[1:]
-    quarters = region.blocks()
-    searched: NDArray[np.bool_] = quarters.reshape(rows, 2, cols, 2).any((1, 3))
-    padded = np.zeros((rows * FACTOR, cols * FACTOR), np.bool_)
-    padded[: reached.shape[0], : reached.shape[1]] = reached
-    here: NDArray[np.bool_] = padded.reshape(rows, FACTOR, cols, FACTOR).any((1, 3))
-    missed = searched & ~here
     out = prices.copy()
-    for heading, (down, right) in enumerate(HEADINGS):
-        one = slice(max(-down, 0), rows - max(down, 0)), slice(0, cols - right)
-        other = slice(max(down, 0), rows - max(-down, 0)), slice(right, cols)
-        closed = (here[one] & missed[other]) | (missed[one] & here[other])
-        out[heading][one] += np.float32(CLOSED) * closed
+    reached = searched.meta, searched.stamp, shape
+    close_links(out, (region.bitmap, region.stamp), reached, CLOSED, np.empty(prices.shape[1:], np.int8))
     return out

@@ -5,8 +5,10 @@ import heapq
 import numpy as np
 import pytest
 
+from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.region.links import CLOSED, LinkSearch, without_dead_ends
+from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 
 LENGTHS = np.array((4.0, 4.0 * 2**0.5, 4.0, 4.0 * 2**0.5), np.float32)[:, None, None]
@@ -63,9 +65,10 @@ def test_links_are_closed_where_a_search_of_the_region_got_no_farther():
     bitmap = np.zeros((6, 8), np.int32)
     bitmap[2:4] = 1  # the middle row of blocks
     quarters = tuple(np.arange(n, dtype=np.int32) // 2 for n in (12, 16))
-    reached = np.zeros((12, 16), bool)
-    reached[4:8, :8] = True  # its first two blocks
-    after = without_dead_ends(prices, Region(bitmap, *quarters), reached)
+    searched = Workspace(14 * 18)
+    searched.next_stamp()
+    searched.meta[1::2].reshape(14, 18)[5:9, 1:9] = searched.stamp << STAMP_SHIFT  # its first two blocks
+    after = without_dead_ends(prices, Region(bitmap, *quarters), searched, (12, 16))
     changed = np.argwhere(after != prices).tolist()
     assert changed == [[2, 1, 1]]
     assert after[2, 1, 1] == pytest.approx(4.0 + CLOSED)
