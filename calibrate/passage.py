@@ -13,7 +13,7 @@ from onnx import numpy_helper
 from torch import Tensor, nn
 
 from nnpp_edge.calibrate.passage_searches import SearchFigures, reliability, search_figures
-from nnpp_edge.export.passage_to_onnx import write_passage
+from nnpp_edge.export.passage_to_onnx import HiddenRanges, write_passage
 from nnpp_edge.model.passage import PassageNet
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.kernels.blocks import CHANNELS, MIDDLE
@@ -25,8 +25,10 @@ from nnpp_edge.training.passage_batches import PassageBatch, PassageMaps
 
 PERCENTILE = 0.9999
 """Share of a convolution's outputs, on a vehicle's maps, that int8 can tell apart; the others are cut off."""
-VEHICLES = 32
-"""Of the data set, to calibrate on and to judge on, at most."""
+CALIBRATED, JUDGED = 256, 32
+"""Vehicles of a data set to calibrate on and to judge on, at most."""
+RIDGE, COVERED = 1e-3, 0.9
+"""Of the fit of the convolutions' ranges; and the share of vehicles whose outliers alone are cut off."""
 SEARCHED = 64
 """Vehicles on the first of whose maps a query is searched by either file."""
 TIMED_BLOCKS, ROUNDS = 66, 50
@@ -77,10 +79,10 @@ def quantize_passage(model: Path, dataset: Path, output: Path, validation: Path 
     """
     network, facts = read_network(model)
     maps, judged_on = PassageMaps(dataset), PassageMaps(validation or dataset)
-    count = min(len(maps), VEHICLES)
+    count = min(len(maps), CALIBRATED)
     ranges = hidden_ranges(network, [maps.batch(range(k, k + 1)) for k in range(count)])
     write_passage(network, output, name=output.stem, training=facts.training, ranges=ranges)
-    parts = [judged_on.batch(range(k, k + 1)) for k in range(min(len(judged_on), VEHICLES))]
+    parts = [judged_on.batch(range(k, k + 1)) for k in range(min(len(judged_on), JUDGED))]
     answers = [_answers(path, parts) for path in (model, output)]
     one, other = (_figures(each, parts) for each in answers)
     searches = search_figures([model, output], judged_on, SEARCHED)
@@ -91,9 +93,9 @@ def quantize_passage(model: Path, dataset: Path, output: Path, validation: Path 
     )
 
 
-def hidden_ranges(network: PassageNet, batches: list[PassageBatch]) -> list[float]:
-    """The greatest output of each hidden convolution, but for the outliers, over batches of one vehicle each."""
-    found = []
+def hidden_ranges(network: PassageNet, batches: list[PassageBatch]) -> HiddenRanges:
+    """The greatest output of each hidden convolution, but for outliers, by vehicle: fitted to batches of one each."""
+    found, said = [], []
     with torch.no_grad():
         for batch in batches:
             x, greatest = batch.blocks[0], []
@@ -101,9 +103,15 @@ def hidden_ranges(network: PassageNet, batches: list[PassageBatch]) -> list[floa
                 x = layer(x)
                 if isinstance(layer, nn.ReLU):
                     greatest.append(_percentile(x))
-            found.append(greatest)
-    ranges: list[float] = np.max(found, 0).tolist()
-    return ranges
+            found.append(np.log(greatest))
+            said.append(network.describe(batch.numbers[:1])[0].numpy())
+    logs, features = np.stack(found), np.stack(said).astype(np.float64)
+    middle, mean = features.mean(0), logs.mean(0)
+    apart = features - middle
+    ridge = apart.T @ apart + RIDGE * len(batches) * np.eye(apart.shape[1])
+    weight = np.linalg.solve(ridge, apart.T @ (logs - mean))
+    above = np.quantile(logs - mean - apart @ weight, COVERED, axis=0)
+    return HiddenRanges(weight.astype(np.float32), (mean + above - middle @ weight).astype(np.float32))
 
 
 def _percentile(outputs: Tensor) -> float:
