@@ -39,23 +39,45 @@ def price_links(answers, first, part, tables, lengths, prices):
         Of a straight way along each heading.
     prices : (4, R, C) float32
         Written.
+
+    Returns
+    -------
+    float32
+        The least price of a length.
     """
     row, col, rows, cols = part
     dear, fine = tables
+    lowest = np.float32(LOGITS - 1)
     by, middle, last = np.float32(LOGIT_STEPS), np.float32(LOGITS // 2), np.float32(LOGITS - 1)
     for k in range(4):
         for i in range(row, row + rows):
             for j in range(col, col + cols):
                 chance = min(max(by * answers[8 + k, i - first[0], j - first[1]] + middle, np.float32(0.0)), last)
                 way = min(max(by * answers[12 + k, i - first[0], j - first[1]] + middle, np.float32(0.0)), last)
+                lowest = min(lowest, way)
                 prices[k, i, j] = lengths[k] * dear[np.int32(way)] + fine[np.int32(chance)]
+    return dear[np.int32(lowest)]
 
 
 @kernel
-def _left(row, col, goal_row, goal_col):
-    """The least that is left: no link is cheaper than the way that it is long."""
-    down, across = abs(row - goal_row), abs(col - goal_col)
-    return np.float32(FACTOR) * (np.float32(max(down, across)) + _DIAGONAL * np.float32(min(down, across)))
+def _straight(node, other, cols, least):
+    """The least that a way between two blocks costs, if no link costs less than `least` a length."""
+    down, across = abs(node // cols - other // cols), abs(node % cols - other % cols)
+    length = np.float32(max(down, across)) + _DIAGONAL * np.float32(min(down, across))
+    return np.float32(FACTOR) * least * length
+
+
+@kernel
+def _left(node, ends, cols, least, guide):
+    """The least that is left from a block to the last one."""
+    first, last = ends
+    costs, stamps, stamp, limit = guide
+    straight = _straight(node, last, cols, least)
+    if limit == np.float32(0.0):
+        return straight
+    back = _straight(node, first, cols, least)
+    known = stamps[node] == stamp and costs[node] + back <= limit
+    return max(costs[node] if known else limit - back, straight)
 
 
 @kernel
@@ -89,17 +111,22 @@ def _pop(keys, nodes, size):
 
 
 @kernel
-def settle_links(prices, first, last, beyond, reached, stamps, stamp, heap):
-    """Costs from block `first` to all that lie on ways to `last` which cost at most `beyond` times the least.
+def settle_links(prices, least, ends, beyond, found, guide, heap):
+    """Costs from the first block to all that lie on ways to the last which cost at most `beyond` times the least.
 
     Parameters
     ----------
-    first, last : int
+    least : float32
+        No link costs less a length.
+    ends : (first, last)
         Blocks, row by row.
     beyond : float
         At least 1.
-    reached, stamps : (R · C,) float32, int32
-        Costs, and the number of the search that reached a block; written.
+    found : (reached, stamps, stamp)
+        (R · C,) float32 costs and int32 numbers of the search that reached a block, both written; and this one's.
+    guide : (reached, stamps, stamp, limit)
+        What a search from the last block to the first left, when no link was dearer than now, and the cost up to
+        which it searched; 0 for none.
     heap : (keys, nodes)
         Room for eight times the blocks.
 
@@ -109,17 +136,18 @@ def settle_links(prices, first, last, beyond, reached, stamps, stamp, heap):
         Blocks expanded.
     """
     rows, cols = prices.shape[1], prices.shape[2]
+    reached, stamps, stamp = found
     keys, nodes = heap
-    last_row, last_col = last // cols, last % cols
+    first, last = ends
     reached[first], stamps[first] = 0.0, stamp
-    size = _push(keys, nodes, 0, _left(first // cols, first % cols, last_row, last_col), first)
+    size = _push(keys, nodes, 0, _left(first, ends, cols, least, guide), first)
     bound, expanded = _INF, 0
     while size and keys[0] <= bound:
         key, node = keys[0], nodes[0]
         size = _pop(keys, nodes, size)
         row, col = node // cols, node % cols
         own = reached[node]
-        if key > own + _left(row, col, last_row, last_col):
+        if key > own + _left(node, ends, cols, least, guide):
             continue  # reached for less since
         expanded += 1
         for k in range(8):
@@ -130,7 +158,7 @@ def settle_links(prices, first, last, beyond, reached, stamps, stamp, heap):
             there, cost = i * cols + j, own + price
             if stamps[there] == stamp and cost >= reached[there]:
                 continue
-            promise = cost + _left(i, j, last_row, last_col)
+            promise = cost + _left(there, ends, cols, least, guide)
             if promise > bound:
                 continue
             reached[there], stamps[there] = cost, stamp

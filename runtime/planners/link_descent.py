@@ -53,8 +53,9 @@ class LinkDescent:
         )
         work.stage_ends("look")
         band = width.band + FACTOR * width.nearby / max(query.apart, FACTOR)
+        around, ends = self._links.around, (query.start, query.goal)
         for _ in range(1 if source is Source.REGION else MOST_CORRECTIONS):
-            region, expanded = self._links.around(prices, query.start, query.goal, band, width.radius)
+            region, expanded = around(prices, ends, band, width.radius, self._looked.least)
             work.expansions += expanded
             work.stage_ends("coarse")
             found = searcher.search(query, work, region)
@@ -62,7 +63,7 @@ class LinkDescent:
                 return Found.of(self._looked.grid, found, source, region, work)
             if source is not Source.REGION:
                 prices = without_dead_ends(prices, region, self._finest, self._looked.shape)
-                work.stage_ends("coarse")
+                around = self._links.around_again
         return None
 
     def _window(self, query: Query) -> Rectangle:

@@ -44,6 +44,8 @@ class LookedMap:
         self._changes = state.log.reader()
         rows, cols = (-(-n // FACTOR) for n in state.shape)
         self._prices = np.full((4, rows, cols), NOT_LOOKED_AT, np.float32)
+        self.least = NOT_LOOKED_AT
+        """No link that was looked at costs less for a cell's length."""
         self._looked_at = np.zeros((-(-rows // _TILE), -(-cols // _TILE)), np.bool_)
 
     @property
@@ -86,7 +88,8 @@ class LookedMap:
         shape = end[0] - begin[0], end[1] - begin[1]
         shown = shown_blocks(tiles.heights, poses.sides_m, poses.vehicle, begin, shape)
         tables = _tables(self._state.grid.model.scale)
-        price_links(self._network.answers(shown), begin, part, tables, _LENGTHS, self._prices)
+        least = price_links(self._network.answers(shown), begin, part, tables, _LENGTHS, self._prices)
+        self.least = min(self.least, float(least))
 
 
 @functools.cache

@@ -48,7 +48,13 @@ def test_the_region_holds_just_the_blocks_on_ways_that_cost_nearly_the_least(see
     prices = (LENGTHS * (1.0 + 4.0 * rng.random((4, rows, cols)) ** 3)).astype(np.float32)
     start, goal = ((int(rng.integers(4 * rows)), int(rng.integers(4 * cols))) for _ in range(2))
     band = float(rng.choice([0.0, 0.05, 0.3]))
-    region, _ = LinkSearch((4 * rows, 4 * cols)).around(prices, start, goal, band, 0)
+    region, _ = LinkSearch((4 * rows, 4 * cols)).around(prices, (start, goal), band, 0, float(rng.choice([0.7, 1.0])))
+    check_region(region, prices, start, goal, band)
+
+
+def check_region(region, prices, start, goal, band):
+    """Against plain fields of costs from both ends."""
+    rows, cols = prices.shape[1:]
     inside = region.blocks()[::2, ::2]
     ends = (start[0] // 4, start[1] // 4), (goal[0] // 4, goal[1] // 4)
     through = costs_from(prices, ends[0]) + costs_from(prices, ends[1])
@@ -58,6 +64,19 @@ def test_the_region_holds_just_the_blocks_on_ways_that_cost_nearly_the_least(see
         near_ends[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] = True
     assert (inside | (through > limit * (1.0 - 1e-5))).all()
     assert not (inside & ~near_ends & (through > limit * (1.0 + 1e-4))).any()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_searched_again_once_links_are_dearer_the_region_is_that_of_the_new_prices(seed):
+    rng = np.random.default_rng(seed)
+    rows, cols = rng.integers(3, 14, 2)
+    prices = (LENGTHS * (1.0 + 4.0 * rng.random((4, rows, cols)) ** 3)).astype(np.float32)
+    start, goal = ((int(rng.integers(4 * rows)), int(rng.integers(4 * cols))) for _ in range(2))
+    search, query, band = LinkSearch((4 * rows, 4 * cols)), (start, goal), float(rng.choice([0.01, 0.2]))
+    search.around(prices, query, band, 0)
+    for _ in range(3):
+        prices = prices + np.float32(30.0) * (rng.random(prices.shape) < 0.3)
+        check_region(search.around_again(prices, query, band, 0)[0], prices, start, goal, band)
 
 
 def test_links_are_closed_where_a_search_of_the_region_got_no_farther():
