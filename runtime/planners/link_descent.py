@@ -1,6 +1,6 @@
 """From blocks whose links have prices to the map: searches of regions, which correct prices that were wrong."""
 
-from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.region import Region
@@ -32,6 +32,7 @@ class LinkDescent:
 
     def __init__(self, looked: LookedMap, finest: Workspace) -> None:
         self._looked, self._links, self._finest = looked, LinkSearch(looked.shape), finest
+        self._asked: tuple[tuple[Cell, Cell], int] | None = None
 
     def top_for(self, query: Query) -> int:
         """There is one coarse level."""
@@ -48,14 +49,16 @@ class LinkDescent:
         source: Source,
     ) -> Found | None:
         """As `CoarseToFine.find`; where the source is ``WIDENED`` prices are corrected as often as it takes."""
-        prices = self._looked.prices_within(
-            self._window(query) if source is Source.REGION else (0, 0, *self._looked.shape)
-        )
+        prices = self._looked.prices_within(self._window(query))
         work.stage_ends("look")
         band = width.band + FACTOR * width.nearby / max(query.apart, FACTOR)
-        around, ends = self._links.around, (query.start, query.goal)
+        ends, least = (query.start, query.goal), self._looked.least
+        around, asked = self._links.around, (ends, self._looked.looks)
+        if asked == self._asked:
+            around = self._links.around_again
+        self._asked = asked
         for _ in range(1 if source is Source.REGION else MOST_CORRECTIONS):
-            region, expanded = around(prices, ends, band, width.radius, self._looked.least)
+            region, expanded = around(prices, ends, band, width.radius, least)
             work.expansions += expanded
             work.stage_ends("coarse")
             found = searcher.search(query, work, region)

@@ -46,6 +46,8 @@ class LookedMap:
         self._prices = np.full((4, rows, cols), NOT_LOOKED_AT, np.float32)
         self.least = NOT_LOOKED_AT
         """No link that was looked at costs less for a cell's length."""
+        self.looks = 0
+        """How often the network has been asked: prices are the same as long as this is."""
         self._looked_at = np.zeros((-(-rows // _TILE), -(-cols // _TILE)), np.bool_)
 
     @property
@@ -90,6 +92,7 @@ class LookedMap:
         tables = _tables(self._state.grid.model.scale)
         least = price_links(self._network.answers(shown), begin, part, tables, _LENGTHS, self._prices)
         self.least = min(self.least, float(least))
+        self.looks += 1
 
 
 @functools.cache
