@@ -85,12 +85,11 @@ def quantize_passage(model: Path, dataset: Path, output: Path, validation: Path 
     parts = [judged_on.batch(range(k, k + 1)) for k in range(min(len(judged_on), JUDGED))]
     answers = [_answers(path, parts) for path in (model, output)]
     one, other = (_figures(each, parts) for each in answers)
-    searches = search_figures([model, output], judged_on, SEARCHED)
+    by_fp32, by_int8 = search_figures([model, output], judged_on, SEARCHED)
     numbers = parts[0].numbers[0].numpy()
-    fp32_ms, int8_ms = _times([VehicleNetwork(read_passage(path), numbers, path) for path in (model, output)])
-    return PassageReport(
-        str(model), str(output), count, one, other, *searches, fp32_ms, int8_ms, reliability(answers[1], parts)
-    )
+    times = _times([VehicleNetwork(read_passage(path), numbers, path) for path in (model, output)])
+    came_true = reliability(answers[1], parts)
+    return PassageReport(str(model), str(output), count, one, other, by_fp32, by_int8, *times, came_true)
 
 
 def hidden_ranges(network: PassageNet, batches: list[PassageBatch]) -> HiddenRanges:

@@ -13,6 +13,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.network.passage import unsuited
 from nnpp_edge.runtime.network.passage_model import PassageModel
 from nnpp_edge.runtime.planners.corridor import CorridorPlanner
 from nnpp_edge.runtime.planners.exact import ExactPlanner
@@ -50,11 +51,16 @@ class SearchFigures:
 
 
 def search_figures(models: list[Path], maps: PassageMaps, count: int) -> list[SearchFigures]:
-    """What each model's searches come to on the first map of each of the first `count` vehicles, the same queries."""
+    """What each model's searches come to on the first map of each of the first `count` vehicles, the same queries.
+
+    Vehicles out of the range that planners take, at whose edges networks are trained too, are left out.
+    """
     rows: list[list[tuple[bool, float, int, int]]] = [[] for _ in models]
     networks = [PassageModel(path) for path in models]
     for k in range(min(count, len(maps))):
         heights, vehicle = maps.ground(k)
+        if unsuited(vehicle, (1.0, 1.0)):
+            continue
         if (asked := _query(heights, vehicle, np.random.default_rng(k))) is None:
             continue
         query, cost, checks = asked
