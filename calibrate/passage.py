@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import onnx
 import torch
+from numpy.typing import NDArray
 from onnx import numpy_helper
 from torch import Tensor, nn
 
-from nnpp_edge.export.passage_to_onnx import write_passage
+from nnpp_edge.calibrate.passage_searches import SearchFigures, reliability, search_figures
+from nnpp_edge.export.passage_to_onnx import HiddenRanges, write_passage
 from nnpp_edge.model.passage import PassageNet
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.kernels.blocks import CHANNELS, MIDDLE
@@ -23,8 +25,12 @@ from nnpp_edge.training.passage_batches import PassageBatch, PassageMaps
 
 PERCENTILE = 0.9999
 """Share of a convolution's outputs, on a vehicle's maps, that int8 can tell apart; the others are cut off."""
-VEHICLES = 32
-"""Of the data set, to calibrate on and to judge on, at most."""
+CALIBRATED, JUDGED = 256, 32
+"""Vehicles of a data set to calibrate on and to judge on, at most."""
+RIDGE, COVERED = 1e-3, 0.9
+"""Of the fit of the convolutions' ranges; and the share of vehicles whose outliers alone are cut off."""
+SEARCHED = 64
+"""Vehicles on the first of whose maps a query is searched by either file."""
 TIMED_BLOCKS, ROUNDS = 66, 50
 """Blocks to the side of the timed map, 256 cells and a rim, and timed runs of each file."""
 
@@ -38,8 +44,12 @@ class PassageReport:
     vehicles: int
     fp32: dict[str, float]
     int8: dict[str, float]
+    fp32_searches: SearchFigures
+    int8_searches: SearchFigures
     fp32_ms: float
     int8_ms: float
+    reliability: dict[str, list[tuple[float, ...]]]
+    """Of the int8 file, see `reliability`."""
 
     def to_json(self) -> str:
         """One line of JSON."""
@@ -49,7 +59,16 @@ class PassageReport:
         """The report as lines of text."""
         lines = [f"{self.output}: calibrated on {self.vehicles} vehicles", f"  {'':14}{'fp32':>9}{'int8':>9}"]
         lines += [f"  {name:14}{self.fp32[name]:9.4f}{self.int8[name]:9.4f}" for name in FIGURES]
-        return "\n".join([*lines, f"  {'ms at 256²':14}{self.fp32_ms:9.2f}{self.int8_ms:9.2f}"])
+        one, other = self.fp32_searches, self.int8_searches
+        lines.append(f"  {'first region':14}{100 * one.success:8.1f}%{100 * other.success:8.1f}%")
+        lines.append(f"  {'gap':14}{100 * one.gap:8.2f}%{100 * other.gap:8.2f}%")
+        lines.append(f"  {'poses checked':14}{one.checks:9.0f}{other.checks:9.0f}")
+        lines.append(f"  {'ms at 256²':14}{self.fp32_ms:9.2f}{self.int8_ms:9.2f}")
+        lines.append(f"  {one.queries} queries; the exact search checks {one.exact_checks:.0f} poses")
+        for name, rows in self.reliability.items():
+            came = ", ".join(f"{said:.2f} {true:.2f}" for said, true, weight in rows if weight)
+            lines.append(f"  chance of a {name} said, and how often it was: {came}")
+        return "\n".join(lines)
 
 
 def quantize_passage(model: Path, dataset: Path, output: Path, validation: Path | None = None) -> PassageReport:
@@ -60,19 +79,22 @@ def quantize_passage(model: Path, dataset: Path, output: Path, validation: Path 
     """
     network, facts = read_network(model)
     maps, judged_on = PassageMaps(dataset), PassageMaps(validation or dataset)
-    count = min(len(maps), VEHICLES)
+    count = min(len(maps), CALIBRATED)
     ranges = hidden_ranges(network, [maps.batch(range(k, k + 1)) for k in range(count)])
     write_passage(network, output, name=output.stem, training=facts.training, ranges=ranges)
-    parts = [judged_on.batch(range(k, k + 1)) for k in range(min(len(judged_on), VEHICLES))]
-    one, other = (_figures(path, parts) for path in (model, output))
+    parts = [judged_on.batch(range(k, k + 1)) for k in range(min(len(judged_on), JUDGED))]
+    answers = [_answers(path, parts) for path in (model, output)]
+    one, other = (_figures(each, parts) for each in answers)
+    by_fp32, by_int8 = search_figures([model, output], judged_on, SEARCHED)
     numbers = parts[0].numbers[0].numpy()
-    fp32_ms, int8_ms = _times([VehicleNetwork(read_passage(path), numbers, path) for path in (model, output)])
-    return PassageReport(str(model), str(output), count, one, other, fp32_ms, int8_ms)
+    times = _times([VehicleNetwork(read_passage(path), numbers, path) for path in (model, output)])
+    came_true = reliability(answers[1], parts)
+    return PassageReport(str(model), str(output), count, one, other, by_fp32, by_int8, *times, came_true)
 
 
-def hidden_ranges(network: PassageNet, batches: list[PassageBatch]) -> list[float]:
-    """The greatest output of each hidden convolution, but for the outliers, over batches of one vehicle each."""
-    found = []
+def hidden_ranges(network: PassageNet, batches: list[PassageBatch]) -> HiddenRanges:
+    """The greatest output of each hidden convolution, but for outliers, by vehicle: fitted to batches of one each."""
+    found, said = [], []
     with torch.no_grad():
         for batch in batches:
             x, greatest = batch.blocks[0], []
@@ -80,9 +102,15 @@ def hidden_ranges(network: PassageNet, batches: list[PassageBatch]) -> list[floa
                 x = layer(x)
                 if isinstance(layer, nn.ReLU):
                     greatest.append(_percentile(x))
-            found.append(greatest)
-    ranges: list[float] = np.max(found, 0).tolist()
-    return ranges
+            found.append(np.log(greatest))
+            said.append(network.describe(batch.numbers[:1])[0].numpy())
+    logs, features = np.stack(found), np.stack(said).astype(np.float64)
+    middle, mean = features.mean(0), logs.mean(0)
+    apart = features - middle
+    ridge = apart.T @ apart + RIDGE * len(batches) * np.eye(apart.shape[1])
+    weight = np.linalg.solve(ridge, apart.T @ (logs - mean))
+    above = np.quantile(logs - mean - apart @ weight, COVERED, axis=0)
+    return HiddenRanges(weight.astype(np.float32), (mean + above - middle @ weight).astype(np.float32))
 
 
 def _percentile(outputs: Tensor) -> float:
@@ -114,14 +142,20 @@ def read_network(path: Path) -> tuple[PassageNet, PassageMetadata]:
     return network.eval(), facts
 
 
-def _figures(path: Path, parts: list[PassageBatch]) -> dict[str, float]:
-    """What a file answers, judged by the labels."""
-    content, rows = read_passage(path), []
+def _answers(path: Path, parts: list[PassageBatch]) -> list[NDArray[np.float32]]:
+    """What a file answers of the maps of each part's one vehicle: (N, 16, R + 2, C + 2) logits."""
+    content, found = read_passage(path), []
     for part in parts:
         network = VehicleNetwork(content, part.numbers[0].numpy(), path)
         blocks = torch.round(part.blocks[0] * STEPS + MIDDLE).to(torch.uint8).numpy()
-        answers = torch.from_numpy(np.stack([network.answers(each) for each in blocks]))
-        rows.append(passage_loss(answers[None], part.labels)[1])
+        found.append(np.stack([network.answers(each) for each in blocks]))
+    return found
+
+
+def _figures(answers: list[NDArray[np.float32]], parts: list[PassageBatch]) -> dict[str, float]:
+    """The same judged by the labels."""
+    pairs = zip(answers, parts, strict=True)
+    rows = [passage_loss(torch.from_numpy(each)[None], part.labels)[1] for each, part in pairs]
     return dict(zip(FIGURES, np.mean(rows, 0).tolist(), strict=True))
 
 

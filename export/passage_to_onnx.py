@@ -6,6 +6,7 @@ onnxruntime then folds all that follows from them into constants: what runs is a
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import onnx
@@ -26,6 +27,15 @@ _LARGEST = 127.0
 """Of a quantised weight."""
 
 
+class HiddenRanges(NamedTuple):
+    """The greatest output of each of L hidden convolutions, by what a network of D units says of a vehicle."""
+
+    weight: NDArray[np.float32]
+    """(D, L): its logarithm is linear in what is said."""
+    bias: NDArray[np.float32]
+    """(L,)"""
+
+
 class _Graph:
     """Nodes and constants of a graph that is being written."""
 
@@ -44,7 +54,7 @@ class _Graph:
         return output
 
 
-def passage_graph(network: PassageNet, ranges: list[float] | None = None) -> onnx.ModelProto:
+def passage_graph(network: PassageNet, ranges: HiddenRanges | None = None) -> onnx.ModelProto:
     """The network's graph in float32 or, by the greatest output of each hidden convolution, in int8."""
     graph = _Graph()
     graph.constant(VEHICLE, np.zeros((1, len(NUMBERS)), np.float32))
@@ -56,7 +66,7 @@ def passage_graph(network: PassageNet, ranges: list[float] | None = None) -> onn
         x = graph.add("DequantizeLinear", [BLOCKS, "unit", "middle"], "shown")
     else:
         x = BLOCKS
-        steps = ["unit", *(graph.constant(f"step{i}", np.float32(r / 255.0)) for i, r in enumerate(ranges, 1))]
+        steps = ["unit", *_hidden_steps(graph, described, ranges)]
         zeros = ["middle", *(graph.constant(f"zero{i}", np.uint8(0)) for i in range(1, len(layers)))]
     for i, layer in enumerate(layers):
         assert isinstance(layer, VehicleConv)
@@ -88,7 +98,7 @@ def write_passage(
     *,
     name: str,
     training: Mapping[str, object],
-    ranges: list[float] | None = None,
+    ranges: HiddenRanges | None = None,
 ) -> None:
     """Write a passage network as ONNX, whole or not at all, in int8 if `ranges` are given; or OutputError."""
     model = passage_graph(network, ranges)
@@ -122,6 +132,19 @@ def _described(graph: _Graph, network: PassageNet) -> str:
         else:
             x = graph.add("Mul", [x, graph.add("Sigmoid", [x], f"gate{i}")], f"described{i}")
     return x
+
+
+def _hidden_steps(graph: _Graph, described: str, ranges: HiddenRanges) -> list[str]:
+    """The step of each hidden convolution's bytes."""
+    weight, bias = graph.constant("ranges.weight", ranges.weight), graph.constant("ranges.bias", ranges.bias)
+    logs = graph.add("Add", [graph.add("MatMul", [described, weight], "ranges.product"), bias], "ranges.logs")
+    greatest = graph.add("Exp", [logs], "ranges")
+    all_steps = graph.add("Div", [greatest, graph.constant("most", np.float32(255.0))], "steps")
+    steps = []
+    for i in range(len(ranges.bias)):
+        each = graph.add("Gather", [all_steps, graph.constant(f"layer{i}", np.int64(i))], f"step{i}.row", axis=1)
+        steps.append(graph.add("Squeeze", [each], f"step{i + 1}"))
+    return steps
 
 
 def _mixed(graph: _Graph, layer: VehicleConv, described: str, i: int) -> tuple[str, str]:

@@ -161,6 +161,7 @@ def _exercise_elevations(network: NetworkModel) -> None:
             planner.update_elevation(3, 4, heights[:5, :6].copy())
             planner.update_elevation(0, 0, heights)
     _exercise_body(dem, network)
+    _exercise_passage(dem)
     connected([cost], ((0, 0), (1, 1)))
 
 
@@ -186,6 +187,15 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
         moving.standing()
     state = MapState.of_elevation(dem, (1.0, 1.0), Traversability(), StepModel.of("paper"), vehicle=vehicle)
     MapPlanners(state, network).corridor_mended.find(Query(start, goal), Work())
+
+
+def _exercise_passage(dem: Float2D) -> None:
+    vehicle, (start, goal) = Vehicle(3.5, 2.2, 1.2, max_tilt_deg=35.0, unknown_passes=True), ((8, 5), (140, 18))
+    for heights in (dem, _read_only(dem)):
+        planner = Planner.of_elevation(heights, 1.0, vehicle=vehicle, warn=False)
+        planner.plan(start, goal, method="corridor", price="network")
+        planner.update_elevation(3, 4, dem[:5, :6].copy())
+        planner.plan(start, goal, method="corridor", price="network")
 
 
 def warmup_shapes() -> list[tuple[int, int]]:

@@ -96,7 +96,7 @@ def command(
         torch.set_num_threads(threads)
     settings |= {"time_limit_s": 60.0 * (time_limit or math.inf), "validate_every_s": 60.0 * validate_every}
     if has_poses(dataset):
-        _train_passage(dataset, validation, output, msgspec.convert(settings, TrainSettings), as_json)
+        _train_passage(dataset, validation, output, msgspec.convert(settings, TrainSettings), begin_with, as_json)
         return
     preset = PRESETS[architecture]
     spec = dataclasses.replace(
@@ -136,7 +136,9 @@ def command(
         )
 
 
-def _train_passage(dataset: Path, validation: Path, output: Path, settings: "TrainSettings", as_json: bool) -> None:
+def _train_passage(
+    dataset: Path, validation: Path, output: Path, settings: "TrainSettings", begin_with: Path | None, as_json: bool
+) -> None:
     """Train a passage network, and print how it does on the validation set."""
     from nnpp_edge.model.registry import PASSAGE_OPTIONS
     from nnpp_edge.progress import bar
@@ -149,7 +151,7 @@ def _train_passage(dataset: Path, validation: Path, output: Path, settings: "Tra
             advance(int(_PARTS * share))
 
         maps = PassageMaps(dataset), PassageMaps(validation)
-        checkpoint = train_passage(PASSAGE_OPTIONS, settings, *maps, output, report=report)
+        checkpoint = train_passage(PASSAGE_OPTIONS, settings, *maps, output, begin_with=begin_with, report=report)
     history = json.loads((output / "history.json").read_text())
     if as_json:
         click.echo(json.dumps({"checkpoint": str(checkpoint), "history": history}))

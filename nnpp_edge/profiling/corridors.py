@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
@@ -100,8 +100,15 @@ class CorridorAlone:
 class MadeLinks:
     """Prices of links that do not follow the map's changes: (4, R, C) float32, see `kernels.links`."""
 
+    least, looks = 1.0, 0
+    """None is cheaper for a cell's length; and the network is never asked."""
+
     def __init__(self, state: MapState, prices: NDArray[np.float32]) -> None:
-        self.grid, self.shape, self.prices = state.grid, state.shape, prices
+        self.grid, self.shape, self._prices = state.grid, state.shape, prices
+
+    def prices_within(self, part: Rectangle) -> NDArray[np.float32]:
+        """All of them."""
+        return self._prices
 
 
 def wider(width: CorridorWidth, times: float) -> CorridorWidth:

@@ -149,7 +149,8 @@ def _patchy(rng: np.random.Generator, heights: Float2D) -> Float2D:
         return heights
     where = fractal(rng, heights.shape[0], 1.0, 1.0)
     share = (where - where.min()) / max(float(np.ptp(where)), 1e-6)
-    return heights * np.clip(2.0 * share - 0.5, 0.0, 1.0).astype(np.float32)
+    strength: Float2D = np.clip(2.0 * share - 0.5, 0.0, 1.0).astype(np.float32)
+    return heights * strength
 
 
 def _ledges(rng: np.random.Generator, side: int, step: float) -> Float2D:

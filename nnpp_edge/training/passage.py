@@ -5,7 +5,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import msgspec
@@ -26,6 +26,8 @@ CHECKPOINT = "checkpoint.pt"
 FIGURES = "chance_error", "cost_error", "link_error", "way_error"
 """Mean distances of what is answered from the label: share of passing poses, their T, whether there is a way to the
 next block, and T of that way; the second by share, the last where there is a way."""
+BEGUN_WITH = "begun_with"
+"""Among a run's settings: the facts of the run whose weights it began with."""
 VALIDATED = 64
 """Vehicles that are validated on, at most."""
 _AT_ONCE = 8
@@ -90,17 +92,21 @@ def train_passage(
     validation: PassageMaps,
     folder: Path,
     *,
+    begin_with: Path | None = None,
     report: Callable[[int, float, float], None] = lambda step, loss, share: None,
 ) -> Path:
     """Train a passage network, going on from the folder's checkpoint if there is one; the path of its checkpoint.
 
     `TrainSettings.batch` counts maps. A time limit becomes a number of steps once the warm-up has shown how long one
-    takes. `report` is called after each step with its number, its loss and the share of the training that is done.
-    Raises ModelError where the folder's checkpoint is of another network.
+    takes. A new training begins with the averaged weights of the checkpoint `begin_with`, if given. `report` is
+    called after each step with its number, its loss and the share of the training that is done.
+    Raises ModelError where the folder's checkpoint, or `begin_with`, is of another network.
     """
     make_folder(folder)
-    run = _Run(options, settings, folder / CHECKPOINT)
     vehicles = min(max(settings.batch // training.recipe.maps_per_vehicle, 1), len(training))
+    if settings.steps is None and settings.time_limit_s == math.inf:
+        settings = replace(settings, steps=settings.epochs * max(len(training) // vehicles, 1))
+    run = _Run(options, settings, folder / CHECKPOINT, begin_with)
     saved = time.monotonic()
     while not run.done():
         rng = np.random.default_rng([settings.seed, run.state.step])
@@ -135,7 +141,7 @@ def _mean(values: Tensor, weight: Tensor | None) -> Tensor:
 class _Run:
     """The network, its running mean, the optimiser and the progress."""
 
-    def __init__(self, options: Options, settings: TrainSettings, path: Path) -> None:
+    def __init__(self, options: Options, settings: TrainSettings, path: Path, begin_with: Path | None) -> None:
         self._settings, self.path = settings, path
         torch.manual_seed(settings.seed)
         self._network, self._average = PassageNet(**options), PassageNet(**options)  # type: ignore[arg-type]
@@ -147,8 +153,8 @@ class _Run:
         self.state = PassageCheckpoint(plain, {}, {}, {}, settings=asked, steps=settings.steps)
         if path.exists():
             self._resume()
-        elif settings.time_limit_s == math.inf and settings.steps is None:
-            self.state.steps = 0
+        elif begin_with is not None:
+            self._begin_with(begin_with)
         self.losses: list[float] = []
         self._figures: list[list[float]] = []
         self._began = time.monotonic() - self.state.spent
@@ -206,15 +212,26 @@ class _Run:
         half_cosine = 0.5 * (1.0 + math.cos(math.pi * (step - warm) / max(steps - warm, 1)))
         return self._settings.learning_rate * (0.01 + 0.99 * half_cosine)
 
-    def _resume(self) -> None:
-        saved = load_passage_checkpoint(self.path)
+    def _begin_with(self, path: Path) -> None:
+        saved = self._saved(path)
+        for network in (self._network, self._average):
+            network.load_state_dict(saved.average)
+        self.state.settings[BEGUN_WITH] = saved.facts()
+
+    def _saved(self, path: Path) -> PassageCheckpoint:
+        saved = load_passage_checkpoint(path)
         if saved.options != self.state.options:
-            raise ModelError(f"{self.path}: wanted a checkpoint of {self.state.options}, got one of {saved.options}")
+            raise ModelError(f"{path}: wanted a checkpoint of {self.state.options}, got one of {saved.options}")
+        return saved
+
+    def _resume(self) -> None:
+        saved = self._saved(self.path)
         self._network.load_state_dict(saved.network)
         self._average.load_state_dict(saved.average)
         self._optimiser.load_state_dict(saved.optimiser)
-        asked, saved.settings = saved.settings, self.state.settings
-        saved.steps = saved.steps if asked == saved.settings else self.state.steps
+        begun = {name: saved.settings.pop(name) for name in (BEGUN_WITH,) if name in saved.settings}
+        saved.steps = saved.steps if saved.settings == self.state.settings else self.state.steps
+        saved.settings = self.state.settings | begun
         self.state = saved
 
 

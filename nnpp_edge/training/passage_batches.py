@@ -13,6 +13,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.kernels.blocks import MIDDLE
 from nnpp_edge.runtime.network.passage import STEPS, shown_blocks, shown_numbers, vehicle_numbers
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.dataset import read_any_recipe, read_shards
 from nnpp_edge.terrain.passage import CLOSED, BlockLabels, PassageRecipe, of_stored, unpacked_heights
 
@@ -57,6 +58,12 @@ class PassageMaps:
     def __len__(self) -> int:
         """Number of vehicles; the same one counts as often as it was drawn."""
         return len(self._parts)
+
+    def ground(self, k: int) -> tuple[Float2D, Vehicle]:
+        """The first map of vehicle `k`, (S, S) heights in cells, and the vehicle, in cells."""
+        part = self._parts[k]
+        heights = unpacked_heights(np.asarray(part["heights"][0], np.int16), float(part["scale"][0]))
+        return heights, of_stored(np.asarray(part["vehicle"][0], np.float64))
 
     def batch(self, which: NDArray[np.int64] | range, rng: np.random.Generator | None = None) -> PassageBatch:
         """Those vehicles' maps, turned and mirrored at random where `rng` is given."""

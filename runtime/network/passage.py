@@ -99,9 +99,9 @@ def shown_blocks(
 ) -> NDArray[np.uint8]:
     """(19, R, C) uint8: what is shown of R × C blocks from block `first` on, which may lie off the map."""
     out = np.empty((CHANNELS, *shape), np.uint8)
-    means = np.empty((shape[0] + 2, shape[1] + 2), np.float32)
+    scratch = np.empty((shape[0] + 2, shape[1] + 2), np.float32), np.empty((3, shape[1] + 2), np.float32)
     steepest = math.tan(math.radians(vehicle.tilts_deg[2]))
     down, across = (STEPS / (MOST_GRADIENT * steepest * FACTOR * side) for side in sides_m)
     scales = tuple(np.float32(each) for each in (STEPS / (MOST_CLEARANCES * vehicle.clearance_m), down, across))
-    describe_blocks(heights, first, scales, means, out)
+    describe_blocks(heights, first, scales, scratch, out)
     return out

@@ -5,9 +5,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
@@ -16,7 +15,7 @@ from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import Searcher
 from nnpp_edge.runtime.region.links import LinkSearch, without_dead_ends
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import MOST_CORRECTIONS, CorridorWidth
+from nnpp_edge.runtime.tuning import LEAST_LOOK_MARGIN, LOOK_MARGIN, MOST_CORRECTIONS, CorridorWidth
 
 
 class PricedLinks(Protocol):
@@ -25,10 +24,13 @@ class PricedLinks(Protocol):
     grid: Grid
     shape: Cell
     """Rows and columns of the map."""
+    least: float
+    """No link costs less for a cell's length."""
+    looks: int
+    """Prices are the same as long as this is."""
 
-    @property
-    def prices(self) -> NDArray[np.float32]:
-        """(4, R, C) float32, see `kernels.links`, of the map as it is now."""
+    def prices_within(self, part: Rectangle) -> NDArray[np.float32]:
+        """(4, R, C) float32, see `kernels.links`, of the map as it is now; right within a rectangle of cells."""
 
 
 class LinkDescent:
@@ -50,6 +52,7 @@ class LinkDescent:
 
     def __init__(self, links: PricedLinks, finest: Workspace) -> None:
         self._links, self._search, self._finest = links, LinkSearch(links.shape), finest
+        self._asked: tuple[tuple[Cell, Cell], int] | None = None
 
     def top_for(self, query: Query) -> int:
         """There is one coarse level."""
@@ -66,23 +69,29 @@ class LinkDescent:
         source: Source,
     ) -> Found | None:
         """As `CoarseToFine.find`; where the source is ``WIDENED`` prices are corrected as often as it takes."""
-        prices = self._links.prices
+        prices = self._links.prices_within(self._window(query))
         work.stage_ends("look")
         band = width.band + FACTOR * width.nearby / max(query.apart, FACTOR)
+        ends, least = (query.start, query.goal), self._links.least
+        around, asked = self._search.around, (ends, self._links.looks)
+        if asked == self._asked:
+            around = self._search.around_again
+        self._asked = asked
         for _ in range(1 if source is Source.REGION else MOST_CORRECTIONS):
-            region, expanded = self._search.around(prices, query.start, query.goal, band, width.radius)
+            region, expanded = around(prices, ends, band, width.radius, least)
             work.expansions += expanded
             work.stage_ends("coarse")
             found = searcher.search(query, work, region)
             if found.status is not Status.NO_PATH:
                 return Found.of(self._links.grid, found, source, region, work)
             if source is not Source.REGION:
-                prices = without_dead_ends(prices, region, self._reached())
-                work.stage_ends("coarse")
+                prices = without_dead_ends(prices, region, self._finest, self._links.shape)
+                around = self._search.around_again
         return None
 
-    def _reached(self) -> NDArray[np.bool_]:
-        """(H, W) the cells that the last search came to."""
-        ws, grid = self._finest, self._links.grid
-        reached: NDArray[np.bool_] = ws.meta[1::2] >> STAMP_SHIFT == ws.stamp
-        return reached.reshape(grid.rows + 2, grid.stride)[1:-1, 1:-1]
+    def _window(self, query: Query) -> Rectangle:
+        """The cells about start and goal, which nearly all good paths keep to."""
+        margin = int(LOOK_MARGIN * query.apart) + LEAST_LOOK_MARGIN
+        low = [max(min(ends) - margin, 0) for ends in zip(query.start, query.goal, strict=True)]
+        high = [min(max(e) + margin + 1, n) for *e, n in zip(query.start, query.goal, self._links.shape, strict=True)]
+        return low[0], low[1], high[0] - low[0], high[1] - low[1]

@@ -1,29 +1,39 @@
-"""What a passage network says of a map: the prices of links between its blocks, looked up once and kept.
+"""What a passage network says of a map: the prices of links between its blocks, asked for where needed, and kept.
 
 The network sees blocks of 4 × 4 cells. It says of each link to a neighbouring block with what chance there is a way,
 and how dear that is. A link's price is what the way is expected to cost, more where there may be none.
 """
 
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.kernels.links import LOGIT_STEPS, LOGITS, price_links
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.passage import shown_blocks
 from nnpp_edge.runtime.network.passage_model import PassageModel
 
+NOT_LOOKED_AT = 1e5
+"""Price of a link of which the network has not been asked."""
+_TILE = 32
+"""Blocks to the side of a tile."""
 _REACH = 3
 """Blocks from one to the farthest that the network's answer on it depends on."""
-_LENGTHS = np.array((1.0, 2.0**0.5, 1.0, 2.0**0.5), np.float32)[:, None, None] * np.float32(FACTOR)
+_LENGTHS = np.array((1.0, 2.0**0.5, 1.0, 2.0**0.5), np.float32) * np.float32(FACTOR)
 NO_WAY, DOUBT = 400.0, 10
 """What a link costs more where there is certainly no way, in lengths of cells; and to what power the chance of that
 is taken first. Where it is in doubt the check is to say: to miss a way is dearer than to look for one in vain."""
 
 
 class LookedMap:
-    """A map of heights, with a vehicle, as a passage network sees it. Serves one thread at a time."""
+    """A map of heights, with a vehicle, as a passage network sees it. Serves one thread at a time.
+
+    The network looks at tiles of the map as they are needed. Links of others have a price that no path would pay.
+    """
 
     def __init__(self, state: MapState, model: PassageModel) -> None:
         poses = state.grid.poses
@@ -33,21 +43,41 @@ class LookedMap:
         self.shape = state.shape
         self._changes = state.log.reader()
         rows, cols = (-(-n // FACTOR) for n in state.shape)
-        self.answers = np.empty((16, rows, cols), np.float32)
-        """Logits, see `model.passage`."""
-        self._prices = np.empty((4, rows, cols), np.float32)
-        self._look((0, 0, rows, cols))
+        self._prices = np.full((4, rows, cols), NOT_LOOKED_AT, np.float32)
+        self.least = NOT_LOOKED_AT
+        """No link that was looked at costs less for a cell's length."""
+        self.looks = 0
+        """How often the network has been asked: prices are the same as long as this is."""
+        self._looked_at = np.zeros((-(-rows // _TILE), -(-cols // _TILE)), np.bool_)
 
     @property
     def prices(self) -> NDArray[np.float32]:
         """(4, R, C) float32 of the links, see `kernels.links`, of the map as it is now."""
+        return self.prices_within((0, 0, *self.shape))
+
+    def prices_within(self, part: Rectangle) -> NDArray[np.float32]:
+        """The same, but that links outside a rectangle of cells may not have been looked at."""
         for change in self._changes.read() if self._changes.behind else ():
             row, col, rows, cols = change.part
             row0, col0 = (max(n // FACTOR - _REACH - 1, 0) for n in (row, col))
             row1 = min(-(-(row + rows) // FACTOR) + _REACH + 1, self._prices.shape[1])
             col1 = min(-(-(col + cols) // FACTOR) + _REACH + 1, self._prices.shape[2])
             self._look((row0, col0, row1 - row0, col1 - col0))
+        row, col, rows, cols = part
+        side = FACTOR * _TILE
+        tiles = slice(row // side, -(-(row + rows) // side)), slice(col // side, -(-(col + cols) // side))
+        if not (looked_at := self._looked_at[tiles]).any():
+            self._look_at_tiles(tiles[0].start, tiles[1].start, *looked_at.shape)
+        else:
+            for i, j in np.argwhere(~looked_at).tolist():
+                self._look_at_tiles(tiles[0].start + i, tiles[1].start + j, 1, 1)
+        looked_at[:] = True
         return self._prices
+
+    def _look_at_tiles(self, row: int, col: int, rows: int, cols: int) -> None:
+        row, col, rows, cols = _TILE * row, _TILE * col, _TILE * rows, _TILE * cols
+        most = self._prices.shape[1:]
+        self._look((row, col, min(rows, most[0] - row), min(cols, most[1] - col)))
 
     def _look(self, part: Rectangle) -> None:
         """Have the network answer for a rectangle of blocks: it is shown those within its reach, too."""
@@ -59,16 +89,16 @@ class LookedMap:
         end = min(row + rows + _REACH, most[0] + 1), min(col + cols + _REACH, most[1] + 1)
         shape = end[0] - begin[0], end[1] - begin[1]
         shown = shown_blocks(tiles.heights, poses.sides_m, poses.vehicle, begin, shape)
-        found = self._network.answers(shown)
-        inside = slice(row - begin[0], row - begin[0] + rows), slice(col - begin[1], col - begin[1] + cols)
-        own = slice(row, row + rows), slice(col, col + cols)
-        self.answers[:, *own] = found[:, *inside]
-        self._prices[:, *own] = link_prices(self.answers[:, *own], self._state.grid.model.scale)
+        tables = _tables(self._state.grid.model.scale)
+        least = price_links(self._network.answers(shown), begin, part, tables, _LENGTHS, self._prices)
+        self.least = min(self.least, float(least))
+        self.looks += 1
 
 
-def link_prices(answers: NDArray[np.float32], scale: float) -> NDArray[np.float32]:
-    """(4, R, C) prices of links by the network's (16, R, C) answers; `scale` is the weight of T = 1."""
-    chance, dear = (np.float32(1.0) / (np.float32(1.0) + np.exp(-answers[at : at + 4])) for at in (8, 12))
-    fine = np.float32(NO_WAY) * (np.float32(1.0) - chance) ** DOUBT
-    prices: NDArray[np.float32] = _LENGTHS * (np.float32(1.0) + np.float32(4.0 * scale) * dear) + fine
-    return prices
+@functools.cache
+def _tables(scale: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What `price_links` reads prices from; `scale` is the weight of T = 1."""
+    logits = (np.arange(LOGITS) + 0.5 - LOGITS // 2) / LOGIT_STEPS
+    likely = 1.0 / (1.0 + np.exp(-logits))
+    dear, fine = 1.0 + 4.0 * scale * likely, NO_WAY * (1.0 - likely) ** DOUBT
+    return dear.astype(np.float32), fine.astype(np.float32)

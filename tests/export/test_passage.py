@@ -12,7 +12,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.passage import shown_blocks, shown_numbers, vehicle_numbers
 from nnpp_edge.runtime.network.passage_model import PassageModel
-from nnpp_edge.runtime.region.looked import LookedMap
+from nnpp_edge.runtime.region.looked import NOT_LOOKED_AT, LookedMap
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.synthetic import fractal
@@ -87,3 +87,15 @@ def test_a_vehicle_outside_the_range_and_another_file_are_refused(model_file, tm
     broken.write_bytes(b"no model")
     with pytest.raises(ModelError, match="wanted"):
         PassageModel(broken)
+
+
+def test_what_is_looked_at_in_parts_has_the_prices_of_the_whole_map(model_file):
+    heights, sides = heights_of(300), (CELL, CELL)
+    rule, model = Traversability(), StepModel.of("paper")
+    state = MapState.of_elevation(heights, sides, rule, model, vehicle=BODIES[0])
+    looked, whole = (LookedMap(state, PassageModel(model_file)) for _ in range(2))
+    part = looked.prices_within((10, 140, 90, 100)).copy()
+    assert (part[:, :32, :32] == NOT_LOOKED_AT).all()
+    np.testing.assert_allclose(part[:, 2:25, 35:60], whole.prices[:, 2:25, 35:60], rtol=1e-4)
+    looked.prices_within((100, 0, 100, 100))
+    np.testing.assert_allclose(looked.prices, whole.prices, rtol=1e-4)
