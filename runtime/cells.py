@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 
 Cell = tuple[int, int]
 """(row, col)."""
@@ -21,6 +21,14 @@ def as_cell(cell: Cell, name: str) -> Cell:
     except (TypeError, ValueError, OverflowError):
         pass
     raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {cell!r}")
+
+
+def patch_at(origin: Cell, patch: tuple[int, ...], shape: tuple[int, int]) -> Rectangle:
+    """Where a patch of (rows, cols) cells goes; InvalidMapError unless that lies inside a map of this shape."""
+    (row, col), (rows, cols) = as_cell(origin, "origin"), patch
+    if row < 0 or col < 0 or row + rows > shape[0] or col + cols > shape[1]:
+        raise InvalidMapError(f"a patch must lie inside the map of {shape}, got {(row, col, rows, cols)}")
+    return row, col, rows, cols
 
 
 def enclosing(parts: Sequence[Rectangle]) -> Rectangle:

@@ -69,7 +69,7 @@ def chosen(mask, one, other):
 
 
 def root(run):
-    """Square roots: of runs lane by lane, and of numbers."""
+    """Square roots, lane by lane."""
     return np.sqrt(run)
 
 
@@ -190,8 +190,8 @@ def _compiled_chosen(mask, one, other):
     return lambda mask, one, other: one if mask else other
 
 
-def _define_single(function, name, of_numbers):
-    """Have kernels know a function of a run, by its name in LLVM, and of a float32."""
+def _define_single(function, name):
+    """Have kernels know a function of a run, by its name in LLVM."""
 
     @intrinsic
     def compute(typing_context, run):
@@ -204,11 +204,9 @@ def _define_single(function, name, of_numbers):
 
     @overload(function)
     def compiled(run):
-        if run is RUN:
-            return lambda run: compute(run)
-        return of_numbers
+        return (lambda run: compute(run)) if run is RUN else None
 
 
-_define_single(root, "sqrt", lambda run: np.sqrt(run))
-_define_single(rounded_up, "ceil", lambda run: np.ceil(run))
-_define_single(abs, "fabs", None)
+_define_single(root, "sqrt")
+_define_single(rounded_up, "ceil")
+_define_single(abs, "fabs")

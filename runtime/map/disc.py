@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D, as_map
-from nnpp_edge.runtime.cells import Rectangle, as_cell
+from nnpp_edge.runtime.cells import Rectangle, patch_at
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.state import MapState
@@ -104,29 +104,23 @@ class DiscState(MapState):
 
     def update(self, row: int, col: int, patch: Float2D) -> Change:
         """As `MapState.update`, of a point's costs."""
-        costs, (row, col) = as_map(patch, "patch"), as_cell((row, col), "origin")
-        part = self._inside(row, col, costs)
+        costs = as_map(patch, "patch")
+        row, col, rows, cols = part = patch_at((row, col), costs.shape, self.shape)
         model = self.grid.model
         if model.refuses(costs):
             least, most, ceiling = model.costs
             model.refuse(float(costs[(costs < least) | ((costs > most) & (costs < ceiling))][0]))
-        self._bare[row : row + part[2], col : col + part[3]] = costs
+        self._bare[row : row + rows, col : col + cols] = costs
         return self._stand_on(part)
 
     def update_elevation(self, row: int, col: int, patch: Float2D) -> Change:
         """As `MapState.update_elevation`."""
         if self._surface is None:
             raise InvalidMapError("wanted costs, as the map was made from such: update takes them")
-        heights, (row, col) = as_map(patch, "dem", np.float64), as_cell((row, col), "origin")
-        part, (dem, limits) = self._inside(row, col, heights), self._surface
-        dem[row : row + part[2], col : col + part[3]] = heights
+        heights, (dem, limits) = as_map(patch, "dem", np.float64), self._surface
+        row, col, rows, cols = part = patch_at((row, col), heights.shape, self.shape)
+        dem[row : row + rows, col : col + cols] = heights
         return self._stand_on(update_cost(self._bare, dem, part, self._sides[0], limits, cell_width_m=self._sides[1]))
-
-    def _inside(self, row: int, col: int, patch: NDArray[np.floating]) -> Rectangle:
-        rows, cols = patch.shape
-        if row < 0 or col < 0 or row + rows > self.shape[0] or col + cols > self.shape[1]:
-            raise InvalidMapError(f"a patch must lie inside the map of {self.shape}, got {(row, col, rows, cols)}")
-        return row, col, rows, cols
 
     def _stand_on(self, part: Rectangle) -> Change:
         """Bring up to date what the disc can stand on around a part of the point's costs."""

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D, as_map, close_border
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.cells import Cell, patch_at
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.poses import Poses
@@ -170,10 +169,8 @@ class Grid:
         InvalidMapError
             The rectangle does not lie inside the map; or a cost is out of range. The map is as it was.
         """
-        cost, (row, col) = as_map(cost, "patch"), as_cell(origin, "origin")
-        rows, cols = cost.shape
-        if row < 0 or col < 0 or row + rows > self.rows or col + cols > self.cols:
-            raise InvalidMapError(f"a patch must lie inside the map of {self.shape}, got {(row, col, rows, cols)}")
+        cost = as_map(cost, "patch")
+        row, col, rows, cols = patch_at(origin, cost.shape, self.shape)
         bounds = (math.inf, -math.inf) if cost.shape == self.shape else (self.least, self.greatest)
         nodes, old = _NO_NODES, _NO_WEIGHTS
         if keep_old_weights:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import as_cell
+from nnpp_edge.runtime.cells import patch_at
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
@@ -189,10 +189,7 @@ class MapState:
         if self._elevation is None or tiles is None:
             raise InvalidMapError("wanted costs, as the map was made from such: update takes them")
         heights, _ = relative_heights(patch, self._elevation.base)
-        row, col = as_cell((row, col), "origin")
-        (rows, cols), shape = heights.shape, self.shape
-        if row < 0 or col < 0 or row + rows > shape[0] or col + cols > shape[1]:
-            raise InvalidMapError(f"a patch must lie inside the map of {shape}, got {(row, col, rows, cols)}")
+        row, col, _, _ = patch_at((row, col), heights.shape, self.shape)
         cells, cheaper, part = tiles.write(row, col, heights)
         if self.grid.poses is not None:
             part = self.grid.poses.write(row, col, heights)
