@@ -19,7 +19,7 @@ from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.kernels.blocks import CHANNELS, MIDDLE
 from nnpp_edge.runtime.network.model_file import METADATA_KEY, PassageMetadata, read_passage
 from nnpp_edge.runtime.network.passage import STEPS
-from nnpp_edge.runtime.network.passage_model import VehicleNetwork
+from nnpp_edge.runtime.network.passage_model import VehicleNetwork, logits
 from nnpp_edge.training.passage import FIGURES, passage_loss
 from nnpp_edge.training.passage_batches import PassageBatch, PassageMaps
 
@@ -148,7 +148,7 @@ def _answers(path: Path, parts: list[PassageBatch]) -> list[NDArray[np.float32]]
     for part in parts:
         network = VehicleNetwork(content, part.numbers[0].numpy(), path)
         blocks = torch.round(part.blocks[0] * STEPS + MIDDLE).to(torch.uint8).numpy()
-        found.append(np.stack([network.answers(each) for each in blocks]))
+        found.append(np.stack([logits(network.answers(each)) for each in blocks]))
     return found
 
 

@@ -96,13 +96,13 @@ BODY_CORRIDOR = CorridorWidth(6, 0.03, nearby=0.3, coarse_radius=6, coarse_band=
 tenth of the ground under rocks, mean gap 0.6 to 1.1 % (docs/decisions.md)."""
 WIDENED_BODY_CORRIDOR = CorridorWidth(12, 0.1, nearby=0.4, coarse_radius=8, coarse_band=0.4)
 """Where the first held no path for a vehicle, or not one good enough."""
-NETWORK_CORRIDOR = CorridorWidth(1, 0.02, nearby=0.0, coarse_radius=0, coarse_band=0.0)
-"""For a vehicle, by the links that a network has priced."""
-WIDENED_NETWORK_CORRIDOR = CorridorWidth(2, 0.04, nearby=0.0, coarse_radius=0, coarse_band=0.0)
+NETWORK_CORRIDOR = CorridorWidth(1, 0.03, nearby=0.0, coarse_radius=0, coarse_band=0.0)
+"""For a vehicle, by the links that a network has priced: mean gap 0.2 % (docs/decisions.md)."""
+WIDENED_NETWORK_CORRIDOR = CorridorWidth(2, 0.06, nearby=0.0, coarse_radius=0, coarse_band=0.0)
 """Where the first held no path, or not one good enough."""
 MOST_CORRECTIONS = 8
 """Regions without a path whose links are corrected before the whole map is searched."""
-LOOK_MARGIN, LEAST_LOOK_MARGIN = 0.3, 64
+LOOK_MARGIN, LEAST_LOOK_MARGIN = 0.15, 32
 """A network that prices links looks at the rectangle of start and goal first, and so far around it: a share of their
 distance, and cells more."""
 REFINE_FROM = MapSize(192)

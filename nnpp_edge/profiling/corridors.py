@@ -18,6 +18,7 @@ from nnpp_edge.runtime.planners.link_descent import LinkDescent
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.query import Query, Work
+from nnpp_edge.runtime.region.links import Links
 from nnpp_edge.runtime.region.looked import LookedMap
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 from nnpp_edge.runtime.tuning import WIDENED_CORRIDOR, CorridorWidth
@@ -98,17 +99,17 @@ class CorridorAlone:
 
 
 class MadeLinks:
-    """Prices of links that do not follow the map's changes: (4, R, C) float32, see `kernels.links`."""
+    """Prices of links that do not follow the map's changes: (4, R, C) float32, see `Links.of`."""
 
     least, looks = 1.0, 0
     """None is cheaper for a cell's length; and the network is never asked."""
 
     def __init__(self, state: MapState, prices: NDArray[np.float32]) -> None:
-        self.grid, self.shape, self._prices = state.grid, state.shape, prices
+        self.grid, self.shape, self._links = state.grid, state.shape, Links.of(prices)
 
-    def prices_within(self, part: Rectangle) -> NDArray[np.float32]:
+    def links_within(self, part: Rectangle) -> Links:
         """All of them."""
-        return self._prices
+        return self._links
 
 
 def wider(width: CorridorWidth, times: float) -> CorridorWidth:

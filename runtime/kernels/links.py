@@ -1,43 +1,41 @@
 """Searches of a map's blocks whose links have prices, and the region around what they find. See `region.links`.
 
-A link leads from a block to the next along one of the four headings, and has one price both ways. It stands with the
-block that it leaves forwards: `prices` is (4, R, C) float32, finite.
+A link leads from a block to one of its eight neighbours, and has one price both ways. Blocks are numbered row by row
+with a border of one block around, `stride` to a row; `prices` is (nodes, 8) float32 by block and direction, inf where
+there is no block.
 """
 
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP, STAMP_SHIFT
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP, STAMP_SHIFT, octile
+from nnpp_edge.runtime.kernels.open_list import COARSE, FINE, NOTHING, SPAN, clear, next_block, pop, push
 from nnpp_edge.runtime.kernels.pooling import FACTOR
-from nnpp_edge.runtime.kernels.poses import HEADING
 
-BACKWARDS = tuple(
-    int((row, col) not in ((1, 0), (1, 1), (0, 1), (-1, 1))) for row, col in zip(ROW_STEP, COL_STEP, strict=True)
-)
-"""Whether each of the eight directions leads against its heading."""
-FORWARDS = tuple(next(n for n in range(8) if HEADING[n] == k and not BACKWARDS[n]) for k in range(4))
-"""The direction that leads along each heading."""
-_DIAGONAL = np.float32(2.0**0.5 - 1.0)
+OPPOSITE = (1, 0, 3, 2, 7, 6, 5, 4)
+"""The direction that leads back."""
+FORWARDS = (1, 7, 3, 5)
+"""The direction that leads along each heading, see `terrain.vehicle.HEADINGS`."""
+_DIAGONAL = np.float32(2.0**0.5)
 _INF = np.float32(np.inf)
-LOGIT_STEPS, LOGITS = 32, 1024
-"""Of the tables of what a network's answers come to: steps to a logit of 1, and entries; from -16 up to below 16."""
+FULL = -1
 
 
 @kernel
-def price_links(answers, first, part, tables, lengths, prices):
+def price_links(answers, first, part, tables, lengths, links):
     """Prices of links by a network's answers, of a rectangle of blocks.
 
     Parameters
     ----------
-    answers : (16, ., .) float32
-        Logits, see `model.passage`; those of block `first` come first.
+    answers : (., ., 16) uint8
+        See `network.passage_model`; those of block `first` come first.
     part : (row, col, rows, cols)
     tables : (dear, fine)
-        (1024,) float32 each: by the logit of half a way's T, what a length of it costs; by that of the chance that
+        (256,) float32 each: by the answer on half a way's T, what a length of it costs; by that on the chance that
         there is a way, what is added.
     lengths : (4,) float32
         Of a straight way along each heading.
-    prices : (4, R, C) float32
+    links : (prices, stride)
         Written.
 
     Returns
@@ -47,146 +45,178 @@ def price_links(answers, first, part, tables, lengths, prices):
     """
     row, col, rows, cols = part
     dear, fine = tables
-    lowest = np.float32(LOGITS - 1)
-    by, middle, last = np.float32(LOGIT_STEPS), np.float32(LOGITS // 2), np.float32(LOGITS - 1)
+    prices, stride = links
+    lowest = np.uint8(255)
+    for i in range(row, row + rows):
+        for j in range(col, col + cols):
+            node = (i + 1) * stride + j + 1
+            y, x = np.uint64(i - first[0]), np.uint64(j - first[1])
+            for k in range(4):
+                ahead = FORWARDS[k]
+                there = node + ROW_STEP[ahead] * stride + COL_STEP[ahead]
+                if prices[node, ahead] < _INF:
+                    way, chance = answers[y, x, np.uint64(12 + k)], answers[y, x, np.uint64(8 + k)]
+                    price = lengths[k] * dear[way] + fine[chance]
+                    prices[node, ahead], prices[there, OPPOSITE[ahead]] = price, price
+                    lowest = min(lowest, way)
+    return dear[lowest]
+
+
+@kernel
+def join_blocks(by_heading, links):
+    """Prices of links of a whole map from those by block and heading, (4, R, C): of the link that leads forwards."""
+    prices, stride = links
+    prices[:] = np.inf
     for k in range(4):
-        for i in range(row, row + rows):
-            for j in range(col, col + cols):
-                chance = min(max(by * answers[8 + k, i - first[0], j - first[1]] + middle, np.float32(0.0)), last)
-                way = min(max(by * answers[12 + k, i - first[0], j - first[1]] + middle, np.float32(0.0)), last)
-                lowest = min(lowest, way)
-                prices[k, i, j] = lengths[k] * dear[np.int32(way)] + fine[np.int32(chance)]
-    return dear[np.int32(lowest)]
+        ahead, back = FORWARDS[k], OPPOSITE[FORWARDS[k]]
+        down, right = ROW_STEP[ahead], COL_STEP[ahead]
+        for i in range(max(-down, 0), by_heading.shape[1] - max(down, 0)):
+            for j in range(by_heading.shape[2] - right):
+                node = (i + 1) * stride + j + 1
+                prices[node, ahead] = by_heading[k, i, j]
+                prices[node + down * stride + right, back] = by_heading[k, i, j]
 
 
 @kernel
-def _straight(node, other, cols, least):
-    """The least that a way between two blocks costs, if no link costs less than `least` a length."""
-    down, across = abs(node // cols - other // cols), abs(node % cols - other % cols)
-    length = np.float32(max(down, across)) + _DIAGONAL * np.float32(min(down, across))
-    return np.float32(FACTOR) * least * length
+def _straight(row, col, end, stride, least):
+    """The least that a way to a block costs, if no link costs less than `least` for a block's side."""
+    return octile(row, col, end // stride, end % stride, least, least * _DIAGONAL)
 
 
 @kernel
-def _left(node, ends, cols, least, guide):
+def _left(row, col, ends, stride, least, guide):
     """The least that is left from a block to the last one."""
-    first, last = ends
-    costs, stamps, stamp, limit = guide
-    straight = _straight(node, last, cols, least)
-    if limit == np.float32(0.0):
-        return straight
-    back = _straight(node, first, cols, least)
-    known = stamps[node] == stamp and costs[node] + back <= limit
-    return max(costs[node] if known else limit - back, straight)
+    straight = _straight(row, col, ends[1], stride, least)
+    if guide is not None:
+        costs, seen, number, limit = guide
+        node = row * stride + col
+        back = _straight(row, col, ends[0], stride, least)
+        known = seen[node] >> 1 == number and costs[node] + back <= limit
+        straight = max(costs[node] if known else limit - back, straight)
+    return straight
 
 
 @kernel
-def _push(keys, nodes, size, key, node):
-    """Put a node on the heap."""
-    i = size
-    while i > 0 and key < keys[(i - 1) >> 1]:
-        above = (i - 1) >> 1
-        keys[i], nodes[i] = keys[above], nodes[above]
-        i = above
-    keys[i], nodes[i] = key, node
-    return size + 1
+def _deal_out(chain, block, search, order, found, lists):
+    """Put a coarse bucket's entries into the fine ones, those beyond the last into coarse ones where `block` is -1."""
+    stride, least, ends, guide = search
+    base, inverse_width = order
+    reached = found[0]
+    heads, entries = lists
+    while chain != NOTHING:
+        following, node = np.int64(entries[2 * chain + 1]), np.int64(entries[2 * chain])
+        f = reached[node] + _left(node // stride, node % stride, ends, stride, least, guide)
+        bucket = np.int64(min(max((f - base) * inverse_width, np.float32(0.0)), np.float32(SPAN)))
+        slot = max(bucket - block * FINE, np.int64(0)) if block >= 0 else FINE + bucket // FINE
+        entries[2 * chain + 1] = heads[slot]
+        heads[slot] = chain
+        chain = following
 
 
 @kernel
-def _pop(keys, nodes, size):
-    """Take the first node off the heap."""
-    size -= 1
-    key, node = keys[size], nodes[size]
-    i = 0
-    while 2 * i + 1 < size:
-        below = 2 * i + 1
-        if below + 1 < size and keys[below + 1] < keys[below]:
-            below += 1
-        if keys[below] >= key:
-            break
-        keys[i], nodes[i] = keys[below], nodes[below]
-        i = below
-    keys[i], nodes[i] = key, node
-    return size
-
-
-@kernel
-def settle_links(prices, least, ends, beyond, found, guide, heap):
+def settle_links(links, least, ends, beyond, found, guide, memory):
     """Costs from the first block to all that lie on ways to the last which cost at most `beyond` times the least.
 
     Parameters
     ----------
+    links : (prices, stride)
+        Of all blocks.
     least : float32
-        No link costs less a length.
+        No link costs less for a block's side.
     ends : (first, last)
-        Blocks, row by row.
-    beyond : float
+        Blocks.
+    beyond : float32
         At least 1.
-    found : (reached, stamps, stamp)
-        (R · C,) float32 costs and int32 numbers of the search that reached a block, both written; and this one's.
-    guide : (reached, stamps, stamp, limit)
+    found : (reached, seen, number)
+        (nodes,) float32 costs, and (nodes,) int32 twice the number of the search that reached a block, one more as long
+        as it waits to be expanded; both written; and this one's number.
+    guide : (reached, seen, number, limit) or None
         What a search from the last block to the first left, when no link was dearer than now, and the cost up to
-        which it searched; 0 for none.
-    heap : (keys, nodes)
-        Room for eight times the blocks.
+        which it searched.
+    memory : (heads, entries, control)
+        Of an open list, see `kernels.open_list`.
 
     Returns
     -------
     int
-        Blocks expanded.
+        Blocks expanded; `FULL` where the open list has no room.
     """
-    rows, cols = prices.shape[1], prices.shape[2]
-    reached, stamps, stamp = found
-    keys, nodes = heap
+    prices, stride = links
+    reached, seen, number = found
+    heads, entries, control = memory
     first, last = ends
-    reached[first], stamps[first] = 0.0, stamp
-    size = _push(keys, nodes, 0, _left(first, ends, cols, least, guide), first)
-    bound, expanded = _INF, 0
-    while size and keys[0] <= bound:
-        key, node = keys[0], nodes[0]
-        size = _pop(keys, nodes, size)
-        row, col = node // cols, node % cols
-        own = reached[node]
-        if key > own + _left(node, ends, cols, least, guide):
-            continue  # reached for less since
+    search = stride, least, ends, guide
+    lists = heads, entries
+    clear(heads, control)
+    base = _left(first // stride, first % stride, ends, stride, least, guide)
+    inverse_width = np.float32(1.0) / least
+    reached[first], seen[first] = 0.0, 2 * number + 1
+    free, used = push(heads, entries, np.int64(0), first, 0, 0, NOTHING, 0)
+    fine_at, block, waiting = np.int64(0), np.int64(0), 1
+    room = np.int64(len(entries)) // 2 - 8
+    bound, last_bucket, expanded = _INF, np.int64(SPAN), 0
+    while True:
+        node, fine_at, free = pop(heads, entries, fine_at, free)
+        if block * FINE + fine_at > last_bucket:
+            return expanded
+        if node == NOTHING:
+            if waiting == 0:
+                return expanded
+            block, chain = next_block(heads, block)
+            fine_at = np.int64(0)
+            if block == COARSE:  # what lies beyond all buckets: these begin anew there
+                block, fine_at = np.int64(-1), np.int64(FINE)
+                base += np.float32(SPAN) / inverse_width
+                last_bucket = np.int64(min(max((bound - base) * inverse_width, np.float32(-1.0)), np.float32(SPAN)))
+            _deal_out(chain, block, search, (base, inverse_width), found, lists)
+            continue
+        waiting -= 1
+        if seen[np.uint64(node)] & 1 == 0:
+            continue
+        seen[np.uint64(node)] -= 1
+        own = reached[np.uint64(node)]
+        row, col = node // stride, node % stride
         expanded += 1
+        if waiting > room:
+            return np.int64(FULL)
         for k in range(8):
-            i, j = row + ROW_STEP[k], col + COL_STEP[k]
-            if i < 0 or i >= rows or j < 0 or j >= cols:
+            there = np.uint64(node + ROW_STEP[k] * stride + COL_STEP[k])
+            cost = own + prices[np.uint64(node), np.uint64(k)]
+            if not cost < _INF or (seen[there] >> 1 == number and cost >= reached[there]):
                 continue
-            price = prices[HEADING[k], i, j] if BACKWARDS[k] else prices[HEADING[k], row, col]
-            there, cost = i * cols + j, own + price
-            if stamps[there] == stamp and cost >= reached[there]:
-                continue
-            promise = cost + _left(there, ends, cols, least, guide)
+            promise = cost + _left(row + ROW_STEP[k], col + COL_STEP[k], ends, stride, least, guide)
             if promise > bound:
                 continue
-            reached[there], stamps[there] = cost, stamp
-            if there == last:
-                bound = min(bound, cost * np.float32(beyond))
-            size = _push(keys, nodes, size, promise, there)
-    return expanded
+            reached[there], seen[there] = cost, 2 * number + 1
+            if np.int64(there) == last and cost * beyond < bound:
+                bound = cost * beyond
+                last_bucket = np.int64(min((bound - base) * inverse_width, np.float32(SPAN)))
+            bucket = np.int64(min(max((promise - base) * inverse_width, np.float32(0.0)), np.float32(SPAN)))
+            free, used = push(heads, entries, bucket, np.int64(there), block, fine_at, free, used)
+            waiting += 1
 
 
 @kernel
-def mark_links(prices, first, beyond, found, scratch, radius, marks):
+def mark_links(links, first, beyond, found, scratch, radius, marks):
     """Mark the quarters of blocks on ways from `first` that cost at most `beyond` times the least, and those around.
 
     Parameters
     ----------
-    found : (reached, stamps, stamp)
+    links : (prices, stride)
+    found : (reached, seen, number)
         What `settle_links` left, that came from the other end.
     scratch : (cost, queue)
-        (R · C,) float32; a power of two of int32, at least twice R · C. Overwritten.
+        (nodes,) float32; a power of two of int32, at least twice the nodes. Overwritten.
     radius : int
         Quarters around each block, as the king moves.
     marks : (bitmap, stamp)
         (2 R, 2 C) int32, and the number to write.
     """
-    rows, cols = prices.shape[1], prices.shape[2]
-    reached, stamps, stamp = found
+    prices, stride = links
+    reached, seen, number = found
     cost, queue = scratch
     bitmap, mark = marks
+    rows, cols = bitmap.shape
     limit = reached[first] * np.float32(beyond)
     mask = len(queue) - 1
     cost[:] = np.inf
@@ -195,24 +225,23 @@ def mark_links(prices, first, beyond, found, scratch, radius, marks):
     while head != tail:
         node = np.int64(queue[head & mask])
         head += 1
-        row, col = node // cols, node % cols
-        for i in range(max(2 * row - radius, 0), min(2 * row + 2 + radius, 2 * rows)):
-            for j in range(max(2 * col - radius, 0), min(2 * col + 2 + radius, 2 * cols)):
-                bitmap[i, j] = mark
+        own = cost[node]
         for k in range(8):
-            i, j = row + ROW_STEP[k], col + COL_STEP[k]
-            if i < 0 or i >= rows or j < 0 or j >= cols:
+            there = np.uint64(node + ROW_STEP[k] * stride + COL_STEP[k])
+            if seen[there] >> 1 != number:
                 continue
-            there = i * cols + j
-            if stamps[there] != stamp:
-                continue
-            price = prices[HEADING[k], i, j] if BACKWARDS[k] else prices[HEADING[k], row, col]
-            through = cost[node] + price
+            through = own + prices[np.uint64(node), np.uint64(k)]
             if through >= cost[there] or through + reached[there] > limit:
                 continue
             cost[there] = through
-            queue[tail & mask] = there
+            queue[tail & mask] = np.int32(there)
             tail += 1
+    for i in range(rows // 2):
+        for j in range(cols // 2):
+            if cost[(i + 1) * stride + j + 1] < _INF:
+                for row in range(max(2 * i - radius, 0), min(2 * i + 2 + radius, rows)):
+                    for col in range(max(2 * j - radius, 0), min(2 * j + 2 + radius, cols)):
+                        bitmap[row, col] = mark
 
 
 @kernel
@@ -227,12 +256,12 @@ def _was_reached(meta, stamp, shape, row, col):
 
 
 @kernel
-def close_links(prices, marks, reached, more, came):
+def close_links(links, marks, reached, more, came):
     """Make links dearer between blocks of a region that a search came to and those that it did not.
 
     Parameters
     ----------
-    prices : (4, R, C) float32
+    links : (prices, stride)
         Changed.
     marks : (bitmap, stamp)
         The region, in quarters of blocks: (2 R, 2 C) int32, and the number within it.
@@ -240,20 +269,27 @@ def close_links(prices, marks, reached, more, came):
         What the search left, see `search.workspace`; its number; the map's rows and columns.
     more : float
         What is added.
-    came : (R, C) int8
+    came : (nodes,) int8
         Scratch: 1 where a block of the region was missed, 2 where it was reached, else 0.
     """
+    prices, stride = links
     bitmap, mark = marks
     meta, stamp, shape = reached
-    rows, cols = came.shape
+    rows, cols = bitmap.shape[0] // 2, bitmap.shape[1] // 2
+    came[:] = 0
     for i in range(rows):
         for j in range(cols):
-            came[i, j] = 0
-            if (bitmap[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] == mark).any():
-                came[i, j] = 2 if _was_reached(meta, stamp, shape, i, j) else 1
-    for k in range(4):
-        down, right = ROW_STEP[FORWARDS[k]], COL_STEP[FORWARDS[k]]
-        for i in range(max(-down, 0), rows - max(down, 0)):
-            for j in range(cols - right):
-                if came[i, j] * came[i + down, j + right] == 2:
-                    prices[k, i, j] += np.float32(more)
+            quarters = np.int64(bitmap[2 * i, 2 * j] == mark) + np.int64(bitmap[2 * i, 2 * j + 1] == mark)
+            quarters += np.int64(bitmap[2 * i + 1, 2 * j] == mark) + np.int64(bitmap[2 * i + 1, 2 * j + 1] == mark)
+            if quarters and _was_reached(meta, stamp, shape, i, j):
+                came[(i + 1) * stride + j + 1] = 2
+            elif quarters == 4:  # into the rest of another there may be a way
+                came[(i + 1) * stride + j + 1] = 1
+    for i in range(rows):
+        for node in range((i + 1) * stride + 1, (i + 1) * stride + 1 + cols):
+            if came[node] == 2:
+                for k in range(8):
+                    there = node + ROW_STEP[k] * stride + COL_STEP[k]
+                    if came[there] == 1:
+                        prices[node, k] += np.float32(more)
+                        prices[there, OPPOSITE[k]] += np.float32(more)

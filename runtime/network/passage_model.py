@@ -15,12 +15,14 @@ from nnpp_edge.runtime.terrain.vehicle import Vehicle
 DEFAULT = "passage"
 BLOCKS, OUTPUT, VEHICLE = "blocks", "answers", "vehicle"
 """Names of the input, of the output, and of the initializer that holds the vehicle's numbers."""
+ANSWER_STEPS, ANSWER_MIDDLE = 16, 128
+"""Answers are logits in bytes: steps to a logit of 1, and the byte of 0."""
 KEPT = 4
 """Vehicles' networks that a process keeps open."""
 
 
 class VehicleNetwork:
-    """The network of one vehicle on cells of one size. Serves one thread at a time.
+    """The network of one vehicle on cells of one size. Any thread may call it.
 
     Parameters
     ----------
@@ -43,10 +45,16 @@ class VehicleNetwork:
                 with_vehicle(content, numbers, path), options, ["CPUExecutionProvider"]
             )
 
-    def answers(self, blocks: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """(16, R, C) logits of (19, R, C) blocks, see `model.passage`."""
-        found: NDArray[np.float32] = self._session.run([OUTPUT], {BLOCKS: blocks[None]})[0][0]
+    def answers(self, blocks: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(R, C, 16) bytes of (19, R, C) blocks, see `model.passage` and `logits`."""
+        found: NDArray[np.uint8] = self._session.run([OUTPUT], {BLOCKS: blocks[None]})[0][0]
         return found
+
+
+def logits(answers: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """What answers stand for: (16, R, C) float32, from -8 up to below 8."""
+    steps = answers.astype(np.float32).transpose(2, 0, 1) - ANSWER_MIDDLE
+    return np.ascontiguousarray(steps / np.float32(ANSWER_STEPS))
 
 
 class PassageModel:

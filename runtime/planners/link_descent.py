@@ -2,9 +2,6 @@
 
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
@@ -13,7 +10,7 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import Searcher
-from nnpp_edge.runtime.region.links import LinkSearch, without_dead_ends
+from nnpp_edge.runtime.region.links import Links, LinkSearch
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import LEAST_LOOK_MARGIN, LOOK_MARGIN, MOST_CORRECTIONS, CorridorWidth
 
@@ -29,8 +26,8 @@ class PricedLinks(Protocol):
     looks: int
     """Prices are the same as long as this is."""
 
-    def prices_within(self, part: Rectangle) -> NDArray[np.float32]:
-        """(4, R, C) float32, see `kernels.links`, of the map as it is now; right within a rectangle of cells."""
+    def links_within(self, part: Rectangle) -> Links:
+        """Of the map as it is now; right within a rectangle of cells."""
 
 
 class LinkDescent:
@@ -69,7 +66,7 @@ class LinkDescent:
         source: Source,
     ) -> Found | None:
         """As `CoarseToFine.find`; where the source is ``WIDENED`` prices are corrected as often as it takes."""
-        prices = self._links.prices_within(self._window(query))
+        links = self._links.links_within(self._window(query))
         work.stage_ends("look")
         band = width.band + FACTOR * width.nearby / max(query.apart, FACTOR)
         ends, least = (query.start, query.goal), self._links.least
@@ -78,14 +75,14 @@ class LinkDescent:
             around = self._search.around_again
         self._asked = asked
         for _ in range(1 if source is Source.REGION else MOST_CORRECTIONS):
-            region, expanded = around(prices, ends, band, width.radius, least)
+            region, expanded = around(links, ends, band, width.radius, least)
             work.expansions += expanded
             work.stage_ends("coarse")
             found = searcher.search(query, work, region)
             if found.status is not Status.NO_PATH:
                 return Found.of(self._links.grid, found, source, region, work)
             if source is not Source.REGION:
-                prices = without_dead_ends(prices, region, self._finest, self._links.shape)
+                links = self._search.without_dead_ends(links, region, self._finest)
                 around = self._search.around_again
         return None
 

@@ -9,17 +9,19 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Rectangle
-from nnpp_edge.runtime.kernels.links import LOGIT_STEPS, LOGITS, price_links
+from nnpp_edge.runtime.kernels.links import price_links
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.passage import shown_blocks
-from nnpp_edge.runtime.network.passage_model import PassageModel
+from nnpp_edge.runtime.network.passage_model import ANSWER_MIDDLE, ANSWER_STEPS, PassageModel
+from nnpp_edge.runtime.region.links import Links
 
 NOT_LOOKED_AT = 1e5
 """Price of a link of which the network has not been asked."""
-_TILE = 32
+_TILE = 16
 """Blocks to the side of a tile."""
 _REACH = 3
 """Blocks from one to the farthest that the network's answer on it depends on."""
@@ -38,12 +40,12 @@ class LookedMap:
     def __init__(self, state: MapState, model: PassageModel) -> None:
         poses = state.grid.poses
         assert poses is not None
-        self._state, self._network = state, model.of(poses.vehicle, poses.sides_m)
+        self._network = model.of(poses.vehicle, poses.sides_m)
         self.grid: Grid = state.grid
         self.shape = state.shape
         self._changes = state.log.reader()
-        rows, cols = (-(-n // FACTOR) for n in state.shape)
-        self._prices = np.full((4, rows, cols), NOT_LOOKED_AT, np.float32)
+        rows, cols = self._blocks = -(-state.shape[0] // FACTOR), -(-state.shape[1] // FACTOR)
+        self._links = Links.all_at(NOT_LOOKED_AT, state.shape)
         self.least = NOT_LOOKED_AT
         """No link that was looked at costs less for a cell's length."""
         self.looks = 0
@@ -51,17 +53,17 @@ class LookedMap:
         self._looked_at = np.zeros((-(-rows // _TILE), -(-cols // _TILE)), np.bool_)
 
     @property
-    def prices(self) -> NDArray[np.float32]:
-        """(4, R, C) float32 of the links, see `kernels.links`, of the map as it is now."""
-        return self.prices_within((0, 0, *self.shape))
+    def links(self) -> Links:
+        """All links of the map as it is now."""
+        return self.links_within((0, 0, *self.shape))
 
-    def prices_within(self, part: Rectangle) -> NDArray[np.float32]:
+    def links_within(self, part: Rectangle) -> Links:
         """The same, but that links outside a rectangle of cells may not have been looked at."""
         for change in self._changes.read() if self._changes.behind else ():
             row, col, rows, cols = change.part
             row0, col0 = (max(n // FACTOR - _REACH - 1, 0) for n in (row, col))
-            row1 = min(-(-(row + rows) // FACTOR) + _REACH + 1, self._prices.shape[1])
-            col1 = min(-(-(col + cols) // FACTOR) + _REACH + 1, self._prices.shape[2])
+            row1 = min(-(-(row + rows) // FACTOR) + _REACH + 1, self._blocks[0])
+            col1 = min(-(-(col + cols) // FACTOR) + _REACH + 1, self._blocks[1])
             self._look((row0, col0, row1 - row0, col1 - col0))
         row, col, rows, cols = part
         side = FACTOR * _TILE
@@ -72,33 +74,43 @@ class LookedMap:
             for i, j in np.argwhere(~looked_at).tolist():
                 self._look_at_tiles(tiles[0].start + i, tiles[1].start + j, 1, 1)
         looked_at[:] = True
-        return self._prices
+        return self._links
 
     def _look_at_tiles(self, row: int, col: int, rows: int, cols: int) -> None:
         row, col, rows, cols = _TILE * row, _TILE * col, _TILE * rows, _TILE * cols
-        most = self._prices.shape[1:]
+        most = self._blocks
         self._look((row, col, min(rows, most[0] - row), min(cols, most[1] - col)))
 
     def _look(self, part: Rectangle) -> None:
-        """Have the network answer for a rectangle of blocks: it is shown those within its reach, too."""
+        """Have the network answer for a rectangle of blocks."""
         row, col, rows, cols = part
-        poses, tiles = self.grid.poses, self.grid.tiles
+        found: list[float] = []
+
+        def look(begin: int, end: int) -> None:
+            first, last = begin // FACTOR, -(-end // FACTOR)
+            found.append(self._look_at_rows((row + first, col, last - first, cols)))
+
+        in_bands(look, FACTOR * rows, FACTOR * cols, FACTOR)
+        self.least = min(self.least, *found)
+        self.looks += 1
+
+    def _look_at_rows(self, part: Rectangle) -> float:
+        """The same in one go: the network is shown those within its reach, too. The least price of a length."""
+        row, col, rows, cols = part
+        poses, tiles, most = self.grid.poses, self.grid.tiles, self._blocks
         assert poses is not None and tiles is not None
-        most = self._prices.shape[1:]
         begin = max(row - _REACH, -1), max(col - _REACH, -1)
         end = min(row + rows + _REACH, most[0] + 1), min(col + cols + _REACH, most[1] + 1)
         shape = end[0] - begin[0], end[1] - begin[1]
         shown = shown_blocks(tiles.heights, poses.sides_m, poses.vehicle, begin, shape)
-        tables = _tables(self._state.grid.model.scale)
-        least = price_links(self._network.answers(shown), begin, part, tables, _LENGTHS, self._prices)
-        self.least = min(self.least, float(least))
-        self.looks += 1
+        tables = _tables(self.grid.model.scale)
+        return float(price_links(self._network.answers(shown), begin, part, tables, _LENGTHS, self._links))
 
 
 @functools.cache
 def _tables(scale: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """What `price_links` reads prices from; `scale` is the weight of T = 1."""
-    logits = (np.arange(LOGITS) + 0.5 - LOGITS // 2) / LOGIT_STEPS
+    logits = (np.arange(256) - ANSWER_MIDDLE) / ANSWER_STEPS
     likely = 1.0 / (1.0 + np.exp(-logits))
     dear, fine = 1.0 + 4.0 * scale * likely, NO_WAY * (1.0 - likely) ** DOUBT
     return dear.astype(np.float32), fine.astype(np.float32)

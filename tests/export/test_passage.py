@@ -11,7 +11,7 @@ from nnpp_edge.runtime.errors import InvalidMapError, ModelError
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.passage import shown_blocks, shown_numbers, vehicle_numbers
-from nnpp_edge.runtime.network.passage_model import PassageModel
+from nnpp_edge.runtime.network.passage_model import ANSWER_STEPS, PassageModel, logits
 from nnpp_edge.runtime.region.looked import NOT_LOOKED_AT, LookedMap
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -49,8 +49,8 @@ def test_the_file_answers_what_torch_does_for_every_vehicle(network, model_file,
     with torch.no_grad():
         wanted = network((torch.from_numpy(blocks).float()[None, None] - 128) / 127, numbers[None])[0, 0]
         plain = network.of_vehicle(numbers)((torch.from_numpy(blocks).float()[None] - 128) / 127)[0]
-    answers = PassageModel(model_file).of(vehicle, (CELL, CELL)).answers(blocks)
-    np.testing.assert_allclose(answers, wanted, atol=1e-4)
+    answers = logits(PassageModel(model_file).of(vehicle, (CELL, CELL)).answers(blocks))
+    np.testing.assert_allclose(answers, wanted.clip(-8.0, 127 / ANSWER_STEPS), atol=0.5 / ANSWER_STEPS + 1e-4)
     np.testing.assert_allclose(plain, wanted, atol=1e-4)
 
 
@@ -61,7 +61,9 @@ def test_a_network_is_read_back_from_its_file(network, model_file):
 
 def test_shuffled_weights_answer_something_else(model_file):
     blocks = shown_blocks(heights_of(64), (CELL, CELL), BODIES[0], (-1, -1), (18, 18))
-    one, other = (PassageModel(model_file, shuffled=s).of(BODIES[0], (CELL, CELL)).answers(blocks) for s in (0, 1))
+    one, other = (
+        logits(PassageModel(model_file, shuffled=s).of(BODIES[0], (CELL, CELL)).answers(blocks)) for s in (0, 1)
+    )
     assert np.abs(one - other).max() > 0.1
 
 
@@ -71,13 +73,13 @@ def test_a_patch_is_looked_at_again_and_nothing_else_need_be(model_file, part):
     sides, rule, model = (CELL, CELL), Traversability(), StepModel.of("paper")
     state = MapState.of_elevation(heights, sides, rule, model, vehicle=BODIES[0])
     looked = LookedMap(state, PassageModel(model_file))
-    before = looked.prices.copy()
+    before = looked.links.prices.copy()
     patch = heights[row : row + rows, col : col + cols] + np.float32(0.3) * heights_of(96, 5)[:rows, :cols]
     state.update_elevation(row, col, patch)
     heights[row : row + rows, col : col + cols] = patch
     fresh = LookedMap(MapState.of_elevation(heights, sides, rule, model, vehicle=BODIES[0]), PassageModel(model_file))
-    assert not np.allclose(before, fresh.prices, rtol=1e-4)
-    np.testing.assert_allclose(looked.prices, fresh.prices, rtol=1e-4)
+    assert not np.allclose(before, fresh.links.prices, rtol=1e-4)
+    np.testing.assert_allclose(looked.links.prices, fresh.links.prices, rtol=1e-4)
 
 
 def test_a_vehicle_outside_the_range_and_another_file_are_refused(model_file, tmp_path):
@@ -94,8 +96,9 @@ def test_what_is_looked_at_in_parts_has_the_prices_of_the_whole_map(model_file):
     rule, model = Traversability(), StepModel.of("paper")
     state = MapState.of_elevation(heights, sides, rule, model, vehicle=BODIES[0])
     looked, whole = (LookedMap(state, PassageModel(model_file)) for _ in range(2))
-    part = looked.prices_within((10, 140, 90, 100)).copy()
-    assert (part[:, :32, :32] == NOT_LOOKED_AT).all()
-    np.testing.assert_allclose(part[:, 2:25, 35:60], whole.prices[:, 2:25, 35:60], rtol=1e-4)
-    looked.prices_within((100, 0, 100, 100))
-    np.testing.assert_allclose(looked.prices, whole.prices, rtol=1e-4)
+    blocks = (77, 77, 8)
+    part = looked.links_within((10, 140, 90, 100)).prices.reshape(blocks).copy()
+    assert (part[1:32, 1:32, 1] == NOT_LOOKED_AT).all()
+    np.testing.assert_allclose(part[3:26, 36:61], whole.links.prices.reshape(blocks)[3:26, 36:61], rtol=1e-4)
+    looked.links_within((100, 0, 100, 100))
+    np.testing.assert_allclose(looked.links.prices, whole.links.prices, rtol=1e-4)

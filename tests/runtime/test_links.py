@@ -7,7 +7,7 @@ import pytest
 
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.region.links import CLOSED, LinkSearch, without_dead_ends
+from nnpp_edge.runtime.region.links import CLOSED, Links, LinkSearch
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 
@@ -48,7 +48,7 @@ def test_the_region_holds_just_the_blocks_on_ways_that_cost_nearly_the_least(see
     prices = (LENGTHS * (1.0 + 4.0 * rng.random((4, rows, cols)) ** 3)).astype(np.float32)
     start, goal = ((int(rng.integers(4 * rows)), int(rng.integers(4 * cols))) for _ in range(2))
     band = float(rng.choice([0.0, 0.05, 0.3]))
-    region, _ = LinkSearch((4 * rows, 4 * cols)).around(prices, (start, goal), band, 0, float(rng.choice([0.7, 1.0])))
+    region, _ = LinkSearch((4 * rows, 4 * cols)).around(Links.of(prices), (start, goal), band, 0, float(rng.choice([0.7, 1.0])))
     check_region(region, prices, start, goal, band)
 
 
@@ -73,10 +73,10 @@ def test_searched_again_once_links_are_dearer_the_region_is_that_of_the_new_pric
     prices = (LENGTHS * (1.0 + 4.0 * rng.random((4, rows, cols)) ** 3)).astype(np.float32)
     start, goal = ((int(rng.integers(4 * rows)), int(rng.integers(4 * cols))) for _ in range(2))
     search, query, band = LinkSearch((4 * rows, 4 * cols)), (start, goal), float(rng.choice([0.01, 0.2]))
-    search.around(prices, query, band, 0)
+    search.around(Links.of(prices), query, band, 0)
     for _ in range(3):
         prices = prices + np.float32(30.0) * (rng.random(prices.shape) < 0.3)
-        check_region(search.around_again(prices, query, band, 0)[0], prices, start, goal, band)
+        check_region(search.around_again(Links.of(prices), query, band, 0)[0], prices, start, goal, band)
 
 
 def test_links_are_closed_where_a_search_of_the_region_got_no_farther():
@@ -87,7 +87,10 @@ def test_links_are_closed_where_a_search_of_the_region_got_no_farther():
     searched = Workspace(14 * 18)
     searched.next_stamp()
     searched.meta[1::2].reshape(14, 18)[5:9, 1:9] = searched.stamp << STAMP_SHIFT  # its first two blocks
-    after = without_dead_ends(prices, Region(bitmap, *quarters), searched, (12, 16))
-    changed = np.argwhere(after != prices).tolist()
-    assert changed == [[2, 1, 1]]
-    assert after[2, 1, 1] == pytest.approx(4.0 + CLOSED)
+    before = Links.of(prices)
+    after = LinkSearch((12, 16)).without_dead_ends(before, Region(bitmap, *quarters), searched)
+    with np.errstate(invalid="ignore"):
+        changed = np.argwhere(after.prices > before.prices).tolist()
+    first = 2 * before.stride + 2  # the block of row 1, column 1; the next is that at its right
+    assert changed == [[first, 3], [first + 1, 2]]
+    assert after.prices[first, 3] == after.prices[first + 1, 2] == pytest.approx(4.0 + CLOSED)
