@@ -185,7 +185,7 @@ def _quantised(
     i: int,
     shape: dict[str, list[int]],
 ) -> str:
-    """A convolution and its ReLU, if its least byte is 0, in int8: weights by output channel, each of a full range."""
+    """A convolution in int8, cut off at its least byte: weights by output channel, so that each fills its range."""
     (weight, bias), (steps, zeros) = layer, about
     axes = graph.constant(f"axes{i}", np.array((1, 2, 3), np.int64))
     most = graph.add("ReduceMax", [graph.add("Abs", [weight], f"size{i}"), axes], f"most{i}", keepdims=1)

@@ -39,6 +39,7 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.region.corridor import CoarseLevel
+from nnpp_edge.runtime.region.links import Links, LinkSearch
 from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.search.connection import connected
@@ -196,6 +197,10 @@ def _exercise_passage(dem: Float2D) -> None:
         planner.plan(start, goal, method="corridor", price="network")
         planner.update_elevation(3, 4, dem[:5, :6].copy())
         planner.plan(start, goal, method="corridor", price="network")
+    search, links, memory = LinkSearch(dem.shape), Links.all_at(5.0, dem.shape), Workspace((150 + 2) * (24 + 2))
+    region, _ = search.around(links, (start, goal), 0.1, 1)
+    memory.next_stamp()
+    search.around_again(search.without_dead_ends(links, region, memory), (start, goal), 0.1, 1)
 
 
 def warmup_shapes() -> list[tuple[int, int]]:

@@ -98,7 +98,7 @@ def _left(row, col, ends, stride, least, guide):
 
 @kernel
 def _deal_out(chain, block, search, order, found, lists):
-    """Put a coarse bucket's entries into the fine ones, those beyond the last into coarse ones where `block` is -1."""
+    """Put a coarse bucket's entries into fine ones; those beyond the last into coarse ones, where `block` is -1."""
     stride, least, ends, guide = search
     base, inverse_width = order
     reached = found[0]
@@ -128,8 +128,8 @@ def settle_links(links, least, ends, beyond, found, guide, memory):
     beyond : float32
         At least 1.
     found : (reached, seen, number)
-        (nodes,) float32 costs, and (nodes,) int32 twice the number of the search that reached a block, one more as long
-        as it waits to be expanded; both written; and this one's number.
+        (nodes,) float32 costs, and (nodes,) int32 twice the number of the search that reached a block, one more as
+        long as it waits to be expanded; both written; and this one's number.
     guide : (reached, seen, number, limit) or None
         What a search from the last block to the first left, when no link was dearer than now, and the cost up to
         which it searched.

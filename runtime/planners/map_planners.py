@@ -25,6 +25,8 @@ from nnpp_edge.runtime.region.looked import LookedMap
 from nnpp_edge.runtime.tuning import (
     BODY_CORRIDOR,
     CORRIDOR,
+    FAR_FOR_BODY,
+    LARGE_MAP_FOR_BODY,
     LEARNED_CORRIDOR,
     NEAR,
     NETWORK_CORRIDOR,
@@ -95,7 +97,11 @@ class MapPlanners:
         """What a method prices blocks by where no price is named, and the reason where that is not the network's."""
         if method is not Method.NNPP or not self.has_poses:
             return Price.EQ1, ""
-        return (Price.EQ1, self._no_network) if self._no_network else (Price.NETWORK, "")
+        if not self.no_network:
+            return Price.NETWORK, ""
+        problem = f"nnpp goes by the price {Price.EQ1}: {self.no_network}"
+        warn_once(problem)
+        return Price.EQ1, problem
 
     def descent(self, price: Price) -> CoarseToFine | LinkDescent:
         """Searches of the coarse levels of a price, or of its links."""
@@ -116,7 +122,7 @@ class MapPlanners:
     def prepare_network(self) -> None:
         """Load the network of ``nnpp`` and show it the map now; ModelError if it cannot be loaded."""
         if self.has_poses:
-            self.planner(Method.NNPP, self.usual_price(Method.NNPP)[0])
+            _ = self.by_network
         else:
             self.learned.prepare()
 
@@ -126,14 +132,39 @@ class MapPlanners:
             return self.exact_mending
         if method is DynamicMethod.CORRIDOR_DSTAR:
             return self.corridor_mending
+        if self.has_poses and method.base is Method.NNPP:  # which corrects prices by what A* has come to
+            return self.by_network
         return self.learned_mending if method is DynamicMethod.NNPP_DSTAR else self.planner(method.base)
 
-    def use_model(self, model: str | Path | NetworkModel) -> NetworkModel:
-        """Ask this network from now on, once it has been loaded and tried; ModelError, and the old one stays."""
+    @property
+    def by_network(self) -> FindsPaths:
+        """``nnpp`` on a map of poses."""
+        return self.planner(Method.NNPP, self.usual_price(Method.NNPP)[0])
+
+    def use_model(self, model: str | Path | NetworkModel) -> str | Path | NetworkModel:
+        """Ask this network from now on, once it has been loaded and tried; ModelError, and the old one stays.
+
+        What is to be asked by whoever comes next is returned. With poses a name or a file is a passage network's, and
+        InvalidMapError says that the vehicle is not in its range.
+        """
+        if self.has_poses:
+            return self._use_passage(model)
         if not isinstance(model, NetworkModel):
             model = NetworkModel(model)
             model.run()
         self.regions.use_model(model)
+        return model
+
+    def _use_passage(self, model: str | Path | NetworkModel) -> str | Path | NetworkModel:
+        poses = self.state.grid.poses
+        assert poses is not None
+        passage = _passage_of(model)
+        passage.of(poses.vehicle, poses.sides_m)
+        self._model = model
+        self._by_price.pop(Price.NETWORK, None)
+        for made in ("passage_network", "_passage", "no_network"):
+            self.__dict__.pop(made, None)
+        self._passage = passage
         return model
 
     def make_coarse_levels(self) -> None:
@@ -149,13 +180,17 @@ class MapPlanners:
 
     @cached_property
     def _passage(self) -> PassageModel:
-        if isinstance(self._model, NetworkModel) or self._model == _SHIPPED:
-            return passage_model()
-        return PassageModel(self._model)
+        return _passage_of(self._model)
+
+    def network_pays(self, query: Query) -> bool:
+        """Whether by the network's prices a vehicle's path is soonest found: on a large map, to a far goal."""
+        if not self.has_poses or self.no_network:
+            return False
+        return max(self.state.shape) >= LARGE_MAP_FOR_BODY and query.apart >= FAR_FOR_BODY
 
     @cached_property
-    def _no_network(self) -> str:
-        """Why no network prices the map's links where nobody has named a price; empty if one does."""
+    def no_network(self) -> str:
+        """Why no network prices the links of a map of poses where nobody has named a price; empty if one does."""
         poses = self.state.grid.poses
         assert poses is not None
         problem = unsuited(poses.vehicle, poses.sides_m)
@@ -166,9 +201,6 @@ class MapPlanners:
                 passage_model()
             except ModelError as error:
                 problem = str(error)
-        if problem:
-            problem = f"nnpp goes by the price {Price.EQ1}: {problem}"
-            warn_once(problem)
         return problem
 
     @cached_property
@@ -222,6 +254,12 @@ class MapPlanners:
     def _learned(self, searcher: Searcher) -> LearnedPlanner:
         parts = self.state, self.regions, self.coarse_to_fine, searcher, self.exact
         return LearnedPlanner(*parts, network_from=self._network_from, width=self._learned_width)
+
+
+def _passage_of(model: str | Path | NetworkModel) -> PassageModel:
+    if isinstance(model, NetworkModel) or model == _SHIPPED:
+        return passage_model()
+    return PassageModel(model)
 
 
 @functools.cache

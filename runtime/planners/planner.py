@@ -147,7 +147,7 @@ class Planner:
 
     def _make_planners(self) -> None:
         self._planners = MapPlanners(self._state, self._model, network_from=self._ask_from)
-        self._chooser = MethodChooser(self.shape, self._model)
+        self._chooser = MethodChooser(self.shape, self._model, self._planners.has_poses)
 
     def __getstate__(self) -> dict[str, object]:
         """The map and the model: copies, pickled or not, are to be prepared anew."""
@@ -182,7 +182,7 @@ class Planner:
             The model cannot be loaded.
         """
         self._model = self._planners.use_model(model)
-        self._chooser = MethodChooser(self.shape, self._model)
+        self._chooser = MethodChooser(self.shape, self._model, self._planners.has_poses)
 
     @one_at_a_time
     def load_network(self) -> None:
@@ -381,6 +381,8 @@ class Planner:
 
     def _answer(self, query: Query, work: Work, method: str, keep_regions: bool, price: str | None = None) -> Plan:
         chosen, reason = self._chooser.choose(method, query)
+        if method == Method.AUTO and chosen is Method.NNPP and self._planners.has_poses and self._planners.no_network:
+            chosen, reason = Method.CORRIDOR, self._planners.no_network
         wanted, why = self._planners.usual_price(chosen) if price is None else (self._price(price), "")
         reason, checked = reason or why, self._state.checked
         if problem := problem_with(self._state.grid, query.start, query.goal):

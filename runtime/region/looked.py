@@ -68,12 +68,11 @@ class LookedMap:
         row, col, rows, cols = part
         side = FACTOR * _TILE
         tiles = slice(row // side, -(-(row + rows) // side)), slice(col // side, -(-(col + cols) // side))
-        if not (looked_at := self._looked_at[tiles]).any():
-            self._look_at_tiles(tiles[0].start, tiles[1].start, *looked_at.shape)
-        else:
-            for i, j in np.argwhere(~looked_at).tolist():
-                self._look_at_tiles(tiles[0].start + i, tiles[1].start + j, 1, 1)
-        looked_at[:] = True
+        looked_at = self._looked_at[tiles]
+        while not looked_at.all():
+            i, j, down, right = _first_rectangle(~looked_at)
+            self._look_at_tiles(tiles[0].start + i, tiles[1].start + j, down, right)
+            looked_at[i : i + down, j : j + right] = True
         return self._links
 
     def _look_at_tiles(self, row: int, col: int, rows: int, cols: int) -> None:
@@ -105,6 +104,14 @@ class LookedMap:
         shown = shown_blocks(tiles.heights, poses.sides_m, poses.vehicle, begin, shape)
         tables = _tables(self.grid.model.scale)
         return float(price_links(self._network.answers(shown), begin, part, tables, _LENGTHS, self._links))
+
+
+def _first_rectangle(wanted: NDArray[np.bool_]) -> Rectangle:
+    """The first cell that is wanted, as many to its right, and as many rows below: all wanted."""
+    row, col = np.argwhere(wanted)[0].tolist()
+    right = int(np.logical_and.accumulate(wanted[row, col:]).sum())
+    down = int(np.logical_and.accumulate(wanted[row:, col : col + right].all(1)).sum())
+    return row, col, down, right
 
 
 @functools.cache

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Planner, Vehicle
+from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
 from nnpp_edge.runtime.errors import InvalidMapError, ModelError
 from nnpp_edge.runtime.network import passage_model
 from nnpp_edge.runtime.network.model_file import model_path
@@ -83,3 +83,35 @@ def test_ones_own_network_is_asked_and_one_of_another_kind_refused(tmp_path):
     np.testing.assert_array_equal(one.path, other.path)
     with pytest.raises(ModelError, match="wanted a passage network"):
         planner(model="paper").plan(*ENDS, method="nnpp")
+
+
+def test_a_network_may_take_anothers_place_and_a_bad_one_does_not(tmp_path):
+    own, broken = tmp_path / "own.onnx", tmp_path / "broken.onnx"
+    shutil.copy(model_path("passage"), own)
+    broken.write_bytes(b"no model")
+    asked = planner()
+    before = asked.plan(*ENDS, method="nnpp")
+    for bad in ("paper", broken):
+        with pytest.raises(ModelError):
+            asked.use_model(bad)
+    asked.use_model(own)
+    after = asked.plan(*ENDS, method="nnpp")
+    np.testing.assert_array_equal(before.path, after.path)
+    assert after.timings_ms["look"] > 0.0
+
+
+@pytest.mark.parametrize("method", ["nnpp", "nnpp-dstar"])
+def test_on_a_map_that_changes_the_network_prices_what_there_is_now(method):
+    heights = fractal(np.random.default_rng(0), 96, CELL_M, 2.0 * CELL_M)
+    changing = DynamicPlanner.of_elevation(heights, CELL_M, ENDS[1], method=method, vehicle=ROVER)
+    changing.prepare()
+    changing.move(ENDS[0])
+    first = changing.replan()
+    row, col = first.path[len(first.path) // 2]
+    patch = heights[row - 4 : row + 5, col - 4 : col + 5] + np.float32(0.8)
+    changing.update_elevation(int(row) - 4, int(col) - 4, patch)
+    heights[row - 4 : row + 5, col - 4 : col + 5] = patch
+    after = changing.replan()
+    fresh = Planner.of_elevation(heights, CELL_M, vehicle=ROVER, warn=False).plan(*ENDS, method="nnpp")
+    assert after.planner == method and "look" in after.timings_ms
+    assert after.cost == pytest.approx(fresh.cost, rel=1e-5) and not np.array_equal(after.path, first.path)

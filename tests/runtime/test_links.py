@@ -48,7 +48,9 @@ def test_the_region_holds_just_the_blocks_on_ways_that_cost_nearly_the_least(see
     prices = (LENGTHS * (1.0 + 4.0 * rng.random((4, rows, cols)) ** 3)).astype(np.float32)
     start, goal = ((int(rng.integers(4 * rows)), int(rng.integers(4 * cols))) for _ in range(2))
     band = float(rng.choice([0.0, 0.05, 0.3]))
-    region, _ = LinkSearch((4 * rows, 4 * cols)).around(Links.of(prices), (start, goal), band, 0, float(rng.choice([0.7, 1.0])))
+    region, _ = LinkSearch((4 * rows, 4 * cols)).around(
+        Links.of(prices), (start, goal), band, 0, float(rng.choice([0.7, 1.0]))
+    )
     check_region(region, prices, start, goal, band)
 
 
