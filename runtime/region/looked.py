@@ -18,6 +18,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.passage import shown_blocks
 from nnpp_edge.runtime.network.passage_model import ANSWER_MIDDLE, ANSWER_STEPS, PassageModel
 from nnpp_edge.runtime.region.links import Links
+from nnpp_edge.runtime.tuning import LOOK_THREADS_FROM
 
 NOT_LOOKED_AT = 1e5
 """Price of a link of which the network has not been asked."""
@@ -89,7 +90,7 @@ class LookedMap:
             first, last = begin // FACTOR, -(-end // FACTOR)
             found.append(self._look_at_rows((row + first, col, last - first, cols)))
 
-        in_bands(look, FACTOR * rows, FACTOR * cols, FACTOR)
+        in_bands(look, FACTOR * rows, FACTOR * cols, FACTOR, LOOK_THREADS_FROM)
         self.least = min(self.least, *found)
         self.looks += 1
 
