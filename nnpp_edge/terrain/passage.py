@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import DataSetError, InvalidMapError
-from nnpp_edge.runtime.kernels.crossing import connected_parts, crossing_costs, middles_of_blocks
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.passage import unsuited
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
+from nnpp_edge.terrain.crossing import connected_parts, crossing_costs, middles_of_blocks
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.rocks import MOST_COVER, with_rocks
 from nnpp_edge.terrain.synthetic import add_craters, fractal
