@@ -4,6 +4,7 @@ import json
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import onnx
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from onnx import numpy_helper
 from torch import Tensor, nn
 
+from nnpp_edge.calibrate.chances import make_chances_true
 from nnpp_edge.calibrate.passage_searches import SearchFigures, reliability, search_figures
 from nnpp_edge.export.passage_to_onnx import HiddenRanges, write_passage
 from nnpp_edge.model.passage import PassageNet
@@ -74,22 +76,33 @@ class PassageReport:
 def quantize_passage(model: Path, dataset: Path, output: Path, validation: Path | None = None) -> PassageReport:
     """Write an int8 file of a passage network in fp32, and judge both on a data set for such networks.
 
+    Its chances are brought in line with one half of the vehicles that it is judged on; the other half judges.
+
     Raises ModelError where the file is no such network, DataSetError where a folder is no such set, OutputError where
     the file cannot be written.
     """
     network, facts = read_network(model)
     maps, judged_on = PassageMaps(dataset), PassageMaps(validation or dataset)
-    count = min(len(maps), CALIBRATED)
+    count, held_out = min(len(maps), CALIBRATED), range(len(judged_on) // 2, len(judged_on))[:CALIBRATED]
+    make_chances_true(network, [judged_on.batch(range(k, k + 1)) for k in held_out])
     ranges = hidden_ranges(network, [maps.batch(range(k, k + 1)) for k in range(count)])
     write_passage(network, output, name=output.stem, training=facts.training, ranges=ranges)
-    parts = [judged_on.batch(range(k, k + 1)) for k in range(min(len(judged_on), JUDGED))]
-    answers = [_answers(path, parts) for path in (model, output)]
+    with TemporaryDirectory() as folder:
+        plain = Path(folder) / "fp32.onnx"
+        write_passage(network, plain, name=output.stem, training=facts.training)
+        return _report(model, (plain, output), judged_on, count)
+
+
+def _report(model: Path, files: tuple[Path, Path], judged_on: PassageMaps, calibrated: int) -> PassageReport:
+    """The same network in fp32 and in int8 beside each other."""
+    parts = [judged_on.batch(range(k, k + 1)) for k in range(min(max(len(judged_on) // 2, 1), JUDGED))]
+    answers = [_answers(path, parts) for path in files]
     one, other = (_figures(each, parts) for each in answers)
-    by_fp32, by_int8 = search_figures([model, output], judged_on, SEARCHED)
+    by_fp32, by_int8 = search_figures(list(files), judged_on, SEARCHED)
     numbers = parts[0].numbers[0].numpy()
-    times = _times([VehicleNetwork(read_passage(path), numbers, path) for path in (model, output)])
-    came_true = reliability(answers[1], parts)
-    return PassageReport(str(model), str(output), count, one, other, by_fp32, by_int8, *times, came_true)
+    times = _times([VehicleNetwork(read_passage(path), numbers, path) for path in files])
+    came_so = reliability(answers[1], parts)
+    return PassageReport(str(model), str(files[1]), calibrated, one, other, by_fp32, by_int8, *times, came_so)
 
 
 def hidden_ranges(network: PassageNet, batches: list[PassageBatch]) -> HiddenRanges:

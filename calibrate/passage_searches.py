@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from nnpp_edge.calibrate.chances import LINKS, POSES, came_true
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
@@ -25,7 +26,6 @@ from nnpp_edge.runtime.region.looked import LookedMap
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.tuning import NETWORK_CORRIDOR, WIDENED_NETWORK_CORRIDOR
-from nnpp_edge.terrain.passage import CLOSED
 from nnpp_edge.training.passage_batches import PassageBatch, PassageMaps
 
 APART, PAIRS = 0.5, 40
@@ -112,11 +112,9 @@ def reliability(answers: list[NDArray[np.float32]], parts: list[PassageBatch]) -
     true: dict[str, list[Chances]] = {"pose": [], "link": []}
     for logits, part in zip(answers, parts, strict=True):
         chances = torch.sigmoid(torch.from_numpy(logits[..., 1:-1, 1:-1])).numpy()
-        labels = {name: label[0].numpy() for name, label in part.labels.items()}
-        said["pose"].append(chances[:, :4].ravel())
-        true["pose"].append((labels["passing"] / 16.0).ravel())
-        said["link"].append(chances[:, 8:12].ravel())
-        true["link"].append((labels["link"] != CLOSED).astype(np.float64).ravel())
+        for name, which in (("pose", POSES), ("link", LINKS)):
+            said[name].append(chances[:, which].ravel())
+            true[name].append(came_true(part, which).ravel())
     return {name: _binned(np.concatenate(said[name]), np.concatenate(true[name])) for name in said}
 
 
