@@ -37,7 +37,7 @@ merged rectangles cover much that did not change."""
 THREADS_FROM = 200_000
 """Cells from which on a map is computed by a thread a core: to start one takes as long as some ten thousand cells."""
 LOOK_THREADS_FROM = 65_536
-"""The same of a passage network's look: at 256² two threads take a tenth less time, at 1024² half as long."""
+"""The same of a passage network's look, cells: at 256² two threads take a tenth less time, at 1024² half as long."""
 TILE_ROWS, TILE_COLS = 32, 64
 """Cells of the pieces in which a map of heights is computed: powers of two. In smaller ones rows are too short for
 the compiler's loops; of larger ones a search looks at a small part."""

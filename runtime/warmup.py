@@ -27,6 +27,7 @@ from nnpp_edge.runtime.compiled import cache, kernel
 from nnpp_edge.runtime.compiled.cache import NumbaObject
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS
+from nnpp_edge.runtime.map.crossing import costs_of_crossing
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
@@ -177,7 +178,7 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
     for method in ("astar", "corridor"):
         planner.plan(start, goal, method=method)
     planner.update_elevation(3, 4, dem[:5, :6].copy())
-    pose_costs(dem, 1.0, vehicle)
+    costs_of_crossing(pose_costs(dem[:148], 1.0, vehicle), 10.0)
     moving = DynamicPlanner.of_elevation(
         dem, 1.0, goal, method="dstar", vehicle=vehicle, also=("corridor-dstar",), model=network
     )

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import DataSetError, InvalidMapError
 from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.map.crossing import costs_of_crossing
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.passage import unsuited
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.terrain.crossing import connected_parts, crossing_costs, middles_of_blocks
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.rocks import MOST_COVER, with_rocks
 from nnpp_edge.terrain.synthetic import add_craters, fractal
@@ -204,14 +204,8 @@ def block_labels(heights: Float2D, vehicle: Vehicle) -> BlockLabels:
 
 def _links(costs: NDArray[np.float32]) -> NDArray[np.uint8]:
     """The label of that name."""
-    shape = costs.shape[1:]
-    parts, queue, sizes = (np.zeros(n, np.int32) for n in (shape, shape[0] * shape[1], shape[0] * shape[1]))
-    connected_parts(costs, parts, queue, sizes)
-    middles = np.empty((shape[0] // FACTOR, shape[1] // FACTOR, 2), np.int32)
-    middles_of_blocks(parts, sizes, middles)
-    crossing = np.empty((4, *middles.shape[:2]), np.float32)
     weight = np.float32(StepModel.of("paper").scale)
-    crossing_costs(costs, weight, middles, np.empty((12, 12), np.float32), crossing)
+    crossing = costs_of_crossing(costs, float(weight))
     codes = np.rint(LINK_STEPS * (np.where(np.isfinite(crossing), crossing, 1.0) - 1.0) / (2.0 * weight))
     return np.where(np.isfinite(crossing), np.clip(codes, 0, CLOSED - 1), CLOSED).astype(np.uint8)
 
