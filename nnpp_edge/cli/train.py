@@ -5,11 +5,15 @@ import json
 import math
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.model.registry import ENCODINGS, PRESETS
+
+if TYPE_CHECKING:
+    from nnpp_edge.training.checkpoint import TrainSettings
 
 _PARTS = 1000
 """Of the training, for the progress bar."""
@@ -84,13 +88,16 @@ def command(
     import torch
 
     from nnpp_edge.progress import bar
-    from nnpp_edge.terrain.dataset import read_recipe, read_samples
+    from nnpp_edge.terrain.dataset import has_poses, read_recipe, read_samples
     from nnpp_edge.training.train import Progress, TrainSettings, train
     from nnpp_edge.viz.figures import training_curves
 
     if threads:
         torch.set_num_threads(threads)
     settings |= {"time_limit_s": 60.0 * (time_limit or math.inf), "validate_every_s": 60.0 * validate_every}
+    if has_poses(dataset):
+        _train_passage(dataset, validation, output, msgspec.convert(settings, TrainSettings), begin_with, as_json)
+        return
     preset = PRESETS[architecture]
     spec = dataclasses.replace(
         preset, sigma=sigma, input_size=input_size or preset.input_size, encoding=encoding or preset.encoding
@@ -127,3 +134,28 @@ def command(
             f"  region at td × {factor}: gap {100 * last[key]:.2f} %, found {100 * last['success@' + factor]:.1f} %, "
             f"{100 * last['region_share@' + factor]:.1f} % of the map, MM {last['mm@' + factor]:.3f}"
         )
+
+
+def _train_passage(
+    dataset: Path, validation: Path, output: Path, settings: "TrainSettings", begin_with: Path | None, as_json: bool
+) -> None:
+    """Train a passage network, and print how it does on the validation set."""
+    from nnpp_edge.model.registry import PASSAGE_OPTIONS
+    from nnpp_edge.progress import bar
+    from nnpp_edge.training.passage import FIGURES, train_passage
+    from nnpp_edge.training.passage_batches import PassageMaps
+
+    with bar("train", _PARTS) as advance:
+
+        def report(step: int, loss: float, share: float) -> None:
+            advance(int(_PARTS * share))
+
+        maps = PassageMaps(dataset), PassageMaps(validation)
+        checkpoint = train_passage(PASSAGE_OPTIONS, settings, *maps, output, begin_with=begin_with, report=report)
+    history = json.loads((output / "history.json").read_text())
+    if as_json:
+        click.echo(json.dumps({"checkpoint": str(checkpoint), "history": history}))
+        return
+    last = history[-1]
+    click.echo(f"{checkpoint}: {last['step']:.0f} steps in {last['spent_s'] / 60:.0f} min, loss {last['loss']:.4f}")
+    click.echo("  on validation: " + ", ".join(f"{name} {last[name]:.4f}" for name in FIGURES))
