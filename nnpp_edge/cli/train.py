@@ -22,6 +22,7 @@ _PRESET = click.Choice(list(PRESETS))
 _ENCODING = click.Choice([name for names in ENCODINGS.values() for name in names])
 _STEPS = "Most steps, if its epochs do not end the training before; the number that a time limit came to repeats it."
 _TIME_LIMIT = "Minutes, about: the speed of the first 200 steps decides the number of steps."
+_THREADS = "Of torch on the CPU; by default one for passage networks, which gain nothing from more, else one a core."
 _TARGET = click.Choice(["near", "path"])
 
 
@@ -55,7 +56,7 @@ _TARGET = click.Choice(["near", "path"])
 @click.option("--loss", type=click.Choice(["bce", "focal", "dice"]), default="bce")
 @click.option("--time-limit", type=options.POSITIVE, help=_TIME_LIMIT)
 @click.option("--validate-every", type=options.NOT_NEGATIVE, default=5.0, help="Minutes.")
-@click.option("--threads", type=options.COUNT, help="Of torch on the CPU.")
+@click.option("--threads", type=options.COUNT, help=_THREADS)
 @options.seed
 @options.as_json
 def command(
@@ -85,6 +86,10 @@ def command(
     from contextlib import nullcontext
 
     import msgspec
+
+    os.environ.setdefault(
+        "OMP_WAIT_POLICY", "PASSIVE"
+    )  # threads that spin where other programs run: ten times as slow
     import torch
 
     from nnpp_edge.progress import bar
@@ -92,10 +97,11 @@ def command(
     from nnpp_edge.training.train import Progress, TrainSettings, train
     from nnpp_edge.viz.figures import training_curves
 
-    if threads:
-        torch.set_num_threads(threads)
+    of_poses = has_poses(dataset)
+    if threads or of_poses:
+        torch.set_num_threads(threads or 1)
     settings |= {"time_limit_s": 60.0 * (time_limit or math.inf), "validate_every_s": 60.0 * validate_every}
-    if has_poses(dataset):
+    if of_poses:
         _train_passage(dataset, validation, output, msgspec.convert(settings, TrainSettings), begin_with, as_json)
         return
     preset = PRESETS[architecture]
