@@ -7,7 +7,9 @@ from collections.abc import Callable
 from nnpp_edge.runtime.tuning import THREADS_FROM
 
 
-def in_bands(work: Callable[[int, int], None], rows: int, cols: int, multiple: int = 1) -> None:
+def in_bands(
+    work: Callable[[int, int], None], rows: int, cols: int, multiple: int = 1, threads_from: int = 0
+) -> None:
     """Call `work` for all rows, as (first, one past the last), once or, on larger maps, once on each core.
 
     Threads are started for the occasion: a pool that waits between two maps costs as much, and has to be minded when
@@ -21,8 +23,10 @@ def in_bands(work: Callable[[int, int], None], rows: int, cols: int, multiple: i
         Of the map.
     multiple : int
         Bands begin at multiples of so many rows.
+    threads_from : int
+        Cells from which on each core gets a band of its own; by default `THREADS_FROM`.
     """
-    cores = len(os.sched_getaffinity(0)) if rows * cols >= THREADS_FROM else 1
+    cores = len(os.sched_getaffinity(0)) if rows * cols >= (threads_from or THREADS_FROM) else 1
     height = -(-rows // (cores * multiple)) * multiple
     bands = [(first, min(first + height, rows)) for first in range(0, rows, height)]
     failed: list[BaseException] = []

@@ -27,6 +27,7 @@ from nnpp_edge.runtime.compiled import cache, kernel
 from nnpp_edge.runtime.compiled.cache import NumbaObject
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS
+from nnpp_edge.runtime.map.crossing import costs_of_crossing
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
@@ -39,6 +40,7 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.region.corridor import CoarseLevel
+from nnpp_edge.runtime.region.links import Links, LinkSearch
 from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.search.connection import connected
@@ -161,13 +163,14 @@ def _exercise_elevations(network: NetworkModel) -> None:
             planner.update_elevation(3, 4, heights[:5, :6].copy())
             planner.update_elevation(0, 0, heights)
     _exercise_body(dem, network)
+    _exercise_passage(dem)
     connected([cost], ((0, 0), (1, 1)))
 
 
 def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
     vehicle, (start, goal) = Vehicle(2.2, 2.2, 3.0, max_tilt_deg=60.0, unknown_passes=True), ((8, 5), (140, 18))
     planner = Planner.of_elevation(dem, 1.0, vehicle=vehicle, model=network, ask_from=0, warn=False)
-    for method in ("astar", "corridor", "nnpp"):
+    for method in ("astar", "corridor"):
         planner.plan(start, goal, method=method)
         planner.plan(start, goal, method=method, time_limit_s=60.0)
     planner.plan(start, goal, method="corridor", price="sampled")
@@ -175,7 +178,7 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
     for method in ("astar", "corridor"):
         planner.plan(start, goal, method=method)
     planner.update_elevation(3, 4, dem[:5, :6].copy())
-    pose_costs(dem, 1.0, vehicle)
+    costs_of_crossing(pose_costs(dem[:148], 1.0, vehicle), 10.0)
     moving = DynamicPlanner.of_elevation(
         dem, 1.0, goal, method="dstar", vehicle=vehicle, also=("corridor-dstar",), model=network
     )
@@ -186,6 +189,20 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
         moving.standing()
     state = MapState.of_elevation(dem, (1.0, 1.0), Traversability(), StepModel.of("paper"), vehicle=vehicle)
     MapPlanners(state, network).corridor_mended.find(Query(start, goal), Work())
+
+
+def _exercise_passage(dem: Float2D) -> None:
+    vehicle, (start, goal) = Vehicle(3.5, 2.2, 1.2, max_tilt_deg=35.0, unknown_passes=True), ((8, 5), (140, 18))
+    dem = np.float32(0.2) * dem  # gentle enough for the vehicle to stand at both ends
+    for heights in (dem, _read_only(dem)):
+        planner = Planner.of_elevation(heights, 1.0, vehicle=vehicle, warn=False)
+        planner.plan(start, goal, method="corridor", price="network")
+        planner.update_elevation(3, 4, dem[:5, :6].copy())
+        planner.plan(start, goal, method="corridor", price="network")
+    search, links, memory = LinkSearch(dem.shape), Links.all_at(5.0, dem.shape), Workspace((150 + 2) * (24 + 2))
+    region, _ = search.around(links, (start, goal), 0.1, 1)
+    memory.next_stamp()
+    search.around_again(search.without_dead_ends(links, region, memory), (start, goal), 0.1, 1)
 
 
 def warmup_shapes() -> list[tuple[int, int]]:

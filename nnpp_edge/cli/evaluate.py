@@ -1,7 +1,7 @@
 """`nnpp-edge evaluate`: the planners beside each other."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,70 +9,24 @@ from typing import TYPE_CHECKING
 import click
 
 from nnpp_edge.cli import options
+from nnpp_edge.cli.evaluate_text import BODY_COLUMNS, COLUMNS, FRESH_COLUMNS, label, table
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 from nnpp_edge.cli.vehicle_options import vehicle as vehicle_options
 
 if TYPE_CHECKING:
+    from nnpp_edge.profiling.corridors import Control
     from nnpp_edge.profiling.suites import Case, Size
     from nnpp_edge.runtime.map.prices import Price
 
-COLUMNS = {
-    "workload": "workload",
-    "size": "size",
-    "method": "method",
-    "n": "n",
-    "success_raw": "success",
-    "success": "after\nfallback",
-    "gap_mean": "gap\nmean",
-    "gap_p99": "gap\np99",
-    "time_ms_median": "ms\nmedian",
-    "time_ms_p99": "ms\np99",
-    "speedup_median": "speed-up\nmedian",
-    "speedup_total": "speed-up\ntotal",
-    "expansions_median": "expan-\nsions",
-    "region_share_mean": "region",
-    "mm_mean": "MM",
-    "cc_mean": "CC",
-}
-FRESH_COLUMNS = {
-    "workload": "workload",
-    "size": "size",
-    "method": "method",
-    "n": "n",
-    "fresh_ms_median": "elevation →\npath, ms",
-    "fresh_ms_p99": "p99",
-    "fresh_speedup_median": "times as fast as\nastar-eager",
-    "costs_computed_mean": "costs\ncomputed",
-    "fresh_gap_mean": "gap\nmean",
-    "fresh_gap_p99": "gap\np99",
-    "time_ms_median": "standing\nmap, ms",
-}
-BODY_COLUMNS = {
-    "workload": "workload",
-    "size": "size",
-    "method": "method",
-    "price": "price",
-    "n": "n",
-    "unsolvable": "without\na path",
-    "success_raw": "success",
-    "success": "after\nfallback",
-    "gap_mean": "gap\nmean",
-    "gap_p99": "gap\np99",
-    "checks_mean": "poses\nchecked",
-    "checks_share_mean": "of all",
-    "expansions_median": "expan-\nsions",
-    "time_ms_median": "ms\nmedian",
-    "time_ms_p99": "ms\np99",
-    "fresh_ms_median": "elevation →\npath, ms",
-    "fresh_ms_p99": "p99",
-    "fresh_ms_p99_first": "p99 without\nfallback",
-}
-_SHARES = {"success_raw", "success", "region_share_mean", "costs_computed_mean", "checks_share_mean"}
-_GAPS = {"gap_mean", "gap_p99", "fresh_gap_mean", "fresh_gap_p99"}
 _WORKLOADS = "soft, limit20, limit15 or any limitN; with a vehicle body, body-rocks10 or any body-rocksN."
-_PRICES = "By which the corridor of a vehicle prices blocks: eq1, body-fit, sampled.  [default: eq1]"
+_PRICES = (
+    "By which the corridor of a vehicle prices blocks: eq1, body-fit, sampled, network; or controls: "
+    "network-shuffled, body-fit-links, straight.  [default: eq1]"
+)
+_WIDTHS = "Of a vehicle's corridors, in times of each price's own; a row for each.  [default: 1]"
+_PER_MAP = "Of a vehicle's queries, so many are answered by one planner; rows for each.  [default: 1]"
 _ROCKS = "Share of the ground under rocks, 0 to 0.2, where the workload does not say."
-_MODEL = "Shipped model or file for nnpp; several are set beside each other."
+_MODEL = "Shipped model or file for nnpp, of a vehicle a passage network; several are set beside each other."
 _REPEATS = "Times each planner answers each query; its median time counts."
 _FRESH_MAP = "Also from elevations to the path on a map that has just arrived, lazily and eagerly."
 _MARKDOWN = "Print the tables as Markdown."
@@ -92,6 +46,8 @@ _MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
 @click.option("--model", "models", type=options.ModelName(), multiple=True, default=("edge",), help=_MODEL)
 @vehicle_options
 @click.option("--prices", type=options.Names(), help=_PRICES)
+@click.option("--widths", type=options.Multiples(), help=_WIDTHS)
+@click.option("--queries-per-map", "per_map", type=options.Counts(), help=_PER_MAP)
 @click.option("--rocks", type=options.Real(0.0, 0.2), default=0.0, help=_ROCKS)
 @click.option("--repeats", type=options.COUNT, default=3, help=_REPEATS)
 @click.option("--fresh-map", is_flag=True, help=_FRESH_MAP)
@@ -115,6 +71,8 @@ def command(
     models: tuple[str, ...],
     vehicle: VehicleOptions,
     prices: tuple[str, ...] | None,
+    widths: tuple[float, ...] | None,
+    per_map: tuple[int, ...] | None,
     rocks: float,
     repeats: int,
     fresh_map: bool,
@@ -132,16 +90,16 @@ def command(
     so is the corridor as narrow as the learned region's (corridor-narrow): nnpp without a network.
 
     The workloads body and body-rocksN, rocks on N percent of the ground, are those of a vehicle: a planner that has
-    checked none of its poses is made for every query.
+    checked none of its poses is made for every query, or for --queries-per-map.
 
     \b
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --workload soft,limit15 --sizes 256,512
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --sizes 256,512,1024,2048 --fresh-map --markdown
-    nnpp-edge evaluate --terrain dem.tif --vehicle small-rover --workload body,body-rocks10 --prices eq1,body-fit
+    nnpp-edge evaluate --terrain dem.tif --vehicle small-rover --workload body,body-rocks10 --prices eq1,network
     """
     from nnpp_edge.profiling import suites
     from nnpp_edge.profiling.evaluate import EAGER, evaluate
-    from nnpp_edge.profiling.rivals import exact_and, narrow_corridor
+    from nnpp_edge.profiling.rivals import SHIPPED, exact_and, exact_and_priced, narrow_corridor
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
@@ -159,15 +117,20 @@ def command(
     if unknown := set(methods) - set(Method):
         raise click.UsageError(f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}")
     body = vehicle.make()
-    bodies = _body_workloads(workloads, body is not None, prices is not None)
+    of_vehicle = {"--vehicle": body, "--prices": prices, "--widths": widths, "--queries-per-map": per_map}
+    bodies = _body_workloads(workloads, [name for name, value in of_vehicle.items() if value is not None])
+    points = [name for name in workloads if name not in bodies]
+    if points and bodies and models != (SHIPPED,):
+        raise click.UsageError("--model is a point's or a vehicle's: judge their workloads one after the other")
     if dataset is not None and (bodies or rocks):
         raise click.UsageError("vehicles and rocks need elevations, a data set holds cost maps: give --terrain")
     of_each = _prices(prices)
     options.check_outputs(("--plot", plot))
-    needed = models if {Method.NNPP, Method.AUTO} & set(methods) else ()
+    needed = models if points and {Method.NNPP, Method.AUTO} & set(methods) else ()
     networks = {Path(name).stem: NetworkModel(name) for name in needed}
     control = [narrow_corridor()] if fresh_map else []
-    of_point, of_body = (exact_and(methods, networks, each) + control for each in ((), of_each))
+    of_point = exact_and(methods, networks) + control
+    of_body = exact_and_priced(methods, of_each, widths or (1.0,), models) + control if bodies else []
     dems = suites.TerrainFiles(files, rescale, cell_size, allow_vrt).read()
     suites.check_sizes(dems, sizes)
 
@@ -178,17 +141,27 @@ def command(
             return suites.synthetic_cases(name, size, seed, min_distance, body, rocks)
         return suites.terrain_cases(dems, name, size, seed, min_distance, body, rocks)
 
-    runs = list(product(workloads, (read_recipe(dataset).size,) if dataset else sizes))
+    runs = [
+        (name, size, count)
+        for name, size in product(workloads, (read_recipe(dataset).size,) if dataset else sizes)
+        for count in (per_map if per_map and name in bodies else (1,))
+    ]
     rows: list[dict[str, str | float | None]] = []
     with bar("evaluate", queries * len(runs)) as advance:
-        for at, (name, size) in enumerate(runs):
+        for at, (name, size, count) in enumerate(runs):
 
             def of_run(done: int, before: int = at * queries) -> None:
                 advance(before + done)
 
             rivals = of_body if name in bodies else of_point
             figures = evaluate(
-                cases(name, size), rivals, queries, repeats=repeats, fresh_map=fresh_map, progress=of_run
+                cases(name, size),
+                rivals,
+                queries,
+                repeats=repeats,
+                fresh_map=fresh_map,
+                queries_per_map=count,
+                progress=of_run,
             )
             place = {"workload": name, "size": suites.name_of(size)}
             rows += [{**place, **row} for row in figures.values()]
@@ -196,7 +169,7 @@ def command(
     if plot is not None:
         from nnpp_edge.viz.figures import pareto
 
-        pareto([row | {"method": _label(row)} for row in standing], plot)
+        pareto([row | {"method": label(row)} for row in standing], plot)
     if as_json:
         click.echo(json.dumps(rows, indent=1))
         return
@@ -207,48 +180,27 @@ def command(
     click.echo("\n\n".join(table(each, columns, markdown) for each, columns in tables if each))
 
 
-def _body_workloads(names: Sequence[str], vehicle: bool, prices: bool) -> list[str]:
-    """The workloads of a vehicle; UsageError where there are some without a vehicle, or the other way round."""
+def _body_workloads(names: Sequence[str], given: Sequence[str]) -> list[str]:
+    """The workloads of a vehicle; UsageError where there are some without --vehicle, or an option for none."""
     from nnpp_edge.terrain.workloads import body_rocks, workload
 
     found = [name for name in names if body_rocks(name) is not None]
     for name in names:
         if name not in found:
             workload(name)  # InvalidQueryError where there is none of that name
-    if found and not vehicle:
+    if found and "--vehicle" not in given:
         raise click.UsageError(f"--workload {found[0]} needs a vehicle: give --vehicle")
-    if not found and (vehicle or prices):
-        raise click.UsageError("--vehicle and --prices are for the workloads body and body-rocksN")
+    if not found and given:
+        raise click.UsageError(f"{given[0]} is for the workloads body and body-rocksN")
     return found
 
 
-def _prices(names: tuple[str, ...] | None) -> "list[Price]":
-    """The prices of these names; by default that of a point."""
+def _prices(names: tuple[str, ...] | None) -> "list[Price | Control]":
+    """The prices and controls of these names; by default that of a point."""
+    from nnpp_edge.profiling.corridors import Control
     from nnpp_edge.runtime.map.prices import Price
 
-    if unknown := set(names or ()) - set(Price):
-        raise click.UsageError(f"--prices must be of {', '.join(Price)}, got {', '.join(sorted(unknown))}")
-    return [Price(name) for name in names or (Price.EQ1,)]
-
-
-def _label(row: Mapping[str, str | float | None]) -> str:
-    """A planner's name in a picture."""
-    return str(row["method"] if row["price"] is None else f"{row['method']}, {row['price']}")
-
-
-def table(rows: Sequence[dict[str, str | float | None]], columns: Mapping[str, str], markdown: bool = False) -> str:
-    """The rows for people."""
-    from nnpp_edge.progress import markdown_table, render_table
-
-    body = [[_shown(key, row[key]) for key in columns] for row in rows]
-    if markdown:
-        return markdown_table(list(columns.values()), body)
-    return render_table(list(columns.values()), body, sections=[row["method"] == "astar" for row in rows])
-
-
-def _shown(key: str, value: str | float | None) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, int | float) and key in _SHARES | _GAPS:
-        return f"{100 * value:.1f} %" if key in _SHARES else f"{100 * value:.2f} %"
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    if unknown := set(names or ()) - {*Price, *Control}:
+        known = ", ".join((*Price, *Control))
+        raise click.UsageError(f"--prices must be of {known}, got {', '.join(sorted(unknown))}")
+    return [Control(name) if name in set(Control) else Price(name) for name in names or (Price.EQ1,)]

@@ -88,17 +88,20 @@ def _row(found: "ModelFile") -> dict[str, str]:
     """A model's row in the list, by the columns' titles."""
     m = found.metadata
     dataset = m.training.get("dataset")
+    shown = (str(getattr(m, name, _MISSING)) for name in ("input_size", "blocks", "encoding"))
+    numbers = (getattr(m, name, None) for name in ("sigma", "omega", "region_factor"))
+    size, blocks, encoding, sigma, omega, factor = *shown, *(_MISSING if n is None else f"{n:g}" for n in numbers)
     return {
         "name": found.name,
         "preci-\nsion": m.precision,
         "archi-\ntecture": _architecture(found),
         "MB": _megabytes(found),
-        "input": str(m.input_size),
-        "blocks": str(m.blocks),
-        "enco-\nding": m.encoding,
-        "σ": f"{m.sigma:g}",
-        "ω": f"{m.omega:g}",
-        "region\nfactor": f"{m.region_factor:g}",
+        "input": size,
+        "blocks": blocks,
+        "enco-\nding": encoding,
+        "σ": sigma,
+        "ω": omega,
+        "region\nfactor": factor,
         "trained\nmaps": str(dataset.get("maps", _MISSING)) if isinstance(dataset, dict) else _MISSING,
         **{title: _span(found, *_FIGURES[title]) for title in ("first\nregion", "gap\nmean", "ms\nmedian")},
         "sha256": found.sha256[:8],

@@ -68,9 +68,8 @@ _BYTES_PER_CELL = 24
 @vehicle_options.vehicle
 @click.option(
     "--price",
-    type=click.Choice(["eq1", "body-fit", "sampled"]),
-    default="eq1",
-    help="By what the corridor of a vehicle prices blocks of cells before their poses are checked.",
+    type=click.Choice(["eq1", "body-fit", "sampled", "network"]),
+    help="By what blocks of cells are priced before a vehicle's poses are checked.  [default: eq1; nnpp: network]",
 )
 @options.memory
 @click.option("-o", "--output", type=options.PATH, help="Folder for path.geojson, path.csv, plan.png and plan.json.")
@@ -139,10 +138,11 @@ def plan_whole(
     """Plan on a map that is read into memory."""
     from nnpp_edge.runtime.network.loading import begin_loading
 
-    if request.method == "nnpp":
+    has_body = vehicle is not None and not vehicle.is_disc  # whose network is another, and soon loaded
+    if request.method == "nnpp" and not has_body:
         begin_loading(request.model)
     ground = terrain.read(dem)
-    if request.method == "auto" and request.expects_network(ground):
+    if request.method == "auto" and not has_body and request.expects_network(ground):
         begin_loading(request.model)
     warn_if_not_square(ground)
     cost = cost_of(ground, limits)

@@ -28,7 +28,7 @@ class Request:
     time_limit: float | None
     landmarks: int
     compare: bool
-    price: str
+    price: str | None
 
     def __post_init__(self) -> None:
         """Refuse a start or goals that are missing, or given as cells and as coordinates."""

@@ -65,3 +65,6 @@ PRESETS = {
 }
 """``edge`` runs its encoder once for each map and a small head for each query. ``nnpp`` is the paper's network at
 full width, ``nnpp-w16`` the same at a quarter of it, ``nnpp-stdc2`` the same with the deeper backbone."""
+
+PASSAGE_OPTIONS: dict[str, int | Sequence[int]] = {"widths": (32, 32, 32), "kernels": (3, 3, 3), "mixtures": 4}
+"""Of `PassageNet`, which is told a vehicle instead of start and goal, and needs no `Spec`."""

@@ -5,9 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.profiling.harness import Record
 from nnpp_edge.profiling.rivals import FIRST_SOURCES
-from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 
@@ -36,6 +34,8 @@ class Answers:
     """Of the queries with a path."""
     checks: list[int] = field(default_factory=list)
     """Poses of a vehicle that were checked."""
+    look_ms: list[float] = field(default_factory=list)
+    """Time that it took to price the links of a map; of rivals that do."""
     poses: int = 0
     """Of a map."""
 
@@ -77,7 +77,9 @@ class Answers:
             "gap_p99": float(np.quantile(gaps, 0.99)),
             "gap_max": float(gaps.max()),
             "time_ms_median": float(np.median(times)),
+            "time_ms_p95": float(np.quantile(times, 0.95)),
             "time_ms_p99": float(np.quantile(times, 0.99)),
+            "look_ms_median": float(np.median(self.look_ms)) if self.look_ms else None,
             "speedup_median": float(np.median(exact / times)),
             "speedup_total": float(exact.sum() / times.sum()),
             "expansions_median": float(np.median(self.expansions)),
@@ -113,10 +115,9 @@ class FreshAnswers:
     gaps: list[float] = field(default_factory=list)
     """Of the queries with a path."""
 
-    def add(self, record: Record[Endpoints, Plan], exact_ms: float | None, optimum: float) -> None:
+    def add(self, plan: Plan, seconds: float, exact_ms: float | None, optimum: float) -> None:
         """Count one query."""
-        plan = record.results[0]
-        self.time_ms.append(1e3 * record.median_s)
+        self.time_ms.append(1e3 * seconds)
         self.exact_ms += [] if exact_ms is None else [exact_ms]
         self.first.append(plan.source in FIRST_SOURCES)
         self.costs_computed.append(plan.costs_computed)

@@ -1,25 +1,30 @@
 """Every planner on the same queries, in one interleaved run, judged by the exact optimum."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
 from nnpp_edge.profiling.answers import Answers, Figures, FreshAnswers
 from nnpp_edge.profiling.harness import Harness, Record
-from nnpp_edge.profiling.rivals import EXACT, FindsPlans, Forgetting, FreshMap, RivalPlanner, call_on
+from nnpp_edge.profiling.rivals import EXACT, FindsPlans, Forgetting, FreshMap, Queries, RivalPlanner
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.warmup import exercise
 
-Records = Mapping[str, Record[Endpoints, Plan]]
-"""What was measured on one query, by the names of the calls."""
+Plans = tuple[Plan, ...]
+Records = Mapping[str, Record[Queries, Plans]]
+"""What was measured on queries that share a planner, by the names of the calls."""
 EAGER = "-eager"
 """Ends the name of a planner that computes all costs of a fresh map before it plans."""
 _FRESH = "fresh map: "
 """Before the names of planners that are measured on fresh maps beside others of the same name."""
+_DRAWN = 5
+"""Queries drawn for each that is wanted, on a map that does not connect enough of its own."""
 _MAPS_WITHOUT_PATH = 50
 """So many maps in a row without any path, and there will be none."""
 
@@ -31,6 +36,7 @@ def evaluate(
     *,
     repeats: int = 3,
     fresh_map: bool = False,
+    queries_per_map: int = 1,
     harness: Harness | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> dict[str, Figures]:
@@ -45,7 +51,9 @@ def evaluate(
 
     On the maps of a vehicle every answer is that of a planner which has not checked any pose before, and which is
     made of the elevations for it: its time is the plan's own, and from the elevations on it is given as of a fresh
-    map. All cases are a vehicle's, or none.
+    map. All cases are a vehicle's, or none. With `queries_per_map` a planner is made for so many queries on a map,
+    which it answers one after the other: a query's time is the mean of theirs, what the first one prepares included.
+    `queries` is rounded up to whole groups of them.
 
     Returns
     -------
@@ -56,7 +64,8 @@ def evaluate(
     Raises
     ------
     InvalidQueryError
-        A case without elevations where they are needed, or 50 maps in a row without a path.
+        A case without elevations where they are needed, or 50 maps in a row without a path (or without as many as
+        are to share a planner), or several queries to a planner without a vehicle.
 
     Notes
     -----
@@ -69,19 +78,25 @@ def evaluate(
     done = in_vain = 0
     for case in cases:
         on_map = _OnMap(case, rivals, fresh_map)
-        exact = on_map.exact_plans()
-        solvable = [query for query in case.queries if exact[query].ok][: queries - done]
-        counts.unsolvable += sum(not plan.ok for plan in exact.values())
-        in_vain = 0 if solvable else in_vain + 1
+        if queries_per_map > 1 and not on_map.has_body:
+            raise InvalidQueryError("queries_per_map is for a vehicle: a point's planner serves all queries of a map")
+        groups, unsolvable = on_map.groups(queries_per_map)
+        counts.unsolvable += unsolvable
+        in_vain = 0 if groups else in_vain + 1
         if in_vain == _MAPS_WITHOUT_PATH:
-            raise InvalidQueryError(f"no query has a path on {in_vain} maps in a row of the workload {case.workload}")
+            wanted = (
+                "no query has a path" if queries_per_map == 1 else f"fewer than {queries_per_map} queries have paths"
+            )
+            raise InvalidQueryError(f"{wanted} on {in_vain} maps in a row of the workload {case.workload}")
         for call in on_map.calls.values():
-            call(case.queries[0])
-        measured = harness.measure(on_map.calls, solvable, repeats=repeats, observer=Forgetting(on_map.fresh))
-        for query, records in zip(solvable, measured, strict=True):
-            counts.add(on_map, query, records, exact[query])
-            progress(done := done + 1)
-        if done == queries:
+            call(case.queries[:1])
+        missing = groups[: math.ceil((queries - done) / queries_per_map)]
+        measured = harness.measure(on_map.calls, missing, repeats=repeats, observer=Forgetting(on_map.fresh))
+        for group, records in zip(missing, measured, strict=True):
+            counts.add(on_map, group, records)
+            done += len(group)
+            progress(min(done, queries))
+        if done >= queries:
             break
     return counts.rows()
 
@@ -97,25 +112,47 @@ class _OnMap:
         }
         """On a map that has just arrived."""
         self._standing = {} if self.has_body else {rival.key: rival.planner(case.cost) for rival in rivals}
-        self.calls: dict[str, Callable[[Endpoints], Plan]] = {
-            rival.key: call_on(self._standing[rival.key], rival.method) for rival in rivals if self._standing
+        self.calls: dict[str, Callable[[Queries], Plans]] = {
+            rival.key: _answering(rival, self._standing[rival.key]) for rival in rivals if self._standing
         }
         self.calls |= self.fresh
+        self.exact: dict[Endpoints, Plan] = {}
+        """The optimum of each query that has been asked for it."""
 
-    def exact_plans(self) -> dict[Endpoints, Plan]:
-        """The optimum of each query."""
+    def groups(self, count: int) -> tuple[list[Queries], int]:
+        """The map's queries that have a path, so many together, and how many were passed over as they have none.
+
+        Where the map's own queries are too few for one group, others are drawn until there is one.
+        """
         planner = self._planner(EXACT)
-        return {query: planner.plan(*query, method=Method.ASTAR) for query in self.case.queries}
+        solvable: list[Endpoints] = []
+        drawn = islice(self.case.more_queries(), _DRAWN * count) if count > 1 else ()
+        for at, query in enumerate((*self.case.queries, *drawn)):
+            if at >= len(self.case.queries) and len(solvable) >= count:
+                break
+            self.exact[query] = planner.plan(*query, method=Method.ASTAR)
+            solvable += [query] if self.exact[query].ok else []
+        unsolvable = sum(not plan.ok for plan in self.exact.values())
+        whole = range(0, len(solvable) - count + 1, count)
+        return [tuple(solvable[at : at + count]) for at in whole], unsolvable
 
-    def plan(self, rival: RivalPlanner, query: Endpoints) -> Plan:
-        """The rival's plan with its regions, of a planner that has checked no pose."""
-        return rival.plan(self._planner(rival.key), query, keep_regions=True)
+    def plans(self, rival: RivalPlanner, queries: Queries) -> Plans:
+        """The rival's plans with their regions, of a planner that has checked no pose before."""
+        planner = self._planner(rival.key)
+        return tuple([rival.plan(planner, query, keep_regions=True) for query in queries])
 
     def own_s(self, key: str, records: Records) -> float:
-        """What an answer took: with a vehicle without the making of the planner, which has to be made for each."""
+        """What an answer took: with a vehicle without the making of the planner, and the mean of those it gave."""
         if not self.has_body:
             return records[key].median_s
-        return 1e-3 * float(np.median([plan.timings_ms["total"] for plan in records[_FRESH + key].results]))
+        return 1e-3 * _median_ms(records[_FRESH + key], "total") / len(records[_FRESH + key].case)
+
+    def look_ms(self, key: str, records: Records) -> float | None:
+        """What it took to price the map's links; None where a rival does not."""
+        record = records.get(_FRESH + key)
+        if record is None or "look" not in record.results[0][0].timings_ms:
+            return None
+        return _median_ms(record, "look")
 
     def _planner(self, key: str) -> FindsPlans:
         if self._standing:
@@ -131,20 +168,26 @@ class _Counts:
         self._rivals = rivals
         self._answers = {rival.key: Answers() for rival in rivals}
         self._on_fresh: dict[str, FreshAnswers] = {}
-        self._has_body = False
+        self._has_body, self._per_map = False, 1
         self.unsolvable = 0
 
-    def add(self, on_map: _OnMap, query: Endpoints, records: Records, exact: Plan) -> None:
-        """Count what was measured on one query."""
-        self._has_body = on_map.has_body
+    def add(self, on_map: _OnMap, queries: Queries, records: Records) -> None:
+        """Count what was measured on queries that share a planner."""
+        self._has_body, self._per_map = on_map.has_body, len(queries)
         cells, exact_s = on_map.case.cost.size, on_map.own_s(EXACT, records)
+        exact = [on_map.exact[query] for query in queries]
         for rival in self._rivals:
-            plan, seconds = on_map.plan(rival, query), on_map.own_s(rival.key, records)
-            self._answers[rival.key].add(plan, seconds, exact, exact_s, cells)
+            answers, seconds = self._answers[rival.key], on_map.own_s(rival.key, records)
+            for plan, optimum in zip(on_map.plans(rival, queries), exact, strict=True):
+                answers.add(plan, seconds, optimum, exact_s, cells)
+            look_ms = on_map.look_ms(rival.key, records)
+            answers.look_ms += [] if look_ms is None else [look_ms]
         eager = records.get(_FRESH + EXACT + EAGER)
+        eager_ms = None if eager is None else 1e3 * eager.median_s / len(queries)
         for name in on_map.fresh:
             arrived = self._on_fresh.setdefault(name.removeprefix(_FRESH), FreshAnswers())
-            arrived.add(records[name], None if eager is None else 1e3 * eager.median_s, exact.cost)
+            for plan, optimum in zip(records[name].results[0], exact, strict=True):
+                arrived.add(plan, records[name].median_s / len(queries), eager_ms, optimum.cost)
 
     def rows(self) -> dict[str, Figures]:
         """By the rivals' keys; none where nothing was counted."""
@@ -158,8 +201,9 @@ class _Counts:
                 fresh = self._on_fresh.get(key)
                 if not lazy and fresh is None:
                     continue
-                rows[key] = {"method": rival.name + EAGER * (not lazy), "price": rival.price, **answers.figures()}
-                rows[key]["unsolvable"] = self.unsolvable
+                rows[key] = {"method": rival.name + EAGER * (not lazy), "price": rival.price, "width": rival.times}
+                rows[key] |= {"queries_per_map": self._per_map if self._has_body else None}
+                rows[key] |= {**answers.figures(), "unsolvable": self.unsolvable}
                 if self._has_body:
                     rows[key] |= answers.body_figures(eager=not lazy)
                 if fresh is not None:
@@ -169,6 +213,16 @@ class _Counts:
 
 def _key(rival: RivalPlanner, lazy: bool) -> str:
     return rival.key + EAGER * (not lazy)
+
+
+def _answering(rival: RivalPlanner, planner: FindsPlans) -> Callable[[Queries], Plans]:
+    """A rival's planner of a standing map as a function of queries."""
+    return lambda queries: tuple([rival.plan(planner, query) for query in queries])
+
+
+def _median_ms(record: Record[Queries, Plans], stage: str) -> float:
+    """Milliseconds that all plans of a call took together, in one stage; the median of the calls."""
+    return float(np.median([sum(plan.timings_ms.get(stage, 0.0) for plan in plans) for plans in record.results]))
 
 
 def _arriving(rival: RivalPlanner, case: Case, lazy: bool) -> FreshMap:

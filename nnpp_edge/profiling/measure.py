@@ -253,7 +253,7 @@ class _Session:
             for rival in self.rivals:
                 of.answers[rival.name].add(records[rival.name], half)
             for rival in self.rivals:  # last, so that no planner follows what others do not
-                if rival.method is Method.NNPP and rival.model is not None:
+                if rival.method is Method.NNPP and rival.model is not None and not on_map.has_body:
                     of.answers[rival.name].network_ms[half].append(self._network_ms(rival.model, disturbance))
         disturbance.stop()
 

@@ -1,10 +1,12 @@
 """Planners that are measured beside each other, under the names that reports give them."""
 
-import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
 from typing import Protocol
 
+from nnpp_edge.profiling.corridors import Control, CorridorAlone
 from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.profiling.harness import Observer
 from nnpp_edge.runtime.arrays import Float2D
@@ -13,15 +15,17 @@ from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.corridor import CorridorPlanner
-from nnpp_edge.runtime.planners.map_planners import MapPlanners
+from nnpp_edge.runtime.network.passage_model import PassageModel, passage_model
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.planners.query import Query, Work
-from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, WIDENED_CORRIDOR, CorridorWidth
+from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, CorridorWidth
 
 EXACT = "astar"
 """The rival that all others are compared with."""
+SHIPPED = "edge"
+"""The model that stands for the shipped networks."""
+Queries = tuple[Endpoints, ...]
+"""Starts and goals that one planner answers one after the other."""
 FIRST_SOURCES = (Source.MAP, Source.REGION)
 """Where a path comes from that was found before any region was widened."""
 
@@ -30,32 +34,9 @@ class FindsPlans(Protocol):
     """`Planner`, as far as rivals need it."""
 
     def plan(
-        self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False, price: str = Price.EQ1
+        self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False, price: str | None = None
     ) -> Plan:
         """As `Planner.plan`."""
-
-
-class CorridorOfWidth:
-    """The corridor planner with another width of its first corridor, on a map of its own.
-
-    Of the learned region's width it shows what is owed to the network, and what to narrow corridors alone.
-    """
-
-    def __init__(self, state: MapState, width: CorridorWidth) -> None:
-        self._state, planners = state, MapPlanners(state, "edge")
-        parts = planners.coarse_to_fine, planners.astar, planners.exact
-        self._corridor = CorridorPlanner(*parts, (width, WIDENED_CORRIDOR))
-
-    def plan(
-        self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False, price: str = Price.EQ1
-    ) -> Plan:
-        """As `Planner.plan`; there is but one method, and one price."""
-        work, checked = Work(), self._state.checked
-        found = self._corridor.find(Query.within(start, goal, math.inf), work)
-        computed, checks = self._state.costs_computed, self._state.checked - checked
-        return found.plan(
-            Method.CORRIDOR, work, planner=method, keep_regions=keep_regions, costs_computed=computed, checks=checks
-        )
 
 
 @dataclass(frozen=True)
@@ -68,34 +49,41 @@ class RivalPlanner:
     """None: the default model, loaded only if it is needed."""
     width: CorridorWidth | None = None
     """Of the first corridor, instead of the usual one."""
-    price: Price | None = None
-    """Of the corridor's coarse levels on a vehicle's map; None for the usual one."""
+    price: Price | Control | None = None
+    """On a vehicle's map; None for the method's usual one."""
+    times: float | None = None
+    """Of a vehicle's corridor by a price: times as wide as that price's own."""
+    passage: PassageModel | None = None
+    """Whose prices a vehicle's links have; None for the shipped network's."""
 
     @property
     def key(self) -> str:
-        """Its name, and its price where it has one: no other rival's."""
-        return self.name if self.price is None else f"{self.name}:{self.price}"
+        """Its name, and its price and width where it has one: no other rival's."""
+        name = self.name if self.price is None else f"{self.name}:{self.price}"
+        return name if self.times in (None, 1.0) else f"{name}:{self.times:g}"
 
     def plan(self, planner: FindsPlans, query: Endpoints, *, keep_regions: bool = False) -> Plan:
         """What a planner of the rival's own answers."""
-        price = self.price or Price.EQ1
-        return planner.plan(*query, method=self.method, keep_regions=keep_regions, price=price)
+        return planner.plan(*query, method=self.method, keep_regions=keep_regions, price=self.price)
 
     def planner(self, cost: Float2D) -> FindsPlans:
         """A planner of its own for a map."""
         if self.width is not None:
-            return CorridorOfWidth(MapState(cost, StepModel.of("paper")), self.width)
+            return CorridorAlone(MapState(cost, StepModel.of("paper")), first=self.width)
         return Planner(cost, model=self.model or "edge")
 
     def planner_of(self, ground: Ground, *, lazy: bool) -> FindsPlans:
         """A planner of its own for elevations."""
-        if self.width is not None:
-            return CorridorOfWidth(ground.state(lazy=lazy), self.width)
+        times, passage = self.times or 1.0, self.passage
+        if self.width is not None or passage is not None or isinstance(self.price, Control) or times != 1.0:
+            price = self.price or (Price.EQ1 if passage is None else Price.NETWORK)
+            state = ground.state(lazy=lazy)
+            return CorridorAlone(state, price, first=self.width, times=times, passage=passage)
         return ground.planner(self.model or "edge", lazy=lazy)
 
 
 class FreshMap:
-    """A rival on a map that has just arrived: a function of start and goal that makes a planner from elevations.
+    """A rival on a map that has just arrived: a function of queries that makes one planner from elevations for them.
 
     The planner is kept until `forget` is called: to give its memory back is no part of planning. The rival's network
     is shown a new map each time, and so must be none that another planner uses.
@@ -105,17 +93,17 @@ class FreshMap:
         self.rival, self._ground, self._lazy = rival, ground, lazy
         self._planner: FindsPlans | None = None
 
-    def __call__(self, query: Endpoints) -> Plan:
-        """From elevations to the plan."""
+    def __call__(self, queries: Queries) -> tuple[Plan, ...]:
+        """From elevations to the plans."""
         self._planner = self.rival.planner_of(self._ground, lazy=self._lazy)
-        return self.rival.plan(self._planner, query)
+        return tuple([self.rival.plan(self._planner, query) for query in queries])
 
     def forget(self) -> None:
         """Give the planner's memory back."""
         self._planner = None
 
 
-class Forgetting(Observer[Plan]):
+class Forgetting(Observer[tuple[Plan, ...]]):
     """Has fresh maps forget their planners after each call, outside the time that counts."""
 
     def __init__(self, fresh: Mapping[str, FreshMap]) -> None:
@@ -123,7 +111,7 @@ class Forgetting(Observer[Plan]):
         for each in fresh.values():
             each.forget()  # of calls that were not timed
 
-    def after(self, rival: str, elapsed_s: float, result: Plan) -> None:
+    def after(self, rival: str, elapsed_s: float, result: tuple[Plan, ...]) -> None:
         """The call has ended."""
         if rival in self._fresh:
             self._fresh[rival].forget()
@@ -134,24 +122,61 @@ def call_on(planner: FindsPlans, method: str) -> Callable[[Endpoints], Plan]:
     return lambda query: planner.plan(*query, method=method)
 
 
-def exact_and(
-    methods: Iterable[str], models: Mapping[str, NetworkModel], prices: Iterable[Price] = ()
-) -> list[RivalPlanner]:
-    """Exact A*, and a rival for each other method; for ``nnpp`` one for each model, for ``corridor`` for each price.
+def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> list[RivalPlanner]:
+    """Exact A*, and a rival for each other method; for ``nnpp`` one for each model.
 
-    The first model's is called ``nnpp``, any other's ``nnpp:NAME``. Without `prices` the corridor has the usual one.
+    The first model's is called ``nnpp``, any other's ``nnpp:NAME``.
     """
     found = [RivalPlanner(EXACT, Method.ASTAR)]
     for method in dict.fromkeys(methods):
         if method == Method.NNPP:
             for at, (name, model) in enumerate(models.items()):
                 found.append(RivalPlanner(f"nnpp:{name}" if at else "nnpp", Method.NNPP, model))
-        elif method == Method.CORRIDOR:
-            found += [
-                RivalPlanner(method, Method.CORRIDOR, price=price) for price in dict.fromkeys(prices) or (None,)
-            ]
         elif method != EXACT:
             found.append(RivalPlanner(method, Method(method), next(iter(models.values()), None)))
+    return found
+
+
+def exact_and_priced(
+    methods: Iterable[str],
+    prices: Iterable[Price | Control],
+    widths: Iterable[float] = (1.0,),
+    models: Sequence[str] = (SHIPPED,),
+) -> list[RivalPlanner]:
+    """Exact A*, and a rival of a vehicle for each other method; for ``corridor`` one for each price and width.
+
+    ``nnpp`` and the network's prices are of each of these models; the first one's has the method's name, any other's
+    ``METHOD:NAME``. ModelError where a model that is needed is no passage network.
+    """
+    found = [RivalPlanner(EXACT, Method.ASTAR)]
+    for method in dict.fromkeys(methods):
+        if method == Method.NNPP:
+            found += [
+                RivalPlanner(name, Method.NNPP, passage=each) for name, each in _passages(method, models, False)
+            ]
+        elif method == Method.CORRIDOR:
+            for price, times in product(dict.fromkeys(prices), dict.fromkeys(widths)):
+                named: list[tuple[str, PassageModel | None]] = [(method, None)]
+                if price in (Price.NETWORK, Control.NETWORK_SHUFFLED):
+                    named = _passages(method, models, price is Control.NETWORK_SHUFFLED)
+                found += [
+                    RivalPlanner(name, Method.CORRIDOR, price=price, times=times, passage=passage)
+                    for name, passage in named
+                ]
+        elif method != EXACT:
+            found.append(RivalPlanner(method, Method(method)))
+    return found
+
+
+def _passages(method: str, models: Sequence[str], shuffled: bool) -> list[tuple[str, PassageModel | None]]:
+    """Names of rivals, and their passage networks; None for the shipped one as it is."""
+    found: list[tuple[str, PassageModel | None]] = []
+    for at, model in enumerate(models):
+        name = f"{method}:{Path(model).stem}" if at else method
+        if model == SHIPPED:
+            found.append((name, passage_model(shuffled=True) if shuffled else None))
+        else:
+            found.append((name, PassageModel(model, shuffled=shuffled)))
     return found
 
 

@@ -57,6 +57,14 @@ class Case:
     """Start and goal both passable, a vehicle's in some heading; whether they are connected is not known yet."""
     ground: Ground | None = None
     """What the costs were made from; None where that is not known."""
+    least_distance: float = 0.0
+    """Cells between start and goal at least."""
+
+    def more_queries(self) -> Iterator[Endpoints]:
+        """Other random queries, always the same ones; they end where no fitting one is found."""
+        rng = np.random.default_rng(np.ravel(self.queries))
+        while (query := random_query(rng, self.cost, self.least_distance)) is not None:
+            yield query
 
 
 @dataclass(frozen=True)
@@ -218,7 +226,7 @@ def _with_queries(
             wanted = (random_query(rng, cost, least) for _ in range(QUERIES_PER_MAP))
             queries = tuple(query for query in wanted if query is not None)
             if queries:
-                yield Case(name, size, cost, queries, below)
+                yield Case(name, size, cost, queries, below, least)
                 break
         else:
             raise InvalidQueryError(

@@ -45,6 +45,16 @@ def pose_weight(code, unit):
 
 
 @kernel
+def put_heights(heights, base, unknown, out, row, col):
+    """Write heights, less `base`, into `out` from a place on; `unknown` where they are not finite."""
+    for i in range(heights.shape[0]):
+        line, there = heights[i], out[row + i, col : col + heights.shape[1]]
+        for c in range(len(there)):
+            h = line[c]
+            there[c] = h - base if abs(h) < _INF else unknown
+
+
+@kernel
 def _lift(heights, first, offsets, belly, heading, plane, gradients, halves):
     """How far the ground under the body comes above the lowest that the wheels' plane can be there.
 

@@ -25,6 +25,7 @@ from nnpp_edge.runtime.kernels.poses import (
     check_rows,
     check_run,
     forget_poses,
+    put_heights,
     walk_poses,
 )
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
@@ -92,10 +93,16 @@ class Poses:
         self.reach: Cell = (int(np.abs(offsets[:, 0]).max()), int(np.abs(offsets[:, 1]).max()))
         """Rows and columns from a pose to the cells that it takes to check."""
         self._margin, width = max(self.reach), cols + 2 * max(self.reach) + RUN
-        known = heights[np.isfinite(heights)][:1]
-        self._base = np.float32(known[0]) if known.size else np.float32(0.0)
+        self._base = _some_height(heights)
         self._unknown = np.float32(np.nan if vehicle.unknown_passes else np.inf)
-        self._heights = np.full((rows + 2 * self._margin, width), self._unknown, np.float32)
+        self._heights = np.empty((rows + 2 * self._margin, width), np.float32)
+        for edge in (
+            np.s_[: self._margin],
+            np.s_[-self._margin :],
+            np.s_[:, : self._margin],
+            np.s_[:, self._margin + cols :],
+        ):
+            self._heights[edge] = self._unknown
         nodes = (rows + 2) * (cols + 2)
         self.codes: NDArray[np.uint16] = np.zeros((nodes, len(HEADINGS)), np.uint16)
         """(nodes, 4) what is known of each pose."""
@@ -127,10 +134,8 @@ class Poses:
         return int(self._counts[0])
 
     def _put(self, row: int, col: int, heights: Float2D) -> None:
-        rows, cols = heights.shape
-        place = self._heights[self._margin + row :, self._margin + col :][:rows, :cols]
-        np.subtract(heights, self._base, out=place)
-        place[~np.isfinite(place)] = self._unknown
+        place = self._margin + row, self._margin + col
+        put_heights(np.ascontiguousarray(heights), self._base, self._unknown, self._heights, *place)
 
     def write(self, row: int, col: int, heights: Float2D) -> Rectangle:
         """Put heights into the map, (h, w) float32 that lie inside it, and forget the poses that they touch.
@@ -222,6 +227,15 @@ def term_weights(traversability: Traversability | None) -> tuple[float, float, f
     """Weights of tilt, rise and step in T."""
     rule = traversability or Traversability()
     return rule.slope_weight, rule.roughness_weight, rule.step_weight
+
+
+def _some_height(heights: Float2D) -> np.float32:
+    """The first finite height; 0 without any."""
+    for line in heights:
+        known = line[np.isfinite(line)]
+        if known.size:
+            return np.float32(known[0])
+    return np.float32(0.0)
 
 
 @functools.cache

@@ -25,6 +25,8 @@ class Price(StrEnum):
     """The plane fitted to the cells under a body, and how far the ground stands out from it."""
     SAMPLED = "sampled"
     """The poses of one cell in each block of 4 × 4, all four headings."""
+    NETWORK = "network"
+    """What a passage network says of the ways from block to block, see `region.looked`."""
 
 
 def sampled(poses: Poses) -> Float2D:
@@ -52,7 +54,8 @@ class PricedMap:
     state : MapState
         Of heights, with a vehicle.
     price : Price
-        Any but ``eq1``, which the state's own coarse levels are made of.
+        Neither ``eq1``, which the state's own coarse levels are made of, nor ``network``, which has links in place of
+        levels.
     """
 
     def __init__(self, state: MapState, price: Price) -> None:

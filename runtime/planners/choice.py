@@ -17,7 +17,7 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.runtime.planners.query import Query
 from nnpp_edge.runtime.reading import parse, read_text, reason
-from nnpp_edge.runtime.tuning import FAR, LARGE_MAP, NEAR
+from nnpp_edge.runtime.tuning import FAR, FAR_FOR_BODY, LARGE_MAP, LARGE_MAP_FOR_BODY, NEAR
 
 FORMAT = "nnpp-edge-choice-1"
 VARIABLE = "NNPP_EDGE_CHOICE"
@@ -53,6 +53,23 @@ SHIPPED_FOR_LARGE = MapChoice(
     (*SHIPPED.starts, FAR),
     (*SHIPPED.picks, (Method.NNPP, f"by the shipped figures soonest done from {FAR} cells on a large map")),
 )
+
+
+SHIPPED_FOR_BODY = MapChoice(
+    SHIPPED.starts,
+    (
+        SHIPPED.picks[0],
+        (Method.CORRIDOR, "by the shipped figures the network's look takes as long here as the checks that it saves"),
+    ),
+)
+SHIPPED_FOR_BODY_ON_LARGE = MapChoice(
+    (*SHIPPED.starts, FAR_FOR_BODY),
+    (
+        *SHIPPED_FOR_BODY.picks,
+        (Method.NNPP, f"by the shipped figures soonest done for a body from {FAR_FOR_BODY} cells on a large map"),
+    ),
+)
+"""For a vehicle with a body, by the prices of the passage network."""
 
 
 @dataclass(frozen=True)
@@ -142,10 +159,12 @@ class MethodChooser:
         Rows and columns of the map.
     model : str, Path or NetworkModel
         The network that ``nnpp`` would use.
+    has_body : bool
+        Whether it is a vehicle's poses that are searched.
     """
 
-    def __init__(self, shape: tuple[int, int], model: str | Path | NetworkModel) -> None:
-        self._shape, self._model = shape, model
+    def __init__(self, shape: tuple[int, int], model: str | Path | NetworkModel, has_body: bool = False) -> None:
+        self._shape, self._model, self._has_body = shape, model, has_body
 
     def choose(self, method: str, query: Query) -> tuple[Method, str]:
         """The method of that name, for ``auto`` the one to pick and why; InvalidQueryError for another name."""
@@ -157,7 +176,7 @@ class MethodChooser:
 
     @functools.cached_property
     def _choice(self) -> MapChoice:
-        return choice_for(self._shape, self._model)
+        return choice_for_body(self._shape) if self._has_body else choice_for(self._shape, self._model)
 
 
 def expects_network(method: str, shape: tuple[int, ...], model: str | Path | NetworkModel, apart: int) -> bool:
@@ -178,6 +197,11 @@ def choice_for(shape: tuple[int, int], model: str | Path | NetworkModel) -> MapC
     if saved is not None:
         return saved.for_map(shape, name)
     return SHIPPED_FOR_LARGE if max(shape) >= LARGE_MAP and name == _MEASURED else SHIPPED
+
+
+def choice_for_body(shape: tuple[int, int]) -> MapChoice:
+    """What ``auto`` picks on a map of this shape for a vehicle with a body: nobody's own figures are of such."""
+    return SHIPPED_FOR_BODY_ON_LARGE if max(shape) >= LARGE_MAP_FOR_BODY else SHIPPED_FOR_BODY
 
 
 @functools.lru_cache(maxsize=8)

@@ -2,6 +2,7 @@
 
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.exact import ExactPlanner
+from nnpp_edge.runtime.planners.link_descent import LinkDescent
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import Searcher
@@ -13,7 +14,7 @@ class CorridorPlanner:
 
     Parameters
     ----------
-    coarse_to_fine : CoarseToFine
+    coarse_to_fine : CoarseToFine or LinkDescent
         Searches the coarse levels.
     searcher : Searcher
         Searches the corridor at full resolution.
@@ -25,7 +26,7 @@ class CorridorPlanner:
 
     def __init__(
         self,
-        coarse_to_fine: CoarseToFine,
+        coarse_to_fine: CoarseToFine | LinkDescent,
         searcher: Searcher,
         exact: ExactPlanner,
         widths: tuple[CorridorWidth, CorridorWidth] = (CORRIDOR, WIDENED_CORRIDOR),

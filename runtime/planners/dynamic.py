@@ -229,8 +229,10 @@ class DynamicPlanner:
         self._planners.coarse_to_fine.touch()
         if any(method.mends_regions for method in self.methods):
             self._planners.mender.expect(self._goal)
-        if any(method.base is Method.NNPP for method in self.methods):
-            self._planners.learned.prepare()
+        far = Query((0, 0), self.shape)
+        picked = DynamicMethod.AUTO in self.methods and self._planners.network_pays(far)
+        if picked or any(method.base is Method.NNPP for method in self.methods):
+            self._planners.prepare_network()
 
     def replan(
         self, *, method: str | None = None, time_limit_s: float = math.inf, keep_regions: bool = False

@@ -40,6 +40,9 @@ class DynamicChooser:
             return found, DynamicMethod.ASTAR, f"the goal is less than {NEAR} cells away"
         if self._path.plan is None or not self._worth_mending(query):
             self._drift = 1.0
+            if self._planners.network_pays(query):
+                reason = "much may be another, and on a large map a look saves a body many checks"
+                return self._planners.by_network.find(query, work), DynamicMethod.NNPP, reason
             return self._planners.corridor.find(query, work), DynamicMethod.CORRIDOR, "much may be another"
         reason = "little has changed, near the start"
         if self._planners.mender.knows_region(query.goal):

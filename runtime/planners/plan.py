@@ -38,9 +38,9 @@ class DynamicMethod(StrEnum):
     CORRIDOR_DSTAR = "corridor-dstar"
     """The corridor of the present start, and inside it D* Lite, or A* where that is expected to be less work."""
     NNPP = "nnpp"
-    """The network's region of the present start, and A* inside it."""
+    """The network's region of the present start, and A* in it; with a body the corridor by the network's prices."""
     NNPP_DSTAR = "nnpp-dstar"
-    """The network's region of the present start, and inside it the same."""
+    """The network's region of the present start, and inside it the same; with a body as ``nnpp``."""
 
     @classmethod
     def named(cls, name: str) -> "DynamicMethod":

@@ -43,7 +43,8 @@ class Planner:
         Whether a diagonal step may pass beside an impassable cell.
     model : str, Path or NetworkModel
         The network for ``nnpp``: a shipped model's name, a file, or one already loaded, which planners may share.
-        It is loaded when first needed.
+        It is loaded when first needed. With a vehicle's body it is a passage network's file, and ``edge`` and
+        networks that are loaded stand for the shipped one.
     ask_from : int
         Cells between start and goal from which on ``nnpp`` asks the network. Nearer goals A* has mostly found before
         it has answered, and is tried first.
@@ -146,7 +147,7 @@ class Planner:
 
     def _make_planners(self) -> None:
         self._planners = MapPlanners(self._state, self._model, network_from=self._ask_from)
-        self._chooser = MethodChooser(self.shape, self._model)
+        self._chooser = MethodChooser(self.shape, self._model, self._planners.has_poses)
 
     def __getstate__(self) -> dict[str, object]:
         """The map and the model: copies, pickled or not, are to be prepared anew."""
@@ -181,7 +182,7 @@ class Planner:
             The model cannot be loaded.
         """
         self._model = self._planners.use_model(model)
-        self._chooser = MethodChooser(self.shape, self._model)
+        self._chooser = MethodChooser(self.shape, self._model, self._planners.has_poses)
 
     @one_at_a_time
     def load_network(self) -> None:
@@ -192,7 +193,7 @@ class Planner:
         ModelError
             The model cannot be loaded.
         """
-        self._planners.learned.prepare()
+        self._planners.prepare_network()
 
     @one_at_a_time
     def touch(self) -> None:
@@ -283,7 +284,7 @@ class Planner:
         epsilon: float = math.inf,
         time_limit_s: float = math.inf,
         keep_regions: bool = False,
-        price: str = Price.EQ1,
+        price: str | None = None,
     ) -> list[tuple[int, Plan]]:
         """Paths to the goals that cost least to reach, cheapest first.
 
@@ -334,7 +335,7 @@ class Planner:
         epsilon: float = math.inf,
         time_limit_s: float = math.inf,
         keep_regions: bool = False,
-        price: str = Price.EQ1,
+        price: str | None = None,
     ) -> Plan:
         """A path from start to goal.
 
@@ -344,9 +345,9 @@ class Planner:
             Cells.
         method : str
             ``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the network's
-            region; goals nearer than `ask_from` by A*, where the way is not long. ``auto``: one of
-            them, by what `nnpp-edge profile --save-choice` measured on this machine, else by the figures in
-            docs/decisions.md; the plan says which and why.
+            region; goals nearer than `ask_from` by A*, where the way is not long; with a vehicle's body the corridor
+            by the network's prices. ``auto``: one of them, by what `nnpp-edge profile --save-choice` measured on this
+            machine, else by the figures in docs/decisions.md; the plan says which and why.
         epsilon : float
             Keep widening until the path is certain to cost at most (1 + epsilon) times the optimum; 0 gives
             the optimum itself. By default the first path found is taken.
@@ -355,8 +356,9 @@ class Planner:
         keep_regions : bool
             Whether the plan says in what region it was found; copied after the clock has stopped.
         price : str
-            With a vehicle, by what ``corridor`` prices the coarse levels before any pose is checked: ``eq1``,
-            ``body-fit`` or ``sampled``, see `map.prices`.
+            With a vehicle's body, by what ``corridor`` and ``nnpp`` price blocks before any pose is checked: ``eq1``,
+            ``body-fit``, ``sampled`` or ``network``, see `map.prices`. By default ``network`` for ``nnpp``, where the
+            vehicle is in the network's range (else a warning says so, once), and ``eq1`` for ``corridor``.
 
         Returns
         -------
@@ -368,6 +370,8 @@ class Planner:
         ------
         InvalidQueryError
             Start or goal are not two integers, or there is no such method.
+        InvalidMapError
+            ``price="network"``, and the vehicle is not in the network's range.
         ModelError
             ``nnpp`` was asked for and the model cannot be loaded.
         """
@@ -375,9 +379,12 @@ class Planner:
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
         return self._answer_in_turn(query, work, method, keep_regions, price)
 
-    def _answer(self, query: Query, work: Work, method: str, keep_regions: bool, price: str = Price.EQ1) -> Plan:
+    def _answer(self, query: Query, work: Work, method: str, keep_regions: bool, price: str | None = None) -> Plan:
         chosen, reason = self._chooser.choose(method, query)
-        wanted, checked = self._price(price), self._state.checked
+        if method == Method.AUTO and chosen is Method.NNPP and self._planners.has_poses and self._planners.no_network:
+            chosen, reason = Method.CORRIDOR, self._planners.no_network
+        wanted, why = self._planners.usual_price(chosen) if price is None else (self._price(price), "")
+        reason, checked = reason or why, self._state.checked
         if problem := problem_with(self._state.grid, query.start, query.goal):
             return Plan(problem, chosen, planner=chosen, reason=reason)
         found: Found | None = None
@@ -397,6 +404,8 @@ class Planner:
             raise InvalidQueryError(f"price must be one of {', '.join(Price)}, got {price!r}") from None
         if wanted is not Price.EQ1 and self._state.grid.poses is None:
             raise InvalidQueryError(f"price={price!r} is a vehicle's: wanted a planner of elevations with a vehicle")
+        if wanted is Price.NETWORK:
+            _ = self._planners.passage_network  # refused now, whatever the method, if it cannot be asked
         return wanted
 
     _answer_in_turn = one_at_a_time(_answer)

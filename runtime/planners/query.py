@@ -47,7 +47,7 @@ class PlanOptions(TypedDict, total=False):
     epsilon: float
     time_limit_s: float
     keep_regions: bool
-    price: str
+    price: str | None
 
 
 class PlannerOptions(TypedDict, total=False):

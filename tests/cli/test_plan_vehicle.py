@@ -115,7 +115,11 @@ def test_a_vehicle_that_is_none_ends_in_one_line(nnpp_edge, place, command, text
         (("--price", "eq1"), "--price is for a vehicle with a body"),
         (("--price", "body-fit"), "--price is for a vehicle with a body"),
         (("--price", "sampled", "--radius", "0.5"), "--price is for a vehicle with a body"),
-        ((*PRICED, "cheap"), "'cheap' is not one of 'eq1', 'body-fit', 'sampled'"),
+        (("--price", "network"), "--price is for a vehicle with a body"),
+        ((*PRICED, "network"), "price='network' is for vehicles whose length in cells lies in [3, 8], got 2.6"),
+        ((*PRICED, "network", "--model", "paper"), "wanted a passage network, got a model of another kind"),
+        (("--vehicle", "small-rover", "--method", "nnpp", "--model", "none.onnx"), "none.onnx"),
+        ((*PRICED, "cheap"), "'cheap' is not one of 'eq1', 'body-fit', 'sampled', 'network'"),
         (("--rocks", "0.1"), "no such option '--rocks'"),
         (("--vehicle", "small-rover", "--workload", "body"), "is a vehicle's"),
         (("--workload", "body-rocks30"), "0 to 20 percent"),
@@ -155,6 +159,15 @@ def test_a_vehicle_needs_the_map_in_memory(nnpp_edge, place, given):
 def test_a_vehicle_stands_on_elevations_alone(nnpp_edge, place, words, told):
     nnpp_edge(*words, "--vehicle", "small-rover").refused(told)
     assert not list(place.glob("out/*"))
+
+
+def test_nnpp_says_that_its_network_does_not_serve_a_vehicle(nnpp_edge, place):
+    ended = nnpp_edge("plan", "hill.npz", *ENDS, "--vehicle", "small-rover", "--method", "nnpp", "--json")
+    assert (ended.code, ended.err.count("warning: nnpp goes by the price eq1")) == (0, 1)
+    assert "length in cells" in json.loads(ended.out)["reason"]
+    (place / "own.toml").write_text(GOOD)
+    ended = nnpp_edge("plan", "hill.npz", *ENDS, "--vehicle", "own.toml", "--method", "nnpp", "--json")
+    assert (ended.code, ended.err, json.loads(ended.out)["method"]) == (0, "", "nnpp")
 
 
 def test_no_path_for_the_body_is_an_outcome(nnpp_edge, place):

@@ -130,7 +130,7 @@ def test_lazy_planners_compute_part_of_a_fresh_map(terrain):
     for name, rival in rivals.items():
         for lazy in (True, False):
             call = FreshMap(rival, case.ground, lazy=lazy)
-            plan = call(((4, 4), (12, 20)))
+            (plan,) = call((((4, 4), (12, 20)),))
             shares[name, lazy] = plan.costs_computed
             assert plan.ok
     assert all(shares[name, False] == 1.0 for name in rivals)

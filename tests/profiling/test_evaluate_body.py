@@ -1,14 +1,20 @@
 import json
+from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
 
+from nnpp_edge.profiling.corridors import Control, CorridorAlone, body_fit_links, straight_links, wider
 from nnpp_edge.profiling.evaluate import evaluate
-from nnpp_edge.profiling.rivals import exact_and
+from nnpp_edge.profiling.ground import Ground
+from nnpp_edge.profiling.rivals import exact_and_priced
 from nnpp_edge.profiling.suites import TerrainFiles, synthetic_cases, terrain_cases
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.prices import Price
+from nnpp_edge.runtime.terrain.traversability import Traversability
+from nnpp_edge.runtime.tuning import BODY_CORRIDOR, CorridorWidth
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import body_rocks, workload
 
@@ -98,7 +104,7 @@ def test_a_planner_that_checks_all_poses_first_is_the_control_on_a_fresh_map(jud
 
 def test_counts_are_those_of_planners_that_have_checked_nothing(rocky):
     """Each query by a planner of its own; the cost is that of an exact search of all poses."""
-    rivals = exact_and(["corridor"], {}, [Price.EQ1, Price.BODY_FIT])
+    rivals = exact_and_priced(["corridor"], [Price.EQ1, Price.BODY_FIT])
     rows = evaluate([rocky], rivals, 10, repeats=1)
     assert list(rows) == ["astar", "corridor:eq1", "corridor:body-fit"]
     ground, optima, own = rocky.ground, {}, {}
@@ -112,6 +118,97 @@ def test_counts_are_those_of_planners_that_have_checked_nothing(rocky):
     assert row["checks_mean"] == pytest.approx(np.mean([own[query].checks for query in solvable]))
     gaps = [own[query].cost / optima[query].cost - 1.0 for query in solvable]
     assert row["gap_mean"] == pytest.approx(np.mean(gaps), abs=1e-6)
+
+
+def test_controls_and_widths_make_rows_beside_the_network(judged):
+    controls = "network,network-shuffled,body-fit-links,straight"
+    ended = judged("--workload", "body-rocks5", "--prices", controls, "--widths", "0.5,1", "--json")
+    assert ended.code == 0, ended.err
+    rows = json.loads(ended.out)
+    named = [(row["price"], row["width"]) for row in rows]
+    assert named == [(None, None), *((price, width) for price in controls.split(",") for width in (0.5, 1.0))]
+    for row in rows:
+        assert (row["n"], row["success"], row["queries_per_map"]) == (4, 1.0, 1)
+        assert row["gap_mean"] >= -1e-5
+        assert row["time_ms_median"] <= row["time_ms_p95"] <= row["time_ms_p99"]
+        if row["price"] is None:
+            assert row["look_ms_median"] is None
+        else:
+            assert 0.0 < row["look_ms_median"] < row["time_ms_median"]
+
+
+def test_queries_on_a_map_share_one_planner(rocky):
+    """Later ones find poses checked; the time is the mean, and nothing that is found is another."""
+    rivals = exact_and_priced(["corridor", "nnpp"], [Price.EQ1])
+    alone, together = (evaluate([rocky], rivals, 3, repeats=1, queries_per_map=count) for count in (1, 3))
+    assert list(alone) == list(together) == ["astar", "corridor:eq1", "nnpp"]
+    for key, row in together.items():
+        assert (row["n"], row["queries_per_map"]) == (3, 3)
+        assert row["checks_mean"] < alone[key]["checks_mean"]
+        assert row["gap_mean"] == pytest.approx(alone[key]["gap_mean"], abs=1e-6)
+        assert row["time_ms_median"] == pytest.approx(row["time_ms_p95"])  # one mean, of one map
+    every, shared = rocky.ground.planner(), rocky.ground.planner()
+    solvable = [query for query in rocky.queries if every.plan(*query, method="astar").ok][:3]
+    checks = [shared.plan(*query, method="nnpp").checks for query in solvable]
+    assert together["nnpp"]["checks_mean"] == pytest.approx(np.mean(checks))
+
+
+def test_where_too_few_queries_have_paths_others_are_drawn(rocky):
+    case = replace(rocky, queries=rocky.queries[:1])
+    rows = evaluate([case], exact_and_priced([], []), 4, repeats=1, queries_per_map=4)
+    assert (rows["astar"]["n"], rows["astar"]["queries_per_map"]) == (4, 4)
+    drawn = list(islice(case.more_queries(), 20))
+    assert drawn == list(islice(case.more_queries(), 20)) and len(set(drawn)) > 10
+    assert min(np.hypot(a[0] - b[0], a[1] - b[1]) for a, b in drawn) >= 0.35 * SIZE
+
+
+def test_a_points_planner_serves_all_queries_of_a_map(terrain):
+    case = next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 64))
+    with pytest.raises(InvalidQueryError, match="queries_per_map is for a vehicle"):
+        evaluate([case], exact_and_priced([], []), 4, queries_per_map=2)
+
+
+@pytest.mark.parametrize("price", [*Price, *Control])
+def test_the_corridor_alone_is_the_planners(rocky, price):
+    """By each price of `Planner` to the last cell; by controls it finds paths, too."""
+    alone = CorridorAlone(rocky.ground.state(), price)
+    planner = rocky.ground.planner()
+    for query in rocky.queries[:3]:
+        plan = alone.plan(*query, method="corridor")
+        optimum = planner.plan(*query, method="astar")
+        assert plan.status == optimum.status
+        assert not plan.ok or plan.cost >= optimum.cost * (1.0 - 1e-6)
+        if isinstance(price, Price):
+            other = rocky.ground.planner().plan(*query, method="corridor", price=price)
+            np.testing.assert_array_equal(plan.path, other.path)
+
+
+@pytest.mark.parametrize("price", ["eq1", "network", "straight"])
+def test_a_corridor_of_other_width_searches_another_share(price):
+    ground = Ground(np.zeros((128, 128), np.float32), CELL_M, CELL_M, Traversability(), ROVER)
+    chosen, areas = (Control if price == "straight" else Price)(price), []
+    for times in (0.25, 1.0, 16.0):
+        corridor = CorridorAlone(ground.state(), chosen, times=times)
+        plan = corridor.plan((64, 20), (64, 108), method="corridor", keep_regions=True)
+        assert plan.source == "region"
+        areas.append(plan.region.area())
+    assert areas[0] < areas[1] < areas[2]
+
+
+def test_a_corridor_that_is_wider_has_radii_by_the_root():
+    assert wider(BODY_CORRIDOR, 1.0) == BODY_CORRIDOR
+    assert wider(CorridorWidth(6, 0.03, 0.3, 4, 0.2), 4.0) == CorridorWidth(12, 0.12, 1.2, 8, 0.8)
+
+
+def test_links_by_body_fit_are_dearer_where_it_is_rough_and_never_cheaper_than_their_length():
+    heights = np.zeros((64, 61), np.float32)
+    heights[:, 30:38] += np.random.default_rng(0).random((64, 8), np.float32)
+    ground = Ground(heights, CELL_M, CELL_M, Traversability(), ROVER)
+    state = ground.state()
+    prices, lengths = body_fit_links(state), straight_links((64, 61))
+    assert prices.shape == lengths.shape == (4, 16, 16)
+    assert np.isfinite(prices).all() and (prices >= lengths).all()
+    assert prices[2, 8, 8] > 2.0 * prices[2, 8, 1]
 
 
 def test_the_vehicle_stands_on_starts_and_goals_and_rocks_lie_on_the_crops(terrain, rocky):
@@ -155,21 +252,25 @@ def test_maps_without_any_path_are_not_asked_forever(rocky):
     walled[:, 20:28] = 5.0
 
     def cases():
-        from dataclasses import replace
-
         ground = replace(rocky.ground, elevation=walled)
         while True:
             yield replace(rocky, ground=ground, cost=ground.cost(), queries=(((24, 8), (24, 40)),))
 
     with pytest.raises(InvalidQueryError, match="no query has a path on 50 maps"):
-        evaluate(cases(), exact_and(["astar"], {}), 1, repeats=1)
+        evaluate(cases(), exact_and_priced(["astar"], []), 1, repeats=1)
 
 
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (("--workload", "body", "--prices", "dear"), "--prices must be of eq1, body-fit, sampled, got dear"),
+        (("--workload", "body", "--prices", "dear"), "straight, got dear"),
         (("--workload", "soft", "--prices", "eq1"), "for the workloads body and body-rocksN"),
+        (("--workload", "body", "--prices", "network", "--model", "paper"), "wanted a passage network"),
+        (("--workload", "body", "--methods", "nnpp", "--model", "paper"), "wanted a passage network"),
+        (("--workload", "body,soft", "--model", "paper"), "--model is a point's or a vehicle's"),
+        (("--workload", "body", "--prices", "network", "--vehicle-length", 9), "length in cells"),
+        (("--workload", "body", "--widths", "0"), "numbers above 0"),
+        (("--workload", "body", "--queries-per-map", "0,1"), "whole numbers of at least 1"),
         (("--workload", "body-rocks30"), "N from 0 to 20 percent, got 'body-rocks30'"),
         (("--workload", "body-rocks"), "N from 0 to 20 percent, got 'body-rocks'"),
         (("--workload", "bodyrocks5"), "'bodyrocks5'"),
@@ -184,6 +285,8 @@ def test_wrong_use_is_one_line(judged, words, complaint):
 def test_a_vehicle_needs_its_workload_and_elevations_and_the_other_way_round(nnpp_edge, terrain, rover, tmp_path):
     nnpp_edge("evaluate", terrain, "--workload", "body-rocks5").refused("--workload body-rocks5", "--vehicle")
     nnpp_edge("evaluate", terrain, "--vehicle", rover).refused("for the workloads body and body-rocksN")
+    nnpp_edge("evaluate", terrain, "--widths", "1,2").refused("--widths is for the workloads body and body-rocksN")
+    nnpp_edge("evaluate", terrain, "--queries-per-map", "10").refused("--queries-per-map is for the workloads")
     nnpp_edge("evaluate", terrain, "--vehicle", "unicycle", "--workload", "body").refused("unicycle")
     (tmp_path / "set").mkdir()
     words = ("evaluate", "--dataset", tmp_path / "set")
