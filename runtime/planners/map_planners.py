@@ -120,7 +120,10 @@ class MapPlanners:
         return BODY_CORRIDOR, WIDENED_BODY_CORRIDOR
 
     def prepare_network(self) -> None:
-        """Load the network of ``nnpp`` and show it the map now; ModelError if it cannot be loaded."""
+        """Load the network of ``nnpp`` now, and show it the map, but a vehicle's, which looks where a query needs it.
+
+        ModelError if it cannot be loaded.
+        """
         if self.has_poses:
             _ = self.by_network
         else:

@@ -41,12 +41,17 @@ def costs_from(prices, start):
     return field
 
 
+def random_links(rng):
+    """(4, R, C) prices of links, R and C, and two cells of their map."""
+    rows, cols = rng.integers(3, 14, 2)
+    prices = (LENGTHS * (1.0 + 4.0 * rng.random((4, rows, cols)) ** 3)).astype(np.float32)
+    return prices, (rows, cols), [(int(rng.integers(4 * rows)), int(rng.integers(4 * cols))) for _ in range(2)]
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_the_region_holds_just_the_blocks_on_ways_that_cost_nearly_the_least(seed):
     rng = np.random.default_rng(seed)
-    rows, cols = rng.integers(3, 14, 2)
-    prices = (LENGTHS * (1.0 + 4.0 * rng.random((4, rows, cols)) ** 3)).astype(np.float32)
-    start, goal = ((int(rng.integers(4 * rows)), int(rng.integers(4 * cols))) for _ in range(2))
+    prices, (rows, cols), (start, goal) = random_links(rng)
     band = float(rng.choice([0.0, 0.05, 0.3]))
     region, _ = LinkSearch((4 * rows, 4 * cols)).around(
         Links.of(prices), (start, goal), band, 0, float(rng.choice([0.7, 1.0]))
@@ -71,9 +76,7 @@ def check_region(region, prices, start, goal, band):
 @pytest.mark.parametrize("seed", range(12))
 def test_searched_again_once_links_are_dearer_the_region_is_that_of_the_new_prices(seed):
     rng = np.random.default_rng(seed)
-    rows, cols = rng.integers(3, 14, 2)
-    prices = (LENGTHS * (1.0 + 4.0 * rng.random((4, rows, cols)) ** 3)).astype(np.float32)
-    start, goal = ((int(rng.integers(4 * rows)), int(rng.integers(4 * cols))) for _ in range(2))
+    prices, (rows, cols), (start, goal) = random_links(rng)
     search, query, band = LinkSearch((4 * rows, 4 * cols)), (start, goal), float(rng.choice([0.01, 0.2]))
     search.around(Links.of(prices), query, band, 0)
     for _ in range(3):

@@ -106,8 +106,11 @@ def test_from_refine_from_on_a_learned_region_is_searched_coarsely_first(network
         assert ("coarse" in plan.timings_ms) == coarsely
 
 
-def test_a_large_map_and_a_far_goal_go_by_the_learned_region():
-    size, far = int(tuning.LARGE_MAP), tuning.FAR
+@pytest.mark.parametrize(
+    ("has_body", "size", "far"),
+    [(False, tuning.LARGE_MAP, tuning.FAR), (True, tuning.LARGE_MAP_FOR_BODY, tuning.FAR_FOR_BODY)],
+)
+def test_on_a_large_map_a_far_goal_is_left_to_the_network(has_body, size, far):
     for side, apart, wanted in (
         (size, far, "nnpp"),
         (size, far - 1, "corridor"),
@@ -115,19 +118,7 @@ def test_a_large_map_and_a_far_goal_go_by_the_learned_region():
         (size, tuning.NEAR, "corridor"),
         (size, tuning.NEAR - 1, "astar"),
     ):
-        chooser = MethodChooser((side, 30), "edge")
-        assert chooser.choose("auto", Query((0, 0), (apart, 3)))[0] == wanted
-
-
-def test_a_body_on_a_large_map_goes_by_the_networks_prices_to_a_far_goal():
-    size, far = int(tuning.LARGE_MAP_FOR_BODY), tuning.FAR_FOR_BODY
-    for side, apart, wanted in (
-        (size, far, "nnpp"),
-        (size, far - 1, "corridor"),
-        (size - 1, far, "corridor"),
-        (size, tuning.NEAR - 1, "astar"),
-    ):
-        chooser = MethodChooser((side, 30), "edge", True)
+        chooser = MethodChooser((int(side), 30), "edge", has_body)
         assert chooser.choose("auto", Query((0, 0), (apart, 3)))[0] == wanted
 
 
