@@ -203,9 +203,9 @@ class EnergyCost:
     -----
     N. C. Rowe and R. S. Ross, Optimal grid-free path planning across arbitrarily contoured terrain with anisotropic
     friction and gravity effects, IEEE Transactions on Robotics and Automation 6 (5), 1990: on slopes below -atan μ a
-    vehicle brakes. Here its drive has an efficiency and a recovery. With recovery a descent can cost less than nothing.
-    A metre of height is worth m g / efficiency: what is left then is what rolling takes on slopes down to -atan μ, and
-    more below.
+    vehicle brakes. Here its drive has an efficiency and a recovery; with that a descent can cost less than nothing.
+    A metre of height is worth m g / efficiency. What is left then is what rolling takes on slopes down to -atan μ,
+    and more below.
     """
 
     mass_kg: float
