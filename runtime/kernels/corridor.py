@@ -27,7 +27,7 @@ def _mark_cell(row, col, stamp, bitmap):
 
 
 @kernel
-def _flood(grid, links, start, found, limit, scratch, marks):
+def _flood(grid, edges, links, start, found, limit, scratch, marks):
     """Mark the cells on paths from `start` that cost at most `limit`, and find what it costs to reach them.
 
     What is left from a cell is g of an earlier search, which began at the other end. With that as a bound, few
@@ -58,8 +58,11 @@ def _flood(grid, links, start, found, limit, scratch, marks):
             word = meta[2 * there + 1]
             if word >> STAMP_SHIFT != search or word & OPEN_BIT:
                 continue
-            length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
-            cost = reached[node] + np.float32(length + weight * (weights[node] + weights[there]))
+            if edges is None:
+                length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
+                cost = reached[node] + np.float32(length + weight * (weights[node] + weights[there]))
+            else:
+                cost = reached[node] + edges[node, k]
             if cost + g[2 * there] > limit:
                 continue
             row, col = there // stride - 1, there % stride - 1
@@ -92,13 +95,13 @@ def _read_ahead(path, finer):
 
 
 @kernel
-def surround(grid, links, start, found, band, scratch, path, radius, marks, finer):
+def surround(grid, edges, links, start, found, band, scratch, path, radius, marks, finer):
     """Mark what the next finer level is to search: what lies around a path, and on paths of nearly the same cost.
 
     Parameters
     ----------
-    grid, links
-        The level that was searched, from the goal to `start`.
+    grid, edges, links
+        The level that was searched, from the goal to `start`; `edges` of the steps that leave a node, see `expand`.
     start : int
         Node that the path starts from.
     found : (g, meta, stamp)
@@ -119,7 +122,7 @@ def surround(grid, links, start, found, band, scratch, path, radius, marks, fine
     g = found[0]
     bitmap, stamp = marks
     if band > 0.0 and len(path) > 1:
-        _flood(grid, links, start, found, (1.0 + band) * g[2 * start], scratch, marks)
+        _flood(grid, edges, links, start, found, (1.0 + band) * g[2 * start], scratch, marks)
     _mark(path, radius, stamp, bitmap)  # last: the flood goes by the numbers that it wrote
     return _read_ahead(path, finer)
 

@@ -1,5 +1,9 @@
 """The kernels of D* Lite: reading the map, mending what a change touched, expanding, following the path.
 
+Where steps are directed, ``edges`` is (edges, factor): what the step that leaves a node in each direction costs, see
+`expansion.expand`, and the units to it; costs then say only whether a node can be stood on, and are 0 or inf. The
+search leads from the goal to the start, so a node's neighbours come to it by the steps that lead back.
+
 Bundles: ``search`` is (stride, start, goal, corner_cutting, steps, prices, km), ``terrain`` (costs, walls, span),
 ``heap`` (position, firsts, seconds, nodes), ``source`` (weights, factor, stride, start, goal) of the map that is
 read, ``known`` (costs, walls, inside), ``noted`` (changed, is_changed).
@@ -18,7 +22,7 @@ given in `open_list` and `expansion`. In a loop with two ways out, that takes a 
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP, lowest_bit
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPPOSITE, ROW_STEP, lowest_bit
 from nnpp_edge.runtime.kernels.poses import HEADING, weight_of_pose
 
 SETTLED, PAUSED = 0, 1
@@ -89,15 +93,15 @@ def _note(node, stride, changed, is_changed, pending):
 
 
 @kernel
-def read_rectangle(part, source, poses, known, noted, pending):
-    """Read a rectangle of the map; the number of nodes put down as changed so far."""
+def read_rectangle(part, source, poses, edges, known, noted, pending):
+    """Read a rectangle of the map; the number of nodes put down as changed so far: with directed steps, all."""
     row, col, rows, cols = part
     weights, factor, stride, start, goal = source
     changed, is_changed = noted
     for r in range(row, row + rows):
         for c in range(col, col + cols):
             node = (r + 1) * stride + c + 1
-            if _read(node, weights, poses, factor, stride, (start, goal), known):
+            if _read(node, weights, poses, factor, stride, (start, goal), known) or edges is not None:
                 pending = _note(node, stride, changed, is_changed, pending)
     return pending
 
@@ -129,13 +133,19 @@ def _step(k, pair, steps):
 
 
 @kernel
-def _least_by_way(node, row_steps, corner_cutting, steps, costs, walls, span, state):
+def _directed_step(node, k, pair, edges):
+    """Cost of the step that leaves a node in direction k, in units; `pair` is inf where it may not be made."""
+    return np.rint(edges[1] * edges[0][np.uint64(node), np.uint64(k)]) + pair
+
+
+@kernel
+def _least_by_way(node, row_steps, corner_cutting, steps, edges, costs, walls, span, state):
     """The least cost to the goal by way of a neighbour of a passable node, and the direction of that neighbour."""
     best, direction = np.inf, -1
     for k in range(8):  # unrolled by the compiler
         there, plane = node + row_steps[k] + COL_STEP[k], HEADING[k] * span
         pair = np.float64(costs[np.uint64(plane + node)]) + np.float64(costs[np.uint64(plane + there)])
-        step = _step(k, pair, steps)
+        step = _step(k, pair, steps) if edges is None else _directed_step(node, k, pair, edges)
         if k >= 4 and not corner_cutting:
             shut = walls[np.uint64(node + row_steps[k])] | walls[np.uint64(node + COL_STEP[k])]
             step = np.inf if shut else step
@@ -220,7 +230,7 @@ def _update_vertex(node, ahead, state, position, firsts, seconds, nodes, size):
 
 
 @kernel
-def _touched(node, value, raised, row_steps, costs, span, steps, state):
+def _touched(node, value, raised, row_steps, costs, span, steps, edges, state):
     """Directions, as bits, of the neighbours that a node touches whose g becomes, or where `raised` was, `value`.
 
     They come to a lower rhs by way of it; or their rhs may have rested on it.
@@ -229,7 +239,8 @@ def _touched(node, value, raised, row_steps, costs, span, steps, state):
     for k in range(8):  # unrolled by the compiler
         there, plane = node + row_steps[k] + COL_STEP[k], HEADING[k] * span
         pair = np.float64(costs[np.uint64(plane + node)]) + np.float64(costs[np.uint64(plane + there)])
-        by_way, rhs = value + _step(k, pair, steps), state[np.uint64(2 * there + 1)]
+        step = _step(k, pair, steps) if edges is None else _directed_step(there, OPPOSITE[k], pair, edges)
+        by_way, rhs = value + step, state[np.uint64(2 * there + 1)]
         found |= np.int64((by_way == rhs) & (by_way < np.inf) if raised else by_way < rhs) << k
     return found
 
@@ -257,7 +268,7 @@ def least_known(changed, count, inside, state):
 
 
 @kernel
-def mend(pending, search, terrain, state, heap, size, noted):
+def mend(pending, search, terrain, edges, state, heap, size, noted):
     """Work out rhs anew wherever a step has changed; the open list's new size."""
     stride, start, goal, corner_cutting, steps, prices, km = search
     costs, walls, span = terrain
@@ -275,7 +286,7 @@ def mend(pending, search, terrain, state, heap, size, noted):
         for heading in range(1, 4):
             least = min(least, costs[heading * span + node])
         if least < np.inf:  # so not on the border, whose neighbours are not all there
-            rhs, _ = _least_by_way(node, row_steps, corner_cutting, steps, costs, walls, span, state)
+            rhs, _ = _least_by_way(node, row_steps, corner_cutting, steps, edges, costs, walls, span, state)
         if rhs == state[2 * node + 1]:
             continue
         state[2 * node + 1] = rhs
@@ -289,7 +300,7 @@ def mend(pending, search, terrain, state, heap, size, noted):
 
 
 @kernel
-def expand(search, terrain, state, heap, size, most):
+def expand(search, terrain, edges, state, heap, size, most):
     """ComputeShortestPath: expand until the start is settled or `most` expansions are done.
 
     The code, the number of expansions and the open list's size.
@@ -323,7 +334,7 @@ def expand(search, terrain, state, heap, size, most):
             continue
         expansions += 1
         raised = g <= rhs
-        touched = _touched(node, g if raised else rhs, raised, row_steps, costs, span, steps, state)
+        touched = _touched(node, g if raised else rhs, raised, row_steps, costs, span, steps, edges, state)
         state[np.uint64(2 * node)] = np.inf if raised else rhs
         # A node that leaves the list leaves its slot to the first neighbour to come on. With a key not much
         # greater that one stays near the top, where the heap's last entry would sink to the bottom again.
@@ -341,13 +352,14 @@ def expand(search, terrain, state, heap, size, most):
             if there == goal:
                 continue
             if raised:
-                by_way, _ = _least_by_way(there, row_steps, corner_cutting, steps, costs, walls, span, state)
+                by_way, _ = _least_by_way(there, row_steps, corner_cutting, steps, edges, costs, walls, span, state)
                 if by_way == state[np.uint64(2 * there + 1)]:
                     continue
             else:
                 plane = HEADING[k] * span
                 pair = np.float64(costs[np.uint64(plane + node)]) + np.float64(costs[np.uint64(plane + there)])
-                by_way = rhs + _step(k, pair, steps)
+                step = _step(k, pair, steps) if edges is None else _directed_step(there, OPPOSITE[k], pair, edges)
+                by_way = rhs + step
                 if k >= 4 and not corner_cutting and (walls[node + up * stride] or walls[node + left]):
                     continue
             state[np.uint64(2 * there + 1)] = by_way
@@ -371,7 +383,7 @@ def expand(search, terrain, state, heap, size, most):
 
 
 @kernel
-def descend(search, terrain, state, cells, path):
+def descend(search, terrain, edges, state, cells, path):
     """Write the path that follows the least cost to the goal, as far as `path` reaches; its length.
 
     0 if it does not lead to the goal.
@@ -386,7 +398,7 @@ def descend(search, terrain, state, cells, path):
         n += 1
         if node == goal:
             return n
-        _, k = _least_by_way(node, row_steps, corner_cutting, steps, costs, walls, span, state)
+        _, k = _least_by_way(node, row_steps, corner_cutting, steps, edges, costs, walls, span, state)
         if k < 0:
             return 0
         node += ROW_STEP[k] * stride + COL_STEP[k]

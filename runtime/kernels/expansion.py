@@ -167,7 +167,7 @@ def trace(meta, node, stride, out):
 
 
 @kernel
-def expand(grid, poses, links, region, hints, start, goal, rule, memory, most):
+def expand(grid, poses, edges, links, region, hints, start, goal, rule, memory, most):
     """Search until the goal is settled, nothing is left, `most` expansions are done or the list is full.
 
     Begins at `start`, or goes on where the last call stopped if that is negative. Once the goal has been
@@ -181,6 +181,9 @@ def expand(grid, poses, links, region, hints, start, goal, rule, memory, most):
         As everywhere.
     poses : tuple or None
         Of a body, see `kernels.poses`; None where the cells' weights decide. What a step needs of them is checked.
+    edges : (nodes, 8) float32 or None
+        What the step that leaves a node in each direction costs, inf where there is none; with poses, these decide
+        where steps lead. None where steps cost by the weights of their ends.
     links : (nodes,) uint8 or None
         The directions in which each cell may be left, as bits; None where passability decides.
     hints : (fields, at_goal, slack) or None
@@ -297,7 +300,12 @@ def expand(grid, poses, links, region, hints, start, goal, rule, memory, most):
                 heading = np.uint64(HEADING[k])
                 sum_of_two = pose_weight(codes[np.uint64(node), heading], unit)
                 sum_of_two += pose_weight(codes[there, heading], unit)
-            reached = g_node + (length + weight * sum_of_two)  # inf where impassable
+            if edges is None:
+                reached = g_node + (length + weight * sum_of_two)  # inf where impassable
+            elif poses is None:
+                reached = g_node + edges[np.uint64(node), np.uint64(k)]
+            else:
+                reached = g_node + (edges[np.uint64(node), np.uint64(k)] + sum_of_two)
             visited = meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp
             known = g[there * np.uint64(2)] if visited else np.float32(np.inf)
             better |= np.int64(reached < known) << k
@@ -316,7 +324,11 @@ def expand(grid, poses, links, region, hints, start, goal, rule, memory, most):
                 heading = np.uint64(HEADING[k])
                 sum_of_two = pose_weight(codes[np.uint64(node), heading], unit)
                 sum_of_two += pose_weight(codes[there, heading], unit)
-            if k < 4:
+            if edges is not None:
+                if poses is None:
+                    sum_of_two = np.float32(0.0)
+                reached = g_node + (edges[np.uint64(node), np.uint64(k)] + sum_of_two)
+            elif k < 4:
                 reached = g_node + (length_s + weight_s * sum_of_two)
             else:
                 if poses is None:  # noqa: SIM102
@@ -343,7 +355,10 @@ def expand(grid, poses, links, region, hints, start, goal, rule, memory, most):
             if poses is not None:  # a call with `poses` counts references to all arrays in it: only where needed
                 visited = meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp
                 known = g[there * np.uint64(2)] if visited else np.float32(np.inf)
-                length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
+                if edges is None:
+                    length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
+                else:
+                    length, weight = edges[np.uint64(node), np.uint64(k)], np.float32(1.0)
                 if codes[np.uint64(node), heading] == UNCHECKED:
                     check_there(poses, row - 1, col - 1, np.int64(HEADING[k]))
                 own = pose_weight(codes[np.uint64(node), heading], unit)

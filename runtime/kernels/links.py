@@ -8,12 +8,10 @@ there is no block.
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP, STAMP_SHIFT, octile
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPPOSITE, ROW_STEP, STAMP_SHIFT, octile
 from nnpp_edge.runtime.kernels.open_list import COARSE, FINE, NOTHING, SPAN, clear, next_block, pop, push
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 
-OPPOSITE = (1, 0, 3, 2, 7, 6, 5, 4)
-"""The direction that leads back."""
 FORWARDS = (1, 7, 3, 5)
 """The direction that leads along each heading, see `terrain.vehicle.HEADINGS`."""
 _DIAGONAL = np.float32(2.0**0.5)

@@ -13,6 +13,8 @@ ORIGIN = 8
 DIRECTION_BITS = 15
 ROW_STEP = (-1, 1, 0, 0, -1, -1, 1, 1)
 COL_STEP = (0, 0, -1, 1, -1, 1, -1, 1)
+OPPOSITE = (1, 0, 3, 2, 7, 6, 5, 4)
+"""The direction that leads back."""
 DIRECTION = (4, 0, 5, 2, -1, 3, 6, 1, 7)
 """Direction of the neighbour (row, col) = (i // 3 - 1, i % 3 - 1); -1 for the cell itself."""
 

@@ -12,6 +12,8 @@ from nnpp_edge.runtime.arrays import Float2D, as_map
 from nnpp_edge.runtime.cells import Rectangle, patch_at
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.map.changes import Change
+from nnpp_edge.runtime.map.directed import DirectedSteps
+from nnpp_edge.runtime.map.slope_cost import SlopeCost
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost, update_cost
@@ -79,6 +81,8 @@ class DiscState(MapState):
         Height and width of a cell.
     surface : (dem, Traversability)
         The elevations that the costs come from, copied, and what made costs of them; for `update_elevation`.
+    slope_cost : SlopeCost
+        With a surface: what ways up and down it cost.
     """
 
     def __init__(
@@ -90,12 +94,16 @@ class DiscState(MapState):
         *,
         corner_cutting: bool = True,
         surface: tuple[Float2D, Traversability] | None = None,
+        slope_cost: SlopeCost | None = None,
     ) -> None:
         self._disc, self._sides = Disc(radius_m, sides_m, model.costs[2]), sides_m
         self._bare = np.array(as_map(cost, "cost"))
         self._surface = surface and (np.array(as_map(surface[0], "dem", np.float64)), surface[1])
         rows, cols = self._bare.shape
         super().__init__(self._disc.costs(self._bare, (0, 0, rows, cols)), model, corner_cutting=corner_cutting)
+        if slope_cost is not None and self._surface is not None:
+            weights = self.grid.weights
+            self.grid.go_by(DirectedSteps(self._surface[0], sides_m, slope_cost, weights, corner_cutting))
 
     def __getstate__(self) -> dict[str, object]:
         """As of a `MapState`, and the point's costs."""
@@ -125,7 +133,8 @@ class DiscState(MapState):
     def _stand_on(self, part: Rectangle) -> Change:
         """Bring up to date what the disc can stand on around a part of the point's costs."""
         around = self._disc.around(part, self.shape)
-        return super().update(around[0], around[1], self._disc.costs(self._bare, around))
+        costs, keeps = self._disc.costs(self._bare, around), self.log.keeps_old_weights
+        return self._noted(self.grid.update(costs, around[:2], keep_old_weights=keeps), part)
 
 
 def state_of_costs(
@@ -158,11 +167,23 @@ def state_of_elevation(
     lazy: bool = True,
     warn: bool = False,
     vehicle: Vehicle | None = None,
+    slope_cost: SlopeCost | None = None,
 ) -> MapState:
     """As `MapState.of_elevation`, of a disc too, whose costs are computed at once."""
     if vehicle is None or vehicle.radius_m is None:
-        given = {"corner_cutting": corner_cutting, "lazy": lazy, "warn": warn}
-        return MapState.of_elevation(dem, sides_m, traversability, model, vehicle=vehicle, **given)
+        return MapState.of_elevation(
+            dem,
+            sides_m,
+            traversability,
+            model,
+            corner_cutting=corner_cutting,
+            lazy=lazy,
+            warn=warn,
+            vehicle=vehicle,
+            slope_cost=slope_cost,
+        )
     cost = traversability_cost(dem, sides_m[0], traversability, cell_width_m=sides_m[1], warn=warn)
     surface = dem, traversability
-    return DiscState(cost, model, vehicle.radius_m, sides_m, corner_cutting=corner_cutting, surface=surface)
+    return DiscState(
+        cost, model, vehicle.radius_m, sides_m, corner_cutting=corner_cutting, surface=surface, slope_cost=slope_cost
+    )

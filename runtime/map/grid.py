@@ -10,7 +10,8 @@ from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, patch_at
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import Change
-from nnpp_edge.runtime.map.poses import Poses
+from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
+from nnpp_edge.runtime.map.poses import PackedPoses, Poses
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, LEAST_WEIGHT, PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.map.tiles import COMPLETE, PackedTiles, Tiles
 
@@ -57,6 +58,8 @@ class Grid:
         """By which weights are computed where somebody looks; None where all are there."""
         self.poses: Poses | None = None
         """Of a vehicle, by which steps cost and cells can be stood on; None for a point."""
+        self.directed: DirectedSteps | CoarseSteps | None = None
+        """By which steps cost; None where they cost by the weights, or the poses, of their ends."""
         self.packed: PackedGrid = (self.weights, self.stride, model.steps, corner_cutting, COMPLETE)
         floor, most, ceiling = map(np.float32, model.costs)
         self._limits = floor, most, np.float32(model.scale), ceiling
@@ -119,6 +122,31 @@ class Grid:
         self.poses = poses
         self.set_bounds(0.0, self.model.scale)
 
+    def go_by(self, directed: DirectedSteps | CoarseSteps) -> None:
+        """From now on steps cost by these; weights, or poses, decide where they may lead."""
+        self.directed = directed
+        self.prices = directed.prices
+
+    @property
+    def packed_poses(self) -> PackedPoses | None:
+        """The poses as searches take them: with directed steps they only decide, and none weighs anything."""
+        if self.poses is None or self.directed is None:
+            return None if self.poses is None else self.poses.packed
+        return self.poses.packed[0], np.float32(0.0), *self.poses.packed[2:]
+
+    def packed_edges(self, backwards: bool = False) -> NDArray[np.float32] | None:
+        """The directed steps as searches take them, or, of a coarse level, `backwards`; None without any."""
+        if self.directed is None:
+            return None
+        if not backwards:
+            return self.directed.edges
+        assert isinstance(self.directed, CoarseSteps)
+        return self.directed.backwards
+
+    def worth_of_height(self, start: Cell, goal: Cell) -> float:
+        """By how much a path between two cells costs more than its directed steps; 0 where steps are not directed."""
+        return self.directed.worth_of_height(start, goal) if isinstance(self.directed, DirectedSteps) else 0.0
+
     def complete(self) -> None:
         """See to it that all weights are there, and all poses checked."""
         if self.tiles is not None:
@@ -134,13 +162,20 @@ class Grid:
     def set_bounds(self, least: float, greatest: float) -> None:
         """No passable cell weighs less than `least`, inf as long as there is none, and none more than `greatest`."""
         self.least, self.greatest = least, greatest
+        if self.directed is not None:
+            return
         straight = self.model.step(0, 2.0 * least)
         self.prices = straight, min(self.model.step(1, 2.0 * least), 2.0 * straight)
-        """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the cheapest."""
+        """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the cheapest.
+
+        With directed steps: of the cheapest metre over all slopes, which no change of the map alters.
+        """
 
     @property
     def step_ratio(self) -> float:
         """What the dearest step costs, in times of the cheapest."""
+        if isinstance(self.directed, DirectedSteps):
+            return self.directed.greatest / self.prices[0]
         return self.model.step(0, 2.0 * self.greatest) / self.prices[0]
 
     def measure_bounds(self) -> None:

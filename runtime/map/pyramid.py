@@ -6,7 +6,8 @@ coarse search finds can be walked on the level below, inside the cells it crosse
 and narrow passes stay open unless two of them share a coarse cell.
 
 A coarse cell's weight is the mean over the cells it covers, those outside its piece counting as
-`obstacle_weight`. Means keep the balance of length and weight: both halves of a step's cost shrink alike.
+`obstacle_weight`. Means keep the balance of length and weight: both halves of a step's cost shrink alike. Directed
+steps are averaged by direction, see `map.directed`.
 """
 
 import functools
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.kernels.pooling import FACTOR, pool_and_link
+from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.map.step_cost import StepCost
@@ -59,6 +61,7 @@ class Pyramid:
                 nodes = (rows + 2) * (cols + 2)
                 pieces, links = np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)
                 self.levels.append(Level(Grid(rows, cols, grid.model), pieces, links))
+            self._direct()
             self.update((0, 0, grid.rows, grid.cols))
             return
         parts = grid.tiles.add_levels(shapes)
@@ -66,6 +69,7 @@ class Pyramid:
             coarse = Grid(*shapes[number - 1], grid.model, weights=weights)
             coarse.compute_by(grid.tiles, number)
             self.levels.append(Level(coarse, pieces, links))
+        self._direct()
 
     def update(self, changed: Rectangle) -> None:
         """Pool anew the cells above a rectangle of the finest level."""
@@ -73,6 +77,7 @@ class Pyramid:
         if finest.tiles is not None:  # pooled anew already
             for level in self.levels[1:]:
                 level.version += 1
+            self._pool_directed(changed)
             return
         row0, col0, rows, cols = changed
         row1, col1, obstacle = row0 + rows, col0 + cols, self.obstacle_weight
@@ -93,6 +98,33 @@ class Pyramid:
             # what is connected under the level above changes with the links on the rim
             row0, row1 = max(row0 - 1, 0), min(row1 + 1, grid.rows)
             col0, col1 = max(col0 - 1, 0), min(col1 + 1, grid.cols)
+        self._pool_directed(changed)
+
+    def _direct(self) -> None:
+        """Give the coarse levels of a map with directed steps such steps; all of its weights are needed for that."""
+        finest = self.levels[0].grid
+        if not isinstance(finest.directed, DirectedSteps):
+            return
+        for level in self.levels[1:]:
+            level.grid.go_by(CoarseSteps(level.grid.shape, finest.prices))
+        if finest.tiles is not None:
+            finest.tiles.complete()
+            self._pool_directed((0, 0, finest.rows, finest.cols))
+
+    def _pool_directed(self, changed: Rectangle) -> None:
+        """Pool anew the directed steps above a rectangle of the finest level."""
+        finest = self.levels[0].grid.directed
+        if not isinstance(finest, DirectedSteps):
+            return
+        (row0, col0, rows, cols), finer = changed, finest.map
+        row1, col1 = row0 + rows, col0 + cols
+        for level in self.levels[1:]:
+            row0, row1 = max(row0 // FACTOR - 1, 0), min(-(-row1 // FACTOR) + 1, level.grid.rows)
+            col0, col1 = max(col0 // FACTOR - 1, 0), min(-(-col1 // FACTOR) + 1, level.grid.cols)
+            steps = level.grid.directed
+            assert isinstance(steps, CoarseSteps)
+            steps.pool(finer, level.pieces, (row0, col0, row1 - row0, col1 - col0), finest.obstacle)
+            finer = steps.means[1:-1, 1:-1]
 
     @property
     def obstacle_weight(self) -> float:

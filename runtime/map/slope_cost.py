@@ -37,10 +37,11 @@ class SlopeCost(Protocol):
 
     @property
     def height_price(self) -> float:
-        """What a metre of height is worth: cost(length, rise) - height_price · rise is above 0 for every slope.
+        """What a metre of height is worth to searches, which go by cost(length, rise) - height_price · rise.
 
         A path's cost is the sum of these and the price of the height between its ends, whichever way it goes: which
-        path is the cheapest does not depend on it. 0 where no way costs less than nothing.
+        path is the cheapest does not depend on it. With a good price the cheapest metre costs nearly what a level one
+        does, so that a search knows well what is left; and it is above 0 where a way may cost less than nothing.
         """
 
     @property
@@ -55,7 +56,8 @@ class ToblerCost:
     Notes
     -----
     W. Tobler, Three presentations on geographical analysis and modeling, NCGIA technical report 93-1, 1993:
-    W = 6 exp(-3.5 |S + 0.05|) km/h; off paths 3/5 of it, on horseback 5/4. The cheapest metre is on the best slope.
+    W = 6 exp(-3.5 |S + 0.05|) km/h; off paths 3/5 of it, on horseback 5/4. Heights are worth
+    the function's gradient on level ground: as it is convex, no slope has a cheaper metre then.
     """
 
     top_speed_km_h: float = 6.0
@@ -76,18 +78,19 @@ class ToblerCost:
         """Seconds."""
         length = np.asarray(length_m, np.float64)
         off = self.steepness * np.abs(np.asarray(rise_m, np.float64) / length - self.best_slope)
-        seconds: Float64s = length * self.least_per_m * np.exp(np.minimum(off, _LARGEST_EXPONENT))
+        best = 3.6 / (self.top_speed_km_h * self.factor)
+        seconds: Float64s = length * best * np.exp(np.minimum(off, _LARGEST_EXPONENT))
         return seconds
 
     @property
     def height_price(self) -> float:
-        """Nothing: time never runs back."""
-        return 0.0
+        """Seconds."""
+        return -math.copysign(self.steepness, self.best_slope) * self.least_per_m if self.best_slope else 0.0
 
     @property
     def least_per_m(self) -> float:
-        """Seconds of a metre on the best slope."""
-        return 3.6 / (self.top_speed_km_h * self.factor)
+        """Seconds of a level metre."""
+        return float(self.cost(1.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,7 @@ class LinearCost:
     GRASS GIS, r.walk (Aitken 1977, Langmuir 1984, after Naismith's rule): T = a ΔS + b ΔH uphill + c ΔH moderate
     downhill + d ΔH steep downhill, seconds, with walk_coeff 0.72, 6.0, 1.9998, -1.9998 and slope_factor -0.2125 (the
     tangent of 12°). Its ΔH of a descent is below 0, so `down_per_m` is -c and `steep_down_per_m` is -d: a gentle
-    descent saves time. The cheapest metre is level, or descends just as far as is not yet steep, or steeply.
+    descent saves time. Heights are worth what that saves; the cheapest metre is a level one then.
     """
 
     level_per_m: float = 0.72
@@ -117,7 +120,8 @@ class LinearCost:
         _check(self, above_0=("level_per_m",), not_below_0=("up_per_m", "steep_down_per_m"))
         if not -math.inf < self.steep_slope <= 0.0:
             raise InvalidQueryError(f"steep_slope must be a finite number, at most 0, got {self.steep_slope}")
-        if not (self.least_per_m > 0.0 and self.down_per_m < math.inf):
+        gentle = self.level_per_m - self.down_per_m * self.steep_slope
+        if not (gentle > 0.0 and self.down_per_m < math.inf):
             raise InvalidQueryError(
                 "every way must cost more than 0: wanted level_per_m - down_per_m * steep_slope above 0, got "
                 f"{self.level_per_m:g} - {self.down_per_m:g} * {self.steep_slope:g}"
@@ -132,13 +136,13 @@ class LinearCost:
 
     @property
     def height_price(self) -> float:
-        """Nothing: no way costs less than nothing."""
-        return 0.0
+        """What a gentle descent saves, but no more than an ascent takes."""
+        return min(max(-self.down_per_m, 0.0), self.up_per_m)
 
     @property
     def least_per_m(self) -> float:
-        """The cheapest metre over all slopes."""
-        gentle = self.level_per_m - self.down_per_m * self.steep_slope
+        """The cheaper of a level metre and one that is just not steep."""
+        gentle = self.level_per_m - (self.down_per_m + self.height_price) * self.steep_slope
         return min(self.level_per_m, gentle)
 
 
@@ -271,12 +275,22 @@ class Mobility:
         """The model of that ``step_cost``; InvalidQueryError where there is none, or its table is missing."""
         names = [each.name for each in fields(self)]
         if step_cost not in names:
-            raise InvalidQueryError(f"wanted one of {', '.join(names)}, got {step_cost!r}")
+            raise InvalidQueryError(f"step_cost must be one of paper, {', '.join(names)}, got {step_cost!r}")
         found: SlopeCost | None = getattr(self, step_cost)
         if found is None:
             wanted = "slope_deg and speed_m_s" if step_cost == "time" else "mass_kg and rolling_resistance"
             raise InvalidQueryError(f"step_cost={step_cost!r} needs a table [mobility.{step_cost}] with {wanted}")
         return found
+
+
+def slope_cost_of(step_cost: str, mobility: Mobility | None = None) -> SlopeCost | None:
+    """The model that a map of elevations is planned on by; None for ``paper``, whose steps cost alike both ways.
+
+    InvalidQueryError for a step cost that there is none of, or whose model needs a mobility.
+    """
+    if step_cost == "paper":
+        return None
+    return (mobility or Mobility()).model(step_cost)
 
 
 def _fastest(low: float, high: float, speed_low: float, speed_high: float) -> float:

@@ -6,13 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import patch_at
+from nnpp_edge.runtime.cells import Rectangle, patch_at
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
+from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.poses import Poses, term_weights
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
+from nnpp_edge.runtime.map.slope_cost import SlopeCost
 from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, warn_of_saturation
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -31,6 +33,7 @@ class _Elevation(NamedTuple):
     sides_m: tuple[float, float]
     traversability: Traversability
     vehicle: Vehicle | None
+    slope_cost: SlopeCost | None
 
 
 class MapState:
@@ -70,13 +73,14 @@ class MapState:
         lazy: bool = True,
         warn: bool = False,
         vehicle: Vehicle | None = None,
+        slope_cost: SlopeCost | None = None,
     ) -> "MapState":
         """The state of an elevation map, (H, W) float in metres, NaN where unknown; copied.
 
         With a vehicle, steps cost by its poses. Weights are computed and poses checked where a search first looks,
         or, unless `lazy`, all at once. `sides_m` are the height and the width of a cell. Raises InvalidMapError for
         what is no such map, for one that the vehicle is larger than, or for the ``length`` model, whose weights may
-        not be 0.
+        not be 0. With a `slope_cost` steps cost by it, and all weights are computed at once.
         """
         if model.kind is not StepCost.PAPER:
             raise InvalidMapError(
@@ -89,19 +93,24 @@ class MapState:
         rule = traversability.rule(*sides_m, scale=model.scale)
         if warn:
             warn_of_saturation(heights, rule, stacklevel=4)
-        surface = sides_m, traversability, vehicle
+        surface = sides_m, traversability, vehicle, slope_cost
         state._lay_out(_Elevation(heights, base, rule, model, corner_cutting, lazy, *surface))
         return state
 
     def _lay_out(self, elevation: "_Elevation") -> None:
         """Begin with heights of which nothing has been computed."""
-        heights, _, rule, model, corner_cutting, lazy, sides_m, traversability, vehicle = elevation
+        heights, _, rule, model, corner_cutting, lazy, sides_m, traversability, vehicle, slope_cost = elevation
         self._elevation = elevation
         coarsest = FACTOR ** len(coarse_shapes(*heights.shape))
         self.grid = Grid.of_heights(heights, rule, model, corner_cutting, coarsest)
         if vehicle is not None:
-            weights = term_weights(traversability)
-            self.grid.stand_by(Poses(heights, sides_m, vehicle, weights, model.scale))
+            terms = term_weights(traversability)
+            self.grid.stand_by(Poses(heights, sides_m, vehicle, terms, model.scale))
+        if slope_cost is not None:
+            if vehicle is None and self.grid.tiles is not None:
+                self.grid.tiles.complete()
+            weights = self.grid.weights if vehicle is None else None
+            self.grid.go_by(DirectedSteps(heights, sides_m, slope_cost, weights, corner_cutting))
         self._forget()
         if not lazy:
             self.grid.complete()
@@ -166,6 +175,12 @@ class MapState:
         if self._elevation is not None:
             raise InvalidMapError("wanted elevations, as the map was made from such: update_elevation takes them")
         change = self.grid.update(patch, (row, col), keep_old_weights=self.log.keeps_old_weights)
+        return self._noted(change, change.part)
+
+    def _noted(self, change: Change, heights: Rectangle) -> Change:
+        """Put a change into the log, once directed steps follow it and that of the heights in a rectangle."""
+        if isinstance(self.grid.directed, DirectedSteps):
+            change = self.grid.directed.follow(change, heights)
         if change.cells:
             self.log.append(change)
         return change
@@ -189,15 +204,12 @@ class MapState:
         if self._elevation is None or tiles is None:
             raise InvalidMapError("wanted costs, as the map was made from such: update takes them")
         heights, _ = relative_heights(patch, self._elevation.base)
-        row, col, _, _ = patch_at((row, col), heights.shape, self.shape)
+        row, col, _, _ = patch_part = patch_at((row, col), heights.shape, self.shape)
         cells, cheaper, part = tiles.write(row, col, heights)
         if self.grid.poses is not None:
             part = self.grid.poses.write(row, col, heights)
             cells, cheaper = part[2] * part[3], True
-        change = Change(part, cells, cheaper)
-        if cells:
-            self.log.append(change)
-        return change
+        return self._noted(Change(part, cells, cheaper), patch_part)
 
     @property
     def checked(self) -> int:

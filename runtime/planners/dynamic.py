@@ -15,6 +15,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.disc import state_of_costs, state_of_elevation
+from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.memory import check_planner_fits, touch
@@ -104,6 +105,8 @@ class DynamicPlanner:
         omega: float = PAPER_OMEGA,
         corner_cutting: bool = True,
         model: str | Path | NetworkModel = "edge",
+        step_cost: str = "paper",
+        mobility: Mobility | None = None,
     ) -> "DynamicPlanner":
         """A planner of elevations, changed by `update_elevation`; with a vehicle, over its poses.
 
@@ -113,7 +116,15 @@ class DynamicPlanner:
         planner = cls.__new__(cls)
         sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
         step_model = StepModel.of(StepCost.PAPER, omega)
-        state = state_of_elevation(dem, sides, limits, step_model, corner_cutting=corner_cutting, vehicle=vehicle)
+        state = state_of_elevation(
+            dem,
+            sides,
+            limits,
+            step_model,
+            corner_cutting=corner_cutting,
+            vehicle=vehicle,
+            slope_cost=slope_cost_of(step_cost, mobility),
+        )
         planner._begin(state, goal, method, also, model)
         return planner
 

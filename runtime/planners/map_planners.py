@@ -97,6 +97,8 @@ class MapPlanners:
         """What a method prices blocks by where no price is named, and the reason where that is not the network's."""
         if method is not Method.NNPP or not self.has_poses:
             return Price.EQ1, ""
+        if self.state.grid.directed is not None:
+            return Price.EQ1, f"nnpp goes by the price {Price.EQ1}: the network prices steps alike both ways"
         if not self.no_network:
             return Price.NETWORK, ""
         problem = f"nnpp goes by the price {Price.EQ1}: {self.no_network}"
@@ -187,7 +189,7 @@ class MapPlanners:
 
     def network_pays(self, query: Query) -> bool:
         """Whether by the network's prices a vehicle's path is soonest found: on a large map, to a far goal."""
-        if not self.has_poses or self.no_network:
+        if not self.has_poses or self.state.grid.directed is not None or self.no_network:
             return False
         return max(self.state.shape) >= LARGE_MAP_FOR_BODY and query.apart >= FAR_FOR_BODY
 

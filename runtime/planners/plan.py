@@ -11,6 +11,7 @@ from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.paths import measure
 from nnpp_edge.runtime.kernels.poses import measure_poses
+from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import SQRT2
@@ -102,7 +103,7 @@ class Plan:
     path: NDArray[np.int32] = field(default_factory=_no_path)
     """(N, 2) cells (row, col) from start to goal; on TIMEOUT as far as the search had come, or empty."""
     cost: float = math.inf
-    """Sum of the path's step costs."""
+    """Sum of the path's step costs; with ``energy`` below 0 where more is got back than drawn."""
     length: float = math.inf
     """Length of the path in cells, a diagonal step counting √2."""
     traverse_cost: float = math.inf
@@ -140,8 +141,9 @@ class Plan:
 
     @property
     def bound(self) -> float:
-        """The path costs at most this many times the optimum."""
-        return self.cost / self.lower_bound if self.lower_bound > 0.0 else (1.0 if self.cost == 0.0 else math.inf)
+        """The path costs at most this many times the optimum; inf where that is unknown, or costs may be below 0."""
+        exact = self.cost <= self.lower_bound
+        return self.cost / self.lower_bound if self.lower_bound > 0.0 else (1.0 if exact else math.inf)
 
     def summary(self) -> dict[str, object]:
         """The plan without its arrays, ready for JSON (inf and NaN as None)."""
@@ -171,6 +173,8 @@ def path_costs(grid: Grid, path: NDArray[np.int32]) -> tuple[float, float, float
         straight, diagonal, by_straight, by_diagonal, total = measure_poses(grid.poses.packed, grid.stride, path)
     length_s, length_d, weight_s, weight_d = grid.model.steps
     cost = length_s * straight + length_d * diagonal + weight_s * by_straight + weight_d * by_diagonal
+    if isinstance(grid.directed, DirectedSteps):
+        cost = float(grid.directed.costs_along(path).sum())
     scale = grid.model.scale
     return cost, straight + SQRT2 * diagonal, total / scale if scale else 0.0
 

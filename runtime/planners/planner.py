@@ -10,6 +10,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.disc import state_of_costs, state_of_elevation
 from nnpp_edge.runtime.map.prices import Price
+from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.memory import check_planner_fits, touch
@@ -110,6 +111,8 @@ class Planner:
         ask_from: int = NEAR,
         warn: bool = True,
         vehicle: Vehicle | None = None,
+        step_cost: str = "paper",
+        mobility: Mobility | None = None,
     ) -> "Planner":
         """A planner of a map that has just arrived: costs and coarse levels are computed where a search looks.
 
@@ -127,11 +130,20 @@ class Planner:
         vehicle : Vehicle
             The body whose poses decide where the path may go and what it costs, checked where a search looks; without
             one, the robot is a point.
+        step_cost : str
+            ``"paper"``, or what a way costs by the slope that it leads up or down: ``"time"``, ``"energy"``,
+            ``"tobler"`` or ``"linear"``, see `map.slope_cost`. Where paths may go is decided by the traversability
+            (or the poses) all the same. All costs of steps are then computed now, `lazy` or not, and `omega` is
+            of no effect.
+        mobility : Mobility
+            Parameters of these models; ``time`` and ``energy`` have none by default.
 
         Raises
         ------
         InvalidMapError
             As for `traversability_cost`.
+        InvalidQueryError
+            There is no such step cost, or it needs a mobility.
         """
         check_planner_fits(getattr(dem, "shape", ()))
         planner = cls.__new__(cls)
@@ -139,7 +151,15 @@ class Planner:
         sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
         step_model = StepModel.of(StepCost.PAPER, omega)
         planner._state = state_of_elevation(
-            dem, sides, limits, step_model, corner_cutting=corner_cutting, lazy=lazy, warn=warn, vehicle=vehicle
+            dem,
+            sides,
+            limits,
+            step_model,
+            corner_cutting=corner_cutting,
+            lazy=lazy,
+            warn=warn,
+            vehicle=vehicle,
+            slope_cost=slope_cost_of(step_cost, mobility),
         )
         planner._model, planner._ask_from = model, ask_from
         planner._make_planners()
@@ -316,7 +336,7 @@ class Planner:
         if not count >= 1:
             raise InvalidQueryError(f"count must be at least 1, got {count}")
         cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
-        bounds = [octile.py_func(*begin, *cell, *self._state.grid.prices) for cell in cells]
+        bounds = [self._least_cost(begin, cell) for cell in cells]
         plans: dict[int, Plan] = {}
         for at in sorted(range(len(cells)), key=bounds.__getitem__):
             known = sorted(plan.cost for plan in plans.values())
@@ -397,6 +417,12 @@ class Planner:
         said = {"planner": str(chosen), "reason": reason}
         return found.plan(chosen, work, **said, keep_regions=keep_regions, costs_computed=computed, checks=checks)
 
+    def _least_cost(self, start: Cell, goal: Cell) -> float:
+        """What a path between two cells, which may lie outside the map, costs at the least."""
+        grid = self._state.grid
+        straight = float(octile.py_func(*start, *goal, *grid.prices))
+        return straight + grid.worth_of_height(start, goal) if grid.holds(start) and grid.holds(goal) else straight
+
     def _price(self, price: str) -> Price:
         try:
             wanted = Price(price)
@@ -404,6 +430,8 @@ class Planner:
             raise InvalidQueryError(f"price must be one of {', '.join(Price)}, got {price!r}") from None
         if wanted is not Price.EQ1 and self._state.grid.poses is None:
             raise InvalidQueryError(f"price={price!r} is a vehicle's: wanted a planner of elevations with a vehicle")
+        if wanted is not Price.EQ1 and self._state.grid.directed is not None:
+            raise InvalidQueryError(f"price={price!r} prices steps alike both ways: wanted step_cost='paper'")
         if wanted is Price.NETWORK:
             _ = self._planners.passage_network  # refused now, whatever the method, if it cannot be asked
         return wanted

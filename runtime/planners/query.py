@@ -89,13 +89,15 @@ class Found(NamedTuple):
         costs, bound = path_costs(grid, search.path), 0.0
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
-            bound = min(costs[0], search.refused_f * (1.0 - 1e-6))
+            start, goal = search.path[[0, -1]].tolist()
+            bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + grid.worth_of_height(start, goal))
         work.stage_ends("path")
         return cls(search, source, *costs, bound, region)
 
     def suffices(self, query: Query) -> bool:
         """Whether the path need not be improved: time is up, or it is close enough to the bound asked for."""
-        return self.search.status is not Status.OK or self.cost <= (1.0 + query.epsilon) * self.lower_bound
+        above = query.epsilon if self.lower_bound >= 0.0 else -query.epsilon  # energy may be got back
+        return self.search.status is not Status.OK or self.cost <= (1.0 + above) * self.lower_bound
 
     def by_network(self, threshold: float, region: Region) -> "Found":
         """The same, found by a network's region."""

@@ -68,9 +68,12 @@ class AStarSearcher:
         Raises
         ------
         InvalidQueryError
-            More than `MOST_LANDMARKS` in all, or a goal that is outside the map or impassable.
+            More than `MOST_LANDMARKS` in all, or any where steps are directed, or a goal that is outside the map or
+            impassable.
         """
         count = landmarks + len(goals)
+        if count and self.grid.directed is not None:
+            raise InvalidQueryError("landmarks need steps that cost alike both ways: wanted step_cost='paper'")
         if not 0 <= count <= MOST_LANDMARKS:
             raise InvalidQueryError(f"landmarks and goals must be at most {MOST_LANDMARKS}, got {count}")
         for goal in goals:

@@ -9,8 +9,8 @@ less what the robot has walked since. A path on the map as it is now
 - meets such cells, but none that was impassable: then it cost at most the sum of their savings more, as each cell
   takes part in two steps;
 - meets a cell that was impassable: then it costs at least the octile distance by way of it.
-With a vehicle, old costs of poses are not kept: a path that meets a rectangle in which heights have changed costs at
-least the octile distance by way of it.
+With a vehicle, or with directed steps, old costs are not kept: a path that meets a rectangle in which heights have
+changed costs at least the octile distance by way of it; directed, that and what the height between its ends is worth.
 The least of the three bounds every path. Cells that became dearer change nothing.
 """
 
@@ -26,6 +26,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.paths import remember, savings, walk
 from nnpp_edge.runtime.kernels.poses import walk_poses
+from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.tuning import MOST_LOGGED_CHANGES
@@ -96,11 +97,11 @@ class StandingPath:
     """
 
     def __init__(self, state: MapState) -> None:
-        self._grid = state.grid
-        nodes = len(state.grid.weights) if state.grid.poses is None else 0
-        self._changes = state.log.reader(keeps_old_weights=state.grid.poses is None)
+        self._grid, self._by_parts = state.grid, state.grid.poses is not None or state.grid.directed is not None
+        nodes = 0 if self._by_parts else len(state.grid.weights)
+        self._changes = state.log.reader(keeps_old_weights=not self._by_parts)
         self._parts: list[Rectangle] = []
-        """Where poses have changed since the path was set: of these no old weights are kept."""
+        """Where poses or directed steps have changed since the path was set: of these no old costs are kept."""
         self._before = np.empty(nodes, np.float32)
         """What changed nodes weighed when the path was set."""
         self._noted = np.zeros(nodes, np.int32)
@@ -155,7 +156,8 @@ class StandingPath:
         if not len(hits):
             return Standing(Footing.OFF_PATH)
         index, goal = int(hits[0]), (int(path[-1, 0]), int(path[-1, 1]))
-        walked, straight = float(self._walked[index]), octile.py_func(*at, *goal, *grid.prices)
+        walked = float(self._walked[index])
+        straight = octile.py_func(*at, *goal, *grid.prices) + grid.worth_of_height(at, goal)
         rest = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self._plan.lower_bound - walked
         floor, lower = (max(bound, straight) for bound in self._bounds_now(rest, at, goal))
         blocked = self._walk(path, index, self._scratch)
@@ -170,7 +172,7 @@ class StandingPath:
         if self._plan is None:
             self._changes.skip()
         for change in self._changes.read():
-            if self._grid.poses is not None:
+            if self._by_parts:
                 self._parts.append(change.part)
                 continue
             self._count = remember(
@@ -180,7 +182,7 @@ class StandingPath:
     def _bounds_now(self, bounds: tuple[float, ...], at: Cell, goal: Cell) -> list[float]:
         """What bounds the paths of now, given bounds of those on the map as it was."""
         grid = self._grid
-        if grid.poses is not None:
+        if self._by_parts:
             by_way = min((self._by_way_of(part, at, goal) for part in self._parts), default=math.inf)
             return [min(bound, by_way) for bound in bounds]
         saved, by_cheaper, by_opened = savings(
@@ -194,13 +196,27 @@ class StandingPath:
     def _walk(self, path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
         """Write the cost of each cell of the path from `first` on; the first that cannot be stepped on, or -1."""
         grid = self._grid
+        if isinstance(grid.directed, DirectedSteps):
+            return self._walk_directed(grid.directed, path[first:], costs[first:], first)
         if grid.poses is None:
             return int(walk(grid.packed, path, first, costs))
         return int(walk_poses(grid.poses.packed, grid.stride, grid.model.steps, path, first, costs))
 
+    def _walk_directed(
+        self, steps: DirectedSteps, path: NDArray[np.int32], costs: NDArray[np.float64], first: int
+    ) -> int:
+        poses, (row, col) = self._grid.poses, path[0].tolist()
+        if poses is not None:
+            blocked = poses.walk(path)
+        else:
+            blocked = steps.first_blocked(path) if self._grid.is_passable((row, col)) else 0
+        costs[0] = 0.0
+        np.cumsum(steps.costs_along(path), out=costs[1:])
+        return blocked if blocked < 0 else first + blocked
+
     def _by_way_of(self, part: Rectangle, at: Cell, goal: Cell) -> float:
         """The least that a path by way of a rectangle's cells costs."""
-        (row, col, rows, cols), cost = part, 0.0
+        (row, col, rows, cols), cost = part, self._grid.worth_of_height(at, goal)
         for end in (at, goal):
             nearest = min(max(end[0], row), row + rows - 1), min(max(end[1], col), col + cols - 1)
             cost += octile.py_func(*end, *nearest, *self._grid.prices)

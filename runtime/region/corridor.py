@@ -38,7 +38,9 @@ class CoarseLevel:
     def search(
         self, start: Cell, goal: Cell, region: Region | None, *, beyond: float, deadline: float = math.inf
     ) -> Search:
-        """`astar` on this level, by its landmarks where all of it is searched.
+        """`astar` on this level, by its landmarks where all of it is searched, from a query's goal to its start.
+
+        Directed steps are taken backwards, and have no landmarks.
 
         Searches of a whole level get landmarks, one at a time, once they have expanded several times the cells
         that this takes: so a map that is searched often is answered sooner, and one that changes loses little.
@@ -52,9 +54,18 @@ class CoarseLevel:
             self.landmarks if region is None else None,
         )
         found = astar(
-            grid, start, goal, ws, region=region, links=links, landmarks=hints, beyond=beyond, deadline=deadline
+            grid,
+            start,
+            goal,
+            ws,
+            region=region,
+            links=links,
+            landmarks=hints,
+            backwards=grid.directed is not None,
+            beyond=beyond,
+            deadline=deadline,
         )
-        if region is None and self.grid.cells <= MOST_CELLS_FOR_LANDMARKS:
+        if region is None and grid.directed is None and self.grid.cells <= MOST_CELLS_FOR_LANDMARKS:
             self._spent += found.expansions
         return found
 
@@ -102,5 +113,6 @@ class CoarseLevel:
         searched, scratch = (ws.g, ws.meta, ws.stamp), (self._reached, self._queued, self._queue)
         ahead = below.weights, below.stride, below.rows, below.cols, finer_workspace.meta
         links, node = self.level.links, grid.node(*start)
-        surround(grid.packed, links, node, searched, band, scratch, found.path, radius, marks, ahead)
+        edges = None if grid.directed is None else grid.directed.edges
+        surround(grid.packed, edges, links, node, searched, band, scratch, found.path, radius, marks, ahead)
         return Region(marks[0], *finer.quarters, self._stamp)

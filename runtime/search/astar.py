@@ -2,7 +2,9 @@
 
 The heuristic is the octile distance at the price of the map's cheapest cell: with n_d diagonal and n_s
 straight steps on an empty map it is n_d·step(diagonal, 2·w_min) + n_s·step(straight, 2·w_min). It never
-overestimates and is consistent. Landmarks sharpen it, see `landmarks`.
+overestimates and is consistent. Landmarks sharpen it, see `landmarks`. With directed steps the price is that of the
+cheapest metre over all slopes, see `map.directed`; the octile distance at it never exceeds what any steps cost, so it
+is consistent as well.
 """
 
 import math
@@ -28,6 +30,7 @@ from nnpp_edge.runtime.kernels.expansion import (
     read_field,
     trace,
 )
+from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
@@ -72,6 +75,7 @@ def astar(
     region: Region | None = None,
     links: Links = None,
     landmarks: LowerBounds | None = None,
+    backwards: bool = False,
     beyond: float = 0.0,
     limit: int | None = None,
     deadline: float = math.inf,
@@ -92,6 +96,8 @@ def astar(
         The directions in which each cell may be left, as bits; by default all.
     landmarks : LowerBounds
         Of this grid and these links: fewer cells are expanded, for the same cost.
+    backwards : bool
+        On a coarse level with directed steps: the path found is the cheapest from `goal` to `start`, reversed.
     beyond : float
         Settle also every cell on a path that costs less than 1 + `beyond` times the optimum.
     limit : int
@@ -111,7 +117,7 @@ def astar(
     factor = 1.0 + beyond if beyond else BELOW
     rule = (*grid.prices, width, SUCCESSORS[_dominance(grid, links)], factor)
     hints = None if landmarks is None else landmarks.towards(last)
-    poses = None if grid.poses is None else grid.poses.packed
+    poses, edges = grid.packed_poses, grid.packed_edges(backwards)
     allowed = None if region is None else tuple(region)
     timed = deadline < math.inf
     most = limit or (EXPANSIONS_BETWEEN_CHECKS if timed else _WITHOUT_END)
@@ -119,7 +125,7 @@ def astar(
     ws.next_stamp()
     while True:
         code, length, expansions, refused = expand(
-            grid.packed, poses, links, allowed, hints, begin, last, rule, ws.packed, most
+            grid.packed, poses, edges, links, allowed, hints, begin, last, rule, ws.packed, most
         )
         begin = -1
         if code == FULL:
@@ -145,12 +151,12 @@ def settle_all(grid: Grid, source: Cell, workspace: Workspace, *, links: Links =
     ws = workspace
     ws.next_stamp()
     rule = (0.0, 0.0, grid.prices[0] * BUCKET_WIDTH, SUCCESSORS[_dominance(grid, links)], BELOW)
-    poses = None if grid.poses is None else grid.poses.packed
+    poses, edges = grid.packed_poses, grid.packed_edges()
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), FULL
     while code == FULL:
         code, *_ = expand(
-            grid.packed, poses, links, None, None, begin, corner_of_border, rule, ws.packed, _WITHOUT_END
+            grid.packed, poses, edges, links, None, None, begin, corner_of_border, rule, ws.packed, _WITHOUT_END
         )
         if code == FULL:
             ws.grow()
@@ -162,11 +168,11 @@ def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
     settle_all(grid, source, workspace)
     field = np.empty(grid.shape, np.float32)
     read_field(workspace.g, workspace.meta, workspace.stamp, grid.stride, field)
-    return field
+    return field + grid.directed.heights_from(source) if isinstance(grid.directed, DirectedSteps) else field
 
 
 def _dominance(grid: Grid, links: Links) -> Dominance:
-    if links is not None or grid.poses is not None:
+    if links is not None or grid.poses is not None or grid.directed is not None:
         return Dominance.NONE
     diagonal = grid.corner_cutting and grid.model.kind is StepCost.PAPER
     return Dominance.DIAGONAL if diagonal else Dominance.STRAIGHT

@@ -91,12 +91,13 @@ class DStarLite:
     Notes
     -----
     The heuristic is the octile distance at the price of the map's cheapest cell. When a cheaper one turns up
-    it would overestimate, so the search starts afresh with half that price: this happens a few times at most.
+    it would overestimate, so the search starts afresh with half that price: this happens a few times at most. With
+    directed steps the price is that of the cheapest metre over all slopes, and never changes.
     """
 
     def __init__(self, state: MapState, goal: Cell) -> None:
         self._grid = state.grid
-        self._poses = None if self._grid.poses is None else self._grid.poses.packed
+        self._poses, self._directed = self._grid.packed_poses, self._grid.packed_edges()
         if self._poses is None:
             self._grid.complete()
         self._changes = state.log.reader()
@@ -106,6 +107,7 @@ class DStarLite:
         self._memory.inside[:] = 1
         self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
         self._pending, self._size, self._km = 0, 0, 0.0
+        self._edges: tuple[NDArray[np.float32], float] | None = None
         self._restarts = 0
         self.set_goal(goal)
 
@@ -243,6 +245,24 @@ class DStarLite:
     def _restart(self) -> None:
         """Forget the search, and read the whole map at the present prices."""
         self._restarts += 1
+        if self._directed is None:
+            self._set_prices()
+        else:
+            self._factor, self._steps = 0.0, (0.0, 0.0, 1.0)
+            scale = UNITS / self._grid.prices[0]
+            straight, diagonal = (float(np.rint(scale * price)) for price in self._grid.prices)
+            self._edges, self._prices = (self._directed, scale), (straight, min(diagonal, 2.0 * straight))
+        memory = self._memory
+        memory.is_changed[:] = 0
+        self._changes.skip()
+        self._pending, self._km = 0, 0.0
+        read_map(self._grid.shape, self._source, self._poses, memory.known)
+        self._size = clear(
+            self._goal, memory.state, memory.position, memory.firsts, memory.seconds, memory.heap_nodes
+        )
+
+    def _set_prices(self) -> None:
+        """Units, and the heuristic's prices in them, by the least weight that is reckoned with."""
         model = self._grid.model
         straight = model.step(0, 2.0 * self._least)
         scale = UNITS / straight if straight > 0.0 else UNITS
@@ -254,21 +274,16 @@ class DStarLite:
         straight = self._steps[0] + cheapest
         diagonal = self._steps[1] + math.floor(diagonal_per_straight * cheapest)
         self._prices = (straight, min(diagonal, 2.0 * straight))
-        memory = self._memory
-        memory.is_changed[:] = 0
-        self._changes.skip()
-        self._pending, self._km = 0, 0.0
-        read_map(self._grid.shape, self._source, self._poses, memory.known)
-        self._size = clear(
-            self._goal, memory.state, memory.position, memory.firsts, memory.seconds, memory.heap_nodes
-        )
 
     def _read_changes(self) -> None:
         """Read what has changed on the map since the last time; start afresh where a cell became too cheap."""
         changes, least = self._changes.read(), self._grid.least
         if not changes:
             return
-        if least < self._least:
+        if self._directed is not None:
+            for change in changes:
+                self._read_rectangle(change.part)
+        elif least < self._least:
             self._least = 0.5 * least
             if self._grid.model.kind is StepCost.PAPER and self._least < 1e-2:
                 self._least = 0.0
@@ -288,20 +303,22 @@ class DStarLite:
 
     def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
         memory = self._memory
-        self._pending = read_rectangle(part, self._source, self._poses, memory.known, memory.noted, self._pending)
+        self._pending = read_rectangle(
+            part, self._source, self._poses, self._edges, memory.known, memory.noted, self._pending
+        )
 
     def _search(self, deadline: float) -> tuple[bool, int]:
         """Mend the search until the start is settled: whether it is, and the number of expansions."""
         memory = self._memory
         if self._km > 0.5 * EXACT:
             self._restart()
-        search = self._packed_search
-        self._size = mend(self._pending, search, memory.terrain, memory.state, memory.heap, self._size, memory.noted)
+        search, known = self._packed_search, (memory.terrain, self._edges, memory.state, memory.heap)
+        self._size = mend(self._pending, search, *known, self._size, memory.noted)
         self._pending = 0
         most = DSTAR_EXPANSIONS_BETWEEN_CHECKS if deadline < math.inf else _WITHOUT_END
         expansions = 0
         while True:
-            code, expanded, self._size = expand(search, memory.terrain, memory.state, memory.heap, self._size, most)
+            code, expanded, self._size = expand(search, *known, self._size, most)
             expansions += expanded
             if code == SETTLED:
                 return True, expansions
@@ -314,7 +331,7 @@ class DStarLite:
         search = self._packed_search
         path = np.empty((256, 2), np.int32)
         for _ in range(2):
-            length = descend(search, memory.terrain, memory.state, grid.cells, path)
+            length = descend(search, memory.terrain, self._edges, memory.state, grid.cells, path)
             if length <= len(path):
                 break
             path = np.empty((length, 2), np.int32)

@@ -8,7 +8,17 @@ from nnpp_edge.runtime.map.slope_cost import EnergyCost, LinearCost, Mobility, T
 
 TABLE = TimeCost((-20.0, -5.0, 0.0, 12.0), (0.3, 0.9, 0.8, 0.2))
 ROVER = EnergyCost(180.0, 0.15, efficiency=0.6, recovery=0.4, gravity_m_s2=3.71, idle_w=45.0, speed_m_s=0.05)
-MODELS = [ToblerCost(), ToblerCost(factor=0.6), LinearCost(), TABLE, ROVER, EnergyCost(20.0, 0.02), Mobility().tobler]
+MODELS = [
+    ToblerCost(),
+    ToblerCost(best_slope=0.2),
+    ToblerCost(best_slope=0.0),
+    LinearCost(),
+    LinearCost(1.0, 1.0, -3.0),
+    LinearCost(1.0, 1.0, 2.0, 4.0),
+    TABLE,
+    ROVER,
+    EnergyCost(20.0, 0.02),
+]
 SLOPES = np.concatenate(
     (np.linspace(-3.0, 3.0, 60001), [-0.2125, -0.05, 0.0, math.tan(math.radians(-5.0)), -200.0, 200.0])
 )
@@ -118,7 +128,7 @@ def test_arrays_cost_what_their_numbers_do_and_halves_what_the_whole(model):
         (lambda: TimeCost((0.0,), (0.0,)), ["speed_m_s must be positive"]),
         (lambda: Mobility().model("time"), ["needs a table [mobility.time]", "slope_deg"]),
         (lambda: Mobility().model("energy"), ["needs a table [mobility.energy]", "mass_kg"]),
-        (lambda: Mobility().model("paper"), ["one of tobler, linear, time, energy", "'paper'"]),
+        (lambda: Mobility().model("length"), ["one of paper, tobler, linear, time, energy", "'length'"]),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(make, words):

@@ -1,0 +1,103 @@
+"""Random maps of heights for directed steps, and scipy's Dijkstra on the directed graph as their oracle."""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
+
+from nnpp_edge.runtime import Traversability
+from nnpp_edge.runtime.map.slope_cost import EnergyCost, LinearCost, Mobility, SlopeCost, TimeCost, ToblerCost
+
+MOBILITY = Mobility(
+    time=TimeCost((-20.0, -5.0, 0.0, 12.0, 25.0), (0.3, 0.9, 0.8, 0.3, 0.1)),
+    energy=EnergyCost(40.0, 0.12, efficiency=0.6, recovery=0.5),
+)
+MODELS = ("tobler", "linear", "time", "energy")
+MIRRORED = {
+    "tobler": ToblerCost(best_slope=0.05),
+    "time": TimeCost((-25.0, -12.0, 0.0, 5.0, 20.0), (0.1, 0.3, 0.8, 0.9, 0.3)),
+}
+"""What costs up what the models of `MOBILITY` cost down."""
+SYMMETRIC = LinearCost(1.0, 2.0, 2.0, 2.0)
+
+
+@dataclass(frozen=True)
+class Hills:
+    """Heights, what is impassable on them, and two passable cells."""
+
+    dem: np.ndarray
+    sides: tuple[float, float]
+    limits: Traversability
+    passable: np.ndarray
+    start: tuple[int, int]
+    goal: tuple[int, int]
+    corner_cutting: bool
+
+
+def hills(rng: np.random.Generator, most_side: int = 24, least_side: int = 1) -> Hills:
+    """Slopes, ridges, steps and holes in a map, of every shape; where slopes are limited, steep cells are impassable."""
+    from nnpp_edge.runtime import traversability_cost
+
+    rows, cols = rng.integers(least_side, most_side + 1, 2)
+    sides = 1.0, float(rng.choice([1.0, 1.0, 0.7, 2.5]))
+    dem = rng.normal(0.0, rng.choice([0.0, 0.05, 0.2]), (rows, cols)).cumsum(int(rng.integers(2)))
+    dem += rng.uniform(-0.4, 0.4) * np.arange(rows)[:, None] + rng.uniform(-0.4, 0.4) * np.arange(cols)
+    dem = (dem + rng.choice([0.0, 2000.0])).astype(np.float32)
+    dem[rng.random((rows, cols)) < rng.choice([0.0, 0.0, 0.15, 0.35])] = np.nan
+    if not np.isfinite(dem).any():
+        dem[0, 0] = 0.0
+    limits = Traversability(hard_slope_deg=float(rng.choice([25.0, 40.0, math.inf])))
+    cost = traversability_cost(dem, 1.0, limits, cell_width_m=sides[1], warn=False)
+    passable = cost < 1.0
+    if not passable.any():
+        return hills(rng, most_side, least_side)
+    cells = np.argwhere(passable)
+    start, goal = (tuple(int(x) for x in cells[rng.integers(len(cells))]) for _ in range(2))
+    return Hills(dem, sides, limits, passable, start, goal, bool(rng.integers(2)))
+
+
+def steps_of(dem: np.ndarray, passable: np.ndarray, sides: tuple[float, float], model: SlopeCost, corners: bool):
+    """Every step of the grid as arrays (from, to, cost less what its rise is worth), by the definition in words."""
+    rows, cols = dem.shape
+    heights, nodes = dem.astype(np.float64), np.arange(dem.size).reshape(dem.shape)
+    out = []
+    for dr, dc in sorted(set(itertools.product((-1, 0, 1), repeat=2)) - {(0, 0)}):
+        here = slice(max(-dr, 0), rows - max(dr, 0)), slice(max(-dc, 0), cols - max(dc, 0))
+        there = slice(max(dr, 0), rows - max(-dr, 0)), slice(max(dc, 0), cols - max(-dc, 0))
+        allowed = passable[here] & passable[there]
+        if dr and dc and not corners:
+            allowed &= passable[here[0], there[1]] & passable[there[0], here[1]]
+        rise = (heights[there] - heights[here])[allowed]
+        cost = model.cost(math.hypot(dr * sides[0], dc * sides[1]), rise) - model.height_price * rise
+        out.append((nodes[here][allowed], nodes[there][allowed], cost))
+    return (np.concatenate(each) for each in zip(*out, strict=True))
+
+
+def dijkstra(case: Hills, model: SlopeCost, start: tuple[int, int], dem: np.ndarray | None = None) -> np.ndarray:
+    """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is none."""
+    dem = case.dem if dem is None else dem
+    i, j, v = steps_of(dem, case.passable, case.sides, model, case.corner_cutting)
+    graph = coo_array((np.maximum(v, 1e-300), (i, j)), shape=(dem.size, dem.size)).tocsr()
+    found = scipy_dijkstra(graph, indices=start[0] * dem.shape[1] + start[1]).reshape(dem.shape)
+    rise = np.where(case.passable, dem.astype(np.float64), 0.0) - float(dem[start])
+    return found + model.height_price * rise
+
+
+def path_cost(path: np.ndarray, case: Hills, model: SlopeCost) -> float:
+    """Sum of what the steps of a path cost by the model itself; they go to neighbours, and may be made."""
+    total = 0.0
+    for (r, c), (i, j) in zip(path[:-1].tolist(), path[1:].tolist(), strict=True):
+        assert max(abs(i - r), abs(j - c)) == 1 and case.passable[r, c] and case.passable[i, j]
+        assert case.corner_cutting or (case.passable[r, j] and case.passable[i, c])
+        length = math.hypot((i - r) * case.sides[0], (j - c) * case.sides[1])
+        total += float(model.cost(length, float(case.dem[i, j]) - float(case.dem[r, c])))
+    return total
+
+
+def tolerance(case: Hills, model: SlopeCost) -> float:
+    """By how much a cost may be off: what float32 loses of the sum of steps, whose height is priced apart."""
+    heights = case.dem[case.passable].astype(np.float64)
+    return 1e-5 * (sum(case.dem.shape) * model.least_per_m + model.height_price * float(np.ptp(heights)))
