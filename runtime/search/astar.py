@@ -35,7 +35,12 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS, EXPANSIONS_BETWEEN_CHECKS
+from nnpp_edge.runtime.tuning import (
+    BUCKET_WIDTH,
+    BUCKET_WIDTH_BY_LANDMARKS,
+    DIRECTED_BUCKET_WIDTH,
+    EXPANSIONS_BETWEEN_CHECKS,
+)
 
 _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
@@ -113,7 +118,7 @@ def astar(
     first, last = grid.node(*start), grid.node(*goal)
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0)
-    width = grid.prices[0] * (BUCKET_WIDTH if landmarks is None else BUCKET_WIDTH_BY_LANDMARKS)
+    width = _bucket_width(grid) if landmarks is None else grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS
     factor = 1.0 + beyond if beyond else BELOW
     rule = (*grid.prices, width, SUCCESSORS[_dominance(grid, links)], factor)
     hints = None if landmarks is None else landmarks.towards(last)
@@ -150,7 +155,7 @@ def settle_all(grid: Grid, source: Cell, workspace: Workspace, *, links: Links =
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there."""
     ws = workspace
     ws.next_stamp()
-    rule = (0.0, 0.0, grid.prices[0] * BUCKET_WIDTH, SUCCESSORS[_dominance(grid, links)], BELOW)
+    rule = (0.0, 0.0, _bucket_width(grid), SUCCESSORS[_dominance(grid, links)], BELOW)
     poses, edges = grid.packed_poses, grid.packed_edges()
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), FULL
@@ -169,6 +174,10 @@ def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
     field = np.empty(grid.shape, np.float32)
     read_field(workspace.g, workspace.meta, workspace.stamp, grid.stride, field)
     return field + grid.directed.heights_from(source) if isinstance(grid.directed, DirectedSteps) else field
+
+
+def _bucket_width(grid: Grid) -> float:
+    return grid.prices[0] * (BUCKET_WIDTH if grid.directed is None else DIRECTED_BUCKET_WIDTH)
 
 
 def _dominance(grid: Grid, links: Links) -> Dominance:
