@@ -29,6 +29,11 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.world import World as World
     from nnpp_edge.runtime.map.poses import pose_costs as pose_costs
     from nnpp_edge.runtime.map.region import Region as Region
+    from nnpp_edge.runtime.map.slope_cost import EnergyCost as EnergyCost
+    from nnpp_edge.runtime.map.slope_cost import LinearCost as LinearCost
+    from nnpp_edge.runtime.map.slope_cost import Mobility as Mobility
+    from nnpp_edge.runtime.map.slope_cost import TimeCost as TimeCost
+    from nnpp_edge.runtime.map.slope_cost import ToblerCost as ToblerCost
     from nnpp_edge.runtime.network.inference import NetworkModel as NetworkModel
     from nnpp_edge.runtime.network.model_file import ModelFile as ModelFile
     from nnpp_edge.runtime.network.model_file import list_models as list_models
@@ -65,6 +70,7 @@ _MODULES = {
     "loop.sinks": ("Sink",),
     "loop.world": ("World",),
     "map.region": ("Region",),
+    "map.slope_cost": ("EnergyCost", "LinearCost", "Mobility", "TimeCost", "ToblerCost"),
     "network.inference": ("NetworkModel",),
     "network.model_file": ("ModelFile", "list_models"),
     "planners.dynamic": ("DynamicPlanner",),

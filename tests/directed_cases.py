@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
 
-from nnpp_edge.runtime import Traversability
+from nnpp_edge.runtime import Traversability, traversability_cost
 from nnpp_edge.runtime.map.slope_cost import EnergyCost, LinearCost, Mobility, SlopeCost, TimeCost, ToblerCost
 
 MOBILITY = Mobility(
@@ -38,9 +38,7 @@ class Hills:
 
 
 def hills(rng: np.random.Generator, most_side: int = 24, least_side: int = 1) -> Hills:
-    """Slopes, ridges, steps and holes in a map, of every shape; where slopes are limited, steep cells are impassable."""
-    from nnpp_edge.runtime import traversability_cost
-
+    """Slopes, ridges, steps and holes in maps of every shape; steep cells of some are impassable."""
     rows, cols = rng.integers(least_side, most_side + 1, 2)
     sides = 1.0, float(rng.choice([1.0, 1.0, 0.7, 2.5]))
     dem = rng.normal(0.0, rng.choice([0.0, 0.05, 0.2]), (rows, cols)).cumsum(int(rng.integers(2)))

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -45,6 +46,7 @@ _MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
 @click.option("--methods", type=options.Names(), default="astar,corridor,nnpp")
 @click.option("--model", "models", type=options.ModelName(), multiple=True, default=("edge",), help=_MODEL)
 @vehicle_options
+@options.step_cost
 @click.option("--prices", type=options.Names(), help=_PRICES)
 @click.option("--widths", type=options.Multiples(), help=_WIDTHS)
 @click.option("--queries-per-map", "per_map", type=options.Counts(), help=_PER_MAP)
@@ -70,6 +72,7 @@ def command(
     methods: tuple[str, ...],
     models: tuple[str, ...],
     vehicle: VehicleOptions,
+    step_cost: str,
     prices: tuple[str, ...] | None,
     widths: tuple[float, ...] | None,
     per_map: tuple[int, ...] | None,
@@ -89,6 +92,8 @@ def command(
     With --fresh-map each planner is also made anew of the elevations for every query, all of it on the clock, and
     so is the corridor as narrow as the learned region's (corridor-narrow): nnpp without a network.
 
+    With --step-cost all planners go by the slope; the network has been trained for costs without a direction.
+
     The workloads body and body-rocksN, rocks on N percent of the ground, are those of a vehicle: a planner that has
     checked none of its poses is made for every query, or for --queries-per-map.
 
@@ -101,6 +106,7 @@ def command(
     from nnpp_edge.profiling.evaluate import EAGER, evaluate
     from nnpp_edge.profiling.rivals import SHIPPED, exact_and, exact_and_priced, narrow_corridor
     from nnpp_edge.progress import bar
+    from nnpp_edge.runtime.map.slope_cost import slope_cost_of
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
     from nnpp_edge.terrain.dataset import read_recipe
@@ -116,7 +122,11 @@ def command(
         raise click.UsageError("give one of --json and --markdown")
     if unknown := set(methods) - set(Method):
         raise click.UsageError(f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}")
-    body = vehicle.make()
+    body, directed = vehicle.make(), step_cost != "paper"
+    if directed and dataset is not None:
+        raise click.UsageError("--step-cost needs elevations, a data set holds cost maps: give --terrain")
+    mobility = vehicle.mobility() if directed else None
+    slope_cost_of(step_cost, mobility)  # refused now
     of_vehicle = {"--vehicle": body, "--prices": prices, "--widths": widths, "--queries-per-map": per_map}
     bodies = _body_workloads(workloads, [name for name, value in of_vehicle.items() if value is not None])
     points = [name for name in workloads if name not in bodies]
@@ -135,6 +145,11 @@ def command(
     suites.check_sizes(dems, sizes)
 
     def cases(name: str, size: "Size") -> "Iterator[Case]":
+        for case in on_maps(name, size):
+            ground = case.ground and replace(case.ground, step_cost=step_cost, mobility=mobility)
+            yield replace(case, ground=ground)
+
+    def on_maps(name: str, size: "Size") -> "Iterator[Case]":
         if dataset is not None:
             return suites.dataset_cases(dataset, name)
         if synthetic:

@@ -182,6 +182,15 @@ rescale = click.option(
     "--rescale", type=POSITIVE, help="Make cells this many metres wide and scale heights alike, so that slopes stay."
 )
 
+STEP_COSTS = ("paper", "tobler", "linear", "time", "energy")
+step_cost = click.option(
+    "--step-cost",
+    type=click.Choice(STEP_COSTS),
+    default="paper",
+    help="What a step costs: by the map's costs, or by the slope it leads up or down; time and energy as the table "
+    "[mobility] of --vehicle or --mobility says.",
+)
+
 
 def together(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
     """One decorator for several options, in this order."""

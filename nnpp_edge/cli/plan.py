@@ -20,6 +20,7 @@ from nnpp_edge.cli.windows import plan_by_windows, reads_by_windows
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.cells import Cell
+    from nnpp_edge.runtime.map.slope_cost import Mobility
     from nnpp_edge.runtime.planners.plan import Plan
     from nnpp_edge.runtime.planners.query import PlannerOptions, PlanOptions
     from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -37,6 +38,8 @@ _MOST_SHOWN = 1 << 20
 """Cells of a map whose poses are all checked for a picture, a tenth of a second."""
 _BYTES_PER_POSED_CELL = 12
 """More for a vehicle: four codes and another height."""
+_BYTES_PER_DIRECTED_CELL = 36
+"""More where steps are directed: eight costs and a height."""
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions.md)."""
 
@@ -50,6 +53,7 @@ _BYTES_PER_CELL = 24
 @click.option("--method", type=click.Choice(["auto", "astar", "corridor", "nnpp"]), default="auto")
 @options.model
 @options.terrain
+@options.step_cost
 @options.omega
 @click.option(
     "--corner-cutting/--no-corner-cutting", default=True, help="Allow diagonal steps beside impassable cells."
@@ -107,11 +111,13 @@ def command(
         raise click.UsageError("--price is for a vehicle with a body: give --vehicle too")
     if output is not None:
         options.check_outputs(*(("--output", path) for path in files_in(output)), make_folders=True)
-    bytes_per_cell = _BYTES_PER_CELL + (_BYTES_PER_POSED_CELL if body else 0)
-    if reads_by_windows(dem, terrain, memory, bytes_per_cell, has_body=body is not None):
+    directed = request.step_cost != "paper"
+    bytes_per_cell = _BYTES_PER_CELL + (_BYTES_PER_POSED_CELL if body else 0) + _BYTES_PER_DIRECTED_CELL * directed
+    if reads_by_windows(dem, terrain, memory, bytes_per_cell, whole=directed or body is not None):
         planned = plan_by_windows(request, dem, terrain, limits, hillshade=hillshade, drawn=output is not None)
     else:
-        planned = plan_whole(request, dem, terrain, limits, body, hillshade=hillshade, drawn=output is not None)
+        mobility, drawn = vehicle.mobility(), output is not None
+        planned = plan_whole(request, dem, terrain, limits, body, mobility, hillshade=hillshade, drawn=drawn)
     answer = planned.answer
     if answer.plan.source is None:  # no search was made
         from nnpp_edge.runtime.errors import InvalidQueryError
@@ -131,6 +137,7 @@ def plan_whole(
     terrain: TerrainOptions,
     limits: Traversability,
     vehicle: Vehicle | None = None,
+    mobility: Mobility | None = None,
     *,
     hillshade: bool,
     drawn: bool,
@@ -148,7 +155,7 @@ def plan_whole(
     cost = cost_of(ground, limits)
     if not (cost < 1.0).any():
         refuse_impassable(ground)
-    answer, shade = find(request, ground, cost, limits, vehicle, keep_regions=drawn), None
+    answer, shade = find(request, ground, cost, limits, vehicle, mobility, keep_regions=drawn), None
     if drawn and vehicle is not None and answer.plan.source is not None:
         answer = _beside_a_point(answer, request, ground, cost, vehicle)
     if hillshade and drawn:
@@ -164,6 +171,7 @@ def find(
     cost: Float2D,
     limits: Traversability,
     vehicle: Vehicle | None,
+    mobility: Mobility | None = None,
     *,
     keep_regions: bool,
 ) -> Answer:
@@ -181,11 +189,19 @@ def find(
         "model": request.model,
     }
     sides = dem.cell_size_m, dem.cell_width_m
-    if vehicle is None:
+    if vehicle is None and request.step_cost == "paper":
         planner = Planner(cost, **given)
     else:
         planner = Planner.of_elevation(
-            dem.elevation, sides[0], limits, cell_width_m=sides[1], vehicle=vehicle, warn=False, **given
+            dem.elevation,
+            sides[0],
+            limits,
+            cell_width_m=sides[1],
+            vehicle=vehicle,
+            step_cost=request.step_cost,
+            mobility=mobility,
+            warn=False,
+            **given,
         )
     if request.landmarks:
         planner.prepare(landmarks=request.landmarks)
@@ -216,6 +232,7 @@ def find(
         exact_path,
         loading_included=not request.compare and request.time_limit is None,
         vehicle=vehicle,
+        step_cost=request.step_cost,
     )
 
 
@@ -230,7 +247,7 @@ def _beside_a_point(answer: Answer, request: Request, dem: Dem, cost: Float2D, v
     if dem.elevation.size <= _MOST_SHOWN and not vehicle.is_disc:
         poses = pose_costs(dem.elevation, dem.cell_size_m, vehicle, cell_width_m=dem.cell_width_m)
         answer = replace(answer, stands=np.isfinite(poses.min(0)))
-    if request.compare:
+    if request.compare and request.step_cost == "paper":
         planner = Planner(cost, omega=request.omega, corner_cutting=request.corner_cutting)
         answer = replace(answer, point_path=planner.plan(answer.start, answer.goal, method="astar").path)
     return answer

@@ -133,6 +133,10 @@ class WindowsRead:
         )
 
 
+_UNITS = {"tobler": " s", "time": " s", "energy": " J"}
+"""Of costs by these step costs."""
+
+
 @dataclass(frozen=True)
 class Answer:
     """A plan on its map, and what was planned beside it."""
@@ -156,6 +160,8 @@ class Answer:
     """(H, W) cells on which the vehicle stands in some heading, for the picture."""
     point_path: Cells | None = None
     """The optimum of a point between the same ends, for the picture."""
+    step_cost: str = "paper"
+    """By which steps cost."""
 
     def figures(self, files: list[str]) -> dict[str, object]:
         """Ready for JSON."""
@@ -167,6 +173,8 @@ class Answer:
             "goal": self.goal,
             **asdict(MapSize.of(self.route.dem)),
         }
+        if self.step_cost != "paper":
+            figures["step_cost"] = self.step_cost
         if self.compared:
             figures["compare"] = [compared.figures() for compared in self.compared]
         if self.goals:
@@ -195,7 +203,7 @@ class Answer:
             lines["goals"] = ", ".join(results)
         if plan.ok:
             lines["path"] = f"{len(plan.path)} cells, {length}"
-            lines["cost"] = f"{plan.cost:.6g}, {self._optimality()}"
+            lines["cost"] = f"{plan.cost:.6g}{_UNITS.get(self.step_cost, '')}, {self._optimality()}"
             lines["CC"] = f"{plan.traverse_cost:.6g}"
         elif len(plan.path):
             lines["path"] = f"{len(plan.path)} cells so far, {length}"

@@ -10,6 +10,7 @@ import click
 from nnpp_edge.cli.options import ANGLE, POSITIVE, gathered, together
 
 if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.slope_cost import Mobility
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 
@@ -18,6 +19,7 @@ class VehicleOptions:
     """A vehicle's name or file, and what the user has set of its values; None for what was not given."""
 
     vehicle: str | None
+    mobility_of: str | None
     length_m: float | None
     width_m: float | None
     clearance_m: float | None
@@ -39,7 +41,7 @@ class VehicleOptions:
         Without --vehicle the values make one by themselves. VehicleError for what makes none.
         """
         given: dict[str, object] = {name: value for name, value in asdict(self).items() if value is not None}
-        name = given.pop("vehicle", None)
+        name, _ = given.pop("vehicle", None), given.pop("mobility_of", None)
         if name is None and not given:
             return None
         from nnpp_edge.terrain.vehicle_files import read_vehicle, vehicle_of
@@ -47,9 +49,25 @@ class VehicleOptions:
         values = {} if name is None else read_vehicle(str(name))
         return vehicle_of(values | given, "vehicle" if name is None else str(name))
 
+    def mobility(self) -> Mobility:
+        """How the vehicle gets up and down, as its file says, or another; a hiker's where nothing is said."""
+        from nnpp_edge.runtime.map.slope_cost import Mobility
+        from nnpp_edge.terrain.vehicle_files import load_mobility, mobility_of, read_vehicle
+
+        if self.mobility_of is not None:
+            return load_mobility(self.mobility_of)
+        values = read_vehicle(self.vehicle) if self.vehicle else {}
+        return mobility_of(values["mobility"], str(self.vehicle)) if "mobility" in values else Mobility()
+
 
 vehicle = together(
     click.option("--vehicle", metavar="NAME|FILE", help="small-rover, large-rover, tracked, or a TOML file."),
+    click.option(
+        "--mobility",
+        "mobility_of",
+        metavar="NAME|FILE",
+        help="Take the table [mobility] from another vehicle, or from a file that holds nothing else.",
+    ),
     click.option("--vehicle-length", "length_m", type=POSITIVE, help="Of the body along its heading, metres."),
     click.option("--vehicle-width", "width_m", type=POSITIVE, help="Of the body, metres."),
     click.option(

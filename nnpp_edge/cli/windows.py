@@ -26,11 +26,11 @@ _MOST_PIXELS = 2000
 
 
 def reads_by_windows(
-    dem: Path, terrain: TerrainOptions, memory: float | None, bytes_per_cell: int, *, has_body: bool = False
+    dem: Path, terrain: TerrainOptions, memory: float | None, bytes_per_cell: int, *, whole: bool = False
 ) -> bool:
     """Whether a map needs more memory than is free, or than was given; then a line on stderr says so.
 
-    InvalidQueryError if it does and there is a vehicle, which is planned for in memory alone.
+    InvalidQueryError if it does and the `whole` map is needed, as for a vehicle and for directed step costs.
     """
     from nnpp_edge.runtime.memory import available_bytes
     from nnpp_edge.terrain.dem_windows import size_of
@@ -43,10 +43,12 @@ def reads_by_windows(
         return False
     left = "are free" if memory is None else "are allowed"
     need = f"{size[0]} × {size[1]} cells need {_size(wanted)} in memory, {_size(room)} {left}"
-    if has_body:
+    if whole:
         from nnpp_edge.runtime.errors import InvalidQueryError
 
-        raise InvalidQueryError(f"{need}: a vehicle is planned for in memory alone, so cut out a part of the map")
+        raise InvalidQueryError(
+            f"{need}: a vehicle or a directed step cost is planned for in memory alone, so cut out a part of the map"
+        )
     click.echo(f"{need}: read by windows", err=True)
     return True
 

@@ -1,5 +1,6 @@
 """What planners did on the queries of one workload and size, and the figures of it."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -54,7 +55,7 @@ class Answers:
         if plan.network_region is not None:
             self.network_mms.append(len(exact.path) / plan.network_region.area())
         if plan.ok:
-            self.gaps.append(plan.cost / exact.cost - 1.0 if exact.cost else 0.0)
+            self.gaps.append(gap(plan.cost, exact.cost))
             self.traverse_costs.append(plan.traverse_cost)
 
     def figures(self) -> Figures:
@@ -122,7 +123,7 @@ class FreshAnswers:
         self.first.append(plan.source in FIRST_SOURCES)
         self.costs_computed.append(plan.costs_computed)
         if plan.ok:
-            self.gaps.append(plan.cost / optimum - 1.0 if optimum else 0.0)
+            self.gaps.append(gap(plan.cost, optimum))
 
     def figures(self) -> Figures:
         times, gaps = np.array(self.time_ms), np.array(self.gaps) if self.gaps else np.array([np.nan])
@@ -135,6 +136,11 @@ class FreshAnswers:
             "fresh_gap_p99": float(np.quantile(gaps, 0.99)),
             "costs_computed_mean": float(np.mean(self.costs_computed)),
         }
+
+
+def gap(cost: float, optimum: float) -> float:
+    """By how much a cost is above the optimum, as a share of it; of its size where energy is got back."""
+    return (cost / optimum - 1.0) * math.copysign(1.0, optimum) if optimum else 0.0
 
 
 def _p99(time_ms: list[float], chosen: NDArray[np.bool_]) -> float | None:

@@ -111,7 +111,9 @@ class _OnMap:
             _FRESH + _key(rival, lazy): _arriving(rival, case, lazy) for rival in rivals for lazy in laziness
         }
         """On a map that has just arrived."""
-        self._standing = {} if self.has_body else {rival.key: rival.planner(case.cost) for rival in rivals}
+        self._standing = (
+            {} if self.has_body else {rival.key: rival.planner(case.cost, case.ground) for rival in rivals}
+        )
         self.calls: dict[str, Callable[[Queries], Plans]] = {
             rival.key: _answering(rival, self._standing[rival.key]) for rival in rivals if self._standing
         }

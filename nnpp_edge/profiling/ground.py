@@ -8,6 +8,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.map.poses import pose_costs
+from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -36,6 +37,9 @@ class Ground:
     limits: Traversability
     vehicle: Vehicle | None = None
     """The body whose poses cost; None for a point."""
+    step_cost: str = "paper"
+    """As for `Planner.of_elevation`."""
+    mobility: Mobility | None = None
 
     def cost(self) -> Float2D:
         """The whole cost map, (H, W) float32; with a vehicle that of each cell's best pose, inf where all fail."""
@@ -59,13 +63,22 @@ class Ground:
             model=model,
             warn=False,
             vehicle=self.vehicle,
+            step_cost=self.step_cost,
+            mobility=self.mobility,
         )
 
+    @property
+    def is_directed(self) -> bool:
+        """Whether steps cost by the slope they lead up or down."""
+        return self.step_cost != "paper"
+
     def state(self, *, lazy: bool = True) -> MapState:
-        """The map alone, in the paper's step costs."""
+        """The map alone."""
         sides = sides_of(self.cell_size_m, self.cell_width_m)
-        model = StepModel.of("paper")
-        return MapState.of_elevation(self.elevation, sides, self.limits, model, lazy=lazy, vehicle=self.vehicle)
+        model, slopes = StepModel.of("paper"), slope_cost_of(self.step_cost, self.mobility)
+        return MapState.of_elevation(
+            self.elevation, sides, self.limits, model, lazy=lazy, vehicle=self.vehicle, slope_cost=slopes
+        )
 
     def world(self) -> World:
         """The map of an onboard loop."""

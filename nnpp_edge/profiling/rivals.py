@@ -66,8 +66,10 @@ class RivalPlanner:
         """What a planner of the rival's own answers."""
         return planner.plan(*query, method=self.method, keep_regions=keep_regions, price=self.price)
 
-    def planner(self, cost: Float2D) -> FindsPlans:
-        """A planner of its own for a map."""
+    def planner(self, cost: Float2D, ground: Ground | None = None) -> FindsPlans:
+        """A planner of its own for a map; `ground` is what it was made from, by which directed steps cost."""
+        if ground is not None and ground.is_directed:
+            return self.planner_of(ground, lazy=False)
         if self.width is not None:
             return CorridorAlone(MapState(cost, StepModel.of("paper")), first=self.width)
         return Planner(cost, model=self.model or "edge")

@@ -10,7 +10,7 @@ They price the slope alone: whether a cell can be stood on is decided by the tra
 """
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +21,10 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 Float64s = NDArray[np.float64]
 _LARGEST_EXPONENT = 60.0
 """Of Tobler's function, so that no wall's cost overflows: 0.6 s · e^60 a metre."""
+
+
+SLOPE_COSTS = ("tobler", "linear", "time", "energy")
+"""Names of the step costs that go by the slope."""
 
 
 class SlopeCost(Protocol):
@@ -273,9 +277,8 @@ class Mobility:
 
     def model(self, step_cost: str) -> SlopeCost:
         """The model of that ``step_cost``; InvalidQueryError where there is none, or its table is missing."""
-        names = [each.name for each in fields(self)]
-        if step_cost not in names:
-            raise InvalidQueryError(f"step_cost must be one of paper, {', '.join(names)}, got {step_cost!r}")
+        if step_cost not in SLOPE_COSTS:
+            raise InvalidQueryError(f"step_cost must be one of paper, {', '.join(SLOPE_COSTS)}, got {step_cost!r}")
         found: SlopeCost | None = getattr(self, step_cost)
         if found is None:
             wanted = "slope_deg and speed_m_s" if step_cost == "time" else "mass_kg and rolling_resistance"

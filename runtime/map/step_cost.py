@@ -6,6 +6,8 @@ Both models have one form, so that the searches need not know which is in use:
 
 - ``paper`` (NNPP, Eq. 2-4): L + 255·ω·(T_i + T_j) with w = 255·ω·T. The paper's ω is for T in grey levels.
 - ``length``: L × the mean of the two weights.
+
+Steps that cost by the slope, and so not alike both ways, are those of `slope_cost` and `directed`.
 """
 
 import math
@@ -17,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
 
 SQRT2 = math.sqrt(2.0)
 PAPER_OMEGA = 0.011
@@ -47,6 +50,8 @@ class StepModel:
         """The model of that name; InvalidQueryError for another name or an omega out of range."""
         if step_cost == StepCost.LENGTH:
             return cls(StepCost.LENGTH, 1.0, (0.0, 0.0), (0.5, 0.5 * SQRT2))
+        if step_cost in SLOPE_COSTS:
+            raise InvalidQueryError(f"step_cost={step_cost!r} goes by heights: wanted a planner of elevations")
         if step_cost != StepCost.PAPER:
             raise InvalidQueryError(f"step_cost must be 'paper' or 'length', got {step_cost!r}")
         if not 0.0 <= omega <= MOST_WEIGHT / GREY_LEVELS:
