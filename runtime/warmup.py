@@ -163,6 +163,7 @@ def _exercise_elevations(network: NetworkModel) -> None:
             planner.update_elevation(3, 4, heights[:5, :6].copy())
             planner.update_elevation(0, 0, heights)
     _exercise_body(dem, network)
+    _exercise_directed(dem, network)
     _exercise_passage(dem)
     connected([cost], ((0, 0), (1, 1)))
 
@@ -189,6 +190,37 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
         moving.standing()
     state = MapState.of_elevation(dem, (1.0, 1.0), Traversability(), StepModel.of("paper"), vehicle=vehicle)
     MapPlanners(state, network).corridor_mended.find(Query(start, goal), Work())
+
+
+def _exercise_directed(dem: Float2D, network: NetworkModel) -> None:
+    """Steps that cost by the slope: on a map with one coarse level, on one with two, and of a body."""
+    body, long = Vehicle(2.2, 2.2, 3.0, max_tilt_deg=60.0, unknown_passes=True), np.tile(dem, (8, 1))
+    for heights, vehicle, start in ((dem, None, (1, 2)), (long, None, (1, 2)), (dem, body, (8, 5))):
+        goal = (heights.shape[0] - 10, 18)
+        planner = Planner.of_elevation(
+            heights, 1.0, vehicle=vehicle, step_cost="tobler", model=network, ask_from=0, warn=False
+        )
+        for method in ("astar", "corridor", "nnpp"):
+            planner.plan(start, goal, method=method)
+        planner.update_elevation(3, 4, dem[:5, :6].copy())
+        cost_field(planner.state.grid, start, Workspace(len(planner.state.grid.weights)))
+    for vehicle in (None, body):
+        moving = DynamicPlanner.of_elevation(
+            dem,
+            1.0,
+            goal,
+            method="dstar",
+            vehicle=vehicle,
+            step_cost="tobler",
+            also=("corridor-dstar",),
+            model=network,
+        )
+        moving.move(start)
+        moving.replan()
+        moving.update_elevation(3, 4, dem[:5, :6] + np.float32(0.01))
+        moving.standing()
+        moving.replan()
+        MapPlanners(moving.state, network).corridor_mended.find(Query(start, goal), Work())
 
 
 def _exercise_passage(dem: Float2D) -> None:

@@ -19,8 +19,8 @@ from nnpp_edge.runtime.terrain.traversability import with_rim
 
 _ROUNDED_DOWN = 1.0 - 1e-6
 """Of the cheapest step: edges are rounded to float32, the prices of the heuristic are not."""
-_OBSTACLE = 6.61
-"""What an impassable cell counts for in a coarse cell's mean, in times of a level step: as T = 1 beside T = 0."""
+_OBSTACLE = 1.5
+"""What an impassable cell counts for in a coarse cell's mean, in times of a level step (docs/decisions.md)."""
 _BAND = 64
 """Rows whose steps are computed at once."""
 Edges = NDArray[np.float32]
@@ -54,7 +54,7 @@ class CoarseSteps:
         Parameters
         ----------
         finer : (rows, cols, 8) float32
-            Means of the finer level, or steps of the map, without a border.
+            Means of the finer level, or steps of the map, without a border. Those that lead off the map do not count.
         pieces : (nodes,) uint16
             The cells below each cell that it stands for, as bits; what is in none of them counts as an obstacle.
         area : (row, col, rows, cols)
@@ -63,7 +63,7 @@ class CoarseSteps:
             By direction.
         """
         row, col, rows, cols = area
-        below = finer[FACTOR * row : FACTOR * (row + rows), FACTOR * col : FACTOR * (col + cols)]
+        below = _without_rim(finer, (FACTOR * row, FACTOR * col, FACTOR * rows, FACTOR * cols))
         missing = FACTOR * rows - below.shape[0], FACTOR * cols - below.shape[1]
         if any(missing):
             below = np.pad(below, ((0, missing[0]), (0, missing[1]), (0, 0)), constant_values=np.nan)
@@ -71,8 +71,10 @@ class CoarseSteps:
         own = pieces.reshape(self.means.shape[:2])[row + 1 : row + rows + 1, col + 1 : col + cols + 1]
         in_piece = (own[..., None] >> np.arange(FACTOR * FACTOR, dtype=np.uint16)) & 1 != 0
         counted = np.where(np.isfinite(below) & in_piece[..., None], below, obstacle)
-        on_map = ~np.isnan(below[..., :1])
-        total = np.where(on_map, counted, np.float32(0.0)).sum(2) / np.maximum(on_map.sum(2), 1).astype(np.float32)
+        on_map = ~np.isnan(below)
+        count = on_map.sum(2)
+        total = np.where(on_map, counted, np.float32(0.0)).sum(2) / np.maximum(count, 1).astype(np.float32)
+        total = np.where(count > 0, total, obstacle)
         total[own == 0] = np.inf
         self.means[row + 1 : row + rows + 1, col + 1 : col + cols + 1] = total
         self._join(with_rim(area, self.shape))
@@ -88,6 +90,19 @@ class CoarseSteps:
             edges[(*here, k)] = half * (self.means[(*here, k)] + self.means[(*there, k)])
             back = OPPOSITE[k]
             backwards[(*here, k)] = half * (self.means[(*here, back)] + self.means[(*there, back)])
+
+
+def _without_rim(steps: Edges, part: Rectangle) -> Edges:
+    """A copy of a rectangle of (rows, cols, 8) steps, as far as it lies on the map; NaN where they lead off it."""
+    (row, col, rows, cols), (most_row, most_col, _) = part, steps.shape
+    out = steps[row : row + rows, col : col + cols].copy()
+    for k, (up, left) in enumerate(zip(ROW_STEP, COL_STEP, strict=True)):
+        rim_row, rim_col = (0 if up < 0 else most_row - 1) - row, (0 if left < 0 else most_col - 1) - col
+        if up and 0 <= rim_row < out.shape[0]:
+            out[rim_row, :, k] = np.nan
+        if left and 0 <= rim_col < out.shape[1]:
+            out[:, rim_col, k] = np.nan
+    return out
 
 
 class DirectedSteps:

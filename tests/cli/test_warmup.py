@@ -8,7 +8,7 @@ import pytest
 
 PLAN_EVERYTHING = """
 import numpy as np
-from nnpp_edge.runtime import Planner, plan_path, traversability_cost, update_cost
+from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, plan_path, traversability_cost, update_cost
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
 
 rng = np.random.default_rng(3)
@@ -35,6 +35,17 @@ for shape in ((30, 30), (1, 60), (260, 230), (600, 530), (1100, 60)):
                 search.plan(start)
                 planner.update(0, 1, np.full((1, 2), 0.7))
                 search.plan((0, 1))
+    if min(shape) > 1:
+        vehicle = Vehicle(2.2, 2.2, 1.0, max_tilt_deg=60.0)
+        for body, ends in ((None, (start, goal)), (vehicle, ((9, 9), (shape[0] - 10, shape[1] - 10)))):
+            planner = DynamicPlanner.of_elevation(
+                dem, 1.0, ends[1], method="dstar", vehicle=body, step_cost="linear", also=("corridor-dstar", "nnpp")
+            )
+            planner.move(ends[0])
+            for method in ("dstar", "corridor-dstar", "nnpp"):
+                planner.replan(method=method)
+                planner.update_elevation(0, 2, dem[:3, 3:5])
+                planner.standing()
 assert plan_path(frozen, start, goal).ok
 Planner(frozen).plan(start, goal)
 """
