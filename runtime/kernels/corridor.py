@@ -95,7 +95,7 @@ def _read_ahead(path, finer):
 
 
 @kernel
-def surround(grid, edges, links, start, found, band, scratch, path, radius, marks, finer):
+def surround(grid, edges, links, start, found, scratch, path, width, marks, finer):
     """Mark what the next finer level is to search: what lies around a path, and on paths of nearly the same cost.
 
     Parameters
@@ -106,20 +106,19 @@ def surround(grid, edges, links, start, found, band, scratch, path, radius, mark
         Node that the path starts from.
     found : (g, meta, stamp)
         What the search left in its memory.
-    band : float
-        Paths that cost at most 1 + `band` times as much are marked, too.
     scratch : (reached, queued, queue)
         (nodes,) float32; (nodes,) uint8, all 0; a power of two of int32. Overwritten.
     path : (N, 2) int32
         Cells of the level.
-    radius : int
-        The quarters of cells within so many quarters of the path's are marked, as the king moves.
+    width : (radius, band)
+        The quarters of cells within so many quarters of the path's are marked, as the king moves; and paths that cost
+        at most 1 + `band` times as much are marked, too.
     marks : (bitmap, stamp)
         (2 rows, 2 cols) int32 over the quarters of the level's cells, and the number to write.
     finer : (weights, stride, rows, cols, meta)
         The next finer level and its search memory, read ahead along the path.
     """
-    g = found[0]
+    g, (radius, band) = found[0], width
     bitmap, stamp = marks
     if band > 0.0 and len(path) > 1:
         _flood(grid, edges, links, start, found, (1.0 + band) * g[2 * start], scratch, marks)

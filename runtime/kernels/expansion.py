@@ -167,7 +167,7 @@ def trace(meta, node, stride, out):
 
 
 @kernel
-def expand(grid, poses, edges, links, region, hints, start, goal, rule, memory, most):
+def expand(grid, poses, edges, links, region, hints, ends, rule, memory, most):
     """Search until the goal is settled, nothing is left, `most` expansions are done or the list is full.
 
     Begins at `start`, or goes on where the last call stopped if that is negative. Once the goal has been
@@ -188,7 +188,7 @@ def expand(grid, poses, edges, links, region, hints, start, goal, rule, memory, 
         The directions in which each cell may be left, as bits; None where passability decides.
     hints : (fields, at_goal, slack) or None
         Of the landmarks.
-    start, goal : int
+    ends : (start, goal)
         Nodes.
     rule : (h_straight, h_diagonal, width, successors, beyond)
         Prices of the octile distance, the width of a bucket at first, `SUCCESSORS` of the grid's dominance; and, as
@@ -206,6 +206,7 @@ def expand(grid, poses, edges, links, region, hints, start, goal, rule, memory, 
         expansions so far; and the least f of a node that the region refused.
     """
     weights, stride, steps, corner_cutting, tiles = grid
+    start, goal = ends
     if poses is not None:
         codes, unit, _, _ = poses
     tile_state, wanted, row_shift, col_shift, _, _ = tiles

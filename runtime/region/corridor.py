@@ -114,5 +114,5 @@ class CoarseLevel:
         ahead = below.weights, below.stride, below.rows, below.cols, finer_workspace.meta
         links, node = self.level.links, grid.node(*start)
         edges = None if grid.directed is None else grid.directed.edges
-        surround(grid.packed, edges, links, node, searched, band, scratch, found.path, radius, marks, ahead)
+        surround(grid.packed, edges, links, node, searched, scratch, found.path, (radius, band), marks, ahead)
         return Region(marks[0], *finer.quarters, self._stamp)

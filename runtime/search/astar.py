@@ -130,7 +130,7 @@ def astar(
     ws.next_stamp()
     while True:
         code, length, expansions, refused = expand(
-            grid.packed, poses, edges, links, allowed, hints, begin, last, rule, ws.packed, most
+            grid.packed, poses, edges, links, allowed, hints, (begin, last), rule, ws.packed, most
         )
         begin = -1
         if code == FULL:
@@ -161,7 +161,7 @@ def settle_all(grid: Grid, source: Cell, workspace: Workspace, *, links: Links =
     begin, code = grid.node(*source), FULL
     while code == FULL:
         code, *_ = expand(
-            grid.packed, poses, edges, links, None, None, begin, corner_of_border, rule, ws.packed, _WITHOUT_END
+            grid.packed, poses, edges, links, None, None, (begin, corner_of_border), rule, ws.packed, _WITHOUT_END
         )
         if code == FULL:
             ws.grow()
