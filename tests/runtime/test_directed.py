@@ -411,3 +411,38 @@ def test_ends_that_are_unknown_or_outside_are_outcomes():
         assert planner.nearest(ends[0], [ends[1]])[0][1].status is status
     same = planner.plan((5, 5), (5, 5))
     assert same.ok and same.cost == 0.0 and same.bound == 1.0
+
+
+def test_bounds_reckon_with_the_height_between_the_ends():
+    dem = ramp(90, 60, 0.2)
+    planner = DynamicPlanner.of_elevation(
+        dem,
+        1.0,
+        (45, 50),
+        Traversability(slope_limit_deg=60.0),
+        "dstar",
+        also=("corridor-dstar",),
+        step_cost="tobler",
+    )
+    planner.move((45, 5))
+    mended, exact = planner.replan(method="corridor-dstar"), planner.replan(method="dstar")
+    assert 0.8 * exact.cost < mended.lower_bound <= mended.cost  # all but the price of height is less than 0.6 of it
+    planner.update_elevation(0, 20, dem[:3, 20:24] + np.float32(0.3))  # no path by way of there is as cheap
+    assert planner.standing().lower_bound == pytest.approx(exact.cost, rel=1e-5)
+
+
+def test_the_bound_of_a_blocked_path_downhill_is_below_what_the_way_around_costs():
+    dem = ramp(30, 60, 0.05)
+    planner = DynamicPlanner.of_elevation(dem, 1.0, (15, 5), None, "dstar", step_cost="tobler")
+    planner.move((15, 50))
+    planner.replan()
+    planner.update_elevation(15, 30, np.full((1, 1), np.nan))
+    standing, around = planner.standing(), planner.replan()
+    assert standing.footing == "blocked" and around.ok
+    assert around.cost * 0.9 < standing.lower_bound <= around.cost
+
+
+def test_a_goal_downhill_is_nearer_than_a_level_one_that_is_not_so_far():
+    mobility, dem = Mobility(energy=EnergyCost(10.0, 0.1)), ramp(60, 60, 0.1)
+    planner = Planner.of_elevation(dem, 1.0, step_cost="energy", mobility=mobility, warn=False)
+    assert planner.nearest((30, 30), [(40, 30), (30, 15)])[0][0] == 1
