@@ -414,17 +414,17 @@ def test_ends_that_are_unknown_or_outside_are_outcomes():
 
 
 def test_bounds_reckon_with_the_height_between_the_ends():
-    dem = ramp(90, 60, 0.2)
+    dem = ramp(70, 60, 0.2)
     planner = DynamicPlanner.of_elevation(
         dem,
         1.0,
-        (45, 50),
+        (32, 50),
         Traversability(slope_limit_deg=60.0),
         "dstar",
         also=("corridor-dstar",),
         step_cost="tobler",
     )
-    planner.move((45, 5))
+    planner.move((32, 5))
     mended, exact = planner.replan(method="corridor-dstar"), planner.replan(method="dstar")
     assert 0.8 * exact.cost < mended.lower_bound <= mended.cost  # all but the price of height is less than 0.6 of it
     planner.update_elevation(0, 20, dem[:3, 20:24] + np.float32(0.3))  # no path by way of there is as cheap
