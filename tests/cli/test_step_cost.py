@@ -1,0 +1,97 @@
+"""`--step-cost` and `--mobility`: what they do to `plan` and `evaluate`, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+import rasterio
+
+ENDS = ("--start", "5,5", "--goal", "35,50", "--method", "astar")
+ENERGY = "[mobility.energy]\nmass_kg = 50\nrolling_resistance = 0.1\n"
+
+
+@pytest.fixture
+def hill(tmp_path, monkeypatch):
+    """A ramp, in whose folder commands run: down from start to goal."""
+    row, col = np.mgrid[0:40, 0:60]
+    heights = (-0.12 * col + 0.3 * np.sin(row / 5.0)).astype(np.float32)
+    np.savez(tmp_path / "hill.npz", elevation_m=heights, cell_size_m=2.0)
+    (tmp_path / "mine.toml").write_text(ENERGY)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "hill.npz"
+
+
+def test_a_plan_by_tobler_is_in_seconds_and_the_way_back_takes_longer(nnpp_edge, hill):
+    there = json.loads(nnpp_edge("plan", hill, *ENDS, "--step-cost", "tobler", "--json").out)
+    back = json.loads(
+        nnpp_edge("plan", hill, "--goal", "5,5", "--start", "35,50", "--step-cost", "tobler", "--json").out
+    )
+    assert there["step_cost"] == "tobler" and there["cost"] < back["cost"]
+    assert there["cost"] == pytest.approx(0.6 * 2.0 * (10.0 + 35.0 * 2**0.5), rel=0.2)
+    assert "cost" in (out := nnpp_edge("plan", hill, *ENDS, "--step-cost", "tobler").out) and " s, the optimum" in out
+
+
+def test_energy_is_in_joules_by_the_vehicles_own_table_or_another_file(nnpp_edge, hill):
+    costs = set()
+    for given in (("--vehicle", "large-rover"), ("--mobility", "mine.toml"), ("--mobility", "small-rover")):
+        out = json.loads(nnpp_edge("plan", hill, *ENDS, "--step-cost", "energy", *given, "--json").out)
+        assert out["status"] == "OK" and out["bound"] == 1.0
+        costs.add(out["cost"])
+    assert len(costs) == 3
+    assert " J, the optimum" in nnpp_edge("plan", hill, *ENDS, "--step-cost", "energy", "--mobility", "mine.toml").out
+
+
+def test_without_a_step_cost_nothing_is_said_of_it(nnpp_edge, hill):
+    out = json.loads(nnpp_edge("plan", hill, *ENDS, "--json").out)
+    named = json.loads(nnpp_edge("plan", hill, *ENDS, "--step-cost", "paper", "--json").out)
+    assert "step_cost" not in out and (out["cost"], out["cells"]) == (named["cost"], named["cells"])
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("--step-cost", "energy"), ["step_cost='energy' needs a table [mobility.energy]", "mass_kg"]),
+        (("--step-cost", "time", "--mobility", "mine.toml"), ["needs a table [mobility.time]"]),
+        (("--step-cost", "tobler", "--landmarks", "3"), ["landmarks need steps that cost alike both ways"]),
+        (("--step-cost", "tobler", "--mobility", "nope"), ["wanted a vehicle's file", "'nope'"]),
+        (("--step-cost", "tobler", "--memory", "1kB"), ["in memory alone", "directed"]),
+        (("--step-cost", "downhill"), ["'downhill' is not one of"]),
+    ],
+)
+def test_what_cannot_be_planned_ends_in_one_line(nnpp_edge, hill, given, words):
+    where = hill
+    if "--memory" in given:
+        where, heights = hill.parent / "hill.tif", np.load(hill)["elevation_m"]
+        place = {"crs": "EPSG:32615", "transform": rasterio.Affine(2, 0, 4e5, 0, -2, 5e6)}
+        with rasterio.open(where, "w", "GTiff", 60, 40, 1, dtype="float32", **place) as file:
+            file.write(heights, 1)
+    nnpp_edge("plan", where, *ENDS, *given).refused(*words)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (ENERGY.replace("50", "-50"), ["mine.toml", "mass_kg must be a number above 0, got -50"]),
+        (ENERGY + "recovery = 1.5\n", ["mine.toml", "recovery must lie from 0 to 1, got 1.5"]),
+        (ENERGY.replace("mass_kg", "weight"), ["mine.toml", "mobility.energy: weight is unknown"]),
+        ("length_m = 1", ["mine.toml: wanted a table [mobility], got none"]),
+    ],
+)
+def test_a_table_that_is_wrong_ends_in_one_line(nnpp_edge, hill, text, words):
+    (hill.parent / "mine.toml").write_text(text)
+    for command in (("plan", hill, *ENDS), ("evaluate", "--terrain", hill, "--sizes", "32", "--queries", "1")):
+        nnpp_edge(*command, "--step-cost", "energy", "--mobility", "mine.toml").refused(*words)
+
+
+def test_evaluate_judges_by_the_directed_optimum(nnpp_edge, hill):
+    ended = nnpp_edge(
+        "evaluate", "--terrain", hill, "--sizes", "36", "--queries", "4", "--repeats", "1", "--methods", "corridor",
+        "--step-cost", "energy", "--mobility", "mine.toml", "--json",
+    )  # fmt: skip
+    exact, corridor = json.loads(ended.out)
+    assert (exact["method"], exact["n"], exact["gap_max"]) == ("astar", 4, 0.0)
+    assert corridor["success"] == 1.0 and corridor["gap_max"] >= -1e-6
+
+
+def test_a_data_set_has_no_heights_for_a_step_cost(nnpp_edge, tmp_path):
+    nnpp_edge("evaluate", "--dataset", tmp_path, "--step-cost", "tobler").refused("--step-cost needs elevations")
