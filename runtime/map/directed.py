@@ -67,16 +67,20 @@ class CoarseSteps:
         missing = FACTOR * rows - below.shape[0], FACTOR * cols - below.shape[1]
         if any(missing):
             below = np.pad(below, ((0, missing[0]), (0, missing[1]), (0, 0)), constant_values=np.nan)
-        below = below.reshape(rows, FACTOR, cols, FACTOR, 8).transpose(0, 2, 1, 3, 4).reshape(rows, cols, -1, 8)
-        own = pieces.reshape(self.means.shape[:2])[row + 1 : row + rows + 1, col + 1 : col + cols + 1]
-        in_piece = (own[..., None] >> np.arange(FACTOR * FACTOR, dtype=np.uint16)) & 1 != 0
-        counted = np.where(np.isfinite(below) & in_piece[..., None], below, obstacle)
-        on_map = ~np.isnan(below)
-        count = on_map.sum(2)
-        total = np.where(on_map, counted, np.float32(0.0)).sum(2) / np.maximum(count, 1).astype(np.float32)
-        total = np.where(count > 0, total, obstacle)
-        total[own == 0] = np.inf
-        self.means[row + 1 : row + rows + 1, col + 1 : col + cols + 1] = total
+        here = np.s_[row + 1 : row + rows + 1, col + 1 : col + cols + 1]
+        own = pieces.reshape(self.means.shape[:2])[here]
+        total, count = np.zeros((rows, cols, 8), np.float32), np.zeros((rows, cols, 8), np.float32)
+        for bit in range(FACTOR * FACTOR):
+            steps = below[bit // FACTOR :: FACTOR, bit % FACTOR :: FACTOR]
+            in_piece = (own >> bit) & 1 != 0
+            on_map = ~np.isnan(steps)
+            total += np.where(
+                on_map, np.where(in_piece[..., None] & (steps < np.inf), steps, obstacle), np.float32(0.0)
+            )
+            count += on_map
+        means = np.where(count > 0, total / np.maximum(count, 1), obstacle)
+        means[own == 0] = np.inf
+        self.means[here] = means
         self._join(with_rim(area, self.shape))
 
     def _join(self, area: Rectangle) -> None:
