@@ -59,6 +59,18 @@ def test_linear_is_r_walk(slope, seconds):
     assert math.degrees(math.atan(LinearCost().steep_slope)) == pytest.approx(-12.0, abs=0.01)
 
 
+def r_walk(distance, rise, a=0.72, b=6.0, c=1.9998, d=-1.9998, slope_factor=-0.2125):
+    """As r.walk's main.c has it for a cell's neighbour: `distance` on the map, `rise` the difference of the heights."""
+    slope = rise / distance
+    return a * distance + rise * (b if slope >= 0 else d if slope < slope_factor else c)
+
+
+def test_linear_equals_r_walks_formula_on_a_table_of_slopes():
+    for degrees in (-60.0, -30.0, -20.0, -12.5, -12.0, -11.9, -10.0, -5.0, 0.0, 1.0, 5.0, 10.0, 20.0, 30.0, 60.0):
+        rise = 100.0 * math.tan(math.radians(degrees))
+        assert float(LinearCost().cost(100.0, rise)) == pytest.approx(r_walk(100.0, rise), abs=1e-6), degrees
+
+
 def test_a_metre_up_and_a_metre_down_can_cost_alike_on_every_slope():
     plain = LinearCost(1.0, 2.0, 3.0, 3.0)
     assert plain.cost([1.0, 1.0, 1.0], [0.0, 5.0, -5.0]).tolist() == [1.0, 11.0, 16.0]
