@@ -60,7 +60,7 @@ def test_linear_is_r_walk(slope, seconds):
 
 
 def r_walk(distance, rise, a=0.72, b=6.0, c=1.9998, d=-1.9998, slope_factor=-0.2125):
-    """As r.walk's main.c has it for a cell's neighbour: `distance` on the map, `rise` the difference of the heights."""
+    """As r.walk has it for a cell's neighbour: `distance` on the map, `rise` the difference of the heights."""
     slope = rise / distance
     return a * distance + rise * (b if slope >= 0 else d if slope < slope_factor else c)
 
