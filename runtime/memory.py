@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import InvalidMapError
 
+DIRECTED_BYTES_PER_CELL = 38
+"""More where steps cost by the slope: eight costs 32, those of coarse levels 6."""
 PLANNER_BYTES_PER_CELL = 16
 """That a planner takes beside the cost map: weights 4, search memory 8, coarse levels 4."""
 _ALWAYS_FITS = 1 << 22
@@ -71,11 +73,12 @@ def small_pages() -> Iterator[None]:
         prctl(_PR_SET_THP_DISABLE, 0, 0, 0, 0)
 
 
-def check_planner_fits(shape: tuple[int, ...]) -> None:
+def check_planner_fits(shape: tuple[int, ...], *, directed: bool = False) -> None:
     """InvalidMapError where the memory that is left cannot hold a planner of a map of this shape."""
     if len(shape) != 2 or shape[0] * shape[1] <= _ALWAYS_FITS:
         return
-    wanted, room = shape[0] * shape[1] * PLANNER_BYTES_PER_CELL, available_bytes()
+    per_cell = PLANNER_BYTES_PER_CELL + DIRECTED_BYTES_PER_CELL * directed
+    wanted, room = shape[0] * shape[1] * per_cell, available_bytes()
     if wanted > room:
         raise InvalidMapError(
             f"wanted {wanted / 1e9:.1f} GB of memory to plan on {shape[0]} × {shape[1]} cells, got {room / 1e9:.1f} "

@@ -38,8 +38,6 @@ _MOST_SHOWN = 1 << 20
 """Cells of a map whose poses are all checked for a picture, a tenth of a second."""
 _BYTES_PER_POSED_CELL = 12
 """More for a vehicle: four codes and another height."""
-_BYTES_PER_DIRECTED_CELL = 36
-"""More where steps are directed: eight costs and a height."""
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions.md)."""
 
@@ -106,13 +104,15 @@ def command(
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
+    from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL
+
     limits, body = terrain.limits(), vehicle.make()
     if "price" in options.given_options() and (body is None or body.is_disc):
         raise click.UsageError("--price is for a vehicle with a body: give --vehicle too")
     if output is not None:
         options.check_outputs(*(("--output", path) for path in files_in(output)), make_folders=True)
     directed = request.step_cost != "paper"
-    bytes_per_cell = _BYTES_PER_CELL + (_BYTES_PER_POSED_CELL if body else 0) + _BYTES_PER_DIRECTED_CELL * directed
+    bytes_per_cell = _BYTES_PER_CELL + (_BYTES_PER_POSED_CELL if body else 0) + DIRECTED_BYTES_PER_CELL * directed
     if reads_by_windows(dem, terrain, memory, bytes_per_cell, whole=directed or body is not None):
         planned = plan_by_windows(request, dem, terrain, limits, hillshade=hillshade, drawn=output is not None)
     else:

@@ -112,7 +112,8 @@ class DynamicPlanner:
 
         Arguments are those of `Planner.of_elevation` and of the class.
         """
-        check_planner_fits(getattr(dem, "shape", ()))
+        slope_cost = slope_cost_of(step_cost, mobility)
+        check_planner_fits(getattr(dem, "shape", ()), directed=slope_cost is not None)
         planner = cls.__new__(cls)
         sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
         step_model = StepModel.of(StepCost.PAPER, omega)
@@ -123,7 +124,7 @@ class DynamicPlanner:
             step_model,
             corner_cutting=corner_cutting,
             vehicle=vehicle,
-            slope_cost=slope_cost_of(step_cost, mobility),
+            slope_cost=slope_cost,
         )
         planner._begin(state, goal, method, also, model)
         return planner

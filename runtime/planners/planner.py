@@ -145,7 +145,8 @@ class Planner:
         InvalidQueryError
             There is no such step cost, or it needs a mobility.
         """
-        check_planner_fits(getattr(dem, "shape", ()))
+        slope_cost = slope_cost_of(step_cost, mobility)
+        check_planner_fits(getattr(dem, "shape", ()), directed=slope_cost is not None)
         planner = cls.__new__(cls)
         planner._turns = Turns()
         sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
@@ -159,7 +160,7 @@ class Planner:
             lazy=lazy,
             warn=warn,
             vehicle=vehicle,
-            slope_cost=slope_cost_of(step_cost, mobility),
+            slope_cost=slope_cost,
         )
         planner._model, planner._ask_from = model, ask_from
         planner._make_planners()
