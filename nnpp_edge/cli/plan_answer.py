@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -52,7 +53,8 @@ class Compared:
         """Share by which the plan costs more than the optimum; None without both paths."""
         if not (self.plan.ok and self.exact.ok):
             return None
-        return self.plan.cost / self.exact.cost - 1.0 if self.exact.cost else 0.0
+        above = self.plan.cost - self.exact.cost
+        return above / abs(self.exact.cost) if self.exact.cost else 0.0  # below 0 where energy is got back
 
     def figures(self) -> dict[str, object]:
         """Ready for JSON."""
@@ -276,4 +278,6 @@ class Answer:
         if self.compared and self.compared[0].gap is not None:
             return f"{100.0 * self.compared[0].gap:.2f} % above the optimum"
         least = f"{self.plan.lower_bound:.6g}"
+        if math.isinf(self.plan.bound):
+            return f"no path costs less than {least}"
         return f"at most {self.plan.bound:.3f} times the optimum (no path costs less than {least})"

@@ -41,6 +41,18 @@ def test_energy_is_in_joules_by_the_vehicles_own_table_or_another_file(nnpp_edge
     assert " J, the optimum" in nnpp_edge("plan", hill, *ENDS, "--step-cost", "energy", "--mobility", "mine.toml").out
 
 
+def test_energy_got_back_downhill_is_a_cost_below_zero(nnpp_edge, hill):
+    (hill.parent / "mine.toml").write_text(ENERGY.replace("0.1", "0.01") + "recovery = 0.9\n")
+    given = (*ENDS[:4], "--step-cost", "energy", "--mobility", "mine.toml")
+    for method in ("astar", "corridor"):
+        ended = nnpp_edge("plan", hill, *given, "--method", method, "--compare", "--json")
+        out = json.loads(ended.out)
+        assert out["cost"] < 0.0 and all(row["gap"] >= -1e-6 for row in out["compare"]), ended.out
+        assert out["source"] in ("map", "region")
+        text = nnpp_edge("plan", hill, *given, "--method", method).out
+        assert "the optimum" in text or "no path costs less than -" in text
+
+
 def test_without_a_step_cost_nothing_is_said_of_it(nnpp_edge, hill):
     out = json.loads(nnpp_edge("plan", hill, *ENDS, "--json").out)
     named = json.loads(nnpp_edge("plan", hill, *ENDS, "--step-cost", "paper", "--json").out)
