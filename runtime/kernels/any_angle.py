@@ -1,0 +1,431 @@
+"""Paths freed from the grid: way points anywhere on the map, priced by the line integral of the cost. See `planners.refine`.
+
+Places are (row, col) in cells, with the middle of the first cell at (0, 0), so that a cell's sides lie at halves. The
+weight at a place is bilinear in those of the four cells whose middles surround it; the impassable ones among them are
+left out, and the others' shares are raised to sum to 1. A cell's length costs `steps[0]` + 2 · `steps[2]` · weight:
+what a straight step on even ground does.
+
+A *leg* is the straight way between two way points, a *station* a way point that may be moved across the path.
+"""
+
+import math
+
+import numpy as np
+
+from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.by_address import borrowed
+from nnpp_edge.runtime.kernels.tiles import open_there
+
+BLOCKED = 1e200
+"""What impassable places weigh where sums of weights may have factors of 0: more than any sum of others."""
+TOUCH = 1e-6
+"""Cells: a leg that comes so near to a cell touches it."""
+MOST_SAMPLES = 64
+"""Samples along a leg, at most, by which stations are moved."""
+LAST_STEP = 0.2
+"""Cells by which the way points that are left may move in the end."""
+SPACING, STEP, HALF, SLOPE, SAMPLES, KEEPS = 0, 1, 2, 3, 4, 5
+"""Of a stage: cells between stations; cells between a station's places, and their number to each side; by how many of
+them neighbours may differ; samples per cell; whether the way points are among the stations."""
+
+
+@kernel
+def ground_of(grid):
+    """What the kernels below go by: (weights, stride, cost of a cell's length, what a weight adds to it, cutting)."""
+    weights, stride, steps, corner_cutting, _ = grid
+    return borrowed(weights), stride, steps[0], 2.0 * steps[2], corner_cutting
+
+
+@kernel
+def _open_between(grid, low, high):
+    """See to it that the weights are there of all cells of a rectangle between two places, and of those around it."""
+    tiles = grid[4]
+    state, wanted, row_shift, col_shift, _, _ = tiles
+    for i in range(np.int64(low[0] + 0.5) >> row_shift, (np.int64(high[0] + 0.5) >> row_shift) + 1):
+        for j in range(np.int64(low[1] + 0.5) >> col_shift, (np.int64(high[1] + 0.5) >> col_shift) + 1):
+            if not state[i, j] & wanted:
+                open_there(tiles, i, j)
+
+
+@kernel
+def _is_passable(ground, row, col):
+    """Whether a cell can be stood on; those outside the map cannot."""
+    weights, stride = ground[0], ground[1]
+    node = np.uint64((row + 1) * stride + col + 1)
+    return weights[node] < np.inf
+
+
+@kernel
+def weight_at(ground, row, col):
+    """Weight at a place in a passable cell."""
+    weights, stride = ground[0], ground[1]
+    i, j = np.int64(row + 1.0), np.int64(col + 1.0)
+    down, right = row + 1.0 - i, col + 1.0 - j
+    n, below = np.uint64(i * stride + j), np.uint64(i * stride + j + stride)
+    one, two = np.float64(weights[n]), np.float64(weights[n + np.uint64(1)])
+    three, four = np.float64(weights[below]), np.float64(weights[below + np.uint64(1)])
+    mean = (1.0 - down) * ((1.0 - right) * one + right * two) + down * ((1.0 - right) * three + right * four)
+    if mean < np.inf:
+        return mean
+    total, shares = 0.0, 0.0
+    for k in range(4):
+        there = np.float64(weights[np.uint64((i + (k >> 1)) * stride + j + (k & 1))])
+        share = (down if k >> 1 else 1.0 - down) * (right if k & 1 else 1.0 - right)
+        if there < np.inf and share > 0.0:
+            total += share * there
+            shares += share
+    return total / shares if shares > 0.0 else np.inf
+
+
+@kernel
+def _touches(ground, row, col):
+    """Whether a place lies in an impassable cell, or touches one."""
+    up, down = np.int64(math.floor(row + 0.5 - TOUCH)), np.int64(math.floor(row + 0.5 + TOUCH))
+    left, right = np.int64(math.floor(col + 0.5 - TOUCH)), np.int64(math.floor(col + 0.5 + TOUCH))
+    if not _is_passable(ground, up, left):
+        return True
+    if up == down and left == right:
+        return False
+    return not (_is_passable(ground, up, right) and _is_passable(ground, down, left) and _is_passable(ground, down, right))
+
+
+@kernel
+def _along_sides(ground, row, col, rows, cols):
+    """Whether a leg along cells' sides touches an impassable one."""
+    steps = np.int64(2.0 * max(abs(rows), abs(cols))) + 1
+    for k in range(steps + 1):
+        if _touches(ground, row + rows * k / steps, col + cols * k / steps):
+            return True
+    return False
+
+
+@kernel
+def is_clear(ground, row, col, to_row, to_col):
+    """Whether every cell that a leg touches is passable.
+
+    A leg may pass between two cells exactly through the corner that they share, where corners may be cut.
+    """
+    rows, cols = to_row - row, to_col - col
+    if _touches(ground, row, col) or _touches(ground, to_row, to_col):
+        return False
+    for along, across, at in ((cols, rows, row), (rows, cols, col)):
+        if abs(across) <= TOUCH and abs(at + 0.5 - round(at + 0.5)) <= 2.0 * TOUCH and abs(along) > 0.0:
+            return not _along_sides(ground, row, col, rows, cols)
+    i, j = np.int64(math.floor(row + 0.5)), np.int64(math.floor(col + 0.5))
+    up, left = (1 if rows > 0.0 else -1), (1 if cols > 0.0 else -1)
+    per_row = 1.0 / abs(rows) if rows != 0.0 else np.inf
+    per_col = 1.0 / abs(cols) if cols != 0.0 else np.inf
+    next_row = (i + 0.5 - row if rows > 0.0 else row + 0.5 - i) * per_row if rows != 0.0 else np.inf
+    next_col = (j + 0.5 - col if cols > 0.0 else col + 0.5 - j) * per_col if cols != 0.0 else np.inf
+    near = TOUCH * min(per_row, per_col)
+    while True:
+        if not _is_passable(ground, i, j):
+            return False
+        if min(next_row, next_col) >= 1.0:
+            return True
+        if abs(next_row - next_col) <= near:  # a corner
+            if not (ground[4] and next_row == next_col) and not (
+                _is_passable(ground, i + up, j) and _is_passable(ground, i, j + left)
+            ):
+                return False
+            i, j = i + up, j + left
+            next_row, next_col = next_row + per_row, next_col + per_col
+        elif next_row < next_col:
+            i, next_row = i + up, next_row + per_row
+        else:
+            j, next_col = j + left, next_col + per_col
+
+
+@kernel
+def leg_cost(ground, row, col, to_row, to_col):
+    """The line integral along a clear leg, by Simpson's rule between the lines through the cells' middles.
+
+    It is exact where no impassable cell lies beside the leg.
+    """
+    rows, cols = to_row - row, to_col - col
+    length = math.sqrt(rows * rows + cols * cols)
+    per_row = 1.0 / abs(rows) if rows != 0.0 else np.inf
+    per_col = 1.0 / abs(cols) if cols != 0.0 else np.inf
+    next_row, next_col = np.inf, np.inf
+    if rows != 0.0:
+        next_row = (math.floor(row) + 1.0 - row if rows > 0.0 else row + 1.0 - math.ceil(row)) * per_row
+    if cols != 0.0:
+        next_col = (math.floor(col) + 1.0 - col if cols > 0.0 else col + 1.0 - math.ceil(col)) * per_col
+    at, total, first = 0.0, 0.0, weight_at(ground, row, col)
+    while at < 1.0:
+        end = min(next_row, next_col, 1.0)
+        if end > at:
+            middle, last = 0.5 * (at + end), weight_at(ground, row + end * rows, col + end * cols)
+            between = weight_at(ground, row + middle * rows, col + middle * cols)
+            total += (end - at) * (first + 4.0 * between + last) / 6.0
+            first = last
+        if next_row <= end:
+            next_row += per_row
+        if next_col <= end:
+            next_col += per_col
+        at = end
+    return length * (ground[2] + ground[3] * total)
+
+
+@kernel
+def line_cost(grid, points):
+    """The line integral along way points, (N, 2) float64; inf if a leg touches an impassable cell."""
+    ground, total = ground_of(grid), 0.0
+    for k in range(len(points) - 1):
+        if not is_clear(ground, points[k, 0], points[k, 1], points[k + 1, 0], points[k + 1, 1]):
+            return np.inf
+        total += leg_cost(ground, points[k, 0], points[k, 1], points[k + 1, 0], points[k + 1, 1])
+    return total
+
+
+@kernel
+def _sampled_cost(ground, row, col, to_row, to_col, per_cell):
+    """About `leg_cost`, by so many samples a cell; inf where the leg is not clear."""
+    if not is_clear(ground, row, col, to_row, to_col):
+        return np.inf
+    rows, cols = to_row - row, to_col - col
+    length = math.sqrt(rows * rows + cols * cols)
+    samples = max(np.int64(per_cell * length + 0.5), 1)
+    total = 0.0
+    for k in range(samples):
+        share = (k + 0.5) / samples
+        total += weight_at(ground, row + share * rows, col + share * cols)
+    return length * (ground[2] + ground[3] * total / samples)
+
+
+@kernel
+def shortened(grid, points, every, most, penalty, per_cell):
+    """Way points without those that may be left out: the cheapest choice, each way point costing `penalty` more.
+
+    Legs may skip `every`, twice, four times that many points and so on, up to `most`, between points whose numbers
+    `every` divides, and lead from each point to the next.
+    """
+    n, ground = len(points), ground_of(grid)
+    costs, before = np.empty(n), np.empty(n, np.int64)
+    costs[0], before[0] = 0.0, -1
+    for k in range(1, n):
+        costs[k], before[k] = np.inf, k - 1
+        skipped = 1
+        while skipped <= min(most, k):
+            i = k - skipped
+            rows, cols = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
+            least = costs[i] + penalty + ground[2] * math.sqrt(rows * rows + cols * cols)
+            if least < costs[k]:
+                low = min(points[i, 0], points[k, 0]), min(points[i, 1], points[k, 1])
+                high = max(points[i, 0], points[k, 0]), max(points[i, 1], points[k, 1])
+                _open_between(grid, low, high)
+                cost = _sampled_cost(ground, points[i, 0], points[i, 1], points[k, 0], points[k, 1], per_cell)
+                if costs[i] + penalty + cost < costs[k]:
+                    costs[k], before[k] = costs[i] + penalty + cost, i
+            if k % every:
+                break
+            skipped = 2 * skipped if skipped >= every else every
+    count, k = 0, n - 1
+    while k >= 0:
+        count, k = count + 1, before[k]
+    out, k = np.empty((count, 2)), n - 1
+    for m in range(count - 1, -1, -1):
+        out[m, 0], out[m, 1], k = points[k, 0], points[k, 1], before[k]
+    return out
+
+
+@kernel
+def _with_stations(points, spacing):
+    """Way points with others put between them, at most about `spacing` cells apart."""
+    lengths = np.empty(len(points), np.int64)
+    count = 1
+    for k in range(len(points) - 1):
+        rows, cols = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        lengths[k] = max(np.int64(math.sqrt(rows * rows + cols * cols) / spacing + 0.5), 1)
+        count += lengths[k]
+    out, m = np.empty((count, 2)), 0
+    for k in range(len(points) - 1):
+        for part in range(lengths[k]):
+            share = part / lengths[k]
+            for side in range(2):
+                out[m, side] = points[k, side] + share * (points[k + 1, side] - points[k, side])
+            m += 1
+    out[m] = points[len(points) - 1]
+    return out
+
+
+@kernel
+def _evenly(points, spacing):
+    """Stations about `spacing` cells apart along way points, each the mean of three, but for the ends."""
+    n = len(points)
+    run = np.zeros(n)
+    for k in range(1, n):
+        rows, cols = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+        run[k] = run[k - 1] + math.sqrt(rows * rows + cols * cols)
+    count = max(np.int64(run[n - 1] / spacing + 0.5), 1) + 1
+    even, k = np.empty((count, 2)), 0
+    for m in range(count):
+        at = run[n - 1] * m / (count - 1)
+        while k < n - 2 and run[k + 1] < at:
+            k += 1
+        share = (at - run[k]) / max(run[k + 1] - run[k], 1e-12)
+        for side in range(2):
+            even[m, side] = points[k, side] + min(share, 1.0) * (points[k + 1, side] - points[k, side])
+    out = even.copy()
+    for m in range(1, count - 1):
+        for side in range(2):
+            out[m, side] = (even[m - 1, side] + even[m, side] + even[m + 1, side]) / 3.0
+    return out
+
+
+@kernel
+def _places(grid, stations, step, half):
+    """(n, 2 · half + 1, 2) places of each station across the path, those outside the map moved onto its rim."""
+    stride = grid[1]
+    n, count = len(stations), 2 * half + 1
+    last_row, last_col = len(grid[0]) // stride - 3, stride - 3
+    places = np.empty((n, count, 2))
+    for k in range(n):
+        a, b = max(k - 1, 0), min(k + 1, n - 1)
+        rows, cols = stations[b, 0] - stations[a, 0], stations[b, 1] - stations[a, 1]
+        length = max(math.sqrt(rows * rows + cols * cols), 1e-12)
+        for j in range(count):
+            aside = (j - half) * step / length
+            places[k, j, 0] = min(max(stations[k, 0] - aside * cols, 0.0), float(last_row))
+            places[k, j, 1] = min(max(stations[k, 1] + aside * rows, 0.0), float(last_col))
+    return places
+
+
+@kernel
+def _bounds(here, there):
+    """The corners of the rectangle that holds two stations' places."""
+    top, left, bottom, right = np.inf, np.inf, -np.inf, -np.inf
+    for j in range(len(here)):
+        top, bottom = min(top, here[j, 0], there[j, 0]), max(bottom, here[j, 0], there[j, 0])
+        left, right = min(left, here[j, 1], there[j, 1]), max(right, here[j, 1], there[j, 1])
+    return (top, left), (bottom, right)
+
+
+@kernel
+def _sample_between(ground, here, there, samples, values):
+    """Weights between two stations' places, row by row of equal shares of the way; `BLOCKED` where impassable."""
+    for j in range(len(here)):
+        rows, cols = (there[j, 0] - here[j, 0]) / samples, (there[j, 1] - here[j, 1]) / samples
+        for m in range(samples):
+            row, col = here[j, 0] + (m + 0.5) * rows, here[j, 1] + (m + 0.5) * cols
+            passable = _is_passable(ground, np.int64(row + 0.5), np.int64(col + 0.5))
+            values[m, j] = weight_at(ground, row, col) if passable else BLOCKED
+
+
+@kernel
+def _mean_weights(values, samples, aside, means):
+    """Mean weights of the legs that end `aside` places beside where they begin, by the end's place."""
+    count = values.shape[1]
+    first, last = max(aside, 0), min(count + aside, count)
+    for j in range(count):
+        means[j] = np.inf
+    for j in range(first, last):
+        means[j] = 0.0
+    for m in range(samples):
+        shift = aside * (m + 0.5) / samples
+        low = np.int64(math.floor(shift))
+        share, line = shift - low, values[m]
+        if share > 0.0:
+            for j in range(first, last):
+                means[j] += (1.0 - share) * line[j - aside + low] + share * line[j - aside + low + 1]
+        else:
+            for j in range(first, last):
+                means[j] += line[j - aside + low]
+    for j in range(first, last):
+        means[j] /= samples
+
+
+@kernel
+def moved(grid, stations, step, half, slope, per_cell):
+    """Stations moved across the path by multiples of `step`, `half` to each side at most: the cheapest choice.
+
+    Neighbours are moved by amounts that differ by `slope` multiples at most. Legs are priced by about `per_cell`
+    samples a cell, and each that is chosen is checked cell by cell. The stations themselves where there is no choice
+    whose legs are clear.
+    """
+    n, count = len(stations), 2 * half + 1
+    places = _places(grid, stations, step, half)
+    costs, before = np.full((n, count), np.inf), np.zeros((n, count), np.int64)
+    values, legs = np.empty((MOST_SAMPLES, count)), np.empty((2 * slope + 1, count))
+    ground = ground_of(grid)
+    _, _, base, factor, _ = ground
+    costs[0, half] = 0.0
+    for k in range(1, n):
+        rows, cols = stations[k, 0] - stations[k - 1, 0], stations[k, 1] - stations[k - 1, 1]
+        samples = min(max(np.int64(per_cell * math.sqrt(rows * rows + cols * cols) + 0.5), 1), MOST_SAMPLES)
+        _open_between(grid, *_bounds(places[k - 1], places[k]))
+        _sample_between(ground, places[k - 1], places[k], samples, values)
+        for d in range(2 * slope + 1):
+            aside = d - slope
+            _mean_weights(values, samples, aside, legs[d])
+            for j in range(max(aside, 0), min(count + aside, count)):
+                rows = places[k, j, 0] - places[k - 1, j - aside, 0]
+                cols = places[k, j, 1] - places[k - 1, j - aside, 1]
+                length = math.sqrt(rows * rows + cols * cols)
+                legs[d, j] = costs[k - 1, j - aside] + length * (base + factor * legs[d, j])
+        for j in range(count):
+            if k == n - 1 and j != half:
+                continue
+            while True:
+                best = 0
+                for d in range(1, 2 * slope + 1):
+                    best = d if legs[d, j] < legs[best, j] else best
+                if not legs[best, j] < BLOCKED:
+                    break
+                i = j - best + slope
+                if is_clear(ground, places[k - 1, i, 0], places[k - 1, i, 1], places[k, j, 0], places[k, j, 1]):
+                    costs[k, j], before[k, j] = legs[best, j], i
+                    break
+                legs[best, j] = np.inf
+    if not costs[n - 1, half] < np.inf:
+        return stations
+    out, j = np.empty((n, 2)), half
+    for k in range(n - 1, -1, -1):
+        out[k, 0], out[k, 1] = places[k, j, 0], places[k, j, 1]
+        j = before[k, j]
+    return out
+
+
+@kernel
+def freed(grid, path, stages, tolerance):
+    """Way points near a path of cells that cost less, by the line integral, than the path itself as a rule.
+
+    Parameters
+    ----------
+    grid
+        As everywhere.
+    path : (N, 2) int32
+        Cells, each a neighbour of the one before it.
+    stages : (S, 6) float64
+        How stations are moved, one stage after another; see `SPACING` and the others.
+    tolerance : float
+        Cells of mean ground, whose cost a way point must save.
+
+    Returns
+    -------
+    (M, 2) float64
+        The way points. All legs are clear.
+    """
+    points = shortened(grid, path.astype(np.float64), 4, 32, 0.0, 1.0)
+    for s in range(len(stages)):
+        spacing = stages[s, SPACING]
+        stations = _with_stations(points, spacing) if stages[s, KEEPS] else _evenly(points, spacing)
+        step, half, slope = stages[s, STEP], np.int64(stages[s, HALF]), np.int64(stages[s, SLOPE])
+        found = moved(grid, stations, step, half, slope, stages[s, SAMPLES])
+        if stages[s, KEEPS] or found is not stations:
+            points = found
+    mean = line_cost(grid, points) / max(_length(points), 1e-12)
+    before = 2 * len(points)
+    while len(points) < 0.8 * before:
+        before = len(points)
+        points = shortened(grid, points, 1, 8, tolerance * mean, 1.5)
+    return moved(grid, points, LAST_STEP, 1, 1, 1.5)
+
+
+@kernel
+def _length(points):
+    total = 0.0
+    for k in range(len(points) - 1):
+        rows, cols = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        total += math.sqrt(rows * rows + cols * cols)
+    return total
