@@ -48,6 +48,20 @@ def _open_between(grid, low, high):
 
 
 @kernel
+def _all_open(ground, low, high):
+    """Whether all cells of a rectangle between two places, and those around it, are passable."""
+    weights, stride = ground[0], ground[1]
+    left, right = np.int64(low[1] + 0.5), np.int64(high[1] + 0.5) + 3
+    for row in range(np.int64(low[0] + 0.5), np.int64(high[0] + 0.5) + 3):
+        worst = np.float32(0.0)
+        for node in range(row * stride + left, row * stride + right):
+            worst = max(worst, weights[np.uint64(node)])
+        if worst == np.inf:
+            return False
+    return True
+
+
+@kernel
 def _is_passable(ground, row, col):
     """Whether a cell can be stood on; those outside the map cannot."""
     weights, stride = ground[0], ground[1]
@@ -274,65 +288,84 @@ def _evenly(points, spacing):
 
 
 @kernel
-def _places(grid, stations, step, half):
-    """(n, 2 · half + 1, 2) places of each station across the path, those outside the map moved onto its rim."""
+def _places(grid, stations, step, half, rows, cols):
+    """Write the places of each station across the path, those outside the map moved onto its rim. Ends stay."""
     stride = grid[1]
-    n, count = len(stations), 2 * half + 1
-    last_row, last_col = len(grid[0]) // stride - 3, stride - 3
-    places = np.empty((n, count, 2))
+    n, last_row, last_col = len(stations), float(len(grid[0]) // stride - 3), float(stride - 3)
     for k in range(n):
         a, b = max(k - 1, 0), min(k + 1, n - 1)
-        rows, cols = stations[b, 0] - stations[a, 0], stations[b, 1] - stations[a, 1]
-        length = max(math.sqrt(rows * rows + cols * cols), 1e-12)
-        for j in range(count):
-            aside = (j - half) * step / length
-            places[k, j, 0] = min(max(stations[k, 0] - aside * cols, 0.0), float(last_row))
-            places[k, j, 1] = min(max(stations[k, 1] + aside * rows, 0.0), float(last_col))
-    return places
+        down, right = stations[b, 0] - stations[a, 0], stations[b, 1] - stations[a, 1]
+        per_length = step / max(math.sqrt(down * down + right * right), 1e-12) if 0 < k < n - 1 else 0.0
+        for j in range(2 * half + 1):
+            aside = (j - half) * per_length
+            rows[k, j] = min(max(stations[k, 0] - aside * right, 0.0), last_row)
+            cols[k, j] = min(max(stations[k, 1] + aside * down, 0.0), last_col)
 
 
 @kernel
-def _bounds(here, there):
-    """The corners of the rectangle that holds two stations' places."""
-    top, left, bottom, right = np.inf, np.inf, -np.inf, -np.inf
-    for j in range(len(here)):
-        top, bottom = min(top, here[j, 0], there[j, 0]), max(bottom, here[j, 0], there[j, 0])
-        left, right = min(left, here[j, 1], there[j, 1]), max(right, here[j, 1], there[j, 1])
-    return (top, left), (bottom, right)
+def _open_around(grid, rows, cols):
+    """See to it that the weights between two stations' places are there; whether all cells there are passable."""
+    low, high = (rows.min(), cols.min()), (rows.max(), cols.max())
+    _open_between(grid, low, high)
+    return _all_open(ground_of(grid), low, high)
 
 
 @kernel
-def _sample_between(ground, here, there, samples, values):
+def _sample_between(ground, rows, cols, samples, all_open, values):
     """Weights between two stations' places, row by row of equal shares of the way; `BLOCKED` where impassable."""
-    for j in range(len(here)):
-        rows, cols = (there[j, 0] - here[j, 0]) / samples, (there[j, 1] - here[j, 1]) / samples
+    for j in range(rows.shape[1]):
+        down, right = (rows[1, j] - rows[0, j]) / samples, (cols[1, j] - cols[0, j]) / samples
+        row, col = rows[0, j] + 0.5 * down, cols[0, j] + 0.5 * right
         for m in range(samples):
-            row, col = here[j, 0] + (m + 0.5) * rows, here[j, 1] + (m + 0.5) * cols
-            passable = _is_passable(ground, np.int64(row + 0.5), np.int64(col + 0.5))
+            passable = all_open or _is_passable(ground, np.int64(row + 0.5), np.int64(col + 0.5))
             values[m, j] = weight_at(ground, row, col) if passable else BLOCKED
+            row, col = row + down, col + right
 
 
 @kernel
-def _mean_weights(values, samples, aside, means):
-    """Mean weights of the legs that end `aside` places beside where they begin, by the end's place."""
-    count = values.shape[1]
-    first, last = max(aside, 0), min(count + aside, count)
+def _leg_costs(ground, rows, cols, values, samples, slope, legs):
+    """Costs of the legs between two stations' places: `legs[d, j]` ends at j and begins d - slope places before."""
+    count, base, factor = rows.shape[1], ground[2], ground[3] / samples
+    for d in range(2 * slope + 1):
+        aside, line = d - slope, legs[d]
+        first, last = max(aside, 0), min(count + aside, count)
+        line[:] = 0.0
+        for m in range(samples):
+            shift = aside * (m + 0.5) / samples
+            low = np.int64(math.floor(shift))
+            share, ahead = shift - low, low - aside
+            if share > 0.0:
+                for j in range(first, last):
+                    line[j] += (1.0 - share) * values[m, j + ahead] + share * values[m, j + ahead + 1]
+            else:
+                for j in range(first, last):
+                    line[j] += values[m, j + ahead]
+        for j in range(first, last):
+            down, right = rows[1, j] - rows[0, j - aside], cols[1, j] - cols[0, j - aside]
+            line[j] = math.sqrt(down * down + right * right) * (base + factor * line[j])
+        line[:first], line[last:] = np.inf, np.inf
+
+
+@kernel
+def _choose(ground, rows, cols, legs, all_open, costs, before):
+    """The cheapest clear way to each of a station's places, by the costs of the ways to those of the one before."""
+    count, slope = legs.shape[1], legs.shape[0] // 2
+    for d in range(2 * slope + 1):
+        for j in range(max(d - slope, 0), min(count + d - slope, count)):
+            legs[d, j] += costs[0, j - d + slope]
     for j in range(count):
-        means[j] = np.inf
-    for j in range(first, last):
-        means[j] = 0.0
-    for m in range(samples):
-        shift = aside * (m + 0.5) / samples
-        low = np.int64(math.floor(shift))
-        share, line = shift - low, values[m]
-        if share > 0.0:
-            for j in range(first, last):
-                means[j] += (1.0 - share) * line[j - aside + low] + share * line[j - aside + low + 1]
-        else:
-            for j in range(first, last):
-                means[j] += line[j - aside + low]
-    for j in range(first, last):
-        means[j] /= samples
+        while True:
+            best = 0
+            for d in range(1, 2 * slope + 1):
+                best = d if legs[d, j] < legs[best, j] else best
+            if not legs[best, j] < BLOCKED:
+                costs[1, j] = np.inf
+                break
+            i = j - best + slope
+            if all_open or is_clear(ground, rows[0, i], cols[0, i], rows[1, j], cols[1, j]):
+                costs[1, j], before[j] = legs[best, j], i
+                break
+            legs[best, j] = np.inf
 
 
 @kernel
@@ -343,45 +376,26 @@ def moved(grid, stations, step, half, slope, per_cell):
     samples a cell, and each that is chosen is checked cell by cell. The stations themselves where there is no choice
     whose legs are clear.
     """
-    n, count = len(stations), 2 * half + 1
-    places = _places(grid, stations, step, half)
-    costs, before = np.full((n, count), np.inf), np.zeros((n, count), np.int64)
+    n, count, ground = len(stations), 2 * half + 1, ground_of(grid)
+    rows, cols, costs = np.empty((n, count)), np.empty((n, count)), np.full((n, count), np.inf)
+    before = np.zeros((n, count), np.int64)
     values, legs = np.empty((MOST_SAMPLES, count)), np.empty((2 * slope + 1, count))
-    ground = ground_of(grid)
-    _, _, base, factor, _ = ground
-    costs[0, half] = 0.0
+    _places(grid, stations, step, half, rows, cols)
+    costs[0] = 0.0
     for k in range(1, n):
-        rows, cols = stations[k, 0] - stations[k - 1, 0], stations[k, 1] - stations[k - 1, 1]
-        samples = min(max(np.int64(per_cell * math.sqrt(rows * rows + cols * cols) + 0.5), 1), MOST_SAMPLES)
-        _open_between(grid, *_bounds(places[k - 1], places[k]))
-        _sample_between(ground, places[k - 1], places[k], samples, values)
-        for d in range(2 * slope + 1):
-            aside = d - slope
-            _mean_weights(values, samples, aside, legs[d])
-            for j in range(max(aside, 0), min(count + aside, count)):
-                rows = places[k, j, 0] - places[k - 1, j - aside, 0]
-                cols = places[k, j, 1] - places[k - 1, j - aside, 1]
-                length = math.sqrt(rows * rows + cols * cols)
-                legs[d, j] = costs[k - 1, j - aside] + length * (base + factor * legs[d, j])
-        for j in range(count):
-            if k == n - 1 and j != half:
-                continue
-            while True:
-                best = 0
-                for d in range(1, 2 * slope + 1):
-                    best = d if legs[d, j] < legs[best, j] else best
-                if not legs[best, j] < BLOCKED:
-                    break
-                i = j - best + slope
-                if is_clear(ground, places[k - 1, i, 0], places[k - 1, i, 1], places[k, j, 0], places[k, j, 1]):
-                    costs[k, j], before[k, j] = legs[best, j], i
-                    break
-                legs[best, j] = np.inf
-    if not costs[n - 1, half] < np.inf:
+        down, right = stations[k, 0] - stations[k - 1, 0], stations[k, 1] - stations[k - 1, 1]
+        samples = min(max(np.int64(per_cell * math.sqrt(down * down + right * right) + 0.5), 1), MOST_SAMPLES)
+        between = rows[k - 1 : k + 1], cols[k - 1 : k + 1]
+        all_open = _open_around(grid, *between)
+        _sample_between(ground, *between, samples, all_open, values)
+        _leg_costs(ground, *between, values, samples, slope, legs)
+        _choose(ground, *between, legs, all_open, costs[k - 1 : k + 1], before[k])
+    j = costs[n - 1].argmin()
+    if not costs[n - 1, j] < np.inf:
         return stations
-    out, j = np.empty((n, 2)), half
+    out = np.empty((n, 2))
     for k in range(n - 1, -1, -1):
-        out[k, 0], out[k, 1] = places[k, j, 0], places[k, j, 1]
+        out[k, 0], out[k, 1] = rows[k, j], cols[k, j]
         j = before[k, j]
     return out
 
@@ -406,19 +420,21 @@ def freed(grid, path, stages, tolerance):
     (M, 2) float64
         The way points. All legs are clear.
     """
-    points = shortened(grid, path.astype(np.float64), 4, 32, 0.0, 1.0)
+    points, on_path = path.astype(np.float64), True
     for s in range(len(stages)):
-        spacing = stages[s, SPACING]
-        stations = _with_stations(points, spacing) if stages[s, KEEPS] else _evenly(points, spacing)
+        spacing, keeps = stages[s, SPACING], stages[s, KEEPS] > 0.0
+        if keeps and on_path:
+            points, on_path = shortened(grid, points, 8, 32, 0.0, 1.0), False
+        stations = _with_stations(points, spacing) if keeps else _evenly(points, spacing)
         step, half, slope = stages[s, STEP], np.int64(stages[s, HALF]), np.int64(stages[s, SLOPE])
         found = moved(grid, stations, step, half, slope, stages[s, SAMPLES])
-        if stages[s, KEEPS] or found is not stations:
-            points = found
+        if keeps or found is not stations:
+            points, on_path = found, False
     mean = line_cost(grid, points) / max(_length(points), 1e-12)
     before = 2 * len(points)
     while len(points) < 0.8 * before:
         before = len(points)
-        points = shortened(grid, points, 1, 8, tolerance * mean, 1.5)
+        points = shortened(grid, points, 1, 4, tolerance * mean, 1.0)
     return moved(grid, points, LAST_STEP, 1, 1, 1.5)
 
 
