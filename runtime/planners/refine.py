@@ -177,24 +177,20 @@ class BodyLines:
     def _where_it_stands(self, points: Points, path: NDArray[np.int32]) -> Points:
         """The same, with parts of the path in place of the legs that fail, and of those beside them that then do."""
         beside, places = _nearest_in_order(points, path), points.copy()
-        on_path, stands = np.zeros(len(points), bool), np.zeros(len(points) - 1, bool)
+        on_path, costs = np.zeros(len(points), bool), np.full(len(points) - 1, np.nan)
         on_path[[0, -1]] = True
-        while not stands.all():
-            for k in np.flatnonzero(~stands).tolist():
-                ends = [end for end in (k, k + 1) if not on_path[end]]
-                stands[k] = not ends or self._leg_cost(places, k) < math.inf
-                for end in [] if stands[k] else ends:
-                    on_path[end], places[end] = True, path[beside[end]]
-                    stands[max(end - 1, 0) : end + 1] = False
+        while np.isnan(costs).any():
+            for k in np.flatnonzero(np.isnan(costs)).tolist():
+                costs[k] = body_leg_cost(self._body, self._grid.packed, *places[k], *places[k + 1])
+                for end in (k, k + 1):
+                    if costs[k] == math.inf and not on_path[end]:
+                        on_path[end], places[end] = True, path[beside[end]]
+                        costs[max(end - 1, 0) : end + 1] = np.nan
         parts = [places[:1]]
-        for k in range(len(points) - 1):
-            straight = not (on_path[k] and on_path[k + 1]) or self._leg_cost(places, k) < math.inf
-            part = places[k : k + 2] if straight else _corners(path[beside[k] : beside[k + 1] + 1])
+        for k, cost in enumerate(costs.tolist()):
+            part = places[k : k + 2] if cost < math.inf else _corners(path[beside[k] : beside[k + 1] + 1])
             parts.append(part[1:])
         return np.concatenate(parts)
-
-    def _leg_cost(self, places: Points, k: int) -> float:
-        return float(body_leg_cost(self._body, self._grid.packed, *places[k], *places[k + 1]))
 
 
 def turns_rad(points: Points) -> NDArray[np.float64]:
