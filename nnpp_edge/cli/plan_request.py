@@ -29,6 +29,7 @@ class Request:
     landmarks: int
     compare: bool
     price: str | None
+    refine: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse a start or goals that are missing, or given as cells and as coordinates."""

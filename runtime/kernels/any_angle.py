@@ -100,7 +100,9 @@ def _touches(ground, row, col):
         return True
     if up == down and left == right:
         return False
-    return not (_is_passable(ground, up, right) and _is_passable(ground, down, left) and _is_passable(ground, down, right))
+    return not (
+        _is_passable(ground, up, right) and _is_passable(ground, down, left) and _is_passable(ground, down, right)
+    )
 
 
 @kernel

@@ -166,6 +166,7 @@ class Plan:
             "expansions": self.expansions,
             "threshold": numbers["threshold"],
             "reason": self.reason,
+            **({} if self.waypoints is None else {"line_cost": _finite(self.line_cost)}),
             "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
         }
 

@@ -391,7 +391,9 @@ class Planner:
         """
         work = Work()
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
-        return self._answer_in_turn(query, work, method, keep_regions, price, Refinement.named(refine), turning_radius_m)
+        return self._answer_in_turn(
+            query, work, method, keep_regions, price, Refinement.named(refine), turning_radius_m
+        )
 
     @one_at_a_time
     def _answer_in_turn(

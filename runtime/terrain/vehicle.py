@@ -98,7 +98,9 @@ class Vehicle:
     @property
     def _has_more(self) -> bool:
         of_a_disc = "radius_m", "turning_radius_m"
-        return any(getattr(self, field.name) != field.default for field in fields(self) if field.name not in of_a_disc)
+        return any(
+            getattr(self, field.name) != field.default for field in fields(self) if field.name not in of_a_disc
+        )
 
     @property
     def contact_m(self) -> tuple[float, float]:
