@@ -1,4 +1,6 @@
-"""Paths freed from the grid: way points anywhere on the map, priced by the line integral of the cost. See `planners.refine`.
+"""Paths freed from the grid: way points anywhere on the map, priced by the line integral.
+
+See `planners.refine`.
 
 Places are (row, col) in cells, with the middle of the first cell at (0, 0), so that a cell's sides lie at halves. The
 weight at a place is bilinear in those of the four cells whose middles surround it; the impassable ones among them are
@@ -109,7 +111,7 @@ def _touches(ground, row, col):
 def _along_sides(ground, row, col, rows, cols):
     """Whether a leg along cells' sides touches an impassable one."""
     steps = np.int64(2.0 * max(abs(rows), abs(cols))) + 1
-    for k in range(steps + 1):
+    for k in range(steps + 1):  # noqa: SIM110
         if _touches(ground, row + rows * k / steps, col + cols * k / steps):
             return True
     return False

@@ -132,7 +132,7 @@ def _lift(under, at, ahead, sweep, contacts):
     """
     ground, (gradients, _), wheels, halves, sides = under
     heights, margin = ground[0], ground[4]
-    half, width = (halves[2] + sweep, halves[3]), ground[3]
+    half = halves[2] + sweep, halves[3]
     level, along, across = 0.0, 0.0, 0.0
     for w in range(len(wheels)):
         middle_height = 0.5 * (contacts[0, w] + contacts[1, w])
@@ -209,7 +209,7 @@ def _stands_on_grid(poses, stride, row, col, to_row, to_col, count):
 
 @kernel
 def _headings_of(rows, cols):
-    """Numbers of the straight and the diagonal heading between which a direction lies, and the diagonal one's share."""
+    """Numbers of the straight and the diagonal heading beside a direction, and the diagonal one's share."""
     straight = 0 if abs(rows) >= abs(cols) else 2
     diagonal = 1 if (rows > 0.0) == (cols > 0.0) else 3
     return straight, diagonal, min(abs(rows), abs(cols)) / max(abs(rows), abs(cols))
@@ -217,7 +217,7 @@ def _headings_of(rows, cols):
 
 @kernel
 def _mean_of_cells(poses, stride, row, col, heading):
-    """Mean weight at a place of the cells around it in a heading, but those where it fails; -1 where it does in all."""
+    """Mean weight in a heading of the cells around a place, but those where it fails; -1 where it does in all."""
     codes, unit, source, _ = poses
     i, j = np.int64(math.floor(row)), np.int64(math.floor(col))
     total, shares = 0.0, 0.0

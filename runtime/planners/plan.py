@@ -126,7 +126,7 @@ class Plan:
     checks: int = 0
     """Poses of a vehicle that were checked for this plan."""
     waypoints: NDArray[np.float64] | None = None
-    """(N, 2) places (row, col) in cells of the path freed from the grid, from start to goal; None unless asked for."""
+    """(N, 2) places (row, col), in cells, of the path freed from the grid, with both ends; None unless asked for."""
     line_cost: float = math.inf
     """The line integral of the cost along the way points, in units of `cost`; see `planners.refine`."""
     timings_ms: dict[str, float] = field(default_factory=dict)

@@ -82,7 +82,8 @@ class Refiner:
         Parameters
         ----------
         turning_radius_m : float
-            No turn is to be sharper; by default the vehicle's. Where no such line is found near the path, the plan says NO_PATH and why.
+            No turn is to be sharper; by default the vehicle's. Where no such line is found near the path, the plan
+            says NO_PATH and why.
 
         Raises
         ------
