@@ -133,7 +133,7 @@ ANY_ANGLE = np.array(
 to each side; by how many neighbours may differ; samples per cell; whether way points are stations. The first reaches
 60 cells, as the paper's diagonal steps draw its paths so far aside (docs/decisions.md)."""
 ANY_ANGLE_BODY = np.array(((12.0, 3.0, 4, 3, 0.67, 0), (5.0, 1.2, 3, 3, 1.0, 1), (3.0, 0.4, 2, 2, 1.0, 1)))
-"""The same of a body, whose poses are checked so far aside."""
+"""The same of a body, whose poses are checked 14 cells aside."""
 BODY_BAND = 14, 6
 """Cells around a body's path whose poses are checked for that, and cells of the path from one square to the next."""
 WAY_POINT_SAVES = 0.01

@@ -121,7 +121,8 @@ def _along_sides(ground, row, col, rows, cols):
 def is_clear(ground, row, col, to_row, to_col):
     """Whether every cell that a leg touches is passable.
 
-    A leg may pass between two cells exactly through the corner that they share, where corners may be cut.
+    Where corners may be cut, diagonal legs from the middle of a cell may lead through them, as the grid's steps do. Of
+    other legs rounding hides whether they pass a corner or cut a sliver off the cell beside it.
     """
     rows, cols = to_row - row, to_col - col
     if _touches(ground, row, col) or _touches(ground, to_row, to_col):
@@ -136,13 +137,14 @@ def is_clear(ground, row, col, to_row, to_col):
     next_row = (i + 0.5 - row if rows > 0.0 else row + 0.5 - i) * per_row if rows != 0.0 else np.inf
     next_col = (j + 0.5 - col if cols > 0.0 else col + 0.5 - j) * per_col if cols != 0.0 else np.inf
     near = TOUCH * min(per_row, per_col)
+    diagonal = ground[4] and abs(rows) == abs(cols) and row == math.floor(row) and col == math.floor(col)
     while True:
         if not _is_passable(ground, i, j):
             return False
         if min(next_row, next_col) >= 1.0:
             return True
         if abs(next_row - next_col) <= near:  # a corner
-            if not (ground[4] and next_row == next_col) and not (
+            if not (diagonal and next_row == next_col) and not (
                 _is_passable(ground, i + up, j) and _is_passable(ground, i, j + left)
             ):
                 return False

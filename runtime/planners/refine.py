@@ -154,12 +154,13 @@ class BodyLines:
         long, wide = vehicle.contact_m
         halves = 0.5 * long, 0.5 * wide, 0.5 * vehicle.length_m, 0.5 * vehicle.width_m
         self._grid, self._poses = grid, poses
-        self._body = poses.packed, np.ascontiguousarray(vehicle.wheels_m), np.array((*halves, dy, dx))
+        self.body = poses.packed, np.ascontiguousarray(vehicle.wheels_m), np.array((*halves, dy, dx))
+        """As the kernels of `kernels.any_heading` take it."""
         self._weights: NDArray[np.float32] | None = None
 
     def cost(self, points: Points) -> float:
         """As `Refiner.cost`."""
-        return float(body_line_cost(self._body, self._grid.packed, points))
+        return float(body_line_cost(self.body, self._grid.packed, points))
 
     def freed(self, path: NDArray[np.int32], saves: float) -> Points:
         """Way points near a path that the body can follow; on the path itself where nothing else is found."""
@@ -167,7 +168,7 @@ class BodyLines:
             self._weights = np.full(len(self._grid.weights), np.inf, np.float32)
         weights, stride = self._weights, self._grid.stride
         radius, every = BODY_BAND
-        weigh_band(self._body, stride, path, radius, every, weights)
+        weigh_band(self.body, stride, path, radius, every, weights)
         weights[(path[:, 0] + 1) * stride + path[:, 1] + 1] = np.minimum(
             weights[(path[:, 0] + 1) * stride + path[:, 1] + 1], np.float32(self._grid.model.scale)
         )
@@ -182,7 +183,7 @@ class BodyLines:
         on_path[[0, -1]] = True
         while np.isnan(costs).any():
             for k in np.flatnonzero(np.isnan(costs)).tolist():
-                costs[k] = body_leg_cost(self._body, self._grid.packed, *places[k], *places[k + 1])
+                costs[k] = body_leg_cost(self.body, self._grid.packed, *places[k], *places[k + 1])
                 for end in (k, k + 1):
                     if costs[k] == math.inf and not on_path[end]:
                         on_path[end], places[end] = True, path[beside[end]]
