@@ -286,6 +286,7 @@ def _evenly(points, spacing):
         share = (at - run[k]) / max(run[k + 1] - run[k], 1e-12)
         for side in range(2):
             even[m, side] = points[k, side] + min(share, 1.0) * (points[k + 1, side] - points[k, side])
+    even[0], even[count - 1] = points[0], points[n - 1]  # free of rounding
     out = even.copy()
     for m in range(1, count - 1):
         for side in range(2):
