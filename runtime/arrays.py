@@ -47,8 +47,8 @@ def close_border(weights: NDArray[np.float32], rows: int, cols: int) -> None:
         side.fill(np.inf)
 
 
-def headings_along(path: NDArray[np.int32]) -> NDArray[np.float64]:
-    """(N,) degrees in which each cell of a path (N, 2) is left; the last as it is arrived at.
+def headings_along(path: NDArray[np.int32] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) degrees in which each cell or way point of a path (N, 2) is left; the last as it is arrived at.
 
     Clockwise from up the rows, in [0, 360), as if cells were square; empty for less than two cells.
     """

@@ -6,6 +6,8 @@ above each of them.
 
 from typing import NamedTuple
 
+import numpy as np
+
 
 class MapSize(int):
     """Cells of a map's longer side from which on something is done in another way."""
@@ -119,6 +121,26 @@ WINDOW_ROUNDING = 32
 """Cells: the corner and the side of the window that the network is shown are multiples of it."""
 WINDOW_SHARE = 0.6
 """Share of the map's longer side from which on the network is shown the whole map instead of a window."""
+
+# Any angle
+
+ANY_ANGLE = np.array(
+    (
+        (24.0, 6.0, 10, 3, 0.5, 0),
+        (12.0, 3.0, 4, 3, 0.67, 0),
+        (5.0, 1.2, 3, 3, 1.0, 1),
+        (3.0, 0.4, 2, 2, 1.0, 1),
+    )
+)
+"""Stages in which stations are moved across a path: cells between stations; cells between a station's places; places
+to each side; by how many neighbours may differ; samples per cell; whether way points are stations. The first reaches
+60 cells, as the paper's diagonal steps draw its paths so far aside (docs/decisions.md)."""
+ANY_ANGLE_BODY = np.array(((12.0, 3.0, 4, 3, 0.67, 0), (5.0, 1.2, 3, 3, 1.0, 1), (3.0, 0.4, 2, 2, 1.0, 1)))
+"""The same of a body, whose poses are checked 14 cells aside."""
+BODY_BAND = 14, 6
+"""Cells around a body's path whose poses are checked for that, and cells of the path from one square to the next."""
+WAY_POINT_SAVES = 0.01
+"""Cells of mean ground whose cost each way point saves at least: with 0.1 there are half as many, for 0.1 % more."""
 
 # Choice of a method
 

@@ -172,7 +172,7 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
     vehicle, (start, goal) = Vehicle(2.2, 2.2, 3.0, max_tilt_deg=60.0, unknown_passes=True), ((8, 5), (140, 18))
     planner = Planner.of_elevation(dem, 1.0, vehicle=vehicle, model=network, ask_from=0, warn=False)
     for method in ("astar", "corridor"):
-        planner.plan(start, goal, method=method)
+        planner.plan(start, goal, method=method, refine="any-angle")
         planner.plan(start, goal, method=method, time_limit_s=60.0)
     planner.plan(start, goal, method="corridor", price="sampled")
     planner.prepare(landmarks=1, goals=[goal])
@@ -250,7 +250,7 @@ def _exercise_planner(shape: tuple[int, int], step_cost: str, corner_cutting: bo
         planner = Planner(weights, step_cost=step_cost, corner_cutting=corner_cutting, model=network)
         for method in ("astar", "corridor", "nnpp"):
             planner.plan(start, goal, method=method)
-            planner.plan(goal, start, method=method, time_limit_s=60.0)
+            planner.plan(goal, start, method=method, time_limit_s=60.0, refine="any-angle")
             planner.plan(start, start, method=method)
         planner.plan(start, goal, method="astar", time_limit_s=0.0)
         for patch in (cost[:5, :6].copy(), _read_only(cost[:5, :6])):

@@ -65,6 +65,7 @@ _BYTES_PER_CELL = 24
 @click.option(
     "--landmarks", type=click.IntRange(0, 8), default=0, help="Landmarks to prepare: exact A* expands fewer cells."
 )
+@click.option("--refine", type=click.Choice(["any-angle"]), help="Free the path from the grid: way points, too.")
 @click.option("--compare", is_flag=True, help="Plan with exact A* and the corridor planner too.")
 @click.option("--hillshade", is_flag=True, help="Draw the relief in place of the cost.")
 @vehicle_options.vehicle
@@ -211,6 +212,7 @@ def find(
         exercise()
     within: PlanOptions = {
         "price": request.price,
+        "refine": request.refine,
         "epsilon": inf if request.epsilon is None else request.epsilon,
         "time_limit_s": request.time_limit or inf,
     }

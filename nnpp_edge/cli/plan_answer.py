@@ -206,6 +206,8 @@ class Answer:
         if plan.ok:
             lines["path"] = f"{len(plan.path)} cells, {length}"
             lines["cost"] = f"{plan.cost:.6g}{_UNITS.get(self.step_cost, '')}, {self._optimality()}"
+            if plan.waypoints is not None:
+                lines["line"] = f"{len(plan.waypoints)} way points, line integral {plan.line_cost:.6g}"
             lines["CC"] = f"{plan.traverse_cost:.6g}"
         elif len(plan.path):
             lines["path"] = f"{len(plan.path)} cells so far, {length}"

@@ -30,6 +30,7 @@ class Request:
     compare: bool
     price: str | None
     step_cost: str
+    refine: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse a start or goals that are missing, or given as cells and as coordinates."""

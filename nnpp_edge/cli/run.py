@@ -41,6 +41,7 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
     type=options.NOT_NEGATIVE,
     help="Keep a path while a new one can save at most this share (else 0.02).",
 )
+@click.option("--refine", type=click.Choice(["any-angle"]), help="Free paths from the grid: way points, too.")
 @click.option("--ticks", type=COUNT, help="End after so many.")
 @click.option("--framing", type=_FRAMINGS, default="lines", help="A message a line, or after its length in 4 bytes.")
 @click.option("--fast", is_flag=True, help="Replay one recorded tick a tick, and ticks without a pause.")
@@ -87,7 +88,11 @@ def command(
         raise click.UsageError("--json prints on stdout, which answers go to: add --output none, or zenoh")
     loop = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **given)
     settings = NavigatorSettings(
-        method=loop.method, model=loop.model, tolerance=loop.tolerance, corner_cutting=loop.corner_cutting
+        method=loop.method,
+        model=loop.model,
+        tolerance=loop.tolerance,
+        corner_cutting=loop.corner_cutting,
+        refine=loop.refine or None,
     )
     options.check_outputs(  # --record never replaces a file
         *(("--log", wiring.log), ("--metrics-file", wiring.metrics_file), ("--view", options.view_file(wiring.view))),

@@ -150,9 +150,12 @@ class OnboardLoop(_Table, frozen=True):
     tolerance: Annotated[float, Meta(ge=0.0, le=_LARGEST)] = 0.02
     """A standing path is kept while it cannot cost more than this share above what a new plan might."""
     corner_cutting: bool = True
+    refine: str = ""
+    """As `DynamicPlanner` takes it; empty for paths of cells alone."""
 
     def __post_init__(self) -> None:
         self.check_choice("method", LOOP_METHODS)
+        self.check_choice("refine", ("", "any-angle"))
         self.check_different("cores")
 
 

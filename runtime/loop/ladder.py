@@ -44,6 +44,8 @@ class NavigatorSettings:
     model: str | Path | NetworkModel = "edge"
     tolerance: float = 0.02
     """Share; the standing path is kept while it can cost at most this much more than a new plan."""
+    refine: str | None = None
+    """As for `DynamicPlanner`: whether answers come with way points too."""
     snap_radius: int = 3
     """Cells; if the robot stands in an impassable cell, its path may start at most this far away."""
 
@@ -215,7 +217,8 @@ class Ladder:
         assert plan is not None
         rest = plan.path[standing.index :]
         left = replace(plan, path=rest, cost=standing.cost, lower_bound=standing.lower_bound)
-        return self._path(tick, left, Origin.STANDING, reason)
+        freed = planner.refined(left)
+        return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
 
     def _path(self, tick: Tick, plan: Plan, origin: Origin, reason: str) -> PathMessage | None:
         """The plan's path as a message; None if it does not hold on the newest map."""
@@ -228,6 +231,8 @@ class Ladder:
             return None
         base = tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures))
         found = replace(base, outcome=Status.OK, origin=origin, path=path)
+        if plan.waypoints is not None and self._world.version == tick.map_version:  # else they are not checked
+            found = replace(found, waypoints=plan.waypoints, line_cost=plan.line_cost)
         return replace(found, cost=plan.cost, lower_bound=plan.lower_bound, method=plan.planner)
 
 

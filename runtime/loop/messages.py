@@ -149,6 +149,10 @@ class PathMessage:
     """Number of map patches that the answer takes into account."""
     planning_ms: float = 0.0
     """From the beginning of the tick to this answer."""
+    waypoints: NDArray[np.float64] | None = None
+    """(N, 2) places (row, col) in cells, as in `Plan`; None unless asked for, or where the map changed meanwhile."""
+    line_cost: float = math.inf
+    """As in `Plan`."""
 
     def __post_init__(self) -> None:
         """A path with success, none without."""
@@ -168,8 +172,14 @@ class PathMessage:
         return headings_along(self.path)
 
     def summary(self) -> dict[str, object]:
-        """Ready for JSON: the path as a list of [row, col], its headings, an infinite cost as None."""
+        """Ready for JSON: the path as a list of [row, col], its headings, an infinite cost as None.
+
+        Way points and their cost are left out where there are none.
+        """
         fields: dict[str, object] = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        line = {"waypoints": fields.pop("waypoints"), "line_cost": fields.pop("line_cost")}
+        if self.waypoints is not None:
+            fields |= line | {"waypoints": self.waypoints.tolist()}
         cost = self.cost if math.isfinite(self.cost) else None
         return fields | {
             "outcome": str(self.outcome),

@@ -187,9 +187,12 @@ class Navigator:
             "corner_cutting": settings.corner_cutting,
             "model": self.model,
         }
+        refine = settings.refine
         if body is None:
             costs = self.world.cost()
-            planner = DynamicPlanner(costs, (0, 0), settings.method, also=also, step_cost=settings.step_cost, **given)
+            planner = DynamicPlanner(
+                costs, (0, 0), settings.method, also=also, step_cost=settings.step_cost, refine=refine, **given
+            )
         else:
             planner = DynamicPlanner.of_elevation(
                 self.world.heights(),
@@ -200,6 +203,7 @@ class Navigator:
                 vehicle=body.vehicle,
                 cell_width_m=body.cell_width_m,
                 also=also,
+                refine=refine,
                 **given,
             )
         planner.prepare()

@@ -75,8 +75,8 @@ class DiscState(MapState):
     ----------
     cost, model, corner_cutting
         As for `MapState`; the costs are a point's.
-    radius_m : float
-        Of the disc.
+    vehicle : Vehicle
+        The disc.
     sides_m : (float, float)
         Height and width of a cell.
     surface : (dem, Traversability)
@@ -89,14 +89,15 @@ class DiscState(MapState):
         self,
         cost: Float2D,
         model: StepModel,
-        radius_m: float,
+        vehicle: Vehicle,
         sides_m: tuple[float, float],
         *,
         corner_cutting: bool = True,
         surface: tuple[Float2D, Traversability] | None = None,
         slope_cost: SlopeCost | None = None,
     ) -> None:
-        self._disc, self._sides = Disc(radius_m, sides_m, model.costs[2]), sides_m
+        assert vehicle.radius_m is not None
+        self._disc, self._sides, self._vehicle = Disc(vehicle.radius_m, sides_m, model.costs[2]), sides_m, vehicle
         self._bare = np.array(as_map(cost, "cost"))
         self._surface = surface and (np.array(as_map(surface[0], "dem", np.float64)), surface[1])
         rows, cols = self._bare.shape
@@ -107,8 +108,18 @@ class DiscState(MapState):
 
     def __getstate__(self) -> dict[str, object]:
         """As of a `MapState`, and the point's costs."""
-        own = {name: getattr(self, name) for name in ("_disc", "_sides", "_bare", "_surface")}
+        own = {name: getattr(self, name) for name in ("_disc", "_sides", "_vehicle", "_bare", "_surface")}
         return super().__getstate__() | own
+
+    @property
+    def sides_m(self) -> tuple[float, float]:
+        """Height and width of a cell."""
+        return self._sides
+
+    @property
+    def turning_radius_m(self) -> float | None:
+        """As of a `MapState`."""
+        return self._vehicle.turning_radius_m
 
     def update(self, row: int, col: int, patch: Float2D) -> Change:
         """As `MapState.update`, of a point's costs."""
@@ -154,7 +165,7 @@ def state_of_costs(
     if cell_size_m is None:
         raise InvalidMapError("wanted cell_size_m, the side of a cell, with a vehicle")
     sides = sides_of(cell_size_m, cell_width_m)
-    return DiscState(cost, model, vehicle.radius_m, sides, corner_cutting=corner_cutting)
+    return DiscState(cost, model, vehicle, sides, corner_cutting=corner_cutting)
 
 
 def state_of_elevation(
@@ -185,5 +196,5 @@ def state_of_elevation(
     cost = traversability_cost(dem, sides_m[0], traversability, cell_width_m=sides_m[1], warn=warn)
     surface = dem, traversability
     return DiscState(
-        cost, model, vehicle.radius_m, sides_m, corner_cutting=corner_cutting, surface=surface, slope_cost=slope_cost
+        cost, model, vehicle, sides_m, corner_cutting=corner_cutting, surface=surface, slope_cost=slope_cost
     )

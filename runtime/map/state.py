@@ -212,6 +212,17 @@ class MapState:
         return self._noted(Change(part, cells, cheaper), patch_part)
 
     @property
+    def sides_m(self) -> tuple[float, float] | None:
+        """Height and width of a cell; None where nobody has said."""
+        return None if self._elevation is None else self._elevation.sides_m
+
+    @property
+    def turning_radius_m(self) -> float | None:
+        """The vehicle's; None where any turn will do."""
+        vehicle = None if self._elevation is None else self._elevation.vehicle
+        return None if vehicle is None else vehicle.turning_radius_m
+
+    @property
     def checked(self) -> int:
         """Poses of a vehicle that have been checked so far."""
         return 0 if self.grid.poses is None else self.grid.poses.checked

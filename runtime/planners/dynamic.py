@@ -24,6 +24,7 @@ from nnpp_edge.runtime.planners.dynamic_choice import DynamicChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Query, Work, problem_with
+from nnpp_edge.runtime.planners.refine import Refinement, Refiner
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
@@ -49,6 +50,8 @@ class DynamicPlanner:
         lies near the start; else a new corridor.
     also : sequence of str
         Other methods that `replan` may be asked for. What none of them needs is not kept.
+    refine : str
+        As for `Planner.plan`, of every plan.
 
     Raises
     ------
@@ -83,12 +86,13 @@ class DynamicPlanner:
         model: str | Path | NetworkModel = "edge",
         vehicle: Vehicle | None = None,
         cell_size_m: float | None = None,
+        refine: str | None = None,
     ) -> None:
         step_model = StepModel.of(step_cost, omega)
         state = state_of_costs(
             cost, step_model, corner_cutting=corner_cutting, vehicle=vehicle, cell_size_m=cell_size_m
         )
-        self._begin(state, goal, method, also, model)
+        self._begin(state, goal, method, also, model, refine)
 
     @classmethod
     def of_elevation(
@@ -107,6 +111,7 @@ class DynamicPlanner:
         model: str | Path | NetworkModel = "edge",
         step_cost: str = "paper",
         mobility: Mobility | None = None,
+        refine: str | None = None,
     ) -> "DynamicPlanner":
         """A planner of elevations, changed by `update_elevation`; with a vehicle, over its poses.
 
@@ -126,16 +131,22 @@ class DynamicPlanner:
             vehicle=vehicle,
             slope_cost=slope_cost,
         )
-        planner._begin(state, goal, method, also, model)
+        planner._begin(state, goal, method, also, model, refine)
         return planner
 
     def _begin(
-        self, state: MapState, goal: Cell, method: str, also: Sequence[str], model: str | Path | NetworkModel
+        self,
+        state: MapState,
+        goal: Cell,
+        method: str,
+        also: Sequence[str],
+        model: str | Path | NetworkModel,
+        refine: str | None,
     ) -> None:
         self._turns = Turns()
         self.method = DynamicMethod.named(method)
         self.methods = frozenset((self.method, *map(DynamicMethod.named, also)))
-        self._state, self._model = state, model
+        self._state, self._model, self._refinement = state, model, Refinement.named(refine)
         self._start: Cell | None = None
         self._make_planners()
         self.set_goal(goal)
@@ -145,6 +156,7 @@ class DynamicPlanner:
         self._planners = MapPlanners(self._state, self._model, unseen_change=UNSEEN_CHANGE)
         self._path = StandingPath(self._state)
         self._chooser = DynamicChooser(self._state, self._planners, self._path)
+        self._refiner = Refiner(self._state)
         if not self._only_whole_map:
             self._planners.make_coarse_levels()
         if standing is not None and tuple(standing.path[-1]) == self._goal:
@@ -157,7 +169,7 @@ class DynamicPlanner:
 
     def __getstate__(self) -> dict[str, object]:
         """The map, the model, the ends, and the standing path: a copy begins anew with these."""
-        kept = "_state", "_model", "_start", "_goal", "method", "methods", "standing_plan"
+        kept = "_state", "_model", "_refinement", "_start", "_goal", "method", "methods", "standing_plan"
         return {name: getattr(self, name) for name in kept}
 
     def __setstate__(self, state: dict[str, object]) -> None:
@@ -295,7 +307,17 @@ class DynamicPlanner:
         if plan.ok:
             self._path.set(plan)
             self._chooser.answered()
-        return plan
+        return self._refined(plan)
+
+    @one_at_a_time
+    def refined(self, plan: Plan) -> Plan:
+        """A plan whose path can be walked on the map as it is now, such as what is left of the standing one, with its
+        way points; the plan itself where the planner was not made with `refine`.
+        """
+        return self._refined(plan)
+
+    def _refined(self, plan: Plan) -> Plan:
+        return plan if self._refinement is None else self._refiner.refined(plan)
 
     @property
     def _only_whole_map(self) -> bool:

@@ -126,6 +126,10 @@ class Plan:
     """Share of the map's cells whose cost was there when the plan was, in [0, 1]: below 1 on a map of elevations."""
     checks: int = 0
     """Poses of a vehicle that were checked for this plan."""
+    waypoints: NDArray[np.float64] | None = None
+    """(N, 2) places (row, col), in cells, of the path freed from the grid, with both ends; None unless asked for."""
+    line_cost: float = math.inf
+    """The line integral of the cost along the way points, in units of `cost`; see `planners.refine`."""
     timings_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage, and ``total``."""
 
@@ -138,6 +142,11 @@ class Plan:
     def headings_deg(self) -> NDArray[np.float64]:
         """(N,) degrees clockwise from up the rows in which each cell is left, see `arrays.headings_along`."""
         return headings_along(self.path)
+
+    @property
+    def waypoint_headings_deg(self) -> NDArray[np.float64]:
+        """(N,) degrees in which each way point is left, as `headings_deg`; empty without."""
+        return np.empty(0) if self.waypoints is None else headings_along(self.waypoints)
 
     @property
     def bound(self) -> float:
@@ -159,6 +168,7 @@ class Plan:
             "expansions": self.expansions,
             "threshold": numbers["threshold"],
             "reason": self.reason,
+            **({} if self.waypoints is None else {"line_cost": _finite(self.line_cost)}),
             "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
         }
 

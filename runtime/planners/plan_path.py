@@ -28,6 +28,7 @@ def plan_path(
     model: str | Path | NetworkModel = "edge",
     epsilon: float = math.inf,
     time_limit_s: float = math.inf,
+    refine: str | None = None,
 ) -> Plan:
     """Plan once; the arguments are those of `Planner` and `Planner.plan`.
 
@@ -37,4 +38,4 @@ def plan_path(
     if expects_network(method, np.shape(cost), model, query.apart):
         begin_loading(model)
     planner = Planner(cost, step_cost=step_cost, omega=omega, corner_cutting=corner_cutting, model=model)
-    return planner.plan(start, goal, method=method, epsilon=epsilon, time_limit_s=time_limit_s)
+    return planner.plan(start, goal, method=method, epsilon=epsilon, time_limit_s=time_limit_s, refine=refine)

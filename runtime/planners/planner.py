@@ -19,6 +19,7 @@ from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
+from nnpp_edge.runtime.planners.refine import Refinement, Refiner
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -169,6 +170,7 @@ class Planner:
     def _make_planners(self) -> None:
         self._planners = MapPlanners(self._state, self._model, network_from=self._ask_from)
         self._chooser = MethodChooser(self.shape, self._model, self._planners.has_poses)
+        self._refiner = Refiner(self._state)
 
     def __getstate__(self) -> dict[str, object]:
         """The map and the model: copies, pickled or not, are to be prepared anew."""
@@ -306,6 +308,8 @@ class Planner:
         time_limit_s: float = math.inf,
         keep_regions: bool = False,
         price: str | None = None,
+        refine: str | None = None,
+        turning_radius_m: float | None = None,
     ) -> list[tuple[int, Plan]]:
         """Paths to the goals that cost least to reach, cheapest first.
 
@@ -317,7 +321,7 @@ class Planner:
             At least one.
         count : int
             How many are wanted.
-        method, epsilon, time_limit_s, keep_regions, price
+        method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m
             As for `plan`; the time is each goal's own. Only exact methods are certain to know the order of goals that
             are nearly as near.
 
@@ -336,6 +340,7 @@ class Planner:
             raise InvalidQueryError("wanted at least one goal, got none")
         if not count >= 1:
             raise InvalidQueryError(f"count must be at least 1, got {count}")
+        refining = Refinement.named(refine)
         cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
         bounds = [self._least_cost(begin, cell) for cell in cells]
         plans: dict[int, Plan] = {}
@@ -344,7 +349,8 @@ class Planner:
             if len(known) >= count and known[count - 1] <= bounds[at]:
                 break
             work, query = Work(), Query.within(begin, cells[at], time_limit_s, epsilon)
-            plans[at] = self._answer(query, work, method, keep_regions, price)
+            found = self._answer(query, work, method, keep_regions, price)
+            plans[at] = self._refined(found, refining, turning_radius_m)
         return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
 
     def plan(
@@ -357,6 +363,8 @@ class Planner:
         time_limit_s: float = math.inf,
         keep_regions: bool = False,
         price: str | None = None,
+        refine: str | None = None,
+        turning_radius_m: float | None = None,
     ) -> Plan:
         """A path from start to goal.
 
@@ -380,6 +388,12 @@ class Planner:
             With a vehicle's body, by what ``corridor`` and ``nnpp`` price blocks before any pose is checked: ``eq1``,
             ``body-fit``, ``sampled`` or ``network``, see `map.prices`. By default ``network`` for ``nnpp``, where the
             vehicle is in the network's range (else a warning says so, once), and ``eq1`` for ``corridor``.
+        refine : str
+            ``any-angle``: free the path from the grid, see `planners.refine`. The plan gains `waypoints` and
+            `line_cost`; its path and cost stay the grid's.
+        turning_radius_m : float
+            With `refine`: no turn at a way point is to be sharper; by default the vehicle's. Where no such line is
+            found, the answer is NO_PATH, and the reason says so.
 
         Returns
         -------
@@ -398,7 +412,25 @@ class Planner:
         """
         work = Work()
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
-        return self._answer_in_turn(query, work, method, keep_regions, price)
+        return self._answer_in_turn(
+            query, work, method, keep_regions, price, Refinement.named(refine), turning_radius_m
+        )
+
+    @one_at_a_time
+    def _answer_in_turn(
+        self,
+        query: Query,
+        work: Work,
+        method: str,
+        keep_regions: bool,
+        price: str | None,
+        refining: Refinement | None,
+        turning_radius_m: float | None,
+    ) -> Plan:
+        return self._refined(self._answer(query, work, method, keep_regions, price), refining, turning_radius_m)
+
+    def _refined(self, plan: Plan, refining: Refinement | None, turning_radius_m: float | None) -> Plan:
+        return plan if refining is None else self._refiner.refined(plan, turning_radius_m)
 
     def _answer(self, query: Query, work: Work, method: str, keep_regions: bool, price: str | None = None) -> Plan:
         chosen, reason = self._chooser.choose(method, query)
@@ -436,5 +468,3 @@ class Planner:
         if wanted is Price.NETWORK:
             _ = self._planners.passage_network  # refused now, whatever the method, if it cannot be asked
         return wanted
-
-    _answer_in_turn = one_at_a_time(_answer)

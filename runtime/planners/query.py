@@ -48,6 +48,8 @@ class PlanOptions(TypedDict, total=False):
     time_limit_s: float
     keep_regions: bool
     price: str | None
+    refine: str | None
+    turning_radius_m: float | None
 
 
 class PlannerOptions(TypedDict, total=False):

@@ -56,9 +56,13 @@ class Vehicle:
     """Whether unknown cells count as no higher and no lower than those that are known; else none may lie below."""
     radius_m: float | None = None
     """Of a disc, of which no more is known."""
+    turning_radius_m: float | None = None
+    """Of the sharpest turn on a path freed from the grid; None where the vehicle turns on the spot."""
 
     def __post_init__(self) -> None:
         """Refuse what is no body: InvalidMapError."""
+        if self.turning_radius_m is not None:
+            _positive("turning_radius_m", self.turning_radius_m)
         if self.radius_m is not None:
             _positive("radius_m", self.radius_m)
             if self._has_more:
@@ -93,7 +97,10 @@ class Vehicle:
 
     @property
     def _has_more(self) -> bool:
-        return any(getattr(self, field.name) != field.default for field in fields(self) if field.name != "radius_m")
+        of_a_disc = "radius_m", "turning_radius_m"
+        return any(
+            getattr(self, field.name) != field.default for field in fields(self) if field.name not in of_a_disc
+        )
 
     @property
     def contact_m(self) -> tuple[float, float]:

@@ -1,0 +1,265 @@
+"""Paths freed from the grid: way points anywhere, priced by the line integral of the cost.
+
+What the grid says of cells is read as a cost for each cell's length along a line. In a cell's middle that is what a
+straight step on such ground costs: 1 + 2·w in the ``paper`` model, with its weight w = 255·ω·T, and the weight itself
+in ``length``. Between the middles it is bilinear, and impassable cells are left out of the mean. So a straight step
+costs by the integral what it costs by the grid. A diagonal step of ``paper`` costs more, √2 + √2·(w_i + w_j) on even
+ground: the paper charges √2 for its length, but 1 for its weights. Where they weigh much, the grid's best path is
+therefore another than the best line, and more has to be done than to smooth it.
+
+Stations on the grid's path are moved across it, all of them together, to the cheapest choice (dynamic programming),
+first far and coarsely, then near and finely; `tuning.ANY_ANGLE` lists the stages. Then way points that save next to
+nothing are left out. The line never costs more than the grid's path by the same integral: else it is that path. With
+a body it is checked pose by pose at its true heading; where that fails, it keeps to the grid's path, whose poses the
+search has checked.
+"""
+
+import math
+from dataclasses import replace
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.kernels.any_angle import freed, line_cost
+from nnpp_edge.runtime.kernels.any_heading import body_leg_cost, body_line_cost, clear_band, weigh_band
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.tiles import COMPLETE
+from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.stopwatch import Stopwatch
+from nnpp_edge.runtime.tuning import ANY_ANGLE, ANY_ANGLE_BODY, BODY_BAND, WAY_POINT_SAVES
+
+Points = NDArray[np.float64]
+"""(N, 2) places (row, col) in cells."""
+_ARC = math.radians(15.0)
+"""The most that a way point on an arc turns."""
+_ROUNDER = 1.02
+"""Radius of the arcs that are laid, over that asked for: way points on an arc turn a little sharper than it does."""
+_COARSER = (1.0, 8.0, 64.0)
+"""Multiples of what a way point must save, tried one after another where turns are too sharp."""
+
+
+class Refinement(StrEnum):
+    """What is made of the grid's path."""
+
+    ANY_ANGLE = "any-angle"
+
+    @classmethod
+    def named(cls, name: str | None) -> "Refinement | None":
+        """The one of that name, none for None; InvalidQueryError if there is none."""
+        try:
+            return None if name is None else cls(name)
+        except ValueError:
+            raise InvalidQueryError(f"refine must be one of {', '.join(cls)}, got {name!r}") from None
+
+
+class Line(NamedTuple):
+    """Way points, and the line integral along them."""
+
+    points: Points
+    cost: float
+
+
+class Refiner:
+    """Frees paths of one map from the grid. Serves one thread at a time.
+
+    Parameters
+    ----------
+    state : MapState
+        The map.
+    """
+
+    def __init__(self, state: MapState) -> None:
+        self._state, self._grid = state, state.grid
+        self._body = None if state.grid.poses is None else BodyLines(state.grid)
+
+    def refined(self, plan: Plan, turning_radius_m: float | None = None) -> Plan:
+        """The plan with way points, where it has a path; the time that this takes is its stage ``refine``.
+
+        Parameters
+        ----------
+        turning_radius_m : float
+            No turn is to be sharper; by default the vehicle's. Where no such line is found near the path, the plan
+            says NO_PATH and why.
+
+        Raises
+        ------
+        InvalidQueryError
+            The radius is not positive, or the map's cells have no known size.
+        """
+        wanted = self._state.turning_radius_m if turning_radius_m is None else turning_radius_m
+        radius = self._radius(wanted)
+        if not plan.ok:
+            return plan
+        watch = Stopwatch()
+        line = self.line_along(plan.path, radius)
+        watch.stage_ends("refine")
+        took = watch.timings_ms["refine"]
+        timings = {**plan.timings_ms, "refine": took, "total": plan.timings_ms.get("total", 0.0) + took}
+        if line is None:
+            reason = f"no line that turns with a radius of {wanted:g} m was found near the grid's path"
+            return Plan(Status.NO_PATH, plan.method, planner=plan.planner, reason=reason, timings_ms=timings)
+        return replace(plan, waypoints=line.points, line_cost=line.cost, timings_ms=timings)
+
+    def line_along(self, path: NDArray[np.int32], radius: float = 0.0) -> Line | None:
+        """A line near a path of cells that costs no more, with no turn sharper than `radius` cells; None without."""
+        if len(path) < 2:
+            return Line(path.astype(np.float64), 0.0)
+        for coarser in _COARSER if radius else (1.0,):
+            line = self._freed(path, WAY_POINT_SAVES * coarser)
+            if not radius or sharpest(line.points) * radius <= 1.0:
+                return line
+            rounded = with_arcs(line.points, _ROUNDER * radius)
+            if rounded is not None and math.isfinite(cost := self.cost(rounded)):
+                return Line(rounded, cost)
+        return None
+
+    def cost(self, points: Points) -> float:
+        """The line integral along way points; inf where it leads through what is impassable."""
+        if self._body is not None:
+            return self._body.cost(points)
+        return float(line_cost(self._grid.packed, points))
+
+    def _freed(self, path: NDArray[np.int32], saves: float) -> Line:
+        """The cheaper of what is found and the path itself."""
+        if self._body is not None:
+            points = self._body.freed(path, saves)
+        else:
+            points = freed(self._grid.packed, path, ANY_ANGLE, saves)
+        line, own = Line(points, self.cost(points)), _corners(path)
+        on_grid = Line(own, self.cost(own))
+        return line if line.cost <= on_grid.cost else on_grid
+
+    def _radius(self, turning_radius_m: float | None) -> float:
+        """In cells; 0 where any turn will do."""
+        if turning_radius_m is None:
+            return 0.0
+        if not 0.0 < turning_radius_m < math.inf:
+            raise InvalidQueryError(f"turning_radius_m must be a positive number of metres, got {turning_radius_m}")
+        if self._state.sides_m is None:
+            raise InvalidQueryError("turning_radius_m wants a map whose cells have a size: Planner.of_elevation")
+        return turning_radius_m / min(self._state.sides_m)
+
+
+class BodyLines:
+    """Lines that a body can follow: each leg's poses are checked at its heading, see `kernels.any_heading`."""
+
+    def __init__(self, grid: Grid) -> None:
+        poses = grid.poses
+        assert poses is not None
+        vehicle, (dy, dx) = poses.vehicle, poses.sides_m
+        long, wide = vehicle.contact_m
+        halves = 0.5 * long, 0.5 * wide, 0.5 * vehicle.length_m, 0.5 * vehicle.width_m
+        self._grid, self._poses = grid, poses
+        self.body = poses.packed, np.ascontiguousarray(vehicle.wheels_m), np.array((*halves, dy, dx))
+        """As the kernels of `kernels.any_heading` take it."""
+        self._weights: NDArray[np.float32] | None = None
+
+    def cost(self, points: Points) -> float:
+        """As `Refiner.cost`."""
+        return float(body_line_cost(self.body, self._grid.packed, points))
+
+    def freed(self, path: NDArray[np.int32], saves: float) -> Points:
+        """Way points near a path that the body can follow; on the path itself where nothing else is found."""
+        if self._weights is None:
+            self._weights = np.full(len(self._grid.weights), np.inf, np.float32)
+        weights, stride = self._weights, self._grid.stride
+        radius, every = BODY_BAND
+        weigh_band(self.body, stride, path, radius, every, weights)
+        weights[(path[:, 0] + 1) * stride + path[:, 1] + 1] = np.minimum(
+            weights[(path[:, 0] + 1) * stride + path[:, 1] + 1], np.float32(self._grid.model.scale)
+        )
+        points = freed((weights, stride, self._grid.model.steps, True, COMPLETE), path, ANY_ANGLE_BODY, saves)
+        clear_band(stride, path, radius, every, self._grid.shape, weights)
+        return self._where_it_stands(points, path)
+
+    def _where_it_stands(self, points: Points, path: NDArray[np.int32]) -> Points:
+        """The same, with parts of the path in place of the legs that fail, and of those beside them that then do."""
+        beside, places = _nearest_in_order(points, path), points.copy()
+        on_path, costs = np.zeros(len(points), bool), np.full(len(points) - 1, np.nan)
+        on_path[[0, -1]] = True
+        while np.isnan(costs).any():
+            for k in np.flatnonzero(np.isnan(costs)).tolist():
+                costs[k] = body_leg_cost(self.body, self._grid.packed, *places[k], *places[k + 1])
+                for end in (k, k + 1):
+                    if costs[k] == math.inf and not on_path[end]:
+                        on_path[end], places[end] = True, path[beside[end]]
+                        costs[max(end - 1, 0) : end + 1] = np.nan
+        parts = [places[:1]]
+        for k, cost in enumerate(costs.tolist()):
+            part = places[k : k + 2] if cost < math.inf else _corners(path[beside[k] : beside[k + 1] + 1])
+            parts.append(part[1:])
+        return np.concatenate(parts)
+
+
+def turns_rad(points: Points) -> NDArray[np.float64]:
+    """(N,) by how much each way point turns the line, from 0 to π; 0 at the ends."""
+    legs = np.diff(points, axis=0)
+    headings = np.arctan2(legs[:, 1], legs[:, 0])
+    turns = np.abs((np.diff(headings) + np.pi) % (2.0 * np.pi) - np.pi)
+    found: NDArray[np.float64] = np.concatenate(([0.0], turns, [0.0]))[: len(points)]
+    return found
+
+
+def curvatures(points: Points) -> NDArray[np.float64]:
+    """(N,) one over the radius, in cells, of the widest arc that fits into each turn; 0 at the ends.
+
+    The arc touches both legs, each within the half of it that lies next to the way point.
+    """
+    if len(points) < 3:
+        return np.zeros(len(points))
+    lengths = np.hypot(*np.diff(points, axis=0).T)
+    shorter = np.minimum(lengths[:-1], lengths[1:])
+    found = np.zeros(len(points))
+    found[1:-1] = 2.0 * np.tan(0.5 * turns_rad(points)[1:-1]) / np.maximum(shorter, 1e-12)
+    return found
+
+
+def sharpest(points: Points) -> float:
+    """The greatest curvature."""
+    return float(curvatures(points).max(initial=0.0))
+
+
+def with_arcs(points: Points, radius: float) -> Points | None:
+    """The line with an arc of this radius in place of each turn; None where a leg is too short for its arcs."""
+    turns, lengths = turns_rad(points), np.hypot(*np.diff(points, axis=0).T)
+    reach = radius * np.tan(0.5 * turns)
+    if (turns > 0.9 * np.pi).any() or (reach[:-1] + reach[1:] > lengths).any():
+        return None
+    parts = [points[:1]]
+    for k in range(1, len(points) - 1):
+        back = (points[k - 1] - points[k]) / lengths[k - 1]
+        ahead = (points[k + 1] - points[k]) / lengths[k]
+        count = math.ceil(turns[k] / _ARC)
+        if count == 0:
+            continue
+        inwards = back + ahead
+        middle = points[k] + inwards / np.linalg.norm(inwards) * radius / math.cos(0.5 * turns[k])
+        first, last = points[k] + reach[k] * back - middle, points[k] + reach[k] * ahead - middle
+        shares = np.arange(count + 1)[:, None] / count * turns[k]
+        arc = (np.sin(turns[k] - shares) * first + np.sin(shares) * last) / math.sin(turns[k])
+        parts.append(middle + arc)
+    parts.append(points[-1:])
+    return np.concatenate(parts)
+
+
+def _corners(path: NDArray[np.int32]) -> Points:
+    """The cells at which a path's direction changes, and its ends."""
+    if len(path) < 3:
+        return path.astype(np.float64)
+    steps = np.diff(path, axis=0)
+    kept = np.concatenate(([True], (steps[1:] != steps[:-1]).any(1), [True]))
+    return path[kept].astype(np.float64)
+
+
+def _nearest_in_order(points: Points, path: NDArray[np.int32]) -> list[int]:
+    """Of each way point the number of a cell of the path that is near it; they never go back."""
+    found, ahead = [0], np.hypot(*np.diff(points, axis=0).T)
+    for k in range(1, len(points) - 1):
+        last = min(found[-1] + 3 * math.ceil(ahead[k - 1]) + 8, len(path))
+        window = path[found[-1] : last]
+        found.append(found[-1] + int(((window - points[k]) ** 2).sum(1).argmin()))
+    return [*found, len(path) - 1]

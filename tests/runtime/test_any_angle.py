@@ -1,0 +1,264 @@
+"""Paths freed from the grid: what they cost, and what they keep clear of."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.runtime import DynamicPlanner, Planner, Status, Vehicle
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.kernels.any_angle import is_clear, line_cost
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.planners.refine import Refiner, curvatures, sharpest, turns_rad, with_arcs
+from tests.strategies import cases
+
+
+def crossed(points, closed):
+    """Cells, (row, col), that legs meet: their closed squares, or only the inside of them. Exact, by fractions."""
+    found = set()
+    for (r0, c0), (r1, c1) in zip(points[:-1].tolist(), points[1:].tolist(), strict=True):
+        a, b = (Fraction(r0), Fraction(c0)), (Fraction(r1), Fraction(c1))
+        for row in range(math.floor(min(r0, r1)) - 1, math.ceil(max(r0, r1)) + 2):
+            for col in range(math.floor(min(c0, c1)) - 1, math.ceil(max(c0, c1)) + 2):
+                if meets(a, b, (row, col), closed):
+                    found.add((row, col))
+    return found
+
+
+def meets(a, b, cell, closed):
+    """Whether the line from a to b meets the square of a cell."""
+    first, last = Fraction(0), Fraction(1)
+    for begin, end, middle in zip(a, b, cell, strict=True):
+        low, high = middle - Fraction(1, 2), middle + Fraction(1, 2)
+        if begin == end:
+            if not (low <= begin <= high if closed else low < begin < high):
+                return False
+            continue
+        one, other = sorted(((low - begin) / (end - begin), (high - begin) / (end - begin)))
+        first, last = max(first, one), min(last, other)
+    return first <= last if closed else first < last
+
+
+def dense_cost(cost, points, step_cost, per_cell=400):
+    """The line integral by very many samples of a density written down plainly."""
+    density = 1.0 + 2.0 * 255.0 * 0.011 * cost.astype(np.float64) if step_cost == "paper" else cost.astype(np.float64)
+    passable = np.isfinite(density) & ((cost < 1.0) | (step_cost == "length"))
+    padded, open_ = np.pad(np.where(passable, density, 0.0), 2), np.pad(passable.astype(float), 2)
+    total = 0.0
+    for begin, end in zip(points[:-1], points[1:], strict=True):
+        length = float(np.hypot(*(end - begin)))
+        count = max(int(per_cell * length), 1)
+        at = begin + ((np.arange(count) + 0.5) / count)[:, None] * (end - begin)
+        low = np.floor(at).astype(int)
+        (down, right), values, shares = (at - low).T, 0.0, 0.0
+        for i, share_i in ((0, 1.0 - down), (1, down)):
+            for j, share_j in ((0, 1.0 - right), (1, right)):
+                there = low[:, 0] + i + 2, low[:, 1] + j + 2
+                values = values + share_i * share_j * padded[there]
+                shares = shares + share_i * share_j * open_[there]
+        total += length * float(np.mean(values / shares))
+    return total
+
+
+def walled(seed):
+    """A random map with walls one cell thin, and two of its passable cells."""
+    rng = np.random.default_rng(seed)
+    rows, cols = (int(side) for side in rng.integers(3, 40, 2))
+    cost = (rng.random((rows, cols)) * rng.choice([0.0, 0.2, 0.95])).astype(np.float32)
+    for _ in range(int(rng.integers(0, 12))):
+        row, col, length = int(rng.integers(rows)), int(rng.integers(cols)), int(rng.integers(1, 20))
+        for k in range(length):
+            at = [(row + k, col), (row, col + k), (row + k, col + k), (row - k, col + k)][seed % 4 if k % 3 else 0]
+            if 0 <= at[0] < rows and 0 <= at[1] < cols:
+                cost[at] = np.inf
+    cost[rng.random((rows, cols)) < rng.choice([0.0, 0.1, 0.3])] = np.inf
+    passable = np.argwhere(np.isfinite(cost))
+    if not len(passable):
+        cost[0, 0], passable = 0.5, np.zeros((1, 2), int)
+    start, goal = (tuple(passable[int(rng.integers(len(passable)))].tolist()) for _ in range(2))
+    return cost, start, goal
+
+
+def check_walled(seed, corner_cutting, step_cost="paper"):
+    """Whether there was a path; its line is checked."""
+    cost, start, goal = walled(seed)
+    more = np.float32(0.1 if step_cost == "length" else 0.0)
+    planner = Planner(cost + more, step_cost=step_cost, corner_cutting=corner_cutting)
+    plan = planner.plan(start, goal, method="astar", refine="any-angle")
+    if not plan.ok:
+        return False
+    assert tuple(plan.waypoints[0]) == start and tuple(plan.waypoints[-1]) == goal
+    blocked = {cell for cell in crossed(plan.waypoints, not corner_cutting) if not open_at(cost, cell)}
+    assert blocked == set(), (seed, plan.waypoints)
+    on_grid = Refiner(planner.state).cost(plan.path.astype(np.float64))
+    assert plan.line_cost <= on_grid * (1.0 + 1e-12)
+    return True
+
+
+def open_at(cost, cell):
+    inside = 0 <= cell[0] < cost.shape[0] and 0 <= cell[1] < cost.shape[1]
+    return inside and cost[cell] < 1.0
+
+
+@pytest.mark.parametrize("corner_cutting", [True, False])
+def test_no_line_meets_what_is_impassable(corner_cutting):
+    assert sum(check_walled(seed, corner_cutting) for seed in range(60)) > 20
+
+
+@settings(max_examples=60, deadline=None)
+@given(cases(most_side=16))
+def test_a_line_costs_no_more_than_the_path_by_the_same_integral(case):
+    planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting)
+    plan = planner.plan(case.start, case.goal, method="astar", refine="any-angle")
+    plain = planner.plan(case.start, case.goal, method="astar")
+    assert (plan.status, plan.cost) == (plain.status, plain.cost) and (plan.path == plain.path).all()
+    assert (plan.waypoints is None) == (not plan.ok)
+    if plan.ok:
+        on_grid = Refiner(planner.state).cost(plan.path.astype(np.float64))
+        assert plan.line_cost <= on_grid * (1.0 + 1e-12)
+        closed = not case.corner_cutting
+        passable = {tuple(cell) for cell in np.argwhere(np.isfinite(case.cost)).tolist()}
+        if case.step_cost == "paper":
+            passable = {cell for cell in passable if case.cost[cell] < 1.0}
+        assert crossed(plan.waypoints, closed) <= passable
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32), st.sampled_from(["paper", "length"]))
+def test_the_integral_is_that_of_a_bilinear_density(seed, step_cost):
+    rng = np.random.default_rng(seed)
+    cost = (0.05 + 0.9 * rng.random((12, 15))).astype(np.float32)
+    cost[rng.random(cost.shape) < 0.1] = np.inf
+    grid = Grid.of(cost, StepModel.of(step_cost))
+    points = rng.random((4, 2)) * (11.0, 14.0)
+    found = line_cost(grid.packed, points)
+    assert math.isinf(found) == bool([c for c in crossed(points, True) if not np.isfinite(cost[c])])
+    if math.isfinite(found):
+        assert found == pytest.approx(dense_cost(cost, points, step_cost), rel=2e-3)
+
+
+def test_a_straight_step_costs_by_the_integral_what_it_costs_by_the_grid():
+    cost = np.random.default_rng(1).random((4, 9)).astype(np.float32) * np.float32(0.9)
+    planner = Planner(cost)
+    plan = planner.plan((1, 0), (1, 1), method="astar")
+    assert Refiner(planner.state).cost(plan.path.astype(np.float64)) == pytest.approx(plan.cost, rel=1e-6)
+    steps = planner.state.grid.model
+    by_length = Grid.of(1.0 + 2.0 * steps.scale * cost, StepModel.of("length"))
+    both = np.array([[0.0, 0.0], [1.0, 1.0]])
+    assert line_cost(by_length.packed, both) == pytest.approx(line_cost(planner.state.grid.packed, both), rel=1e-6)
+
+
+def test_on_even_ground_the_line_is_straight():
+    for step_cost in ("paper", "length"):
+        planner = Planner(np.full((60, 90), 0.3, np.float32), step_cost=step_cost)
+        plan = planner.plan((3, 5), (41, 86), refine="any-angle")
+        per_cell = 1.0 + 2.0 * 255 * 0.011 * 0.3 if step_cost == "paper" else 0.3
+        assert plan.line_cost == pytest.approx(per_cell * math.hypot(38, 81), rel=1e-4)
+        assert len(plan.waypoints) <= 6
+        assert plan.waypoint_headings_deg == pytest.approx(math.degrees(math.atan2(81, -38)), abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "cutting", "without"),
+    [
+        ((0.0, 0.0), (1.0, 1.0), True, False),  # through the corner of the two impassable cells
+        ((0.0, 0.0), (2.0, 2.0), True, False),
+        ((0.0, 0.0), (1.0, 1.001), False, False),
+        ((0.5, -0.4), (0.5, 0.4), False, False),  # along the side of an impassable cell
+        ((2.0, 0.0), (2.0, 2.0), True, True),
+        ((1.4, 1.0), (2.0, 0.0), True, True),
+        ((1.5, 0.5), (2.0, 0.6), False, False),  # begins on the corner of one
+    ],
+)
+def test_a_leg_is_clear_where_every_cell_that_it_touches_is_passable(begin, end, cutting, without):
+    cost = np.full((3, 3), 0.5, np.float32)
+    cost[0, 1] = cost[1, 0] = np.inf
+    for corner_cutting, wanted in ((True, cutting), (False, without)):
+        grid = Grid.of(cost, StepModel.of("paper"), corner_cutting)
+        weights, stride, steps, cuts, _ = grid.packed
+        ground = weights, stride, steps[0], 2.0 * steps[2], cuts
+        assert is_clear(ground, *begin, *end) is wanted
+
+
+def test_lines_of_elevations_computed_where_somebody_looks_are_those_of_all():
+    dem = np.cumsum(np.random.default_rng(3).normal(0.0, 0.4, (150, 170)), axis=1).astype(np.float32)
+    planners = [Planner.of_elevation(dem, 1.0, lazy=lazy, warn=False) for lazy in (True, False)]
+    plans = [each.plan((4, 5), (140, 160), method="corridor", refine="any-angle") for each in planners]
+    assert plans[0].line_cost == pytest.approx(plans[1].line_cost, rel=1e-9)
+
+
+def test_curvature_is_that_of_the_widest_arc_that_fits():
+    corner = np.array([[0.0, 0.0], [0.0, 10.0], [6.0, 10.0]])
+    assert turns_rad(corner) == pytest.approx([0.0, math.pi / 2, 0.0])
+    assert 1.0 / sharpest(corner) == pytest.approx(3.0)  # touches 3 cells from the corner
+    arcs = with_arcs(corner, 2.5)
+    assert 1.0 / sharpest(arcs) > 2.4 and len(arcs) > 5
+    assert np.hypot(*(arcs - (2.5, 7.5)).T)[1:-1] == pytest.approx(2.5)
+    assert with_arcs(corner, 7.0) is None
+    assert curvatures(corner[:1]).tolist() == [0.0]
+
+
+def test_no_turn_is_sharper_than_asked_for_or_there_is_no_path():
+    rng = np.random.default_rng(4)
+    dem = np.cumsum(np.cumsum(rng.normal(0.0, 0.02, (90, 90)), axis=0), axis=1).astype(np.float32)
+    planner = Planner.of_elevation(dem, 2.0, warn=False)
+    plan = planner.plan((5, 5), (80, 70), refine="any-angle", turning_radius_m=4.0)
+    assert plan.ok and sharpest(plan.waypoints) <= 0.5 * (1.0 + 1e-9)
+    alley = np.full((24, 24), np.nan, np.float32)
+    alley[1:6, 1:21] = alley[1:21, 16:21] = 0.0
+    tight = Planner.of_elevation(alley, 1.0, warn=False)
+    ends = (3, 3), (18, 18)
+    refused = tight.plan(*ends, refine="any-angle", turning_radius_m=30.0)
+    assert refused.status is Status.NO_PATH and "radius of 30 m" in refused.reason
+    assert tight.plan(*ends, refine="any-angle").ok
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ({"refine": "smooth"}, "refine must be one of any-angle"),
+        ({"refine": "any-angle", "turning_radius_m": -1.0}, "positive number of metres"),
+        ({"refine": "any-angle", "turning_radius_m": 1.0}, "cells have a size"),
+    ],
+)
+def test_wrong_wishes_are_refused(options, problem):
+    planner = Planner(np.full((9, 9), 0.1, np.float32))
+    with pytest.raises(InvalidQueryError, match=problem):
+        planner.plan((0, 0), (8, 8), **options)
+    with pytest.raises(InvalidQueryError, match="refine must be"):
+        DynamicPlanner(np.full((9, 9), 0.1, np.float32), (8, 8), refine="smooth")
+
+
+def test_a_dynamic_planner_frees_every_plan_on_the_newest_map():
+    cost = np.full((40, 60), 0.2, np.float32)
+    planner = DynamicPlanner(cost, (35, 55), "dstar", refine="any-angle")
+    planner.move((3, 4))
+    first = planner.replan()
+    planner.update(0, 25, np.ones((36, 1)))
+    second = planner.replan()
+    assert len(first.waypoints) < len(second.waypoints) or second.line_cost > first.line_cost
+    assert not {cell for cell in crossed(second.waypoints, False) if cell[1] == 25 and cell[0] < 36}
+    rest = planner.refined(second)
+    assert rest.line_cost == second.line_cost
+
+
+def test_a_path_of_one_cell_is_its_own_line():
+    plan = Planner(np.full((5, 5), 0.2, np.float32)).plan((2, 2), (2, 2), refine="any-angle")
+    assert plan.waypoints.tolist() == [[2.0, 2.0]] and plan.line_cost == 0.0
+
+
+def test_the_state_of_a_disc_knows_its_turns():
+    vehicle = Vehicle(radius_m=0.3, turning_radius_m=2.0)
+    planner = Planner(np.full((30, 30), 0.2, np.float32), vehicle=vehicle, cell_size_m=1.0)
+    assert planner.state.turning_radius_m == 2.0 and planner.state.sides_m == (1.0, 1.0)
+    assert MapState(np.full((3, 3), 0.2, np.float32), StepModel.of("paper")).sides_m is None
+
+
+if __name__ == "__main__":  # python -m tests.runtime.test_any_angle: 5,000 maps
+    paths = [check_walled(seed, seed % 3 == 0, ("paper", "length")[seed % 2]) for seed in range(5000)]
+    print(f"{sum(paths)} of {len(paths)} maps had a path; no line met an impassable cell")
