@@ -1,4 +1,4 @@
-"""Vehicles from TOML: those that travel with the package, and a user's own."""
+"""Vehicles from TOML, and how they get up and down: those that travel with the package, and a user's own."""
 
 import re
 import tomllib
@@ -10,11 +10,20 @@ from pathlib import Path
 import msgspec
 
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.slope_cost import EnergyCost, LinearCost, Mobility, TimeCost, ToblerCost
 from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 _SHIPPED = Path(str(files("nnpp_edge.profiles"))) / "vehicles"
-_KINDS = {"float": "a number", "int": "a whole number", "bool": "true or false", "float | null": "a number"}
+_KINDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "bool": "true or false",
+    "float | null": "a number",
+    "array": "numbers in brackets",
+    "object": "a table",
+    "object | null": "a table",
+}
 """What is wanted, in msgspec's words and in ours."""
 
 
@@ -38,6 +47,34 @@ def load_vehicle(name: str | Path) -> Vehicle:
     return vehicle_of(read_vehicle(name), Path(name).name)
 
 
+def load_mobility(name: str | Path) -> Mobility:
+    """How a vehicle gets up and down: the table ``[mobility]`` of its file, which may hold nothing else.
+
+    Raises
+    ------
+    VehicleError
+        There is no such vehicle or no such table, or a value is missing, unknown, of the wrong type or out of range.
+    """
+    values = read_vehicle(name)
+    if "mobility" not in values:
+        raise VehicleError(f"{Path(name).name}: wanted a table [mobility], got none")
+    return mobility_of(values["mobility"], Path(name).name)
+
+
+def mobility_of(values: object, source: str) -> Mobility:
+    """A mobility of the values of its table; VehicleError, which begins with `source`, says what was wrong."""
+    tables = values if isinstance(values, dict) else {}
+    models = {"tobler": ToblerCost, "linear": LinearCost, "time": TimeCost, "energy": EnergyCost}
+    _refuse_unknown(tables, list(models), f"{source}: mobility")
+    for name, model in models.items():
+        if isinstance(table := tables.get(name), dict):
+            _refuse_unknown(table, [field.name for field in fields(model)], f"{source}: mobility.{name}")
+    try:
+        return msgspec.convert(values, Mobility)
+    except msgspec.ValidationError as error:
+        raise VehicleError(f"{source}: {_explained(str(error), {'mobility': values}, 'mobility')}") from None
+
+
 def read_vehicle(name: str | Path) -> dict[str, object]:
     """A vehicle's values as its file has them, not yet checked; VehicleError if there is no file in TOML."""
     path = _SHIPPED / f"{name}.toml" if name in shipped_vehicles() else Path(name)
@@ -53,10 +90,10 @@ def read_vehicle(name: str | Path) -> dict[str, object]:
 
 def vehicle_of(values: Mapping[str, object], source: str) -> Vehicle:
     """The vehicle with these values; VehicleError, which begins with `source`, says what was wanted and what came."""
-    known = [field.name for field in fields(Vehicle)]
-    for name in values:
-        if name not in known:
-            raise VehicleError(f"{source}: {name} is unknown: wanted one of {', '.join(known)}")
+    if "mobility" in values:
+        mobility_of(values["mobility"], source)
+    values = {name: value for name, value in values.items() if name != "mobility"}
+    _refuse_unknown(values, [field.name for field in fields(Vehicle)], source)
     if "radius_m" not in values:
         for name in ("length_m", "width_m", "clearance_m"):
             if name not in values:
@@ -67,8 +104,21 @@ def vehicle_of(values: Mapping[str, object], source: str) -> Vehicle:
         raise VehicleError(f"{source}: {_explained(str(error), values)}") from None
 
 
-def _explained(problem: str, values: Mapping[str, object]) -> str:
-    """msgspec's sentence on a value as ours, with the value that came; ours, from `Vehicle` itself, as it is."""
-    if wrong := re.fullmatch(r"Expected `(.+?)`, got `.+` - at `\$\.(\w+)`", problem):
-        return f"{wrong[2]}: wanted {_KINDS[wrong[1]]}, got {values[wrong[2]]!r}"
-    return problem
+def _refuse_unknown(values: Mapping[str, object], known: list[str], source: str) -> None:
+    for name in values:
+        if name not in known:
+            raise VehicleError(f"{source}: {name} is unknown: wanted one of {', '.join(known)}")
+
+
+def _explained(problem: str, values: Mapping[str, object], table: str = "") -> str:
+    """msgspec's sentence on a value as ours, with the value that came; ours, from the model itself, as it is."""
+    if missing := re.fullmatch(r"Object missing required field `(\w+)` - at `\$\.?(.*)`", problem):
+        return f"{'.'.join(filter(None, (table, missing[2], missing[1])))} is missing"
+    problem, _, place = problem.partition(" - at `$")
+    keys = re.findall(r"\w+", f"{table}{place}")
+    if wrong := re.fullmatch(r"Expected `(.+?)`, got `.+`", problem):
+        came: object = values
+        for key in keys:
+            came = came[int(key)] if isinstance(came, list) else came[key]  # type: ignore[index]  # as msgspec found it
+        return f"{'.'.join(keys)}: wanted {_KINDS[wrong[1]]}, got {came!r}"
+    return f"{'.'.join(keys)}: {problem}" if table and keys else problem

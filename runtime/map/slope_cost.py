@@ -1,0 +1,312 @@
+"""What a way up or down costs: time or energy of a length on the map and a signed rise.
+
+All models are functions of a way's length on the map and of what it rises, metres; a rise below 0 is a descent.
+They price the slope alone: whether a cell can be stood on is decided by the traversability (or a body's poses).
+
+- ``tobler``: seconds of a hiker (`ToblerCost`).
+- ``linear``: so much a metre of the way, a metre climbed and a metre descended, as r.walk (`LinearCost`).
+- ``time``: seconds of a vehicle whose speed depends on the slope (`TimeCost`).
+- ``energy``: joules of a vehicle with a mass, a rolling resistance, an efficiency and a recovery (`EnergyCost`).
+"""
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nnpp_edge.runtime.errors import InvalidQueryError
+
+Float64s = NDArray[np.float64]
+_LARGEST_EXPONENT = 60.0
+"""Of Tobler's function, so that no wall's cost overflows: 0.6 s · e^60 a metre."""
+
+
+class SlopeCost(Protocol):
+    """A model of what a way costs."""
+
+    def cost(self, length_m: ArrayLike, rise_m: ArrayLike) -> Float64s:
+        """Cost of ways.
+
+        Parameters
+        ----------
+        length_m, rise_m : float or (…) float
+            Length on the map, above 0, and signed rise. They are broadcast; of two numbers comes one.
+        """
+
+    @property
+    def height_price(self) -> float:
+        """What a metre of height is worth: cost(length, rise) - height_price · rise is above 0 for every slope.
+
+        A path's cost is the sum of these and the price of the height between its ends, whichever way it goes: which
+        path is the cheapest does not depend on it. 0 where no way costs less than nothing.
+        """
+
+    @property
+    def least_per_m(self) -> float:
+        """The cheapest metre on the map over all slopes, less what its rise is worth; above 0."""
+
+
+@dataclass(frozen=True)
+class ToblerCost:
+    """Seconds of a hiker: W = speed · exp(-steepness · |rise / length - best_slope|) of the length on the map.
+
+    Notes
+    -----
+    W. Tobler, Three presentations on geographical analysis and modeling, NCGIA technical report 93-1, 1993:
+    W = 6 exp(-3.5 |S + 0.05|) km/h; off paths 3/5 of it, on horseback 5/4. The cheapest metre is on the best slope.
+    """
+
+    top_speed_km_h: float = 6.0
+    """On the best slope."""
+    steepness: float = 3.5
+    best_slope: float = -0.05
+    """Rise a metre of length."""
+    factor: float = 1.0
+    """Of the speed: 0.6 off paths, 1.25 on horseback."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no speed: InvalidQueryError."""
+        _check(
+            self, above_0=("top_speed_km_h", "factor"), not_below_0=("steepness",), between={"best_slope": (-1, 1)}
+        )
+
+    def cost(self, length_m: ArrayLike, rise_m: ArrayLike) -> Float64s:
+        """Seconds."""
+        length = np.asarray(length_m, np.float64)
+        off = self.steepness * np.abs(np.asarray(rise_m, np.float64) / length - self.best_slope)
+        seconds: Float64s = length * self.least_per_m * np.exp(np.minimum(off, _LARGEST_EXPONENT))
+        return seconds
+
+    @property
+    def height_price(self) -> float:
+        """Nothing: time never runs back."""
+        return 0.0
+
+    @property
+    def least_per_m(self) -> float:
+        """Seconds of a metre on the best slope."""
+        return 3.6 / (self.top_speed_km_h * self.factor)
+
+
+@dataclass(frozen=True)
+class LinearCost:
+    """So much a metre on the map, a metre climbed and a metre descended.
+
+    Notes
+    -----
+    GRASS GIS, r.walk (Aitken 1977, Langmuir 1984, after Naismith's rule): T = a ΔS + b ΔH uphill + c ΔH moderate
+    downhill + d ΔH steep downhill, seconds, with walk_coeff 0.72, 6.0, 1.9998, -1.9998 and slope_factor -0.2125 (the
+    tangent of 12°). Its ΔH of a descent is below 0, so `down_per_m` is -c and `steep_down_per_m` is -d: a gentle
+    descent saves time. The cheapest metre is level, or descends just as far as is not yet steep, or steeply.
+    """
+
+    level_per_m: float = 0.72
+    up_per_m: float = 6.0
+    """Of a metre climbed, beside the way itself."""
+    down_per_m: float = -1.9998
+    """Of a metre descended where it is not steep; below 0 where that saves."""
+    steep_down_per_m: float = 1.9998
+    """Of a metre descended (all of it) where the slope is below `steep_slope`."""
+    steep_slope: float = -0.2125
+    """Rise a metre of length; a descent beyond it is steep."""
+
+    def __post_init__(self) -> None:
+        """Refuse what would make some way cost nothing, or less: InvalidQueryError."""
+        _check(self, above_0=("level_per_m",), not_below_0=("up_per_m", "steep_down_per_m"))
+        if not -math.inf < self.steep_slope <= 0.0:
+            raise InvalidQueryError(f"steep_slope must be a finite number, at most 0, got {self.steep_slope}")
+        if not (self.least_per_m > 0.0 and self.down_per_m < math.inf):
+            raise InvalidQueryError(
+                "every way must cost more than 0: wanted level_per_m - down_per_m * steep_slope above 0, got "
+                f"{self.level_per_m:g} - {self.down_per_m:g} * {self.steep_slope:g}"
+            )
+
+    def cost(self, length_m: ArrayLike, rise_m: ArrayLike) -> Float64s:
+        """In the coefficients' unit, seconds for r.walk's."""
+        length, rise = np.asarray(length_m, np.float64), np.asarray(rise_m, np.float64)
+        down = np.where(rise < self.steep_slope * length, self.steep_down_per_m, self.down_per_m)
+        cost: Float64s = length * self.level_per_m + np.where(rise >= 0.0, self.up_per_m * rise, -down * rise)
+        return cost[()]
+
+    @property
+    def height_price(self) -> float:
+        """Nothing: no way costs less than nothing."""
+        return 0.0
+
+    @property
+    def least_per_m(self) -> float:
+        """The cheapest metre over all slopes."""
+        gentle = self.level_per_m - self.down_per_m * self.steep_slope
+        return min(self.level_per_m, gentle)
+
+
+@dataclass(frozen=True)
+class TimeCost:
+    """Seconds of a vehicle whose speed on the ground depends on the slope that it goes up or down.
+
+    The speed is linear between the slopes that were measured, and beyond them that of the nearest. Slip on loose
+    ground is part of it: what counts is the way made good.
+    """
+
+    slope_deg: tuple[float, ...]
+    """Inclinations along the way in (-90, 90), ascending; below 0 downhill."""
+    speed_m_s: tuple[float, ...]
+    """Speed on each of them, metres of ground a second."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no table of speeds: InvalidQueryError."""
+        slopes, speeds = self.slope_deg, self.speed_m_s
+        if not 1 <= len(slopes) == len(speeds):
+            raise InvalidQueryError(
+                f"speed_m_s must have a speed for each slope_deg, got {len(speeds)} of {len(slopes)}"
+            )
+        if not all(-90.0 < slope < 90.0 for slope in slopes) or any(np.diff(slopes) <= 0.0):
+            raise InvalidQueryError(f"slope_deg must ascend within (-90, 90) degrees, got {list(slopes)}")
+        if not all(0.0 < speed < math.inf for speed in speeds):
+            raise InvalidQueryError(f"speed_m_s must be positive numbers, got {list(speeds)}")
+
+    def speed(self, slope_rad: ArrayLike) -> Float64s:
+        """Metres of ground a second on slopes, radians."""
+        return np.interp(np.asarray(slope_rad, np.float64), np.radians(self.slope_deg), self.speed_m_s)
+
+    def cost(self, length_m: ArrayLike, rise_m: ArrayLike) -> Float64s:
+        """Seconds."""
+        length, rise = np.asarray(length_m, np.float64), np.asarray(rise_m, np.float64)
+        seconds: Float64s = np.hypot(length, rise) / self.speed(np.arctan2(rise, length))
+        return seconds
+
+    @property
+    def height_price(self) -> float:
+        """Nothing: time never runs back."""
+        return 0.0
+
+    @property
+    def least_per_m(self) -> float:
+        """The cheapest metre over all slopes."""
+        slopes = np.radians((-90.0, *self.slope_deg, 90.0))
+        speeds = (self.speed_m_s[0], *self.speed_m_s, self.speed_m_s[-1])
+        ends = zip(slopes[:-1], slopes[1:], speeds[:-1], speeds[1:], strict=True)
+        return 1.0 / max(_fastest(*segment) for segment in ends)
+
+
+@dataclass(frozen=True)
+class EnergyCost:
+    """Joules that a vehicle draws, less what it gets back.
+
+    Against its weight and its rolling resistance a vehicle does F = m g (μ length + rise) on a way, as the resistance
+    m g μ cos θ along length / cos θ of ground does not depend on the slope. It draws F / efficiency where F is above
+    0. Below, it brakes, and gets `recovery` · |F| back. `idle_w` it draws besides, for as long as it goes.
+
+    Notes
+    -----
+    N. C. Rowe and R. S. Ross, Optimal grid-free path planning across arbitrarily contoured terrain with anisotropic
+    friction and gravity effects, IEEE Transactions on Robotics and Automation 6 (5), 1990: on slopes below -atan μ a
+    vehicle brakes. Here its drive has an efficiency and a recovery. With recovery a descent can cost less than nothing.
+    A metre of height is worth m g / efficiency: what is left then is what rolling takes on slopes down to -atan μ, and
+    more below.
+    """
+
+    mass_kg: float
+    rolling_resistance: float
+    """μ, force a newton of weight: 0.01-0.02 on hard ground, 0.1-0.3 on sand."""
+    efficiency: float = 1.0
+    """Share of what is drawn that moves the vehicle, in (0, 1]."""
+    recovery: float = 0.0
+    """Share of what braking takes that is got back, in [0, 1]."""
+    gravity_m_s2: float = 9.80665
+    idle_w: float = 0.0
+    """Power that is drawn all the time, by computers and heaters."""
+    speed_m_s: float | None = None
+    """On the ground; needed with `idle_w`."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no vehicle has: InvalidQueryError."""
+        _check(
+            self,
+            above_0=("mass_kg", "rolling_resistance", "gravity_m_s2"),
+            not_below_0=("idle_w",),
+            between={"efficiency": (0, 1), "recovery": (0, 1)},
+        )
+        if self.efficiency == 0.0:
+            raise InvalidQueryError("efficiency must lie in (0, 1], got 0")
+        if self.speed_m_s is not None:
+            _check(self, above_0=("speed_m_s",))
+        elif self.idle_w:
+            raise InvalidQueryError("idle_w needs a speed_m_s: how long a metre takes")
+
+    def cost(self, length_m: ArrayLike, rise_m: ArrayLike) -> Float64s:
+        """Joules; below 0 where more is got back than drawn."""
+        length, rise = np.asarray(length_m, np.float64), np.asarray(rise_m, np.float64)
+        work = self.mass_kg * self.gravity_m_s2 * (self.rolling_resistance * length + rise)
+        joules: Float64s = np.maximum(work / self.efficiency, self.recovery * work)
+        return joules + self._idle_per_m * np.hypot(length, rise)
+
+    @property
+    def _idle_per_m(self) -> float:
+        return 0.0 if self.speed_m_s is None else self.idle_w / self.speed_m_s
+
+    @property
+    def height_price(self) -> float:
+        """Joules that a metre of height takes."""
+        return self.mass_kg * self.gravity_m_s2 / self.efficiency
+
+    @property
+    def least_per_m(self) -> float:
+        """Joules of a level metre, and so of any that does not go down too steeply to roll."""
+        return self.height_price * self.rolling_resistance + self._idle_per_m
+
+
+@dataclass(frozen=True)
+class Mobility:
+    """How a vehicle gets up and down: the optional table ``[mobility]`` of its file, one table a model."""
+
+    tobler: ToblerCost = field(default_factory=ToblerCost)
+    linear: LinearCost = field(default_factory=LinearCost)
+    time: TimeCost | None = None
+    energy: EnergyCost | None = None
+
+    def model(self, step_cost: str) -> SlopeCost:
+        """The model of that ``step_cost``; InvalidQueryError where there is none, or its table is missing."""
+        names = [each.name for each in fields(self)]
+        if step_cost not in names:
+            raise InvalidQueryError(f"wanted one of {', '.join(names)}, got {step_cost!r}")
+        found: SlopeCost | None = getattr(self, step_cost)
+        if found is None:
+            wanted = "slope_deg and speed_m_s" if step_cost == "time" else "mass_kg and rolling_resistance"
+            raise InvalidQueryError(f"step_cost={step_cost!r} needs a table [mobility.{step_cost}] with {wanted}")
+        return found
+
+
+def _fastest(low: float, high: float, speed_low: float, speed_high: float) -> float:
+    """Most metres on the map a second between two slopes, radians, between which the speed on the ground is linear.
+
+    The logarithm of cos θ · speed(θ) is concave: its greatest value lies where the derivative changes its sign.
+    """
+    gain = (speed_high - speed_low) / (high - low)
+    first, last = low, high
+    for _ in range(64):
+        middle = 0.5 * (first + last)
+        if gain * math.cos(middle) > (speed_low + gain * (middle - low)) * math.sin(middle):
+            first = middle
+        else:
+            last = middle
+    return math.cos(first) * (speed_low + gain * (first - low))
+
+
+def _check(
+    model: object,
+    *,
+    above_0: tuple[str, ...] = (),
+    not_below_0: tuple[str, ...] = (),
+    between: dict[str, tuple[int, int]] | None = None,
+) -> None:
+    """InvalidQueryError for the first value of a model that is out of range."""
+    for names, least, wanted in ((above_0, math.ulp(0.0), "above 0"), (not_below_0, 0.0, "at least 0")):
+        for name in names:
+            if not least <= (value := getattr(model, name)) < math.inf:
+                raise InvalidQueryError(f"{name} must be a number {wanted}, got {value}")
+    for name, (low, high) in (between or {}).items():
+        if not low <= (value := getattr(model, name)) <= high:
+            raise InvalidQueryError(f"{name} must lie from {low} to {high}, got {value}")

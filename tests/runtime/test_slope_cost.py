@@ -1,0 +1,128 @@
+import math
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.slope_cost import EnergyCost, LinearCost, Mobility, TimeCost, ToblerCost
+
+TABLE = TimeCost((-20.0, -5.0, 0.0, 12.0), (0.3, 0.9, 0.8, 0.2))
+ROVER = EnergyCost(180.0, 0.15, efficiency=0.6, recovery=0.4, gravity_m_s2=3.71, idle_w=45.0, speed_m_s=0.05)
+MODELS = [ToblerCost(), ToblerCost(factor=0.6), LinearCost(), TABLE, ROVER, EnergyCost(20.0, 0.02), Mobility().tobler]
+SLOPES = np.concatenate(
+    (np.linspace(-3.0, 3.0, 60001), [-0.2125, -0.05, 0.0, math.tan(math.radians(-5.0)), -200.0, 200.0])
+)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "km_h", "seconds"),  # Tobler's published values, as they are printed
+    [
+        (-40.0, 0.38, 9.50),
+        (-30.0, 0.95, 3.80),
+        (-20.0, 2.00, 1.80),
+        (-10.0, 3.86, 0.93),
+        (-5.0, 5.26, 0.68),
+        (-2.8624, 6.00, 0.60),
+        (0.0, 5.04, 0.71),
+        (1.0, 4.74, 0.76),
+        (5.0, 3.71, 0.97),
+        (10.0, 2.72, 1.32),
+        (20.0, 1.41, 2.56),
+        (30.0, 0.67, 5.39),
+        (40.0, 0.27, 13.48),
+    ],
+)
+def test_tobler_is_what_was_published(degrees, km_h, seconds):
+    slope = math.tan(math.radians(degrees))
+    found = float(ToblerCost().cost(1.0, slope))
+    assert found == pytest.approx(seconds, abs=0.0051) and 3.6 / found == pytest.approx(km_h, abs=0.0051)
+    assert found == pytest.approx(0.6 * math.exp(3.5 * abs(slope + 0.05)), rel=1e-12)
+    assert float(ToblerCost(factor=0.6).cost(7.0, 7.0 * slope)) == pytest.approx(7.0 * found / 0.6, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("slope", "seconds"),  # of 100 m on the map: 0.72 · 100, then 6 up, 1.9998 saved down to 12 degrees, else lost
+    [(0.0, 72.0), (0.1, 132.0), (1.0, 672.0), (-0.1, 52.002), (-0.2125, 29.50425), (-0.22, 115.9956), (-0.5, 171.99)],
+)
+def test_linear_is_r_walk(slope, seconds):
+    assert float(LinearCost().cost(100.0, 100.0 * slope)) == pytest.approx(seconds, rel=1e-9)
+    assert math.degrees(math.atan(LinearCost().steep_slope)) == pytest.approx(-12.0, abs=0.01)
+
+
+def test_a_metre_up_and_a_metre_down_can_cost_alike_on_every_slope():
+    plain = LinearCost(1.0, 2.0, 3.0, 3.0)
+    assert plain.cost([1.0, 1.0, 1.0], [0.0, 5.0, -5.0]).tolist() == [1.0, 11.0, 16.0]
+    assert LinearCost(1.0, 3.0, 2.0, 2.0).cost(1.0, -SLOPES).tolist() == pytest.approx(
+        plain.cost(1.0, SLOPES).tolist()
+    )
+
+
+def test_a_rover_needs_its_ground_divided_by_its_speed_there():
+    for degrees, speed in [(-20.0, 0.3), (-40.0, 0.3), (0.0, 0.8), (6.0, 0.5), (12.0, 0.2), (30.0, 0.2)]:
+        rise = 10.0 * math.tan(math.radians(degrees))
+        assert float(TABLE.cost(10.0, rise)) == pytest.approx(math.hypot(10.0, rise) / speed)
+    assert float(TABLE.speed(math.radians(-12.5))) == pytest.approx(0.6)
+
+
+def test_energy_is_drawn_up_and_got_back_down():
+    weight = 180.0 * 3.71
+    idle = EnergyCost(180.0, 0.15, idle_w=45.0, speed_m_s=0.05, gravity_m_s2=3.71).cost(10.0, -1.5)
+    assert float(idle) == pytest.approx(900.0 * math.hypot(10.0, 1.5))  # it just rolls
+    ground = 900.0 * math.hypot(10.0, 2.0)
+    assert float(ROVER.cost(10.0, 2.0)) == pytest.approx(weight * 3.5 / 0.6 + ground)
+    assert float(ROVER.cost(10.0, -2.0)) == pytest.approx(-0.4 * weight * 0.5 + ground)
+    whole = EnergyCost(10.0, 0.1, recovery=1.0)
+    assert float(whole.cost(100.0, -50.0) + whole.cost(100.0, 50.0)) == pytest.approx(2 * 10.0 * 9.80665 * 10.0)
+    assert float(whole.cost(1.0, -1.0)) < 0.0
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
+def test_no_slope_has_a_cheaper_metre_than_the_cheapest_and_one_has_just_that(model):
+    metres = model.cost(1.0, SLOPES) - model.height_price * SLOPES
+    assert metres.min() >= model.least_per_m * (1.0 - 1e-12) > 0.0
+    assert metres.min() == pytest.approx(model.least_per_m, rel=1e-6)
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
+def test_arrays_cost_what_their_numbers_do_and_halves_what_the_whole(model):
+    length, rise = np.full((3, 2), 1.7), np.linspace(-1.0, 1.0, 6).reshape(3, 2)
+    one_by_one = [[float(model.cost(1.7, float(r))) for r in row] for row in rise]
+    assert model.cost(length, rise).tolist() == one_by_one == model.cost(1.7, rise).tolist()
+    assert 2.0 * model.cost(length / 2.0, rise / 2.0) == pytest.approx(model.cost(length, rise))
+    assert np.ndim(model.cost(1.0, 1.0)) == 0
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: EnergyCost(-5.0, 0.1), ["mass_kg", "above 0", "-5.0"]),
+        (lambda: EnergyCost(math.nan, 0.1), ["mass_kg", "nan"]),
+        (lambda: EnergyCost(5.0, 0.0), ["rolling_resistance", "above 0"]),
+        (lambda: EnergyCost(5.0, 0.1, recovery=1.2), ["recovery", "from 0 to 1", "1.2"]),
+        (lambda: EnergyCost(5.0, 0.1, efficiency=0.0), ["efficiency", "(0, 1]", "got 0"]),
+        (lambda: EnergyCost(5.0, 0.1, efficiency=1.1), ["efficiency", "1.1"]),
+        (lambda: EnergyCost(5.0, 0.1, idle_w=3.0), ["idle_w needs a speed_m_s"]),
+        (lambda: EnergyCost(5.0, 0.1, idle_w=-3.0, speed_m_s=1.0), ["idle_w", "at least 0"]),
+        (lambda: EnergyCost(5.0, 0.1, speed_m_s=math.inf), ["speed_m_s", "inf"]),
+        (lambda: ToblerCost(top_speed_km_h=0.0), ["top_speed_km_h", "above 0"]),
+        (lambda: ToblerCost(best_slope=2.0), ["best_slope", "from -1 to 1"]),
+        (lambda: LinearCost(0.0), ["level_per_m", "above 0"]),
+        (lambda: LinearCost(down_per_m=-4.0), ["every way must cost more than 0", "0.72 - -4 * -0.2125"]),
+        (lambda: LinearCost(down_per_m=math.nan), ["every way"]),
+        (lambda: LinearCost(up_per_m=-1.0), ["up_per_m", "at least 0"]),
+        (lambda: LinearCost(steep_slope=0.1), ["steep_slope", "at most 0"]),
+        (lambda: TimeCost((), ()), ["a speed for each slope_deg", "0 of 0"]),
+        (lambda: TimeCost((0.0, 1.0), (1.0,)), ["1 of 2"]),
+        (lambda: TimeCost((1.0, 1.0), (1.0, 1.0)), ["ascend"]),
+        (lambda: TimeCost((0.0, 90.0), (1.0, 1.0)), ["ascend within (-90, 90)"]),
+        (lambda: TimeCost((0.0,), (0.0,)), ["speed_m_s must be positive"]),
+        (lambda: Mobility().model("time"), ["needs a table [mobility.time]", "slope_deg"]),
+        (lambda: Mobility().model("energy"), ["needs a table [mobility.energy]", "mass_kg"]),
+        (lambda: Mobility().model("paper"), ["one of tobler, linear, time, energy", "'paper'"]),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(make, words):
+    with pytest.raises(InvalidQueryError) as caught:
+        make()
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+    assert "\n" not in str(caught.value)
