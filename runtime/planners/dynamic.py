@@ -280,6 +280,7 @@ class DynamicPlanner:
             found = self._planners.dynamic(wanted).find(query, work)
         checks = self._state.checked - checked
         plan = found.plan(wanted.base, work, planner=wanted, reason=reason, keep_regions=keep_regions, checks=checks)
+        plan = plan.over(self._state)
         if plan.ok:
             self._path.set(plan)
             self._chooser.answered()

@@ -1,7 +1,7 @@
 """What a planner answers with."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -11,8 +11,10 @@ from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.paths import measure
 from nnpp_edge.runtime.kernels.poses import measure_poses
+from nnpp_edge.runtime.map.along import Along, Line, Numbers
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import SQRT2
 
 
@@ -125,6 +127,8 @@ class Plan:
     """Share of the map's cells whose cost was there when the plan was, in [0, 1]: below 1 on a map of elevations."""
     checks: int = 0
     """Poses of a vehicle that were checked for this plan."""
+    along: Along | None = None
+    """The path over the ground, point by point; None where no elevations are known."""
     timings_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage, and ``total``."""
 
@@ -137,6 +141,47 @@ class Plan:
     def headings_deg(self) -> NDArray[np.float64]:
         """(N,) degrees clockwise from up the rows in which each cell is left, see `arrays.headings_along`."""
         return headings_along(self.path)
+
+    @property
+    def line(self) -> Line:
+        """(N, 2) what is driven: way points (row, col) where the path was freed from the grid, else its cells."""
+        waypoints: Line | None = getattr(self, "waypoints", None)
+        return self.path if waypoints is None else waypoints
+
+    def over(self, state: MapState) -> "Plan":
+        """The same plan with what lies below it on this map."""
+        along = state.along(self.line)
+        return self if along is None else replace(self, along=along)
+
+    @property
+    def numbers(self) -> Numbers:
+        """Along the way, of the whole path; all NaN without a path, or where no elevations are known."""
+        return Numbers.unknown() if self.along is None else self.along.numbers
+
+    @property
+    def ground_length_m(self) -> float:
+        """Length on the ground, up and down its slopes."""
+        return self.numbers.ground_length_m
+
+    @property
+    def climb_m(self) -> float:
+        """Sum of all rises."""
+        return self.numbers.climb_m
+
+    @property
+    def descent_m(self) -> float:
+        """Sum of all falls, counted positive."""
+        return self.numbers.descent_m
+
+    @property
+    def time_s(self) -> float:
+        """By the vehicle's speeds; where these are not known, of a hiker by Tobler's function."""
+        return self.numbers.time_s
+
+    @property
+    def energy_j(self) -> float:
+        """By the vehicle's model; NaN where it has none."""
+        return self.numbers.energy_j
 
     @property
     def bound(self) -> float:
@@ -154,6 +199,7 @@ class Plan:
             **{name: numbers[name] for name in names[:4]},
             "bound": numbers["bound"] if self.ok else None,
             "cells": len(self.path),
+            **{name: _finite(number) for name, number in self.numbers._asdict().items()},
             "expansions": self.expansions,
             "threshold": numbers["threshold"],
             "reason": self.reason,

@@ -2,7 +2,10 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
@@ -10,6 +13,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.disc import state_of_costs, state_of_elevation
 from nnpp_edge.runtime.map.prices import Price
+from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.memory import check_planner_fits, touch
@@ -18,7 +22,9 @@ from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
+from nnpp_edge.runtime.planners.tour import Tour, costs_between, tour
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
+from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.tuning import NEAR
@@ -110,6 +116,7 @@ class Planner:
         ask_from: int = NEAR,
         warn: bool = True,
         vehicle: Vehicle | None = None,
+        mobility: Mobility | None = None,
     ) -> "Planner":
         """A planner of a map that has just arrived: costs and coarse levels are computed where a search looks.
 
@@ -127,6 +134,8 @@ class Planner:
         vehicle : Vehicle
             The body whose poses decide where the path may go and what it costs, checked where a search looks; without
             one, the robot is a point.
+        mobility : Mobility
+            By what plans say their time and energy; by default a hiker's.
 
         Raises
         ------
@@ -141,6 +150,7 @@ class Planner:
         planner._state = state_of_elevation(
             dem, sides, limits, step_model, corner_cutting=corner_cutting, lazy=lazy, warn=warn, vehicle=vehicle
         )
+        planner._state.mobility = mobility or Mobility()
         planner._model, planner._ask_from = model, ask_from
         planner._make_planners()
         return planner
@@ -379,6 +389,88 @@ class Planner:
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
         return self._answer_in_turn(query, work, method, keep_regions, price)
 
+    @one_at_a_time
+    def plan_via(
+        self,
+        start: Cell,
+        goal: Cell,
+        via: Sequence[Cell],
+        *,
+        best_order: bool = False,
+        method: str = Method.AUTO,
+        epsilon: float = math.inf,
+        time_limit_s: float = math.inf,
+        price: str | None = None,
+    ) -> Tour:
+        """A path from start to goal by way of other cells.
+
+        Parameters
+        ----------
+        start, goal : (row, col)
+            Cells.
+        via : sequence of (row, col)
+            The places between, in the order in which they are to be visited.
+        best_order : bool
+            Visit them in the order that costs least instead: of the plans between each two, with ``astar`` of the
+            cheapest paths. At most 12.
+        method, epsilon, time_limit_s, price
+            As for `plan`, of each leg.
+
+        Returns
+        -------
+        Tour
+            Its plan has no path where one of the legs has none; the plan's reason names it.
+
+        Raises
+        ------
+        InvalidQueryError
+            A place between lies outside the map or is impassable, too many are to be ordered, or as `plan`.
+        """
+        between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
+        stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
+
+        def leg(begin: Cell, end: Cell) -> Plan:
+            query = Query.within(begin, end, time_limit_s, epsilon)
+            return self._answer(query, Work(), method, False, price)
+
+        grid, costs = self._state.grid, None
+        exact = best_order and len(via) > 1 and method == Method.ASTAR
+        if exact and all(problem_with(grid, stop, stop) is None for stop in stops):
+            costs = costs_between(grid, stops, self._planners.astar.workspace)
+        found = tour(leg, stops, grid, best_order=best_order, costs=costs)
+        return replace(found, plan=found.plan.over(self._state))
+
+    @one_at_a_time
+    def reach(self, start: Cell, within: float = math.inf) -> Float2D:
+        """What can be reached from a cell, and at what cost.
+
+        Parameters
+        ----------
+        start : (row, col)
+            A cell.
+        within : float
+            The most that a path may cost, in units of ``step_cost``: seconds, say.
+
+        Returns
+        -------
+        (H, W) float32
+            Cost of the cheapest path to each cell; inf where there is none, or none that costs at most `within`.
+
+        Raises
+        ------
+        InvalidQueryError
+            The cell is not two integers, lies outside the map or is impassable; or `within` is below 0.
+        """
+        if not within >= 0.0:
+            raise InvalidQueryError(f"within must be a number of at least 0, got {within}")
+        cell = as_cell(start, "start")
+        if problem := problem_with(self._state.grid, cell, cell):
+            what = "lies outside the map" if problem.endswith("MAP") else "is impassable"
+            raise InvalidQueryError(f"start {cell} {what}")
+        field = cost_field(self._state.grid, cell, self._planners.astar.workspace)
+        field[field > within] = np.inf
+        return field
+
     def _answer(self, query: Query, work: Work, method: str, keep_regions: bool, price: str | None = None) -> Plan:
         chosen, reason = self._chooser.choose(method, query)
         if method == Method.AUTO and chosen is Method.NNPP and self._planners.has_poses and self._planners.no_network:
@@ -395,7 +487,8 @@ class Planner:
         found = found or self._planners.planner(chosen, wanted).find(query, work)
         computed, checks = self._state.costs_computed, self._state.checked - checked
         said = {"planner": str(chosen), "reason": reason}
-        return found.plan(chosen, work, **said, keep_regions=keep_regions, costs_computed=computed, checks=checks)
+        plan = found.plan(chosen, work, **said, keep_regions=keep_regions, costs_computed=computed, checks=checks)
+        return plan.over(self._state)
 
     def _price(self, price: str) -> Price:
         try:
