@@ -11,17 +11,21 @@ import click
 
 from nnpp_edge.cli import options, vehicle_options
 from nnpp_edge.cli.costmap import cost_of
+from nnpp_edge.cli.ends import Where
 from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.plan_answer import Answer, Compared, Near, Planned, files_in, refuse_impassable, warn_if_not_square
-from nnpp_edge.cli.plan_request import Request
+from nnpp_edge.cli.plan_answer import Answer, Compared, Near, Planned, refuse_impassable, warn_if_not_square
+from nnpp_edge.cli.plan_files import Outputs, outputs
+from nnpp_edge.cli.plan_request import Ends, Request
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 from nnpp_edge.cli.windows import plan_by_windows, reads_by_windows
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.cells import Cell
+    from nnpp_edge.runtime.map.slope_cost import Mobility
     from nnpp_edge.runtime.planners.plan import Plan
     from nnpp_edge.runtime.planners.query import PlannerOptions, PlanOptions
+    from nnpp_edge.runtime.planners.tour import Tour
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
     from nnpp_edge.terrain.dem import Dem
@@ -43,10 +47,12 @@ _BYTES_PER_CELL = 24
 
 @click.command(name="plan")
 @click.argument("dem", type=options.PATH)
-@click.option("--start", type=options.Cell(), help="Cell, row first, counted from 0.")
-@click.option("--goal", "goals", type=options.Cell(), multiple=True, help="Cell; of several, the nearest is taken.")
+@click.option("--start", type=Where(), help="ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point.")
+@click.option("--goal", "goals", type=Where(), multiple=True, help="Likewise; of several, the nearest is taken.")
 @click.option("--start-xy", type=options.Numbers(float), metavar="X,Y", help="In the map's own coordinates.")
 @click.option("--goal-xy", "goals_xy", type=options.Numbers(float), metavar="X,Y", multiple=True, help="Likewise.")
+@click.option("--via", type=Where(), multiple=True, help="Go by way of this place, or of a vector file's points.")
+@click.option("--best-order", is_flag=True, help="Visit the places of --via, 12 at most, in the cheapest order.")
 @click.option("--method", type=click.Choice(["auto", "astar", "corridor", "nnpp"]), default="auto")
 @options.model
 @options.terrain
@@ -72,12 +78,12 @@ _BYTES_PER_CELL = 24
     help="By what blocks of cells are priced before a vehicle's poses are checked.  [default: eq1; nnpp: network]",
 )
 @options.memory
-@click.option("-o", "--output", type=options.PATH, help="Folder for path.geojson, path.csv, plan.png and plan.json.")
 @options.as_json
+@outputs
 @options.gathered("request", Request)
 def command(
     dem: Path,
-    output: Path | None,
+    outputs: Outputs,
     hillshade: bool,
     memory: float | None,
     as_json: bool,
@@ -87,11 +93,12 @@ def command(
 ) -> None:
     """Plan a path over the elevation map DEM.
 
-    Give start and goal as cells, or with --start-xy and --goal-xy in the map's coordinates. With several
-    goals a path to each is planned, and the one that costs least is taken. The time shown includes loading
-    compiled code and, as its stage `load`, waiting for the network, whose file is opened while DEM is read; with
-    --compare and with --time-limit these are loaded first. Exit codes: 0
-    for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is impassable.
+    Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a vector file's points
+    (GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf; FILE:LAYER of several layers). With several goals a path to each
+    is planned, and the one that costs least is taken. The time shown includes loading compiled code and, as its stage
+    `load`, waiting for the network, whose file is opened while DEM is read; with --compare and --time-limit these are
+    loaded first. Exit codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or
+    is impassable.
 
     path.geojson is in the map's own coordinates, not in longitude and latitude; its properties say which.
     Without a georeference they are x = column and y = row, times the side of a cell, in metres.
@@ -105,13 +112,13 @@ def command(
     limits, body = terrain.limits(), vehicle.make()
     if "price" in options.given_options() and (body is None or body.is_disc):
         raise click.UsageError("--price is for a vehicle with a body: give --vehicle too")
-    if output is not None:
-        options.check_outputs(*(("--output", path) for path in files_in(output)), make_folders=True)
+    options.check_outputs(*outputs.paths, more_inputs=request.files, make_folders=True)
     bytes_per_cell = _BYTES_PER_CELL + (_BYTES_PER_POSED_CELL if body else 0)
+    drawn, mobility = outputs.output is not None, vehicle.mobility()
     if reads_by_windows(dem, terrain, memory, bytes_per_cell, has_body=body is not None):
-        planned = plan_by_windows(request, dem, terrain, limits, hillshade=hillshade, drawn=output is not None)
+        planned = plan_by_windows(request, dem, terrain, limits, mobility, hillshade=hillshade, drawn=drawn)
     else:
-        planned = plan_whole(request, dem, terrain, limits, body, hillshade=hillshade, drawn=output is not None)
+        planned = plan_whole(request, dem, terrain, limits, body, mobility, hillshade=hillshade, drawn=drawn)
     answer = planned.answer
     if answer.plan.source is None:  # no search was made
         from nnpp_edge.runtime.errors import InvalidQueryError
@@ -119,7 +126,7 @@ def command(
         if as_json:
             click.echo(json.dumps(answer.plan.summary()))
         raise InvalidQueryError(_refusal(planned, limits))
-    files = [] if output is None else answer.save(output, planned.cost, planned.shade, planned.factor)
+    files = outputs.save(planned)
     click.echo(json.dumps(answer.figures(files)) if as_json else answer.text(files))
     if not answer.plan.ok:
         click.get_current_context().exit(1)
@@ -130,7 +137,8 @@ def plan_whole(
     dem: Path,
     terrain: TerrainOptions,
     limits: Traversability,
-    vehicle: Vehicle | None = None,
+    vehicle: Vehicle | None,
+    mobility: Mobility,
     *,
     hillshade: bool,
     drawn: bool,
@@ -142,13 +150,14 @@ def plan_whole(
     if request.method == "nnpp" and not has_body:
         begin_loading(request.model)
     ground = terrain.read(dem)
-    if request.method == "auto" and not has_body and request.expects_network(ground):
+    ends = request.ends(ground)
+    if request.method == "auto" and not has_body and request.expects_network(ground, ends):
         begin_loading(request.model)
     warn_if_not_square(ground)
     cost = cost_of(ground, limits)
     if not (cost < 1.0).any():
         refuse_impassable(ground)
-    answer, shade = find(request, ground, cost, limits, vehicle, keep_regions=drawn), None
+    answer, shade = find(request, ends, ground, cost, limits, vehicle, mobility, keep_regions=drawn), None
     if drawn and vehicle is not None and answer.plan.source is not None:
         answer = _beside_a_point(answer, request, ground, cost, vehicle)
     if hillshade and drawn:
@@ -160,21 +169,24 @@ def plan_whole(
 
 def find(
     request: Request,
+    ends: Ends,
     dem: Dem,
     cost: Float2D,
     limits: Traversability,
     vehicle: Vehicle | None,
+    mobility: Mobility,
     *,
     keep_regions: bool,
 ) -> Answer:
-    """Plan to the nearest goal, once; and by the other methods where a comparison is wanted."""
+    """Plan to the nearest goal, once, or by way of other places; and by the other methods to compare."""
+    from dataclasses import replace
     from functools import partial
     from math import inf
 
     from nnpp_edge.runtime import Planner
-    from nnpp_edge.terrain.route import Route
+    from nnpp_edge.runtime.map.along import Along
 
-    start, goals = request.cells(dem)
+    start, via, goals = ends
     given: PlannerOptions = {
         "omega": request.omega,
         "corner_cutting": request.corner_cutting,
@@ -199,16 +211,24 @@ def find(
         "time_limit_s": request.time_limit or inf,
     }
     wanted: PlanOptions = {**within, "method": request.method, "keep_regions": keep_regions}
-    ranked = planner.nearest(start, goals, count=len(goals), **wanted)
+    tour: Tour | None = None
+    if via:
+        tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
+    ranked = [(0, tour.plan)] if tour else planner.nearest(start, goals, count=len(goals), **wanted)
     goal, plan = goals[ranked[0][0]], ranked[0][1]
     compared: list[Compared] = []
     exact_path = None
     if request.compare and plan.source is not None:
         plan_by = partial(planner.plan, start, goal, **within)
         plan, compared, exact_path = _compare(plan_by, plan)
+
+    def on_the_ground(found: Plan) -> Plan:
+        return replace(found, along=Along.of(found.line, dem.elevation, sides, mobility))
+
+    plan, tour = on_the_ground(plan), tour and tour.told(on_the_ground)
     return Answer(
         plan,
-        Route.of(plan.path, cost, dem) if vehicle is None else _driven(plan, cost, dem, vehicle),
+        _route(plan, cost, dem, vehicle),
         start,
         goal,
         [(goals[at], found) for at, found in ranked] if len(goals) > 1 else [],
@@ -216,6 +236,7 @@ def find(
         exact_path,
         loading_included=not request.compare and request.time_limit is None,
         vehicle=vehicle,
+        tour=tour,
     )
 
 
@@ -236,20 +257,21 @@ def _beside_a_point(answer: Answer, request: Request, dem: Dem, cost: Float2D, v
     return answer
 
 
-def _driven(plan: Plan, cost: Float2D, dem: Dem, vehicle: Vehicle) -> Route:
-    """The route of a path, with how the vehicle stands along it."""
+def _route(plan: Plan, cost: Float2D, dem: Dem, vehicle: Vehicle | None) -> Route:
+    """The route of a plan over known ground, with how a vehicle stands along it."""
     from dataclasses import replace
 
     from nnpp_edge.runtime.map.attitude import attitudes
     from nnpp_edge.terrain.route import Route
 
-    route = Route.of(plan.path, cost, dem)
-    if len(plan.path) < 2:
+    assert plan.along is not None
+    route = Route.of(plan.line, plan.along, cost, dem)
+    if vehicle is None or len(plan.path) < 2 or plan.line is not plan.path:
         return route
-    if vehicle.is_disc:
-        return replace(route, standing={"heading_deg": plan.headings_deg})
-    stands = attitudes(dem.elevation, (dem.cell_size_m, dem.cell_width_m), vehicle, plan.path)
-    return replace(route, standing={"heading_deg": plan.headings_deg, **stands._asdict()})
+    standing = {"heading_deg": plan.headings_deg}
+    if not vehicle.is_disc:
+        standing |= attitudes(dem.elevation, plan.along.sides_m, vehicle, plan.path)._asdict()
+    return replace(route, standing=standing)
 
 
 def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Compared], Cells | None]:

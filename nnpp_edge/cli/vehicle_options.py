@@ -10,6 +10,7 @@ import click
 from nnpp_edge.cli.options import ANGLE, POSITIVE, gathered, together
 
 if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.slope_cost import Mobility
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 
@@ -46,6 +47,14 @@ class VehicleOptions:
 
         values = {} if name is None else read_vehicle(str(name))
         return vehicle_of(values | given, "vehicle" if name is None else str(name))
+
+    def mobility(self) -> Mobility:
+        """How the vehicle gets up and down, as its file says; a hiker's where there is none."""
+        from nnpp_edge.runtime.map.slope_cost import Mobility
+        from nnpp_edge.terrain.vehicle_files import mobility_of, read_vehicle
+
+        values = read_vehicle(self.vehicle) if self.vehicle else {}
+        return mobility_of(values["mobility"], str(self.vehicle)) if "mobility" in values else Mobility()
 
 
 vehicle = together(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.viz.sheet import INK, Cells, Colour, MapDrawing, Picture, metres
@@ -89,6 +90,7 @@ def plan_picture(
     *,
     start: tuple[int, int] | None = None,
     goal: tuple[int, int] | None = None,
+    via: Sequence[tuple[int, int]] = (),
     shade: NDArray[np.uint8] | None = None,
     reference_path: Cells | None = None,
     cell_size_m: float | None = None,
@@ -105,6 +107,8 @@ def plan_picture(
         Made with its regions, if they are to be drawn.
     start, goal : (row, col)
         By default the ends of the path.
+    via : sequence of (row, col)
+        Places between, in the order in which they are visited.
     shade : (H, W) uint8
         Drawn in place of the cost; from `hillshade`.
     reference_path : (N, 2) int
@@ -135,7 +139,7 @@ def plan_picture(
     drawing = MapDrawing(ground)
     keys = []
     # the optimum lies on the path, thinner, and its rim below: both are seen where they agree
-    lines = [(plan.path, PATH, 4.0, False)]
+    lines: list[tuple[Line, Colour, float, bool]] = [(plan.line, PATH, 4.0, False)]
     if reference_path is not None:
         lines.append((reference_path, OPTIMUM, 2.0, True))
     if body.point_path is not None:
@@ -157,6 +161,10 @@ def plan_picture(
         keys.append(drawing.line_key(OPTIMUM, "exact optimum", dashed=True))
     if body.point_path is not None and len(body.point_path):
         keys.append(drawing.line_key(POINT, "path of a point", dashed=True))
+    for number, stop in enumerate(via, 1):
+        drawing.numbered(drawing.at(stop), str(number))
+    if via:
+        keys.insert(0, drawing.symbol_key(lambda middle: drawing.numbered(middle, "1"), "by way of"))
     if goal is not None:
         drawing.star(drawing.at(goal))
         keys.insert(0, drawing.symbol_key(drawing.star, "goal"))

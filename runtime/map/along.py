@@ -1,4 +1,4 @@
-"""Numbers along the way: how long a path is on the ground, what it climbs, how steep it is, what time and energy it takes."""
+"""Numbers along the way: a path's length on the ground, its climb and slopes, and the time and energy it takes."""
 
 import math
 from collections.abc import Sequence
@@ -67,9 +67,7 @@ class Along:
     mobility: Mobility = _ON_FOOT
 
     @classmethod
-    def of(
-        cls, line: Line, heights: Heights, sides_m: tuple[float, float], mobility: Mobility = _ON_FOOT
-    ) -> "Along":
+    def of(cls, line: Line, heights: Heights, sides_m: tuple[float, float], mobility: Mobility = _ON_FOOT) -> "Along":
         """A line over a map of heights (H, W), metres, NaN where unknown."""
         points = crossings(line)
         return cls.through(points, heights_at(heights, points), sides_m, mobility)
@@ -77,18 +75,18 @@ class Along:
     @classmethod
     def through(
         cls,
-        points: NDArray[np.float64],
+        points: Line,
         heights_m: Heights,
         sides_m: tuple[float, float],
         mobility: Mobility = _ON_FOOT,
     ) -> "Along":
         """A line whose heights (N,) are known, but for NaN."""
-        heights = np.array(heights_m, np.float64)
+        points, heights = np.asarray(points, np.float64), np.array(heights_m, np.float64)
         known = np.isfinite(heights)
         if known.any() and not known.all():
             at = _apart(points, sides_m).cumsum()
             heights = np.interp(at, at[known], heights[known])
-        return cls(np.asarray(points, np.float64), heights, sides_m, mobility)
+        return cls(points, heights, sides_m, mobility)
 
     @cached_property
     def steps_m(self) -> NDArray[np.float64]:
@@ -175,7 +173,8 @@ def joined(lines: Sequence[Line]) -> Line:
 
 def _apart(points: NDArray[np.float64], sides_m: tuple[float, float]) -> NDArray[np.float64]:
     """(N,) metres from the point before, on the level."""
-    return np.hypot(*(np.diff(points, axis=0, prepend=points[:1]) * sides_m).T)
+    apart: NDArray[np.float64] = np.hypot(*(np.diff(points, axis=0, prepend=points[:1]) * sides_m).T)
+    return apart
 
 
 def heights_at(heights: Heights, points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -400,6 +401,7 @@ class Planner:
         method: str = Method.AUTO,
         epsilon: float = math.inf,
         time_limit_s: float = math.inf,
+        keep_regions: bool = False,
         price: str | None = None,
     ) -> Tour:
         """A path from start to goal by way of other cells.
@@ -413,7 +415,7 @@ class Planner:
         best_order : bool
             Visit them in the order that costs least instead: of the plans between each two, with ``astar`` of the
             cheapest paths. At most 12.
-        method, epsilon, time_limit_s, price
+        method, epsilon, time_limit_s, keep_regions, price
             As for `plan`, of each leg.
 
         Returns
@@ -431,12 +433,11 @@ class Planner:
 
         def leg(begin: Cell, end: Cell) -> Plan:
             query = Query.within(begin, end, time_limit_s, epsilon)
-            return self._answer(query, Work(), method, False, price)
+            return self._answer(query, Work(), method, keep_regions, price)
 
-        grid, costs = self._state.grid, None
-        exact = best_order and len(via) > 1 and method == Method.ASTAR
-        if exact and all(problem_with(grid, stop, stop) is None for stop in stops):
-            costs = costs_between(grid, stops, self._planners.astar.workspace)
+        grid, workspace = self._state.grid, self._planners.astar.workspace
+        exact = method == Method.ASTAR and all(problem_with(grid, stop, stop) is None for stop in stops)
+        costs = partial(costs_between, grid, stops, workspace) if exact else None
         found = tour(leg, stops, grid, best_order=best_order, costs=costs)
         return replace(found, plan=found.plan.over(self._state))
 

@@ -14,6 +14,7 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source, path_costs
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.stopwatch import Stopwatch
 
 MOST_ORDERED = 12
 """Places between start and goal whose best order is looked for: 12! orders, 12² · 2^12 sums."""
@@ -49,9 +50,13 @@ class Tour:
     plan: Plan
     given_cost: float = math.nan
 
+    def told(self, on_the_ground: Callable[[Plan], Plan]) -> "Tour":
+        """The same tour with what the function adds to each of its plans."""
+        return replace(self, legs=tuple(map(on_the_ground, self.legs)), plan=on_the_ground(self.plan))
+
 
 def tour(
-    plan: PlanLeg, stops: Sequence[Cell], grid: Grid, *, best_order: bool = False, costs: Costs | None = None
+    plan: PlanLeg, stops: Sequence[Cell], grid: Grid, *, best_order: bool = False, costs: Callable[[], Costs] | None = None
 ) -> Tour:
     """A path along stops, each leg planned by itself.
 
@@ -64,10 +69,9 @@ def tour(
     grid : Grid
         Of the map, filled where paths lead.
     best_order : bool
-        Visit the places between in the order that costs least: all orders are weighed by the costs of the plans
-        between each two stops, or by `costs` where these are known.
-    costs : (N, N) float
-        From each stop to each other; inf where there is no path.
+        Visit the places between in the order that costs least, by what lies between each two stops.
+    costs : callable
+        What costs (N, N) there are from each stop to each other, inf where there is no path; by default those of plans.
 
     Raises
     ------
@@ -75,13 +79,13 @@ def tour(
         A place between start and goal lies outside the map or is impassable, or more than `MOST_ORDERED` are to be
         ordered.
     """
-    legs = _Legs(plan, stops)
+    watch, legs = Stopwatch(), _Legs(plan, stops)
     count, given_cost = len(stops) - 2, math.nan
     order = tuple(range(count))
     if best_order:
         if count > MOST_ORDERED:
             raise InvalidQueryError(f"the best order is found of at most {MOST_ORDERED} places, got {count}")
-        between = legs.costs() if costs is None else costs
+        between = legs.costs() if costs is None else costs()
         if between is not None and np.isfinite(between[0]).all():
             order, given_cost = _best_order(between)
     visited = [0, *(each + 1 for each in order), count + 1]
@@ -91,7 +95,11 @@ def tour(
         if not found[-1].ok:
             break
     ordered = tuple(stops[at] for at in visited)
-    return Tour(ordered, order, tuple(found), _as_one(found, ordered, grid), given_cost)
+    whole = _as_one(found, ordered, grid)
+    total = watch.total_ms()
+    apart = {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in found)} if best_order else {}
+    whole = replace(whole, timings_ms={**whole.timings_ms, **apart, "total": total})
+    return Tour(ordered, order, tuple(found), whole, given_cost)
 
 
 def costs_between(grid: Grid, stops: Sequence[Cell], workspace: Workspace) -> Costs:
@@ -123,12 +131,12 @@ class _Legs:
         return self._made[begin, end]
 
     def costs(self) -> Costs | None:
-        """(N, N) of the plans between stops; None as soon as one has no path: then no order has one."""
+        """(N, N) of the plans between stops, 0 where none is needed; None where one has no path: then no order has."""
         last = len(self._stops) - 1
-        found = np.full((last + 1, last + 1), math.inf)
+        found = np.zeros((last + 1, last + 1))
         for begin in range(last):
             for end in range(1, last + 1):
-                if begin == end or (begin, end) == (0, last) and last > 1:
+                if begin == end or (begin == 0 and end == last):
                     continue
                 if not (plan := self.plan(begin, end)).ok:
                     return None
