@@ -53,7 +53,7 @@ def cost_picture(cost: Float2D) -> Picture:
     """A cell a pixel: grey from 0 (black) to 1 (white); impassable cells, NaN or from 1 up, in dark brown."""
     passable = cost < 1.0
     grey = np.clip(np.where(passable, cost, 0.0) * 255.0, 0.0, 255.0).astype(np.uint8)
-    return _with_obstacles(grey, passable)
+    return with_obstacles(grey, passable)
 
 
 def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None = None) -> NDArray[np.uint8]:
@@ -129,13 +129,13 @@ def plan_picture(
         if region is not None
     ]
     passable = cost < 1.0
-    ground = cost_picture(cost) if shade is None else _with_obstacles(shade, passable)
+    ground = cost_picture(cost) if shade is None else with_obstacles(shade, passable)
     if body.stands is not None:
         mask = passable & ~body.stands
-        ground[mask] = _mixed(ground[mask], _NO_STAND, IMPASSABLE)
+        ground[mask] = mixed(ground[mask], _NO_STAND, IMPASSABLE)
     for region, strength, _ in regions:
         mask = region.mask() & passable
-        ground[mask] = _mixed(ground[mask], strength)
+        ground[mask] = mixed(ground[mask], strength)
     drawing = MapDrawing(ground)
     keys = []
     # the optimum lies on the path, thinner, and its rim below: both are seen where they agree
@@ -173,9 +173,9 @@ def plan_picture(
         keys.insert(0, drawing.symbol_key(drawing.square, "start"))
     middling = 190 if shade is not None else 90
     for _, strength, words in regions:
-        keys.append(drawing.swatch(tuple(_mixed(np.full(3, middling, np.uint8), strength).tolist()), words))
+        keys.append(drawing.swatch(tuple(mixed(np.full(3, middling, np.uint8), strength).tolist()), words))
     if body.stands is not None and not body.stands.all():
-        tint = _mixed(np.full(3, middling, np.uint8), _NO_STAND, IMPASSABLE)
+        tint = mixed(np.full(3, middling, np.uint8), _NO_STAND, IMPASSABLE)
         keys.append(drawing.swatch(tuple(tint.tolist()), "stands in no heading"))
     if not passable.all():
         keys.append(drawing.swatch(IMPASSABLE, "impassable"))
@@ -246,12 +246,12 @@ def _number(x: float) -> str:
     return f"{x:.0f}" if x >= 1000.0 else f"{x:.4g}"
 
 
-def _with_obstacles(grey: NDArray[np.uint8], passable: Mask) -> Picture:
+def with_obstacles(grey: NDArray[np.uint8], passable: Mask) -> Picture:
     picture = np.repeat(grey[..., None], 3, axis=2)
     picture[~passable] = IMPASSABLE
     return picture
 
 
-def _mixed(ground: NDArray[np.uint8], strength: float, colour: Colour = REGION) -> NDArray[np.uint8]:
+def mixed(ground: NDArray[np.uint8], strength: float, colour: Colour = REGION) -> NDArray[np.uint8]:
     """A colour laid over the ground, which shows through."""
     return ((1.0 - strength) * ground + strength * np.array(colour)).astype(np.uint8)

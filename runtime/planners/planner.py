@@ -117,6 +117,7 @@ class Planner:
         ask_from: int = NEAR,
         warn: bool = True,
         vehicle: Vehicle | None = None,
+        step_cost: str = StepCost.PAPER,
         mobility: Mobility | None = None,
     ) -> "Planner":
         """A planner of a map that has just arrived: costs and coarse levels are computed where a search looks.
@@ -147,7 +148,7 @@ class Planner:
         planner = cls.__new__(cls)
         planner._turns = Turns()
         sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
-        step_model = StepModel.of(StepCost.PAPER, omega)
+        step_model = StepModel.of(step_cost, omega)
         planner._state = state_of_elevation(
             dem, sides, limits, step_model, corner_cutting=corner_cutting, lazy=lazy, warn=warn, vehicle=vehicle
         )

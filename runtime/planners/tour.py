@@ -56,7 +56,12 @@ class Tour:
 
 
 def tour(
-    plan: PlanLeg, stops: Sequence[Cell], grid: Grid, *, best_order: bool = False, costs: Callable[[], Costs] | None = None
+    plan: PlanLeg,
+    stops: Sequence[Cell],
+    grid: Grid,
+    *,
+    best_order: bool = False,
+    costs: Callable[[], Costs] | None = None,
 ) -> Tour:
     """A path along stops, each leg planned by itself.
 
