@@ -87,7 +87,7 @@ def tour(
     watch, legs = Stopwatch(), _Legs(plan, stops)
     count, given_cost = len(stops) - 2, math.nan
     order = tuple(range(count))
-    if best_order:
+    if best_order and count:
         if count > MOST_ORDERED:
             raise InvalidQueryError(f"the best order is found of at most {MOST_ORDERED} places, got {count}")
         between = legs.costs() if costs is None else costs()
