@@ -4,7 +4,9 @@ import io
 import math
 import re
 import struct
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from xml.sax.saxutils import escape
@@ -53,7 +55,7 @@ def points_of(name: str, place: Place) -> tuple[Points, str]:
     path, layer = named_file(name)
     _check_plain(path)
     pyogrio = _pyogrio(f"reading {path.name}")
-    with refused_as(VectorFileError, f"{path}: wanted {FORMATS} with a layer of points"):
+    with _quiet(), refused_as(VectorFileError, f"{path}: wanted {FORMATS} with a layer of points"):
         layer = layer or _only_layer(pyogrio, path)
         meta, _, shapes, _ = pyogrio.raw.read(path, layer=layer, columns=[])
     found = np.array([point for shape in shapes for point in _points(path, shape)]).reshape(-1, 2)
@@ -88,16 +90,17 @@ def geopackage_bytes(
     columns = [
         np.array(values, object if any(isinstance(v, str) for v in values) else None) for values in fields.values()
     ]
-    pyogrio.raw.write(
-        out,
-        np.array([*shapes, None], object)[:-1],
-        field_data=columns,
-        fields=np.array(list(fields), object),
-        geometry_type=kind,
-        crs=place.georeference.crs if place.georeference else None,
-        layer=layer,
-        driver="GPKG",
-    )
+    with _quiet():
+        pyogrio.raw.write(
+            out,
+            np.array([*shapes, None], object)[:-1],
+            field_data=columns,
+            fields=np.array(list(fields), object),
+            geometry_type=kind,
+            crs=place.georeference.crs if place.georeference else None,
+            layer=layer,
+            driver="GPKG",
+        )
     return out.getvalue()
 
 
@@ -137,6 +140,14 @@ def _pyogrio(purpose: str) -> ModuleType:
     pyogrio = optional_module("pyogrio", purpose, "vector")
     pyogrio.set_gdal_config_options(NO_NETWORK)
     return pyogrio
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep GDAL's warnings from the user: of a damaged file, which is refused, or a map without a system."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
 
 def _check_plain(path: Path) -> None:

@@ -82,7 +82,9 @@ def test_numbers_of_way_points_are_those_of_the_bilinear_ground(seed):
     line = rng.uniform(0.0, 1.0, (6, 2)) * (39, 49)
     ground, climb, descent = brute(line, heights, (2.0, 3.0))
     found = Along.of(line, heights, (2.0, 3.0)).numbers
-    assert found.length_m == pytest.approx(sum(math.dist(a, b) for a, b in zip(line[:-1] * (2, 3), line[1:] * (2, 3))))
+    assert found.length_m == pytest.approx(
+        sum(math.dist(a, b) for a, b in zip(line[:-1] * (2, 3), line[1:] * (2, 3)))
+    )
     # between two crossings the bilinear ground is a parabola, which is taken as its chord
     assert found.ground_length_m == pytest.approx(ground, rel=2e-3)
     assert found.climb_m == pytest.approx(climb, rel=0.15) and found.climb_m <= climb + 1e-9
