@@ -76,7 +76,7 @@ def tour(
     best_order : bool
         Visit the places between in the order that costs least, by what lies between each two stops.
     costs : callable
-        What costs (N, N) there are from each stop to each other, inf where there is no path; by default those of plans.
+        Gives the costs (N, N) from each stop to each other, inf where there is no path; by default those of plans.
 
     Raises
     ------
@@ -136,7 +136,7 @@ class _Legs:
         return self._made[begin, end]
 
     def costs(self) -> Costs | None:
-        """(N, N) of the plans between stops, 0 where none is needed; None where one has no path: then no order has."""
+        """(N, N) of the plans between stops, 0 where none is needed; None where one of them has no path."""
         last = len(self._stops) - 1
         found = np.zeros((last + 1, last + 1))
         for begin in range(last):
