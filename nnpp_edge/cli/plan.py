@@ -16,12 +16,12 @@ from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.cli.plan_answer import Answer, Compared, Near, Planned, refuse_impassable, warn_if_not_square
 from nnpp_edge.cli.plan_files import Outputs, outputs
 from nnpp_edge.cli.plan_request import Ends, Request
+from nnpp_edge.cli.refusal import refusal
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 from nnpp_edge.cli.windows import plan_by_windows, reads_by_windows
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
-    from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.runtime.map.slope_cost import Mobility
     from nnpp_edge.runtime.planners.plan import Plan
     from nnpp_edge.runtime.planners.query import PlannerOptions, PlanOptions
@@ -29,14 +29,11 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
     from nnpp_edge.terrain.dem import Dem
-    from nnpp_edge.terrain.georeference import Place
     from nnpp_edge.terrain.route import Route
     from nnpp_edge.viz.sheet import Cells
 
 _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
-_LOOKED_AROUND = 64
-"""Cells around an end that are tried for a place where the vehicle stands."""
 _MOST_SHOWN = 1 << 20
 """Cells of a map whose poses are all checked for a picture, a tenth of a second."""
 _BYTES_PER_POSED_CELL = 12
@@ -125,7 +122,9 @@ def command(
 
         if as_json:
             click.echo(json.dumps(answer.plan.summary()))
-        raise InvalidQueryError(_refusal(planned, limits))
+        plan, near = answer.plan, planned.near
+        cell = answer.start if plan.status.startswith("START") else answer.goal
+        raise InvalidQueryError(refusal(plan.status, cell, answer.route.dem, near, limits, answer.vehicle))
     files = outputs.save(planned)
     click.echo(json.dumps(answer.figures(files)) if as_json else answer.text(files))
     if not answer.plan.ok:
@@ -292,66 +291,3 @@ def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Compa
     compared = [Compared(last[method], exact, times[method], times[Method.ASTAR]) for method in methods]
     exact_path = exact.path if exact.ok and plan.method != exact.method else None
     return replace(plan, timings_ms=last[plan.method].timings_ms), compared, exact_path
-
-
-def _refusal(planned: Planned, limits: Traversability) -> str:
-    """Why no search was made, and for a blocked cell which is the nearest passable one."""
-    import numpy as np
-
-    answer, near = planned.answer, planned.near
-    name, _, problem = answer.plan.status.partition("_")
-    cell = answer.start if name == "START" else answer.goal
-    end, place = f"{name.lower()} {cell}", answer.route.dem
-    if problem != "BLOCKED":
-        return f"{end} lies outside the map of {place.shape[0]} × {place.shape[1]} cells"
-    at = (cell[0] - near.origin[0], cell[1] - near.origin[1])
-    if answer.vehicle is not None and answer.vehicle.is_disc and near.cost[at] < 1.0:
-        return f"{end} is impassable: an obstacle or the map's edge lies within the vehicle's radius"
-    if answer.vehicle is not None and not answer.vehicle.is_disc:
-        return f"{end} is impassable: the vehicle stands there in no heading; {_where_it_stands(cell, answer, near)}"
-    reason = _why_blocked(at, near.elevation, place, limits)
-    passable = np.argwhere(near.cost < 1.0)
-    if not len(passable):
-        return f"{end} is impassable: {reason}; so is all around it"
-    nearest = passable[((passable - at) ** 2).sum(axis=1).argmin()] + near.origin
-    return f"{end} is impassable: {reason}; the nearest passable cell is {tuple(nearest.tolist())}"
-
-
-def _where_it_stands(cell: Cell, answer: Answer, near: Near) -> str:
-    """The nearest cell, if one is near, where the vehicle stands in some heading."""
-    import numpy as np
-
-    from nnpp_edge.runtime import pose_costs
-
-    assert answer.vehicle is not None
-    place, (row, col) = answer.route.dem, (max(each - _LOOKED_AROUND, 0) for each in cell)
-    part = near.elevation[row : cell[0] + _LOOKED_AROUND + 1, col : cell[1] + _LOOKED_AROUND + 1]
-    costs = pose_costs(part, place.cell_size_m, answer.vehicle, cell_width_m=place.cell_width_m)
-    stands = np.argwhere(np.isfinite(costs).any(0)) + np.array((row, col))
-    if not len(stands):
-        return f"nor on any cell within {_LOOKED_AROUND}"
-    nearest = stands[((stands - cell) ** 2).sum(axis=1).argmin()]
-    return f"the nearest cell where it does is {tuple(nearest.tolist())}"
-
-
-def _why_blocked(cell: Cell, elevation: Float2D, place: Place, limits: Traversability) -> str:
-    """What makes an impassable cell so."""
-    import numpy as np
-
-    from nnpp_edge.runtime.terrain.traversability import terrain_terms
-
-    row0, col0 = max(cell[0] - 1, 0), max(cell[1] - 1, 0)
-    patch = elevation[row0 : cell[0] + 2, col0 : cell[1] + 2]
-    terms = terrain_terms(patch, place.cell_size_m, cell_width_m=place.cell_width_m)
-    slope, roughness, step = terms[:, cell[0] - row0, cell[1] - col0].tolist()
-    if np.isnan(slope):
-        return "its elevation is unknown"
-    found = (
-        ("slope", np.degrees(slope), limits.hard_slope_deg, "°"),
-        ("roughness", roughness, limits.hard_roughness_m, " m"),
-        ("elevation difference", step, limits.hard_step_m, " m"),
-    )
-    for term, value, limit, unit in found:
-        if value > limit:
-            return f"{term} {value:.3g}{unit}, the hard limit is {limit:g}{unit}"
-    return "slope, roughness and elevation difference are all at their limits"

@@ -14,6 +14,8 @@ from nnpp_edge.cli.cost_summary import MapSize
 from nnpp_edge.cli.costmap import cost_of
 from nnpp_edge.cli.ends import End, Where
 from nnpp_edge.cli.options import TerrainOptions
+from nnpp_edge.cli.plan_answer import Near, duration
+from nnpp_edge.cli.refusal import refusal
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 
 if TYPE_CHECKING:
@@ -120,6 +122,8 @@ def _reach(
     import numpy as np
 
     from nnpp_edge.runtime import Planner
+    from nnpp_edge.runtime.errors import InvalidQueryError
+    from nnpp_edge.runtime.planners.query import problem_with
     from nnpp_edge.terrain.reach import Reach
 
     (measure, most, levels), mobility, body = wanted, vehicle.mobility(), vehicle.make()
@@ -139,6 +143,10 @@ def _reach(
             step_cost=step_cost,
             mobility=mobility,
         )
+    if problem := problem_with(planner.state.grid, start, start):
+        raise InvalidQueryError(
+            refusal(problem, start, ground, Near((0, 0), ground.elevation, cost), terrain.limits(), body)
+        )
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())
     return Reach(planner.reach(start, most), shares, measure, {"time": "s", "energy": "J"}.get(measure, ""), ground)
 
@@ -157,8 +165,6 @@ def _figures(found: Reach, start: Cell, files: list[str]) -> dict[str, object]:
 
 def _words(measure: str, level: float) -> str:
     """A level for people, in ASCII."""
-    from nnpp_edge.cli.plan_answer import duration
-
     if measure == "time":
         return f"within {duration(level)}"
     return f"within {level / 1000.0:.4g} kJ" if measure == "energy" else f"within a cost of {level:.4g}"
