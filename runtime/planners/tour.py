@@ -18,7 +18,7 @@ from nnpp_edge.runtime.stopwatch import Stopwatch
 
 MOST_ORDERED = 12
 """Places between start and goal whose best order is looked for: 12! orders, 12² · 2^12 sums."""
-_TIE = 1e-6
+_TIE = 1e-5
 """Share by which another order must cost less than the one given: sums of rounded costs differ by less."""
 
 PlanLeg = Callable[[Cell, Cell], Plan]
@@ -62,6 +62,7 @@ def tour(
     *,
     best_order: bool = False,
     costs: Callable[[], Costs] | None = None,
+    symmetric: bool = True,
 ) -> Tour:
     """A path along stops, each leg planned by itself.
 
@@ -77,6 +78,8 @@ def tour(
         Visit the places between in the order that costs least, by what lies between each two stops.
     costs : callable
         Gives the costs (N, N) from each stop to each other, inf where there is no path; by default those of plans.
+    symmetric : bool
+        Whether a path costs the same both ways: then one plan serves a leg and its reverse.
 
     Raises
     ------
@@ -84,7 +87,7 @@ def tour(
         A place between start and goal lies outside the map or is impassable, or more than `MOST_ORDERED` are to be
         ordered.
     """
-    watch, legs = Stopwatch(), _Legs(plan, stops)
+    watch, legs = Stopwatch(), _Legs(plan, stops, symmetric)
     count, given_cost = len(stops) - 2, math.nan
     order = tuple(range(count))
     if best_order and count:
@@ -122,13 +125,16 @@ def costs_between(grid: Grid, stops: Sequence[Cell], workspace: Workspace) -> Co
 class _Legs:
     """Plans between stops, each made once."""
 
-    def __init__(self, plan: PlanLeg, stops: Sequence[Cell]) -> None:
-        self._plan, self._stops = plan, stops
+    def __init__(self, plan: PlanLeg, stops: Sequence[Cell], symmetric: bool) -> None:
+        self._plan, self._stops, self._symmetric = plan, stops, symmetric
         self._made: dict[tuple[int, int], Plan] = {}
 
     def plan(self, begin: int, end: int) -> Plan:
         """From one stop, by its number, to another; InvalidQueryError for a place between that is none."""
-        if (begin, end) not in self._made:
+        back = self._made.get((end, begin)) if self._symmetric else None
+        if (begin, end) not in self._made and back is not None and back.ok:
+            self._made[begin, end] = replace(back, path=back.path[::-1].copy())
+        elif (begin, end) not in self._made:
             plan = self._plan(self._stops[begin], self._stops[end])
             if plan.source is None:
                 self._refuse(begin if plan.status.startswith("START") else end, plan.status)

@@ -88,7 +88,10 @@ def test_the_start_is_any_place_that_plan_takes(nnpp_edge, hills, tmp_path):
         (("--start", "1,1", "--within-cost", "3", "--within-time", "3"), "give one of"),
         (("--start", "1,1", "--within-time", "soon"), "a time such as 90, 90s, 30min or 2h"),
         (("--start", "1,1", "--within-cost", "-3"), "within-cost"),
-        (("--start", "40,40", "--within-cost", "3"), "start (40, 40) is impassable: its elevation is unknown; the nearest passable cell is (40, 39)"),
+        (
+            ("--start", "40,40", "--within-cost", "3"),
+            "start (40, 40) is impassable: its elevation is unknown; the nearest passable cell is (40, 39)",
+        ),
         (("--start", "80,40", "--within-cost", "3"), "start (80, 40) lies outside the map"),
         (("--within-cost", "3"), "missing option '--start'"),
         (("--start", "1,1", "--within-cost", "3", "--format", "gpkg"), "give -o too"),

@@ -68,7 +68,7 @@ def test_where_there_costs_another_than_back_the_best_order_is_the_cheapest_too(
     grid = Planner(np.zeros((1, count), np.float32)).state.grid
     best, given_cost = cheapest_order(between.tolist())
     for costs in (None, lambda: between):
-        found = tour(leg, stops, grid, best_order=True, costs=costs)
+        found = tour(leg, stops, grid, best_order=True, costs=costs, symmetric=False)
         assert found.plan.cost == pytest.approx(best)
         assert found.given_cost == pytest.approx(given_cost)
 
@@ -104,6 +104,20 @@ def test_no_order_costs_more_than_the_one_given(seed):
     assert found.plan.status == given_order.plan.status
     if found.plan.ok:
         assert found.plan.cost <= given_order.plan.cost
+
+
+def test_where_a_path_costs_the_same_both_ways_each_two_places_are_planned_between_once():
+    cost, stops = map_with_stops(5, 8, side=64, blocked=0.1)
+    planner, asked = Planner(cost), []
+
+    def leg(begin, end):
+        asked.append({begin, end})
+        return planner.plan(begin, end, method="corridor")
+
+    found = tour(leg, stops, planner.state.grid, best_order=True)
+    assert len(asked) == 8 * 7 // 2 - 1 == len(set(map(frozenset, asked)))
+    assert oracles.path_problem(found.plan.path, cost, stops[0], stops[-1]) == ""
+    assert found.plan.cost == pytest.approx(oracles.path_cost(found.plan.path, cost), rel=1e-5)
 
 
 def test_an_order_that_is_the_best_already_stays():
