@@ -27,6 +27,7 @@ IMPASSABLE: Colour = (34, 44, 96)
 REGION: Colour = (255, 230, 0)
 PATH: Colour = (20, 120, 255)
 OPTIMUM: Colour = (255, 90, 235)
+GRID: Colour = (255, 255, 160)
 BODY: Colour = (120, 255, 190)
 POINT: Colour = (255, 255, 255)
 _NO_STAND = 0.45
@@ -140,6 +141,8 @@ def plan_picture(
     keys = []
     # the optimum lies on the path, thinner, and its rim below: both are seen where they agree
     lines: list[tuple[Line, Colour, float, bool]] = [(plan.line, PATH, 4.0, False)]
+    if freed := plan.line is not plan.path:
+        lines.append((plan.path, GRID, 1.5, True))
     if reference_path is not None:
         lines.append((reference_path, OPTIMUM, 2.0, True))
     if body.point_path is not None:
@@ -155,6 +158,8 @@ def plan_picture(
         keys.append(drawing.line_key(PATH, "path"))
         start = start or (int(plan.path[0, 0]), int(plan.path[0, 1]))
         goal = goal or (int(plan.path[-1, 0]), int(plan.path[-1, 1]))
+    if freed:
+        keys.append(drawing.line_key(GRID, "path of the grid", dashed=True))
     if len(body.outlines):
         keys.append(drawing.line_key(BODY, "vehicle"))
     if reference_path is not None and len(reference_path):

@@ -1,6 +1,7 @@
 """`nnpp-edge reach`: what it finds, writes and refuses."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from nnpp_edge.runtime import Planner, Vehicle, traversability_cost
 from nnpp_edge.terrain.dem import Dem, read_dem, write_raster
+from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from tests.cli.test_plan_ways import PLACE, layer, rolling
 
 
@@ -101,6 +103,24 @@ def test_wrong_use_is_one_line(nnpp_edge, hills, words, complaint):
     ended = nnpp_edge("reach", hills, *words)
     ended.refused(complaint)
     assert ended.out == ""
+
+
+def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(nnpp_edge, hills):
+    pytest.importorskip("tests.directed_cases", reason="no directed steps yet")
+    ground, mobility = read_dem(hills).elevation, load_mobility("large-rover")
+    body = ("--vehicle", "large-rover", "--max-tilt", "40", "--clearance", "1.5")
+    vehicle = replace(load_vehicle("large-rover"), max_tilt_deg=40.0, clearance_m=1.5)
+    for words, most, made in (
+        (("--within-time", "1min"), 60.0, {"step_cost": "tobler"}),
+        (("--within-time", "1h", *body), 3600.0, {"step_cost": "time", "mobility": mobility, "vehicle": vehicle}),
+        (("--within-energy", "9e3", *body), 9e3, {"step_cost": "energy", "mobility": mobility, "vehicle": vehicle}),
+    ):
+        told = json.loads(nnpp_edge("reach", hills, "--start", "40,30", *words, "--levels", "2", "--json").out)
+        wanted = Planner.of_elevation(ground, 2.0, warn=False, **made).reach((40, 30), most)
+        cells = [int((wanted <= level).sum()) for level in (most / 2, most)]
+        assert [area["cells"] for area in told["areas"]] == cells
+        assert 1 < cells[0] < cells[1] and told["areas"][1]["within"] == most
+    nnpp_edge("reach", hills, "--start", "40,30", "--within-energy", "9e3").refused("[mobility.energy]")
 
 
 def test_several_starts_are_refused(nnpp_edge, hills, tmp_path):
