@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -439,8 +440,9 @@ class Planner:
         exact = method == Method.ASTAR and all(problem_with(grid, stop, stop) is None for stop in stops)
         costs = partial(costs_between, grid, stops, workspace) if exact else None
         symmetric = getattr(grid, "directed", None) is None
-        found = tour(leg, stops, grid, best_order=best_order, costs=costs, symmetric=symmetric)
-        return found.told(lambda plan: plan.over(self._state))
+        wanted = {"best_order": best_order, "symmetric": symmetric}
+        found = tour(leg, stops, grid, costs=costs, finish=lambda plan: plan.over(self._state), **wanted)
+        return replace(found, plan=found.plan.over(self._state))
 
     @one_at_a_time
     def reach(self, start: Cell, within: float = math.inf) -> Float2D:

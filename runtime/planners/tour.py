@@ -63,6 +63,7 @@ def tour(
     best_order: bool = False,
     costs: Callable[[], Costs] | None = None,
     symmetric: bool = True,
+    finish: Callable[[Plan], Plan] = lambda leg: leg,
 ) -> Tour:
     """A path along stops, each leg planned by itself.
 
@@ -80,6 +81,8 @@ def tour(
         Gives the costs (N, N) from each stop to each other, inf where there is no path; by default those of plans.
     symmetric : bool
         Whether a path costs the same both ways: then one plan serves a leg and its reverse.
+    finish : callable
+        What is done to the plans of the legs in the end, and not to those that were made for the order alone.
 
     Raises
     ------
@@ -99,7 +102,7 @@ def tour(
     visited = [0, *(each + 1 for each in order), count + 1]
     found = []
     for begin, end in zip(visited[:-1], visited[1:], strict=True):
-        found.append(legs.plan(begin, end))
+        found.append(finish(legs.plan(begin, end)))
         if not found[-1].ok:
             break
     ordered = tuple(stops[at] for at in visited)

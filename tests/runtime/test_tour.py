@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -118,6 +119,20 @@ def test_where_a_path_costs_the_same_both_ways_each_two_places_are_planned_betwe
     assert len(asked) == 8 * 7 // 2 - 1 == len(set(map(frozenset, asked)))
     assert oracles.path_problem(found.plan.path, cost, stops[0], stops[-1]) == ""
     assert found.plan.cost == pytest.approx(oracles.path_cost(found.plan.path, cost), rel=1e-5)
+
+
+def test_only_the_legs_that_are_taken_are_finished_and_the_tour_is_made_of_what_they_became():
+    cost, stops = map_with_stops(5, 6, side=40, blocked=0.0)
+    planner, finished = Planner(cost), []
+
+    def finish(leg):
+        finished.append((tuple(leg.path[0]), tuple(leg.path[-1])))
+        return replace(leg, cost=leg.cost + 100.0)
+
+    plain = tour(planner.plan, stops, planner.state.grid, best_order=True)
+    found = tour(planner.plan, stops, planner.state.grid, best_order=True, finish=finish)
+    assert finished == list(zip(found.stops[:-1], found.stops[1:], strict=True))
+    assert found.plan.cost == pytest.approx(plain.plan.cost + 500.0) and found.order == plain.order
 
 
 def test_an_order_that_is_the_best_already_stays():
