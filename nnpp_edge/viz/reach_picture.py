@@ -1,5 +1,6 @@
 """What can be reached, as bands of colour on the map. With OpenCV alone."""
 
+import math
 from collections.abc import Sequence
 
 import cv2
@@ -11,6 +12,8 @@ from nnpp_edge.viz.picture import IMPASSABLE, cost_picture, mixed, with_obstacle
 from nnpp_edge.viz.sheet import INK, Colour, MapDrawing, Picture
 
 _STRENGTH = 0.5
+_SHARP = 800
+"""Pixels of the longer side up to which a map is enlarged."""
 
 
 def reach_picture(
@@ -46,16 +49,19 @@ def reach_picture(
     for at, colour in enumerate(colours):
         mask = band == at
         ground[mask] = mixed(ground[mask], _STRENGTH, colour)
-    ground[_edges(band) & passable] = INK
+    fine = math.ceil(_SHARP / max(cost.shape))  # pixels to a cell, so that lines between bands are thinner than cells
+    ground = ground.repeat(fine, 0).repeat(fine, 1)
+    edges = _edges(band.repeat(fine, 0).repeat(fine, 1))
+    ground[edges & passable.repeat(fine, 0).repeat(fine, 1)] = INK
     drawing = MapDrawing(ground)
-    drawing.square(drawing.at(start))
+    drawing.square(drawing.at((start[0] * fine + fine // 2, start[1] * fine + fine // 2)))
     grey = np.full(3, 190 if shade is not None else 90, np.uint8)
     keys = [drawing.symbol_key(drawing.square, "start")]
     for colour, (_, words) in zip(colours, levels, strict=True):
         keys.append(drawing.swatch(tuple(mixed(grey, _STRENGTH, colour).tolist()), words))
     if not passable.all():
         keys.append(drawing.swatch(IMPASSABLE, "impassable"))
-    return drawing.finish([keys, drawing.scale(cell_size_m)])
+    return drawing.finish([keys, drawing.scale(None if cell_size_m is None else cell_size_m / fine)])
 
 
 def _colour(at: int, count: int) -> Colour:
