@@ -17,6 +17,7 @@ from nnpp_edge.runtime.reading import reason
 COMMANDS = {
     "costmap": "Traversability cost of an elevation map.",
     "plan": "Plan a path over an elevation map.",
+    "reach": "Show what can be reached from a place.",
     "dataset": "Make a training set from terrain files.",
     "train": "Train a network.",
     "export": "Write a trained network as an ONNX model.",
@@ -34,6 +35,7 @@ COMMANDS = {
 _EXTRAS = {
     "geo": ("rasterio",),
     "robot": ("mcap", "prometheus_client", "zenoh"),
+    "vector": ("pyogrio", "pyproj"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),
     "viz": ("jinja2", "matplotlib", "PIL", "rerun"),
 }

@@ -11,29 +11,29 @@ import click
 
 from nnpp_edge.cli import options, vehicle_options
 from nnpp_edge.cli.costmap import cost_of
+from nnpp_edge.cli.ends import Where
 from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.plan_answer import Answer, Compared, Near, Planned, files_in, refuse_impassable, warn_if_not_square
-from nnpp_edge.cli.plan_request import Request
+from nnpp_edge.cli.plan_answer import Answer, Compared, Near, Planned, refuse_impassable, warn_if_not_square
+from nnpp_edge.cli.plan_files import Outputs, outputs
+from nnpp_edge.cli.plan_request import Ends, Request
+from nnpp_edge.cli.refusal import refusal
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 from nnpp_edge.cli.windows import plan_by_windows, reads_by_windows
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
-    from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.runtime.map.slope_cost import Mobility
     from nnpp_edge.runtime.planners.plan import Plan
     from nnpp_edge.runtime.planners.query import PlannerOptions, PlanOptions
+    from nnpp_edge.runtime.planners.tour import Tour
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
     from nnpp_edge.terrain.dem import Dem
-    from nnpp_edge.terrain.georeference import Place
     from nnpp_edge.terrain.route import Route
     from nnpp_edge.viz.sheet import Cells
 
 _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
-_LOOKED_AROUND = 64
-"""Cells around an end that are tried for a place where the vehicle stands."""
 _MOST_SHOWN = 1 << 20
 """Cells of a map whose poses are all checked for a picture, a tenth of a second."""
 _BYTES_PER_POSED_CELL = 12
@@ -44,10 +44,12 @@ _BYTES_PER_CELL = 24
 
 @click.command(name="plan")
 @click.argument("dem", type=options.PATH)
-@click.option("--start", type=options.Cell(), help="Cell, row first, counted from 0.")
-@click.option("--goal", "goals", type=options.Cell(), multiple=True, help="Cell; of several, the nearest is taken.")
+@click.option("--start", type=Where(), help="ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point.")
+@click.option("--goal", "goals", type=Where(), multiple=True, help="Likewise; of several, the nearest is taken.")
 @click.option("--start-xy", type=options.Numbers(float), metavar="X,Y", help="In the map's own coordinates.")
 @click.option("--goal-xy", "goals_xy", type=options.Numbers(float), metavar="X,Y", multiple=True, help="Likewise.")
+@click.option("--via", type=Where(), multiple=True, help="Go by way of this place, or of a vector file's points.")
+@click.option("--best-order", is_flag=True, help="Visit the places of --via, 12 at most, in the cheapest order.")
 @click.option("--method", type=click.Choice(["auto", "astar", "corridor", "nnpp"]), default="auto")
 @options.model
 @options.terrain
@@ -75,12 +77,12 @@ _BYTES_PER_CELL = 24
     help="By what blocks of cells are priced before a vehicle's poses are checked.  [default: eq1; nnpp: network]",
 )
 @options.memory
-@click.option("-o", "--output", type=options.PATH, help="Folder for path.geojson, path.csv, plan.png and plan.json.")
 @options.as_json
+@outputs
 @options.gathered("request", Request)
 def command(
     dem: Path,
-    output: Path | None,
+    outputs: Outputs,
     hillshade: bool,
     memory: float | None,
     as_json: bool,
@@ -90,11 +92,12 @@ def command(
 ) -> None:
     """Plan a path over the elevation map DEM.
 
-    Give start and goal as cells, or with --start-xy and --goal-xy in the map's coordinates. With several
-    goals a path to each is planned, and the one that costs least is taken. The time shown includes loading
-    compiled code and, as its stage `load`, waiting for the network, whose file is opened while DEM is read; with
-    --compare and with --time-limit these are loaded first. Exit codes: 0
-    for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is impassable.
+    Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a vector file's points
+    (GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf; FILE:LAYER of several layers). With several goals a path to each
+    is planned, and the one that costs least is taken. The time shown includes loading compiled code and, as its stage
+    `load`, waiting for the network, whose file is opened while DEM is read; with --compare and --time-limit these are
+    loaded first. Exit codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or
+    is impassable.
 
     path.geojson is in the map's own coordinates, not in longitude and latitude; its properties say which.
     Without a georeference they are x = column and y = row, times the side of a cell, in metres.
@@ -110,14 +113,13 @@ def command(
     limits, body = terrain.limits(), vehicle.make()
     if "price" in options.given_options() and (body is None or body.is_disc):
         raise click.UsageError("--price is for a vehicle with a body: give --vehicle too")
-    if output is not None:
-        options.check_outputs(*(("--output", path) for path in files_in(output)), make_folders=True)
+    options.check_outputs(*outputs.paths, more_inputs=request.files, make_folders=True)
     directed = request.step_cost != "paper"
     bytes_per_cell = _BYTES_PER_CELL + (_BYTES_PER_POSED_CELL if body else 0) + DIRECTED_BYTES_PER_CELL * directed
+    drawn, mobility = outputs.output is not None, vehicle.mobility()
     if reads_by_windows(dem, terrain, memory, bytes_per_cell, whole=directed or body is not None):
-        planned = plan_by_windows(request, dem, terrain, limits, hillshade=hillshade, drawn=output is not None)
+        planned = plan_by_windows(request, dem, terrain, limits, mobility, hillshade=hillshade, drawn=drawn)
     else:
-        mobility, drawn = vehicle.mobility(), output is not None
         planned = plan_whole(request, dem, terrain, limits, body, mobility, hillshade=hillshade, drawn=drawn)
     answer = planned.answer
     if answer.plan.source is None:  # no search was made
@@ -125,8 +127,10 @@ def command(
 
         if as_json:
             click.echo(json.dumps(answer.plan.summary()))
-        raise InvalidQueryError(_refusal(planned, limits))
-    files = [] if output is None else answer.save(output, planned.cost, planned.shade, planned.factor)
+        plan, near = answer.plan, planned.near
+        cell = answer.start if plan.status.startswith("START") else answer.goal
+        raise InvalidQueryError(refusal(plan.status, cell, answer.route.dem, near, limits, answer.vehicle))
+    files = outputs.save(planned)
     click.echo(json.dumps(answer.figures(files)) if as_json else answer.text(files))
     if not answer.plan.ok:
         click.get_current_context().exit(1)
@@ -137,8 +141,8 @@ def plan_whole(
     dem: Path,
     terrain: TerrainOptions,
     limits: Traversability,
-    vehicle: Vehicle | None = None,
-    mobility: Mobility | None = None,
+    vehicle: Vehicle | None,
+    mobility: Mobility,
     *,
     hillshade: bool,
     drawn: bool,
@@ -150,13 +154,14 @@ def plan_whole(
     if request.method == "nnpp" and not has_body:
         begin_loading(request.model)
     ground = terrain.read(dem)
-    if request.method == "auto" and not has_body and request.expects_network(ground):
+    ends = request.ends(ground)
+    if request.method == "auto" and not has_body and request.expects_network(ground, ends):
         begin_loading(request.model)
     warn_if_not_square(ground)
     cost = cost_of(ground, limits)
     if not (cost < 1.0).any():
         refuse_impassable(ground)
-    answer, shade = find(request, ground, cost, limits, vehicle, mobility, keep_regions=drawn), None
+    answer, shade = find(request, ends, ground, cost, limits, vehicle, mobility, keep_regions=drawn), None
     if drawn and vehicle is not None and answer.plan.source is not None:
         answer = _beside_a_point(answer, request, ground, cost, vehicle)
     if hillshade and drawn:
@@ -168,22 +173,24 @@ def plan_whole(
 
 def find(
     request: Request,
+    ends: Ends,
     dem: Dem,
     cost: Float2D,
     limits: Traversability,
     vehicle: Vehicle | None,
-    mobility: Mobility | None = None,
+    mobility: Mobility,
     *,
     keep_regions: bool,
 ) -> Answer:
-    """Plan to the nearest goal, once; and by the other methods where a comparison is wanted."""
+    """Plan to the nearest goal, once, or by way of other places; and by the other methods to compare."""
+    from dataclasses import replace
     from functools import partial
     from math import inf
 
     from nnpp_edge.runtime import Planner
-    from nnpp_edge.terrain.route import Route
+    from nnpp_edge.runtime.map.along import Along
 
-    start, goals = request.cells(dem)
+    start, via, goals = ends
     given: PlannerOptions = {
         "omega": request.omega,
         "corner_cutting": request.corner_cutting,
@@ -217,16 +224,24 @@ def find(
         "time_limit_s": request.time_limit or inf,
     }
     wanted: PlanOptions = {**within, "method": request.method, "keep_regions": keep_regions}
-    ranked = planner.nearest(start, goals, count=len(goals), **wanted)
+    tour: Tour | None = None
+    if via:
+        tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
+    ranked = [(0, tour.plan)] if tour else planner.nearest(start, goals, count=len(goals), **wanted)
     goal, plan = goals[ranked[0][0]], ranked[0][1]
     compared: list[Compared] = []
     exact_path = None
     if request.compare and plan.source is not None:
         plan_by = partial(planner.plan, start, goal, **within)
         plan, compared, exact_path = _compare(plan_by, plan)
+
+    def on_the_ground(found: Plan) -> Plan:
+        return replace(found, along=Along.of(found.line, dem.elevation, sides, mobility))
+
+    plan, tour = on_the_ground(plan), tour and tour.told(on_the_ground)
     return Answer(
         plan,
-        Route.of(plan.path, cost, dem) if vehicle is None else _driven(plan, cost, dem, vehicle),
+        _route(plan, cost, dem, vehicle),
         start,
         goal,
         [(goals[at], found) for at, found in ranked] if len(goals) > 1 else [],
@@ -235,6 +250,7 @@ def find(
         loading_included=not request.compare and request.time_limit is None,
         vehicle=vehicle,
         step_cost=request.step_cost,
+        tour=tour,
     )
 
 
@@ -255,20 +271,21 @@ def _beside_a_point(answer: Answer, request: Request, dem: Dem, cost: Float2D, v
     return answer
 
 
-def _driven(plan: Plan, cost: Float2D, dem: Dem, vehicle: Vehicle) -> Route:
-    """The route of a path, with how the vehicle stands along it."""
+def _route(plan: Plan, cost: Float2D, dem: Dem, vehicle: Vehicle | None) -> Route:
+    """The route of a plan over known ground, with how a vehicle stands along it."""
     from dataclasses import replace
 
     from nnpp_edge.runtime.map.attitude import attitudes
     from nnpp_edge.terrain.route import Route
 
-    route = Route.of(plan.path, cost, dem)
-    if len(plan.path) < 2:
+    assert plan.along is not None
+    route = Route.of(plan.line, plan.along, cost, dem)
+    if vehicle is None or len(plan.path) < 2 or plan.line is not plan.path:
         return route
-    if vehicle.is_disc:
-        return replace(route, standing={"heading_deg": plan.headings_deg})
-    stands = attitudes(dem.elevation, (dem.cell_size_m, dem.cell_width_m), vehicle, plan.path)
-    return replace(route, standing={"heading_deg": plan.headings_deg, **stands._asdict()})
+    standing = {"heading_deg": plan.headings_deg}
+    if not vehicle.is_disc:
+        standing |= attitudes(dem.elevation, plan.along.sides_m, vehicle, plan.path)._asdict()
+    return replace(route, standing=standing)
 
 
 def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Compared], Cells | None]:
@@ -289,66 +306,3 @@ def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Compa
     compared = [Compared(last[method], exact, times[method], times[Method.ASTAR]) for method in methods]
     exact_path = exact.path if exact.ok and plan.method != exact.method else None
     return replace(plan, timings_ms=last[plan.method].timings_ms), compared, exact_path
-
-
-def _refusal(planned: Planned, limits: Traversability) -> str:
-    """Why no search was made, and for a blocked cell which is the nearest passable one."""
-    import numpy as np
-
-    answer, near = planned.answer, planned.near
-    name, _, problem = answer.plan.status.partition("_")
-    cell = answer.start if name == "START" else answer.goal
-    end, place = f"{name.lower()} {cell}", answer.route.dem
-    if problem != "BLOCKED":
-        return f"{end} lies outside the map of {place.shape[0]} × {place.shape[1]} cells"
-    at = (cell[0] - near.origin[0], cell[1] - near.origin[1])
-    if answer.vehicle is not None and answer.vehicle.is_disc and near.cost[at] < 1.0:
-        return f"{end} is impassable: an obstacle or the map's edge lies within the vehicle's radius"
-    if answer.vehicle is not None and not answer.vehicle.is_disc:
-        return f"{end} is impassable: the vehicle stands there in no heading; {_where_it_stands(cell, answer, near)}"
-    reason = _why_blocked(at, near.elevation, place, limits)
-    passable = np.argwhere(near.cost < 1.0)
-    if not len(passable):
-        return f"{end} is impassable: {reason}; so is all around it"
-    nearest = passable[((passable - at) ** 2).sum(axis=1).argmin()] + near.origin
-    return f"{end} is impassable: {reason}; the nearest passable cell is {tuple(nearest.tolist())}"
-
-
-def _where_it_stands(cell: Cell, answer: Answer, near: Near) -> str:
-    """The nearest cell, if one is near, where the vehicle stands in some heading."""
-    import numpy as np
-
-    from nnpp_edge.runtime import pose_costs
-
-    assert answer.vehicle is not None
-    place, (row, col) = answer.route.dem, (max(each - _LOOKED_AROUND, 0) for each in cell)
-    part = near.elevation[row : cell[0] + _LOOKED_AROUND + 1, col : cell[1] + _LOOKED_AROUND + 1]
-    costs = pose_costs(part, place.cell_size_m, answer.vehicle, cell_width_m=place.cell_width_m)
-    stands = np.argwhere(np.isfinite(costs).any(0)) + np.array((row, col))
-    if not len(stands):
-        return f"nor on any cell within {_LOOKED_AROUND}"
-    nearest = stands[((stands - cell) ** 2).sum(axis=1).argmin()]
-    return f"the nearest cell where it does is {tuple(nearest.tolist())}"
-
-
-def _why_blocked(cell: Cell, elevation: Float2D, place: Place, limits: Traversability) -> str:
-    """What makes an impassable cell so."""
-    import numpy as np
-
-    from nnpp_edge.runtime.terrain.traversability import terrain_terms
-
-    row0, col0 = max(cell[0] - 1, 0), max(cell[1] - 1, 0)
-    patch = elevation[row0 : cell[0] + 2, col0 : cell[1] + 2]
-    terms = terrain_terms(patch, place.cell_size_m, cell_width_m=place.cell_width_m)
-    slope, roughness, step = terms[:, cell[0] - row0, cell[1] - col0].tolist()
-    if np.isnan(slope):
-        return "its elevation is unknown"
-    found = (
-        ("slope", np.degrees(slope), limits.hard_slope_deg, "°"),
-        ("roughness", roughness, limits.hard_roughness_m, " m"),
-        ("elevation difference", step, limits.hard_step_m, " m"),
-    )
-    for term, value, limit, unit in found:
-        if value > limit:
-            return f"{term} {value:.3g}{unit}, the hard limit is {limit:g}{unit}"
-    return "slope, roughness and elevation difference are all at their limits"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 import warnings
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import asdict, dataclass
+from math import isfinite, nan
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import click
@@ -20,23 +20,19 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.runtime.planners.plan import Plan
+    from nnpp_edge.runtime.planners.tour import Tour
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
     from nnpp_edge.terrain.georeference import Place
     from nnpp_edge.terrain.route import Route
-    from nnpp_edge.viz.picture import BodyDrawing
     from nnpp_edge.viz.sheet import Cells
 
 _MOST_UNEQUAL_SIDES = 0.02
 """Cells whose sides differ by more than this share are warned of."""
-_PROPERTIES = ("status", "method", "source", "cost", "length_m")
-"""Figures that path.geojson repeats."""
+_PROPERTIES = ("status", "method", "source", "cost")
+"""Figures that path.geojson repeats, beside those along the way."""
+_ANGLES = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
 _COMPARED = ("method", "source", "status", "cost", "length", "expansions")
 """Figures of a plan that the comparison repeats."""
-
-
-def files_in(folder: Path) -> list[Path]:
-    """The files that an answer is saved as."""
-    return [folder / name for name in ("path.geojson", "path.csv", "plan.png", "plan.json")]
 
 
 @dataclass(frozen=True)
@@ -164,13 +160,15 @@ class Answer:
     """The optimum of a point between the same ends, for the picture."""
     step_cost: str = "paper"
     """By which steps cost."""
+    tour: Tour | None = None
+    """Where the path leads by way of other places."""
 
     def figures(self, files: list[str]) -> dict[str, object]:
         """Ready for JSON."""
         figures: dict[str, object] = {
             **self.plan.summary(),
+            **self.route.worst,
             "loading_included": self.loading_included,
-            "length_m": self.route.length_m if self.plan.ok else None,
             "start": self.start,
             "goal": self.goal,
             **asdict(MapSize.of(self.route.dem)),
@@ -179,6 +177,8 @@ class Answer:
             figures["step_cost"] = self.step_cost
         if self.compared:
             figures["compare"] = [compared.figures() for compared in self.compared]
+        if self.tour:
+            figures["via"] = self._via()
         if self.goals:
             plans = ((goal, plan.summary()) for goal, plan in self.goals)
             figures["goals"] = [{"goal": goal, "status": s["status"], "cost": s["cost"]} for goal, s in plans]
@@ -200,11 +200,14 @@ class Answer:
         plan, length = self.plan, metres(self.route.length_m)
         lines = {str(plan.status): f"{plan.method} ({plan.source})" + (f": {plan.reason}" if plan.reason else "")}
         lines["map"] = str(MapSize.of(self.route.dem))
+        if self.tour:
+            lines["via"] = self._order()
         if self.goals:
             results = (f"{goal} {f'{plan.cost:.6g}' if plan.ok else plan.status}" for goal, plan in self.goals)
             lines["goals"] = ", ".join(results)
         if plan.ok:
             lines["path"] = f"{len(plan.path)} cells, {length}"
+            lines |= self.on_the_ground()
             lines["cost"] = f"{plan.cost:.6g}{_UNITS.get(self.step_cost, '')}, {self._optimality()}"
             if plan.waypoints is not None:
                 lines["line"] = f"{len(plan.waypoints)} way points, line integral {plan.line_cost:.6g}"
@@ -227,51 +230,63 @@ class Answer:
         header = ("method", "source", "status", "cost", "gap", "ms", "speed-up", "expansions")
         return text + "\n" + render_table(header, [compared.row() for compared in self.compared])
 
-    def save(self, folder: Path, cost: Float2D, shade: NDArray[np.uint8] | None = None, factor: int = 1) -> list[str]:
-        """Write path, picture and figures into a folder; the names of the files.
+    def properties(self) -> dict[str, object]:
+        """Figures that the path carries in files for maps."""
+        figures = self.figures([])
+        line = () if self.plan.waypoints is None else ("line_cost",)
+        return {name: figures[name] for name in (*_PROPERTIES, *line, *self.plan.numbers._fields, *self.route.worst)}
 
-        The picture is drawn on the cost map, or on one whose cells are `factor` times as large.
-        """
-        from nnpp_edge.files import write_all
-        from nnpp_edge.viz.picture import plan_picture, png_bytes
+    def on_the_ground(self) -> dict[str, str]:
+        """What is known of the way where its heights are."""
+        from nnpp_edge.viz.sheet import metres
 
-        geojson, csv, png, json_file = paths = files_in(folder)
-        files = [str(path) for path in paths]
-        figures = self.figures(files)
-        dem = self.route.dem
-        picture = plan_picture(
-            cost,
-            self.plan if factor == 1 else replace(self.plan, path=self.plan.path // factor),
-            start=(self.start[0] // factor, self.start[1] // factor),
-            goal=(self.goal[0] // factor, self.goal[1] // factor),
-            shade=shade,
-            reference_path=self.exact_path,
-            cell_size_m=dem.cell_width_m * factor,
-            length_m=self.route.length_m,
-            **({} if self.vehicle is None else {"body": self._body()}),
+        numbers = self.plan.numbers
+        if not isfinite(numbers.climb_m):
+            return {}
+        lines = {
+            "ground": f"{metres(numbers.ground_length_m)} long, {metres(numbers.climb_m)} up and "
+            f"{metres(numbers.descent_m)} down, at most {numbers.steepest_up_deg:.1f}° up and "
+            f"{numbers.steepest_down_deg:.1f}° down",
+        }
+        along = self.plan.along
+        by = (
+            "on foot, by Tobler's function"
+            if along is None or along.mobility.time is None
+            else "at the vehicle's speeds"
         )
-        write_all(
-            {
-                geojson: self.route.geojson({key: figures[key] for key in _PROPERTIES}),
-                csv: self.route.csv(),
-                png: png_bytes(picture),
-                json_file: json.dumps(figures, indent=1).encode(),
-            }
-        )
-        return files
+        energy = f", {numbers.energy_j / 1000.0:.4g} kJ" if isfinite(numbers.energy_j) else ""
+        lines["way"] = f"{duration(numbers.time_s)} {by}{energy}"
+        return lines
 
-    def _body(self) -> BodyDrawing:
-        """What the picture shows of the vehicle."""
-        from nnpp_edge.viz.picture import BodyDrawing, body_outlines
+    def _via(self) -> dict[str, object]:
+        """The tour, ready for JSON."""
+        assert self.tour is not None
+        names = ("status", "method", "source", "cost", "length_m", "time_s", "energy_j", "climb_m", "descent_m")
+        legs = [{name: leg.summary()[name] for name in names} for leg in self.tour.legs]
+        given = self.tour.given_cost
+        return {
+            "stops": self.tour.stops,
+            "order": [each + 1 for each in self.tour.order],
+            "given_cost": round(given, 6) if isfinite(given) else None,
+            "legs": legs,
+        }
 
-        assert self.vehicle is not None
-        sides = self.route.dem.cell_size_m, self.route.dem.cell_width_m
-        return BodyDrawing(body_outlines(self.plan.path, self.vehicle, sides), self.stands, self.point_path)
+    def _order(self) -> str:
+        """In which order the places between are visited, and what that saves."""
+        tour = self.tour
+        assert tour is not None
+        cells = ", ".join(f"{number + 1} {cell}" for number, cell in zip(tour.order, tour.stops[1:-1], strict=True))
+        if not (self.plan.ok and tour.given_cost > 0.0):
+            return cells
+        return f"{cells}: {100.0 * (1.0 - self.plan.cost / tour.given_cost):.1f} % less than in the order given"
 
     def _worst(self) -> str:
         """The steepest that the vehicle may stand on the path, its least clearance, and the poses checked."""
-        tilt, clearance = self.route.standing["tilt_deg"].max(), self.route.standing["clearance_m"].min()
-        return f"tilted by at most {tilt:.1f}°, clear by at least {clearance:.2f} m, {self.plan.checks} poses checked"
+        worst = self.route.worst
+        angles = [f"{word} by at most {worst[f'steepest_{name}_deg'] or nan:.1f}°" for word, name in _ANGLES]
+        clearance = worst["least_clearance_m"]
+        clear = "no clearance known" if clearance is None else f"clear by at least {clearance:.2f} m"
+        return f"{', '.join(angles)}, {clear}, {self.plan.checks} poses checked"
 
     def _optimality(self) -> str:
         """How far from the optimum the path's cost is, or may be."""
@@ -283,3 +298,13 @@ class Answer:
         if math.isinf(self.plan.bound):
             return f"no path costs less than {least}"
         return f"at most {self.plan.bound:.3f} times the optimum (no path costs less than {least})"
+
+
+def duration(seconds: float) -> str:
+    """A time for people."""
+    if seconds < 60.0:
+        return f"{seconds:.3g} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    parts = ((hours, "h"), (minutes, "min"), (0 if hours else rest, "s"))
+    return " ".join(f"{number} {unit}" for number, unit in parts if number)

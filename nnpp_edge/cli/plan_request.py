@@ -3,23 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from nnpp_edge.cli.ends import End
     from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.terrain.georeference import Place
+
+
+class Ends(NamedTuple):
+    """Cells of the map that a path is to lead from, through and to."""
+
+    start: Cell
+    via: list[Cell]
+    goals: list[Cell]
 
 
 @dataclass(frozen=True)
 class Request:
     """What is to be planned, and how. The options' values, as given."""
 
-    start: Cell | None
-    goals: tuple[Cell, ...]
+    start: End | None
+    goals: tuple[End, ...]
     start_xy: tuple[float, ...] | None
     goals_xy: tuple[tuple[float, ...], ...]
+    via: tuple[End, ...]
+    best_order: bool
     method: str
     model: str
     omega: float
@@ -34,23 +47,39 @@ class Request:
 
     def __post_init__(self) -> None:
         """Refuse a start or goals that are missing, or given as cells and as coordinates."""
-        start_xy = (self.start_xy,) if self.start_xy else ()
-        for name, cells, places in (("start", self.start, start_xy), ("goal", self.goals, self.goals_xy)):
-            if bool(cells) == bool(places):
+        starts, start_xy = (self.start,) if self.start else (), (self.start_xy,) if self.start_xy else ()
+        for name, ends, places in (("start", starts, start_xy), ("goal", self.goals, self.goals_xy)):
+            if bool(ends) == bool(places):
                 raise click.UsageError(f"give either --{name} ROW,COL or --{name}-xy X,Y")
             if any(len(place) != 2 for place in places):
                 raise click.UsageError(f"--{name}-xy must be two numbers X,Y")
+        if self.best_order and not self.via:
+            raise click.UsageError("--best-order is of way points: give --via too")
+        if self.via and self.compare:
+            raise click.UsageError("--compare is of one leg: leave out --via")
 
-    def cells(self, dem: Place) -> tuple[Cell, list[Cell]]:
-        """Start and goals as cells of the map."""
-        start = self.start or dem.cell_of(*(self.start_xy or ()))
-        return start, [*self.goals, *(dem.cell_of(*place) for place in self.goals_xy)]
+    @property
+    def files(self) -> list[Path]:
+        """Vector files that are read."""
+        return [end.file for end in (self.start, *self.via, *self.goals) if end is not None and end.file is not None]
 
-    def expects_network(self, dem: Place) -> bool:
+    def ends(self, dem: Place) -> Ends:
+        """Start, way points and goals as cells; InvalidQueryError for several starts, or goals with way points."""
+        starts = self.start.cells(dem) if self.start else [dem.cell_of(*(self.start_xy or ()))]
+        goals = [cell for end in self.goals for cell in end.cells(dem)]
+        goals += [dem.cell_of(*place) for place in self.goals_xy]
+        via = [cell for end in self.via for cell in end.cells(dem)]
+        for name, cells, wanted in (("--start", starts, True), ("--goal, with --via,", goals, bool(self.via))):
+            if wanted and len(cells) != 1:
+                from nnpp_edge.runtime.errors import InvalidQueryError
+
+                raise InvalidQueryError(f"{name} must be one place, got {len(cells)}")
+        return Ends(starts[0], via, goals)
+
+    def expects_network(self, dem: Place, ends: Ends) -> bool:
         """Whether ``auto`` is expected to ask the network for one of the goals."""
         from nnpp_edge.runtime.planners.choice import expects_network
         from nnpp_edge.runtime.planners.query import Query
 
-        start, goals = self.cells(dem)
-        ways = (Query(start, goal).apart for goal in goals)
+        ways = (Query(ends.start, goal).apart for goal in ends.goals)
         return any(expects_network(self.method, dem.shape, self.model, apart) for apart in ways)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +16,8 @@ from nnpp_edge.cli.plan_answer import Answer, Near, Planned, WindowsRead, refuse
 if TYPE_CHECKING:
     from nnpp_edge.cli.plan_request import Request
     from nnpp_edge.runtime.cells import Cell
+    from nnpp_edge.runtime.map.along import Along
+    from nnpp_edge.runtime.map.slope_cost import Mobility
     from nnpp_edge.runtime.planners.plan import Plan
     from nnpp_edge.runtime.planners.windowed import WindowedPlanner
     from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -54,28 +58,40 @@ def reads_by_windows(
 
 
 def plan_by_windows(
-    request: Request, dem: Path, terrain: TerrainOptions, limits: Traversability, *, hillshade: bool, drawn: bool
+    request: Request,
+    dem: Path,
+    terrain: TerrainOptions,
+    limits: Traversability,
+    mobility: Mobility,
+    *,
+    hillshade: bool,
+    drawn: bool,
 ) -> Planned:
     """Plan on a map of which only the coarse levels and what lies under a corridor are in memory."""
+    from nnpp_edge.runtime.map.along import Along
     from nnpp_edge.runtime.planners.windowed import WindowedPlanner
     from nnpp_edge.terrain.route import Route
 
     _check(request, hillshade)
     with terrain.open(dem) as ground:
         warn_if_not_square(ground)
-        start, goals = request.cells(ground)
+        start, via, goals = request.ends(ground)
         progress = _Bars(ground.shape[0])
         planner = WindowedPlanner(
             ground, limits, omega=request.omega, corner_cutting=request.corner_cutting, progress=progress
         )
         if not planner.any_passable:
             refuse_impassable(ground)
-        ranked = _nearest(planner, request, start, goals)
+        given = {"epsilon": request.epsilon, "time_limit_s": request.time_limit}
+        within = {name: number for name, number in given.items() if number is not None}
+        tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **within) if via else None
+        ranked = [(goals[0], tour.plan)] if tour else _nearest(planner, start, goals, within)
         goal, plan = ranked[0]
-        route = Route.along(plan.path, *planner.costs.along(plan.path), ground)
+        heights, costs = planner.costs.along(plan.path)
+        along = Along.through(plan.path, heights, (ground.cell_size_m, ground.cell_width_m), mobility)
         answer = Answer(
-            plan,
-            route,
+            replace(plan, along=along),
+            Route(plan.path, along, costs, ground),
             start,
             goal,
             ranked if len(goals) > 1 else [],
@@ -83,6 +99,7 @@ def plan_by_windows(
             exact_path=None,
             loading_included=True,
             windows=_read(planner, ground),
+            tour=tour and tour.told(partial(_on_the_ground, planner, along)),
         )
         factor, costs = planner.coarse_costs(_MOST_PIXELS)
         return Planned(answer, costs, None, factor, _around(planner, goal if "GOAL" in plan.status else start))
@@ -124,13 +141,20 @@ def _check(request: Request, hillshade: bool) -> None:
         )
 
 
-def _nearest(planner: WindowedPlanner, request: Request, start: Cell, goals: list[Cell]) -> list[tuple[Cell, Plan]]:
+def _nearest(
+    planner: WindowedPlanner, start: Cell, goals: list[Cell], within: dict[str, float]
+) -> list[tuple[Cell, Plan]]:
     """A plan to each goal, the one that costs least first."""
-    from math import inf
-
-    epsilon, time_limit_s = (inf if given is None else given for given in (request.epsilon, request.time_limit))
-    plans = [(goal, planner.plan(start, goal, epsilon=epsilon, time_limit_s=time_limit_s)) for goal in goals]
+    plans = [(goal, planner.plan(start, goal, **within)) for goal in goals]
     return sorted(plans, key=lambda found: (not found[1].ok, found[1].cost))
+
+
+def _on_the_ground(planner: WindowedPlanner, whole: Along, plan: Plan) -> Plan:
+    """A leg with the heights below it."""
+    from nnpp_edge.runtime.map.along import Along
+
+    heights, _ = planner.costs.along(plan.path)
+    return replace(plan, along=Along.through(plan.path, heights, whole.sides_m, whole.mobility))
 
 
 def _read(planner: WindowedPlanner, ground: DemWindows) -> WindowsRead:

@@ -1,4 +1,4 @@
-"""A planned path on the ground: where its cells lie, how far along they are, and the files that say so."""
+"""A planned path on the ground: where its points lie, what is there, and the files that say so."""
 
 import io
 import json
@@ -10,8 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.map.along import Along, Line
+from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.georeference import Place
+from nnpp_edge.terrain.vectors import geopackage_bytes, gpx_bytes, line_wkb
 
 _EPSG = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
 
@@ -22,53 +25,44 @@ class Route:
 
     Attributes
     ----------
-    cells : (N, 2) int32
-        Row and column, from start to goal; N may be 0.
-    places : (N, 2) float64
-        x and y: the map's own coordinates of the cells' centres. On a DEM without a georeference, metres from
-        the centre of cell (0, 0), y downwards.
-    elevation_m, cost : (N,) float32
-    distance_m : (N,) float64
-        Along the path, on the level.
+    line : (M, 2) int32 or float64
+        Row and column of what is driven, from start to goal: cells, or way points; M may be 0.
+    along : Along
+        The same with every place between way points at which something is known.
+    cost : (N,) float32
+        Of the cell at each of these.
     dem : Place
         The map that it leads over.
     standing : mapping of str to (N,) float
         How a vehicle stands on each cell: headings, angles and clearances by name; empty for a point.
     """
 
-    cells: NDArray[np.int32]
-    places: NDArray[np.float64]
-    elevation_m: NDArray[np.float32]
+    line: Line
+    along: Along
     cost: NDArray[np.float32]
-    distance_m: NDArray[np.float64]
     dem: Place
     standing: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, cells: NDArray[np.int32], cost: NDArray[np.float32], dem: Dem) -> "Route":
-        """The route of a path's cells, with the cost map that it was planned on."""
-        rows, cols = cells[:, 0], cells[:, 1]
-        return cls.along(cells, dem.elevation[rows, cols], cost[rows, cols], dem)
-
-    @classmethod
-    def along(
-        cls, cells: NDArray[np.int32], elevation_m: NDArray[np.float32], cost: NDArray[np.float32], dem: Place
-    ) -> "Route":
-        """The route of a path's cells, with their heights and costs, on a map that need not be in memory."""
-        sides = np.array([dem.cell_size_m, dem.cell_width_m])
-        if dem.georeference is None:
-            places = (cells * sides)[:, ::-1]
-        else:
-            found = [dem.georeference.map_coordinates(int(row), int(col)) for row, col in cells]
-            places = np.array(found, np.float64).reshape(-1, 2)
-        steps = np.hypot(*(np.diff(cells, axis=0) * sides).T)
-        along = np.concatenate([[0.0], np.cumsum(steps)])[: len(cells)]
-        return cls(cells, places, elevation_m, cost, along, dem)
+    def of(cls, line: Line, along: Along, cost: Float2D, dem: Place) -> "Route":
+        """The route of a line, with the cost map (H, W) that it was planned on."""
+        rows, cols = np.rint(along.points).astype(np.int64).T
+        return cls(line, along, cost[rows, cols], dem)
 
     @property
     def length_m(self) -> float:
         """Length on the level; 0 without a path."""
-        return float(self.distance_m[-1]) if len(self.cells) else 0.0
+        return float(self.along.distance_m[-1]) if len(self.line) else 0.0
+
+    @property
+    def worst(self) -> dict[str, float | None]:
+        """The steepest that a body stands along the path, and its least clearance; empty for a point."""
+        names = {"steepest_pitch_deg": "pitch_deg", "steepest_roll_deg": "roll_deg", "steepest_tilt_deg": "tilt_deg"}
+        stands = self.standing
+        found = {name: float(np.abs(stands[own]).max()) for name, own in names.items() if own in stands}
+        if "clearance_m" in stands:
+            found["least_clearance_m"] = float(stands["clearance_m"].min())
+        return {name: round(number, 4) if math.isfinite(number) else None for name, number in found.items()}
 
     def stands(self) -> dict[str, list[float | None]]:
         """`standing`, ready for JSON: None for what is not finite."""
@@ -78,24 +72,28 @@ class Route:
         }
 
     def csv(self) -> bytes:
-        """A line a cell, under a header; with a vehicle, how it stands there too."""
-        out = io.StringIO()
-        out.write(",".join(("row,col,x,y,elevation_m,cost,distance_m", *self.standing)) + "\n")
-        columns = (self.cells.tolist(), self.places.tolist(), self.elevation_m, self.cost, self.distance_m)
-        stands = zip(*self.standing.values(), strict=True) if self.standing else iter([()] * len(self.cells))
-        for (row, col), (x, y), elevation, cost, distance, own in zip(*columns, stands, strict=True):
-            out.write(f"{row},{col},{x!r},{y!r},{elevation:.7g},{cost:.6g},{distance:.10g}")
-            out.write("".join(f",{number:.6g}" for number in own) + "\n")
+        """A line a cell, or a point along way points, under a header; with a vehicle, how it stands there too."""
+        along, out = self.along, io.StringIO()
+        sums = {"distance_m": along.distance_m, "ground_m": along.ground_m, "time_s": along.time_s}
+        if along.mobility.energy is not None:
+            sums["energy_j"] = along.energy_j
+        out.write(",".join(("row,col,x,y,elevation_m,cost", *sums, *self.standing)) + "\n")
+        columns = (along.points.tolist(), self._places(along.points).tolist(), along.heights_m, self.cost)
+        numbers = (*sums.values(), *self.standing.values())
+        for (row, col), (x, y), elevation, cost, *own in zip(*columns, *numbers, strict=True):
+            out.write(f"{row:.10g},{col:.10g},{x!r},{y!r},{elevation:.7g},{cost:.6g}")
+            out.write("".join(f",{number:.10g}" for number in own[: len(sums)]))
+            out.write("".join(f",{number:.6g}" for number in own[len(sums) :]) + "\n")
         return out.getvalue().encode()
 
     def geojson(self, properties: dict[str, object]) -> bytes:
         """A feature with the path as a line: a point where it is one cell, no geometry where there is none.
 
-        Coordinates are `places`, although RFC 7946 knows longitude and latitude on the Earth only: paths on
+        Coordinates are the map's own, although RFC 7946 knows longitude and latitude on the Earth only: paths on
         other bodies have neither. `crs` in the properties is the coordinate system as WKT, or null. A system
         with an EPSG number is named the way of GeoJSON 2008 too, which GDAL and QGIS read.
         """
-        places = self.places.tolist()
+        places = self._places(self.line).tolist()
         geometry: dict[str, object] | None = None
         if places:
             one = len(places) == 1
@@ -107,8 +105,45 @@ class Route:
             "type": "Feature",
             "geometry": geometry,
             "properties": {**properties, **self.stands(), "coordinates": meaning, "crs": crs},
-        }
-        if number := _EPSG.search(crs or ""):
-            name = f"urn:ogc:def:crs:EPSG::{number[1]}"
-            feature["crs"] = {"type": "name", "properties": {"name": name}}
+        } | named_crs(self.dem)
         return json.dumps(feature, allow_nan=False).encode()
+
+    def geopackage(self, properties: dict[str, object]) -> bytes:
+        """A GeoPackage whose layer `path` has the path with its heights as one line, empty where there is none.
+
+        MissingExtraError where pyogrio is not installed.
+        """
+        line = np.column_stack((self._places(self.along.points), self.along.heights_m))
+        shapes = [line_wkb(np.repeat(line, 2, axis=0) if len(line) == 1 else line)] if len(line) else []
+        fields = {name: [value] for name, value in properties.items() if shapes and value is not None}
+        return geopackage_bytes("path", "LineString Z", shapes, fields, self.dem)
+
+    def gpx(self, name: str, stops: Mapping[str, tuple[int, int]]) -> bytes:
+        """A GPX track, and stops (row, col) by name; InvalidQueryError where the map does not lie on the Earth."""
+        cells = np.array(list(stops.values()), np.float64).reshape(-1, 2)
+        lonlat = lonlat_of(self.dem, self._places(np.concatenate((cells, self.along.points))))
+        ends = dict(zip(stops, [(lon, lat) for lon, lat in lonlat[: len(cells)].tolist()], strict=True))
+        return gpx_bytes(name, lonlat[len(cells) :], self.along.heights_m, ends)
+
+    def _places(self, points: Line) -> NDArray[np.float64]:
+        """(N, 2) x and y of points (row, col)."""
+        return places_of(self.dem, points)
+
+
+def places_of(dem: Place, points: Line) -> NDArray[np.float64]:
+    """(N, 2) x and y, in the map's own coordinates, of rows and columns of cells' middles (N, 2).
+
+    On a map without a georeference metres from the middle of cell (0, 0), y downwards.
+    """
+    if dem.georeference is None:
+        places: NDArray[np.float64] = (points * np.array([dem.cell_size_m, dem.cell_width_m]))[:, ::-1]
+        return places
+    found = [dem.georeference.map_coordinates(row, col) for row, col in points.tolist()]
+    return np.array(found, np.float64).reshape(-1, 2)
+
+
+def named_crs(dem: Place) -> dict[str, object]:
+    """The member by which GeoJSON of 2008 names a coordinate system that has an EPSG number; else nothing."""
+    if number := _EPSG.search((dem.georeference.crs if dem.georeference else None) or ""):
+        return {"crs": {"type": "name", "properties": {"name": f"urn:ogc:def:crs:EPSG::{number[1]}"}}}
+    return {}

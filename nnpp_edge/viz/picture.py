@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.viz.sheet import INK, Cells, Colour, MapDrawing, Picture, metres
@@ -26,6 +27,7 @@ IMPASSABLE: Colour = (34, 44, 96)
 REGION: Colour = (255, 230, 0)
 PATH: Colour = (20, 120, 255)
 OPTIMUM: Colour = (255, 90, 235)
+GRID: Colour = (255, 255, 160)
 BODY: Colour = (120, 255, 190)
 POINT: Colour = (255, 255, 255)
 _NO_STAND = 0.45
@@ -52,7 +54,7 @@ def cost_picture(cost: Float2D) -> Picture:
     """A cell a pixel: grey from 0 (black) to 1 (white); impassable cells, NaN or from 1 up, in dark brown."""
     passable = cost < 1.0
     grey = np.clip(np.where(passable, cost, 0.0) * 255.0, 0.0, 255.0).astype(np.uint8)
-    return _with_obstacles(grey, passable)
+    return with_obstacles(grey, passable)
 
 
 def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None = None) -> NDArray[np.uint8]:
@@ -89,6 +91,7 @@ def plan_picture(
     *,
     start: tuple[int, int] | None = None,
     goal: tuple[int, int] | None = None,
+    via: Sequence[tuple[int, int]] = (),
     shade: NDArray[np.uint8] | None = None,
     reference_path: Cells | None = None,
     cell_size_m: float | None = None,
@@ -105,6 +108,8 @@ def plan_picture(
         Made with its regions, if they are to be drawn.
     start, goal : (row, col)
         By default the ends of the path.
+    via : sequence of (row, col)
+        Places between, in the order in which they are visited.
     shade : (H, W) uint8
         Drawn in place of the cost; from `hillshade`.
     reference_path : (N, 2) int
@@ -125,17 +130,19 @@ def plan_picture(
         if region is not None
     ]
     passable = cost < 1.0
-    ground = cost_picture(cost) if shade is None else _with_obstacles(shade, passable)
+    ground = cost_picture(cost) if shade is None else with_obstacles(shade, passable)
     if body.stands is not None:
         mask = passable & ~body.stands
-        ground[mask] = _mixed(ground[mask], _NO_STAND, IMPASSABLE)
+        ground[mask] = mixed(ground[mask], _NO_STAND, IMPASSABLE)
     for region, strength, _ in regions:
         mask = region.mask() & passable
-        ground[mask] = _mixed(ground[mask], strength)
+        ground[mask] = mixed(ground[mask], strength)
     drawing = MapDrawing(ground)
     keys = []
     # the optimum lies on the path, thinner, and its rim below: both are seen where they agree
-    lines = [(plan.path, PATH, 4.0, False)]
+    lines: list[tuple[Line, Colour, float, bool]] = [(plan.line, PATH, 4.0, False)]
+    if freed := plan.line is not plan.path:
+        lines.append((plan.path, GRID, 1.5, True))
     if reference_path is not None:
         lines.append((reference_path, OPTIMUM, 2.0, True))
     if body.point_path is not None:
@@ -151,12 +158,18 @@ def plan_picture(
         keys.append(drawing.line_key(PATH, "path"))
         start = start or (int(plan.path[0, 0]), int(plan.path[0, 1]))
         goal = goal or (int(plan.path[-1, 0]), int(plan.path[-1, 1]))
+    if freed:
+        keys.append(drawing.line_key(GRID, "path of the grid", dashed=True))
     if len(body.outlines):
         keys.append(drawing.line_key(BODY, "vehicle"))
     if reference_path is not None and len(reference_path):
         keys.append(drawing.line_key(OPTIMUM, "exact optimum", dashed=True))
     if body.point_path is not None and len(body.point_path):
         keys.append(drawing.line_key(POINT, "path of a point", dashed=True))
+    for number, stop in enumerate(via, 1):
+        drawing.numbered(drawing.at(stop), str(number))
+    if via:
+        keys.insert(0, drawing.symbol_key(lambda middle: drawing.numbered(middle, "1"), "by way of"))
     if goal is not None:
         drawing.star(drawing.at(goal))
         keys.insert(0, drawing.symbol_key(drawing.star, "goal"))
@@ -165,9 +178,9 @@ def plan_picture(
         keys.insert(0, drawing.symbol_key(drawing.square, "start"))
     middling = 190 if shade is not None else 90
     for _, strength, words in regions:
-        keys.append(drawing.swatch(tuple(_mixed(np.full(3, middling, np.uint8), strength).tolist()), words))
+        keys.append(drawing.swatch(tuple(mixed(np.full(3, middling, np.uint8), strength).tolist()), words))
     if body.stands is not None and not body.stands.all():
-        tint = _mixed(np.full(3, middling, np.uint8), _NO_STAND, IMPASSABLE)
+        tint = mixed(np.full(3, middling, np.uint8), _NO_STAND, IMPASSABLE)
         keys.append(drawing.swatch(tuple(tint.tolist()), "stands in no heading"))
     if not passable.all():
         keys.append(drawing.swatch(IMPASSABLE, "impassable"))
@@ -238,12 +251,12 @@ def _number(x: float) -> str:
     return f"{x:.0f}" if x >= 1000.0 else f"{x:.4g}"
 
 
-def _with_obstacles(grey: NDArray[np.uint8], passable: Mask) -> Picture:
+def with_obstacles(grey: NDArray[np.uint8], passable: Mask) -> Picture:
     picture = np.repeat(grey[..., None], 3, axis=2)
     picture[~passable] = IMPASSABLE
     return picture
 
 
-def _mixed(ground: NDArray[np.uint8], strength: float, colour: Colour = REGION) -> NDArray[np.uint8]:
+def mixed(ground: NDArray[np.uint8], strength: float, colour: Colour = REGION) -> NDArray[np.uint8]:
     """A colour laid over the ground, which shows through."""
     return ((1.0 - strength) * ground + strength * np.array(colour)).astype(np.uint8)

@@ -87,6 +87,12 @@ class MapDrawing:
         radii = np.where(np.arange(10) % 2, 4.4, 11.0)
         self._polygon(np.column_stack([np.sin(turns), -np.cos(turns)]) * radii[:, None], middle, GOAL)
 
+    def numbered(self, middle: tuple[float, float], number: str) -> None:
+        """A place between start and goal, by its number."""
+        around = np.linspace(0.0, 2.0 * math.pi, 33)
+        self._polygon(np.column_stack((np.cos(around), np.sin(around))) * 9.0, middle, PAPER)
+        self._text(number, middle[0] - 0.5 * self._text_width(number), middle[1])
+
     def swatch(self, colour: Colour, words: str) -> Item:
         """A key: a patch of colour."""
 

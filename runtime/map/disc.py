@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arrays import Float2D, as_map
 from nnpp_edge.runtime.cells import Rectangle, patch_at
 from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.map.along import Heights
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.slope_cost import SlopeCost
@@ -140,6 +141,9 @@ class DiscState(MapState):
         row, col, rows, cols = part = patch_at((row, col), heights.shape, self.shape)
         dem[row : row + rows, col : col + cols] = heights
         return self._stand_on(update_cost(self._bare, dem, part, self._sides[0], limits, cell_width_m=self._sides[1]))
+
+    def _ground(self) -> tuple[Heights, float, tuple[float, float]] | None:
+        return None if self._surface is None else (self._surface[0], 0.0, self._sides)
 
     def _stand_on(self, part: Rectangle) -> Change:
         """Bring up to date what the disc can stand on around a part of the point's costs."""

@@ -9,12 +9,13 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Rectangle, patch_at
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.map.along import Along, Heights, Line, crossings, heights_at
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.poses import Poses, term_weights
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
-from nnpp_edge.runtime.map.slope_cost import SlopeCost
+from nnpp_edge.runtime.map.slope_cost import Mobility, SlopeCost
 from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, warn_of_saturation
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -55,6 +56,9 @@ class MapState:
     InvalidMapError
         The map is not two-dimensional, is empty, or holds a cost out of range.
     """
+
+    mobility = Mobility()
+    """By what time and energy along a path are computed."""
 
     def __init__(self, cost: Float2D, model: StepModel, *, corner_cutting: bool = True) -> None:
         self._elevation: _Elevation | None = None
@@ -117,7 +121,8 @@ class MapState:
 
     def __getstate__(self) -> dict[str, object]:
         """The weights, or the heights: a copy starts a log of its own."""
-        return {"grid": None if self._elevation else self.grid, "_elevation": self._elevation}
+        kept = {"_elevation": self._elevation, "mobility": self.mobility}
+        return {"grid": None if self._elevation else self.grid, **kept}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
@@ -221,6 +226,19 @@ class MapState:
         """The vehicle's; None where any turn will do."""
         vehicle = None if self._elevation is None else self._elevation.vehicle
         return None if vehicle is None else vehicle.turning_radius_m
+
+    def along(self, line: Line) -> Along | None:
+        """What lies under a line (N, 2) inside the map; None on a map of costs, whose heights are not known."""
+        if (ground := self._ground()) is None:
+            return None
+        (heights, base, sides_m), points = ground, crossings(line)
+        return Along.through(points, heights_at(heights, points) + base, sides_m, self.mobility)
+
+    def _ground(self) -> tuple[Heights, float, tuple[float, float]] | None:
+        """Heights, what they are relative to, and a cell's sides."""
+        if self._elevation is None:
+            return None
+        return self._elevation.heights, self._elevation.base, self._elevation.sides_m
 
     @property
     def checked(self) -> int:

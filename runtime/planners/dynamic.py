@@ -131,6 +131,7 @@ class DynamicPlanner:
             vehicle=vehicle,
             slope_cost=slope_cost,
         )
+        state.mobility = mobility or Mobility()
         planner._begin(state, goal, method, also, model, refine)
         return planner
 
@@ -146,7 +147,7 @@ class DynamicPlanner:
         self._turns = Turns()
         self.method = DynamicMethod.named(method)
         self.methods = frozenset((self.method, *map(DynamicMethod.named, also)))
-        self._state, self._model, self._refinement = state, model, Refinement.named(refine)
+        self._state, self._model, self._refinement = state, model, Refinement.named(refine, state.grid)
         self._start: Cell | None = None
         self._make_planners()
         self.set_goal(goal)
@@ -317,7 +318,8 @@ class DynamicPlanner:
         return self._refined(plan)
 
     def _refined(self, plan: Plan) -> Plan:
-        return plan if self._refinement is None else self._refiner.refined(plan)
+        freed = plan if self._refinement is None else self._refiner.refined(plan)
+        return freed.over(self._state)
 
     @property
     def _only_whole_map(self) -> bool:

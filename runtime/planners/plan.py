@@ -1,7 +1,7 @@
 """What a planner answers with."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -11,9 +11,11 @@ from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.paths import measure
 from nnpp_edge.runtime.kernels.poses import measure_poses
+from nnpp_edge.runtime.map.along import Along, Line, Numbers
 from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import SQRT2
 
 
@@ -130,6 +132,8 @@ class Plan:
     """(N, 2) places (row, col), in cells, of the path freed from the grid, with both ends; None unless asked for."""
     line_cost: float = math.inf
     """The line integral of the cost along the way points, in units of `cost`; see `planners.refine`."""
+    along: Along | None = None
+    """The path over the ground, point by point; None where no elevations are known."""
     timings_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage, and ``total``."""
 
@@ -149,6 +153,46 @@ class Plan:
         return np.empty(0) if self.waypoints is None else headings_along(self.waypoints)
 
     @property
+    def line(self) -> Line:
+        """(N, 2) what is driven: way points (row, col) where the path was freed from the grid, else its cells."""
+        return self.path if self.waypoints is None else self.waypoints
+
+    def over(self, state: MapState) -> "Plan":
+        """The same plan with what lies below it on this map."""
+        along = state.along(self.line)
+        return self if along is None else replace(self, along=along)
+
+    @property
+    def numbers(self) -> Numbers:
+        """Along the way, of the whole path; all NaN without a path, or where no elevations are known."""
+        return Numbers.unknown() if self.along is None else self.along.numbers
+
+    @property
+    def ground_length_m(self) -> float:
+        """Length on the ground, up and down its slopes."""
+        return self.numbers.ground_length_m
+
+    @property
+    def climb_m(self) -> float:
+        """Sum of all rises."""
+        return self.numbers.climb_m
+
+    @property
+    def descent_m(self) -> float:
+        """Sum of all falls, counted positive."""
+        return self.numbers.descent_m
+
+    @property
+    def time_s(self) -> float:
+        """By the vehicle's speeds; where these are not known, of a hiker by Tobler's function."""
+        return self.numbers.time_s
+
+    @property
+    def energy_j(self) -> float:
+        """By the vehicle's model; NaN where it has none."""
+        return self.numbers.energy_j
+
+    @property
     def bound(self) -> float:
         """The path costs at most this many times the optimum; inf where that is unknown, or costs may be below 0."""
         exact = self.cost <= self.lower_bound
@@ -165,6 +209,7 @@ class Plan:
             **{name: numbers[name] for name in names[:4]},
             "bound": numbers["bound"] if self.ok else None,
             "cells": len(self.path),
+            **{name: _finite(number) for name, number in self.numbers._asdict().items()},
             "expansions": self.expansions,
             "threshold": numbers["threshold"],
             "reason": self.reason,

@@ -2,7 +2,11 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
@@ -20,7 +24,9 @@ from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.planners.refine import Refinement, Refiner
+from nnpp_edge.runtime.planners.tour import Tour, costs_between, tour
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
+from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.tuning import NEAR
@@ -163,6 +169,7 @@ class Planner:
             vehicle=vehicle,
             slope_cost=slope_cost,
         )
+        planner._state.mobility = mobility or Mobility()
         planner._model, planner._ask_from = model, ask_from
         planner._make_planners()
         return planner
@@ -340,7 +347,7 @@ class Planner:
             raise InvalidQueryError("wanted at least one goal, got none")
         if not count >= 1:
             raise InvalidQueryError(f"count must be at least 1, got {count}")
-        refining = Refinement.named(refine)
+        refining = Refinement.named(refine, self._state.grid)
         cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
         bounds = [self._least_cost(begin, cell) for cell in cells]
         plans: dict[int, Plan] = {}
@@ -413,7 +420,7 @@ class Planner:
         work = Work()
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
         return self._answer_in_turn(
-            query, work, method, keep_regions, price, Refinement.named(refine), turning_radius_m
+            query, work, method, keep_regions, price, Refinement.named(refine, self._state.grid), turning_radius_m
         )
 
     @one_at_a_time
@@ -430,7 +437,99 @@ class Planner:
         return self._refined(self._answer(query, work, method, keep_regions, price), refining, turning_radius_m)
 
     def _refined(self, plan: Plan, refining: Refinement | None, turning_radius_m: float | None) -> Plan:
-        return plan if refining is None else self._refiner.refined(plan, turning_radius_m)
+        """The plan, freed from the grid if that is asked for, with the numbers along it."""
+        freed = plan if refining is None else self._refiner.refined(plan, turning_radius_m)
+        return freed.over(self._state)
+
+    @one_at_a_time
+    def plan_via(
+        self,
+        start: Cell,
+        goal: Cell,
+        via: Sequence[Cell],
+        *,
+        best_order: bool = False,
+        method: str = Method.AUTO,
+        epsilon: float = math.inf,
+        time_limit_s: float = math.inf,
+        keep_regions: bool = False,
+        price: str | None = None,
+        refine: str | None = None,
+        turning_radius_m: float | None = None,
+    ) -> Tour:
+        """A path from start to goal by way of other cells.
+
+        Parameters
+        ----------
+        start, goal : (row, col)
+            Cells.
+        via : sequence of (row, col)
+            The places between, in the order in which they are to be visited.
+        best_order : bool
+            Visit them in the order that costs least instead: of the plans between each two, with ``astar`` of the
+            cheapest paths. At most 12.
+        method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m
+            As for `plan`, of each leg.
+
+        Returns
+        -------
+        Tour
+            Its plan has no path where one of the legs has none; the plan's reason names it.
+
+        Raises
+        ------
+        InvalidQueryError
+            A place between lies outside the map or is impassable, too many are to be ordered, or as `plan`.
+        """
+        refining = Refinement.named(refine, self._state.grid)
+        between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
+        stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
+
+        def leg(begin: Cell, end: Cell) -> Plan:
+            query = Query.within(begin, end, time_limit_s, epsilon)
+            return self._answer(query, Work(), method, keep_regions, price)
+
+        grid, workspace = self._state.grid, self._planners.astar.workspace
+        exact = method == Method.ASTAR and all(problem_with(grid, stop, stop) is None for stop in stops)
+        costs = partial(costs_between, grid, stops, workspace) if exact else None
+        wanted = {"best_order": best_order, "symmetric": grid.directed is None}
+
+        def finish(plan: Plan) -> Plan:
+            return self._refined(plan, refining, turning_radius_m)
+
+        found = tour(leg, stops, grid, costs=costs, finish=finish, **wanted)
+        return replace(found, plan=found.plan.over(self._state))
+
+    @one_at_a_time
+    def reach(self, start: Cell, within: float = math.inf) -> Float2D:
+        """What can be reached from a cell, and at what cost.
+
+        Parameters
+        ----------
+        start : (row, col)
+            A cell.
+        within : float
+            The most that a path may cost, in units of ``step_cost``: seconds, say.
+
+        Returns
+        -------
+        (H, W) float32
+            Cost of the cheapest path to each cell; inf where there is none, or none that costs at most `within`.
+
+        Raises
+        ------
+        InvalidQueryError
+            The cell is not two integers, lies outside the map or is impassable; or `within` is below 0.
+        """
+        if not within >= 0.0:
+            raise InvalidQueryError(f"within must be a number of at least 0, got {within}")
+        cell = as_cell(start, "start")
+        if problem := problem_with(self._state.grid, cell, cell):
+            what = "lies outside the map" if problem.endswith("MAP") else "is impassable"
+            raise InvalidQueryError(f"start {cell} {what}")
+        field = cost_field(self._state.grid, cell, self._planners.astar.workspace)
+        field[field > within] = np.inf
+        return field
 
     def _answer(self, query: Query, work: Work, method: str, keep_regions: bool, price: str | None = None) -> Plan:
         chosen, reason = self._chooser.choose(method, query)

@@ -48,12 +48,20 @@ class Refinement(StrEnum):
     ANY_ANGLE = "any-angle"
 
     @classmethod
-    def named(cls, name: str | None) -> "Refinement | None":
-        """The one of that name, none for None; InvalidQueryError if there is none."""
+    def named(cls, name: str | None, grid: Grid) -> "Refinement | None":
+        """The one of that name, none for None; InvalidQueryError if there is none, or none for this map's steps."""
+        if name is None:
+            return None
         try:
-            return None if name is None else cls(name)
+            found = cls(name)
         except ValueError:
             raise InvalidQueryError(f"refine must be one of {', '.join(cls)}, got {name!r}") from None
+        if grid.directed is not None:
+            raise InvalidQueryError(
+                f"refine={name!r} prices lines by the map's cost: wanted step_cost='paper' or 'length', got steps "
+                "that cost by their slope"
+            )
+        return found
 
 
 class Line(NamedTuple):

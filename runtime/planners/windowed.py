@@ -6,7 +6,7 @@ what lies under the last corridor is read again, and searched at full resolution
 
 import math
 import time
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
@@ -24,6 +24,7 @@ from nnpp_edge.runtime.memory import available_bytes, small_pages, virtual_zeros
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
+from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import Search, astar
 from nnpp_edge.runtime.search.connection import connected
 from nnpp_edge.runtime.search.workspace import Workspace
@@ -177,6 +178,24 @@ class WindowedPlanner:
             work.stage_ends("connection")
             found = Found.of(grid, Search.without_path(status), Source.WIDENED, None, work)
         return found.plan(Method.CORRIDOR, work, planner=Method.CORRIDOR, reason=reason)
+
+    def plan_via(
+        self,
+        start: Cell,
+        goal: Cell,
+        via: Sequence[Cell],
+        *,
+        best_order: bool = False,
+        epsilon: float = math.inf,
+        time_limit_s: float = math.inf,
+    ) -> Tour:
+        """As `Planner.plan_via`; for the best order the corridors between all of the places are read."""
+
+        def leg(begin: Cell, end: Cell) -> Plan:
+            return self.plan(begin, end, epsilon=epsilon, time_limit_s=time_limit_s)
+
+        between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
+        return tour(leg, [start, *between, goal], self._map.grid, best_order=best_order)
 
     def _without_corridor(self, query: Query) -> tuple[Status, str]:
         """Whether there is a path where no corridor holds one, and in words."""

@@ -27,7 +27,10 @@ def test_reading_a_geotiff_without_rasterio_names_the_extra(nnpp_edge, tmp_path,
     [
         (["fly"], "no such command 'fly'; see nnpp-edge --help"),
         (["plan"], "missing argument 'DEM'; see nnpp-edge plan --help"),
-        (["plan", "dem.tif", "--start", "1", "--goal", "2,2"], "wanted ROW,COL as two whole numbers, got '1'"),
+        (
+            ["plan", "dem.tif", "--start", "1", "--goal", "2,2"],
+            "wanted ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a vector file, got '1'",
+        ),
         (["costmap", "dem.tif"], "missing option '-o' / '--output'"),
     ],
 )

@@ -114,7 +114,8 @@ def test_the_files_hold_the_path_in_map_coordinates(nnpp_edge, tmp_path):
     assert "UTM" in feature["properties"]["crs"]
     assert feature["crs"]["properties"]["name"] == "urn:ogc:def:crs:EPSG::32615"
     rows = list(csv.DictReader((folder / "path.csv").read_text().splitlines()))
-    assert list(rows[0]) == ["row", "col", "x", "y", "elevation_m", "cost", "distance_m"]
+    names = ["row", "col", "x", "y", "elevation_m", "cost", "distance_m", "ground_m", "time_s"]
+    assert list(rows[0]) == names
     assert [[int(row["row"]), int(row["col"])] for row in rows] == path.tolist()
     assert [[float(row["x"]), float(row["y"])] for row in rows] == wanted
     assert [float(row["elevation_m"]) for row in rows] == pytest.approx(heights[tuple(path.T)].tolist(), rel=1e-5)

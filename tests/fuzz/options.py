@@ -25,6 +25,10 @@ BASES: dict[str, list[Values]] = {
         {"dem": ["in/dem.tif"], "start_xy": ["1005,1995"], "goals_xy": ["1050,1960"], "output": ["out/plan"]},
         {"dem": ["in/dem.npz"], "start": ["2,2"], "goals": ["20,28"], "method": ["nnpp"], "model": ["in/tiny.onnx"]},
     ],
+    "reach": [
+        {"dem": ["in/dem.npz"], "start": ["2,2"], "within_cost": ["20"]},
+        {"dem": ["in/dem.tif"], "start": ["2,2"], "within_cost": ["9"], "output": ["out/reach"]},
+    ],
     "dataset": [{"output": ["out/set"], "maps": ["1"], "size": ["32"], "points_per_map": ["2"], "workers": ["1"]}],
     "train": [
         {"dataset": ["in/set"], "validation": ["in/set"], "output": ["out/run"], "steps": ["1"], "batch": ["2"]}
@@ -58,6 +62,18 @@ BASES: dict[str, list[Values]] = {
     "warmup": [{"keep_old": []}],
 }
 """For each command what makes it end well and soon; the cases depart from these."""
+_PLACES = (
+    "xy:1005,1995",
+    "xy:nan,1",
+    "xy:1",
+    "lonlat:1,2",
+    "lonlat:-94,45",
+    "in/dem.npz",
+    "in/dem.tif:a",
+    ":",
+    "xy:,",
+)
+_TIMES = ("9", "90s", "1min", "2h", "-3s", "1e9h", "soon", "0")
 HEAVY = ("train", "export", "quantize", "profile compare")
 """Commands whose samples must be trained or measured first."""
 SELDOM = {
@@ -232,7 +248,7 @@ def draw_word(rng: random.Random, parameter: click.Parameter, values: Values) ->
             return str(rng.randrange(1, 40)) if whole else f"{10 ** rng.uniform(-2, 2):.3g}"
         return rng.choice(NUMBERS)
     if isinstance(kind, options.Parsed):
-        pools = {"R,C": PAIRS, "N|RxC,…": SIZES, "N,…": PAIRS + NUMBERS}
+        pools = {"R,C": PAIRS, "N|RxC,…": SIZES, "N,…": PAIRS + NUMBERS, "PLACE": PAIRS + _PLACES, "TIME": _TIMES}
         pool = pools.get(kind.name, PAIRS + SIZES + WORDS) if rng.random() < 0.7 else PAIRS + SIZES + WORDS + NUMBERS
         return rng.choice(pool) if rng.random() < 0.7 else f"{rng.randrange(24)},{rng.randrange(32)}"
     if rng.random() < 0.4:

@@ -1,0 +1,199 @@
+"""Vector files: points of a layer as places on a map, and features as a GeoPackage, by pyogrio; paths as GPX."""
+
+import io
+import math
+import re
+import struct
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from xml.sax.saxutils import escape
+
+import numpy as np
+import numpy.typing as npt
+
+from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
+from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, refused_as
+from nnpp_edge.terrain.coordinates import Points, on_map
+from nnpp_edge.terrain.gdal_files import NO_NETWORK
+from nnpp_edge.terrain.georeference import Place
+
+FORMATS = "GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf"
+_STARTS = (b"SQLite format 3\0", b"\0\0\x27\x0a", b"fgb\x03")
+"""Of a GeoPackage, a Shapefile and a FlatGeobuf."""
+_GPX = re.compile(rb"(<\?xml[^>]*\?>)?\s*(<!--.*?-->\s*)*<gpx[\s>]", re.DOTALL)
+_GEOJSON_TYPES = ("FeatureCollection", "Feature", "Point", "MultiPoint", "GeometryCollection")
+_POINT, _MULTI_POINT = 1, 4
+_HEAD_BYTES = 1 << 12
+
+
+class VectorFileError(InvalidQueryError):
+    """A vector file that cannot be used; the message names the file."""
+
+
+def points_of(name: str, place: Place) -> tuple[Points, str]:
+    """Map coordinates (N, 2) of a layer's points, in their order, and a word where they had to be reprojected.
+
+    Parameters
+    ----------
+    name : str
+        The file, one of `FORMATS`, or FILE:LAYER where several of its layers hold points.
+    place : Place
+        The map. Points of a layer that names no coordinate system are in the map's own.
+
+    Raises
+    ------
+    VectorFileError
+        There is no such file or layer, it is not one of `FORMATS`, or it holds other things than points, or none.
+    InvalidQueryError
+        The layer's coordinate system does not lead to the map's.
+    MissingExtraError
+        pyogrio or pyproj is not installed.
+    """
+    path, layer = named_file(name)
+    _check_plain(path)
+    pyogrio = _pyogrio(f"reading {path.name}")
+    with _quiet(), refused_as(VectorFileError, f"{path}: wanted {FORMATS} with a layer of points"):
+        layer = layer or _only_layer(pyogrio, path)
+        meta, _, shapes, _ = pyogrio.raw.read(path, layer=layer, columns=[])
+    found = np.array([point for shape in shapes for point in _points(path, shape)]).reshape(-1, 2)
+    if not len(found):
+        raise VectorFileError(f"{path}: wanted a layer of points, got {layer!r}, which holds none")
+    return (found, "") if meta["crs"] is None else on_map(place, found, meta["crs"], str(path))
+
+
+def named_file(name: str) -> tuple[Path, str | None]:
+    """The file and the layer that FILE or FILE:LAYER names; VectorFileError where there is no such file."""
+    problem = problem_with_file(path := Path(name))
+    if problem is None:
+        return path, None
+    file, _, layer = name.rpartition(":")
+    if file and layer and problem_with_file(Path(file)) is None:
+        return Path(file), layer
+    raise VectorFileError(f"{name}: wanted a vector file ({problem})")
+
+
+def geopackage_bytes(
+    layer: str,
+    kind: str,
+    shapes: Sequence[bytes],
+    fields: Mapping[str, Sequence[object]],
+    place: Place,
+) -> bytes:
+    """A GeoPackage of one layer of shapes (WKB) of a kind (in OGR's words) with a value of each field for each.
+
+    Its coordinates are the map's, in the map's system. MissingExtraError where pyogrio is not installed.
+    """
+    pyogrio, out = _pyogrio("writing a GeoPackage"), io.BytesIO()
+    columns = [
+        np.array(values, object if any(isinstance(v, str) for v in values) else None) for values in fields.values()
+    ]
+    with _quiet():
+        pyogrio.raw.write(
+            out,
+            np.array([*shapes, None], object)[:-1],
+            field_data=columns,
+            fields=np.array(list(fields), object),
+            geometry_type=kind,
+            crs=place.georeference.crs if place.georeference else None,
+            layer=layer,
+            driver="GPKG",
+        )
+    return out.getvalue()
+
+
+def line_wkb(points: npt.NDArray[np.float64]) -> bytes:
+    """A line (N, 2), or (N, 3) with heights, as WKB."""
+    kind = 2 if points.shape[1] == 2 else 1002
+    return struct.pack("<BII", 1, kind, len(points)) + np.ascontiguousarray(points, "<f8").tobytes()
+
+
+def polygons_wkb(polygons: Sequence[Sequence[npt.NDArray[np.float64]]]) -> bytes:
+    """Polygons, each of an outer ring (N, 2) and those of its holes, as one shape in WKB."""
+    out = [struct.pack("<BII", 1, 6, len(polygons))]
+    for rings in polygons:
+        out.append(struct.pack("<BII", 1, 3, len(rings)))
+        out += [struct.pack("<I", len(ring)) + np.ascontiguousarray(ring, "<f8").tobytes() for ring in rings]
+    return b"".join(out)
+
+
+def gpx_bytes(
+    name: str, lonlat: Points, elevation_m: npt.NDArray[np.float64], stops: Mapping[str, tuple[float, float]]
+) -> bytes:
+    """A path as a GPX 1.1 track, and stops by name as way points; longitude and latitude of WGS 84."""
+    out = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        '<gpx version="1.1" creator="nnpp-edge" xmlns="http://www.topografix.com/GPX/1/1">',
+    ]
+    for stop, (lon, lat) in stops.items():
+        out.append(f'<wpt lat="{lat:.8f}" lon="{lon:.8f}"><name>{escape(stop)}</name></wpt>')
+    out.append(f"<trk><name>{escape(name)}</name><trkseg>")
+    for (lon, lat), height in zip(lonlat.tolist(), elevation_m.tolist(), strict=True):
+        known = f"<ele>{height:.3f}</ele>" if math.isfinite(height) else ""
+        out.append(f'<trkpt lat="{lat:.8f}" lon="{lon:.8f}">{known}</trkpt>')
+    return "\n".join([*out, "</trkseg></trk>", "</gpx>", ""]).encode()
+
+
+def _pyogrio(purpose: str) -> ModuleType:
+    pyogrio = optional_module("pyogrio", purpose, "vector")
+    pyogrio.set_gdal_config_options(NO_NETWORK)
+    return pyogrio
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep GDAL's warnings from the user: of a damaged file, which is refused, or a map without a system."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _check_plain(path: Path) -> None:
+    """VectorFileError for what GDAL would take for a list of other files and addresses, or read otherwise."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES).lstrip(b"\xef\xbb\xbf \t\r\n")
+    if head.startswith(_STARTS) or _GPX.match(head):
+        return
+    if head.startswith(b"{"):
+        with refused_as(VectorFileError, f"{path}: wanted GeoJSON"):
+            if parse(read_text(path)).get("type") in _GEOJSON_TYPES:
+                return
+    raise VectorFileError(f"{path}: wanted {FORMATS}, got another kind of file")
+
+
+def _only_layer(pyogrio: ModuleType, path: Path) -> str:
+    """The one layer that holds points; VectorFileError where there is none, or there are several."""
+    layers = [str(layer) for layer, _ in pyogrio.list_layers(path)]
+    if len(layers) == 1:
+        return layers[0]
+    kinds = {str(layer): str(kind or "") for layer, kind in pyogrio.list_layers(path)}
+    found = [layer for layer in layers if "Point" in kinds[layer] and _features(pyogrio, path, layer)]
+    if len(found) != 1:
+        which = (
+            f"several: name one as {path.name}:LAYER ({', '.join(found)})" if found else f"none ({', '.join(layers)})"
+        )
+        raise VectorFileError(f"{path}: wanted one layer of points, got {which}")
+    return found[0]
+
+
+def _features(pyogrio: ModuleType, path: Path, layer: str) -> int:
+    return int(pyogrio.read_info(path, layer=layer, force_feature_count=True)["features"])
+
+
+def _points(path: Path, shape: bytes | None) -> list[tuple[float, float]]:
+    """The points in a shape (WKB); VectorFileError for another kind."""
+    if shape is None:
+        return []
+    order = "<" if shape[0] else ">"
+    (kind,) = struct.unpack_from(order + "I", shape, 1)
+    flat = (kind & 0xFFFFFFF) % 1000
+    if flat == _POINT:
+        x, y = struct.unpack_from(order + "dd", shape, 5)
+        return [(x, y)] if math.isfinite(x) else []
+    if flat == _MULTI_POINT:
+        size = 21 + 8 * ((kind // 1000 in (1, 2)) + 2 * (kind // 1000 == 3) + bool(kind >> 31))
+        return [each for at in range(9, len(shape), size) for each in _points(path, shape[at : at + size])]
+    names = {2: "a line", 3: "a polygon", 5: "lines", 6: "polygons", 7: "a collection"}
+    raise VectorFileError(f"{path}: wanted points, got {names.get(flat, 'another shape')}")

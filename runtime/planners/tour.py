@@ -1,0 +1,228 @@
+"""A path by way of several places: in the order given, or in the order that costs least."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.map.along import joined
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source, path_costs
+from nnpp_edge.runtime.search.astar import cost_field
+from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.stopwatch import Stopwatch
+
+MOST_ORDERED = 12
+"""Places between start and goal whose best order is looked for: 12! orders, 12² · 2^12 sums."""
+_TIE = 1e-5
+"""Share by which another order must cost less than the one given: sums of rounded costs differ by less."""
+
+PlanLeg = Callable[[Cell, Cell], Plan]
+Costs = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tour:
+    """A path from start to goal by way of other places.
+
+    Attributes
+    ----------
+    stops : tuple of (row, col)
+        Start, the places between in the order in which they are visited, and goal.
+    order : tuple of int
+        Numbers of the places between, counted from 0 as they were given.
+    legs : tuple of Plan
+        From each stop to the next; up to the first that has no path.
+    plan : Plan
+        The legs as one plan. Its lower bound is that of this order. Without a path from one stop to the next its
+        status is that leg's, and its reason names the leg.
+    given_cost : float
+        What the order given would have cost; NaN where no other was looked for.
+    """
+
+    stops: tuple[Cell, ...]
+    order: tuple[int, ...]
+    legs: tuple[Plan, ...]
+    plan: Plan
+    given_cost: float = math.nan
+
+    def told(self, on_the_ground: Callable[[Plan], Plan]) -> "Tour":
+        """The same tour with what the function adds to each of its plans."""
+        return replace(self, legs=tuple(map(on_the_ground, self.legs)), plan=on_the_ground(self.plan))
+
+
+def tour(
+    plan: PlanLeg,
+    stops: Sequence[Cell],
+    grid: Grid,
+    *,
+    best_order: bool = False,
+    costs: Callable[[], Costs] | None = None,
+    symmetric: bool = True,
+    finish: Callable[[Plan], Plan] = lambda leg: leg,
+) -> Tour:
+    """A path along stops, each leg planned by itself.
+
+    Parameters
+    ----------
+    plan : callable
+        Plans from one cell to another.
+    stops : sequence of (row, col)
+        Start, the places between, and goal.
+    grid : Grid
+        Of the map, filled where paths lead.
+    best_order : bool
+        Visit the places between in the order that costs least, by what lies between each two stops.
+    costs : callable
+        Gives the costs (N, N) from each stop to each other, inf where there is no path; by default those of plans.
+    symmetric : bool
+        Whether a path costs the same both ways: then one plan serves a leg and its reverse.
+    finish : callable
+        What is done to the plans of the legs in the end, and not to those that were made for the order alone.
+
+    Raises
+    ------
+    InvalidQueryError
+        A place between start and goal lies outside the map or is impassable, or more than `MOST_ORDERED` are to be
+        ordered.
+    """
+    watch, legs = Stopwatch(), _Legs(plan, stops, symmetric)
+    count, given_cost = len(stops) - 2, math.nan
+    order = tuple(range(count))
+    if best_order and count:
+        if count > MOST_ORDERED:
+            raise InvalidQueryError(f"the best order is found of at most {MOST_ORDERED} places, got {count}")
+        between = legs.costs() if costs is None else costs()
+        if between is not None and np.isfinite(between[0]).all():
+            order, given_cost = _best_order(between)
+    visited = [0, *(each + 1 for each in order), count + 1]
+    found = []
+    for begin, end in zip(visited[:-1], visited[1:], strict=True):
+        found.append(finish(legs.plan(begin, end)))
+        if not found[-1].ok:
+            break
+    ordered = tuple(stops[at] for at in visited)
+    whole = _as_one(found, ordered, grid)
+    total = watch.total_ms()
+    apart = {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in found)} if best_order else {}
+    whole = replace(whole, timings_ms={**whole.timings_ms, **apart, "total": total})
+    return Tour(ordered, order, tuple(found), whole, given_cost)
+
+
+def costs_between(grid: Grid, stops: Sequence[Cell], workspace: Workspace) -> Costs:
+    """(N, N) cost of the cheapest path from each passable cell to each other, inf where there is none.
+
+    One search of the whole map from each stop but the last.
+    """
+    rows, cols = np.array(stops).T
+    found = np.zeros((len(stops), len(stops)))
+    for at, stop in enumerate(stops[:-1]):
+        found[at] = cost_field(grid, stop, workspace)[rows, cols]
+    return found
+
+
+class _Legs:
+    """Plans between stops, each made once."""
+
+    def __init__(self, plan: PlanLeg, stops: Sequence[Cell], symmetric: bool) -> None:
+        self._plan, self._stops, self._symmetric = plan, stops, symmetric
+        self._made: dict[tuple[int, int], Plan] = {}
+
+    def plan(self, begin: int, end: int) -> Plan:
+        """From one stop, by its number, to another; InvalidQueryError for a place between that is none."""
+        back = self._made.get((end, begin)) if self._symmetric else None
+        if (begin, end) not in self._made and back is not None and back.ok:
+            self._made[begin, end] = replace(back, path=back.path[::-1].copy())
+        elif (begin, end) not in self._made:
+            plan = self._plan(self._stops[begin], self._stops[end])
+            if plan.source is None:
+                self._refuse(begin if plan.status.startswith("START") else end, plan.status)
+            self._made[begin, end] = plan
+        return self._made[begin, end]
+
+    def costs(self) -> Costs | None:
+        """(N, N) of the plans between stops, 0 where none is needed; None where one of them has no path."""
+        last = len(self._stops) - 1
+        found = np.zeros((last + 1, last + 1))
+        for begin in range(last):
+            for end in range(1, last + 1):
+                if begin == end or (begin == 0 and end == last):
+                    continue
+                if not (plan := self.plan(begin, end)).ok:
+                    return None
+                found[begin, end] = plan.cost
+        return found
+
+    def _refuse(self, number: int, status: Status) -> None:
+        """InvalidQueryError where the stop is a place between; start and goal are told of by the plan's status."""
+        if 0 < number < len(self._stops) - 1:
+            problem = "lies outside the map" if status.endswith("OUTSIDE_MAP") else "is impassable"
+            raise InvalidQueryError(f"via {number}, {self._stops[number]}, {problem}")
+
+
+def _best_order(costs: Costs) -> tuple[tuple[int, ...], float]:
+    """The cheapest order of the stops between the first and the last, and what the order given costs.
+
+    Held and Karp (1962): the cheapest way through each set of stops that ends at each of its members.
+    """
+    count = len(costs) - 2
+    begin, inner, end = costs[0, 1:-1], costs[1:-1, 1:-1], costs[1:-1, -1]
+    members = 1 << np.arange(count)
+    cheapest = np.full((1 << count, count), math.inf)
+    before = np.zeros((1 << count, count), np.int8)
+    cheapest[members, np.arange(count)] = begin
+    for visited in range(1, 1 << count):
+        ways = cheapest[visited][:, None] + inner
+        last, new = ways.argmin(0), np.flatnonzero(~visited & members)
+        cheapest[visited | members[new], new] = ways[last[new], new]
+        before[visited | members[new], new] = last[new]
+    given = float(begin[0] + inner[np.arange(count - 1), np.arange(1, count)].sum() + end[-1]) if count else 0.0
+    if not count or (total := cheapest[-1] + end).min() >= given * (1.0 - _TIE):
+        return tuple(range(count)), given
+    order, visited = [int(total.argmin())], (1 << count) - 1
+    while len(order) < count:
+        visited, last = visited & ~int(members[order[-1]]), int(before[visited, order[-1]])
+        order.append(last)
+    return tuple(reversed(order)), given
+
+
+def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
+    """Legs along stops, each of which begins where the one before ends, as one plan; the last may have no path."""
+    first, last, wanted = legs[0], legs[-1], len(stops) - 1
+    if wanted == 1:
+        return first
+    methods = {leg.method for leg in legs}
+    timings: dict[str, float] = {}
+    for leg in legs:
+        for stage, ms in leg.timings_ms.items():
+            timings[stage] = timings.get(stage, 0.0) + ms
+    whole = Plan(
+        last.status,
+        first.method if len(methods) == 1 else Method.AUTO,
+        None if last.source is None else max((leg.source for leg in legs if leg.source), key=list(Source).index),
+        expansions=sum(leg.expansions for leg in legs),
+        planner=first.planner if len(methods) == 1 else Method.AUTO,
+        reason=f"{wanted} legs",
+        costs_computed=last.costs_computed,
+        checks=sum(leg.checks for leg in legs),
+        timings_ms=timings,
+    )
+    if not last.ok:
+        name = f"leg {len(legs)} of {wanted}, from {stops[len(legs) - 1]} to {stops[len(legs)]}"
+        return replace(whole, reason=": ".join(filter(None, (name, last.reason))))
+    path = joined([leg.path for leg in legs]).astype(np.int32)
+    lines = [leg.waypoints for leg in legs if leg.waypoints is not None]
+    return replace(
+        whole,
+        path=path,
+        waypoints=joined(lines) if len(lines) == len(legs) else None,
+        line_cost=sum(leg.line_cost for leg in legs),
+        cost=sum(leg.cost for leg in legs),
+        length=sum(leg.length for leg in legs),
+        traverse_cost=path_costs(grid, path)[2],
+        lower_bound=sum(leg.lower_bound for leg in legs),
+    )

@@ -1,0 +1,197 @@
+"""Paths by way of several places: legs, the best order by brute force, and what cannot be joined."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nnpp_edge.runtime import Planner, Status
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+from nnpp_edge.runtime.planners.tour import tour
+from nnpp_edge.runtime.planners.windowed import WindowedPlanner
+from nnpp_edge.runtime.terrain.traversability import traversability_cost
+from tests import oracles
+from tests.runtime.test_windowed import ArrayWindows
+
+
+def map_with_stops(seed, count, side=24, blocked=0.15):
+    rng = np.random.default_rng(seed)
+    cost = rng.random((side, side)).astype(np.float32)
+    cost[rng.random(cost.shape) < blocked] = np.inf
+    passable = np.argwhere(np.isfinite(cost))
+    stops = passable[rng.choice(len(passable), count, replace=False)].tolist()
+    return cost, [tuple(stop) for stop in stops]
+
+
+def cheapest_order(between):
+    """By trying all, and what the order given costs; between[i][j] from stop i to stop j."""
+    last = len(between) - 1
+
+    def cost(order):
+        way = [0, *order, last]
+        return sum(between[a][b] for a, b in zip(way[:-1], way[1:], strict=True))
+
+    return min(map(cost, itertools.permutations(range(1, last)))), cost(range(1, last))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.integers(3, 7))
+def test_the_best_order_of_exact_paths_is_that_of_all_orders_tried(seed, count):
+    cost, stops = map_with_stops(seed, count)
+    between = [[oracles.dijkstra(cost, a)[b] for b in stops] for a in stops]
+    found = Planner(cost).plan_via(stops[0], stops[-1], stops[1:-1], best_order=True, method="astar")
+    if not np.isfinite(between).all():
+        assert found.plan.status is Status.NO_PATH and "leg" in found.plan.reason
+        return
+    best, given_cost = cheapest_order(between)
+    assert found.plan.cost == pytest.approx(best, rel=1e-5)
+    assert found.given_cost == pytest.approx(given_cost, rel=1e-5)
+    assert sorted(found.order) == list(range(count - 2))
+    assert [found.stops[0], found.stops[-1]] == [stops[0], stops[-1]]
+    assert list(found.stops[1:-1]) == [stops[1 + at] for at in found.order]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.integers(3, 8))
+def test_where_there_costs_another_than_back_the_best_order_is_the_cheapest_too(seed, count):
+    between = np.random.default_rng(seed).uniform(0.1, 9.0, (count, count))
+    stops = [(0, at) for at in range(count)]
+
+    def leg(begin, end):
+        ends = np.array([begin, end], np.int32)
+        return Plan(Status.OK, Method.ASTAR, Source.MAP, ends, cost=between[begin[1], end[1]])
+
+    grid = Planner(np.zeros((1, count), np.float32)).state.grid
+    best, given_cost = cheapest_order(between.tolist())
+    for costs in (None, lambda: between):
+        found = tour(leg, stops, grid, best_order=True, costs=costs, symmetric=False)
+        assert found.plan.cost == pytest.approx(best)
+        assert found.given_cost == pytest.approx(given_cost)
+
+
+@pytest.mark.parametrize("method", ["astar", "corridor", "auto"])
+def test_a_tour_leads_through_its_stops_and_costs_what_its_steps_cost(method):
+    cost, stops = map_with_stops(5, 7, side=64, blocked=0.1)
+    planner = Planner(cost)
+    given_order = planner.plan_via(stops[0], stops[-1], stops[1:-1], method=method)
+    best = planner.plan_via(stops[0], stops[-1], stops[1:-1], method=method, best_order=True)
+    assert given_order.order == tuple(range(5)) and math.isnan(given_order.given_cost)
+    assert best.given_cost == pytest.approx(given_order.plan.cost, rel=1e-5)
+    assert best.plan.cost < given_order.plan.cost
+    for found in (given_order, best):
+        path = found.plan.path
+        assert oracles.path_problem(path, cost, stops[0], stops[-1]) == ""
+        assert found.plan.cost == pytest.approx(oracles.path_cost(path, cost), rel=1e-5)
+        assert found.plan.traverse_cost == pytest.approx(cost[tuple(path.T)].sum(), rel=1e-5)
+        assert found.plan.lower_bound <= found.plan.cost * (1 + 1e-9)
+        at = [np.flatnonzero((path == stop).all(1)) for stop in found.stops]
+        assert all(a.min() <= b.max() for a, b in zip(at[:-1], at[1:], strict=True))
+        legs = [leg.cost for leg in found.legs]
+        assert sum(legs) == pytest.approx(found.plan.cost)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6))
+def test_no_order_costs_more_than_the_one_given(seed):
+    cost, stops = map_with_stops(seed, 9, side=40, blocked=0.05)
+    planner = Planner(cost)
+    found = planner.plan_via(stops[0], stops[-1], stops[1:-1], method="corridor", best_order=True)
+    given_order = planner.plan_via(stops[0], stops[-1], stops[1:-1], method="corridor")
+    assert found.plan.status == given_order.plan.status
+    if found.plan.ok:
+        assert found.plan.cost <= given_order.plan.cost
+
+
+def test_where_a_path_costs_the_same_both_ways_each_two_places_are_planned_between_once():
+    cost, stops = map_with_stops(5, 8, side=64, blocked=0.1)
+    planner, asked = Planner(cost), []
+
+    def leg(begin, end):
+        asked.append({begin, end})
+        return planner.plan(begin, end, method="corridor")
+
+    found = tour(leg, stops, planner.state.grid, best_order=True)
+    assert len(asked) == 8 * 7 // 2 - 1 == len(set(map(frozenset, asked)))
+    assert oracles.path_problem(found.plan.path, cost, stops[0], stops[-1]) == ""
+    assert found.plan.cost == pytest.approx(oracles.path_cost(found.plan.path, cost), rel=1e-5)
+
+
+def test_only_the_legs_that_are_taken_are_finished_and_the_tour_is_made_of_what_they_became():
+    cost, stops = map_with_stops(5, 6, side=40, blocked=0.0)
+    planner, finished = Planner(cost), []
+
+    def finish(leg):
+        finished.append((tuple(leg.path[0]), tuple(leg.path[-1])))
+        return replace(leg, cost=leg.cost + 100.0)
+
+    plain = tour(planner.plan, stops, planner.state.grid, best_order=True)
+    found = tour(planner.plan, stops, planner.state.grid, best_order=True, finish=finish)
+    assert finished == list(zip(found.stops[:-1], found.stops[1:], strict=True))
+    assert found.plan.cost == pytest.approx(plain.plan.cost + 500.0) and found.order == plain.order
+
+
+def test_an_order_that_is_the_best_already_stays():
+    planner = Planner(np.full((5, 40), 0.1, np.float32))
+    found = planner.plan_via((2, 0), (2, 39), [(2, 10), (2, 20), (2, 30)], best_order=True)
+    assert found.order == (0, 1, 2) and found.plan.cost == pytest.approx(found.given_cost)
+
+
+def test_without_places_between_a_tour_is_a_plan():
+    cost, (start, goal) = map_with_stops(3, 2, blocked=0.0)
+    found = Planner(cost).plan_via(start, goal, [], best_order=True, method="astar")
+    plan = Planner(cost).plan(start, goal, method="astar")
+    assert found.plan.cost == plan.cost and found.plan.reason == plan.reason
+
+
+@pytest.mark.parametrize("best_order", [False, True])
+@pytest.mark.parametrize("method", ["astar", "corridor"])
+def test_a_leg_that_has_no_path_is_named(method, best_order):
+    cost = np.full((40, 40), 0.2, np.float32)
+    cost[:, 20] = np.inf
+    found = Planner(cost).plan_via((1, 1), (30, 5), [(5, 5), (9, 30)], method=method, best_order=best_order)
+    assert found.plan.status is Status.NO_PATH and not len(found.plan.path)
+    assert found.plan.reason == "leg 2 of 3, from (5, 5) to (9, 30)"
+    assert found.plan.cost == math.inf and [leg.ok for leg in found.legs] == [True, False]
+
+
+@pytest.mark.parametrize("best_order", [False, True])
+def test_places_that_are_none_are_refused_by_number(best_order):
+    cost = np.full((20, 20), 0.2, np.float32)
+    cost[7, 7] = np.inf
+    planner = Planner(cost)
+    with pytest.raises(InvalidQueryError, match=r"via 2, \(7, 7\), is impassable"):
+        planner.plan_via((1, 1), (9, 9), [(2, 2), (7, 7)], best_order=best_order)
+    with pytest.raises(InvalidQueryError, match=r"via 1, \(2, 20\), lies outside the map"):
+        planner.plan_via((1, 1), (9, 9), [(2, 20)], best_order=best_order)
+    with pytest.raises(InvalidQueryError, match="via 2 must be two whole numbers"):
+        planner.plan_via((1, 1), (9, 9), [(2, 2), (1.5, 2)], best_order=best_order)
+    found = planner.plan_via((1, 1), (7, 7), [(2, 2)], best_order=best_order)
+    assert (found.plan.status, found.plan.source) == (Status.GOAL_BLOCKED, None)
+
+
+def test_more_than_a_dozen_are_visited_in_the_order_given_alone():
+    planner = Planner(np.full((5, 40), 0.1, np.float32))
+    stops = [(at % 5, 2 * at + 1) for at in range(13)]
+    assert planner.plan_via((0, 0), (0, 39), stops).plan.ok
+    with pytest.raises(InvalidQueryError, match="at most 12 places, got 13"):
+        planner.plan_via((0, 0), (0, 39), stops, best_order=True)
+
+
+def test_on_a_map_read_by_windows_a_tour_is_that_of_the_map_in_memory():
+    heights = np.random.default_rng(2).uniform(0.0, 0.4, (150, 170)).astype(np.float32)
+    windows = ArrayWindows(heights)
+    sides = {"cell_width_m": windows.cell_width_m, "warn": False}
+    whole = Planner(traversability_cost(heights, windows.cell_size_m, **sides))
+    stops = [(3, 3), (140, 20), (30, 160), (75, 80)]
+    one, other = (
+        planner.plan_via((70, 5), (140, 150), stops, best_order=True, **method)
+        for planner, method in ((WindowedPlanner(windows), {}), (whole, {"method": "corridor"}))
+    )
+    assert one.order == other.order and one.plan.cost == pytest.approx(other.plan.cost)
+    assert one.plan.path.tolist() == other.plan.path.tolist()
+    assert one.plan.traverse_cost == pytest.approx(other.plan.traverse_cost)
