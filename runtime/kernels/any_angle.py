@@ -121,8 +121,8 @@ def _along_sides(ground, row, col, rows, cols):
 def is_clear(ground, row, col, to_row, to_col):
     """Whether every cell that a leg touches is passable.
 
-    Where corners may be cut, diagonal legs from the middle of a cell may lead through them, as the grid's steps do. Of
-    other legs rounding hides whether they pass a corner or cut a sliver off the cell beside it.
+    Where corners may be cut, diagonal legs from the middle of a cell may lead through them, as the grid's steps do.
+    Of other legs rounding hides whether they pass a corner or cut a sliver off the cell beside it.
     """
     rows, cols = to_row - row, to_col - col
     if _touches(ground, row, col) or _touches(ground, to_row, to_col):

@@ -191,7 +191,8 @@ class BodyLines:
         on_path[[0, -1]] = True
         while np.isnan(costs).any():
             for k in np.flatnonzero(np.isnan(costs)).tolist():
-                costs[k] = body_leg_cost(self.body, self._grid.packed, *places[k], *places[k + 1])
+                cost = body_leg_cost(self.body, self._grid.packed, *places[k], *places[k + 1])
+                costs[k] = cost if cost < math.inf else math.inf  # a leg without a cost fails, too
                 for end in (k, k + 1):
                     if costs[k] == math.inf and not on_path[end]:
                         on_path[end], places[end] = True, path[beside[end]]
