@@ -106,7 +106,6 @@ def test_wrong_use_is_one_line(nnpp_edge, hills, words, complaint):
 
 
 def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(nnpp_edge, hills):
-    pytest.importorskip("tests.directed_cases", reason="no directed steps yet")
     ground, mobility = read_dem(hills).elevation, load_mobility("large-rover")
     body = ("--vehicle", "large-rover", "--max-tilt", "40", "--clearance", "1.5")
     vehicle = replace(load_vehicle("large-rover"), max_tilt_deg=40.0, clearance_m=1.5)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Planner
+from tests import directed_cases as cases
+from tests.directed_cases import MOBILITY, tolerance
 
-cases = pytest.importorskip("tests.directed_cases", reason="no directed steps yet")
-MOBILITY, tolerance = cases.MOBILITY, cases.tolerance
 MODELS = "tobler", "linear", "time", "energy"
 
 
