@@ -219,7 +219,7 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
     return replace(
         whole,
         path=path,
-        waypoints=joined(lines) if len(lines) == len(legs) else None,
+        waypoints=joined(lines).astype(np.float64) if len(lines) == len(legs) else None,
         line_cost=sum(leg.line_cost for leg in legs),
         cost=sum(leg.cost for leg in legs),
         length=sum(leg.length for leg in legs),
