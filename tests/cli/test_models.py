@@ -111,7 +111,7 @@ def test_the_commands_that_are_told_agree_with_the_files_metadata(name):
     recipe = m.training["dataset"]
     assert (int(dataset["--maps"]), int(dataset["--seed"])) == (recipe["maps"], recipe["seed"])
     assert (export["--dataset"], quantize["--dataset"]) == (folder, folder)
-    assert (float(export.get("--region-factor", 1.0)), export["--name"]) == (m.region_factor, m.name)
+    assert (float(export.get("--region-factor", 0.5)), export["--name"]) == (m.region_factor, m.name)
     assert int(quantize.get("--samples", 200)) == m.training["calibration"]["samples"]
     for options, stage in zip(commands["train"], stages(m.training), strict=True):
         assert "--time-limit" not in options
