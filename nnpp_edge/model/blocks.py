@@ -7,8 +7,7 @@ from torch import Tensor, nn
 class Conv2d(nn.Conv2d):
     """torch's, which computes one that is strided and depthwise in float32 on a CPU.
 
-    oneDNN has no quick gradient of that kind in bfloat16: 130 to 190 ms where float32 takes 3 to 20, so that three of
-    them took half of a training step of the paper's network.
+    oneDNN has no quick gradient of it in bfloat16: three took half of a training step of the paper's network.
     """
 
     def forward(self, input: Tensor) -> Tensor:

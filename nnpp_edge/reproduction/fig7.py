@@ -213,10 +213,5 @@ def _picture(sweep: Sweep) -> bytes:
 
 
 EXPERIMENT = Experiment(
-    "Fig. 7",
-    "The weight ω of the traversability cost",
-    run,
-    Settings(),
-    Settings(8, 256, 25, 5),
-    asks_networks=False,
+    "Fig. 7", "The weight ω of the traversability cost", run, Settings(), Settings(8, 256, 25, 5), asks_networks=False
 )
