@@ -89,13 +89,8 @@ def agreement(fp32: NDArray[np.float32], int8: NDArray[np.float32], samples: Sam
     return Agreement(len(samples), float(difference.mean()), float(difference.max()), float(np.mean(same)))
 
 
-def judge_both(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int) -> Searches | None:
-    """Search at most `most` of the queries in either's region, at the model's factor on the threshold.
-
-    None where no query can be searched: maps that were averaged have labels that belong to larger ones.
-    """
-    if not samples.not_averaged[samples.map_index].any():
-        return None
+def judge_both(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int) -> Searches:
+    """Search at most `most` of the queries in either's region, at the model's factor on the threshold."""
     m = fp32.metadata
     spec = Spec(m.architecture, m.input_size, m.sigma, encoding=m.encoding)
     validator = Validator(samples, spec, m.omega, most)
@@ -116,14 +111,12 @@ def operators_left(path: Path) -> Counter[str]:
     return Counter(node.op_type for node in graph.node)
 
 
-def recommend(fp32: Latency, int8: Latency, searches: Searches | None) -> str:
+def recommend(fp32: Latency, int8: Latency, searches: Searches) -> str:
     """One plain sentence that begins with ``int8`` or ``keep fp32``."""
     ratio = fp32.median_ms / int8.median_ms
     keep = f"keep fp32: on this machine int8 is {ratio:.2f} times as fast"
     if ratio < WORTH_IT:
         return f"{keep}, and {WORTH_IT} is wanted."
-    if searches is None:
-        return f"{keep}, but no query of this data set can be searched, so its paths could not be judged."
     more, fewer = searches.int8.gap - searches.fp32.gap, searches.fp32.success - searches.int8.success
     if not more <= GAP_LIMIT:
         return f"{keep}, but the cost gap grows by {100 * more:.2f} points, and {100 * GAP_LIMIT:.1f} are allowed."

@@ -63,8 +63,8 @@ class QuantizeReport:
     operators: dict[str, int]
     """All nodes after it, by kind."""
     region_factor: float
-    searches: Searches | None
-    """Over held-out queries whose maps were not averaged."""
+    searches: Searches
+    """Over held-out queries."""
     node_snr_db: dict[str, float]
     """Signal-to-noise ratio when one node alone is int8, the worst first; empty if it was not needed."""
     recommendation: str

@@ -4,6 +4,7 @@ A path is planned; the robot follows it for 45 cells; rectangles of cost 1 appea
 or vanish; the rest is planned anew, until the goal is near. The robot follows exact A*'s path.
 """
 
+import math
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,13 +18,17 @@ from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod
-from nnpp_edge.terrain.obstacles import Obstacles, changed_parts
+from nnpp_edge.terrain.obstacles import PAPERS_SIDES, Obstacles, changed_parts
 
 STRIDE = 45
 """Cells that the robot walks between two plans (the paper's)."""
 LEAST_DISTANCE = 0.7
 """Between start and goal, as a share of the map's side: four plans or more at 256²."""
 _TRIES = 20
+_NEAR_REACH = 4
+"""Strides from the robot within which the map changes, in the scene whose changes stay near it."""
+_NEAR_SIDES = (1 / 60, 1 / 30)
+"""Sides of a rectangle there, as shares of the map's."""
 
 Patch = tuple[int, int, Float2D]
 """(row, col, new costs)."""
@@ -57,17 +62,21 @@ class Episode:
         return cost
 
 
-def make_episode(cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int = STRIDE) -> Episode:
+def make_episode(
+    cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int = STRIDE, *, near: bool = False
+) -> Episode:
     """An episode on a cost map (H, W), the same for the same seed; start and goal are passable and connected.
 
-    `stride` is the number of cells that the robot walks between two plans. InvalidQueryError if it is less than 1, or
-    the goal cannot be reached.
+    `stride` is the number of cells that the robot walks between two plans; with `near` the map changes by smaller
+    rectangles, and near the robot alone. InvalidQueryError if the stride is less than 1, or the goal cannot be
+    reached.
     """
     if stride < 1:
         raise InvalidQueryError(f"the stride must be at least 1 cell, got {stride}")
     base = np.ascontiguousarray(cost, np.float32)
     planner, steps = DynamicPlanner(base, goal, DynamicMethod.ASTAR), [Step(start, ())]
-    obstacles = Obstacles((base.shape[0], base.shape[1]), np.random.default_rng(seed))
+    reach, sides = (_NEAR_REACH * stride, _NEAR_SIDES) if near else (math.inf, PAPERS_SIDES)
+    obstacles = Obstacles((base.shape[0], base.shape[1]), np.random.default_rng(seed), sides=sides)
     path = _exact(planner, start)
     if path is None:
         raise InvalidQueryError(f"an episode needs a goal that can be reached, got {start} to {goal}")
@@ -75,7 +84,7 @@ def make_episode(cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int 
         rest = path[stride:]
         here, before = (int(rest[0, 0]), int(rest[0, 1])), obstacles.blocks
         for _ in range(_TRIES):
-            obstacles.next_scene(here, goal, rest)
+            obstacles.next_scene(here, goal, rest, reach)
             patches = _change(planner, base, obstacles, before)
             if (found := _exact(planner, here)) is not None:
                 break
@@ -89,12 +98,12 @@ def make_episode(cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int 
     return Episode(base, goal, tuple(steps))
 
 
-def episodes_of(cases: Iterable[Case], seed: int, stride: int = STRIDE) -> Iterator[Episode]:
+def episodes_of(cases: Iterable[Case], seed: int, stride: int = STRIDE, *, near: bool = False) -> Iterator[Episode]:
     """An episode for the first query of each case; cases whose goal cannot be reached are passed over."""
     for at, case in enumerate(cases):
         start, goal = case.queries[0]
         with suppress(InvalidQueryError):
-            yield make_episode(case.cost, start, goal, seed=seed + at, stride=stride)
+            yield make_episode(case.cost, start, goal, seed=seed + at, stride=stride, near=near)
 
 
 def _exact(planner: DynamicPlanner, start: Cell) -> NDArray[np.int32] | None:

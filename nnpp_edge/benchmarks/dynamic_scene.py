@@ -48,6 +48,8 @@ class SceneRow:
     expansions: int
     region_share: float
     """Of the map's cells, of the region searched at full resolution; 1 for the whole map."""
+    mended: bool
+    """Whether a search from before was mended in a region, rather than made afresh."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +171,7 @@ def _row(
         driven_cc=float(cost[part[:, 0], part[:, 1]].sum(dtype=np.float64)) if plan.ok else 0.0,
         expansions=plan.expansions,
         region_share=1.0 if answer.searched_cells is None else answer.searched_cells / cost.size,
+        mended=plan.reason.startswith("mended"),
     )
 
 

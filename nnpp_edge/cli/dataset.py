@@ -15,11 +15,19 @@ from nnpp_edge.cli.vehicle_options import VehicleOptions, vehicle
 _POINTS = "On a map; pairs far enough apart are queries."
 _SHARDS = "Make every N-th shard from the K-th on; the union is the whole set."
 _SIZE = "Side of the network's input, or a multiple of it: 64 for edge, 256 for nnpp."
+_PAPERS_MAPS = "Maps as the paper's: its cost without hard limits, cells of 20 m, none averaged or with a margin."
 _OWN_CELLS = "Leave the terrain's cells and heights as they are; else it is rescaled to cells of 1 to 20 m."
 _POSES = "For passage networks: poses of a vehicle, or of many, in place of queries; maps of 128 cells at most."
 _POSES_SIDE = 128
 _LEAVE = "Leave out this share of each file, a stripe at the end of its longer side, for --held-out."
 _HELD_OUT = "Use nothing but that stripe, to validate on."
+
+_PAPERS_RECIPE: dict[str, Any] = {
+    "workloads": (("soft", 1.0),),
+    "cell_sizes_m": (20.0,),
+    "poolings": ((1, 1.0),),
+    "margin_share": 0.0,
+}
 
 
 def _part(word: str) -> tuple[int, int]:
@@ -41,6 +49,7 @@ _PART = options.Parsed("K/N", "K/N, such as 2/8", _part)
 @click.option("--validation-share", type=options.Real(0.0, 1.0, max_open=True), default=0.0, help=_LEAVE)
 @click.option("--held-out", is_flag=True, help=_HELD_OUT)
 @click.option("--own-cell-size", is_flag=True, help=_OWN_CELLS)
+@click.option("--papers-maps", is_flag=True, help=_PAPERS_MAPS)
 @click.option("--poses", is_flag=True, help=_POSES)
 @vehicle
 @options.terrain
@@ -59,6 +68,7 @@ def command(
     validation_share: float,
     held_out: bool,
     own_cell_size: bool,
+    papers_maps: bool,
     poses: bool,
     vehicle: VehicleOptions,
     part: tuple[int, int],
@@ -82,6 +92,10 @@ def command(
     """
     if workers and scheduler:
         raise click.UsageError("--workers counts processes on this machine; leave it out with --scheduler")
+    if papers_maps and (poses or own_cell_size or terrain.rescale or terrain.limits_given):
+        raise click.UsageError(
+            "--papers-maps decides cells and limits: leave out --poses, --own-cell-size, --rescale and limits"
+        )
     if own_cell_size and (terrain.rescale or not terrain_files):
         raise click.UsageError("--own-cell-size goes with TERRAIN files, and without --rescale")
     if held_out and not validation_share:
@@ -113,6 +127,7 @@ def command(
             blocks=size // 4,
             seed=seed,
             stripe=stripe,
+            **(_PAPERS_RECIPE if papers_maps else {}),
             **_of_terrain(terrain, own_cell_size),
             **recipe_fields,
         )

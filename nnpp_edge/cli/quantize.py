@@ -65,17 +65,15 @@ def render(r: "QuantizeReport") -> str:
     rows.append(("size, MB", f"{r.fp32_bytes / 1e6:.2f}", f"{r.int8_bytes / 1e6:.2f}"))
     rows.append(("median, ms", f"{r.fp32_latency.median_ms:.2f}", f"{r.int8_latency.median_ms:.2f}"))
     rows.append(("p99, ms", f"{r.fp32_latency.p99_ms:.2f}", f"{r.int8_latency.p99_ms:.2f}"))
-    if r.searches:
-        a, b = r.searches.fp32, r.searches.int8
-        rows.append(("cost gap, %", f"{100 * a.gap:.3f}", f"{100 * b.gap:.3f}"))
-        rows.append(("found in region, %", f"{100 * a.success:.1f}", f"{100 * b.success:.1f}"))
-        rows.append(("region, % of the map", f"{100 * a.region_share:.2f}", f"{100 * b.region_share:.2f}"))
+    a, b = r.searches.fp32, r.searches.int8
+    rows.append(("cost gap, %", f"{100 * a.gap:.3f}", f"{100 * b.gap:.3f}"))
+    rows.append(("found in region, %", f"{100 * a.success:.1f}", f"{100 * b.success:.1f}"))
+    rows.append(("region, % of the map", f"{100 * a.region_share:.2f}", f"{100 * b.region_share:.2f}"))
     lines = [
         f"{r.output}: calibrated on {r.samples} queries ({r.method}, {'7' if r.reduce_range else '8'}-bit weights)"
     ]
     lines += [f"  {name:22}{one:>9}{other:>9}" for name, one, other in rows]
-    if r.searches:
-        lines.append(f"  searches: {r.searches.queries} held-out queries, region at td × {r.region_factor:g}")
+    lines.append(f"  searches: {r.searches.queries} held-out queries, region at td × {r.region_factor:g}")
     lines.append(
         f"  agreement over {r.agreement.queries} held-out queries: mean |Δp| {r.agreement.mean_difference:.4f}, "
         f"max {r.agreement.max_difference:.3f}, {100 * r.agreement.same_side:.2f} % of the blocks on the same side"

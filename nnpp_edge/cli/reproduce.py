@@ -14,15 +14,18 @@ if TYPE_CHECKING:
 
 _DATASET = "Training set for fig13; by default one is made from the terrain."
 _STEPS = "Training steps for each encoding of fig13; by default 1000."
+_MODEL = "Network of the paper's method; given twice, the second is ours; by default paper and edge."
+_QUERIES = "Timed queries at each size (table2, fig9, fig11), by default 200, 30 and 300."
 _OUTPUT = "Folder for the results; what is complete in it is kept."
 
 
 @click.command(name="reproduce")
 @click.argument("experiments", nargs=-1, metavar="[EXPERIMENT]...")
 @options.terrain_files("; by default the bundled sample at cells of 20 m")
-@options.model
+@click.option("--model", "models", type=options.ModelName(), multiple=True, help=_MODEL)
 @click.option("--dataset", type=options.FOLDER, help=_DATASET)
 @click.option("--steps", type=options.COUNT, help=_STEPS)
+@click.option("--queries", type=options.COUNT, help=_QUERIES)
 @click.option("--quick", is_flag=True, help="A smoke run of less than a minute; its figures mean nothing.")
 @click.option("--again", is_flag=True, help="Run experiments that are complete, too.")
 @click.option("-o", "--output", type=options.FOLDER, default="reproduction", help=_OUTPUT)
@@ -34,9 +37,10 @@ def command(
     cell_size: float | None,
     rescale: float | None,
     allow_vrt: bool,
-    model: str,
+    models: tuple[str, ...],
     dataset: Path | None,
     steps: int | None,
+    queries: int | None,
     quick: bool,
     again: bool,
     output: Path,
@@ -45,7 +49,10 @@ def command(
 ) -> None:
     """Repeat the paper's experiments, each beside the paper's figures.
 
-    EXPERIMENT is one of table1, fig7, table2, fig9, fig11, fig12, fig14, table3, table4 and fig13; by default all.
+    The paper's method runs with the paper's own network, ours with `edge`; --model puts another in the place of both.
+
+    EXPERIMENT is one of table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3, table4 and
+    fig13; by default all.
     Each gets a folder with a table (Markdown), its figures (CSV) and a picture (PNG); README.md puts them
     together and says what agrees with the paper and what does not. A run that was interrupted goes on where
     it stopped.
@@ -63,9 +70,12 @@ def command(
 
     if unknown := [name for name in experiments if name not in NAMES]:
         raise click.UsageError(f"wanted EXPERIMENT of {', '.join(NAMES)}, got {', '.join(unknown)}")
+    if len(models) > 2:
+        raise click.UsageError(f"wanted at most two of --model, the paper's and ours, got {len(models)}")
+    both = (models[0], models[-1]) if models else ("paper", "edge")
     names = [name for name in NAMES if not experiments or name in experiments]
     files = TerrainFiles.or_sample(terrain, rescale, cell_size, allow_vrt)
-    request = Request(names, files, output, seed, model, quick, steps, dataset, again)
+    request = Request(names, files, output, seed, both, quick, steps, queries, dataset, again)
     outcomes: list[ExperimentOutcome] = []
     for outcome in reproduce(request, bar=partial(bar, quiet=True)):
         outcomes.append(outcome)

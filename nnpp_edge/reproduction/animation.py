@@ -21,9 +21,10 @@ from nnpp_edge.reproduction.pictures import (
     new_figure,
     tinted,
 )
+from nnpp_edge.reproduction.regions import PaperRegions, optimal_path
 from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.planner import Planner
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,9 +42,9 @@ class View:
 
     cost: Float2D
     region: NDArray[np.bool_]
-    """The network's, at the adaptive threshold td."""
+    """The network's, at the adaptive threshold td, by the paper's rule."""
     path: Cells
-    """In the network's region."""
+    """In the network's region; empty where it holds none."""
     optimum: Cells
     """The optimal path, which the robot follows."""
     patches: tuple[Patch, ...]
@@ -60,13 +61,17 @@ def view_episode(episode: Episode, model: NetworkModel) -> list[View]:
     views = []
     for at, step in enumerate(episode.steps):
         cost = episode.map_at(at)
-        planner = Planner(cost, model=model, ask_from=0)
-        plan = planner.plan(step.start, episode.goal, method="nnpp", keep_regions=True)
-        assert plan.network_region is not None
-        region = plan.network_region.mask()
-        optimum = planner.plan(step.start, episode.goal, method="astar").path
-        views.append(View(cost, region, plan.path, optimum, step.patches))
+        views.append(view_plan(cost, (step.start, episode.goal), model, step.patches))
     return views
+
+
+def view_plan(cost: Float2D, query: Endpoints, model: NetworkModel, patches: tuple[Patch, ...] = ()) -> View:
+    """What is shown of a query by the paper's method with this network."""
+    regions = PaperRegions(cost, model)
+    region, _ = regions.find(query)
+    path, optimum = optimal_path(regions.grid, query, region), optimal_path(regions.grid, query)
+    assert optimum is not None
+    return View(cost, region.mask(), np.empty((0, 2), np.int32) if path is None else path, optimum, patches)
 
 
 def driven(views: Sequence[View], stride: int) -> Cells:

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, large_enough, terrain_cases
+from nnpp_edge.reproduction.regions import Networks
 from nnpp_edge.reproduction.report import Result
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.workloads import SOFT
@@ -20,7 +20,7 @@ from nnpp_edge.terrain.workloads import SOFT
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-NAMES = ("table1", "fig7", "table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4", "fig13")
+NAMES = ("table1", "fig6", "fig7", "fig8", "table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4", "fig13")
 """All experiments, in the order in which they run. Each is the module of that name in this package."""
 MAPS_TRIED = 20
 """Maps tried for each that is wanted, before giving up on finding one with a path."""
@@ -32,7 +32,7 @@ class Context:
 
     terrain: Sequence[Dem]
     seed: int
-    model: NetworkModel
+    networks: Networks
     work: Path
     """Folder for what an experiment that is interrupted goes on from; removed once it is done."""
     dataset: Path | None = None
@@ -95,6 +95,8 @@ class Experiment(Generic[SettingsT]):
     """Its settings, a frozen dataclass."""
     quick: SettingsT
     """The same for a smoke run."""
+    asks_networks: bool = True
+    """Whether a network that is handed in takes part: else what was made stays good when there is another one."""
 
 
 def find_experiment(name: str) -> "Experiment[DataclassInstance] | None":

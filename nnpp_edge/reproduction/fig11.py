@@ -1,15 +1,28 @@
 """Fig. 11: time of a query against the length of its path, with and without the network."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.reproduction.contest import OURS, PLAIN, PLAIN_NN, PLANNERS, Round, contest, shown
+from nnpp_edge.reproduction.contest import (
+    OURS,
+    PLAIN,
+    PLAIN_CONTROLS,
+    PLAIN_NN,
+    PLAIN_PLANNERS,
+    PLANNERS,
+    Round,
+    contest,
+    network_of,
+    one_query_each,
+    shown,
+)
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import COLOURS, new_figure, png, tidy
-from nnpp_edge.reproduction.report import Finding, Result, Row, Table, columns, judge, percent
+from nnpp_edge.reproduction.regions import CONTROLS_NOTE, Networks
+from nnpp_edge.reproduction.report import About, Finding, Result, Row, Table, columns, judge, percent
 
 _LEAST_DISTANCE = 0.05
 """Short paths too: start and goal at least so much of the map's side apart."""
@@ -21,6 +34,7 @@ class Settings:
 
     size: int = 256
     queries: int = 300
+    """Each on a map of its own."""
     repeats: int = 3
 
 
@@ -36,18 +50,25 @@ class Line:
 def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     """Random queries, near ones among them, each put to all planners."""
     size, notes = context.one_size(settings.size)
-    cases = context.cases(size, _LEAST_DISTANCE)
+    cases = one_query_each(context, size, _LEAST_DISTANCE)
     rounds = []
-    for answered in contest(cases, context.model, settings.queries, repeats=settings.repeats):
+    for answered in contest(cases, context.networks, settings.queries, repeats=settings.repeats):
         rounds.append(answered)
         progress(len(rounds) / settings.queries)
     lines = {name: _fit(rounds, name) for name in PLANNERS}
     notes.append(
-        f"{settings.queries} queries on maps of {size}², start and goal at least {_LEAST_DISTANCE} of the side "
-        "apart. The paper gives this figure as a picture alone. Lines are fitted by least squares."
+        f"Maps of {size}², start and goal at least {_LEAST_DISTANCE} of the side apart. The paper gives this figure"
+        " as a picture alone. Lines are fitted by least squares."
     )
-    findings = [*_slopes(rounds, lines, PLAIN, PLAIN_NN), *_slopes(rounds, lines, "astar", "nnpp")]
-    return Result(_summary(rounds, lines), _data(rounds), findings, _picture(rounds, lines), notes)
+    findings = [
+        *_slopes(rounds, lines, PLAIN, PLAIN_NN, PLAIN_CONTROLS),
+        *_slopes(rounds, lines, "astar", "nnpp", {"corridor": "corridor"}),
+    ]
+    samples = f"{settings.queries} maps, one query each; ours the median of {settings.repeats}"
+    about = About(context.networks.named, samples, CONTROLS_NOTE)
+    return Result(
+        about, _summary(rounds, lines, context.networks), _data(rounds), findings, _picture(rounds, lines), notes
+    )
 
 
 def _cells(rounds: Sequence[Round]) -> NDArray[np.float64]:
@@ -66,19 +87,25 @@ def _fit(rounds: Sequence[Round], name: str) -> Line:
     return Line(float(offset), float(slope), float(np.corrcoef(cells, times)[0, 1]))
 
 
-def _summary(rounds: Sequence[Round], lines: dict[str, Line]) -> Table:
+def _summary(rounds: Sequence[Round], lines: dict[str, Line], networks: Networks) -> Table:
     header = columns(
-        "planner | fitted time for 50 cells, ms | for 200 cells, ms | correlation | faster than plain A* | "
+        "planner | network | fitted time for 50 cells, ms | for 200 cells, ms | correlation | faster than plain A* | "
         "faster than our exact A*"
     )
     rows: list[Row] = []
     for name, line in lines.items():
         at = [1e3 * (line.offset_s + line.slope_s * cells) for cells in (50, 200)]
-        wins = [
-            None if name == other else percent(float((_times(rounds, name) < _times(rounds, other)).mean()), 0)
-            for other in (PLAIN, "astar")
-        ]
-        rows.append((shown(name), f"{at[0]:.3g}", f"{at[1]:.3g}", f"{line.correlation:.2f}", *wins))
+        wins = [None if name == other else percent(_wins(rounds, name, other), 0) for other in (PLAIN, "astar")]
+        rows.append(
+            (
+                shown(name),
+                network_of(name, networks),
+                f"{at[0]:.3g}",
+                f"{at[1]:.3g}",
+                f"{line.correlation:.2f}",
+                *wins,
+            )
+        )
     return Table(header, rows)
 
 
@@ -87,10 +114,14 @@ def _data(rounds: Sequence[Round]) -> Table:
     return Table(("path_cells", *(f"{name} s" for name in PLANNERS)), rows)
 
 
-def _slopes(rounds: Sequence[Round], lines: dict[str, Line], slow: str, fast: str) -> Sequence[Finding]:
-    """Two planners, by the lines through their times."""
+def _slopes(
+    rounds: Sequence[Round], lines: dict[str, Line], slow: str, fast: str, controls: Mapping[str, str]
+) -> Sequence[Finding]:
+    """Two planners, by the lines through their times; `controls` by kind take the place of the second."""
     a, b = lines[slow], lines[fast]
-    wins = float((_times(rounds, fast) < _times(rounds, slow)).mean())
+    wins = _wins(rounds, fast, slow)
+    flat = {kind: lines[name].slope_s < a.slope_s for kind, name in controls.items()}
+    fast_too = {kind: _wins(rounds, name, slow) >= 0.9 for kind, name in controls.items()}
     grows = a.slope_s > 0.0 and a.correlation > 0.3
     slower = f"it grows more slowly with the network ({fast} against {slow})"
     own = f"{1e6 * a.slope_s:.3g} µs a cell, r = {a.correlation:.2f}"
@@ -98,9 +129,21 @@ def _slopes(rounds: Sequence[Round], lines: dict[str, Line], slow: str, fast: st
     faster, share = f"the network's way is much the faster ({fast} against {slow})", percent(wins, 0)
     return [
         judge(f"time grows with the path's length ({slow})", "yes", own, agrees=grows, rule="correlation above 0.3"),
-        judge(slower, "yes", with_network, agrees=b.slope_s < a.slope_s, rule="a smaller slope"),
-        judge(faster, "yes", f"faster on {share} of the queries", agrees=wins >= 0.9, rule="on at least 90 %"),
+        judge(slower, "yes", with_network, agrees=b.slope_s < a.slope_s, rule="a smaller slope", controls=flat),
+        judge(
+            faster,
+            "yes",
+            f"faster on {share} of the queries",
+            agrees=wins >= 0.9,
+            rule="on at least 90 %",
+            controls=fast_too,
+        ),
     ]
+
+
+def _wins(rounds: Sequence[Round], fast: str, slow: str) -> float:
+    """Share of the queries that one planner answers sooner than another."""
+    return float((_times(rounds, fast) < _times(rounds, slow)).mean())
 
 
 def _picture(rounds: Sequence[Round], lines: dict[str, Line]) -> bytes:
@@ -109,7 +152,7 @@ def _picture(rounds: Sequence[Round], lines: dict[str, Line]) -> bytes:
     cells = _cells(rounds)
     ends = np.array([cells.min(), cells.max()])
     for axes, names, title in (
-        (left, (PLAIN, PLAIN_NN), "Plain Python, a graph for each query"),
+        (left, PLAIN_PLANNERS[:3], "Plain Python, a graph for each query"),
         (right, OURS, "This toolkit's planners"),
     ):
         for name in names:

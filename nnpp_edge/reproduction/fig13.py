@@ -12,7 +12,7 @@ import numpy as np
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import OURS, PAPER, new_figure, png, tidy
-from nnpp_edge.reproduction.report import Finding, Result, Table, columns, judge, percent
+from nnpp_edge.reproduction.report import About, Finding, Result, Table, columns, judge, percent
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.terrain.dataset import Samples, read_samples
@@ -103,8 +103,16 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
         keys = ("mm@1", "gap@1", "success@1", "region_share@1", "loss")
         figures = (tuple(row[key] for row in rows) for key in keys)
         scores[encoding.label] = _Scores(int(rows[0]["step"]), *figures)
-    notes = _notes(scores, settings, training, validation, context)
-    return Result(_summary(scores), _data(scores), _findings(scores, settings), _picture(scores, settings), notes)
+    notes = _notes(context)
+    steps = next(iter(scores.values())).steps
+    about = About(
+        f"`nnpp-w16` at {_SIDE}², trained here with each encoding: {steps} steps of {settings.batch} queries",
+        f"{len(training)} training and {len(validation)} validation queries, {settings.repeats} training(s) each",
+        "none: the encodings are compared with each other",
+    )
+    return Result(
+        about, _summary(scores), _data(scores), _findings(scores, settings), _picture(scores, settings), notes
+    )
 
 
 @contextmanager
@@ -185,16 +193,12 @@ def _split(samples: Samples) -> tuple[Samples, Samples]:
     return out[0], out[1]
 
 
-def _notes(
-    scores: dict[str, _Scores], settings: Settings, training: Samples, validation: Samples, context: Context
-) -> list[str]:
-    steps = next(iter(scores.values())).steps
+def _notes(context: Context) -> list[str]:
     ground = "a data set's maps" if context.dataset else "crops of the terrain, validation's from its held-out side"
     return [
-        f"Preset `nnpp-w16` (the paper's network at a quarter of its width) at {_SIDE}², {steps} steps of "
-        f"{settings.batch} queries for each encoding, {settings.repeats} training(s) each, {len(training)} training "
-        f"and {len(validation)} validation queries on {ground}. The target is the paper's single path. Figures are "
-        "for the region at td.",
+        f"`nnpp-w16` is the paper's network at a quarter of its width. Maps and searches have {_SIDE}² cells, "
+        f"regions {_BLOCKS} × {_BLOCKS} blocks: half the paper's resolution. Queries are on {ground}. The target is"
+        " the paper's single path. Figures are for the region at td.",
         "The paper trains for 150 epochs of 100 000 maps at full width, and gives this figure as a picture alone; of "
         "it the text says only what the findings quote. A short training tells which encoding is learned soonest.",
     ]
@@ -267,4 +271,4 @@ def _picture(scores: dict[str, _Scores], settings: Settings) -> bytes:
 
 _THREE = (ENCODINGS[2], ENCODINGS[5], ENCODINGS[-1])
 _QUICK = Settings(steps=3, batch=8, maps=6, validation_maps=4, threads=1, encodings=_THREE)
-EXPERIMENT = Experiment("Fig. 13", "Encodings of start and goal", run, Settings(), _QUICK)
+EXPERIMENT = Experiment("Fig. 13", "Encodings of start and goal", run, Settings(), _QUICK, asks_networks=False)

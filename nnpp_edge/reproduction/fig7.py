@@ -11,7 +11,7 @@ from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import PAPER, new_figure, png, tidy
-from nnpp_edge.reproduction.report import Finding, Result, Row, Table, columns, judge
+from nnpp_edge.reproduction.report import About, Finding, Result, Row, Table, columns, judge
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import SQRT2, StepModel
@@ -81,7 +81,8 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
         "to [0, 1] on each map over the sweep, as in the picture. By greatest: each is divided by its greatest value."
     )
     notes.append("ω is per grey level of the cost map, T times 255: with T in [0, 1] it is 255 times as large.")
-    return Result(_summary(sweep), _data(sweep), _findings(sweep), _picture(sweep), notes)
+    about = About("none", f"{settings.maps} maps, one query each, {len(omegas)} values of ω")
+    return Result(about, _summary(sweep), _data(sweep), _findings(sweep), _picture(sweep), notes)
 
 
 def _sweep(case: Case, query: Endpoints, omegas: Floats) -> tuple[list[float], list[float], list[float]]:
@@ -211,4 +212,6 @@ def _picture(sweep: Sweep) -> bytes:
     return png(figure)
 
 
-EXPERIMENT = Experiment("Fig. 7", "The weight ω of the traversability cost", run, Settings(), Settings(8, 256, 25, 5))
+EXPERIMENT = Experiment(
+    "Fig. 7", "The weight ω of the traversability cost", run, Settings(), Settings(8, 256, 25, 5), asks_networks=False
+)

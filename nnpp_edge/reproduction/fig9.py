@@ -6,10 +6,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from nnpp_edge.reproduction import paper
-from nnpp_edge.reproduction.contest import OURS, PLAIN, PLAIN_NN, PLANNERS, Means, contest_by_size, means
+from nnpp_edge.reproduction.contest import (
+    OURS,
+    PLAIN,
+    PLAIN_CONTROLS,
+    PLAIN_NN,
+    PLANNERS,
+    Means,
+    contest_by_size,
+    means,
+    network_of,
+    shown,
+)
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import COLOURS, MARKERS, PAPER, legend_below, new_figure, png, sides_axis, tidy
-from nnpp_edge.reproduction.report import Finding, Result, Row, Table, columns, judge, seconds
+from nnpp_edge.reproduction.regions import CONTROLS_NOTE, Networks
+from nnpp_edge.reproduction.report import About, Finding, Result, Row, Table, columns, judge, percent, seconds
 
 
 @dataclass(frozen=True)
@@ -44,28 +56,39 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
         by_name = {name: means(rounds, name) for name in PLANNERS}
         figures[size] = _Scale(by_name, float(np.mean(inference)), float(np.std(inference)))
     notes.append(
-        f"Means over {settings.queries} queries at each size, on crops of the terrain at its own resolution (the "
-        "paper scales its maps). The network sees every map averaged to its own input size."
+        "Crops of the terrain at its own resolution (the paper scales its maps). A network sees every map averaged"
+        " to its own input size; inference is that of the paper's method, once a query."
     )
     notes.append(
-        "MM of `plain A*NN` is that of the network's region at td, the paper's; MM of `nnpp` and `corridor` that of "
-        "the cells which the search at full resolution was given."
+        "MM of `plain A*NN` and of `nnpp` is that of their network's own region at td, by the paper's rule; that of "
+        "`corridor` is of the cells which the search at full resolution was given."
     )
-    return Result(_summary(figures), _data(figures), _findings(figures), _picture(figures), notes)
+    about = About(
+        context.networks.named,
+        f"{settings.queries} maps a size, one query each; ours the median of {settings.repeats}",
+        CONTROLS_NOTE,
+    )
+    return Result(
+        about, _summary(figures, context.networks), _data(figures), _findings(figures), _picture(figures), notes
+    )
 
 
-def _summary(figures: Figures) -> Table:
-    header = columns(
-        "map | paper's A* | paper's A*NN | plain A* | plain A*NN | inference | `astar` | `corridor` | `nnpp` | "
-        "MM, plain A*NN | MM, `nnpp`"
-    )
+def _summary(figures: Figures, networks: Networks) -> Table:
+    header = columns("map | planner | network | AT | of it inference | found in the region | CC increase | MM")
     rows: list[Row] = []
     for size, scale in figures.items():
-        theirs, both = paper.TABLE_1.get(size), paper.TABLE_2.get(size)
-        paper_times = (seconds(theirs.total_s) if theirs else None, seconds(both.nn_s) if both else None)
-        our_times = [seconds(scale.by_name[name].time_s) for name in PLANNERS]
-        mms = (_mm(scale.by_name[PLAIN_NN]), _mm(scale.by_name["nnpp"]))
-        rows.append((f"{size}²", *paper_times, *our_times[:2], seconds(scale.inference_s), *our_times[2:], *mms))
+        side = f"{size}²"
+        if theirs := paper.TABLE_1.get(size):
+            rows.append((side, "paper's A*", None, seconds(theirs.total_s), None, None, None, None))
+        if both := paper.TABLE_2.get(size):
+            quality = (percent(both.nn_success), percent(both.cc_increase), None)
+            rows.append(
+                (side, "paper's A*NN", "the paper's", seconds(both.nn_s), seconds(paper.INFERENCE_S), *quality)
+            )
+        for name, m in scale.by_name.items():
+            inference = seconds(scale.inference_s) if name == PLAIN_NN else None
+            figures_of = (percent(m.success), percent(m.cc_increase, 2), _mm(m))
+            rows.append((side, shown(name), network_of(name, networks), seconds(m.time_s), inference, *figures_of))
     return Table(header, rows)
 
 
@@ -103,18 +126,30 @@ def _findings(figures: Figures) -> Sequence[Finding]:
 
 def _growth(figures: Figures, small: int, large: int) -> Iterator[Finding]:
     """What becomes of the network's gain, and of MM, as maps grow."""
-    pairs = ((PLAIN, PLAIN_NN, "plain"), ("astar", "nnpp", "`nnpp` against our exact A*"))
-    for slower, faster, label in pairs:
+    pairs = (
+        (PLAIN, PLAIN_NN, "plain", PLAIN_CONTROLS),
+        ("astar", "nnpp", "`nnpp` against our exact A*", {"corridor": "corridor"}),
+    )
+    for slower, faster, label, controls in pairs:
         gains = {size: _gain(scale, slower, faster) for size, scale in figures.items()}
         ours = ", ".join(f"{size}² {gain:.2f}×" for size, gain in gains.items())
         claim, rule = (
             f"the larger the map, the more the network gains ({label})",
             f"more at {large}² than at {small}²",
         )
-        yield judge(claim, "yes", ours, agrees=gains[large] > gains[small], rule=rule)
+        as_well = {kind: _grows(figures, slower, name, small, large) for kind, name in controls.items()}
+        yield judge(claim, "yes", ours, agrees=gains[large] > gains[small], rule=rule, controls=as_well)
     at_small, at_large = (figures[size].by_name[PLAIN_NN].mm or 0.0 for size in (small, large))
     ours, rule = f"{small}² {at_small:.3f}, {large}² {at_large:.3f}", f"less at {large}² than at {small}², plain A*NN"
-    yield judge("MM falls as the map grows", "yes", ours, agrees=at_large < at_small, rule=rule)
+    as_well = {
+        kind: (figures[large].by_name[name].mm or 0.0) < (figures[small].by_name[name].mm or 0.0)
+        for kind, name in PLAIN_CONTROLS.items()
+    }
+    yield judge("MM falls as the map grows", "yes", ours, agrees=at_large < at_small, rule=rule, controls=as_well)
+
+
+def _grows(figures: Figures, slower: str, faster: str, small: int, large: int) -> bool:
+    return _gain(figures[large], slower, faster) > _gain(figures[small], slower, faster)
 
 
 def _gain(scale: _Scale, slower: str, faster: str) -> float:

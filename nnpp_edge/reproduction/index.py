@@ -4,6 +4,8 @@ import json
 from collections.abc import Sequence
 from typing import NotRequired, TypedDict
 
+import msgspec
+
 from nnpp_edge.reproduction.report import Finding, Table, Verdict, columns, findings_table
 
 
@@ -23,7 +25,8 @@ class MadeWith(TypedDict):
     quick: bool
     seed: int
     terrain: list[FileFacts]
-    model: FileFacts
+    networks: dict[str, FileFacts]
+    """Of the paper's method, and of ours."""
     dataset: FileFacts | None
     settings: dict[str, object]
 
@@ -38,12 +41,15 @@ class Stored(TypedDict):
     machine: str
     load: float
     made_with: MadeWith
-    findings: list[dict[str, str]]
+    about: dict[str, str]
+    """Networks, samples and controls."""
+    findings: list[dict[str, object]]
     notes: list[str]
     animated: bool
     summary: str
 
 
+_HEADER = " | claim | paper | ours | rule | a control does as well"
 _HEADS = {
     Verdict.DIFFERS: "What does not agree",
     Verdict.BETTER: "What is better than in the paper",
@@ -56,7 +62,7 @@ def experiment_page(facts: Stored) -> str:
     name = facts["name"]
     animation = [f"![{facts['title']}, animated]({name}.gif)", ""] if facts.get("animated") else []
     head = [f"# {facts['where']}: {facts['title']}", "", *_quick_warning([facts])]
-    head += [f"![{facts['title']}]({name}.png)", ""]
+    head += [*_about(facts), f"![{facts['title']}]({name}.png)", ""]
     findings = [facts["summary"], "## Findings", "", findings_table(findings_of(facts)).markdown(), *_notes(facts)]
     making = ["## How it was made", "", *_making(facts), *_own_making(facts), ""]
     return "\n".join([*head, *animation, *findings, *making, f"The figures are in [{name}.csv]({name}.csv).", ""])
@@ -74,12 +80,15 @@ def index_page(stored: Sequence[Stored], missing: Sequence[str]) -> str:
     for verdict, head in _HEADS.items():
         chosen = [(facts, f) for facts in stored for f in findings_of(facts) if f.verdict is verdict]
         if chosen:
-            rows = [(f"[{x['where']}](#{x['name']})", f.claim, f.paper, f.ours, f.rule) for x, f in chosen]
-            lines += [f"## {head}", "", Table(columns(" | claim | paper | ours | rule"), rows).markdown()]
+            rows = [
+                (f"[{x['where']}](#{x['name']})", f.claim, f.paper, f.ours, f.rule, ", ".join(f.controls) or None)
+                for x, f in chosen
+            ]
+            lines += [f"## {head}", "", Table(columns(_HEADER), rows).markdown()]
     for facts in stored:
         folder = f"{facts['name']}/{facts['name']}"
         lines += [f'<a id="{facts["name"]}"></a>', "", f"## {facts['where']}: {facts['title']}", ""]
-        lines += [f"![{facts['title']}]({folder}.png)", "", facts["summary"], *_notes(facts)]
+        lines += [*_about(facts), f"![{facts['title']}]({folder}.png)", "", facts["summary"], *_notes(facts)]
         lines += [f"[Page]({folder}.md), [figures]({folder}.csv)", ""]
     if missing:
         lines += [f"Not in this version of the toolkit: {', '.join(missing)}.", ""]
@@ -90,7 +99,11 @@ def index_page(stored: Sequence[Stored], missing: Sequence[str]) -> str:
 
 def findings_of(facts: Stored) -> list[Finding]:
     """Its findings."""
-    return [Finding(f["claim"], f["paper"], f["ours"], f["rule"], Verdict(f["verdict"])) for f in facts["findings"]]
+    return msgspec.convert(facts["findings"], list[Finding])
+
+
+def _about(facts: Stored) -> list[str]:
+    return [*(f"- {what}: {text}" for what, text in facts["about"].items()), ""]
 
 
 def _counts(stored: Sequence[Stored]) -> Table:
@@ -98,8 +111,9 @@ def _counts(stored: Sequence[Stored]) -> Table:
     for facts in stored:
         verdicts = [f.verdict for f in findings_of(facts)]
         counts = [verdicts.count(verdict) or None for verdict in (Verdict.AGREES, Verdict.BETTER, Verdict.DIFFERS)]
-        rows.append((f"[{facts['where']}](#{facts['name']})", facts["title"], *counts))
-    return Table(("", "experiment", "agrees", "better", "does not agree"), rows)
+        earned = sum(bool(f.controls) for f in findings_of(facts)) or None
+        rows.append((f"[{facts['where']}](#{facts['name']})", facts["title"], *counts, earned))
+    return Table(("", "experiment", "agrees", "better", "does not agree", "a control does as well"), rows)
 
 
 def _notes(facts: Stored) -> list[str]:
@@ -118,9 +132,10 @@ def _making(facts: Stored) -> list[str]:
     """What experiments of one run have in common."""
     made = facts["made_with"]
     terrain = ", ".join(f"`{t['name']}` (cells of {t['cell_size_m']:g} m)" for t in made["terrain"])
+    files = [f"{whose} `{file['name']}` (SHA-256 {file['sha256'][:12]}…)" for whose, file in made["networks"].items()]
     lines = [
         f"- machine: {facts['machine']}",
-        f"- nnpp-edge {made['version']}, model `{made['model']['name']}`, seed {made['seed']}",
+        f"- nnpp-edge {made['version']}, seed {made['seed']}, networks: {', '.join(files) or 'none handed in'}",
         f"- terrain: {terrain}",
     ]
     if made["dataset"]:

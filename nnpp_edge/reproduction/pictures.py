@@ -24,9 +24,13 @@ COLOURS = {
     "corridor": "#009e73",
     "nnpp": "#56b4e9",
     "inference": "#cc79a7",
+    "plain A*, corridor": "#444444",
+    "plain A*, straight band": "#888888",
+    "plain A*, shuffled weights": "#bbbbbb",
 }
 """Of the planners, told apart by the colour-blind too (Okabe and Ito)."""
 MARKERS = {"plain A*": "o", "plain A*NN": "s", "astar": "^", "corridor": "D", "nnpp": "v", "inference": "x"}
+MARKERS |= {"plain A*, corridor": "P", "plain A*, straight band": "|", "plain A*, shuffled weights": "."}
 
 OPTIMUM, PATH = "#e0218a", "#ffe100"
 """The optimal path, and a path in a region."""

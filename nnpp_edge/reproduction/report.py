@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -30,6 +30,8 @@ class Finding:
     rule: str
     """When it counts as agreeing."""
     verdict: Verdict
+    controls: tuple[str, ...] = ()
+    """Controls that meet the rule as well: then it says nothing about the network."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +56,33 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Sections:
+    """Tables under headings of their own."""
+
+    parts: Sequence[tuple[str, Table]]
+
+    def markdown(self) -> str:
+        """Heading, table, heading, table."""
+        return "\n".join(f"### {heading}\n\n{table.markdown()}" for heading, table in self.parts)
+
+
+@dataclass(frozen=True)
+class About:
+    """What every page says at its top."""
+
+    networks: str
+    """Which networks took part, and where."""
+    samples: str
+    """Maps, queries, repetitions."""
+    controls: str = "none, as no network takes part"
+
+
+@dataclass(frozen=True)
 class Result:
     """All that an experiment hands back."""
 
-    summary: Table
+    about: About
+    summary: Table | Sections
     """For people: ours beside the paper's."""
     data: Table
     """What was measured, for programs."""
@@ -70,23 +95,41 @@ class Result:
     """GIF."""
 
 
-def judge(claim: str, paper: str, ours: str, *, agrees: bool, rule: str, better: bool = False) -> Finding:
-    """A finding by a rule that was worked out: it agrees, or it is better, or neither."""
+def judge(
+    claim: str,
+    paper: str,
+    ours: str,
+    *,
+    agrees: bool,
+    rule: str,
+    better: bool = False,
+    controls: Mapping[str, bool] | None = None,
+) -> Finding:
+    """A finding by a rule that was worked out: it agrees, or it is better, or neither.
+
+    `controls` says of each control whether it does as well, by the same rule.
+    """
     verdict = Verdict.AGREES if agrees else Verdict.BETTER if better else Verdict.DIFFERS
-    return Finding(claim, paper, ours, rule, verdict)
+    earned = tuple(name for name, as_well in (controls or {}).items() if as_well)
+    return Finding(claim, paper, ours, rule, verdict, () if verdict is Verdict.DIFFERS else earned)
 
 
-def judge_ratio(claim: str, paper: float, ours: float, *, within: float = 0.25) -> Finding:
-    """A finding on a speed-up that should be the paper's within a share of it."""
+def judge_ratio(
+    claim: str, paper: float, ours: float, *, within: float = 0.25, controls: Mapping[str, float] | None = None
+) -> Finding:
+    """A finding on a speed-up that should be the paper's within a share of it; `controls` have theirs."""
     near = abs(ours - paper) <= within * paper
-    rule = f"within {100 * within:.0f} % of the paper's"
-    return judge(claim, f"{paper:.1f}×", f"{ours:.3g}×", agrees=near, rule=rule, better=ours > paper)
+    as_well = {name: gain >= (1.0 - within) * paper for name, gain in (controls or {}).items()}
+    rule, texts = f"within {100 * within:.0f} % of the paper's", (f"{paper:.1f}×", f"{ours:.3g}×")
+    return judge(claim, *texts, agrees=near, rule=rule, better=ours > paper, controls=as_well)
 
 
-def judge_increase(claim: str, paper: float, ours: float) -> Finding:
-    """A finding on a share by which CC increases: it should be the paper's within one point, or less."""
+def judge_increase(claim: str, paper: float, ours: float, *, controls: Mapping[str, float] | None = None) -> Finding:
+    """A finding on a share by which CC increases: the paper's within one point, or less; `controls` have theirs."""
     near, less = abs(ours - paper) <= 0.01, ours < paper
-    return judge(claim, percent(paper), percent(ours, 2), agrees=near, rule="within one point", better=less)
+    as_well = {name: increase <= paper + 0.01 for name, increase in (controls or {}).items()}
+    texts = percent(paper), percent(ours, 2)
+    return judge(claim, *texts, agrees=near, rule="within one point", better=less, controls=as_well)
 
 
 def columns(names: str) -> tuple[str, ...]:
@@ -98,8 +141,14 @@ def findings_table(findings: Sequence[Finding]) -> Table:
     """The findings, a row each."""
     return Table(
         columns("claim | paper | ours | rule | verdict"),
-        [(f.claim, f.paper, f.ours, f.rule, f"**{f.verdict}**") for f in findings],
+        [(f.claim, f.paper, f.ours, f.rule, f"**{f.verdict}**{_as_well(f)}") for f in findings],
     )
+
+
+def _as_well(finding: Finding) -> str:
+    if not finding.controls:
+        return ""
+    return f"; says nothing about the network, a control does as well: {', '.join(finding.controls)}"
 
 
 def _escaped(cell: Value) -> str:

@@ -16,6 +16,7 @@ from nnpp_edge.profiling.machine import environment
 from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.reproduction.experiment import NAMES, Context, Experiment, OnProgress, find_experiment
 from nnpp_edge.reproduction.index import FileFacts, MadeWith, Stored, experiment_page, findings_of, index_page
+from nnpp_edge.reproduction.regions import Networks
 from nnpp_edge.reproduction.report import Finding, Result
 from nnpp_edge.runtime.errors import DataSetError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -25,7 +26,7 @@ from nnpp_edge.runtime.warmup import exercise
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-FORMAT = "nnpp-edge-reproduction-1"
+FORMAT = "nnpp-edge-reproduction-2"
 _WORK = ".work"
 
 
@@ -38,10 +39,13 @@ class Request:
     terrain: TerrainFiles
     output: Path
     seed: int = 1
-    model: str = "edge"
+    models: tuple[str, str] = ("paper", "edge")
+    """Networks of the paper's method, and of ours."""
     quick: bool = False
     steps: int | None = None
     """Training steps for each encoding of Fig. 13, where not the settings' own."""
+    queries: int | None = None
+    """Queries, where not the settings' own."""
     dataset: Path | None = None
     again: bool = False
     """Run what is complete, too."""
@@ -75,7 +79,7 @@ def reproduce(
     """
     wanted = [(name, find_experiment(name)) for name in request.names]
     dems = request.terrain.read()
-    model = NetworkModel(request.model)
+    networks = Networks(*map(NetworkModel, request.models))
     common = _made_with(request, [dem.cell_size_m for dem in dems])
     make_folder(request.output)
     for name, experiment in wanted:
@@ -83,14 +87,14 @@ def reproduce(
             yield ExperimentOutcome(name, "missing")
             continue
         settings = _settings(experiment, request)
-        common["settings"] = asdict(settings)
-        made_with: MadeWith = json.loads(json.dumps(common))
+        facts_of_it = {"settings": asdict(settings)} | ({} if experiment.asks_networks else {"networks": {}})
+        made_with: MadeWith = json.loads(json.dumps(common | facts_of_it))
         stored = read_experiment(request.output / name)
         if stored is not None and stored["made_with"] == made_with and not request.again:
             yield ExperimentOutcome(name, "skipped", findings_of(stored))
             continue
         work = request.output / _WORK / f"{name}-{_digest(json.dumps(made_with, sort_keys=True).encode())[:12]}"
-        context = Context(dems, request.seed, model, work, request.dataset)
+        context = Context(dems, request.seed, networks, work, request.dataset)
         machine, load = _machine()
         exercise()  # no kernel is compiled or loaded while the clock runs
         with bar(name, 1000) as advance:
@@ -103,6 +107,7 @@ def reproduce(
             machine=machine,
             load=load,
             made_with=made_with,
+            about=asdict(result.about),
             findings=[asdict(finding) for finding in result.findings],
             notes=list(result.notes),
             animated=result.animation is not None,
@@ -122,14 +127,15 @@ def _in_thousandths(advance: Callable[[int], None]) -> OnProgress:
 
 def _settings(experiment: "Experiment[DataclassInstance]", request: Request) -> "DataclassInstance":
     settings = experiment.quick if request.quick else experiment.full
-    if request.steps is not None and hasattr(settings, "steps"):
-        settings = replace(settings, steps=request.steps)
+    for name in ("steps", "queries"):
+        if getattr(request, name) is not None and hasattr(settings, name):
+            settings = replace(settings, **{name: getattr(request, name)})
     return settings
 
 
 def _made_with(request: Request, cell_sizes_m: list[float]) -> MadeWith:
     """All that decides the figures, but the settings: names and contents of files, never their places."""
-    model, dataset = read_model_file(request.model), None
+    models, dataset = [read_model_file(model) for model in request.models], None
     if request.dataset is not None:
         try:
             recipe = (request.dataset / "dataset.json").read_bytes()
@@ -145,7 +151,10 @@ def _made_with(request: Request, cell_sizes_m: list[float]) -> MadeWith:
         quick=request.quick,
         seed=request.seed,
         terrain=terrain,
-        model=FileFacts(name=model.name, sha256=model.sha256),
+        networks={
+            whose: FileFacts(name=model.name, sha256=model.sha256)
+            for whose, model in zip(("the paper's method", "ours"), models, strict=True)
+        },
         dataset=dataset,
         settings={},
     )

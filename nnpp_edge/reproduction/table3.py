@@ -6,11 +6,38 @@ from dataclasses import dataclass
 
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.animation import View, animate, draw_driven, draw_view, frame, legend, view_episode
-from nnpp_edge.reproduction.contest import PLAIN, PLAIN_NN, Round, answers_table, means, shown
-from nnpp_edge.reproduction.dynamic_contest import PLANNERS, TIMES_NOTE, drive, find_episodes, speedup, stride_on
+from nnpp_edge.reproduction.contest import Round, answers_table, means
+from nnpp_edge.reproduction.dynamic_contest import (
+    CONTROL_OF,
+    CONTROLS_NOTE,
+    OURS,
+    PLAIN_ASTARS,
+    PLAIN_DSTARS,
+    PLAIN_PLANNERS,
+    TIMES_NOTE,
+    drive,
+    find_episodes,
+    label,
+    mended,
+    network_of,
+    speedup,
+    stride_on,
+)
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
 from nnpp_edge.reproduction.pictures import bare, new_figure, png
-from nnpp_edge.reproduction.report import Finding, Result, Row, Table, judge, judge_increase, judge_ratio, seconds
+from nnpp_edge.reproduction.regions import CORRIDOR, Networks
+from nnpp_edge.reproduction.report import (
+    About,
+    Finding,
+    Result,
+    Row,
+    Sections,
+    Table,
+    judge,
+    judge_increase,
+    judge_ratio,
+    seconds,
+)
 
 _MOST_COLUMNS = 5
 _PAPER_FRAMES = len(paper.TABLE_3["A*"])
@@ -34,48 +61,79 @@ def run(context: Context, settings: Settings, progress: OnProgress) -> Result:
     found = find_episodes(context, size, settings.episodes)
     episode = min(found, key=lambda each: abs(len(each.steps) - _PAPER_FRAMES))
     progress(0.2)
-    driven = drive(episode, context.model, settings.repeats)
+    driven = drive(episode, context.networks, settings.repeats)
     progress(0.6)
-    views = view_episode(episode, context.model)
+    views = view_episode(episode, context.networks.paper)
     stride = stride_on(size)
     animation = animate(views, stride, settings.cells_a_frame)
     progress(1.0)
     notes.append(TIMES_NOTE)
     notes.append(
         f"A map of {size}²; the robot follows the optimal path for {stride} cells, then rectangles of cost 1 appear "
-        "on what is left of it, move on or vanish. All planners answer the same plans. CC is of what is left to "
-        "drive. The animated picture shows the same episode."
+        "on what is left of it, move on or vanish. All planners answer the same plans. CC of a frame is that of the "
+        "path planned there, from the robot to the goal; *all* is their sum, as in the paper's table. The animated "
+        "picture shows the same episode, with regions and paths of the paper's method."
     )
     notes.append("The paper's table gives D* 2.58 s in all; its frames sum to 2.68 s, which is compared with here.")
     data = answers_table("frame", (((at,), query, answered) for at, query, answered in driven.answered()))
-    return Result(summary(driven.rounds), data, findings(driven.rounds), _picture(views, stride), notes, animation)
+    about = About(
+        context.networks.named,
+        f"1 episode, {len(driven.rounds)} plans; ours the median of {settings.repeats} lives",
+        CONTROLS_NOTE,
+    )
+    return Result(
+        about,
+        summary(driven.rounds, context.networks),
+        data,
+        findings(driven.rounds),
+        _picture(views, stride),
+        notes,
+        animation,
+    )
 
 
-def summary(rounds: Sequence[Round]) -> Table:
-    header = ("frame", *(f"{shown(name)}: {what}" for name in PLANNERS for what in ("AT", "CC")))
-    rows: list[Row] = []
-    for at, answered in enumerate(rounds):
-        rows.append((frame(at), *_pairs([answered])))
-    rows.append(("all", *_pairs(rounds)))
-    for at, line in enumerate(zip(*(paper.TABLE_3[name] for name in _PAPER_COLUMNS), strict=True)):
-        rows.append((f"paper's {frame(at)}", *_of_paper(line)))
-    all_of_them = [tuple(map(sum, zip(*paper.TABLE_3[name], strict=True))) for name in _PAPER_COLUMNS]
-    rows.append(("paper's, all", *_of_paper(all_of_them)))
-    return Table(header, rows)
+def summary(rounds: Sequence[Round], networks: Networks) -> Sections:
+    """The paper's methods in plain Python beside the paper's figures, then ours."""
+    plain = _frames(rounds, PLAIN_PLANNERS, networks)
+    lines = [(f"paper's {frame(at)}", line) for at, line in enumerate(zip(*_papers_columns(), strict=True))]
+    sums = [tuple(map(math.fsum, zip(*column, strict=True))) for column in _papers_columns()]
+    for where, line in [*lines, ("paper's, all", tuple(sums))]:
+        plain.append((where, *_of_paper(line)))
+    headers = (_header(names, networks) for names in (PLAIN_PLANNERS, OURS))
+    tables = [
+        Table(header, rows) for header, rows in zip(headers, (plain, _frames(rounds, OURS, networks)), strict=True)
+    ]
+    return Sections(list(zip(("The paper's methods, plain Python", "Ours"), tables, strict=True)))
 
 
-_PAPER_COLUMNS = ("A*", "A*NN", "D*", "D*NN")
+def _header(names: Sequence[str], networks: Networks) -> tuple[str, ...]:
+    named = [
+        f"{label(name)}, network {asked}" if (asked := network_of(name, networks)) else label(name) for name in names
+    ]
+    return ("frame", *(f"{name}: {what}" for name in named for what in ("AT", "CC")))
+
+
+def _frames(rounds: Sequence[Round], names: Sequence[str], networks: Networks) -> list[Row]:
+    """A line for each frame, one for all, and one for how often each planner mended."""
+    rows: list[Row] = [(frame(at), *_pairs([answered], names)) for at, answered in enumerate(rounds)]
+    rows.append(("all", *_pairs(rounds, names)))
+    rows.append(("mended", *(part for name in names for part in (mended(rounds[1:], name), None))))
+    return rows
+
+
+def _papers_columns() -> list[Sequence[tuple[float, float]]]:
+    return [paper.TABLE_3[name] for name in ("A*", "A*NN", "D*", "D*NN")]
 
 
 def _of_paper(line: Sequence[Sequence[float]]) -> list[str | None]:
-    """The paper's figures under our columns: A* and A*NN are its plain ones, its D* stands under ours."""
-    shown = [(seconds(time_s), f"{cc:.2f}") for time_s, cc in line]
-    return [*shown[0], *shown[1], None, None, None, None, *shown[2], *shown[3]]
+    """The paper's figures under our columns."""
+    astar, astar_nn, dstar, dstar_nn = ([seconds(time_s), f"{cc:.2f}"] for time_s, cc in line)
+    return [*astar, *astar_nn, None, None, *dstar, *dstar_nn, None, None]
 
 
-def _pairs(rounds: Sequence[Round]) -> list[str]:
+def _pairs(rounds: Sequence[Round], names: Sequence[str]) -> list[str]:
     out = []
-    for name in PLANNERS:
+    for name in names:
         of_it = means(rounds, name)
         out += [seconds(of_it.total_s), f"{of_it.total_cc:.2f}"]
     return out
@@ -86,29 +144,36 @@ def _total(name: str, figure: int) -> float:
 
 
 def findings(rounds: Sequence[Round]) -> Sequence[Finding]:
-    found = [
-        judge_ratio(claim, _total(theirs[0], 0) / _total(theirs[1], 0), speedup(rounds, *ours))
-        for claim, theirs, ours in (
-            ("speed-up of A*NN over A*, both plain", ("A*", "A*NN"), (PLAIN, PLAIN_NN)),
-            ("speed-up of `nnpp` over our own exact A*", ("A*", "A*NN"), ("astar", "nnpp")),
-            ("speed-up of D* over A*, both ours", ("A*", "D*"), ("astar", "dstar")),
-            ("speed-up of D*NN over D*, both ours", ("D*", "D*NN"), ("dstar", "nnpp-dstar")),
-        )
-    ]
-    for name, theirs in ((PLAIN_NN, "A*NN"), ("nnpp-dstar", "D*NN")):
-        increase = _total(theirs, 1) / _total("A*", 1) - 1.0
-        found.append(
-            judge_increase(f"CC increase of {theirs} ({shown(name)})", increase, means(rounds, name).cc_increase)
-        )
+    plain, plain_nn, _ = PLAIN_ASTARS
+    plain_dstar, plain_dstar_nn, _ = PLAIN_DSTARS
+    found = []
+    for claim, theirs, slow, fast in (
+        ("speed-up of A*NN over A*, both plain", ("A*", "A*NN"), plain, plain_nn),
+        ("speed-up of `nnpp` over our own exact A*", ("A*", "A*NN"), "astar", "nnpp"),
+        ("speed-up of D* over A*, both plain", ("A*", "D*"), plain, plain_dstar),
+        ("speed-up of D* over A*, both ours", ("A*", "D*"), "astar", "dstar"),
+        ("speed-up of D*NN over D*, both plain", ("D*", "D*NN"), plain_dstar, plain_dstar_nn),
+        ("speed-up of D*NN over D*, both ours", ("D*", "D*NN"), "dstar", "nnpp-dstar"),
+    ):
+        gain, controls = _total(theirs[0], 0) / _total(theirs[1], 0), _control(rounds, slow, fast)
+        found.append(judge_ratio(claim, gain, speedup(rounds, slow, fast), controls=controls))
+    for name, theirs_name in ((plain_nn, "A*NN"), (plain_dstar_nn, "D*NN"), ("nnpp-dstar", "D*NN")):
+        increase = _total(theirs_name, 1) / _total("A*", 1) - 1.0
+        own, control = (means(rounds, each).cc_increase for each in (name, CONTROL_OF[name]))
+        claim = f"CC increase of {theirs_name} ({label(name)})"
+        found.append(judge_increase(claim, increase, own, controls={CORRIDOR: control}))
     theirs_s = [paper.TABLE_3[name][-1][0] for name in ("D*NN", "D*")]
-    nn_s, dstar_s = ours_s = [means(rounds[-1:], name).total_s for name in ("nnpp-dstar", "dstar")]
-    claim, rule = (
-        "near the goal, in the last frame, D*NN takes longer than D*",
-        "`nnpp-dstar` takes longer than `dstar`",
-    )
+    nn_s, dstar_s = ours_s = [means(rounds[-1:], name).total_s for name in (plain_dstar_nn, plain_dstar)]
+    claim = "near the goal, in the last frame, D*NN takes longer than D*"
+    rule = f"{plain_dstar_nn} takes longer than {plain_dstar}"
     paper_s, own_s = (" against ".join(map(seconds, pair)) for pair in (theirs_s, ours_s))
     found.append(judge(claim, paper_s, own_s, agrees=nn_s > dstar_s, rule=rule, better=nn_s <= dstar_s))
     return found
+
+
+def _control(rounds: Sequence[Round], slow: str, fast: str) -> dict[str, float] | None:
+    """What the same gains with a corridor in place of the network's region."""
+    return {CORRIDOR: speedup(rounds, slow, CONTROL_OF[fast])} if fast in CONTROL_OF else None
 
 
 def _picture(views: Sequence[View], stride: int) -> bytes:

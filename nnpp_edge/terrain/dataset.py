@@ -57,16 +57,28 @@ class Samples:
         """Number of queries."""
         return len(self.map_index)
 
-    @property
-    def not_averaged(self) -> NDArray[np.bool_]:
-        """(M,) whether a map's cells are each impassable wholly or not at all: it is shown at its own resolution."""
-        blocked = self.planes[:, 1]
-        return np.asarray(((blocked == 0) | (blocked == 255)).all(axis=(1, 2)))
-
     def query(self, at: int) -> Query:
         """One query as a network is fed with it."""
         start, goal = self.start[at].tolist(), self.goal[at].tolist()
         return self.planes[self.map_index[at]].astype(np.float32) / 255.0, tuple(start), tuple(goal)
+
+    def averaged(self, size: int) -> "Samples":
+        """The same on maps of `size` cells a side, each averaged over a whole number of these; the labels stay.
+
+        Raises DataSetError where the maps' side is not a multiple of `size`.
+        """
+        count, planes, side, _ = self.planes.shape
+        if side % size:
+            raise DataSetError(f"wanted maps of {size} cells a side or a multiple of that, got {side}")
+        factor, half = side // size, np.float32(0.5)
+        if factor == 1:
+            return self
+        small = np.empty((count, planes, size, size), np.uint8)
+        for at, cells in enumerate(self.planes):  # one by one: as numbers of four bytes they would fill the memory
+            parts = cells.astype(np.float32).reshape(planes, size, factor, size, factor)
+            small[at] = np.rint(parts.mean(axis=(2, 4)))
+        start, goal = ((place + half) / factor - half for place in (self.start, self.goal))
+        return replace(self, planes=small, start=start, goal=goal)
 
     def pick(self, queries: NDArray[np.generic] | range) -> "Samples":
         """Some of the queries, by a mask or by their numbers; the maps stay."""
@@ -226,32 +238,20 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
         It cannot be read, or has no maps of that size.
     """
     recipe = read_recipe(folder)
-    stored = recipe.size
-    factor = stored // (size or stored)
-    if factor * (size or stored) != stored:
-        raise DataSetError(f"{folder}: wanted maps of {size} cells a side or a multiple of that, got {stored}")
-    parts: list[Arrays] = []
+    if recipe.size % (size or recipe.size):
+        raise DataSetError(f"{folder}: wanted maps of {size} cells a side or a multiple of that, got {recipe.size}")
+    parts: list[Samples] = []
     maps = 0
     for shard in read_shards(folder, recipe):
-        part = {name: shard[name] for name in Samples.__dataclass_fields__}
-        part["map_index"] = part["map_index"] + maps
-        maps += len(part["planes"])
-        parts.append(part if factor == 1 else _averaged(part, factor))
+        part = Samples.of({**shard, "map_index": shard["map_index"] + maps})
+        maps += len(part.planes)
+        parts.append(part.averaged(size or recipe.size))
         if most_maps is not None and maps >= most_maps:
             break
     if not parts:
         raise DataSetError(f"{folder}: wanted at least one shard, got none")
-    return msgspec.convert({name: np.concatenate([p[name] for p in parts]) for name in parts[0]}, Samples)
-
-
-def _averaged(part: Arrays, factor: int) -> Arrays:
-    """A shard's samples with maps smaller by a whole factor; the labels' blocks stay what they are."""
-    count, planes, side, _ = part["planes"].shape
-    small = side // factor
-    cells = part["planes"].astype(np.float32).reshape(count, planes, small, factor, small, factor)
-    half = np.float32(0.5)
-    ends = {name: (part[name].astype(np.float32) + half) / factor - half for name in ("start", "goal")}
-    return {**part, **ends, "planes": np.rint(cells.mean(axis=(3, 5))).astype(np.uint8)}
+    names = [field.name for field in fields(Samples)]
+    return Samples.of({name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 def _claim(recipe: Recipe | PassageRecipe, folder: Path) -> None:

@@ -1,5 +1,6 @@
 """Simulated obstacles: rectangles of impassable cells that appear, move and vanish."""
 
+import math
 from collections.abc import Collection, Sequence
 
 import numpy as np
@@ -22,7 +23,7 @@ _ACROSS_THE_PATH = 0.5
 _REACH = 2
 """Cells that they move at most, to each side."""
 
-_SIDES = (1 / 20, 1 / 8)
+PAPERS_SIDES = (1 / 20, 1 / 8)
 """Sides of an obstacle of the paper's scene, as shares of the map's."""
 _ON_PATH = (0.15, 0.85)
 """Where on what is left of the path it appears, as a share of it."""
@@ -33,13 +34,20 @@ _VANISHES, _MOVES = 0.25, 0.35
 class Obstacles:
     """Obstacles on a map of this shape, (H, W); the same for the same generator.
 
-    Their cells have at least this `value`, and stay out of so many `clear` cells around robot and goal.
+    Their cells have at least this `value`, and stay out of so many `clear` cells around robot and goal. `sides` are
+    the least and the greatest side of those of `next_scene`, as shares of the map's.
     """
 
     def __init__(
-        self, shape: tuple[int, int], rng: np.random.Generator, *, value: float = OBSTACLE, clear: int = CLEAR
+        self,
+        shape: tuple[int, int],
+        rng: np.random.Generator,
+        *,
+        value: float = OBSTACLE,
+        clear: int = CLEAR,
+        sides: tuple[float, float] = PAPERS_SIDES,
     ) -> None:
-        self.shape, self._rng, self._value, self._clear = shape, rng, value, clear
+        self.shape, self._rng, self._value, self._clear, self._sides = shape, rng, value, clear, sides
         self.blocks: list[Rectangle] = []
 
     def one_event(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> list[Rectangle]:
@@ -62,17 +70,24 @@ class Obstacles:
         blocks[at] = new
         return [old, new]
 
-    def next_scene(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> None:
-        """The paper's scene between two plans: some vanish, some move on, and one more appears across the path."""
+    def next_scene(self, robot: Cell, goal: Cell, path: NDArray[np.int32], reach: float = math.inf) -> None:
+        """The paper's scene between two plans: some vanish, some move on, and one more appears across the path.
+
+        All of it happens at most about `reach` cells from the robot.
+        """
         rng, kept = self._rng, []
         for block in self.blocks:
+            if apart(block, robot) > reach:
+                kept.append(block)
+                continue
             fate = rng.random()
             if fate < _VANISHES:
                 continue
             kept.append(self._moved(block, block[2], block[3]) if fate < _VANISHES + _MOVES else block)
         side = max(self.shape)
-        rows, cols = (min(max(int(rng.uniform(*_SIDES) * side), 2), n) for n in self.shape)
-        kept.append(self._around(path[int(rng.uniform(*_ON_PATH) * (len(path) - 1))], rows, cols))
+        rows, cols = (min(max(int(rng.uniform(*self._sides) * side), 2), n) for n in self.shape)
+        ahead = min(len(path) - 1, reach)
+        kept.append(self._around(path[int(rng.uniform(*_ON_PATH) * ahead)], rows, cols))
         self.blocks = [block for block in kept if not self._near(block, robot, goal)]
 
     def clear_of(self, cell: Cell) -> list[Rectangle]:

@@ -88,7 +88,7 @@ def train_variant(
     `report` is called with the share of the training that is done.
     """
     folder = output / variant.name.replace(": ", "-").replace(" ", "-").replace("/", "-")
-    samples, held_out = (read_samples(of, size=variant.spec.input_size) for of in (dataset, validation))
+    samples, held_out = read_samples(dataset, size=variant.spec.input_size), read_samples(validation)
 
     def report_share(progress: Progress, loss: float, share: float) -> None:
         report(share)

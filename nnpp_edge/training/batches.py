@@ -1,5 +1,7 @@
 """Batches of labelled queries, turned and swapped at random."""
 
+import os
+from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
@@ -68,12 +70,13 @@ class Batches:
             ours = slice(self.rank, step, self.world)
             return self._make(order[at * step : (at + 1) * step][ours], swapped[ours], turns[ours])
 
-        with ThreadPoolExecutor(2) as pool:
-            ahead = [pool.submit(make, at) for at in range(skip, min(skip + 3, len(self)))]
+        threads = max(2, len(os.sched_getaffinity(0)))
+        with ThreadPoolExecutor(threads) as pool:
+            ahead = deque(pool.submit(make, at) for at in range(skip, min(skip + threads + 1, len(self))))
             for at in range(skip, len(self)):
-                yield ahead.pop(0).result()
-                if at + 3 < len(self):
-                    ahead.append(pool.submit(make, at + 3))
+                yield ahead.popleft().result()
+                if at + threads + 1 < len(self):
+                    ahead.append(pool.submit(make, at + threads + 1))
 
     def _make(self, queries: NDArray[np.int64], swapped: list[bool], turns: list[Turn]) -> Batch:
         """The batch of `queries`; those `swapped` go from goal to start, and each is turned and mirrored."""

@@ -44,6 +44,8 @@ class TrainSettings:
     validate_every_s: float = 300.0
     average_decay: float = 0.998
     """Of the running mean of the weights, which is what is validated and exported."""
+    precision: str = "auto"
+    """Of the convolutions: ``float32``, ``bfloat16``, or bfloat16 on a GPU and float32 on a CPU (``auto``)."""
 
 
 @dataclass
@@ -71,14 +73,14 @@ class Checkpoint:
     optimiser: dict[str, object]
     origin: dict[str, object] = field(default_factory=dict)
     """What else the weights come from: ``torch`` (its version), ``threads``, ``begun_with`` (the `facts` of the run
-    whose weights this one began with), ``resumed_with_other_settings``."""
+    whose weights this one began with), ``resumed_with_other_settings``, ``resumed_without_optimiser``."""
 
     def facts(self) -> dict[str, object]:
         """What decided the weights, for a model's metadata."""
         progress, settings = self.progress, self.settings
         names = ("batch", "learning_rate", "weight_decay", "warmup_steps", "target", "softness", "loss", "seed")
         done = {"steps": progress.step, "epochs": progress.epoch, "seconds": round(progress.spent_s, 1)}
-        asked = {name: getattr(settings, name) for name in (*names, "average_decay")}
+        asked = {name: getattr(settings, name) for name in (*names, "average_decay", "precision")}
         return done | asked | {"input_size": self.spec.input_size} | self.origin
 
     def trained(self) -> Network:
@@ -96,6 +98,11 @@ class Checkpoint:
         torch.save(plain | weights, content)
         write_whole(path, content.getbuffer())
         write_whole(path.with_name(HISTORY), json.dumps(self.progress.history, indent=1).encode())
+
+
+def in_16_bits(state: State) -> State:
+    """The state with the weights of convolutions rounded to float16; the few other numbers as they are."""
+    return {name: values.half() if values.ndim > 1 else values for name, values in state.items()}
 
 
 def load_checkpoint(path: Path) -> Checkpoint:

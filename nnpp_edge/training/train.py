@@ -1,6 +1,5 @@
 """Training: AdamW as in the paper, resumable, limited by epochs, steps or time, on one device or several."""
 
-import contextlib
 import math
 import sys
 import time
@@ -18,7 +17,7 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.training.batches import Batch, Batches
-from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, load_checkpoint
+from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, in_16_bits, load_checkpoint
 from nnpp_edge.training.processes import Processes
 from nnpp_edge.training.validation import Judgement, Validator
 
@@ -41,6 +40,8 @@ def train(
     *,
     omega: float,
     begin_with: Path | None = None,
+    small_checkpoints: bool = False,
+    pause_after_s: float = math.inf,
     report: Callable[[Progress, float, float], None] = lambda progress, loss, share: None,
 ) -> Path:
     """Train a network, going on from the folder's checkpoint if there is one; the path of its checkpoint.
@@ -57,6 +58,11 @@ def train(
     begin_with : Path, optional
         Checkpoint of another run whose averaged weights a new run begins with; its input may have been of
         another size.
+    small_checkpoints : bool
+        Save the running mean of the weights alone, convolutions in 16 bits: an eighth of the size. A resumed run goes
+        on from the mean with a new optimiser, whose learning rate is warmed up again.
+    pause_after_s : float
+        Save and return after so many seconds, wherever the training is; called again it goes on.
     report : callable
         Called after each step with the progress, the latest mean loss and the share of the training that is done.
 
@@ -75,7 +81,7 @@ def train(
     validates and writes, and the history's loss is the mean over all. The samples, their order and their
     symmetries are those of one process, so the curves differ by rounding and by batch norm alone: each process
     normalises its share by the share's own mean and variance, and the running statistics are the first
-    process's. On CUDA the network runs in bfloat16.
+    process's.
 
     What is learned depends on numbers of steps, never on the clock: a time limit becomes a number of steps once the
     warm-up has shown how long one takes (`Progress.steps`). On a CPU the same spec, settings, samples and that number
@@ -86,14 +92,19 @@ def train(
         raise InvalidQueryError(f"batch must be a multiple of the {processes.world} processes, got {settings.batch}")
     make_folder(folder)
     run = _Run(spec, settings, processes, folder / CHECKPOINT, begin_with)
+    run.small_checkpoints = small_checkpoints
     batches = Batches(training, spec, settings, rank=processes.rank, world=processes.world)
     validator = Validator(validation, spec, omega) if processes.first else None
     run.start(len(batches))
     progress = run.progress
-    validated = time.monotonic()
-    while not run.done() and progress.epoch < settings.epochs:
+    began = validated = time.monotonic()
+
+    def stops() -> bool:
+        return run.done() or processes.of_the_first(time.monotonic() - began) > pause_after_s
+
+    while not stops() and progress.epoch < settings.epochs:
         for batch in batches.epoch(progress.epoch, progress.step_in_epoch):
-            if run.done():
+            if stops():
                 break
             run.step(batch)
             if processes.first:
@@ -125,6 +136,11 @@ class _Run:
             self.network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
         self.progress = Progress()
+        precision = settings.precision
+        self._in_bfloat16 = precision == "bfloat16" or (precision == "auto" and device.type == "cuda")
+        self.small_checkpoints = False
+        self._optimiser_since = 0
+        """Step from which on the optimiser has learned."""
         self.origin: dict[str, object] = {"torch": str(torch.__version__), "threads": torch.get_num_threads()}
         if path.exists():
             self._resume()
@@ -164,8 +180,7 @@ class _Run:
             torch.from_numpy(array).to(self.processes.device, non_blocking=True) for array in batch
         )
         self.network.train()
-        cuda = self.processes.device.type == "cuda"
-        with torch.autocast("cuda", torch.bfloat16) if cuda else contextlib.nullcontext():
+        with torch.autocast(self.processes.device.type, torch.bfloat16, enabled=self._in_bfloat16):
             logits = self._wrapped((planes.float() / 255.0).contiguous(memory_format=torch.channels_last), query)
         loss = loss_of(self.settings.loss, logits.float(), target)
         self.optimiser.zero_grad(set_to_none=True)
@@ -193,16 +208,20 @@ class _Run:
                     ours.copy_(theirs)  # the batch norms' statistics
                 self.progress.history.append(_history_row(self.progress, loss, validator.judge(self.average)))
             states = self.network.state_dict(), self.average.state_dict(), self.optimiser.state_dict()
+            if self.small_checkpoints:
+                mean = in_16_bits(self.average.state_dict())
+                states = mean, mean, {}
             Checkpoint(self.spec, self.settings, self.progress, *states, self.origin).save(self.path)
         self.losses.clear()
 
     def _learning_rate(self) -> float:
         """Linear warm-up, then half a cosine down to a hundredth; the warm-up is the same however long the run."""
         step, warm = self.progress.step, self.settings.warmup_steps
+        warmed = self.settings.learning_rate * min(1.0, (step - self._optimiser_since + 1) / warm)
         if step < warm or self.progress.steps is None:
-            return self.settings.learning_rate * min(1.0, (step + 1) / warm)
+            return warmed
         half_cosine = 0.5 * (1.0 + math.cos(math.pi * (step - warm) / (self.progress.steps - warm)))
-        return self.settings.learning_rate * (0.01 + 0.99 * half_cosine)
+        return warmed * (0.01 + 0.99 * half_cosine)
 
     def _resume(self) -> None:
         saved = load_checkpoint(self.path)
@@ -210,8 +229,11 @@ class _Run:
             raise ModelError(f"{self.path}: wanted a checkpoint of {self.spec}, got one of {saved.spec}")
         self.network.load_state_dict(saved.network)
         self.average.load_state_dict(saved.average)
-        self.optimiser.load_state_dict(saved.optimiser)
         self.progress, self.origin = saved.progress, saved.origin | self.origin
+        if saved.optimiser:
+            self.optimiser.load_state_dict(saved.optimiser)
+        else:
+            self._optimiser_since, self.origin["resumed_without_optimiser"] = saved.progress.step, True
         if saved.settings != self.settings:
             self.origin["resumed_with_other_settings"] = True
             self.progress.steps = None

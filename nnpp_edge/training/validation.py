@@ -37,24 +37,22 @@ class Judgement:
 
 
 class Validator:
-    """Searches a fixed set of labelled queries, at the network's own resolution.
+    """Searches a fixed set of labelled queries in the network's regions, on the maps as the data set holds them.
 
-    Queries of maps that were averaged are left out, as they belong to the larger map; where there are no others they
-    are searched on what the network is shown of it.
+    The maps' side is the network's or a multiple of it; the network is shown them averaged. Cells of which a part is
+    impassable, on maps that the data set holds averaged, are passable at their mean cost: all queries are searched.
     """
 
     def __init__(self, samples: Samples, spec: Spec, omega: float, most: int = 256) -> None:
-        index = np.flatnonzero(samples.not_averaged[samples.map_index])
-        if not len(index):
-            index = np.arange(len(samples))
-        self.index = index[np.linspace(0, len(index) - 1, min(most, len(index))).astype(int)]
+        self.index = np.linspace(0, len(samples) - 1, min(most, len(samples))).astype(int)
         self.samples, self.spec = samples, spec
-        self.queries = np.stack([encode(spec, samples.start[q], samples.goal[q]) for q in self.index])
+        self._shown = samples.averaged(spec.input_size)
+        self.queries = np.stack([encode(spec, self._shown.start[q], self._shown.goal[q]) for q in self.index])
         self.model = StepModel.of("paper", omega)
         size = samples.planes.shape[-1]
         self.workspace = Workspace((size + 2) ** 2)
         self.finder = RegionFinder(spec.blocks)
-        self.lookup = Frame(size, size, size).lookup(spec.blocks)
+        self.lookup = Frame(size, size, spec.input_size).lookup(spec.blocks)
         self.optima = [self._search(q, None) for q in self.index]
 
     def _grid(self, query: int) -> Grid:
@@ -64,7 +62,7 @@ class Validator:
         return Grid.of(cost, self.model)
 
     def _endpoints(self, query: int) -> Endpoints:
-        """Start and goal, as cells of the network's map."""
+        """Start and goal, as cells of the data set's map."""
         return _cell(self.samples.start[query]), _cell(self.samples.goal[query])
 
     def _search(self, query: int, region: Region | None) -> tuple[float, int]:
@@ -80,7 +78,7 @@ class Validator:
         device = next(network.parameters()).device
         parts = []
         for at in range(0, len(self.index), batch):
-            maps = self.samples.planes[self.samples.map_index[self.index[at : at + batch]]]
+            maps = self._shown.planes[self._shown.map_index[self.index[at : at + batch]]]
             planes = torch.from_numpy(maps).to(device).float() / 255.0
             query = torch.from_numpy(self.queries[at : at + batch]).to(device)
             parts.append(torch.sigmoid(network(planes, query).float()).cpu().numpy())

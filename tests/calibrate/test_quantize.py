@@ -232,18 +232,10 @@ def test_searches_judge_as_the_validator_does(fp32, samples):
     assert found == Searches(20, *(2 * validator.judge_probabilities(p, (0.5,))))
 
 
-def test_averaged_maps_are_not_searched(fp32, samples):
-    model = NetworkModel(fp32)
-    blurred = dataclasses.replace(samples, planes=np.full_like(samples.planes, 7))
-    assert judge_both(model, model, blurred, 20) is None
-
-
 def test_the_recommendation_weighs_speed_and_cost():
-    def advice(fp32_ms, int8_ms, gap, success=1.0, searched=True):
+    def advice(fp32_ms, int8_ms, gap, success=1.0):
         a, b = Judgement(0.5, 1.0, 0.002, 0.1, 0.1), Judgement(0.5, success, gap, 0.1, 0.1)
-        return recommend(
-            Latency(fp32_ms, fp32_ms), Latency(int8_ms, int8_ms), Searches(9, a, b) if searched else None
-        )
+        return recommend(Latency(fp32_ms, fp32_ms), Latency(int8_ms, int8_ms), Searches(9, a, b))
 
     assert (
         advice(2.0, 1.0, 0.004)
@@ -253,7 +245,6 @@ def test_the_recommendation_weighs_speed_and_cost():
     assert "grows by 0.40 points" in advice(2.0, 1.0, 0.006)
     assert "keep fp32" in advice(2.0, 1.0, math.inf)
     assert "2.0 % fewer of the queries" in advice(2.0, 1.0, 0.002, success=0.98)
-    assert "could not be judged" in advice(2.0, 1.0, 0.0, searched=False)
 
 
 def test_what_cannot_be_quantised_is_refused_and_nothing_written(made, fp32, dataset, tmp_path):

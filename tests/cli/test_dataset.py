@@ -87,6 +87,8 @@ def test_a_size_that_no_network_has_is_refused(nnpp_edge, dem, tmp_path, size):
     [
         (("--held-out",), "--validation-share"),
         (("--own-cell-size", "--rescale", 2), "--own-cell-size"),
+        (("--papers-maps", "--workload", "soft"), "--papers-maps"),
+        (("--papers-maps", "--poses"), "--papers-maps"),
         (("--workload", "limit20", "--hard-slope", 20), "leave out --hard-slope"),
         (("--hard-step", -1), "-1.0 is not in the range 0.0<x"),
         (("--omega", "nan"), "wanted a finite number, got nan"),
@@ -114,6 +116,9 @@ def test_ones_own_limits_weight_and_cells_are_in_the_recipe(nnpp_edge, dem, tmp_
         (2.0,),
         25,
     )
+    assert nnpp_edge(*words, "--papers-maps", "-o", tmp_path / "papers").code == 0
+    papers = read_recipe(tmp_path / "papers")
+    assert (papers.workloads, papers.poolings, papers.margin_share) == ((("soft", 1.0),), ((1, 1.0),), 0.0)
     assert nnpp_edge("dataset", *FEW, "--size", 32, "-o", tmp_path / "default").code == 0
     default = read_recipe(tmp_path / "default")
     assert (default.limits, default.workloads, len(default.cell_sizes_m)) == ({}, WORKLOADS, 5)

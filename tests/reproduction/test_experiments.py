@@ -16,9 +16,28 @@ from nnpp_edge.profiling.suites import Case, TerrainFiles
 from nnpp_edge.reproduction import experiment, fig7, fig13, paper, runner, table1, table2, table3, table4
 from nnpp_edge.reproduction.animation import animate, view_episode
 from nnpp_edge.reproduction.animation import driven as driven_way
-from nnpp_edge.reproduction.contest import OURS, PLAIN, PLAIN_NN, PLANNERS, Answer, Means, Round, contest, means
-from nnpp_edge.reproduction.dynamic_contest import Drive, drive, stride_on
-from nnpp_edge.reproduction.report import Table, Verdict
+from nnpp_edge.reproduction.contest import (
+    PLAIN,
+    PLAIN_CONTROLS,
+    PLAIN_NN,
+    PLANNERS,
+    Answer,
+    Means,
+    Round,
+    contest,
+    means,
+)
+from nnpp_edge.reproduction.dynamic_contest import (
+    CONTROL_OF,
+    PLAIN_DSTAR,
+    PLAIN_DSTAR_NN,
+    Drive,
+    drive,
+    mended,
+    stride_on,
+)
+from nnpp_edge.reproduction.regions import CONTROLS, CORRIDOR, NETWORK, Networks, RegionMeans
+from nnpp_edge.reproduction.report import Table, Verdict, findings_table
 from nnpp_edge.reproduction.runner import Request, reproduce
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -29,8 +48,10 @@ from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 TINY = {
     "table1": {"sizes": (16, 32, 64, 512), "maps": 1, "repeats": 1},
+    "fig6": {"size": 64},
     "fig7": {"size": 64, "maps": 3, "fine": 10, "coarse": 3},
-    "table2": {"sizes": (64, 128), "queries": 3, "repeats": 1},
+    "fig8": {"size": 64},
+    "table2": {"sizes": (64, 128), "maps": 4, "queries": 3, "repeats": 1},
     "fig9": {"sizes": (64, 96), "queries": 2, "repeats": 1},
     "fig11": {"size": 64, "queries": 4, "repeats": 1},
     "fig12": {"size": 64, "maps": 2, "repeats": 1},
@@ -70,7 +91,8 @@ def made(terrain, tiny_model, tmp_path_factory):
         shrink(monkeypatch)
         outcomes = list(
             reproduce(
-                Request(list(TINY), TerrainFiles((terrain,)), folder, model=str(tiny_model), quick=True), bar=no_bar
+                Request(list(TINY), TerrainFiles((terrain,)), folder, models=(str(tiny_model),) * 2, quick=True),
+                bar=no_bar,
             )
         )
     return folder, outcomes
@@ -110,6 +132,17 @@ def test_pages_are_well_formed_and_hold_no_place_of_this_machine(made, terrain, 
     assert tables(text) and all(len(set(columns)) == 1 and len(columns) > 2 for columns in tables(text))
     assert str(terrain.parent) not in text and "None" not in text and "nan" not in text
     assert "smoke run" in text
+    for line in ("- networks: ", "- samples: ", "- controls: "):
+        assert line in text
+
+
+@pytest.mark.parametrize("name", ["table2", "fig8", "fig9", "fig11", "fig12", "fig14", "table3", "table4"])
+def test_every_page_of_a_network_names_it_and_has_controls(made, name):
+    text = (made[0] / name / f"{name}.md").read_text()
+    assert "`tiny`" in text and "corridor" in text
+    table = text.partition("## Findings")[0].splitlines()
+    named = [line for line in table if line.startswith("|") and ("plain A*NN |" in line or "| `nnpp` |" in line)]
+    assert all("`tiny`" in line for line in named)
 
 
 def test_the_index_repeats_every_finding_under_its_verdict(made):
@@ -128,7 +161,9 @@ def test_sizes_that_the_terrain_lacks_are_left_out_and_said(made):
 
 def test_a_second_run_skips_what_is_complete_and_mends_what_is_not(terrain, tiny_model, tmp_path, monkeypatch):
     shrink(monkeypatch)
-    request = Request(["fig12", "table1"], TerrainFiles((terrain,)), tmp_path, model=str(tiny_model), quick=True)
+    request = Request(
+        ["fig12", "table1"], TerrainFiles((terrain,)), tmp_path, models=(str(tiny_model),) * 2, quick=True
+    )
 
     def ended(request):
         return [outcome.how for outcome in reproduce(request, bar=no_bar)]
@@ -139,13 +174,15 @@ def test_a_second_run_skips_what_is_complete_and_mends_what_is_not(terrain, tiny
     assert ended(request) == ["skipped", "done"]
     assert (tmp_path / "fig12" / "fig12.json").stat().st_mtime_ns == first
     assert ended(replace(request, again=True)) == ["done", "done"]
+    others = (str(tiny_model), "edge")
+    assert ended(replace(request, models=others)) == ["done", "skipped"], "Table 1 asks no network"
     assert ended(replace(request, seed=2)) == ["done", "done"]
     assert {p.name for p in tmp_path.iterdir()} == {"fig12", "table1", "README.md"}
 
 
 def test_an_experiment_that_fails_leaves_what_was_there(terrain, tiny_model, tmp_path, monkeypatch):
     shrink(monkeypatch)
-    request = Request(["fig12"], TerrainFiles((terrain,)), tmp_path, model=str(tiny_model), quick=True)
+    request = Request(["fig12"], TerrainFiles((terrain,)), tmp_path, models=(str(tiny_model),) * 2, quick=True)
     list(reproduce(request, bar=no_bar))
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
     module = import_module("nnpp_edge.reproduction.fig12")
@@ -162,9 +199,9 @@ def test_an_experiment_that_fails_leaves_what_was_there(terrain, tiny_model, tmp
 def test_level_ground_is_no_trouble(tiny_model, tmp_path, monkeypatch):
     shrink(monkeypatch)
     np.savez(tmp_path / "flat.npz", elevation_m=np.zeros((128, 128)), cell_size_m=1.0)
-    names = ["table1", "fig7", "table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4"]
+    names = ["table1", "fig6", "fig7", "fig8", "table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4"]
     request = Request(
-        names, TerrainFiles((tmp_path / "flat.npz",)), tmp_path / "out", model=str(tiny_model), quick=True
+        names, TerrainFiles((tmp_path / "flat.npz",)), tmp_path / "out", models=(str(tiny_model),) * 2, quick=True
     )
     assert {outcome.how for outcome in reproduce(request, bar=no_bar)} == {"done"}
     assert "nan" not in (tmp_path / "out" / "README.md").read_text()
@@ -173,7 +210,7 @@ def test_level_ground_is_no_trouble(tiny_model, tmp_path, monkeypatch):
 def test_an_experiment_without_a_module_is_said_to_be_missing(terrain, tiny_model, tmp_path, monkeypatch):
     monkeypatch.setattr(experiment, "NAMES", ("table99",))
     monkeypatch.setattr(runner, "NAMES", ("table99",))
-    request = Request(["table99"], TerrainFiles((terrain,)), tmp_path, model=str(tiny_model))
+    request = Request(["table99"], TerrainFiles((terrain,)), tmp_path, models=(str(tiny_model),) * 2)
     assert [outcome.how for outcome in reproduce(request, bar=no_bar)] == ["missing"]
     assert "Not in this version of the toolkit: table99." in (tmp_path / "README.md").read_text()
 
@@ -181,7 +218,8 @@ def test_an_experiment_without_a_module_is_said_to_be_missing(terrain, tiny_mode
 def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_model):
     cost = np.random.default_rng(3).uniform(0.0, 0.8, (70, 70)).astype(np.float32)
     case = Case("made", 70, cost, (((2, 3), (60, 66)), ((65, 4), (5, 60))))
-    rounds = list(contest([case], NetworkModel(tiny_model), 2, repeats=1))
+    networks = Networks(NetworkModel(tiny_model), NetworkModel(tiny_model))
+    rounds = list(contest([case], networks, 2, repeats=1))
     assert len(rounds) == 2
     for r in rounds:
         assert tuple(r.answers) == PLANNERS
@@ -191,7 +229,7 @@ def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_model):
         assert r.answers[PLAIN_NN].time_s == pytest.approx(sum(r.answers[PLAIN_NN].stages_s.values()))
     assert means(rounds, PLAIN).cc_increase == pytest.approx(0.0, abs=1e-2)
     with pytest.raises(InvalidQueryError, match="wanted 3 queries with a path, got 2"):
-        list(contest([case], NetworkModel(tiny_model), 3, repeats=1))
+        list(contest([case], networks, 3, repeats=1))
 
 
 def verdicts(findings):
@@ -208,58 +246,86 @@ def test_the_papers_own_figures_agree_with_the_paper():
     assert verdicts(table1.findings(searching))[:2] == [Verdict.DIFFERS, Verdict.DIFFERS]
 
 
-def scale_of(row, *, gain, cc_increase, success):
-    """Means of all planners, theirs from a row of Table 2 except for what the network's ways come to."""
+def scale_of(row, *, gain, cc_increase, success, control=(0.1, 0.5, 0.5)):
+    """What Table 2 holds of a size: theirs, but for what the network's ways and the controls come to."""
 
-    def one(time_s, cc=0.0, found=1.0):
-        traverse_cost = row.astar_cc * (1.0 + cc)
-        return Means(time_s, time_s, 0.0, found, traverse_cost, traverse_cost, cc, cc, None, None)
+    def one(gain, cc=0.0, found=1.0):
+        traverse_cost, time_s = row.astar_cc * (1.0 + cc), row.astar_s / gain
+        return Means(9, time_s, time_s, 0.0, found, traverse_cost, traverse_cost, cc, cc, None, None)
 
-    with_network = one(row.astar_s / gain, cc_increase, success)
-    by_name = {
-        name: with_network if name in (PLAIN_NN, "nnpp") else one(row.astar_s) for name in (PLAIN, PLAIN_NN, *OURS)
+    ways = {
+        PLAIN_NN: (gain, cc_increase, success),
+        "nnpp": (gain, cc_increase, success),
+        "corridor": control,
+        **dict.fromkeys(PLAIN_CONTROLS.values(), control),
     }
-    return by_name
+
+    def region(cc, found):
+        return RegionMeans(9, found, row.astar_cc, row.astar_cc, cc, cc, 0.05, 0.0, 0.1)
+
+    regions = {NETWORK: region(cc_increase, success), **{kind: region(*control[1:]) for kind in CONTROLS}}
+    return table2.Scale({name: one(*ways.get(name, (1.0,))) for name in PLANNERS}, regions, regions)
 
 
-def test_table_2_is_judged_by_the_figures(tiny_model):
-    context = experiment.Context([], 1, NetworkModel(tiny_model), None)
-    same = {
-        size: scale_of(row, gain=row.speedup, cc_increase=row.cc_increase, success=row.nn_success)
+def scales_of(**of_all):
+    """The same for both sizes of the paper; what is not given is the paper's."""
+    return {
+        size: scale_of(
+            row,
+            **({"gain": row.speedup, "cc_increase": row.cc_increase, "success": row.nn_success} | of_all),
+        )
         for size, row in paper.TABLE_2.items()
     }
-    assert set(verdicts(table2.findings(same, context))) == {Verdict.AGREES}
-    worse = {size: scale_of(row, gain=0.5, cc_increase=0.2, success=0.5) for size, row in paper.TABLE_2.items()}
-    assert set(verdicts(table2.findings(worse, context))) == {Verdict.DIFFERS}
-    better = {size: scale_of(row, gain=50.0, cc_increase=0.0, success=1.0) for size, row in paper.TABLE_2.items()}
-    assert verdicts(table2.findings(better, context))[:2] == [Verdict.BETTER, Verdict.BETTER]
 
 
-def plan_of(astar, nn, dstar, dstar_nn):
-    """A plan: time and CC of each of the paper's methods, plain and compiled alike."""
-    by_name = {
-        PLAIN: astar,
-        "astar": astar,
-        PLAIN_NN: nn,
-        "nnpp": nn,
-        "dstar": dstar,
-        "nnpp-dstar": dstar_nn,
-    }
-    return Round(256, 100, {name: Answer(time_s, True, cc, 0.0) for name, (time_s, cc) in by_name.items()})
+def test_table_2_is_judged_by_the_figures():
+    found = table2.findings(scales_of())
+    assert set(verdicts(found)) == {Verdict.AGREES} and not any(f.controls for f in found[:3])
+    worse = table2.findings(scales_of(gain=0.5, cc_increase=0.2, success=0.5, control=(9.0, 0.0, 1.0)))
+    assert set(verdicts(worse)) == {Verdict.DIFFERS} and not any(f.controls for f in worse)
+    better = table2.findings(scales_of(gain=50.0, cc_increase=0.0, success=1.0))
+    assert verdicts(better)[:2] == [Verdict.BETTER, Verdict.BETTER]
 
 
-def test_table_3_is_judged_by_the_figures():
+def test_a_verdict_that_a_control_earns_too_says_so():
+    found = table2.findings(scales_of(control=(9.0, 0.0, 1.0)))
+    judged = [f for f in found if "fastest" not in f.claim and "gains more" not in f.claim]
+    assert all(f.controls for f in judged)
+    of_plain = [f for f in judged if "plain" in f.claim]
+    assert {f.controls for f in of_plain} == {("corridor", "straight band", "shuffled weights")}
+    assert "says nothing about the network, a control does as well: corridor" in findings_table(found).markdown()
+    fast_but_dear = table2.findings(scales_of(control=(9.0, 0.3, 1.0)))
+    assert not fast_but_dear[0].controls, "a fast search for a bad path is none"
+
+
+def plan_of(astar, nn, dstar, dstar_nn, control=None):
+    """A plan: time and CC of each of the paper's methods, plain and compiled alike; those of the controls."""
+    pairs = [(astar, (PLAIN, "astar")), (nn, (PLAIN_NN, "nnpp")), (dstar, (PLAIN_DSTAR, "dstar"))]
+    pairs += [(dstar_nn, (PLAIN_DSTAR_NN, "nnpp-dstar")), (control or (99.0, 999.0), tuple(CONTROL_OF.values()))]
+    answers = {name: Answer(time_s, True, cc, 0.0) for (time_s, cc), names in pairs for name in names}
+    return Round(256, 100, answers)
+
+
+def test_table_3_is_judged_by_the_figures(tiny_model):
     same = [plan_of(*line) for line in zip(*paper.TABLE_3.values(), strict=True)]
-    assert set(verdicts(table3.findings(same))) == {Verdict.AGREES}
-    assert table3.summary(same).rows[4][1] == "3.04 s"
+    found = table3.findings(same)
+    assert set(verdicts(found)) == {Verdict.AGREES} and not any(f.controls for f in found)
+    networks = Networks(NetworkModel(tiny_model), NetworkModel(tiny_model))
+    (_, plain), (_, ours) = table3.summary(same, networks).parts
+    assert plain.rows[4][1] == ours.rows[4][1] == "3.04 s"
+    assert [len(row) for row in plain.rows] == [len(plain.header)] * len(plain.rows)
     worse = [plan_of((1.0, 10.0), (2.0, 12.0), (3.0, 10.0), (9.0, 12.0))]
-    assert verdicts(table3.findings(worse)) == [Verdict.DIFFERS] * 6 + [Verdict.AGREES]
-    better = [plan_of((9.0, 10.0), (1.0, 10.0), (3.0, 10.0), (0.1, 9.0))]
-    assert verdicts(table3.findings(better)) == [Verdict.BETTER] * 7
+    assert verdicts(table3.findings(worse)) == [Verdict.DIFFERS] * 9 + [Verdict.AGREES]
+    better = [plan_of((9.0, 10.0), (1.0, 10.0), (3.0, 10.0), (0.1, 9.0), control=(0.1, 10.0))]
+    found = table3.findings(better)
+    assert verdicts(found) == [Verdict.BETTER] * 10
+    assert [f.controls for f in found] == [
+        (CORRIDOR,) if "NN" in f.claim or "`nnpp`" in f.claim else () for f in found[:9]
+    ] + [()]
 
 
 def test_table_4_is_judged_by_the_figures():
-    def drives(change=lambda row: row):
+    def scenes(change=lambda row: row):
         out = []
         for s, d in zip(paper.TABLE_4_STATIC.values(), paper.TABLE_4_DYNAMIC.values(), strict=True):
             first = plan_of((s.astar_s, s.astar_cc), (s.nn_s, s.nn_cc), *[(s.astar_s, s.astar_cc)] * 2)
@@ -270,33 +336,45 @@ def test_table_4_is_judged_by_the_figures():
                 (d.dstar_nn_s - s.astar_s, d.dstar_nn_cc - s.astar_cc),
             )
             out.append(Drive(None, (change(first), rest)))
-        return out
+        return table4.Scenes(out, out)
 
-    assert set(verdicts(table4.findings(drives()))) == {Verdict.AGREES}
+    found = table4.findings(scenes())
+    assert set(verdicts(f for f in found if "mends" not in f.claim)) == {Verdict.AGREES}
+    assert set(verdicts(f for f in found if "mends" in f.claim)) == {Verdict.DIFFERS}, "nobody mended"
 
     def slow(first):
         late = {
             name: replace(a, time_s=50.0, traverse_cost=300.0)
             for name, a in first.answers.items()
-            if name in (PLAIN_NN, "nnpp", "nnpp-dstar")
+            if name in (PLAIN_NN, PLAIN_DSTAR_NN, "nnpp", "nnpp-dstar")
         }
         return replace(first, answers={**first.answers, **late})
 
-    found = table4.findings(drives(slow))
-    assert [f.claim for f in found if f.verdict is Verdict.AGREES] == ["speed-up of D* over A*, dynamic, both ours"]
+    found = table4.findings(scenes(slow))
+    agreeing = [
+        f.claim
+        for f in found
+        if f.verdict is not Verdict.DIFFERS and "A*NN, " not in f.claim and "mends" not in f.claim
+    ]
+    assert agreeing == [f"speed-up of D* over A*, dynamic, both {kind}" for kind in ("plain", "ours")]
 
 
 def test_an_episodes_plans_are_the_same_for_all(tiny_model):
     cost = np.random.default_rng(3).uniform(0.0, 0.8, (96, 96)).astype(np.float32)
     episode = make_episode(cost, (5, 5), (90, 88), seed=2, stride=stride_on(96))
     assert (stride_on(96), stride_on(256), stride_on(1024)) == (16, 45, 45)
-    driven = drive(episode, NetworkModel(tiny_model), 1)
+    driven = drive(episode, Networks(NetworkModel(tiny_model), NetworkModel(tiny_model)), 1)
     assert len(driven.rounds) == len(episode.steps) > 2
     for answered in driven.rounds:
         exact = answered.answers["astar"]
         assert answered.answers[PLAIN].traverse_cost == pytest.approx(exact.traverse_cost, rel=1e-2)
         assert all(a.excess >= -1e-5 and a.time_s > 0.0 for a in answered.answers.values())
-        assert answered.answers["dstar"].excess == pytest.approx(0.0, abs=1e-5)
+        for exact_too in ("dstar", PLAIN_DSTAR):
+            assert answered.answers[exact_too].excess == pytest.approx(0.0, abs=1e-5)
+        in_region = [answered.answers[name] for name in (PLAIN_NN, PLAIN_DSTAR_NN)]
+        assert in_region[0].excess == pytest.approx(in_region[1].excess, abs=1e-5), "the same region, mended or not"
+    assert [each.answers[PLAIN_DSTAR_NN].mended for each in driven.rounds[:2]] == [False, True]
+    assert mended(driven.rounds[1:], PLAIN_DSTAR) == f"{len(driven.rounds) - 1} of {len(driven.rounds) - 1}"
     views = view_episode(episode, NetworkModel(tiny_model))
     way = driven_way(views, stride_on(96))
     assert tuple(way[0]) == (5, 5) and tuple(way[-1]) == (90, 88)
@@ -399,6 +477,7 @@ def test_the_command_prints_a_line_for_each_experiment_and_json_for_programs(
         (["fig99"], "wanted EXPERIMENT of table1"),
         (["fig13", "--steps", "0"], "--steps"),
         (["--seed", "many"], "--seed"),
+        (["--model", "edge", "--model", "edge", "--model", "edge"], "at most two of --model"),
     ],
 )
 def test_wrong_use_is_refused(nnpp_edge, tmp_path, words, wanted):

@@ -1,6 +1,7 @@
 import dataclasses
 import itertools
 import json
+import math
 import os
 import subprocess
 import sys
@@ -13,12 +14,13 @@ import torch
 
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import PRESETS, Spec
-from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
+from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
 from nnpp_edge.terrain.dataset import read_samples
 from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.checkpoint import load_checkpoint
 from nnpp_edge.training.processes import Processes
 from nnpp_edge.training.train import TrainSettings, train
+from nnpp_edge.training.validation import Validator
 from tests.networks import RECIPE, SMALL, VALIDATED_AFTER
 
 ROOT = Path(__file__).parent.parent.parent
@@ -42,6 +44,17 @@ def test_the_loss_falls_and_validation_searches(trained):
     assert not saved.trained().training
 
 
+def test_a_network_is_trained_in_bfloat16_where_that_is_asked_for(samples, tmp_path):
+    half, full = (
+        load_checkpoint(run(samples, tmp_path / kind, epochs=10_000, steps=12, precision=kind))
+        for kind in ("bfloat16", "float32")
+    )
+    assert (half.facts()["precision"], full.facts()["precision"]) == ("bfloat16", "float32")
+    assert {values.dtype for values in half.average.values() if values.ndim} == {torch.float32}
+    losses = [checkpoint.progress.history[-1]["loss"] for checkpoint in (half, full)]
+    assert losses[0] != losses[1] and losses[0] == pytest.approx(losses[1], rel=0.05)
+
+
 def test_a_stopped_run_goes_on_where_it_was(samples, tmp_path):
     first = load_checkpoint(run(samples, tmp_path, epochs=1)).progress
     second = load_checkpoint(run(samples, tmp_path, epochs=2)).progress
@@ -49,6 +62,42 @@ def test_a_stopped_run_goes_on_where_it_was(samples, tmp_path):
     assert len(second.history) == 2
     with pytest.raises(ModelError, match="wanted a checkpoint of"):
         run(samples, tmp_path, dataclasses.replace(SMALL, sigma=0.1))
+
+
+def test_a_paused_run_goes_on_from_a_small_checkpoint(samples, tmp_path):
+    """The rest is made of the mean weights in 16 bits, with a new optimiser that is warmed up."""
+    settings, few = TrainSettings(epochs=1, batch=16, warmup_steps=5), samples.pick(range(4))
+
+    def go(folder, pause_after_s=math.inf, small=True):
+        path = train(
+            SMALL, settings, samples, few, folder, omega=0.1, small_checkpoints=small, pause_after_s=pause_after_s
+        )
+        return path.stat().st_size, load_checkpoint(path)
+
+    whole = go(tmp_path / "whole", small=False)
+    size, paused = go(tmp_path / "small", pause_after_s=0.0)
+    assert paused.progress.step == 0 and size < 0.25 * whole[0]
+    for one, other in zip(paused.network.values(), paused.average.values(), strict=True):
+        assert torch.equal(one, other)
+    _, resumed = go(tmp_path / "small")
+    assert resumed.progress.step == whole[1].progress.step > 5 and resumed.origin["resumed_without_optimiser"]
+    assert len(resumed.progress.history) == 1
+
+
+def test_every_validation_query_is_searched_on_the_map_as_it_is_held(samples):
+    """At twice the network's resolution: a network that says yes everywhere gets the very optimum in every region."""
+    larger = dataclasses.replace(
+        samples, planes=samples.planes.repeat(2, 2).repeat(2, 3), start=2 * samples.start, goal=2 * samples.goal
+    )
+    blurred = dataclasses.replace(larger, planes=np.where(larger.planes == 255, 200, larger.planes))
+    for held in (larger, blurred):
+        validator = Validator(held, SMALL, RECIPE.omega, 12)
+        (found,) = validator.judge_probabilities(np.ones((12, SMALL.blocks, SMALL.blocks), np.float32), (1.0,))
+        cells = [len_of for _, len_of in validator.optima]
+        assert (found.success, found.gap, found.region_share) == (1.0, 0.0, 1.0)
+        assert found.mm == pytest.approx(np.mean(cells) / 128**2)
+    with pytest.raises(DataSetError, match="a multiple of that"):
+        Validator(dataclasses.replace(samples, planes=samples.planes[..., :60, :60]), SMALL, 0.1)
 
 
 def test_a_run_may_begin_with_anothers_weights(samples, trained, tmp_path):

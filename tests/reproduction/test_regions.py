@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+
+from nnpp_edge.reproduction.regions import (
+    BAND,
+    CONTROLS,
+    CORRIDOR,
+    NETWORK,
+    SHUFFLED,
+    PaperRegions,
+    all_regions,
+    compare_regions,
+    region_means,
+    shuffled,
+)
+from nnpp_edge.runtime import NetworkModel
+
+QUERY = ((5, 8), (118, 110))
+
+
+@pytest.fixture
+def cost():
+    return np.random.default_rng(3).uniform(0.0, 0.8, (128, 128)).astype(np.float32)
+
+
+def test_the_papers_region_is_all_at_the_greatest_threshold_that_joins_start_and_goal(tiny_model, cost):
+    maker = PaperRegions(cost, NetworkModel(tiny_model))
+    region, stages = maker.find(QUERY)
+    assert set(stages) == {"view", "inference", "threshold"} and min(stages.values()) > 0.0
+    levels = maker.finder.levels.astype(int)
+    lowest = levels[region.blocks()[:-1, :-1]].min()
+    assert (region.blocks()[:-1, :-1] == (levels >= lowest)).all()
+    assert joined(levels >= lowest, maker) and not joined(levels > lowest, maker)
+
+
+def joined(blocks, maker):
+    """Whether blocks that touch join start and goal."""
+    ends = [(maker.lookup[0][row], maker.lookup[1][col]) for row, col in QUERY]
+    reached, waiting = set(), [ends[0]] if blocks[ends[0]] else []
+    while waiting:
+        row, col = waiting.pop()
+        if (row, col) in reached or not (0 <= row < len(blocks) and 0 <= col < len(blocks)) or not blocks[row, col]:
+            continue
+        reached.add((row, col))
+        waiting += [(row + i, col + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    return ends[1] in reached
+
+
+def test_controls_are_as_large_as_the_networks_region_and_join_start_and_goal(tiny_model, cost):
+    model = NetworkModel(tiny_model)
+    maker = PaperRegions(cost, model)
+    regions = all_regions(maker, QUERY, model)
+    assert set(regions) == {NETWORK, *CONTROLS}
+    for name in (CORRIDOR, BAND):
+        assert regions[name].area() == regions[NETWORK].area()
+        assert joined(regions[name].blocks()[:-1, :-1], maker)
+    found = compare_regions(cost, QUERY, model, model)
+    assert all(each.found and each.excess >= -1e-6 for each in found.values())
+    assert found[NETWORK] == found[SHUFFLED], "the same network"
+
+
+def test_the_corridor_goes_round_what_the_straight_band_runs_into(tiny_model):
+    cost = np.full((128, 128), 0.1, np.float32)
+    cost[48:80, :112] = 1.0
+    model, query = NetworkModel(tiny_model), ((10, 20), (118, 20))
+    found = compare_regions(cost, query, model, model)
+    assert found[CORRIDOR].found and not found[BAND].found
+    means = {name: region_means([each, each]) for name, each in found.items()}
+    assert (means[CORRIDOR].success, means[BAND].success, means[BAND].queries) == (1.0, 0.0, 2)
+    assert means[BAND].cc == means[BAND].cc_increase == float("inf")
+
+
+def test_a_shuffled_network_is_another_one_and_always_the_same():
+    model = NetworkModel("edge")
+    one, other = shuffled(model), shuffled(model)
+    planes = np.random.default_rng(1).uniform(0.0, 1.0, (2, 64, 64)).astype(np.float32)
+    answers = []
+    for each in (model, one, other):
+        each.set_map(planes)
+        each.set_query((5.0, 5.0), (50.0, 60.0))
+        answers.append(each.run().copy())
+    np.testing.assert_array_equal(answers[1], answers[2])
+    assert np.abs(answers[0] - answers[1]).max() > 0.05
+    assert one.metadata == model.metadata
