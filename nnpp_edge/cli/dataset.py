@@ -92,9 +92,9 @@ def command(
     """
     if workers and scheduler:
         raise click.UsageError("--workers counts processes on this machine; leave it out with --scheduler")
-    if papers_maps and (own_cell_size or terrain.rescale or terrain.limits_given):
+    if papers_maps and (poses or own_cell_size or terrain.rescale or terrain.limits_given):
         raise click.UsageError(
-            "--papers-maps decides cells and limits: leave out --own-cell-size, --rescale and limits"
+            "--papers-maps decides cells and limits: leave out --poses, --own-cell-size, --rescale and limits"
         )
     if own_cell_size and (terrain.rescale or not terrain_files):
         raise click.UsageError("--own-cell-size goes with TERRAIN files, and without --rescale")

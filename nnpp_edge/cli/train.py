@@ -23,6 +23,7 @@ _ENCODING = click.Choice([name for names in ENCODINGS.values() for name in names
 _STEPS = "Most steps, if its epochs do not end the training before; the number that a time limit came to repeats it."
 _TIME_LIMIT = "Minutes, about: the speed of the first 200 steps decides the number of steps."
 _SMALL = "Keep the mean weights alone, in 16 bits; a resumed run warms up a new optimiser."
+_PRECISION = "Of the convolutions; auto: bfloat16 on a GPU. bfloat16 is twice as quick on a CPU with AMX."
 _THREADS = "Of torch on the CPU; by default one for passage networks, which gain nothing from more, else one a core."
 _TARGET = click.Choice(["near", "path"])
 
@@ -59,6 +60,7 @@ _TARGET = click.Choice(["near", "path"])
 @click.option("--validate-every", type=options.NOT_NEGATIVE, default=5.0, help="Minutes.")
 @click.option("--small-checkpoints", is_flag=True, help=_SMALL)
 @click.option("--pause-after", type=options.POSITIVE, help="Minutes; the same command goes on.")
+@click.option("--precision", type=click.Choice(["auto", "float32", "bfloat16"]), default="auto", help=_PRECISION)
 @click.option("--threads", type=options.COUNT, help=_THREADS)
 @options.seed
 @options.as_json

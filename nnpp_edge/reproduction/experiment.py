@@ -95,6 +95,8 @@ class Experiment(Generic[SettingsT]):
     """Its settings, a frozen dataclass."""
     quick: SettingsT
     """The same for a smoke run."""
+    asks_networks: bool = True
+    """Whether a network that is handed in takes part: else what was made stays good when there is another one."""
 
 
 def find_experiment(name: str) -> "Experiment[DataclassInstance] | None":

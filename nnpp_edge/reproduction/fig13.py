@@ -271,4 +271,4 @@ def _picture(scores: dict[str, _Scores], settings: Settings) -> bytes:
 
 _THREE = (ENCODINGS[2], ENCODINGS[5], ENCODINGS[-1])
 _QUICK = Settings(steps=3, batch=8, maps=6, validation_maps=4, threads=1, encodings=_THREE)
-EXPERIMENT = Experiment("Fig. 13", "Encodings of start and goal", run, Settings(), _QUICK)
+EXPERIMENT = Experiment("Fig. 13", "Encodings of start and goal", run, Settings(), _QUICK, asks_networks=False)

@@ -78,4 +78,6 @@ def _picture(cost: Float2D, ways: Sequence[_Way]) -> bytes:
     return png(figure)
 
 
-EXPERIMENT = Experiment("Fig. 6", "Paths at three weights ω", run, Settings(), Settings(size=128))
+EXPERIMENT = Experiment(
+    "Fig. 6", "Paths at three weights ω", run, Settings(), Settings(size=128), asks_networks=False
+)

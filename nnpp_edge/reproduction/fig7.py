@@ -212,4 +212,6 @@ def _picture(sweep: Sweep) -> bytes:
     return png(figure)
 
 
-EXPERIMENT = Experiment("Fig. 7", "The weight ω of the traversability cost", run, Settings(), Settings(8, 256, 25, 5))
+EXPERIMENT = Experiment(
+    "Fig. 7", "The weight ω of the traversability cost", run, Settings(), Settings(8, 256, 25, 5), asks_networks=False
+)

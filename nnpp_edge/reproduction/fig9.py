@@ -19,16 +19,7 @@ from nnpp_edge.reproduction.contest import (
     shown,
 )
 from nnpp_edge.reproduction.experiment import Context, Experiment, OnProgress
-from nnpp_edge.reproduction.pictures import (
-    COLOURS,
-    MARKERS,
-    PAPER,
-    legend_below,
-    new_figure,
-    png,
-    sides_axis,
-    tidy,
-)
+from nnpp_edge.reproduction.pictures import COLOURS, MARKERS, PAPER, legend_below, new_figure, png, sides_axis, tidy
 from nnpp_edge.reproduction.regions import CONTROLS_NOTE, Networks
 from nnpp_edge.reproduction.report import About, Finding, Result, Row, Table, columns, judge, percent, seconds
 

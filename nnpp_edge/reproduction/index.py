@@ -132,11 +132,10 @@ def _making(facts: Stored) -> list[str]:
     """What experiments of one run have in common."""
     made = facts["made_with"]
     terrain = ", ".join(f"`{t['name']}` (cells of {t['cell_size_m']:g} m)" for t in made["terrain"])
-    networks = made["networks"].items()
+    files = [f"{whose} `{file['name']}` (SHA-256 {file['sha256'][:12]}…)" for whose, file in made["networks"].items()]
     lines = [
         f"- machine: {facts['machine']}",
-        f"- nnpp-edge {made['version']}, seed {made['seed']}, networks: "
-        + ", ".join(f"{whose} `{file['name']}` (SHA-256 {file['sha256'][:12]}…)" for whose, file in networks),
+        f"- nnpp-edge {made['version']}, seed {made['seed']}, networks: {', '.join(files) or 'none handed in'}",
         f"- terrain: {terrain}",
     ]
     if made["dataset"]:

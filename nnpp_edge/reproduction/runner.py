@@ -87,8 +87,8 @@ def reproduce(
             yield ExperimentOutcome(name, "missing")
             continue
         settings = _settings(experiment, request)
-        common["settings"] = asdict(settings)
-        made_with: MadeWith = json.loads(json.dumps(common))
+        facts_of_it = {"settings": asdict(settings)} | ({} if experiment.asks_networks else {"networks": {}})
+        made_with: MadeWith = json.loads(json.dumps(common | facts_of_it))
         stored = read_experiment(request.output / name)
         if stored is not None and stored["made_with"] == made_with and not request.again:
             yield ExperimentOutcome(name, "skipped", findings_of(stored))

@@ -44,6 +44,8 @@ class TrainSettings:
     validate_every_s: float = 300.0
     average_decay: float = 0.998
     """Of the running mean of the weights, which is what is validated and exported."""
+    precision: str = "auto"
+    """Of the convolutions: ``float32``, ``bfloat16``, or bfloat16 on a GPU and float32 on a CPU (``auto``)."""
 
 
 @dataclass
@@ -78,7 +80,7 @@ class Checkpoint:
         progress, settings = self.progress, self.settings
         names = ("batch", "learning_rate", "weight_decay", "warmup_steps", "target", "softness", "loss", "seed")
         done = {"steps": progress.step, "epochs": progress.epoch, "seconds": round(progress.spent_s, 1)}
-        asked = {name: getattr(settings, name) for name in (*names, "average_decay")}
+        asked = {name: getattr(settings, name) for name in (*names, "average_decay", "precision")}
         return done | asked | {"input_size": self.spec.input_size} | self.origin
 
     def trained(self) -> Network:

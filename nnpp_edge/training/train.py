@@ -1,6 +1,5 @@
 """Training: AdamW as in the paper, resumable, limited by epochs, steps or time, on one device or several."""
 
-import contextlib
 import math
 import sys
 import time
@@ -82,7 +81,7 @@ def train(
     validates and writes, and the history's loss is the mean over all. The samples, their order and their
     symmetries are those of one process, so the curves differ by rounding and by batch norm alone: each process
     normalises its share by the share's own mean and variance, and the running statistics are the first
-    process's. On CUDA the network runs in bfloat16.
+    process's.
 
     What is learned depends on numbers of steps, never on the clock: a time limit becomes a number of steps once the
     warm-up has shown how long one takes (`Progress.steps`). On a CPU the same spec, settings, samples and that number
@@ -137,6 +136,8 @@ class _Run:
             self.network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
         self.progress = Progress()
+        precision = settings.precision
+        self._in_bfloat16 = precision == "bfloat16" or (precision == "auto" and device.type == "cuda")
         self.small_checkpoints = False
         self._optimiser_since = 0
         """Step from which on the optimiser has learned."""
@@ -179,8 +180,7 @@ class _Run:
             torch.from_numpy(array).to(self.processes.device, non_blocking=True) for array in batch
         )
         self.network.train()
-        cuda = self.processes.device.type == "cuda"
-        with torch.autocast("cuda", torch.bfloat16) if cuda else contextlib.nullcontext():
+        with torch.autocast(self.processes.device.type, torch.bfloat16, enabled=self._in_bfloat16):
             logits = self._wrapped((planes.float() / 255.0).contiguous(memory_format=torch.channels_last), query)
         loss = loss_of(self.settings.loss, logits.float(), target)
         self.optimiser.zero_grad(set_to_none=True)

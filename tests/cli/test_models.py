@@ -84,15 +84,17 @@ def stages(training):
 
 
 def commands_that_make(name):
-    """The options in docs/models.md of the commands that made a model and its training set, by command."""
-    text = (MODELS.parents[1] / "docs" / "models.md").read_text().split("## ")[0].replace("\\\n", " ")
-    found = {"dataset": [], "train": [], "export": [], "quantize": []}
+    """The options in docs/models.md of the commands that made a model, by command, and of all data sets by folder."""
+    text = (MODELS.parents[1] / "docs" / "models.md").read_text().split("\n## ")[0].replace("\\\n", " ")
+    found = {"dataset": {}, "train": [], "export": [], "quantize": []}
     for line in text.splitlines():
         if line.startswith("nnpp-edge "):
             command, *words = line.split()[1:]
             options = dict(zip(words, words[1:], strict=False))
-            if re.fullmatch(rf"data/train|(runs/)?{name}(\d+|-fp32|)(\.onnx)?", options["-o"]):
-                found[command].append(options)
+            if command == "dataset":
+                found[command][options["-o"]] = options
+            elif re.fullmatch(rf"(runs/)?{name}(-\d+b?|-fp32|)(\.onnx)?", options["-o"]):
+                found[command].append(options | {"dataset": words[0]})
     return found
 
 
@@ -103,14 +105,19 @@ MADE = [name for name in SHIPPED if not name.endswith("-fp32") and name != PASSA
 @pytest.mark.parametrize("name", MADE)
 def test_the_commands_that_are_told_agree_with_the_files_metadata(name):
     m, commands = read_model_file(name).metadata, commands_that_make(name)
-    (dataset,), (export,), (quantize,) = commands["dataset"], commands["export"], commands["quantize"]
+    (export,), (quantize,) = commands["export"], commands["quantize"]
+    (folder,) = {options["dataset"] for options in commands["train"]}
+    dataset = commands["dataset"][folder]
     recipe = m.training["dataset"]
     assert (int(dataset["--maps"]), int(dataset["--seed"])) == (recipe["maps"], recipe["seed"])
-    assert (float(export["--region-factor"]), export["--name"]) == (m.region_factor, m.name)
+    assert (export["--dataset"], quantize["--dataset"]) == (folder, folder)
+    assert (float(export.get("--region-factor", 0.5)), export["--name"]) == (m.region_factor, m.name)
     assert int(quantize.get("--samples", 200)) == m.training["calibration"]["samples"]
     for options, stage in zip(commands["train"], stages(m.training), strict=True):
         assert "--time-limit" not in options
         assert int(options["--steps"]) == stage["steps"]
+        assert options.get("--target", "near") == stage["target"]
+        assert options.get("--precision", "auto") == stage.get("precision", "auto")
         assert int(options.get("--batch", 32)) == stage["batch"]
         assert float(options.get("--learning-rate", 1e-3)) == stage["learning_rate"]
         assert int(options.get("--input-size", m.input_size)) == stage.get("input_size", m.input_size)
@@ -123,7 +130,8 @@ def test_a_card_agrees_with_its_files_metadata(name):
     assert f"{{p ≥ {m.region_factor:g} · td}}" in card["region rule"]
     assert f"{m.blocks} × {m.blocks} probabilities" in card["answers"]
     assert re.search(rf"`{name}\.onnx` \({m.precision}, ({megabytes:.1f}|{megabytes:.2f}) MB", card["files"])
-    assert f"exp(-excess / {100 * training['softness']:g} %)" in card["target"]
+    near = f"exp(-excess / {100 * training['softness']:g} %)"
+    assert (near if training["target"] == "near" else "the single optimal path") in card["target"]
     assert f"QDQ {m.precision} on {training['calibration']['samples']} queries" in card["calibration"]
     for stage in stages(training):
         said = [

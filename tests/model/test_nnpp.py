@@ -12,6 +12,7 @@ import torch
 from torch import nn
 
 from nnpp_edge.export.quiet import quiet
+from nnpp_edge.model.blocks import Conv2d
 from nnpp_edge.model.macs import count_macs
 from nnpp_edge.model.nnpp import NNPP, PRIOR_LOGIT
 from nnpp_edge.model.sppm import SPPM
@@ -336,3 +337,13 @@ def test_normalisations_fold_into_the_convolutions(exported, tmp_path):
     convolutions = sum(isinstance(m, nn.Conv2d) for m in exported[0].modules())
     assert kinds["Conv"] + kinds["FusedConv"] == convolutions
     assert kinds["BatchNormalization"] == 0
+
+
+def test_strided_depthwise_convolutions_stay_in_float32_on_a_cpu_in_bfloat16():
+    x = torch.rand(2, 8, 16, 16)
+    down, plain = Conv2d(8, 8, 3, 2, 1, groups=8, bias=False), Conv2d(8, 8, 3, 2, 1, bias=False)
+    with torch.autocast("cpu", torch.bfloat16):
+        half = down(x.to(torch.bfloat16))
+        assert plain(x).dtype is torch.bfloat16
+    assert half.dtype is torch.float32
+    torch.testing.assert_close(half, down(x.to(torch.bfloat16).float()))

@@ -174,6 +174,8 @@ def test_a_second_run_skips_what_is_complete_and_mends_what_is_not(terrain, tiny
     assert ended(request) == ["skipped", "done"]
     assert (tmp_path / "fig12" / "fig12.json").stat().st_mtime_ns == first
     assert ended(replace(request, again=True)) == ["done", "done"]
+    others = (str(tiny_model), "edge")
+    assert ended(replace(request, models=others)) == ["done", "skipped"], "Table 1 asks no network"
     assert ended(replace(request, seed=2)) == ["done", "done"]
     assert {p.name for p in tmp_path.iterdir()} == {"fig12", "table1", "README.md"}
 

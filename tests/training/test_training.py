@@ -44,6 +44,17 @@ def test_the_loss_falls_and_validation_searches(trained):
     assert not saved.trained().training
 
 
+def test_a_network_is_trained_in_bfloat16_where_that_is_asked_for(samples, tmp_path):
+    half, full = (
+        load_checkpoint(run(samples, tmp_path / kind, epochs=10_000, steps=12, precision=kind))
+        for kind in ("bfloat16", "float32")
+    )
+    assert (half.facts()["precision"], full.facts()["precision"]) == ("bfloat16", "float32")
+    assert {values.dtype for values in half.average.values() if values.ndim} == {torch.float32}
+    losses = [checkpoint.progress.history[-1]["loss"] for checkpoint in (half, full)]
+    assert losses[0] != losses[1] and losses[0] == pytest.approx(losses[1], rel=0.05)
+
+
 def test_a_stopped_run_goes_on_where_it_was(samples, tmp_path):
     first = load_checkpoint(run(samples, tmp_path, epochs=1)).progress
     second = load_checkpoint(run(samples, tmp_path, epochs=2)).progress
