@@ -94,9 +94,8 @@ def command(
 
     import msgspec
 
-    os.environ.setdefault(
-        "OMP_WAIT_POLICY", "PASSIVE"
-    )  # threads that spin where other programs run: ten times as slow
+    # threads that spin where other programs run are ten times as slow
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import torch
 
     from nnpp_edge.progress import bar

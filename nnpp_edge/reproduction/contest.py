@@ -141,9 +141,8 @@ class _OnMap:
         """Whether the first region held a path, and MM; of ``nnpp`` those of its network's own region."""
         if record.rival == "nnpp":
             region, _ = self.own_regions.find(record.case)
-            return optimal_path(self.own_regions.grid, record.case, region) is not None, len(
-                exact.path
-            ) / region.area()
+            holds_path = optimal_path(self.own_regions.grid, record.case, region) is not None
+            return holds_path, len(exact.path) / region.area()
         searched = self.planner.plan(*record.case, method=record.rival, keep_regions=True).region
         mm = None if searched is None else len(exact.path) / searched.area()
         return found.source in FIRST_SOURCES, mm
