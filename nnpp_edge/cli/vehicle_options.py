@@ -33,6 +33,7 @@ class VehicleOptions:
     wheel_length_m: float | None
     wheel_width_m: float | None
     unknown_passes: bool | None
+    turning_radius_m: float | None
     radius_m: float | None
 
     def make(self) -> Vehicle | None:
@@ -88,6 +89,12 @@ vehicle = together(
         "--unknown-passes/--unknown-fails",
         default=None,
         help="Whether the vehicle may stand on unknown cells. By default as the vehicle's file says, else not.",
+    ),
+    click.option(
+        "--turning-radius",
+        "turning_radius_m",
+        type=POSITIVE,
+        help="Of the sharpest turn of a line freed from the grid (--refine any-angle), metres.",
     ),
     click.option("--radius", "radius_m", type=POSITIVE, help="Of a disc, of which no more is known, metres."),
     gathered("vehicle", VehicleOptions),

@@ -67,6 +67,13 @@ def test_answers_come_back_as_they_were():
     assert json.loads(encode(failed))["headings_deg"] == []
     assert decode_output(encode(failed)).summary() == failed.summary()
     assert decode_output(encode(failed)).cost == math.inf
+    line = replace(whole, waypoints=np.array([[1.0, 2.0], [2.25, 3.0]]), line_cost=1.25)
+    back = decode_output(encode(line))
+    assert back.waypoints.dtype == np.float64 and back.line_cost == 1.25
+    np.testing.assert_array_equal(back.waypoints, line.waypoints)
+    assert json.loads(encode(line))["waypoints"] == line.summary()["waypoints"] == [[1.0, 2.0], [2.25, 3.0]]
+    for without in (whole, failed):
+        assert not {"waypoints", "line_cost"} & (json.loads(encode(without)).keys() | without.summary().keys())
     status = StatusMessage(9, Status.OK, "fine", Counters(ticks=9, drops={"x": 1}, tick_ms={"p50": 0.25}))
     assert decode_output(encode(status)) == status
     assert decode_output(encode(Fault("no", 3))) == Fault("no", 3)

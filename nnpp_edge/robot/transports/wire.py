@@ -99,7 +99,10 @@ def encode(message: Input | Output | Fault) -> bytes:
         place = {"row": message.row, "col": message.col}
         return _joined("patch", {**place, name: packed, "keep_known": message.keep_known, "stamp": message.stamp})
     if isinstance(message, PathMessage):
-        return _joined("path", {**vars(message), "headings_deg": message.headings_deg})
+        fields = {**vars(message), "headings_deg": message.headings_deg}
+        if message.waypoints is None:
+            del fields["waypoints"], fields["line_cost"]
+        return _joined("path", fields)
     kinds = {Pose: "pose", Goal: "goal", StatusMessage: "status", Fault: "error"}
     return _joined(kinds[type(message)], message)
 
@@ -131,11 +134,11 @@ def decode_output(payload: bytes, limit: int = LIMIT_BYTES) -> Output | Fault:
     kind = fields.get("type")
     if not isinstance(kind, str) or kind not in _OUTPUTS or fields.get("v", VERSION) != VERSION:
         raise _refused(wanted, payload, f"its type must be {', '.join(_OUTPUTS)}, and its version {VERSION}")
-    for name in ("cost", "lower_bound"):
+    for name in ("cost", "lower_bound", "line_cost"):
         if name in fields and fields[name] is None:
             fields[name] = math.inf
     try:
-        output: Output | Fault = msgspec.convert(fields, _OUTPUTS[kind], dec_hook=_as_cells)
+        output: Output | Fault = msgspec.convert(fields, _OUTPUTS[kind], dec_hook=_as_places)
     except (ValueError, OverflowError) as error:
         raise _refused(wanted, payload, error) from None
     return output
@@ -214,8 +217,9 @@ def _from_base64(text: bytes) -> bytes:
         raise WireError(f"wanted base64 values (float32), got what is none ({error})") from None
 
 
-def _as_cells(kind: type, cells: list[list[int]]) -> NDArray[np.int32]:
-    return np.asarray(cells, np.int32).reshape(-1, 2)
+def _as_places(kind: type, places: list[list[float]]) -> NDArray[np.int32] | NDArray[np.float64]:
+    """A path's cells, or way points."""
+    return np.asarray(places, np.float64 if kind == NDArray[np.float64] else np.int32).reshape(-1, 2)
 
 
 def _values(name: str, given: list[list[float | None]] | Packed | None) -> NDArray[np.float32] | None:
