@@ -20,7 +20,7 @@ LARGEST_EXPONENT = 60.0
 
 @kernel
 def _exponential(x):
-    """e^x for x from 0 to `LARGEST_EXPONENT`, to 1e-12 of it; unlike the library's, computed for several x at once."""
+    """e^x for x from 0 to `LARGEST_EXPONENT`, to 1e-12 of it; for several x at once, unlike the library's."""
     x *= 1.0 / 256.0
     e = 1.0 + x / 8.0 * (1.0 + x / 9.0 * (1.0 + x / 10.0))
     e = 1.0 + x / 4.0 * (1.0 + x / 5.0 * (1.0 + x / 6.0 * (1.0 + x / 7.0 * e)))
