@@ -15,7 +15,6 @@ from nnpp_edge.cli.vehicle_options import VehicleOptions
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.messages import Counters
     from nnpp_edge.runtime.loop.world import World
-    from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 _FRAMINGS = click.Choice(["lines", "length"])
 _INPUTS, _OUTPUTS = "stdin|replay:FILE|zenoh[:ENDPOINT]", "stdout|zenoh[:ENDPOINT]|none"
@@ -54,6 +53,7 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
 @click.option("--metrics-file", type=options.NEW_FILE, help="Keep the counters in this file, in Prometheus' format.")
 @options.view
 @options.terrain
+@options.step_cost
 @vehicle_options.vehicle
 @options.as_json
 def command(
@@ -63,6 +63,7 @@ def command(
     as_json: bool,
     terrain: TerrainOptions,
     vehicle: VehicleOptions,
+    step_cost: str,
     **given: Any,
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
@@ -101,7 +102,7 @@ def command(
     pace = Pace(loop.rate_hz, loop.cores, loop.priority)
     if settings.asks_network:
         begin_loading(settings.model)
-    world, cell_size_m = _world(map_file, terrain, vehicle.make())
+    world, cell_size_m = _world(map_file, terrain, vehicle, step_cost)
     report = partial(click.echo, err=True)
     counters = run(world, settings, wiring, pace, ticks=ticks, cell_size_m=cell_size_m, report=report)
     if as_json:
@@ -131,7 +132,7 @@ def summary(counters: "Counters") -> str:
     return "\n".join(f"{name:<10}{value}" for name, value in lines.items())
 
 
-def _world(path: Path, terrain: TerrainOptions, vehicle: "Vehicle | None") -> tuple["World", float]:
+def _world(path: Path, terrain: TerrainOptions, vehicle: VehicleOptions, step_cost: str) -> tuple["World", float]:
     """The first map, and the side of its cells in metres."""
     from nnpp_edge.runtime.loop.world import World
     from nnpp_edge.terrain.array_files import read_cost_map
@@ -140,9 +141,21 @@ def _world(path: Path, terrain: TerrainOptions, vehicle: "Vehicle | None") -> tu
         for name in options.given_options():
             if hasattr(terrain, name):
                 raise click.UsageError(f"{path.name} holds costs: --{name.replace('_', '-')} does not go with it")
-        if vehicle is not None:
+        if vehicle.make() is not None:
             raise click.UsageError(f"{path.name} holds costs: a vehicle stands on elevations")
+        if step_cost != "paper":
+            raise click.UsageError(
+                f"{path.name} holds costs: --step-cost {step_cost} goes by the slopes of elevations"
+            )
         return World(found[0]), found[1]
     limits, dem = terrain.limits(), terrain.read(path)
-    world = World.of_elevation(dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m, vehicle=vehicle)
+    world = World.of_elevation(
+        dem.elevation,
+        dem.cell_size_m,
+        limits,
+        cell_width_m=dem.cell_width_m,
+        vehicle=vehicle.make(),
+        step_cost=step_cost,
+        mobility=vehicle.mobility(),
+    )
     return world, dem.cell_size_m

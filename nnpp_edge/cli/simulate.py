@@ -59,6 +59,7 @@ _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnp
 @click.option("--sight", type=COUNT, default=12, help="Cells to each side, beyond the body, that it sees.")
 @click.option("--speed", type=COUNT, default=1, help="Cells a tick.")
 @options.terrain
+@options.step_cost
 @vehicle_options.vehicle
 @click.option("--rocks", type=options.Real(0.0, 0.2), default=0.0, help="Share of the ground under rocks.")
 @options.seed
@@ -74,6 +75,7 @@ def command(
     survey: int | None,
     terrain: TerrainOptions,
     vehicle: VehicleOptions,
+    step_cost: str,
     rocks: float,
     rate: float | None,
     seed: int,
@@ -118,7 +120,17 @@ def command(
     survey = survey or (_SURVEY if body is None else 1)
     heights = _with_rocks(part, rocks, seed)
     size_m, width_m = part.cell_size_m, part.cell_width_m
-    ground = SurveyedGround.of(heights, size_m, limits, survey, width_m, body, bare=part.elevation)
+    ground = SurveyedGround.of(
+        heights,
+        size_m,
+        limits,
+        survey,
+        width_m,
+        body,
+        bare=part.elevation,
+        step_cost=step_cost,
+        mobility=vehicle.mobility(),
+    )
     if start is None or goal is None:
         start, goal = random_drive(ground, seed)
     film = Film() if picture is not None and picture.suffix.lower() == ".gif" else None

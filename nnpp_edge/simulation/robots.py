@@ -4,7 +4,8 @@ A map of the simulation holds the values that its robot goes by. The scene moves
 them; what they mean, its robot says.
 """
 
-from typing import Protocol
+import math
+from typing import Protocol, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,23 @@ from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.messages import MapPatch
 from nnpp_edge.runtime.loop.world import Terrain, World
 from nnpp_edge.runtime.map.poses import pose_costs
+from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS, Vehicle
 from nnpp_edge.simulation.pose_check import PoseCheck, headings_of
 from nnpp_edge.terrain.obstacles import OBSTACLE
+
+
+class Surface(TypedDict):
+    """Arguments of `Planner.of_elevation` and `World.of_elevation`."""
+
+    cell_size_m: float
+    cell_width_m: float
+    traversability: Traversability
+    vehicle: Vehicle | None
+    step_cost: str
+    mobility: Mobility | None
 
 
 class Robot(Protocol):
@@ -94,7 +108,67 @@ class Point:
         return MapPatch(row, col, cost=values)
 
 
-class Body:
+class OnHeights:
+    """What robots have in common that go by heights, in metres, NaN where unknown.
+
+    Parameters
+    ----------
+    terrain : Terrain
+        The sides of the cells, the limits, and what steps cost.
+    """
+
+    def __init__(self, terrain: Terrain) -> None:
+        self.sides_m, self._terrain = terrain.sides_m, terrain
+
+    def planner(self, values: Float2D) -> Planner:
+        """Of heights."""
+        return Planner.of_elevation(values, warn=False, **self._surface)
+
+    def world(self, values: Float2D) -> World:
+        """Of heights."""
+        return World.of_elevation(values, **self._surface)
+
+    def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
+        """A patch of heights."""
+        return MapPatch(row, col, elevation=values)
+
+    @property
+    def _surface(self) -> Surface:
+        size, width = self.sides_m
+        return {
+            "cell_size_m": size,
+            "cell_width_m": width,
+            "traversability": self._terrain.traversability,
+            "vehicle": self._terrain.vehicle,
+            "step_cost": self._terrain.step_cost,
+            "mobility": self._terrain.mobility,
+        }
+
+
+class PointOnSlopes(OnHeights):
+    """A robot as large as a cell whose steps cost by the slope. Values are heights in metres, NaN where unknown."""
+
+    vehicle = None
+    reach = 0
+
+    def obstacle(self, values: Float2D) -> float:
+        """Unknown, and so impassable."""
+        return math.nan
+
+    def stands(self, values: Float2D, cell: Cell) -> bool:
+        """On passable cells."""
+        return bool(self.costs(values)[cell] < OBSTACLE)
+
+    def steps(self, values: Float2D, path: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """To passable cells."""
+        return np.asarray(self.costs(values)[path[1:, 0], path[1:, 1]] < OBSTACLE)
+
+    def costs(self, values: Float2D) -> Float2D:
+        """Traversability."""
+        return self._terrain.costs(values)
+
+
+class Body(OnHeights):
     """A robot with a body. Values are heights in metres, NaN where unknown.
 
     Parameters
@@ -111,8 +185,8 @@ class Body:
     def __init__(self, terrain: Terrain) -> None:
         if terrain.vehicle is None or terrain.vehicle.is_disc:
             raise InvalidMapError("wanted a vehicle with length, width and clearance, got none or a disc")
+        super().__init__(terrain)
         self.vehicle: Vehicle = terrain.vehicle
-        self.sides_m, self._rule = terrain.sides_m, terrain.traversability
         self._check = PoseCheck(terrain.vehicle, terrain.sides_m)
         self.reach = self._check.reach
 
@@ -136,20 +210,6 @@ class Body:
 
     def costs(self, values: Float2D) -> Float2D:
         """Of each cell's best pose; inf where all fail."""
-        size, width = self.sides_m
-        best: Float2D = pose_costs(values, size, self.vehicle, cell_width_m=width, traversability=self._rule).min(0)
+        (size, width), rule = self.sides_m, self._terrain.traversability
+        best: Float2D = pose_costs(values, size, self.vehicle, cell_width_m=width, traversability=rule).min(0)
         return best
-
-    def planner(self, values: Float2D) -> Planner:
-        """Over poses."""
-        size, width = self.sides_m
-        return Planner.of_elevation(values, size, self._rule, cell_width_m=width, warn=False, vehicle=self.vehicle)
-
-    def world(self, values: Float2D) -> World:
-        """Of heights."""
-        size, width = self.sides_m
-        return World.of_elevation(values, size, self._rule, cell_width_m=width, vehicle=self.vehicle)
-
-    def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
-        """A patch of heights."""
-        return MapPatch(row, col, elevation=values)

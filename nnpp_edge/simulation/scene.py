@@ -12,10 +12,11 @@ from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.loop.world import Terrain
+from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
+from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.simulation.robots import Body, Point, Robot
+from nnpp_edge.simulation.robots import Body, Point, PointOnSlopes, Robot
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
 
 
@@ -41,6 +42,8 @@ class SurveyedGround:
         vehicle: Vehicle | None = None,
         *,
         bare: Float2D | None = None,
+        step_cost: str = "paper",
+        mobility: Mobility | None = None,
     ) -> "SurveyedGround":
         """From heights; the survey has them blurred by a Gaussian of half a `block` of cells (1 knows all).
 
@@ -53,17 +56,19 @@ class SurveyedGround:
             `block` is less than 1, or no cell's height is known.
         InvalidMapError
             The vehicle is a disc.
+        InvalidQueryError
+            There is no such step cost, or its model needs a mobility.
         """
         if block < 1:
             raise InvalidQueryError(f"the survey's blocks must be of at least 1 cell, got {block}")
         bare = elevation if bare is None else bare
         heights = (elevation, bare.copy() if block == 1 else _blurred(bare, block / 2.0))
-        if vehicle is not None:
-            return cls(*heights, cell_size_m, Body(Terrain(cell_size_m, limits, cell_width_m, vehicle)))
-        true, surveyed = (
-            traversability_cost(each, cell_size_m, limits, cell_width_m=cell_width_m, warn=False) for each in heights
-        )
-        return cls(true, surveyed, cell_size_m)
+        terrain = Terrain(cell_size_m, limits, cell_width_m, vehicle, step_cost, mobility)
+        if terrain.vehicle is not None:
+            return cls(*heights, cell_size_m, Body(terrain))
+        if terrain.step_cost != "paper":
+            return cls(*heights, cell_size_m, PointOnSlopes(terrain))
+        return cls(*(terrain.costs(each) for each in heights), cell_size_m)
 
     def costs(self) -> Float2D:
         """(H, W) true traversability costs; impassable from 1 up."""

@@ -38,7 +38,7 @@ class NavigatorSettings:
 
     method: str = DynamicMethod.AUTO
     step_cost: str = "paper"
-    """``length`` needs a world made for it."""
+    """``length`` needs a world made for it; on a world's heights, its own counts."""
     omega: float = PAPER_OMEGA
     corner_cutting: bool = True
     model: str | Path | NetworkModel = "edge"

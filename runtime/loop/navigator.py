@@ -166,7 +166,7 @@ class Navigator:
     def _update_map(self) -> None:
         version, changes = self.world.read_changes()
         try:
-            put = self.planner.update if self.world.body is None else self.planner.update_elevation
+            put = self.planner.update if self.world.ground is None else self.planner.update_elevation
             for row, col, patch in changes:
                 self._cells_changed += put(row, col, patch)
         except Exception:
@@ -181,14 +181,14 @@ class Navigator:
         if settings.asks_network:
             begin_loading(self.model)
         self._map_version, _ = self.world.read_changes()
-        also, body = (DynamicMethod.CORRIDOR,), self.world.body
+        also, ground = (DynamicMethod.CORRIDOR,), self.world.ground
         given: PlannerOptions = {
             "omega": settings.omega,
             "corner_cutting": settings.corner_cutting,
             "model": self.model,
         }
         refine = settings.refine
-        if body is None:
+        if ground is None:
             costs = self.world.cost()
             planner = DynamicPlanner(
                 costs, (0, 0), settings.method, also=also, step_cost=settings.step_cost, refine=refine, **given
@@ -196,12 +196,14 @@ class Navigator:
         else:
             planner = DynamicPlanner.of_elevation(
                 self.world.heights(),
-                body.cell_size_m,
+                ground.cell_size_m,
                 (0, 0),
-                body.traversability,
+                ground.traversability,
                 settings.method,
-                vehicle=body.vehicle,
-                cell_width_m=body.cell_width_m,
+                vehicle=ground.vehicle,
+                cell_width_m=ground.cell_width_m,
+                step_cost=ground.step_cost,
+                mobility=ground.mobility,
                 also=also,
                 refine=refine,
                 **given,

@@ -13,6 +13,7 @@ from nnpp_edge.runtime.loop.messages import MapPatch
 from nnpp_edge.runtime.map.changes import Change, ChangeLog
 from nnpp_edge.runtime.map.disc import Disc
 from nnpp_edge.runtime.map.poses import Poses, term_weights
+from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost, update_cost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -26,12 +27,20 @@ class Terrain:
     traversability: Traversability
     cell_width_m: float | None = None
     vehicle: Vehicle | None = None
-    """Whose poses the path must hold for, on the heights; None for a point, which goes by the costs."""
+    """Whose poses the path must hold for, on the heights; None for a point."""
+    step_cost: str = "paper"
+    """What steps cost, as for `Planner.of_elevation`: by the costs, or by the slope."""
+    mobility: Mobility | None = None
 
     @property
     def sides_m(self) -> tuple[float, float]:
         """Height and width of a cell."""
         return sides_of(self.cell_size_m, self.cell_width_m)
+
+    def costs(self, heights: Float2D) -> Float2D:
+        """(H, W) traversability costs of heights."""
+        size, width = self.sides_m
+        return traversability_cost(heights, size, self.traversability, cell_width_m=width, warn=False)
 
 
 class World:
@@ -67,6 +76,7 @@ class World:
         self._terrain = terrain
         self._blocked: NDArray[np.bool_] | None = None
         """Cells that a vehicle may not stand over, whatever their heights: cost patches made them impassable."""
+        self._by_heights = terrain is not None and (terrain.vehicle is not None or terrain.step_cost != "paper")
         self._poses: Poses | None = None
         self._disc: Disc | None = None
         self._model = StepModel.of(step_cost)
@@ -95,15 +105,19 @@ class World:
         *,
         cell_width_m: float | None = None,
         vehicle: Vehicle | None = None,
+        step_cost: str = "paper",
+        mobility: Mobility | None = None,
     ) -> "World":
-        """The world of an elevation map, in the paper's step costs; arguments as for `Planner.of_elevation`.
+        """The world of an elevation map; arguments as for `Planner.of_elevation`.
 
-        With a vehicle, what a patch of costs makes impassable is as unknown ground to it.
+        With a vehicle, or where steps cost by the slope, what a patch of costs makes impassable is as unknown ground,
+        and its other costs count for nothing. InvalidQueryError for a step cost that there is none of, or whose model
+        needs a mobility.
         """
+        slope_cost_of(step_cost, mobility)
         limits = traversability or Traversability()
-        cost = traversability_cost(elevation, cell_size_m, limits, cell_width_m=cell_width_m, warn=False)
-        terrain = Terrain(cell_size_m, limits, cell_width_m, vehicle)
-        return cls(cost, elevation=elevation, terrain=terrain)
+        terrain = Terrain(cell_size_m, limits, cell_width_m, vehicle, step_cost, mobility)
+        return cls(terrain.costs(elevation), elevation=elevation, terrain=terrain)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -126,12 +140,12 @@ class World:
             return self._cost.copy()
 
     @property
-    def body(self) -> Terrain | None:
-        """How the heights become costs, where a vehicle stands on them; None for a point."""
-        return None if self._blocked is None else self._terrain
+    def ground(self) -> Terrain | None:
+        """How the heights become costs, where a planner goes by them; None where it goes by the costs."""
+        return self._terrain if self._by_heights else None
 
     def heights(self) -> Float2D:
-        """A copy of what a vehicle stands on as it is now: metres, NaN where it may not or where it is unknown."""
+        """A copy of what a planner of heights goes by now: metres, NaN where none may be or where it is unknown."""
         with self._lock:
             return self._ground((0, 0, *self.shape))
 
@@ -158,7 +172,7 @@ class World:
         return True
 
     def read_changes(self) -> tuple[int, list[tuple[int, int, Float2D]]]:
-        """The version, and what has changed since the last call: (row, col, costs), or heights for a vehicle.
+        """The version, and what has changed since the last call: (row, col, costs), or heights as `heights` has them.
 
         Rectangles that together have more cells than the one that holds them all are read as that one.
         """
@@ -166,7 +180,7 @@ class World:
             parts = [change.part for change in self._unread.read() if change.cells]
             if parts and _area(whole := enclosing(parts)) < sum(map(_area, parts)):
                 parts = [whole]
-            read = self._costs_of if self._blocked is None else self._ground
+            read = self._ground if self._by_heights else self._costs_of
             return self.version, [(part[0], part[1], read(part)) for part in parts]
 
     def _costs_of(self, part: Rectangle) -> Float2D:
@@ -176,8 +190,9 @@ class World:
     def _ground(self, part: Rectangle) -> Float2D:
         row, col, rows, cols = part
         here = (slice(row, row + rows), slice(col, col + cols))
-        assert self._elevation is not None and self._blocked is not None
-        heights: Float2D = np.where(self._blocked[here], np.float32(np.nan), self._elevation[here])
+        assert self._elevation is not None
+        blocked = ~(self._cost[here] < self._model.costs[2]) if self._blocked is None else self._blocked[here]
+        heights: Float2D = np.where(blocked, np.float32(np.nan), self._elevation[here])
         return heights
 
     def path_problem(self, path: NDArray[np.int32], corner_cutting: bool) -> str:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing
-from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPPOSITE, ROW_STEP
-from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.slope_cost import SlopeCost
 from nnpp_edge.runtime.terrain.traversability import with_rim
@@ -21,8 +21,8 @@ _ROUNDED_DOWN = 1.0 - 1e-6
 """Of the cheapest step: edges are rounded to float32, the prices of the heuristic are not."""
 _OBSTACLE = 1.5
 """What an impassable cell counts for in a coarse cell's mean, in times of a level step (docs/decisions.md)."""
-_BAND = 64
-"""Rows whose steps are computed at once."""
+_THREADS_FROM = 20_000
+"""Cells from which on steps are computed by a thread a core."""
 Edges = NDArray[np.float32]
 
 
@@ -53,60 +53,21 @@ class CoarseSteps:
 
         Parameters
         ----------
-        finer : (rows, cols, 8) float32
-            Means of the finer level, or steps of the map, without a border. Those that lead off the map do not count.
-        pieces : (nodes,) uint16
-            The cells below each cell that it stands for, as bits; what is in none of them counts as an obstacle.
+        finer : (H + 2, W + 2, 8) float32
+            Means of the finer level, or steps of the map.
+        pieces, obstacle
+            As for `kernels.directed.pool_steps`.
         area : (row, col, rows, cols)
             Of cells of this level.
-        obstacle : (8,) float32
-            By direction.
         """
-        row, col, rows, cols = area
-        below = _without_rim(finer, (FACTOR * row, FACTOR * col, FACTOR * rows, FACTOR * cols))
-        missing = FACTOR * rows - below.shape[0], FACTOR * cols - below.shape[1]
-        if any(missing):
-            below = np.pad(below, ((0, missing[0]), (0, missing[1]), (0, 0)), constant_values=np.nan)
-        here = np.s_[row + 1 : row + rows + 1, col + 1 : col + cols + 1]
-        own = pieces.reshape(self.means.shape[:2])[here]
-        total, count = np.zeros((rows, cols, 8), np.float32), np.zeros((rows, cols, 8), np.float32)
-        for bit in range(FACTOR * FACTOR):
-            steps = below[bit // FACTOR :: FACTOR, bit % FACTOR :: FACTOR]
-            in_piece = (own >> bit) & 1 != 0
-            on_map = ~np.isnan(steps)
-            total += np.where(
-                on_map, np.where(in_piece[..., None] & (steps < np.inf), steps, obstacle), np.float32(0.0)
-            )
-            count += on_map
-        means = np.where(count > 0, total / np.maximum(count, 1), obstacle)
-        means[own == 0] = np.inf
-        self.means[here] = means
-        self._join(with_rim(area, self.shape))
-
-    def _join(self, area: Rectangle) -> None:
-        """Steps of a rectangle of cells: half by the cell that is left, half by the one that is come to."""
-        row, col, rows, cols = area
-        here = np.s_[row + 1 : row + rows + 1, col + 1 : col + cols + 1]
         edges, backwards = (each.reshape(self.means.shape) for each in (self.edges, self.backwards))
-        half = np.float32(0.5)
-        for k, (up, left) in enumerate(zip(ROW_STEP, COL_STEP, strict=True)):
-            there = np.s_[row + 1 + up : row + rows + 1 + up, col + 1 + left : col + cols + 1 + left]
-            edges[(*here, k)] = half * (self.means[(*here, k)] + self.means[(*there, k)])
-            back = OPPOSITE[k]
-            backwards[(*here, k)] = half * (self.means[(*here, back)] + self.means[(*there, back)])
+        (row, col, rows, cols), (top, left, tall, wide) = area, with_rim(area, self.shape)
 
+        def pool(row0: int, row1: int) -> None:
+            pool_steps(finer, pieces, obstacle, (row + row0, row + row1, col, col + cols), self.means)
 
-def _without_rim(steps: Edges, part: Rectangle) -> Edges:
-    """A copy of a rectangle of (rows, cols, 8) steps, as far as it lies on the map; NaN where they lead off it."""
-    (row, col, rows, cols), (most_row, most_col, _) = part, steps.shape
-    out = steps[row : row + rows, col : col + cols].copy()
-    for k, (up, left) in enumerate(zip(ROW_STEP, COL_STEP, strict=True)):
-        rim_row, rim_col = (0 if up < 0 else most_row - 1) - row, (0 if left < 0 else most_col - 1) - col
-        if up and 0 <= rim_row < out.shape[0]:
-            out[rim_row, :, k] = np.nan
-        if left and 0 <= rim_col < out.shape[1]:
-            out[:, rim_col, k] = np.nan
-    return out
+        in_bands(pool, rows, cols, threads_from=_THREADS_FROM)
+        join_steps(self.means, (top, top + tall, left, left + wide), edges, backwards)
 
 
 class DirectedSteps:
@@ -114,8 +75,8 @@ class DirectedSteps:
 
     Parameters
     ----------
-    heights : (H, W) float
-        Metres; not finite where unknown. Kept: whoever changes them says so (`follow`).
+    heights : (H, W) float32
+        Metres, C-contiguous; not finite where unknown. Kept: whoever changes them says so (`follow`).
     sides_m : (float, float)
         Height and width of a cell.
     model : SlopeCost
@@ -128,7 +89,7 @@ class DirectedSteps:
 
     def __init__(
         self,
-        heights: NDArray[np.floating],
+        heights: NDArray[np.float32],
         sides_m: tuple[float, float],
         model: SlopeCost,
         weights: NDArray[np.float32] | None,
@@ -143,12 +104,12 @@ class DirectedSteps:
         straight = least * min(dy, dx)
         self.prices = straight, min(least * self._lengths[-1], 2.0 * straight)
         """Cost of getting a straight and a diagonal step closer where all ways are as cheap as the cheapest."""
-        self.edges: Edges = np.full(((rows + 2) * (cols + 2), 8), np.inf, np.float32)
+        self.edges: Edges = np.empty(((rows + 2) * (cols + 2), 8), np.float32)
         """(nodes, 8) of the step that leaves a node in each direction; inf where there is none."""
         self.greatest = straight
         """No step costs more, nor has one."""
-        in_bands(lambda row0, row1: self._compute((row0, 0, row1 - row0, cols)), rows, cols)
-        self.greatest = float(self.edges.max(where=np.isfinite(self.edges), initial=straight))
+        self.padded[:: rows + 1] = self.padded[:, :: cols + 1] = np.inf
+        self._compute((0, 0, rows, cols))
 
     @property
     def obstacle(self) -> NDArray[np.float32]:
@@ -158,10 +119,11 @@ class DirectedSteps:
     @property
     def map(self) -> Edges:
         """(H, W, 8) steps of the map's own cells; a view."""
-        return self._padded[1:-1, 1:-1]
+        return self.padded[1:-1, 1:-1]
 
     @property
-    def _padded(self) -> Edges:
+    def padded(self) -> Edges:
+        """The same within a border."""
         return self.edges.reshape(self.shape[0] + 2, self.shape[1] + 2, 8)
 
     def follow(self, change: Change, heights: Rectangle) -> Change:
@@ -175,12 +137,10 @@ class DirectedSteps:
         row, col, rows, cols = part = with_rim(enclosing(parts), self.shape)
         here = self.map[row : row + rows, col : col + cols]
         before = here.copy()
-        here[:] = np.inf
         self._compute(part)
         changed = (here != before).any(2)
         if not changed.any():
             return change
-        self.greatest = max(self.greatest, float(here.max(where=np.isfinite(here), initial=0.0)))
         found = np.argwhere(changed)
         (top, left), (bottom, right) = found.min(0).tolist(), found.max(0).tolist()
         steps = row + top, col + left, bottom - top + 1, right - left + 1
@@ -213,33 +173,20 @@ class DirectedSteps:
         return int(blocked[0]) + 1 if len(blocked) else -1
 
     def _compute(self, part: Rectangle) -> None:
-        """Compute the steps that leave a rectangle's cells, a band of rows at a time."""
-        row, col, rows, cols = part
-        for top in range(row, row + rows, _BAND):
-            band = top, col, min(_BAND, row + rows - top), cols
-            for k in range(8):
-                self._compute_direction(k, band)
+        """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
+        (row, col, rows, cols), model = part, self.model
+        weights = np.empty(0, np.float32) if self._weights is None else self._weights
+        rule = self._weights is not None, self._corner_cutting
+        priced = *model.packed, float(model.height_price), float(model.least_per_m)
 
-    def _compute_direction(self, k: int, part: Rectangle) -> None:
-        (row, col, rows, cols), (up, left), length = part, (ROW_STEP[k], COL_STEP[k]), self._lengths[k]
-        row0, row1 = max(row, -up), min(row + rows, self.shape[0] - up)
-        col0, col1 = max(col, -left), min(col + cols, self.shape[1] - left)
-        if row0 >= row1 or col0 >= col1:
-            return
-        here = self._heights[row0:row1, col0:col1].astype(np.float64)
-        there = self._heights[row0 + up : row1 + up, col0 + left : col1 + left]
-        with np.errstate(invalid="ignore"):
-            rise = there - here
-            cost = self.model.cost(length, rise) - self.model.height_price * rise
-        free = np.isfinite(rise)
-        if self._weights is not None:
-            weights = self._weights.reshape(self.shape[0] + 2, -1)
-            ends = ((0, 0), (up, left))
-            for down, right in ends if self._corner_cutting or k < 4 else (*ends, (up, 0), (0, left)):
-                free &= np.isfinite(weights[row0 + 1 + down : row1 + 1 + down, col0 + 1 + right : col1 + 1 + right])
-        least = self.model.least_per_m * length
-        cost = np.where(free, np.maximum(cost, least), np.inf)
-        self.map[row0:row1, col0:col1, k] = cost
+        def price(row0: int, row1: int) -> None:
+            area, lengths = (row + row0, row + row1, col, col + cols), np.array(self._lengths)
+            greatest = price_steps(self._heights, weights, rule, priced, lengths, area, self.padded)
+            dearest.append(float(greatest))
+
+        dearest = [self.greatest]
+        in_bands(price, rows, cols, threads_from=_THREADS_FROM)
+        self.greatest = max(dearest)
 
 
 _KIND = np.zeros((3, 3), np.int64)

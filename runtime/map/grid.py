@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arrays import Float2D, as_map, close_border
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, patch_at
+from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
@@ -146,6 +147,11 @@ class Grid:
     def worth_of_height(self, start: Cell, goal: Cell) -> float:
         """By how much a path between two cells costs more than its directed steps; 0 where steps are not directed."""
         return self.directed.worth_of_height(start, goal) if isinstance(self.directed, DirectedSteps) else 0.0
+
+    def least_cost(self, start: Cell, goal: Cell) -> float:
+        """What a path between two cells, which may lie outside the map, costs at the least."""
+        straight = float(octile.py_func(*start, *goal, *self.prices))
+        return straight + self.worth_of_height(start, goal) if self.holds(start) and self.holds(goal) else straight
 
     def complete(self) -> None:
         """See to it that all weights are there, and all poses checked."""

@@ -116,7 +116,7 @@ class Pyramid:
         finest = self.levels[0].grid.directed
         if not isinstance(finest, DirectedSteps):
             return
-        (row0, col0, rows, cols), finer = changed, finest.map
+        (row0, col0, rows, cols), finer = changed, finest.padded
         row1, col1 = row0 + rows, col0 + cols
         for level in self.levels[1:]:
             row0, row1 = max(row0 // FACTOR - 1, 0), min(-(-row1 // FACTOR) + 1, level.grid.rows)
@@ -124,7 +124,7 @@ class Pyramid:
             steps = level.grid.directed
             assert isinstance(steps, CoarseSteps)
             steps.pool(finer, level.pieces, (row0, col0, row1 - row0, col1 - col0), finest.obstacle)
-            finer = steps.means[1:-1, 1:-1]
+            finer = steps.means
 
     @property
     def obstacle_weight(self) -> float:

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.kernels.directed import ENERGY, LARGEST_EXPONENT, LINEAR, TIME, TOBLER
 
 Float64s = NDArray[np.float64]
-_LARGEST_EXPONENT = 60.0
-"""Of Tobler's function, so that no wall's cost overflows: 0.6 s · e^60 a metre."""
-
+Packed = tuple[int, Float64s]
+"""A model as the kernels take it, see `kernels.directed`: its number, and its values."""
 
 SLOPE_COSTS = ("tobler", "linear", "time", "energy")
 """Names of the step costs that go by the slope."""
@@ -51,6 +51,10 @@ class SlopeCost(Protocol):
     @property
     def least_per_m(self) -> float:
         """The cheapest metre on the map over all slopes, less what its rise is worth; above 0."""
+
+    @property
+    def packed(self) -> Packed:
+        """The model as the kernels take it."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ class ToblerCost:
         length = np.asarray(length_m, np.float64)
         off = self.steepness * np.abs(np.asarray(rise_m, np.float64) / length - self.best_slope)
         best = 3.6 / (self.top_speed_km_h * self.factor)
-        seconds: Float64s = length * best * np.exp(np.minimum(off, _LARGEST_EXPONENT))
+        seconds: Float64s = length * best * np.exp(np.minimum(off, LARGEST_EXPONENT))
         return seconds
 
     @property
@@ -95,6 +99,12 @@ class ToblerCost:
     def least_per_m(self) -> float:
         """Seconds of a level metre."""
         return float(self.cost(1.0, 0.0))
+
+    @property
+    def packed(self) -> Packed:
+        """As `SlopeCost`."""
+        best = 3.6 / (self.top_speed_km_h * self.factor)
+        return TOBLER, np.array((best, self.steepness, self.best_slope), np.float64)
 
 
 @dataclass(frozen=True)
@@ -149,6 +159,12 @@ class LinearCost:
         gentle = self.level_per_m - (self.down_per_m + self.height_price) * self.steep_slope
         return min(self.level_per_m, gentle)
 
+    @property
+    def packed(self) -> Packed:
+        """As `SlopeCost`."""
+        of_slopes = self.up_per_m, self.down_per_m, self.steep_down_per_m, self.steep_slope
+        return LINEAR, np.array((self.level_per_m, *of_slopes), np.float64)
+
 
 @dataclass(frozen=True)
 class TimeCost:
@@ -197,6 +213,11 @@ class TimeCost:
         speeds = (self.speed_m_s[0], *self.speed_m_s, self.speed_m_s[-1])
         ends = zip(slopes[:-1], slopes[1:], speeds[:-1], speeds[1:], strict=True)
         return 1.0 / max(_fastest(*segment) for segment in ends)
+
+    @property
+    def packed(self) -> Packed:
+        """As `SlopeCost`."""
+        return TIME, np.array((*np.radians(self.slope_deg), *self.speed_m_s), np.float64)
 
 
 @dataclass(frozen=True)
@@ -264,6 +285,13 @@ class EnergyCost:
     def least_per_m(self) -> float:
         """Joules of a level metre, and so of any that does not go down too steeply to roll."""
         return self.height_price * self.rolling_resistance + self._idle_per_m
+
+    @property
+    def packed(self) -> Packed:
+        """As `SlopeCost`."""
+        weight = self.mass_kg * self.gravity_m_s2
+        shares = self.rolling_resistance, self.efficiency, self.recovery, self._idle_per_m
+        return ENERGY, np.array((weight, *shares), np.float64)
 
 
 @dataclass(frozen=True)

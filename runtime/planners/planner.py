@@ -11,7 +11,6 @@ import numpy as np
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.disc import state_of_costs, state_of_elevation
 from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
@@ -24,12 +23,12 @@ from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.planners.refine import Refinement, Refiner
-from nnpp_edge.runtime.planners.tour import Tour, costs_between, tour
+from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
-from nnpp_edge.runtime.search.astar import cost_field
+from nnpp_edge.runtime.search.astar import cost_field, costs_to_nearest
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.runtime.tuning import NEAR
+from nnpp_edge.runtime.tuning import NEAR, NEAREST_STOPS
 
 
 class Planner:
@@ -349,7 +348,7 @@ class Planner:
             raise InvalidQueryError(f"count must be at least 1, got {count}")
         refining = Refinement.named(refine, self._state.grid)
         cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
-        bounds = [self._least_cost(begin, cell) for cell in cells]
+        bounds = [self._state.grid.least_cost(begin, cell) for cell in cells]
         plans: dict[int, Plan] = {}
         for at in sorted(range(len(cells)), key=bounds.__getitem__):
             known = sorted(plan.cost for plan in plans.values())
@@ -466,8 +465,8 @@ class Planner:
         via : sequence of (row, col)
             The places between, in the order in which they are to be visited.
         best_order : bool
-            Visit them in the order that costs least instead: of the plans between each two, with ``astar`` of the
-            cheapest paths. At most 12.
+            Visit them in the order that costs least instead, by the plans between each two; with ``astar`` these are
+            the cheapest paths. At most 12.
         method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m
             As for `plan`, of each leg.
 
@@ -490,14 +489,14 @@ class Planner:
             return self._answer(query, Work(), method, keep_regions, price)
 
         grid, workspace = self._state.grid, self._planners.astar.workspace
-        exact = method == Method.ASTAR and all(problem_with(grid, stop, stop) is None for stop in stops)
-        costs = partial(costs_between, grid, stops, workspace) if exact else None
-        wanted = {"best_order": best_order, "symmetric": grid.directed is None}
+        nearest = partial(costs_to_nearest, grid, stops, NEAREST_STOPS, workspace)
+        wanted = {"best_order": best_order, "symmetric": grid.directed is None, "at_least": grid.least_cost}
 
         def finish(plan: Plan) -> Plan:
             return self._refined(plan, refining, turning_radius_m)
 
-        found = tour(leg, stops, grid, costs=costs, finish=finish, **wanted)
+        exact = nearest if method == Method.ASTAR else None
+        found = tour(leg, stops, grid, nearest=exact, finish=finish, **wanted)
         return replace(found, plan=found.plan.over(self._state))
 
     @one_at_a_time
@@ -548,12 +547,6 @@ class Planner:
         computed, checks = self._state.costs_computed, self._state.checked - checked
         said = {"planner": str(chosen), "reason": reason}
         return found.plan(chosen, work, **said, keep_regions=keep_regions, costs_computed=computed, checks=checks)
-
-    def _least_cost(self, start: Cell, goal: Cell) -> float:
-        """What a path between two cells, which may lie outside the map, costs at the least."""
-        grid = self._state.grid
-        straight = float(octile.py_func(*start, *goal, *grid.prices))
-        return straight + grid.worth_of_height(start, goal) if grid.holds(start) and grid.holds(goal) else straight
 
     def _price(self, price: str) -> Price:
         try:

@@ -1,5 +1,6 @@
 """A path by way of several places: in the order given, or in the order that costs least."""
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,8 +13,6 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.along import joined
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source, path_costs
-from nnpp_edge.runtime.search.astar import cost_field
-from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.stopwatch import Stopwatch
 
 MOST_ORDERED = 12
@@ -22,7 +21,11 @@ _TIE = 1e-5
 """Share by which another order must cost less than the one given: sums of rounded costs differ by less."""
 
 PlanLeg = Callable[[Cell, Cell], Plan]
+Order = tuple[int, ...]
+"""Numbers of the places between, counted from 0 as they were given."""
+AtLeast = Callable[[Cell, Cell], float]
 Costs = NDArray[np.float64]
+Nearest = Callable[[], tuple[Costs, NDArray[np.bool_]]]
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,8 @@ def tour(
     grid: Grid,
     *,
     best_order: bool = False,
-    costs: Callable[[], Costs] | None = None,
+    at_least: AtLeast | None = None,
+    nearest: Nearest | None = None,
     symmetric: bool = True,
     finish: Callable[[Plan], Plan] = lambda leg: leg,
 ) -> Tour:
@@ -77,8 +81,12 @@ def tour(
         Of the map, filled where paths lead.
     best_order : bool
         Visit the places between in the order that costs least, by what lies between each two stops.
-    costs : callable
-        Gives the costs (N, N) from each stop to each other, inf where there is no path; by default those of plans.
+    at_least : callable
+        What a path from one cell to another costs at the least; the better it knows, the fewer legs are planned for
+        the order. By default nothing.
+    nearest : callable
+        Gives what the cheapest paths between the stops cost, (N, N), and of which that is known; others cost at least
+        as much. To be given where plans are the cheapest paths.
     symmetric : bool
         Whether a path costs the same both ways: then one plan serves a leg and its reverse.
     finish : callable
@@ -96,33 +104,18 @@ def tour(
     if best_order and count:
         if count > MOST_ORDERED:
             raise InvalidQueryError(f"the best order is found of at most {MOST_ORDERED} places, got {count}")
-        between = legs.costs() if costs is None else costs()
-        if between is not None and np.isfinite(between[0]).all():
-            order, given_cost = _best_order(between)
-    visited = [0, *(each + 1 for each in order), count + 1]
+        order, given_cost = legs.best_order(at_least or (lambda begin, end: 0.0), nearest)
     found = []
-    for begin, end in zip(visited[:-1], visited[1:], strict=True):
+    for begin, end in legs.along(order):
         found.append(finish(legs.plan(begin, end)))
         if not found[-1].ok:
             break
-    ordered = tuple(stops[at] for at in visited)
+    ordered = stops[0], *(stops[each + 1] for each in order), stops[-1]
     whole = _as_one(found, ordered, grid)
     total = watch.total_ms()
     apart = {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in found)} if best_order else {}
     whole = replace(whole, timings_ms={**whole.timings_ms, **apart, "total": total})
     return Tour(ordered, order, tuple(found), whole, given_cost)
-
-
-def costs_between(grid: Grid, stops: Sequence[Cell], workspace: Workspace) -> Costs:
-    """(N, N) cost of the cheapest path from each passable cell to each other, inf where there is none.
-
-    One search of the whole map from each stop but the last.
-    """
-    rows, cols = np.array(stops).T
-    found = np.zeros((len(stops), len(stops)))
-    for at, stop in enumerate(stops[:-1]):
-        found[at] = cost_field(grid, stop, workspace)[rows, cols]
-    return found
 
 
 class _Legs:
@@ -144,18 +137,35 @@ class _Legs:
             self._made[begin, end] = plan
         return self._made[begin, end]
 
-    def costs(self) -> Costs | None:
-        """(N, N) of the plans between stops, 0 where none is needed; None where one of them has no path."""
-        last = len(self._stops) - 1
-        found = np.zeros((last + 1, last + 1))
-        for begin in range(last):
-            for end in range(1, last + 1):
-                if begin == end or (begin == 0 and end == last):
-                    continue
-                if not (plan := self.plan(begin, end)).ok:
-                    return None
-                found[begin, end] = plan.cost
-        return found
+    def best_order(self, at_least: AtLeast, nearest: Nearest | None) -> tuple[Order, float]:
+        """The cheapest order of the stops between the first and the last, and what the order given costs.
+
+        The order given, and NaN, where a leg that was planned has no path. The legs of the cheapest order by what is
+        known, others being as cheap as they can be, are planned until none is left to plan: no other order can then
+        be cheaper, though most legs were never planned.
+        """
+        stops, given = self._stops, tuple(range(len(self._stops) - 2))
+        known, legs = np.eye(len(stops), dtype=np.bool_), self.along(given)
+        costs = np.array([[at_least(begin, end) for end in stops] for begin in stops])
+        while legs:
+            for leg in legs:
+                if not (plan := self.plan(*leg)).ok:
+                    return given, math.nan
+                for pair in (leg, leg[::-1])[: 1 + self._symmetric]:
+                    costs[pair], known[pair] = plan.cost, True
+            if nearest is not None:
+                found, here = nearest()
+                costs, known, nearest = np.where(known, costs, np.maximum(costs, found)), known | here, None
+                if self._symmetric:
+                    costs, known = np.maximum(costs, costs.T), known | known.T
+            order, given_cost = _cheapest_order(costs)
+            legs = [leg for leg in self.along(order) if not known[leg]]
+        return order, given_cost
+
+    def along(self, order: Order) -> list[tuple[int, int]]:
+        """Numbers of the stops at both ends of each leg; of the stops between the order counts from 0."""
+        visited = [0, *(each + 1 for each in order), len(self._stops) - 1]
+        return list(itertools.pairwise(visited))
 
     def _refuse(self, number: int, status: Status) -> None:
         """InvalidQueryError where the stop is a place between; start and goal are told of by the plan's status."""
@@ -164,29 +174,32 @@ class _Legs:
             raise InvalidQueryError(f"via {number}, {self._stops[number]}, {problem}")
 
 
-def _best_order(costs: Costs) -> tuple[tuple[int, ...], float]:
+def _cheapest_order(costs: Costs) -> tuple[Order, float]:
     """The cheapest order of the stops between the first and the last, and what the order given costs.
 
     Held and Karp (1962): the cheapest way through each set of stops that ends at each of its members.
     """
     count = len(costs) - 2
     begin, inner, end = costs[0, 1:-1], costs[1:-1, 1:-1], costs[1:-1, -1]
-    members = 1 << np.arange(count)
+    members, sets = 1 << np.arange(count), np.arange(1 << count)
+    sizes = np.bitwise_count(sets)
     cheapest = np.full((1 << count, count), math.inf)
     before = np.zeros((1 << count, count), np.int8)
     cheapest[members, np.arange(count)] = begin
-    for visited in range(1, 1 << count):
-        ways = cheapest[visited][:, None] + inner
-        last, new = ways.argmin(0), np.flatnonzero(~visited & members)
-        cheapest[visited | members[new], new] = ways[last[new], new]
-        before[visited | members[new], new] = last[new]
-    given = float(begin[0] + inner[np.arange(count - 1), np.arange(1, count)].sum() + end[-1]) if count else 0.0
-    if not count or (total := cheapest[-1] + end).min() >= given * (1.0 - _TIE):
+    for size in range(1, count):
+        visited = sets[sizes == size]
+        ways = cheapest[visited][:, :, None] + inner
+        at, new = np.nonzero(visited[:, None] & members == 0)
+        longer = visited[at] | members[new], new
+        before[longer] = last = ways.argmin(1)[at, new]
+        cheapest[longer] = ways[at, last, new]
+    given = float(begin[0] + inner[np.arange(count - 1), np.arange(1, count)].sum() + end[-1])
+    if (total := cheapest[-1] + end).min() >= given * (1.0 - _TIE):
         return tuple(range(count)), given
-    order, visited = [int(total.argmin())], (1 << count) - 1
+    order, left = [int(total.argmin())], (1 << count) - 1
     while len(order) < count:
-        visited, last = visited & ~int(members[order[-1]]), int(before[visited, order[-1]])
-        order.append(last)
+        left, last_one = left & ~int(members[order[-1]]), int(before[left, order[-1]])
+        order.append(last_one)
     return tuple(reversed(order)), given
 
 

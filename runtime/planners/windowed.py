@@ -189,13 +189,14 @@ class WindowedPlanner:
         epsilon: float = math.inf,
         time_limit_s: float = math.inf,
     ) -> Tour:
-        """As `Planner.plan_via`; for the best order the corridors between all of the places are read."""
+        """As `Planner.plan_via`; for the best order more corridors are read than lie along it."""
 
         def leg(begin: Cell, end: Cell) -> Plan:
             return self.plan(begin, end, epsilon=epsilon, time_limit_s=time_limit_s)
 
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
-        return tour(leg, [start, *between, goal], self._map.grid, best_order=best_order)
+        grid = self._map.grid
+        return tour(leg, [start, *between, goal], grid, best_order=best_order, at_least=grid.least_cost)
 
     def _without_corridor(self, query: Query) -> tuple[Status, str]:
         """Whether there is a path where no corridor holds one, and in words."""

@@ -9,6 +9,7 @@ is consistent as well.
 
 import math
 import time
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -30,6 +31,7 @@ from nnpp_edge.runtime.kernels.expansion import (
     read_field,
     trace,
 )
+from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
@@ -42,6 +44,8 @@ from nnpp_edge.runtime.tuning import (
     EXPANSIONS_BETWEEN_CHECKS,
 )
 
+_BETWEEN_LOOKS = 1 << 14
+"""Expansions after which is looked whether enough is known."""
 _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
 """The directions in which each node may be left, as bits; None where passability decides."""
@@ -153,19 +157,31 @@ def astar(
 
 def settle_all(grid: Grid, source: Cell, workspace: Workspace, *, links: Links = None) -> None:
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there."""
+    for _ in _settling(grid, source, workspace, links):
+        pass
+
+
+def _settling(
+    grid: Grid, source: Cell, workspace: Workspace, links: Links = None, most: int = _WITHOUT_END
+) -> Iterator[float]:
+    """Search from a passable cell, so many expansions at a time: what a cell costs whose cost may yet fall, at least.
+
+    Inf in the end, when nothing is left.
+    """
     ws = workspace
     ws.next_stamp()
     rule = (0.0, 0.0, _bucket_width(grid), SUCCESSORS[_dominance(grid, links)], BELOW)
     poses, edges = grid.packed_poses, grid.packed_edges()
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), FULL
-    while code == FULL:
+    while code in (FULL, PAUSED):
         code, *_ = expand(
-            grid.packed, poses, edges, links, None, None, (begin, corner_of_border), rule, ws.packed, _WITHOUT_END
+            grid.packed, poses, edges, links, None, None, (begin, corner_of_border), rule, ws.packed, most
         )
+        begin = -1
         if code == FULL:
             ws.grow()
-            begin = -1
+        yield math.inf if code == EXHAUSTED else ws.least_open
 
 
 def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
@@ -174,6 +190,30 @@ def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
     field = np.empty(grid.shape, np.float32)
     read_field(workspace.g, workspace.meta, workspace.stamp, grid.stride, field)
     return field + grid.directed.heights_from(source) if isinstance(grid.directed, DirectedSteps) else field
+
+
+def costs_to_nearest(
+    grid: Grid, stops: Sequence[Cell], count: int, workspace: Workspace
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Costs of the cheapest paths from each of N passable cells, but the last, to so many of the others.
+
+    Returns
+    -------
+    (N, N) float64, (N, N) bool
+        What a path from one to another costs, and whether that is known; else it costs at least that.
+    """
+    nodes = np.array([grid.node(*stop) for stop in stops])
+    costs, known = np.zeros((len(stops), len(stops))), np.eye(len(stops), dtype=np.bool_)
+    for at, stop in enumerate(stops[:-1]):
+        for within in _settling(grid, stop, workspace, most=_BETWEEN_LOOKS):
+            reached = workspace.meta[2 * nodes + 1] >> STAMP_SHIFT == workspace.stamp
+            settled = reached & (workspace.g[2 * nodes] <= within * BELOW)
+            if settled.sum() > count:  # the cell itself is one of them
+                break
+        costs[at] = np.where(settled, workspace.g[2 * nodes], within)
+        costs[at] += [grid.worth_of_height(stop, other) for other in stops]
+        known[at] |= settled | (within == math.inf)
+    return costs, known
 
 
 def _bucket_width(grid: Grid) -> float:

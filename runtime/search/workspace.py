@@ -10,8 +10,9 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.kernels.expansion import BASE, INVERSE_WIDTH
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
-from nnpp_edge.runtime.kernels.open_list import BUCKETS, CONTROL_SLOTS
+from nnpp_edge.runtime.kernels.open_list import BLOCK, BUCKETS, CONTROL_SLOTS, FINE, FINE_AT
 
 LAST_STAMP = (1 << (31 - STAMP_SHIFT)) - 1
 """The greatest number of a search; the next one is 1 again, and the memory is cleared."""
@@ -91,6 +92,12 @@ class Workspace:
             self._searches[0] = 0
         self._searches[0] += 1
         return self._searches[0]
+
+    @property
+    def least_open(self) -> float:
+        """No f on the open list is less, nor will be: the bucket that is being emptied begins there."""
+        bucket = int(self.control[BLOCK]) * FINE + int(self.control[FINE_AT])
+        return max(float(self.reals[BASE] + bucket / self.reals[INVERSE_WIDTH]), 0.0)
 
     def grow(self) -> None:
         """Make room for twice as many entries on the open list, keeping those that are there."""

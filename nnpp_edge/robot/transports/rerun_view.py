@@ -149,7 +149,7 @@ class RerunSink(Closing):
 
     def _show_bodies(self, path: NDArray[np.int32]) -> None:
         """The outline of the world's vehicle along the path."""
-        terrain = None if self._world is None else self._world.body
+        terrain = None if self._world is None else self._world.ground
         if terrain is None or terrain.vehicle is None:
             return
         from nnpp_edge.viz.picture import body_outlines
