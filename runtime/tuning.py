@@ -128,15 +128,16 @@ WINDOW_SHARE = 0.6
 
 ANY_ANGLE = np.array(
     (
-        (24.0, 6.0, 10, 3, 0.5, 0),
-        (12.0, 3.0, 4, 3, 0.67, 0),
-        (5.0, 1.2, 3, 3, 1.0, 1),
-        (3.0, 0.4, 2, 2, 1.0, 1),
+        (24.0, 6.0, 12, 4, 0.5, 0),
+        (16.0, 4.0, 6, 4, 0.5, 0),
+        (8.0, 1.8, 4, 3, 0.5, 0),
+        (4.0, 0.6, 4, 3, 1.0, 1),
+        (3.0, 0.2, 2, 2, 1.0, 1),
     )
 )
 """Stages in which stations are moved across a path: cells between stations; cells between a station's places; places
 to each side; by how many neighbours may differ; samples per cell; whether way points are stations. The first reaches
-60 cells, as the paper's diagonal steps draw its paths so far aside (docs/decisions.md)."""
+72 cells, as the paper's diagonal steps draw its paths so far aside (docs/decisions.md)."""
 ANY_ANGLE_BODY = np.array(((12.0, 3.0, 4, 3, 0.67, 0), (5.0, 1.2, 3, 3, 1.0, 1), (3.0, 0.4, 2, 2, 1.0, 1)))
 """The same of a body, whose poses are checked 14 cells aside."""
 BODY_BAND = 14, 6

@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.kernels.any_angle import freed, line_cost
+from nnpp_edge.runtime.kernels.any_angle import corners, line_cost
 from nnpp_edge.runtime.kernels.any_heading import body_leg_cost, body_line_cost, clear_band, weigh_band
+from nnpp_edge.runtime.kernels.stations import freed
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.tiles import COMPLETE
@@ -135,9 +136,10 @@ class Refiner:
         """The cheaper of what is found and the path itself."""
         if self._body is not None:
             points = self._body.freed(path, saves)
+            line = Line(points, self.cost(points))
         else:
-            points = freed(self._grid.packed, path, ANY_ANGLE, saves)
-        line, own = Line(points, self.cost(points)), _corners(path)
+            line = Line(*freed(self._grid.packed, path, ANY_ANGLE, saves))
+        own = corners(path)
         on_grid = Line(own, self.cost(own))
         return line if line.cost <= on_grid.cost else on_grid
 
@@ -180,7 +182,7 @@ class BodyLines:
         weights[(path[:, 0] + 1) * stride + path[:, 1] + 1] = np.minimum(
             weights[(path[:, 0] + 1) * stride + path[:, 1] + 1], np.float32(self._grid.model.scale)
         )
-        points = freed((weights, stride, self._grid.model.steps, True, COMPLETE), path, ANY_ANGLE_BODY, saves)
+        points, _ = freed((weights, stride, self._grid.model.steps, True, COMPLETE), path, ANY_ANGLE_BODY, saves)
         clear_band(stride, path, radius, every, self._grid.shape, weights)
         return self._where_it_stands(points, path)
 
@@ -199,7 +201,7 @@ class BodyLines:
                         costs[max(end - 1, 0) : end + 1] = np.nan
         parts = [places[:1]]
         for k, cost in enumerate(costs.tolist()):
-            part = places[k : k + 2] if cost < math.inf else _corners(path[beside[k] : beside[k + 1] + 1])
+            part = places[k : k + 2] if cost < math.inf else corners(path[beside[k] : beside[k + 1] + 1])
             parts.append(part[1:])
         return np.concatenate(parts)
 
@@ -253,15 +255,6 @@ def with_arcs(points: Points, radius: float) -> Points | None:
         parts.append(middle + arc)
     parts.append(points[-1:])
     return np.concatenate(parts)
-
-
-def _corners(path: NDArray[np.int32]) -> Points:
-    """The cells at which a path's direction changes, and its ends."""
-    if len(path) < 3:
-        return path.astype(np.float64)
-    steps = np.diff(path, axis=0)
-    kept = np.concatenate(([True], (steps[1:] != steps[:-1]).any(1), [True]))
-    return path[kept].astype(np.float64)
 
 
 def _nearest_in_order(points: Points, path: NDArray[np.int32]) -> list[int]:

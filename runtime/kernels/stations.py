@@ -1,0 +1,258 @@
+"""Paths freed from the grid: stations moved across the path, all together, to where the line integral is least.
+
+See `planners.refine`, and `kernels.any_angle` for what lines cost.
+
+A *station* is a way point that may be moved across the path, to one of its *places*. A leg from one station's place
+to the next one's is priced by the weights on the two halves of the way, between the places that it passes there. Few
+legs lie near anything impassable: only these are checked as they are chosen, the line as a whole in the end. Where it
+turns out not to be clear, all of it is done again with every leg checked.
+"""
+
+import math
+
+import numpy as np
+
+from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.any_angle import (
+    ground_of,
+    is_clear,
+    is_passable,
+    line_cost,
+    mean_of_four,
+    open_between,
+    shortened,
+    weight_at,
+)
+
+BLOCKED = 1e200
+"""What impassable places weigh where sums of weights may have factors of 0: more than any sum of others."""
+LAST_STEP = 0.1
+"""Cells by which the way points that are left may move in the end."""
+SPACING, STEP, HALF, SLOPE, SAMPLES, KEEPS = 0, 1, 2, 3, 4, 5
+"""Of a stage: cells between stations; cells between a station's places, and their number to each side; by how many of
+them neighbours may differ; samples per cell; whether the way points are among the stations."""
+
+
+@kernel
+def freed(grid, path, stages, tolerance):
+    """Way points near a path of cells that cost less, by the line integral, than the path itself as a rule.
+
+    Parameters
+    ----------
+    grid
+        As everywhere.
+    path : (N, 2) int32
+        Cells, each a neighbour of the one before it.
+    stages : (S, 6) float64
+        How stations are moved, one stage after another; see `SPACING` and the others.
+    tolerance : float
+        Cells of mean ground, whose cost a way point must save.
+
+    Returns
+    -------
+    (M, 2) float64
+        The way points.
+    float
+        Their line integral; inf where no line was found all of whose legs are clear.
+    """
+    points = _freed(grid, path, stages, tolerance, False)
+    cost = line_cost(grid, points)
+    if cost == np.inf:
+        points = _freed(grid, path, stages, tolerance, True)
+        cost = line_cost(grid, points)
+    return points, cost
+
+
+@kernel
+def _freed(grid, path, stages, tolerance, wary):
+    """As `freed`; every leg is checked as it is chosen where `wary`, else those near something impassable."""
+    points, on_path = path.astype(np.float64), True
+    for s in range(len(stages)):
+        spacing, keeps = stages[s, SPACING], stages[s, KEEPS] > 0.0
+        if keeps and on_path:
+            points, on_path = shortened(grid, points, 8, 32, 0.0, 1.0), False
+        stations = _with_stations(points, spacing) if keeps else _evenly(points, spacing)
+        step, half, slope = stages[s, STEP], np.int64(stages[s, HALF]), np.int64(stages[s, SLOPE])
+        found = moved(grid, stations, step, half, slope, stages[s, SAMPLES], wary)
+        if keeps or found is not stations:
+            points, on_path = found, False
+    mean = line_cost(grid, points) / max(_length(points), 1e-12)
+    before = 2 * len(points)
+    while len(points) < 0.8 * before:
+        before = len(points)
+        points = shortened(grid, points, 1, 2, tolerance * mean, 1.0)
+    return moved(grid, points, LAST_STEP, 1, 1, 1.5, wary)
+
+
+@kernel
+def moved(grid, stations, step, half, slope, per_cell, wary):
+    """Stations moved across the path by multiples of `step`, `half` to each side at most: the cheapest choice.
+
+    Neighbours are moved by amounts that differ by `slope` multiples at most. Legs are priced by about `per_cell`
+    samples a cell. They are clear where a sample comes near something impassable, and all of them where `wary`. The
+    stations themselves where there is no such choice.
+    """
+    n, count, ground = len(stations), 2 * half + 1, ground_of(grid)
+    rows, cols, sums = np.empty((n, count)), np.empty((n, count)), np.empty((3, count))
+    costs, legs = np.full((n, count), np.inf), np.empty((2 * slope + 1, count))
+    before = np.zeros((n, count), np.int64)
+    _places(grid, stations, step, half, rows, cols)
+    costs[0] = 0.0
+    for k in range(1, n):
+        down, right = stations[k, 0] - stations[k - 1, 0], stations[k, 1] - stations[k - 1, 1]
+        samples = max(np.int64(0.5 * per_cell * math.sqrt(down * down + right * right) + 0.5), 1)
+        _sum_between(grid, rows, cols, k, samples, sums)
+        _leg_costs(ground, rows, cols, k, sums, samples, costs, legs)
+        _choose(ground, rows, cols, k, legs, wary, sums[2], costs, before)
+    j = costs[n - 1].argmin()
+    if not costs[n - 1, j] < np.inf:
+        return stations
+    out = np.empty((n, 2))
+    for k in range(n - 1, -1, -1):
+        out[k, 0], out[k, 1] = rows[k, j], cols[k, j]
+        j = before[k, j]
+    return out
+
+
+@kernel
+def _with_stations(points, spacing):
+    """Way points with others put between them, at most about `spacing` cells apart."""
+    lengths = np.empty(len(points), np.int64)
+    count = 1
+    for k in range(len(points) - 1):
+        rows, cols = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        lengths[k] = max(np.int64(math.sqrt(rows * rows + cols * cols) / spacing + 0.5), 1)
+        count += lengths[k]
+    out, m = np.empty((count, 2)), 0
+    for k in range(len(points) - 1):
+        for part in range(lengths[k]):
+            share = part / lengths[k]
+            for side in range(2):
+                out[m, side] = points[k, side] + share * (points[k + 1, side] - points[k, side])
+            m += 1
+    out[m] = points[len(points) - 1]
+    return out
+
+
+@kernel
+def _evenly(points, spacing):
+    """Stations about `spacing` cells apart along way points, each the mean of three, but for the ends."""
+    n = len(points)
+    run = np.zeros(n)
+    for k in range(1, n):
+        rows, cols = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+        run[k] = run[k - 1] + math.sqrt(rows * rows + cols * cols)
+    count = max(np.int64(run[n - 1] / spacing + 0.5), 1) + 1
+    even, k = np.empty((count, 2)), 0
+    for m in range(count):
+        at = run[n - 1] * m / (count - 1)
+        while k < n - 2 and run[k + 1] < at:
+            k += 1
+        share = (at - run[k]) / max(run[k + 1] - run[k], 1e-12)
+        for side in range(2):
+            even[m, side] = points[k, side] + min(share, 1.0) * (points[k + 1, side] - points[k, side])
+    even[0], even[count - 1] = points[0], points[n - 1]  # free of rounding
+    out = even.copy()
+    for m in range(1, count - 1):
+        for side in range(2):
+            out[m, side] = (even[m - 1, side] + even[m, side] + even[m + 1, side]) / 3.0
+    return out
+
+
+@kernel
+def _places(grid, stations, step, half, rows, cols):
+    """Write the places of each station across the path, those outside the map moved onto its rim. Ends stay."""
+    stride = grid[1]
+    n, last_row, last_col = len(stations), float(len(grid[0]) // stride - 3), float(stride - 3)
+    for k in range(n):
+        a, b = max(k - 1, 0), min(k + 1, n - 1)
+        down, right = stations[b, 0] - stations[a, 0], stations[b, 1] - stations[a, 1]
+        per_length = step / max(math.sqrt(down * down + right * right), 1e-12) if 0 < k < n - 1 else 0.0
+        for j in range(2 * half + 1):
+            aside = (j - half) * per_length
+            rows[k, j] = min(max(stations[k, 0] - aside * right, 0.0), last_row)
+            cols[k, j] = min(max(stations[k, 1] + aside * down, 0.0), last_col)
+
+
+@kernel
+def _sum_between(grid, rows, cols, k, samples, sums):
+    """Write sums of weights along both halves of the way from each place of a station to the next one's.
+
+    `samples` are taken of each half; what is impassable weighs `BLOCKED`. `sums[2]` says how many of them come near
+    something impassable.
+    """
+    ground, last = ground_of(grid), rows.shape[1] - 1
+    low = min(rows[k - 1, 0], rows[k - 1, last], rows[k, 0], rows[k, last])
+    high = max(rows[k - 1, 0], rows[k - 1, last], rows[k, 0], rows[k, last])
+    left = min(cols[k - 1, 0], cols[k - 1, last], cols[k, 0], cols[k, last])
+    right = max(cols[k - 1, 0], cols[k - 1, last], cols[k, 0], cols[k, last])
+    open_between(grid, (low, left), (high, right))
+    share = 0.5 / samples
+    sums[2] = 0.0
+    for j in range(last + 1):
+        row, col = rows[k - 1, j], cols[k - 1, j]
+        per_row, per_col = share * (rows[k, j] - row), share * (cols[k, j] - col)
+        row, col = row + 0.5 * per_row, col + 0.5 * per_col
+        for part in range(2):
+            total = 0.0
+            for _ in range(samples):
+                weight = mean_of_four(ground[0], ground[1], row, col)
+                if not weight < np.inf:
+                    sums[2, j] += 1.0
+                    passable = is_passable(ground, np.int64(row + 0.5), np.int64(col + 0.5))
+                    weight = weight_at(ground, row, col) if passable else BLOCKED
+                total += weight
+                row, col = row + per_row, col + per_col
+            sums[part, j] = total
+
+
+@kernel
+def _leg_costs(ground, rows, cols, k, sums, samples, costs, legs):
+    """Costs of the ways to a station's places: `legs[d, j]` by the leg to place j from that d - slope before it."""
+    count, slope, base, factor = rows.shape[1], legs.shape[0] // 2, ground[2], 0.5 * ground[3] / samples
+    one, two, first_half, second_half = np.uint64(k - 1), np.uint64(k), np.uint64(0), np.uint64(1)
+    for d in range(2 * slope + 1):
+        aside, line = d - slope, np.uint64(d)
+        first, last = max(aside, 0), min(count + aside, count)
+        legs[d, :first], legs[d, last:] = np.inf, np.inf
+        low, high = np.int64(math.floor(0.25 * aside)), np.int64(math.floor(0.75 * aside))
+        early, late, more = 0.25 * aside - low, 0.75 * aside - high, np.uint64(aside != 0)
+        for j in range(first, last):
+            i, to = np.uint64(j - aside), np.uint64(j)
+            down, right = rows[two, to] - rows[one, i], cols[two, to] - cols[one, i]
+            n, m = np.uint64(j - aside + low), np.uint64(j - aside + high)
+            total = (1.0 - early) * sums[first_half, n] + early * sums[first_half, n + more]
+            total += (1.0 - late) * sums[second_half, m] + late * sums[second_half, m + more]
+            legs[line, to] = math.sqrt(down * down + right * right) * (base + factor * total) + costs[one, i]
+
+
+@kernel
+def _choose(ground, rows, cols, k, legs, wary, near, costs, before):
+    """Write the cheapest way to each of a station's places, its last leg clear where `wary`, or `near` anything."""
+    count, slope = legs.shape[1], legs.shape[0] // 2
+    for j in range(count):
+        while True:
+            best, least = 0, np.inf
+            for d in range(2 * slope + 1):
+                cost = legs[np.uint64(d), np.uint64(j)]
+                best, least = (d, cost) if cost < least else (best, least)
+            i = j - best + slope
+            if not least < BLOCKED:
+                costs[k, j] = np.inf
+                break
+            checked = wary
+            for passed in range(min(i, j), max(i, j) + 1):
+                checked = checked or near[passed] > 0.0
+            if not checked or is_clear(ground, rows[k - 1, i], cols[k - 1, i], rows[k, j], cols[k, j]):
+                costs[k, j], before[k, j] = least, i
+                break
+            legs[best, j] = np.inf
+
+
+@kernel
+def _length(points):
+    total = 0.0
+    for k in range(len(points) - 1):
+        rows, cols = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        total += math.sqrt(rows * rows + cols * cols)
+    return total
