@@ -2,33 +2,23 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.disc import state_of_costs, state_of_elevation
-from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.memory import check_planner_fits, touch
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.choice import MethodChooser
-from nnpp_edge.runtime.planners.map_planners import MapPlanners
+from nnpp_edge.runtime.planners.answers import Answers, Wishes
 from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
-from nnpp_edge.runtime.planners.refine import Refinement, Refiner
-from nnpp_edge.runtime.planners.tour import Tour, tour
+from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
-from nnpp_edge.runtime.search.astar import cost_field, costs_to_nearest
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.runtime.tuning import NEAR, NEAREST_STOPS
+from nnpp_edge.runtime.tuning import NEAR
 
 
 class Planner:
@@ -100,7 +90,7 @@ class Planner:
             cost, model_of_steps, corner_cutting=corner_cutting, vehicle=vehicle, cell_size_m=cell_size_m
         )
         self._model, self._ask_from = model, ask_from
-        self._make_planners()
+        self._make_answers()
 
     @classmethod
     def of_elevation(
@@ -170,13 +160,11 @@ class Planner:
         )
         planner._state.mobility = mobility or Mobility()
         planner._model, planner._ask_from = model, ask_from
-        planner._make_planners()
+        planner._make_answers()
         return planner
 
-    def _make_planners(self) -> None:
-        self._planners = MapPlanners(self._state, self._model, network_from=self._ask_from)
-        self._chooser = MethodChooser(self.shape, self._model, self._planners.has_poses)
-        self._refiner = Refiner(self._state)
+    def _make_answers(self) -> None:
+        self._answers = Answers(self._state, self._model, self._ask_from)
 
     def __getstate__(self) -> dict[str, object]:
         """The map and the model: copies, pickled or not, are to be prepared anew."""
@@ -184,12 +172,12 @@ class Planner:
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state, _turns=Turns())
-        self._make_planners()
+        self._make_answers()
 
     def _begin_anew(self) -> None:
         """Keep the map's weights alone: landmarks are gone, and the network is loaded again."""
         self._state.begin_anew()
-        self._make_planners()
+        self._make_answers()
 
     @property
     def state(self) -> MapState:
@@ -210,8 +198,7 @@ class Planner:
         ModelError
             The model cannot be loaded.
         """
-        self._model = self._planners.use_model(model)
-        self._chooser = MethodChooser(self.shape, self._model, self._planners.has_poses)
+        self._model = self._answers.use_model(model)
 
     @one_at_a_time
     def load_network(self) -> None:
@@ -222,13 +209,13 @@ class Planner:
         ModelError
             The model cannot be loaded.
         """
-        self._planners.prepare_network()
+        self._answers.planners.prepare_network()
 
     @one_at_a_time
     def touch(self) -> None:
         """Have the system back the planner's arrays with memory now, rather than when they are first written to."""
-        touch(self._planners.astar.workspace)
-        self._planners.coarse_to_fine.touch()
+        touch(self._answers.planners.astar.workspace)
+        self._answers.planners.coarse_to_fine.touch()
 
     @one_at_a_time
     def update(self, row: int, col: int, patch: Float2D) -> int:
@@ -300,7 +287,7 @@ class Planner:
         InvalidQueryError
             More than 8 in all, or a goal that is outside the map or impassable.
         """
-        self._planners.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
+        self._answers.planners.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
 
     @one_at_a_time
     def nearest(
@@ -342,23 +329,10 @@ class Planner:
         InvalidQueryError
             There is no goal, or as `plan`.
         """
-        if not len(goals):
-            raise InvalidQueryError("wanted at least one goal, got none")
-        if not count >= 1:
-            raise InvalidQueryError(f"count must be at least 1, got {count}")
-        refining = Refinement.named(refine, self._state.grid)
-        cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
-        bounds = [self._state.grid.least_cost(begin, cell) for cell in cells]
-        plans: dict[int, Plan] = {}
-        for at in sorted(range(len(cells)), key=bounds.__getitem__):
-            known = sorted(plan.cost for plan in plans.values())
-            if len(known) >= count and known[count - 1] <= bounds[at]:
-                break
-            work, query = Work(), Query.within(begin, cells[at], time_limit_s, epsilon)
-            found = self._answer(query, work, method, keep_regions, price)
-            plans[at] = self._refined(found, refining, turning_radius_m)
-        return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
+        wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
+        return self._answers.nearest(start, goals, count, wishes)
 
+    @one_at_a_time
     def plan(
         self,
         start: Cell,
@@ -416,29 +390,8 @@ class Planner:
         ModelError
             ``nnpp`` was asked for and the model cannot be loaded.
         """
-        work = Work()
-        query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
-        return self._answer_in_turn(
-            query, work, method, keep_regions, price, Refinement.named(refine, self._state.grid), turning_radius_m
-        )
-
-    @one_at_a_time
-    def _answer_in_turn(
-        self,
-        query: Query,
-        work: Work,
-        method: str,
-        keep_regions: bool,
-        price: str | None,
-        refining: Refinement | None,
-        turning_radius_m: float | None,
-    ) -> Plan:
-        return self._refined(self._answer(query, work, method, keep_regions, price), refining, turning_radius_m)
-
-    def _refined(self, plan: Plan, refining: Refinement | None, turning_radius_m: float | None) -> Plan:
-        """The plan, freed from the grid if that is asked for, with the numbers along it."""
-        freed = plan if refining is None else self._refiner.refined(plan, turning_radius_m)
-        return freed.over(self._state)
+        wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
+        return self._answers.plan(start, goal, wishes)
 
     @one_at_a_time
     def plan_via(
@@ -480,24 +433,8 @@ class Planner:
         InvalidQueryError
             A place between lies outside the map or is impassable, too many are to be ordered, or as `plan`.
         """
-        refining = Refinement.named(refine, self._state.grid)
-        between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
-        stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
-
-        def leg(begin: Cell, end: Cell) -> Plan:
-            query = Query.within(begin, end, time_limit_s, epsilon)
-            return self._answer(query, Work(), method, keep_regions, price)
-
-        grid, workspace = self._state.grid, self._planners.astar.workspace
-        nearest = partial(costs_to_nearest, grid, stops, NEAREST_STOPS, workspace)
-        wanted = {"best_order": best_order, "symmetric": grid.directed is None, "at_least": grid.least_cost}
-
-        def finish(plan: Plan) -> Plan:
-            return self._refined(plan, refining, turning_radius_m)
-
-        exact = nearest if method == Method.ASTAR else None
-        found = tour(leg, stops, grid, nearest=exact, finish=finish, **wanted)
-        return replace(found, plan=found.plan.over(self._state))
+        wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
+        return self._answers.via(start, goal, via, best_order, wishes)
 
     @one_at_a_time
     def reach(self, start: Cell, within: float = math.inf) -> Float2D:
@@ -520,43 +457,4 @@ class Planner:
         InvalidQueryError
             The cell is not two integers, lies outside the map or is impassable; or `within` is below 0.
         """
-        if not within >= 0.0:
-            raise InvalidQueryError(f"within must be a number of at least 0, got {within}")
-        cell = as_cell(start, "start")
-        if problem := problem_with(self._state.grid, cell, cell):
-            what = "lies outside the map" if problem.endswith("MAP") else "is impassable"
-            raise InvalidQueryError(f"start {cell} {what}")
-        field = cost_field(self._state.grid, cell, self._planners.astar.workspace)
-        field[field > within] = np.inf
-        return field
-
-    def _answer(self, query: Query, work: Work, method: str, keep_regions: bool, price: str | None = None) -> Plan:
-        chosen, reason = self._chooser.choose(method, query)
-        if method == Method.AUTO and chosen is Method.NNPP and self._planners.has_poses and self._planners.no_network:
-            chosen, reason = Method.CORRIDOR, self._planners.no_network
-        wanted, why = self._planners.usual_price(chosen) if price is None else (self._price(price), "")
-        reason, checked = reason or why, self._state.checked
-        if problem := problem_with(self._state.grid, query.start, query.goal):
-            return Plan(problem, chosen, planner=chosen, reason=reason)
-        found: Found | None = None
-        if method == Method.AUTO and chosen is Method.ASTAR:
-            found = self._planners.exact.find_briefly(query, work)
-            if found is None:
-                chosen, reason = Method.CORRIDOR, f"{reason}, but the way is long"
-        found = found or self._planners.planner(chosen, wanted).find(query, work)
-        computed, checks = self._state.costs_computed, self._state.checked - checked
-        said = {"planner": str(chosen), "reason": reason}
-        return found.plan(chosen, work, **said, keep_regions=keep_regions, costs_computed=computed, checks=checks)
-
-    def _price(self, price: str) -> Price:
-        try:
-            wanted = Price(price)
-        except ValueError:
-            raise InvalidQueryError(f"price must be one of {', '.join(Price)}, got {price!r}") from None
-        if wanted is not Price.EQ1 and self._state.grid.poses is None:
-            raise InvalidQueryError(f"price={price!r} is a vehicle's: wanted a planner of elevations with a vehicle")
-        if wanted is not Price.EQ1 and self._state.grid.directed is not None:
-            raise InvalidQueryError(f"price={price!r} prices steps alike both ways: wanted step_cost='paper'")
-        if wanted is Price.NETWORK:
-            _ = self._planners.passage_network  # refused now, whatever the method, if it cannot be asked
-        return wanted
+        return self._answers.reach(start, within)

@@ -219,7 +219,9 @@ def _from_base64(text: bytes) -> bytes:
 
 def _as_places(kind: type, places: list[list[float]]) -> NDArray[np.int32] | NDArray[np.float64]:
     """A path's cells, or way points."""
-    return np.asarray(places, np.float64 if kind == NDArray[np.float64] else np.int32).reshape(-1, 2)
+    if kind == NDArray[np.float64]:
+        return np.asarray(places, np.float64).reshape(-1, 2)
+    return np.asarray(places, np.int32).reshape(-1, 2)
 
 
 def _values(name: str, given: list[list[float | None]] | Packed | None) -> NDArray[np.float32] | None:

@@ -1,0 +1,161 @@
+"""Answers to queries on a standing map: the method, the search, the line off the grid, the numbers along it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell, as_cell
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.prices import Price
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.choice import MethodChooser
+from nnpp_edge.runtime.planners.map_planners import MapPlanners
+from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
+from nnpp_edge.runtime.planners.refine import Refinement, Refiner
+from nnpp_edge.runtime.planners.tour import Tour, tour
+from nnpp_edge.runtime.search.astar import cost_field, costs_to_nearest
+from nnpp_edge.runtime.tuning import NEAREST_STOPS
+
+
+class Wishes(NamedTuple):
+    """How a query is to be answered, as `Planner.plan` says."""
+
+    method: str = Method.AUTO
+    epsilon: float = math.inf
+    time_limit_s: float = math.inf
+    keep_regions: bool = False
+    price: str | None = None
+    refine: str | None = None
+    turning_radius_m: float | None = None
+
+
+class Answers:
+    """What `Planner` asks of one map. Serves one thread at a time.
+
+    Parameters
+    ----------
+    state : MapState
+        The map.
+    model, ask_from
+        As for `Planner`.
+    """
+
+    def __init__(self, state: MapState, model: str | Path | NetworkModel, ask_from: int) -> None:
+        self._state, self._grid = state, state.grid
+        self.planners = MapPlanners(state, model, network_from=ask_from)
+        self._refiner = Refiner(state)
+        self._choose_for(model)
+
+    def _choose_for(self, model: str | Path | NetworkModel) -> None:
+        self._chooser = MethodChooser(self._state.shape, model, self.planners.has_poses)
+
+    def use_model(self, model: str | Path | NetworkModel) -> str | Path | NetworkModel:
+        """Ask this network from now on, and give back what is to be remembered of it; ModelError as `Planner`."""
+        loaded = self.planners.use_model(model)
+        self._choose_for(loaded)
+        return loaded
+
+    def plan(self, start: Cell, goal: Cell, wishes: Wishes) -> Plan:
+        """As `Planner.plan`."""
+        refining = self._refining(wishes)
+        return self._finished(self._found(start, goal, wishes), refining, wishes)
+
+    def nearest(self, start: Cell, goals: Sequence[Cell], count: int, wishes: Wishes) -> list[tuple[int, Plan]]:
+        """As `Planner.nearest`."""
+        if not len(goals):
+            raise InvalidQueryError("wanted at least one goal, got none")
+        if not count >= 1:
+            raise InvalidQueryError(f"count must be at least 1, got {count}")
+        refining = self._refining(wishes)
+        cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
+        bounds = [self._grid.least_cost(begin, cell) for cell in cells]
+        plans: dict[int, Plan] = {}
+        for at in sorted(range(len(cells)), key=bounds.__getitem__):
+            known = sorted(plan.cost for plan in plans.values())
+            if len(known) >= count and known[count - 1] <= bounds[at]:
+                break
+            plans[at] = self._finished(self._found(begin, cells[at], wishes), refining, wishes)
+        return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
+
+    def via(self, start: Cell, goal: Cell, via: Sequence[Cell], best_order: bool, wishes: Wishes) -> Tour:
+        """As `Planner.plan_via`."""
+        refining = self._refining(wishes)
+        between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
+        stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
+        nearest = partial(costs_to_nearest, self._grid, stops, NEAREST_STOPS, self.planners.astar.workspace)
+        found = tour(
+            lambda begin, end: self._found(begin, end, wishes),
+            stops,
+            self._grid,
+            best_order=best_order,
+            at_least=self._grid.least_cost,
+            nearest=nearest if wishes.method == Method.ASTAR else None,
+            symmetric=self._grid.directed is None,
+            finish=lambda leg: self._finished(leg, refining, wishes),
+        )
+        return replace(found, plan=found.plan.over(self._state))
+
+    def reach(self, start: Cell, within: float) -> Float2D:
+        """As `Planner.reach`."""
+        if not within >= 0.0:
+            raise InvalidQueryError(f"within must be a number of at least 0, got {within}")
+        cell = as_cell(start, "start")
+        if problem := problem_with(self._grid, cell, cell):
+            what = "lies outside the map" if problem.endswith("MAP") else "is impassable"
+            raise InvalidQueryError(f"start {cell} {what}")
+        field = cost_field(self._grid, cell, self.planners.astar.workspace)
+        field[field > within] = np.inf
+        return field
+
+    def _found(self, start: Cell, goal: Cell, wishes: Wishes) -> Plan:
+        """What the search found, on the grid and without numbers along it."""
+        work = Work()
+        query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), wishes.time_limit_s, wishes.epsilon)
+        planners, method = self.planners, wishes.method
+        chosen, reason = self._chooser.choose(method, query)
+        if method == Method.AUTO and chosen is Method.NNPP and planners.has_poses and planners.no_network:
+            chosen, reason = Method.CORRIDOR, planners.no_network
+        wanted, why = planners.usual_price(chosen) if wishes.price is None else (self._price(wishes.price), "")
+        reason, checked = reason or why, self._state.checked
+        if problem := problem_with(self._grid, query.start, query.goal):
+            return Plan(problem, chosen, planner=chosen, reason=reason)
+        found: Found | None = None
+        if method == Method.AUTO and chosen is Method.ASTAR:
+            found = planners.exact.find_briefly(query, work)
+            if found is None:
+                chosen, reason = Method.CORRIDOR, f"{reason}, but the way is long"
+        found = found or planners.planner(chosen, wanted).find(query, work)
+        computed, checks = self._state.costs_computed, self._state.checked - checked
+        said = {"planner": str(chosen), "reason": reason}
+        return found.plan(
+            chosen, work, **said, keep_regions=wishes.keep_regions, costs_computed=computed, checks=checks
+        )
+
+    def _refining(self, wishes: Wishes) -> Refinement | None:
+        return Refinement.named(wishes.refine, self._grid)
+
+    def _finished(self, plan: Plan, refining: Refinement | None, wishes: Wishes) -> Plan:
+        """The plan, freed from the grid if that is asked for, with the numbers along it."""
+        freed = plan if refining is None else self._refiner.refined(plan, wishes.turning_radius_m)
+        return freed.over(self._state)
+
+    def _price(self, price: str) -> Price:
+        try:
+            wanted = Price(price)
+        except ValueError:
+            raise InvalidQueryError(f"price must be one of {', '.join(Price)}, got {price!r}") from None
+        if wanted is not Price.EQ1 and self._grid.poses is None:
+            raise InvalidQueryError(f"price={price!r} is a vehicle's: wanted a planner of elevations with a vehicle")
+        if wanted is not Price.EQ1 and self._grid.directed is not None:
+            raise InvalidQueryError(f"price={price!r} prices steps alike both ways: wanted step_cost='paper'")
+        if wanted is Price.NETWORK:
+            _ = self.planners.passage_network  # refused now, whatever the method, if it cannot be asked
+        return wanted
