@@ -176,7 +176,7 @@ def _words(found: Reach, level: float) -> str:
         return f"within {duration(level)}"
     if found.measure == "energy":
         return f"within {level / 1000.0:.4g} kJ"
-    return f"within a cost of {level:.4g} {found.unit}".rstrip()
+    return f"within a cost of {level:.6g} {found.unit}".rstrip()
 
 
 def _text(found: Reach, start: Cell, files: list[str]) -> str:

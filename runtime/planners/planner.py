@@ -490,13 +490,20 @@ class Planner:
 
         grid, workspace = self._state.grid, self._planners.astar.workspace
         nearest = partial(costs_to_nearest, grid, stops, NEAREST_STOPS, workspace)
-        wanted = {"best_order": best_order, "symmetric": grid.directed is None, "at_least": grid.least_cost}
 
         def finish(plan: Plan) -> Plan:
             return self._refined(plan, refining, turning_radius_m)
 
-        exact = nearest if method == Method.ASTAR else None
-        found = tour(leg, stops, grid, nearest=exact, finish=finish, **wanted)
+        found = tour(
+            leg,
+            stops,
+            grid,
+            best_order=best_order,
+            at_least=grid.least_cost,
+            nearest=nearest if method == Method.ASTAR else None,
+            symmetric=grid.directed is None,
+            finish=finish,
+        )
         return replace(found, plan=found.plan.over(self._state))
 
     @one_at_a_time

@@ -204,8 +204,8 @@ class WindowedPlanner:
 
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
         grid = self._map.grid
-        wanted = {"best_order": best_order, "at_least": grid.least_cost}
-        found = tour(leg, [start, *between, goal], grid, finish=self._over, **wanted)
+        stops = [start, *between, goal]
+        found = tour(leg, stops, grid, best_order=best_order, at_least=grid.least_cost, finish=self._over)
         return replace(found, plan=self._over(found.plan))
 
     def _over(self, plan: Plan) -> Plan:

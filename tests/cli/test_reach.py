@@ -137,7 +137,7 @@ def test_within_a_cost_of_any_step_cost_in_its_own_unit(nnpp_edge, hills, step_c
     words = ("reach", hills, "--start", "40,30", "--within-cost", most, *given)
     told = json.loads(nnpp_edge(*words, "--json").out)
     assert told["areas"][0]["cells"] == int((field <= most).sum()) and told["unit"] == unit.strip()
-    assert f"within a cost of {most:.4g}{unit}  " in nnpp_edge(*words).out
+    assert f"within a cost of {most:.6g}{unit}  " in nnpp_edge(*words).out
 
 
 def test_several_starts_are_refused(nnpp_edge, hills, tmp_path):

@@ -842,7 +842,7 @@ def test_a_world_of_heights_is_planned_on_by_the_slope_and_the_standing_path_che
     heights = np.cumsum(rng.normal(0.0, 0.05, (48, 64)), axis=1).astype(np.float32)
     slopes = {"step_cost": step_cost, "mobility": Mobility(energy=EnergyCost(50.0, 0.1))}
     world = World.of_elevation(heights, 1.0, **slopes)
-    nav = Navigator(world, NavigatorSettings(method=method, tolerance=0.0))
+    nav = Navigator(world, NavigatorSettings(method=method, tolerance=1e-4))
     nav.offer(Pose(20.0, 10.0))
     nav.offer(Goal(22, 58))
     first = nav.tick()

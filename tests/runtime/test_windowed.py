@@ -257,11 +257,11 @@ def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated():
 
 
 def test_plans_carry_the_numbers_along_their_way():
-    heights = rough(np.random.default_rng(3), 80, 90, unknown=0.02)
-    mobility = Mobility(energy=EnergyCost(50.0, 0.1))
-    by_windows = WindowedPlanner(ArrayWindows(heights), LIMITS, mobility=mobility)
-    whole = Planner.of_elevation(heights, 1.0, LIMITS, cell_width_m=1.5, warn=False, mobility=mobility)
-    stops = [tuple(cell) for cell in np.argwhere(np.isfinite(cost_of(heights)))[[10, 2500, 3800, -10]].tolist()]
+    heights = synthetic_terrain(np.random.default_rng(3), 96, 1.0)
+    heights[20:60, 50] = np.nan
+    mobility, stops = Mobility(energy=EnergyCost(50.0, 0.1)), [(3, 4), (30, 20), (30, 80), (90, 85)]
+    by_windows = WindowedPlanner(ArrayWindows(heights), mobility=mobility)
+    whole = Planner.of_elevation(heights, 1.0, cell_width_m=1.5, warn=False, mobility=mobility)
     plan, wanted = (planner.plan(stops[0], stops[-1], **how) for planner, how in _both(by_windows, whole))
     assert plan.ok and plan.numbers == pytest.approx(wanted.numbers) and plan.energy_j > 0.0 < plan.climb_m
     tours = [planner.plan_via(stops[0], stops[-1], stops[1:-1], **how) for planner, how in _both(by_windows, whole)]
