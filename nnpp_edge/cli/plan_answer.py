@@ -131,7 +131,8 @@ class WindowsRead:
         )
 
 
-_UNITS = {"tobler": " s", "time": " s", "energy": " J"}
+UNITS = {"tobler": "s", "time": "s", "energy": "J"}
+"""Of what steps cost, where it has one."""
 """Of costs by these step costs."""
 
 
@@ -208,7 +209,8 @@ class Answer:
         if plan.ok:
             lines["path"] = f"{len(plan.path)} cells, {length}"
             lines |= self.on_the_ground()
-            lines["cost"] = f"{plan.cost:.6g}{_UNITS.get(self.step_cost, '')}, {self._optimality()}"
+            cost = f"{plan.cost:.6g} {UNITS.get(self.step_cost, '')}".rstrip()
+            lines["cost"] = f"{cost}, {self._optimality()}"
             if plan.waypoints is not None:
                 lines["line"] = f"{len(plan.waypoints)} way points, line integral {plan.line_cost:.6g}"
             lines["CC"] = f"{plan.traverse_cost:.6g}"

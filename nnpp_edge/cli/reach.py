@@ -14,7 +14,7 @@ from nnpp_edge.cli.cost_summary import MapSize
 from nnpp_edge.cli.costmap import cost_of
 from nnpp_edge.cli.ends import End, Where
 from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.plan_answer import Near, duration
+from nnpp_edge.cli.plan_answer import UNITS, Near, duration
 from nnpp_edge.cli.refusal import refusal
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 
@@ -39,7 +39,9 @@ def _duration(word: str) -> float:
 @click.option(
     "--start", type=Where(), required=True, help="ROW,COL, xy:X,Y, lonlat:LON,LAT, or a vector file's point."
 )
-@click.option("--within-cost", type=options.POSITIVE, help="The most that a path may cost.")
+@click.option(
+    "--within-cost", type=options.POSITIVE, help="The most that a path may cost, in the unit of --step-cost."
+)
 @click.option(
     "--within-time",
     type=options.Parsed("TIME", "a time such as 90, 90s, 30min or 2h", _duration),
@@ -48,6 +50,7 @@ def _duration(word: str) -> float:
 @click.option("--within-energy", type=options.POSITIVE, help="The most joules that it may draw, of a --vehicle.")
 @click.option("--levels", type=click.IntRange(1, 24), default=4, help="Into how many areas that is divided.")
 @options.terrain
+@options.step_cost
 @options.omega
 @click.option(
     "--corner-cutting/--no-corner-cutting", default=True, help="Allow diagonal steps beside impassable cells."
@@ -67,6 +70,7 @@ def command(
     within_energy: float | None,
     levels: int,
     terrain: TerrainOptions,
+    step_cost: str,
     omega: float,
     corner_cutting: bool,
     hillshade: bool,
@@ -87,6 +91,8 @@ def command(
     given = [(measure, most) for measure, most in within.items() if most is not None]
     if len(given) != 1:
         raise click.UsageError("give one of --within-cost, --within-time and --within-energy")
+    if within_cost is None and "step_cost" in options.given_options():
+        raise click.UsageError(f"--within-{given[0][0]} names what counts: --step-cost goes with --within-cost")
     if formats and output is None:
         raise click.UsageError("--format is of what is written: give -o too")
     names = ("reach.tif", "reach.geojson", "reach.png", "reach.json", *(f"reach.{name}" for name in formats))
@@ -101,7 +107,8 @@ def command(
 
         raise InvalidQueryError(f"--start must be one place, got {len(cells)}")
     (measure, most), cell = given[0], cells[0]
-    found = _reach(ground, cost, cell, (measure, most, levels), terrain, vehicle, omega, corner_cutting)
+    wanted = measure, step_cost, most, levels
+    found = _reach(ground, cost, cell, wanted, terrain, vehicle, omega, corner_cutting)
     figures = _figures(found, cell, [str(path) for path in paths])
     if output:
         _save(paths, found, figures, cost, cell, hillshade=hillshade)
@@ -112,7 +119,7 @@ def _reach(
     ground: Dem,
     cost: Float2D,
     start: Cell,
-    wanted: tuple[str, float, int],
+    wanted: tuple[str, str, float, int],
     terrain: TerrainOptions,
     vehicle: VehicleOptions,
     omega: float,
@@ -126,8 +133,8 @@ def _reach(
     from nnpp_edge.runtime.planners.query import problem_with
     from nnpp_edge.terrain.reach import Reach
 
-    (measure, most, levels), mobility, body = wanted, vehicle.mobility(), vehicle.make()
-    step_cost = {"cost": "paper", "time": "time" if mobility.time else "tobler", "energy": "energy"}[measure]
+    (measure, step_cost, most, levels), mobility, body = wanted, vehicle.mobility(), vehicle.make()
+    step_cost = {"cost": step_cost, "time": "time" if mobility.time else "tobler", "energy": "energy"}[measure]
     if step_cost == "paper" and body is None:
         planner = Planner(cost, omega=omega, corner_cutting=corner_cutting)
     else:
@@ -148,7 +155,7 @@ def _reach(
             refusal(problem, start, ground, Near((0, 0), ground.elevation, cost), terrain.limits(), body)
         )
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())
-    return Reach(planner.reach(start, most), shares, measure, {"time": "s", "energy": "J"}.get(measure, ""), ground)
+    return Reach(planner.reach(start, most), shares, measure, UNITS.get(step_cost, ""), ground)
 
 
 def _figures(found: Reach, start: Cell, files: list[str]) -> dict[str, object]:
@@ -163,11 +170,13 @@ def _figures(found: Reach, start: Cell, files: list[str]) -> dict[str, object]:
     return figures | asdict(MapSize.of(found.dem)) | ({"files": files} if files else {})
 
 
-def _words(measure: str, level: float) -> str:
+def _words(found: Reach, level: float) -> str:
     """A level for people, in ASCII."""
-    if measure == "time":
+    if found.measure == "time":
         return f"within {duration(level)}"
-    return f"within {level / 1000.0:.4g} kJ" if measure == "energy" else f"within a cost of {level:.4g}"
+    if found.measure == "energy":
+        return f"within {level / 1000.0:.4g} kJ"
+    return f"within a cost of {level:.6g} {found.unit}".rstrip()
 
 
 def _text(found: Reach, start: Cell, files: list[str]) -> str:
@@ -175,7 +184,7 @@ def _text(found: Reach, start: Cell, files: list[str]) -> str:
     size = found.field.size
     lines = {"map": str(MapSize.of(found.dem)), "start": str(start)}
     for level, cells, area in zip(found.levels, found.cells, found.areas_m2, strict=True):
-        lines[_words(found.measure, level)] = f"{cells} cells, {_area(area)}, {100.0 * cells / size:.1f} % of the map"
+        lines[_words(found, level)] = f"{cells} cells, {_area(area)}, {100.0 * cells / size:.1f} % of the map"
     if files:
         lines["written"] = ", ".join(files)
     wide = max(map(len, lines)) + 2
@@ -199,7 +208,7 @@ def _save(
     ground = found.dem
     tif, geojson, png, json_file, *more = paths
     shade = shaded(ground.elevation, ground.cell_size_m, ground.cell_width_m) if hillshade else None
-    levels = [(level, _words(found.measure, level)) for level in found.levels]
+    levels = [(level, _words(found, level)) for level in found.levels]
     picture = reach_picture(cost, found.field, levels, start, shade=shade, cell_size_m=ground.cell_width_m)
     contents = {
         tif: raster_bytes(tif, found.raster(), ground),

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +14,6 @@ from nnpp_edge.cli.plan_answer import Answer, Near, Planned, WindowsRead, refuse
 if TYPE_CHECKING:
     from nnpp_edge.cli.plan_request import Request
     from nnpp_edge.runtime.cells import Cell
-    from nnpp_edge.runtime.map.along import Along
     from nnpp_edge.runtime.map.slope_cost import Mobility
     from nnpp_edge.runtime.planners.plan import Plan
     from nnpp_edge.runtime.planners.windowed import WindowedPlanner
@@ -68,7 +65,6 @@ def plan_by_windows(
     drawn: bool,
 ) -> Planned:
     """Plan on a map of which only the coarse levels and what lies under a corridor are in memory."""
-    from nnpp_edge.runtime.map.along import Along
     from nnpp_edge.runtime.planners.windowed import WindowedPlanner
     from nnpp_edge.terrain.route import Route
 
@@ -78,7 +74,12 @@ def plan_by_windows(
         start, via, goals = request.ends(ground)
         progress = _Bars(ground.shape[0])
         planner = WindowedPlanner(
-            ground, limits, omega=request.omega, corner_cutting=request.corner_cutting, progress=progress
+            ground,
+            limits,
+            omega=request.omega,
+            corner_cutting=request.corner_cutting,
+            mobility=mobility,
+            progress=progress,
         )
         if not planner.any_passable:
             refuse_impassable(ground)
@@ -87,11 +88,11 @@ def plan_by_windows(
         tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **within) if via else None
         ranked = [(goals[0], tour.plan)] if tour else _nearest(planner, start, goals, within)
         goal, plan = ranked[0]
-        heights, costs = planner.costs.along(plan.path)
-        along = Along.through(plan.path, heights, (ground.cell_size_m, ground.cell_width_m), mobility)
+        _, costs = planner.costs.along(plan.path)
+        assert plan.along is not None
         answer = Answer(
-            replace(plan, along=along),
-            Route(plan.path, along, costs, ground),
+            plan,
+            Route(plan.path, plan.along, costs, ground),
             start,
             goal,
             ranked if len(goals) > 1 else [],
@@ -99,7 +100,7 @@ def plan_by_windows(
             exact_path=None,
             loading_included=True,
             windows=_read(planner, ground),
-            tour=tour and tour.told(partial(_on_the_ground, planner, along)),
+            tour=tour,
         )
         factor, costs = planner.coarse_costs(_MOST_PIXELS)
         return Planned(answer, costs, None, factor, _around(planner, goal if "GOAL" in plan.status else start))
@@ -147,14 +148,6 @@ def _nearest(
     """A plan to each goal, the one that costs least first."""
     plans = [(goal, planner.plan(start, goal, **within)) for goal in goals]
     return sorted(plans, key=lambda found: (not found[1].ok, found[1].cost))
-
-
-def _on_the_ground(planner: WindowedPlanner, whole: Along, plan: Plan) -> Plan:
-    """A leg with the heights below it."""
-    from nnpp_edge.runtime.map.along import Along
-
-    heights, _ = planner.costs.along(plan.path)
-    return replace(plan, along=Along.through(plan.path, heights, whole.sides_m, whole.mobility))
 
 
 def _read(planner: WindowedPlanner, ground: DemWindows) -> WindowsRead:

@@ -68,7 +68,8 @@ class SurveyedGround:
             return cls(*heights, cell_size_m, Body(terrain))
         if terrain.step_cost != "paper":
             return cls(*heights, cell_size_m, PointOnSlopes(terrain))
-        return cls(*(terrain.costs(each) for each in heights), cell_size_m)
+        true, surveyed = map(terrain.costs, heights)
+        return cls(true, surveyed, cell_size_m)
 
     def costs(self) -> Float2D:
         """(H, W) true traversability costs; impassable from 1 up."""

@@ -153,7 +153,7 @@ class Ladder:
 
     def _standing_while_good(self, planner: DynamicPlanner, tick: Tick) -> PathMessage | None:
         standing = tick.standing
-        if standing is None or standing.added > self._settings.tolerance * standing.cost:
+        if standing is None or standing.added > self._settings.tolerance * abs(standing.cost):
             return None
         message = self._standing_path(planner, tick, standing, "it still holds")
         if message is None:

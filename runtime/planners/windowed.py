@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,9 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, as_cell, enclosing
 from nnpp_edge.runtime.errors import InvalidMapError, Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import available_bytes, small_pages, virtual_zeros
@@ -76,6 +78,8 @@ class WindowedPlanner:
         Weight of T per grey level.
     corner_cutting : bool
         Whether a diagonal step may pass beside an impassable cell.
+    mobility : Mobility
+        By what time and energy along the way are computed.
     progress : callable
         Called with what the map is read for, and the number of rows that have been read.
 
@@ -92,9 +96,10 @@ class WindowedPlanner:
         *,
         omega: float = PAPER_OMEGA,
         corner_cutting: bool = True,
+        mobility: Mobility | None = None,
         progress: Callable[[str, int], None] = lambda what, rows: None,
     ) -> None:
-        watch, self._progress = Stopwatch(), progress
+        watch, self._progress, self._mobility = Stopwatch(), progress, mobility or Mobility()
         self.costs = CostWindows(heights, traversability)
         with small_pages():
             self._map = StreamedMap(heights.shape, StepModel.of("paper", omega), corner_cutting=corner_cutting)
@@ -157,6 +162,9 @@ class WindowedPlanner:
         InvalidMapError
             The cells under the corridor need more memory than there is.
         """
+        return self._over(self._plan(start, goal, epsilon, time_limit_s))
+
+    def _plan(self, start: Cell, goal: Cell, epsilon: float, time_limit_s: float) -> Plan:
         work = Work()
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
         grid, found = self._map.grid, None
@@ -192,11 +200,20 @@ class WindowedPlanner:
         """As `Planner.plan_via`; for the best order more corridors are read than lie along it."""
 
         def leg(begin: Cell, end: Cell) -> Plan:
-            return self.plan(begin, end, epsilon=epsilon, time_limit_s=time_limit_s)
+            return self._plan(begin, end, epsilon, time_limit_s)
 
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
         grid = self._map.grid
-        return tour(leg, [start, *between, goal], grid, best_order=best_order, at_least=grid.least_cost)
+        stops = [start, *between, goal]
+        found = tour(leg, stops, grid, best_order=best_order, at_least=grid.least_cost, finish=self._over)
+        return replace(found, plan=self._over(found.plan))
+
+    def _over(self, plan: Plan) -> Plan:
+        """The plan with the numbers along its way; the heights below it are read for that."""
+        heights, _ = self.costs.along(plan.path)
+        source = self.costs.heights
+        sides = source.cell_size_m, source.cell_width_m
+        return replace(plan, along=Along.through(plan.path, heights, sides, self._mobility))
 
     def _without_corridor(self, query: Query) -> tuple[Status, str]:
         """Whether there is a path where no corridor holds one, and in words."""

@@ -95,6 +95,11 @@ def test_the_start_is_any_place_that_plan_takes(nnpp_edge, hills, tmp_path):
             "start (40, 40) is impassable: its elevation is unknown; the nearest passable cell is (40, 39)",
         ),
         (("--start", "80,40", "--within-cost", "3"), "start (80, 40) lies outside the map"),
+        (
+            ("--start", "1,1", "--within-time", "3", "--step-cost", "linear"),
+            "--within-time names what counts: --step-cost goes with --within-cost",
+        ),
+        (("--start", "1,1", "--within-cost", "3", "--step-cost", "energy"), "needs a table [mobility.energy]"),
         (("--within-cost", "3"), "missing option '--start'"),
         (("--start", "1,1", "--within-cost", "3", "--format", "gpkg"), "give -o too"),
     ],
@@ -120,6 +125,19 @@ def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(nnpp_edge, 
         assert [area["cells"] for area in told["areas"]] == cells
         assert 1 < cells[0] < cells[1] and told["areas"][1]["within"] == most
     nnpp_edge("reach", hills, "--start", "40,30", "--within-energy", "9e3").refused("[mobility.energy]")
+
+
+@pytest.mark.parametrize(("step_cost", "unit"), [("linear", ""), ("tobler", " s"), ("time", " s"), ("energy", " J")])
+def test_within_a_cost_of_any_step_cost_in_its_own_unit(nnpp_edge, hills, step_cost, unit):
+    ground, mobility = read_dem(hills).elevation, load_mobility("large-rover")
+    planner = Planner.of_elevation(ground, 2.0, warn=False, step_cost=step_cost, mobility=mobility)
+    field = planner.reach((40, 30))
+    most = round(float(np.median(field[np.isfinite(field)])), 3)
+    given = ("--step-cost", step_cost, "--mobility", "large-rover", "--levels", "1")
+    words = ("reach", hills, "--start", "40,30", "--within-cost", most, *given)
+    told = json.loads(nnpp_edge(*words, "--json").out)
+    assert told["areas"][0]["cells"] == int((field <= most).sum()) and told["unit"] == unit.strip()
+    assert f"within a cost of {most:.6g}{unit}  " in nnpp_edge(*words).out
 
 
 def test_several_starts_are_refused(nnpp_edge, hills, tmp_path):

@@ -272,6 +272,16 @@ def test_a_cost_map_is_understood_as_one(nnpp_edge, dem, recording, tmp_path):
     ended = nnpp_edge("run", "--map", tmp_path / "cost.npz", "--workload", "limit20", *words)
     assert ended.code == 2
     assert "cost.npz holds costs: --workload does not go with it" in ended.err
+    ended = nnpp_edge("run", "--map", tmp_path / "cost.npz", "--step-cost", "tobler", *words)
+    ended.refused("cost.npz holds costs: --step-cost tobler goes by the slopes of elevations")
+
+
+def test_on_elevations_it_goes_by_a_step_cost(nnpp_edge, dem, recording):
+    words = ("--input", f"replay:{recording}", "--fast", "--output", "none", "--json", *QUICK)
+    for given in (("tobler",), ("energy", "--mobility", "large-rover")):
+        ended = nnpp_edge("run", "--map", dem, "--step-cost", *given, *words)
+        assert json.loads(ended.out)["planned"] == 3, ended.err
+    nnpp_edge("run", "--map", dem, "--step-cost", "energy", *words).refused("[mobility.energy]")
 
 
 def test_ticks_end_it_and_the_profile_and_its_model_count(nnpp_edge, dem, recording, tmp_path, tiny_model):

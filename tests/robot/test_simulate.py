@@ -17,6 +17,7 @@ from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simu
 from nnpp_edge.terrain.obstacles import Obstacles
 from nnpp_edge.terrain.rocks import with_rocks
 from nnpp_edge.terrain.synthetic import synthetic_terrain
+from nnpp_edge.terrain.vehicle_files import load_mobility
 from nnpp_edge.viz.picture import BODY as BODY_COLOUR
 
 LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
@@ -282,6 +283,21 @@ def test_a_body_drives_over_ground_that_holds_it_and_no_pose_published_failed(ro
         assert poses[headings, end[:, 0], end[:, 1]].all(), "rocks that it saw on its way are not driven over"
     assert drive.driven_cost >= drive.optimal_cost * (1 - 1e-6)
     json.dumps(drive.summary())
+
+
+@pytest.mark.parametrize("step_cost", ["tobler", "linear", "time", "energy"])
+def test_a_drive_by_the_slope_reaches_its_goal_and_costs_the_optimum_where_all_is_known(step_cost):
+    heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
+    heights[30:33, 20:50] = np.nan
+    given = {"step_cost": step_cost, "mobility": load_mobility("large-rover")}
+    surveyed = SurveyedGround.of(heights, 20.0, LIMITS, 6, **given)
+    start, goal = random_drive(surveyed, 1)
+    drive = simulate(surveyed, start, goal, SimulationSettings("dstar", ticks=1500))
+    assert drive.reached and drive.forbidden == 0 and drive.counters.errors == {}
+    known = SurveyedGround.of(heights, 20.0, LIMITS, 1, **given)
+    drive = simulate(known, start, goal, SimulationSettings("dstar", ticks=1500, changes=0))
+    planner = Planner.of_elevation(heights, 20.0, LIMITS, warn=False, **given)
+    assert drive.driven_cost == pytest.approx(planner.plan(start, goal, method="astar").cost, rel=1e-5)
 
 
 def test_a_body_stops_before_a_rock_and_is_told_heights():

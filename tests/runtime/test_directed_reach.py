@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime.search.astar import cost_field, costs_to_nearest
+from nnpp_edge.runtime.search.workspace import Workspace
 from tests import directed_cases as cases
 from tests.directed_cases import MOBILITY, tolerance
 
@@ -73,3 +75,19 @@ def test_what_a_plan_costs_is_the_number_along_its_way(step_cost, number):
         plan = planner_of(case, step_cost).plan(case.start, case.goal, method="astar")
         if plan.ok:
             assert getattr(plan, number) == pytest.approx(plan.cost, rel=1e-4, abs=1e-3)
+
+
+@pytest.mark.parametrize("step_cost", MODELS)
+def test_directed_costs_to_the_nearest_stops_are_those_of_the_whole_field(step_cost):
+    rng, model = np.random.default_rng(10), MOBILITY.model(step_cost)
+    for _ in range(12):
+        case = cases.hills(rng, least_side=6)
+        grid = planner_of(case, step_cost).state.grid
+        cells = np.argwhere(np.isfinite(cases.dijkstra(case, model, case.start)))
+        stops = [tuple(cell) for cell in cells[rng.permutation(len(cells))[:6]].tolist()]
+        workspace = Workspace(len(grid.weights))
+        found, known = costs_to_nearest(grid, stops, 2, workspace)
+        for at, stop in enumerate(stops[:-1]):
+            wanted = cost_field(grid, stop, workspace)[tuple(np.transpose(stops))]
+            assert found[at][known[at]] == pytest.approx(wanted[known[at]], abs=tolerance(case, model))
+            assert (found[at] <= wanted + tolerance(case, model)).all() and known[at].sum() >= min(3, len(stops))

@@ -30,8 +30,9 @@ from nnpp_edge.runtime.loop.realtime import rss_bytes
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.ticker import Ticker
 from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.slope_cost import EnergyCost, Mobility
 from nnpp_edge.runtime.network import loading
-from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.plan import Method, Plan, path_costs
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from tests.conftest import write_tiny_model
@@ -832,3 +833,42 @@ def test_a_disc_drives_past_what_it_must_not_touch():
     beside = np.array([(18, 28), (18, 29)], np.int32)
     assert world.path_problem(beside, True) == "the vehicle touches an impassable cell"
     assert world.path_problem(beside - np.int32((0, 10)), True) == ""
+
+
+@pytest.mark.parametrize("method", ["dstar", "corridor-dstar", "auto"])
+@pytest.mark.parametrize("step_cost", ["tobler", "energy"])
+def test_a_world_of_heights_is_planned_on_by_the_slope_and_the_standing_path_checked_by_it(step_cost, method):
+    rng = np.random.default_rng(4)
+    heights = np.cumsum(rng.normal(0.0, 0.05, (48, 64)), axis=1).astype(np.float32)
+    slopes = {"step_cost": step_cost, "mobility": Mobility(energy=EnergyCost(50.0, 0.1))}
+    world = World.of_elevation(heights, 1.0, **slopes)
+    nav = Navigator(world, NavigatorSettings(method=method, tolerance=1e-4))
+    nav.offer(Pose(20.0, 10.0))
+    nav.offer(Goal(22, 58))
+    first = nav.tick()
+    nav.offer(Pose(*first.path[3]))
+    kept = nav.tick()
+    assert (first.origin, kept.origin) == (Origin.FULL, Origin.STANDING)
+    row, col = first.path[25].tolist()
+    for patch in (
+        MapPatch(row, col, elevation=heights[row : row + 1, col : col + 1] + 0.6),  # dear, but passable
+        MapPatch(row - 1, col, cost=np.full((3, 1), np.inf)),
+    ):
+        nav.offer(patch)
+        message, now = nav.tick(), Planner.of_elevation(world.heights(), 1.0, warn=False, **slopes)
+        check(message, world.cost())
+        best = now.plan(message.start, message.goal, method="astar")
+        standing = nav.planner.standing()
+        assert standing.valid and standing.cost == pytest.approx(
+            path_costs(now.state.grid, message.path)[0], rel=1e-6
+        )
+        assert standing.cost == pytest.approx(best.cost, rel=1e-5 if method == "dstar" else 0.05)
+        assert standing.lower_bound <= best.cost * (1.0 + 1e-6)
+    assert message.origin is Origin.FULL and np.isnan(world.heights()[row - 1 : row + 2, col]).all()
+
+
+def test_a_step_cost_that_there_is_none_of_is_refused():
+    with pytest.raises(InvalidQueryError, match="step_cost must be one of"):
+        World.of_elevation(np.zeros((4, 4), np.float32), 1.0, step_cost="effort")
+    with pytest.raises(InvalidQueryError, match=r"mobility\.energy"):
+        World.of_elevation(np.zeros((4, 4), np.float32), 1.0, step_cost="energy")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.kernels.directed import price_ways
 from nnpp_edge.runtime.map.slope_cost import EnergyCost, LinearCost, Mobility, TimeCost, ToblerCost
 
 TABLE = TimeCost((-20.0, -5.0, 0.0, 12.0), (0.3, 0.9, 0.8, 0.2))
@@ -148,3 +149,12 @@ def test_what_is_wrong_is_said_in_one_line(make, words):
         make()
     assert all(word in str(caught.value) for word in words), str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("model", [*MODELS, TimeCost((0.0,), (2.0,))], ids=repr)
+def test_the_kernels_price_ways_as_the_models_do(model):
+    number, values = model.packed
+    for length in (0.25, 28.3):
+        costs = np.empty(len(SLOPES))
+        price_ways(number, values, length, length * SLOPES, costs)
+        assert costs == pytest.approx(model.cost(length, length * SLOPES), rel=1e-10)

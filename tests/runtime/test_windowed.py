@@ -13,6 +13,7 @@ from nnpp_edge.runtime.errors import InvalidMapError, Status
 from nnpp_edge.runtime.loop.realtime import rss_bytes
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid
+from nnpp_edge.runtime.map.slope_cost import EnergyCost, Mobility
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import check_planner_fits, small_pages, virtual_zeros
@@ -253,3 +254,21 @@ def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated():
     check_planner_fits((2048, 2048))
     with pytest.raises(InvalidMapError, match="cells"):
         StreamedMap((60_000, 60_000), StepModel.of("paper"))
+
+
+def test_plans_carry_the_numbers_along_their_way():
+    heights = synthetic_terrain(np.random.default_rng(3), 96, 1.0)
+    heights[20:60, 50] = np.nan
+    mobility, stops = Mobility(energy=EnergyCost(50.0, 0.1)), [(3, 4), (30, 20), (30, 80), (90, 85)]
+    by_windows = WindowedPlanner(ArrayWindows(heights), mobility=mobility)
+    whole = Planner.of_elevation(heights, 1.0, cell_width_m=1.5, warn=False, mobility=mobility)
+    plan, wanted = (planner.plan(stops[0], stops[-1], **how) for planner, how in _both(by_windows, whole))
+    assert plan.ok and plan.numbers == pytest.approx(wanted.numbers) and plan.energy_j > 0.0 < plan.climb_m
+    tours = [planner.plan_via(stops[0], stops[-1], stops[1:-1], **how) for planner, how in _both(by_windows, whole)]
+    for found, also in zip((tours[0].plan, *tours[0].legs), (tours[1].plan, *tours[1].legs), strict=True):
+        assert found.numbers == pytest.approx(also.numbers)
+    assert tours[0].plan.time_s == pytest.approx(sum(leg.time_s for leg in tours[0].legs))
+
+
+def _both(by_windows, whole):
+    return (by_windows, {}), (whole, {"method": "corridor"})
