@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.map.slope_cost import Mobility
     from nnpp_edge.runtime.planners.plan import Plan
+    from nnpp_edge.runtime.planners.planner import Planner
     from nnpp_edge.runtime.planners.query import PlannerOptions, PlanOptions
     from nnpp_edge.runtime.planners.tour import Tour
     from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -241,7 +242,7 @@ def find(
     plan, tour = on_the_ground(plan), tour and tour.told(on_the_ground)
     return Answer(
         plan,
-        _route(plan, cost, dem, vehicle),
+        _route(plan, cost, dem, vehicle, planner),
         start,
         goal,
         [(goals[at], found) for at, found in ranked] if len(goals) > 1 else [],
@@ -271,20 +272,26 @@ def _beside_a_point(answer: Answer, request: Request, dem: Dem, cost: Float2D, v
     return answer
 
 
-def _route(plan: Plan, cost: Float2D, dem: Dem, vehicle: Vehicle | None) -> Route:
+def _route(plan: Plan, cost: Float2D, dem: Dem, vehicle: Vehicle | None, planner: Planner) -> Route:
     """The route of a plan over known ground, with how a vehicle stands along it."""
     from dataclasses import replace
 
+    from nnpp_edge.runtime.arrays import headings_along
     from nnpp_edge.runtime.map.attitude import attitudes
+    from nnpp_edge.runtime.planners.refine import BodyLines
     from nnpp_edge.terrain.route import Route
 
     assert plan.along is not None
     route = Route.of(plan.line, plan.along, cost, dem)
-    if vehicle is None or len(plan.path) < 2 or plan.line is not plan.path:
+    if vehicle is None or len(plan.path) < 2:
         return route
-    standing = {"heading_deg": plan.headings_deg}
-    if not vehicle.is_disc:
+    standing = {"heading_deg": headings_along(plan.along.points)}
+    if vehicle.is_disc:
+        return replace(route, standing=standing)
+    if plan.waypoints is None:
         standing |= attitudes(dem.elevation, plan.along.sides_m, vehicle, plan.path)._asdict()
+    else:
+        standing |= BodyLines(planner.state.grid).attitudes(plan.along.points)._asdict()
     return replace(route, standing=standing)
 
 

@@ -166,8 +166,9 @@ class Answer:
 
     def figures(self, files: list[str]) -> dict[str, object]:
         """Ready for JSON."""
+        plan = self.plan
         figures: dict[str, object] = {
-            **self.plan.summary(),
+            **plan.summary(),
             **self.route.worst,
             "loading_included": self.loading_included,
             "start": self.start,
@@ -187,11 +188,24 @@ class Answer:
             figures["windows"] = asdict(self.windows)
         if self.vehicle is not None:
             figures["vehicle"] = asdict(self.vehicle)
-            figures["checks"] = self.plan.checks
+            figures["checks"] = plan.checks
             figures["waypoints"] = self.route.stands()
+        if plan.waypoints is not None:
+            figures["line"] = {
+                "row_col": plan.waypoints.round(4).tolist(),
+                "heading_deg": plan.waypoint_headings_deg.round(3).tolist(),
+                "curvature_per_m": plan.curvatures.round(6).tolist(),
+            }
         if files:
             figures["files"] = files
         return figures
+
+    def _line(self) -> str:
+        """Of the way points, in words."""
+        plan, sharpest = self.plan, self.plan.curvatures.max(initial=0.0)
+        turns = f", sharpest turn of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""
+        points = 0 if plan.waypoints is None else len(plan.waypoints)
+        return f"{points} way points, line integral {plan.line_cost:.6g}{turns}"
 
     def text(self, files: list[str]) -> str:
         """For people."""
@@ -212,7 +226,7 @@ class Answer:
             cost = f"{plan.cost:.6g} {UNITS.get(self.step_cost, '')}".rstrip()
             lines["cost"] = f"{cost}, {self._optimality()}"
             if plan.waypoints is not None:
-                lines["line"] = f"{len(plan.waypoints)} way points, line integral {plan.line_cost:.6g}"
+                lines["line"] = self._line()
             lines["CC"] = f"{plan.traverse_cost:.6g}"
         elif len(plan.path):
             lines["path"] = f"{len(plan.path)} cells so far, {length}"
@@ -235,7 +249,7 @@ class Answer:
     def properties(self) -> dict[str, object]:
         """Figures that the path carries in files for maps."""
         figures = self.figures([])
-        line = () if self.plan.waypoints is None else ("line_cost",)
+        line = () if self.plan.waypoints is None else ("line_cost", "sharpest_curvature_per_m")
         return {name: figures[name] for name in (*_PROPERTIES, *line, *self.plan.numbers._fields, *self.route.worst)}
 
     def on_the_ground(self) -> dict[str, str]:

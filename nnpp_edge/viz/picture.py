@@ -27,7 +27,7 @@ IMPASSABLE: Colour = (34, 44, 96)
 REGION: Colour = (255, 230, 0)
 PATH: Colour = (20, 120, 255)
 OPTIMUM: Colour = (255, 90, 235)
-GRID: Colour = (255, 255, 160)
+GRID: Colour = (150, 245, 255)
 BODY: Colour = (120, 255, 190)
 POINT: Colour = (255, 255, 255)
 _NO_STAND = 0.45
@@ -155,7 +155,7 @@ def plan_picture(
         drawing.line(outline, INK, 2.5)
         drawing.line(outline, BODY, 1.2)
     if len(plan.path):
-        keys.append(drawing.line_key(PATH, "path"))
+        keys.append(drawing.line_key(PATH, "path freed from the grid" if freed else "path"))
         start = start or (int(plan.path[0, 0]), int(plan.path[0, 1]))
         goal = goal or (int(plan.path[-1, 0]), int(plan.path[-1, 1]))
     if freed:
@@ -241,6 +241,8 @@ def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:
         yield str(plan.status)
     if len(plan.path):
         yield f"cost {_number(plan.cost)}"
+        if plan.waypoints is not None:
+            yield f"line integral {_number(plan.line_cost)}"
         yield f"{_number(plan.length)} cells" if length_m is None else f"length {metres(length_m)}"
     if "total" in plan.timings_ms:
         yield f"{_number(plan.timings_ms['total'])} ms"

@@ -17,6 +17,7 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import SQRT2
+from nnpp_edge.runtime.map.turns import curvatures
 
 
 class Method(StrEnum):
@@ -153,6 +154,17 @@ class Plan:
         return np.empty(0) if self.waypoints is None else headings_along(self.waypoints)
 
     @property
+    def curvatures(self) -> NDArray[np.float64]:
+        """(N,) of the line at each way point, 0 at the ends; empty without way points.
+
+        One over the radius of the widest arc that fits into the turn, see `map.turns`: a metre, where elevations are
+        known, else a cell.
+        """
+        if self.waypoints is None:
+            return np.empty(0)
+        return curvatures(self.waypoints if self.along is None else self.waypoints * self.along.sides_m)
+
+    @property
     def line(self) -> Line:
         """(N, 2) what is driven: way points (row, col) where the path was freed from the grid, else its cells."""
         return self.path if self.waypoints is None else self.waypoints
@@ -198,6 +210,12 @@ class Plan:
         exact = self.cost <= self.lower_bound
         return self.cost / self.lower_bound if self.lower_bound > 0.0 else (1.0 if exact else math.inf)
 
+    def _line_figures(self) -> dict[str, object]:
+        """Of the way points, ready for JSON."""
+        per = "cell" if self.along is None else "m"
+        sharpest = float(self.curvatures.max(initial=0.0))
+        return {"line_cost": _finite(self.line_cost), f"sharpest_curvature_per_{per}": _finite(sharpest)}
+
     def summary(self) -> dict[str, object]:
         """The plan without its arrays, ready for JSON (inf and NaN as None)."""
         names = ("cost", "length", "traverse_cost", "lower_bound", "bound", "threshold")
@@ -213,7 +231,7 @@ class Plan:
             "expansions": self.expansions,
             "threshold": numbers["threshold"],
             "reason": self.reason,
-            **({} if self.waypoints is None else {"line_cost": _finite(self.line_cost)}),
+            **({} if self.waypoints is None else self._line_figures()),
             "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
         }
 

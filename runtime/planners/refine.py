@@ -24,19 +24,18 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.any_angle import corners, line_cost
-from nnpp_edge.runtime.kernels.any_heading import body_leg_cost, body_line_cost, clear_band, weigh_band
+from nnpp_edge.runtime.kernels.any_heading import body_leg_cost, body_line_cost, stands_along
+from nnpp_edge.runtime.kernels.body_band import clear_band, weigh_band
 from nnpp_edge.runtime.kernels.stations import freed
+from nnpp_edge.runtime.map.attitude import Attitudes
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.tiles import COMPLETE
+from nnpp_edge.runtime.map.turns import Points, sharpest, with_arcs
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import ANY_ANGLE, ANY_ANGLE_BODY, BODY_BAND, WAY_POINT_SAVES
 
-Points = NDArray[np.float64]
-"""(N, 2) places (row, col) in cells."""
-_ARC = math.radians(15.0)
-"""The most that a way point on an arc turns."""
 _ROUNDER = 1.02
 """Radius of the arcs that are laid, over that asked for: way points on an arc turn a little sharper than it does."""
 _COARSER = (1.0, 8.0, 64.0)
@@ -186,6 +185,12 @@ class BodyLines:
         clear_band(stride, path, radius, every, self._grid.shape, weights)
         return self._where_it_stands(points, path)
 
+    def attitudes(self, points: Points) -> Attitudes:
+        """How the body stands at places (N, 2), each left for the next, as the check of a leg sees it; needs two."""
+        found = stands_along(self.body, points)
+        found[:3] = np.degrees(np.arctan(found[:3]))
+        return Attitudes(*found)
+
     def _where_it_stands(self, points: Points, path: NDArray[np.int32]) -> Points:
         """The same, with parts of the path in place of the legs that fail, and of those beside them that then do."""
         beside, places = _nearest_in_order(points, path), points.copy()
@@ -204,57 +209,6 @@ class BodyLines:
             part = places[k : k + 2] if cost < math.inf else corners(path[beside[k] : beside[k + 1] + 1])
             parts.append(part[1:])
         return np.concatenate(parts)
-
-
-def turns_rad(points: Points) -> NDArray[np.float64]:
-    """(N,) by how much each way point turns the line, from 0 to π; 0 at the ends."""
-    legs = np.diff(points, axis=0)
-    headings = np.arctan2(legs[:, 1], legs[:, 0])
-    turns = np.abs((np.diff(headings) + np.pi) % (2.0 * np.pi) - np.pi)
-    found: NDArray[np.float64] = np.concatenate(([0.0], turns, [0.0]))[: len(points)]
-    return found
-
-
-def curvatures(points: Points) -> NDArray[np.float64]:
-    """(N,) one over the radius, in cells, of the widest arc that fits into each turn; 0 at the ends.
-
-    The arc touches both legs, each within the half of it that lies next to the way point.
-    """
-    if len(points) < 3:
-        return np.zeros(len(points))
-    lengths = np.hypot(*np.diff(points, axis=0).T)
-    shorter = np.minimum(lengths[:-1], lengths[1:])
-    found = np.zeros(len(points))
-    found[1:-1] = 2.0 * np.tan(0.5 * turns_rad(points)[1:-1]) / np.maximum(shorter, 1e-12)
-    return found
-
-
-def sharpest(points: Points) -> float:
-    """The greatest curvature."""
-    return float(curvatures(points).max(initial=0.0))
-
-
-def with_arcs(points: Points, radius: float) -> Points | None:
-    """The line with an arc of this radius in place of each turn; None where a leg is too short for its arcs."""
-    turns, lengths = turns_rad(points), np.hypot(*np.diff(points, axis=0).T)
-    reach = radius * np.tan(0.5 * turns)
-    if (turns > 0.9 * np.pi).any() or (reach[:-1] + reach[1:] > lengths).any():
-        return None
-    parts = [points[:1]]
-    for k in range(1, len(points) - 1):
-        back = (points[k - 1] - points[k]) / lengths[k - 1]
-        ahead = (points[k + 1] - points[k]) / lengths[k]
-        count = math.ceil(turns[k] / _ARC)
-        if count == 0:
-            continue
-        inwards = back + ahead
-        middle = points[k] + inwards / np.linalg.norm(inwards) * radius / math.cos(0.5 * turns[k])
-        first, last = points[k] + reach[k] * back - middle, points[k] + reach[k] * ahead - middle
-        shares = np.arange(count + 1)[:, None] / count * turns[k]
-        arc = (np.sin(turns[k] - shares) * first + np.sin(shares) * last) / math.sin(turns[k])
-        parts.append(middle + arc)
-    parts.append(points[-1:])
-    return np.concatenate(parts)
 
 
 def _nearest_in_order(points: Points, path: NDArray[np.int32]) -> list[int]:

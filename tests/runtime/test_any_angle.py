@@ -14,7 +14,8 @@ from nnpp_edge.runtime.kernels.any_angle import is_clear, line_cost
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.planners.refine import Refiner, curvatures, sharpest, turns_rad, with_arcs
+from nnpp_edge.runtime.map.turns import curvatures, sharpest, turns_rad, with_arcs
+from nnpp_edge.runtime.planners.refine import Refiner
 from tests.strategies import cases
 
 

@@ -1,0 +1,62 @@
+"""Turns of a line at its way points: by how much, how sharp, and arcs in place of them."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Points = NDArray[np.float64]
+"""(N, 2) places (row, col) in cells."""
+_ARC = math.radians(15.0)
+"""The most that a way point on an arc turns."""
+
+
+def turns_rad(points: Points) -> NDArray[np.float64]:
+    """(N,) by how much each way point turns the line, from 0 to π; 0 at the ends."""
+    legs = np.diff(points, axis=0)
+    headings = np.arctan2(legs[:, 1], legs[:, 0])
+    turns = np.abs((np.diff(headings) + np.pi) % (2.0 * np.pi) - np.pi)
+    found: NDArray[np.float64] = np.concatenate(([0.0], turns, [0.0]))[: len(points)]
+    return found
+
+
+def curvatures(points: Points) -> NDArray[np.float64]:
+    """(N,) one over the radius, in cells, of the widest arc that fits into each turn; 0 at the ends.
+
+    The arc touches both legs, each within the half of it that lies next to the way point.
+    """
+    if len(points) < 3:
+        return np.zeros(len(points))
+    lengths = np.hypot(*np.diff(points, axis=0).T)
+    shorter = np.minimum(lengths[:-1], lengths[1:])
+    found = np.zeros(len(points))
+    found[1:-1] = 2.0 * np.tan(0.5 * turns_rad(points)[1:-1]) / np.maximum(shorter, 1e-12)
+    return found
+
+
+def sharpest(points: Points) -> float:
+    """The greatest curvature."""
+    return float(curvatures(points).max(initial=0.0))
+
+
+def with_arcs(points: Points, radius: float) -> Points | None:
+    """The line with an arc of this radius in place of each turn; None where a leg is too short for its arcs."""
+    turns, lengths = turns_rad(points), np.hypot(*np.diff(points, axis=0).T)
+    reach = radius * np.tan(0.5 * turns)
+    if (turns > 0.9 * np.pi).any() or (reach[:-1] + reach[1:] > lengths).any():
+        return None
+    parts = [points[:1]]
+    for k in range(1, len(points) - 1):
+        back = (points[k - 1] - points[k]) / lengths[k - 1]
+        ahead = (points[k + 1] - points[k]) / lengths[k]
+        count = math.ceil(turns[k] / _ARC)
+        if count == 0:
+            continue
+        inwards = back + ahead
+        middle = points[k] + inwards / np.linalg.norm(inwards) * radius / math.cos(0.5 * turns[k])
+        first, last = points[k] + reach[k] * back - middle, points[k] + reach[k] * ahead - middle
+        shares = np.arange(count + 1)[:, None] / count * turns[k]
+        arc = (np.sin(turns[k] - shares) * first + np.sin(shares) * last) / math.sin(turns[k])
+        parts.append(middle + arc)
+    parts.append(points[-1:])
+    return np.concatenate(parts)
