@@ -26,7 +26,7 @@ LEGS = [(1, 0), (0, 1), (1, 1), (1, -1), (2, 0), (0, 2), (2, 2), (2, -2)] + [
     for long, wide in ((2, 1), (3, 1), (3, 2))
     for leg in ((wide, long), (long, wide), (wide, -long), (long, -wide))
 ]
-"""Half cells down and to the right. Whole steps of the grid come beside half ones, as they are checked by its rule."""
+"""Half cells down and to the right. Whole steps of the grid come beside half ones, checked by its own rule."""
 
 
 @numba.njit(error_model="numpy")
