@@ -313,6 +313,5 @@ class _PlanObserver(Observer[Plan]):
         if result.method is Method.NNPP:
             self._disturbance.leave_out(elapsed_s, worked)
         if (trace := self._instruments.trace) is not None:
-            trace.span(
-                rival, ended - elapsed_s, ended, result.timings_ms, status=str(result.status), cost=result.cost
-            )
+            facts = {"expansions": result.expansions}
+            trace.span(rival, ended - elapsed_s, ended, result.timings_ms, facts=facts)

@@ -40,14 +40,14 @@ class Trace:
         ended_s: float,
         stages_ms: Mapping[str, float] | None = None,
         thread: int = PLANNERS,
-        **facts: object,
+        facts: Mapping[str, object] | None = None,
     ) -> None:
         """Add what ran from one moment to another, and its stages, laid end to end from its begin in their order.
 
         The clock of a plan keeps each stage's sum, not its moments; what no stage counts stays bare at the end.
         """
         began, ended = round(_NS * began_s), round(_NS * ended_s)
-        self._events.append(_Event(name, thread, began, ended, facts))
+        self._events.append(_Event(name, thread, began, ended, facts or {}))
         at = began
         for stage, ms in (stages_ms or {}).items():
             until = min(at + round(1e6 * ms), ended)
@@ -58,9 +58,9 @@ class Trace:
     def tick(self, message: PathMessage, spans: Sequence[Span]) -> None:
         """Add a tick of the loop with its parts, the whole first; its answer is told with it."""
         whole, *parts = spans
-        answer = {"outcome": str(message.outcome), "origin": str(message.origin), "map_version": message.map_version}
-        name = f"tick {message.tick}"
-        self.span(name, whole.began_s, whole.ended_s, thread=LOOP, **answer, reason=message.reason)
+        names = ("outcome", "origin", "method", "reason", "map_version")
+        answer = {name: getattr(message, name) for name in names}
+        self.span(f"tick {message.tick}", whole.began_s, whole.ended_s, None, LOOP, answer)
         for part in parts:
             self.span(part.name, part.began_s, part.ended_s, part.stages_ms, LOOP)
 

@@ -7,6 +7,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from nnpp_edge.files import write_whole
+from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.robot.operations.metrics import MetricsFile, MetricsServer
 from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring, kind_and_place
@@ -89,8 +91,12 @@ def run(
         if metrics is not None:
             observers += [_Statuses("metrics", lambda status: metrics.keep(status.counters))]
 
+        trace = None if wiring.trace is None else Trace("nnpp-edge run")
+
         def after_tick(message: PathMessage) -> None:
             notifier.alive()
+            if trace is not None:
+                trace.tick(message, loop.spans)
             if source.failure or (source.ended and not wiring.stay):
                 loop.finish()
 
@@ -114,6 +120,8 @@ def run(
             notifier.stopping()
             if metrics is not None:
                 metrics.keep(counters)
+            if wiring.trace is not None and trace is not None:
+                write_whole(wiring.trace, trace.to_json())
     if source.failure:
         raise SourceError(f"the input failed, and the loop has ended: {source.failure}")
     return counters
