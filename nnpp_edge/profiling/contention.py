@@ -40,7 +40,7 @@ class Contention(Table, frozen=True):
     @property
     def words(self) -> str:
         """What runs, for people."""
-        return shlex.join(self.command) if self.command else f"{self.threads} busy threads"
+        return shlex.join(self.command) if self.command else f"{self.threads} busy thread{'s' * (self.threads > 1)}"
 
     def check(self) -> None:
         """ProfileError if this machine cannot run the command."""

@@ -1,5 +1,6 @@
 """Putting the onboard loop together: world, input, sinks, and what watches over it."""
 
+import logging
 import signal
 import sys
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from nnpp_edge.robot.transports.rerun_view import RerunSink
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault
 from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
-from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
@@ -29,6 +30,7 @@ from nnpp_edge.runtime.loop.sinks import Sink
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.warmup import exercise
 
+_LOG = logging.getLogger(__name__)
 _STARTING: dict[signal.Signals, Handler] = {
     signal.SIGTERM: signal.SIG_DFL,
     signal.SIGINT: signal.SIG_DFL,
@@ -121,10 +123,18 @@ def run(
             if metrics is not None:
                 metrics.keep(counters)
             if wiring.trace is not None and trace is not None:
-                write_whole(wiring.trace, trace.to_json())
+                _write_trace(wiring.trace, trace)
     if source.failure:
         raise SourceError(f"the input failed, and the loop has ended: {source.failure}")
     return counters
+
+
+def _write_trace(path: Path, trace: Trace) -> None:
+    """Write it, or say why not: as a log's, its loss costs the run nothing."""
+    try:
+        write_whole(path, trace.to_json())
+    except OutputError as error:
+        _LOG.warning("the trace is lost: %s", error)
 
 
 class _Statuses:
