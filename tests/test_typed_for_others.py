@@ -8,7 +8,7 @@ import pytest
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parent.parent
-CONSUMER = '''
+CONSUMER = """
 from typing import assert_type
 
 import numpy as np
@@ -38,15 +38,15 @@ def on_costs(elevation: NDArray[np.float32]) -> Status:
 
 def body() -> float:
     return Vehicle(1.5, 1.0, 0.25).length_m
-'''
-WRONG = '''
+"""
+WRONG = """
 from nnpp_edge.runtime import Planner
 
 
 def wrong(planner: Planner) -> str:
     planner.plan((0, 0))
     return planner.plan((0, 0), (9, 9)).cost
-'''
+"""
 
 
 def test_a_strict_package_outside_passes_and_its_mistakes_are_found(tmp_path):
