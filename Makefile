@@ -3,14 +3,18 @@
 # make test: the same with all tests.
 # make bench: our planners beside other libraries' grid search, the stages from elevations to a first path, what a
 # region's search costs, and how long the first plan takes.
+# make coverage: what the fast tests reach, in the terminal and as build/coverage.xml; compiled kernels are not seen.
+# make wheel, make try-wheel, make try-oldest: the wheel; it alone in a bare environment, which plans and measures there,
+# with the newest and with the oldest packages that it takes (.ci/oldest.txt). PYTHON=python3.12 tries another Python.
 # make fuzz MINUTES=30: damaged files, odd options, odd weights and the rest (docs/fuzzing.md).
 PYTHON ?= python3
 MINUTES ?= 30
 DEMO := .venv-demo
 DEV := .venv-dev
+TRY = .ci/try-wheel $(PYTHON) build/wheel/nnpp_edge-*.whl
 PYTEST := $(DEV)/bin/python -m pytest --numprocesses 2
 
-.PHONY: demo check test bench fuzz kernels lint types contract format clean
+.PHONY: demo check test coverage bench fuzz kernels lint spelling types contract format wheel try-wheel try-oldest clean
 
 $(DEMO)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEMO)
@@ -28,12 +32,15 @@ $(DEV)/ready: pyproject.toml
 	$(DEV)/bin/pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	touch $@
 
-check: lint types contract
+check: lint spelling types contract
 	$(PYTEST) --dist worksteal -m 'not slow'
 
 test: $(DEV)/ready
-	$(MAKE) --no-print-directory --jobs 2 lint types contract kernels
+	$(MAKE) --no-print-directory --jobs 2 lint spelling types contract kernels
 	$(PYTEST)
+
+coverage: $(DEV)/ready
+	$(PYTEST) --dist worksteal -m 'not slow' --cov --cov-report=term --cov-report=xml:build/coverage.xml
 
 kernels: $(DEV)/ready
 	$(DEV)/bin/nnpp-edge warmup --keep-old
@@ -41,6 +48,9 @@ kernels: $(DEV)/ready
 lint: $(DEV)/ready
 	$(DEV)/bin/ruff check .
 	$(DEV)/bin/ruff format --check .
+
+spelling: $(DEV)/ready
+	$(DEV)/bin/typos
 
 types: $(DEV)/ready
 	$(DEV)/bin/mypy -p nnpp_edge
@@ -61,6 +71,16 @@ bench: $(DEV)/ready-to-bench
 	$(DEV)/bin/python -m nnpp_edge.benchmarks.map_stage
 	$(DEV)/bin/python -m nnpp_edge.benchmarks.region_search
 	$(DEV)/bin/python -m nnpp_edge.profiling.cold_start
+
+wheel:
+	rm -rf build/lib build/wheel
+	$(PYTHON) -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir build/wheel .
+
+try-wheel: wheel
+	$(TRY)
+
+try-oldest: wheel
+	$(TRY) --constraint .ci/oldest.txt
 
 fuzz: $(DEV)/ready
 	$(DEV)/bin/python -m tests.fuzz --minutes $(MINUTES)

@@ -166,6 +166,9 @@ view = click.option(
     metavar="WHERE",
     help="Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, FILE.rrd is written.",
 )
+trace = click.option(
+    "--trace", type=NEW_FILE, help="Write what ran when, stage by stage, as JSON for ui.perfetto.dev."
+)
 seed = click.option("--seed", type=SEED, default=1, help="Seed of every random choice.")
 model = click.option("--model", type=ModelName(), default="edge", help="Name of a shipped network, or an ONNX file.")
 memory = click.option(

@@ -9,7 +9,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.profile_run import STDOUT, ProfileOptions
 
-_ONLY_WITH_PROFILE = ("vehicle", "html", "start_up", "save_choice")
+_ONLY_WITH_PROFILE = ("vehicle", "html", "board_row", "trace", "start_up", "save_choice")
 _ONLY_WITH_PEERS = ("limit_s", "output")
 _PROFILE = "A shipped profile (paper, edge-2core, single-core, quick, rover) or a TOML file."
 _VEHICLE = (
@@ -23,6 +23,7 @@ _SIZES = (
 )
 _QUERIES = "For each workload and size, in place of the profile's; for --peers 50."
 _SEED = "Of every random choice; by default the profile's, else 1."
+_BOARD_ROW = "Print this machine's row of docs/boards.md, for others to compare with, and nothing else."
 _START_UP = "Also measure import to first plan in new processes; takes a minute."
 _CHOICE = "Let the method `auto` go by the figures of this run from now on."
 _TOLERANCE = "Share by which a figure may become worse."
@@ -40,6 +41,8 @@ _LIMIT = "With --peers: seconds; a planner that needs longer for a query is left
 @click.option("--json", "json_file", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_JSON)
 @click.option("--markdown", "markdown_file", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_MARKDOWN)
 @click.option("--html", type=options.NEW_FILE, help="The report as one self-contained page.")
+@click.option("--board-row", is_flag=True, help=_BOARD_ROW)
+@options.trace
 @click.option("--start-up", is_flag=True, help=_START_UP)
 @click.option("--save-choice", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_CHOICE)
 @click.option("--limit", "limit_s", type=options.POSITIVE, help=_LIMIT)
@@ -50,9 +53,10 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
 
     Pins to the profile's cores and lets exact A*, corridor, learned region (int8 and fp32) and auto answer the
     same queries in turns. Then the profile's planner gets each map as if it had just arrived, and where a budget
-    asks for it the onboard loop is run with a patch of elevations at each tick. Prints times by stage, speed-up,
+    asks for it the onboard loop is run with a patch of elevations at each tick. Where the profile says so all is
+    measured once more with something running beside it. Prints times by stage, speed-up,
     path costs, where each planner starts to pay, and the budgets. Exit code 0 when all are met, 1 when one is
-    missed, 3 when the run was too noisy to tell.
+    missed, 3 when the run was too noisy to tell, or the processor was slowed and a budget missed for it.
 
     \b
     nnpp-edge profile --profile quick
@@ -74,8 +78,16 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
         raise click.UsageError(
             "give either --profile (paper, edge-2core, single-core, quick, rover or a file) or --peers"
         )
-    if given["json_file"] == given["markdown_file"] == STDOUT:
-        raise click.UsageError("--json and --markdown cannot both be printed: name a file for one")
+    printed = {"--json": given["json_file"] == STDOUT, "--markdown": given["markdown_file"] == STDOUT}
+    if (
+        len(
+            both := [
+                name for name, is_printed in {**printed, "--board-row": given["board_row"]}.items() if is_printed
+            ]
+        )
+        > 1
+    ):
+        raise click.UsageError(f"{' and '.join(both)} cannot all be printed: name files for the others")
     for name in _ONLY_WITH_PROFILE if peers else _ONLY_WITH_PEERS:
         if given[name]:
             option = next(p.opts[-1] for p in ctx.command.params if p.name == name)

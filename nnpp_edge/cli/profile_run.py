@@ -27,6 +27,8 @@ class ProfileOptions:
     json_file: str | None
     html: Path | None
     markdown_file: str | None
+    board_row: bool
+    trace: Path | None
     start_up: bool
     save_choice: str | None
     limit_s: float | None
@@ -51,10 +53,12 @@ def run_profile(name: str, given: ProfileOptions) -> int:
     """Measure, write what was asked for, print the report; the exit code."""
     from nnpp_edge.cli.profile_text import report_markdown, report_text
     from nnpp_edge.files import write_all
+    from nnpp_edge.profiling.board import board_row
     from nnpp_edge.profiling.judge import EXIT_CODES
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile
     from nnpp_edge.profiling.report import Watchers, choice_of, profile_machine
+    from nnpp_edge.profiling.trace import Trace
     from nnpp_edge.progress import bar
     from nnpp_edge.terrain.vehicle_files import load_vehicle
 
@@ -63,7 +67,7 @@ def run_profile(name: str, given: ProfileOptions) -> int:
     others = (profile.networks.fp32, profile.load.vehicle)
     options.check_outputs(
         *(("--json", given.json_path), ("--html", given.html), ("--markdown", given.markdown_path)),
-        ("--save-choice", choice),
+        *(("--save-choice", choice), ("--trace", given.trace)),
         more_inputs=(*profile.load.terrain, profile.networks.int8, *filter(None, others)),
         make_folders=True,
     )
@@ -81,8 +85,9 @@ def run_profile(name: str, given: ProfileOptions) -> int:
             "auto chooses by a point's workloads: --save-choice needs soft or limitN in the profile"
         )
     notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
-    with bar("profile", queries_in(profile.load), quiet=True) as advance:
-        watchers = Watchers(advance, lambda line: click.echo(line, err=True))
+    runs, trace = 1 + profile.contention.wanted, None if given.trace is None else Trace("nnpp-edge profile")
+    with bar("profile", runs * queries_in(profile.load), quiet=True) as advance:
+        watchers = Watchers(advance, lambda line: click.echo(line, err=True), trace)
         report = profile_machine(profile, start_up=given.start_up, notes=notes, watchers=watchers)
     content = json.dumps(report, indent=1)
     contents: dict[Path, bytes] = {}
@@ -93,13 +98,20 @@ def run_profile(name: str, given: ProfileOptions) -> int:
     markdown = report_markdown(report)
     if given.markdown_path is not None:
         contents[given.markdown_path] = markdown.encode()
+    if given.trace is not None and trace is not None:
+        contents[given.trace] = trace.to_json()
     if choice is not None:
         contents[choice] = choice_of(report, profile.networks.int8).to_json().encode()
     write_all(contents)
     if choice is not None:
         click.echo(f"auto goes by this run from now on: {choice}", err=True)
-    printed = content if given.json_file == STDOUT else markdown if given.markdown_file == STDOUT else None
-    click.echo(report_text(report) if printed is None else printed.rstrip("\n"))
+    if given.board_row:
+        printed = board_row(report)
+    elif given.json_file == STDOUT:
+        printed = content
+    else:
+        printed = markdown if given.markdown_file == STDOUT else report_text(report)
+    click.echo(printed.rstrip("\n"))
     return EXIT_CODES[report["verdict"]]
 
 

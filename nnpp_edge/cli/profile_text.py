@@ -4,7 +4,16 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from nnpp_edge.profiling.quantities import STAGES
-from nnpp_edge.profiling.report_format import BreakEven, BudgetLine, Comparison, LoopRow, Report, ResultRow, Spread
+from nnpp_edge.profiling.report_format import (
+    BreakEven,
+    BudgetLine,
+    Comparison,
+    LoadedRow,
+    LoopRow,
+    Report,
+    ResultRow,
+    Spread,
+)
 from nnpp_edge.progress import markdown_table, render_table
 
 _BUDGETS = ("budget", "planner", "where", "measured", "wanted", "verdict")
@@ -25,6 +34,7 @@ _LOOP = (
     "new",
     "kept",
 )
+_LOADED = (*_PLACE, "alone, ms\nmedian", "ms\np99", "beside, ms\nmedian", "ms\np99", "times\nas long")
 _QUALITY = ("speed-up\ntotal", "success", "after\nfallback", "gap\nmean", "gap\np99", "expan-\nsions")
 _WHOLE_RUN = (
     ("peak_memory_mb", "peak memory", "MB"),
@@ -88,6 +98,9 @@ def _tables(report: Report) -> Iterator[_Table]:
     if report["loop"]:
         title = "the onboard loop: from a patch's arrival to the checked path"
         yield _Table(title, _LOOP, [_reaction(row) for row in report["loop"]])
+    if (contention := report["contention"]) is not None:
+        title = f"alone, and beside {contention['beside']}"
+        yield _Table(title, _LOADED, [_loaded(row) for row in contention["rows"]])
 
 
 def _arrivals(row: ResultRow) -> Iterator[str]:
@@ -103,6 +116,11 @@ def _reaction(row: LoopRow) -> list[str]:
         *(_number(each) for each in (times["median"], times["p90"], times["p99"], times["max"])),
         *(str(row["planned"]), str(row["kept"])),
     ]
+
+
+def _loaded(row: LoadedRow) -> list[str]:
+    times = [_number(spread[key]) for spread in (row["idle_ms"], row["loaded_ms"]) for key in ("median", "p99")]
+    return [row["workload"], f"{row['size']}²", row["planner"], *times, f"{row['factor']:.2f}"]
 
 
 def _sentences(report: Report) -> Iterator[str]:
@@ -134,7 +152,21 @@ def _machine(report: Report) -> Iterator[str]:
     disturbance = report["disturbance"]
     shares = [max(half["waited_share"], half["others_share"] or 0.0) for half in disturbance["halves"]]
     yield f"others took  {' and '.join(f'{100 * share:.1f} %' for share in shares)} of the halves of the run"
+    yield f"clocks       {_told(report['sensors']['clock_mhz'], 'core', 'MHz', 'limit')}"
+    yield f"temperature  {_told(report['sensors']['temperature_c'], '', '°C', 'trip')}"
+    if report["sensors"]["throttled"]:
+        yield f"throttled    {report['sensors']['throttled']}"
     yield from (f"note         {line}" for line in report["notes"])
+
+
+def _told(found: dict[str, dict[str, float | None]], what: str, unit: str, limit: str) -> str:
+    """The range of each sensor's readings, and its limit."""
+    ranges = [
+        f"{what} {name} {_number(each['min'])} to {_number(each['max'])} {unit}"
+        + (f" ({limit} {_number(each[limit])})" if each[limit] is not None else "")
+        for name, each in found.items()
+    ]
+    return ", ".join(line.strip() for line in ranges) or "– (the kernel does not tell)"
 
 
 def _budgets(report: Report) -> list[list[str]]:

@@ -52,6 +52,7 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
 @click.option("--metrics-port", type=click.IntRange(0, 65535), help="Serve the counters to Prometheus at this port.")
 @click.option("--metrics-file", type=options.NEW_FILE, help="Keep the counters in this file, in Prometheus' format.")
 @options.view
+@options.trace
 @options.terrain
 @options.step_cost
 @vehicle_options.vehicle
@@ -97,6 +98,7 @@ def command(
     )
     options.check_outputs(  # --record never replaces a file
         *(("--log", wiring.log), ("--metrics-file", wiring.metrics_file), ("--view", options.view_file(wiring.view))),
+        ("--trace", wiring.trace),
         more_inputs=[model_path(loop.model)],
     )
     pace = Pace(loop.rate_hz, loop.cores, loop.priority)

@@ -10,6 +10,7 @@ from nnpp_edge.profiling.ground import Ground, Patch
 from nnpp_edge.profiling.harness import Harness
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.rivals import RivalPlanner
+from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Origin, Output, PathMessage, Pose
@@ -69,20 +70,28 @@ def reactions(
     loop: OnboardLoop,
     patches: int = REACTIONS,
     clock: Callable[[], float] = time.perf_counter,
+    trace: Trace | None = None,
 ) -> Reactions:
     """Run the onboard loop at its rate on this map, with a patch of elevations at each tick.
 
     With every other patch a hill appears on the newest path; with the next it is gone. The first of the queries share
-    the patches.
+    the patches. `trace` is given every tick.
     """
     settings = NavigatorSettings(
         loop.method, corner_cutting=loop.corner_cutting, model=loop.model, tolerance=loop.tolerance
     )
     hills = _Hills(ground, list(_script(queries[:_QUERIES], patches)), clock)
     navigator = Navigator(ground.world(), settings)
-    Loop(navigator, hills, [hills], rate_hz=loop.rate_hz, cores=loop.cores, priority=loop.priority).run(
-        len(hills.script)
+    running = Loop(
+        navigator,
+        hills,
+        [hills],
+        rate_hz=loop.rate_hz,
+        cores=loop.cores,
+        priority=loop.priority,
+        after_tick=None if trace is None else lambda message: trace.tick(message, running.spans),
     )
+    running.run(len(hills.script))
     found = Reactions()
     for turn, arrived, (published, message) in zip(hills.script, hills.arrived, hills.answers, strict=True):
         if turn is not _COUNTED:

@@ -67,7 +67,7 @@ def compare(before: Report, after: Report, tolerance: float) -> Comparison:
     """
     try:
         notes = list(_differences(before, after))
-        doubtful = any(report["disturbance"]["words"] for report in (before, after))
+        doubtful = any(_doubt(report) for report in (before, after))
         lines = [
             _line(row, figure, was, now, tolerance, doubtful)
             for row in after["results"]
@@ -132,8 +132,16 @@ def _differences(before: Report, after: Report) -> Iterator[str]:
         if was != now:
             yield f"{words} differ" + ("s" if words[-1] != "s" else "") + f": {_short(was)}, then {_short(now)}"
     for words, report in (("first", before), ("second", after)):
-        if report["disturbance"]["words"]:
-            yield f"the {words} run was disturbed: {report['disturbance']['words']}"
+        if doubt := _doubt(report):
+            yield f"the {words} run was {doubt}"
+
+
+def _doubt(report: Report) -> str:
+    """What makes a report's times doubtful; empty where nothing does. Older reports tell nothing of sensors."""
+    if report["disturbance"]["words"]:
+        return f"disturbed: {report['disturbance']['words']}"
+    slowed = _inside(report, ("sensors", "throttled"))
+    return f"throttled: {slowed}" if slowed else ""
 
 
 def _inside(report: Report, path: tuple[str, ...]) -> object:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from nnpp_edge.profiling.ground import patch_side
 from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
 from nnpp_edge.profiling.profile_file import OnboardLoop
-from nnpp_edge.profiling.quantities import STAGES
-from nnpp_edge.profiling.report_format import LoopRow, QueryFacts, ResultRow, Spread
+from nnpp_edge.profiling.quantities import LOOP, STAGES
+from nnpp_edge.profiling.report_format import LoadedRow, LoopRow, QueryFacts, ResultRow, Spread
 from nnpp_edge.profiling.rivals import EXACT, FIRST_SOURCES
 
 Floats = NDArray[np.float64]
@@ -24,6 +24,22 @@ def rows(run: Run) -> list[ResultRow]:
 def loop_rows(run: Run) -> list[LoopRow]:
     """A row for each workload and size at which the loop's reactions were measured."""
     return [_loop_row(of, run.loop) for of in run.workloads if of.reactions]
+
+
+def loaded_rows(idle: Run, loaded: Run) -> list[LoadedRow]:
+    """Both runs' times beside each other, of the planners and then of the loop."""
+    found = [
+        _loaded_row(one["workload"], one["size"], one["planner"], one["time_ms"], other["time_ms"])
+        for one, other in zip(rows(idle), rows(loaded), strict=True)
+    ]
+    for of, other_of in zip(loop_rows(idle), loop_rows(loaded), strict=True):
+        found.append(_loaded_row(of["workload"], of["size"], LOOP, of["reaction_ms"], other_of["reaction_ms"]))
+    return found
+
+
+def _loaded_row(workload: str, size: int, planner: str, idle: Spread, loaded: Spread) -> LoadedRow:
+    factor = loaded["median"] / idle["median"]
+    return LoadedRow(workload=workload, size=size, planner=planner, idle_ms=idle, loaded_ms=loaded, factor=factor)
 
 
 def _loop_row(of: WorkloadRun, loop: OnboardLoop) -> LoopRow:

@@ -1,17 +1,18 @@
-"""Budgets against figures: passed, missed, noisy or not measured."""
+"""Budgets against figures: passed, missed, noisy, throttled or not measured."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from nnpp_edge.profiling.profile_file import Budget, Profile
 from nnpp_edge.profiling.quantities import BASIS_UNITS, QUANTITIES
 from nnpp_edge.profiling.report_format import BudgetLine, LoopRow, ResultRow, WholeRun, find
+from nnpp_edge.profiling.sensors import Throttling
 
-PASS, FAIL, NOISY, ABSENT = "pass", "fail", "noisy", "not measured"
+PASS, FAIL, NOISY, THROTTLED, ABSENT = "pass", "fail", "noisy", "throttled", "not measured"
 MET, MISSED, UNSURE = "met", "missed", "noisy"
-EXIT_CODES = {MET: 0, MISSED: 1, UNSURE: 3}
+EXIT_CODES = {MET: 0, MISSED: 1, UNSURE: 3, THROTTLED: 3}
 _BEYOND_DOUBT = 1.25
-"""A budget is missed in a noisy run, too, where it would be by this factor with all the time back that noise took."""
+"""In a noisy or throttled run a budget is missed where it would be by this factor with all the lost time back."""
 
 
 @dataclass(frozen=True)
@@ -22,12 +23,18 @@ class Noise:
     """Empty if that is little."""
     share: float = 0.0
     """Of the time."""
+    throttling: Throttling = field(default_factory=Throttling)
+    """Whether the processor was slowed."""
 
 
 def judged(
     profile: Profile, results: list[ResultRow], whole_run: WholeRun, noise: Noise, loop: Sequence[LoopRow] = ()
 ) -> list[BudgetLine]:
-    """A line for each budget, at each workload and size that it is set for, by the rows of `figures`."""
+    """A line for each budget, at each workload and size that it is set for, by the rows of `figures`.
+
+    What passes on a throttled processor passes; what is missed there is missed only where it would be at the full
+    clock, too, and else ``throttled``.
+    """
     lines = []
     for budget in profile.budgets:
         for workload, size in _places(budget, profile):
@@ -46,11 +53,13 @@ def judged(
 
 
 def verdict(lines: Sequence[BudgetLine], noise: Noise) -> str:
-    """Of the whole run: missed if any budget is, else noisy if any is or could not be measured, else met."""
+    """Of the whole run: missed, noisy (or not measured) or throttled if any budget is, in this order, else met."""
     states = {line["verdict"] for line in lines}
     if FAIL in states:
         return MISSED
-    return UNSURE if states & {NOISY, ABSENT} or (noise.words and not lines) else MET
+    if states & {NOISY, ABSENT} or (noise.words and not lines):
+        return UNSURE
+    return THROTTLED if THROTTLED in states or (noise.throttling.words and not lines) else MET
 
 
 def _places(budget: Budget, profile: Profile) -> Iterator[tuple[str | None, int | None]]:
@@ -94,6 +103,10 @@ def _line(
             why = f"{words}, which explains no such miss"
         elif words:
             state, why = NOISY, words
+        elif quantity.basis and state == FAIL and noise.throttling.words:
+            beyond = _beyond_doubt(budget, shown, noise.throttling.share, 0.0)
+            why = noise.throttling.words + (", which explains no such miss" if beyond else "")
+            state = FAIL if beyond else THROTTLED
     return BudgetLine(
         name=budget.name,
         quantity=budget.quantity,
@@ -117,6 +130,6 @@ def _holds(budget: Budget, value: float) -> bool:
 
 
 def _beyond_doubt(budget: Budget, value: float, lost: float, apart: float) -> bool:
-    """Whether the better half would miss the limit even if it had had the machine to itself."""
+    """Whether the better half would miss the limit even with the share of the time back that was `lost`."""
     wanted, got = (budget.limit, value) if budget.direction == "at least" else (value, budget.limit)
     return got <= 0.0 or (1.0 - lost) * wanted / (got * (1.0 + apart)) > _BEYOND_DOUBT

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from nnpp_edge import __version__
 from nnpp_edge.profiling.report_format import MachineFacts
+from nnpp_edge.profiling.sensors import KernelSensors
 
 _X86_FLAGS = ("avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_vnni", "avx_vnni", "amx_tile", "amx_int8")
 _ARM_FLAGS = ("asimd", "asimddp", "i8mm", "sve", "sve2", "bf16")
@@ -32,9 +33,11 @@ def environment(cores: Sequence[int]) -> MachineFacts:
         "architecture": platform.machine(),
         "flags": [flag for flag in (*_X86_FLAGS, *_ARM_FLAGS) if flag in flags],
         "cores_online": os.cpu_count(),
+        "clock_mhz": _clock_mhz(cores, info),
         "governor": sorted({name for core in cores if (name := _governor(core))}) or None,
         "memory_mb": _memory_mb(),
         "kernel": platform.release(),
+        "system": _system(),
         "python": platform.python_version(),
         "packages": {"nnpp-edge": __version__, **{name: _version(name) for name in _PACKAGES}},
         "load_average": [round(each, 2) for each in os.getloadavg()],
@@ -186,6 +189,20 @@ def _device_tree() -> str:
 def _governor(core: int) -> str | None:
     with suppress(OSError):
         return (_SYS / f"devices/system/cpu/cpu{core}/cpufreq/scaling_governor").read_text().strip()
+    return None
+
+
+def _clock_mhz(cores: Sequence[int], info: dict[str, str]) -> float | None:
+    """The greatest clock of the cores; where the kernel does not tell, the one it found at start."""
+    limits = KernelSensors(cores, _SYS).limits.clock_mhz
+    with suppress(KeyError, ValueError):
+        return max(limits.values()) if limits else float(info["cpu MHz"])
+    return None
+
+
+def _system() -> str | None:
+    with suppress(OSError):
+        return platform.freedesktop_os_release().get("PRETTY_NAME")
     return None
 
 

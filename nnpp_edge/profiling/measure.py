@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.profiling.arrivals import REACTIONS, Reactions, arrival_ms, reactions
+from nnpp_edge.profiling.disturbance import Disturbance, Instruments
 from nnpp_edge.profiling.harness import Harness, Observer, Record
-from nnpp_edge.profiling.machine import CoreTimes, EnergyMeter
+from nnpp_edge.profiling.machine import EnergyMeter
 from nnpp_edge.profiling.profile_file import Device, Load, Networks, OnboardLoop
 from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileMaps, ProfileQuery
 from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
@@ -84,39 +85,6 @@ class WorkloadRun:
         return [query for on_map in self.queries_by_map for query in on_map]
 
 
-class Disturbance:
-    """What others took while the planners were measured, in one half of the run."""
-
-    def __init__(self, cores: Sequence[int]) -> None:
-        self.cores = CoreTimes(cores)
-        self._wall_s = self._worked_s = 0.0
-
-    def start(self) -> None:
-        """Start or resume the watch."""
-        self.cores.start()
-        self._wall_s -= time.perf_counter()
-        self._worked_s -= time.thread_time()
-
-    def stop(self) -> None:
-        """Pause the watch."""
-        self._worked_s += time.thread_time()
-        self._wall_s += time.perf_counter()
-        self.cores.stop()
-
-    def leave_out(self, wall_s: float, worked_s: float) -> None:
-        """Leave out a call in which this thread may have waited for threads of its own."""
-        self._wall_s -= wall_s
-        self._worked_s -= worked_s
-
-    def waited_share(self) -> float:
-        """Share of its time that this thread stood still though it had work to do: beyond its processor time."""
-        return max(1.0 - self._worked_s / self._wall_s, 0.0) if self._wall_s > 0.0 else 0.0
-
-    def share(self) -> float:
-        """The greater of both signs: the planners stood still, or others ran on the cores."""
-        return max(self.waited_share(), self.cores.others_share() or 0.0)
-
-
 @dataclass
 class Run:
     """All that was measured."""
@@ -164,13 +132,14 @@ def run(
     *,
     arriving: Arriving | None = None,
     harness: Harness | None = None,
+    instruments: Instruments | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Run:
     """Have every planner, exact A* first, answer every query, in both halves of the run.
 
-    `cores` are those that this process is pinned to: the time that others use on them is counted. `progress` is
-    called with the number of queries that are done, of `queries_in`. InvalidQueryError if the terrain has too few
-    queries with a path.
+    `cores` are those that this process is pinned to: the time that others use on them is counted. `instruments` are
+    read between the calls. `progress` is called with the number of queries that are done, of `queries_in`.
+    InvalidQueryError if the terrain has too few queries with a path.
 
     Notes
     -----
@@ -183,7 +152,7 @@ def run(
     maps, meter, arriving = ProfileMaps(load), EnergyMeter(), arriving or Arriving()
     runs: dict[tuple[str, int], WorkloadRun] = {}
     disturbance = [Disturbance(cores) for _ in range(HALVES)]
-    session = _Session(rivals, load.repeats, meter, harness or Harness(), arriving)
+    session = _Session(rivals, load.repeats, meter, harness or Harness(), arriving, instruments or Instruments())
     done = 0
     for half in range(HALVES):
         for name in load.workloads:
@@ -238,6 +207,7 @@ class _Session:
     meter: EnergyMeter
     harness: Harness
     arriving: Arriving
+    instruments: Instruments
 
     def measure(
         self, on_map: ProfileMap, queries: list[ProfileQuery], of: WorkloadRun, half: int, disturbance: Disturbance
@@ -247,7 +217,8 @@ class _Session:
         calls = {rival.name: planners.call(rival) for rival in self.rivals}
         for call in calls.values():
             call(queries[0])  # the map's own work, and warm caches
-        observer = _PlanObserver(of, self.meter, disturbance, planners)
+        observer = _PlanObserver(of, self.meter, disturbance, planners, self.instruments)
+        began = time.perf_counter()
         disturbance.start()
         for records in self.harness.measure(calls, queries, repeats=self.repeats, observer=observer):
             for rival in self.rivals:
@@ -256,6 +227,7 @@ class _Session:
                 if rival.method is Method.NNPP and rival.model is not None and not on_map.has_body:
                     of.answers[rival.name].network_ms[half].append(self._network_ms(rival.model, disturbance))
         disturbance.stop()
+        self._trace(f"{of.workload} {of.size}², half {half + 1}", began)
 
     def measure_arriving(self, on_map: ProfileMap, queries: list[ProfileQuery], of: WorkloadRun, half: int) -> None:
         """Have some planners answer the judged queries on one map as if it had just arrived; run the loop on it."""
@@ -265,15 +237,24 @@ class _Session:
                 continue
             own = replace(rival, model=rival.model and rival.model.share())
             answers = of.answers[rival.name]
+            began = time.perf_counter()
             for query in judged[:1]:
                 arrival_ms(own, on_map.ground, query, self.harness)  # kernels loaded
             for query in judged:
                 times = [arrival_ms(own, on_map.ground, query, self.harness) for _ in range(self.repeats)]
                 for kept, ms in zip((answers.map_ms, answers.patch_ms), np.median(times, axis=0), strict=True):
                     kept[half].append(float(ms))
+            self._trace(f"maps that have just arrived, {rival.name}", began)
         wanted = (of.workload, of.size) in self.arriving.reactions_at
         if wanted and judged and len(of.reactions) == half:
-            of.reactions.append(reactions(on_map.ground, judged, self.arriving.loop, self.arriving.patches))
+            found = reactions(
+                on_map.ground, judged, self.arriving.loop, self.arriving.patches, trace=self.instruments.trace
+            )
+            of.reactions.append(found)
+
+    def _trace(self, name: str, began_s: float) -> None:
+        if self.instruments.trace is not None:
+            self.instruments.trace.span(name, began_s, time.perf_counter())
 
     def _network_ms(self, model: NetworkModel, disturbance: Disturbance) -> float:
         """Milliseconds of the network on the map and the query that it was shown last, both encoded anew."""
@@ -306,19 +287,31 @@ class _Planners:
 class _PlanObserver(Observer[Plan]):
     """Makes what a call takes, counts its energy, and leaves runs of the network out of the disturbance."""
 
-    def __init__(self, of: WorkloadRun, meter: EnergyMeter, disturbance: Disturbance, planners: _Planners) -> None:
+    def __init__(
+        self,
+        of: WorkloadRun,
+        meter: EnergyMeter,
+        disturbance: Disturbance,
+        planners: _Planners,
+        instruments: Instruments,
+    ) -> None:
         self._of, self._meter, self._disturbance, self._planners = of, meter, disturbance, planners
+        self._instruments = instruments
         self._counters: list[int] = []
         self._worked_s = 0.0
 
     def before(self, rival: str) -> None:
         self._planners.forget_poses(rival)
+        self._instruments.read(self._disturbance)
         self._counters = self._meter.read()
         self._worked_s = time.thread_time()
 
     def after(self, rival: str, elapsed_s: float, result: Plan) -> None:
-        worked = time.thread_time() - self._worked_s
+        ended, worked = time.perf_counter(), time.thread_time() - self._worked_s
         if self._counters:
             self._of.answers[rival].energy_j += self._meter.joules(self._counters, self._meter.read())
         if result.method is Method.NNPP:
             self._disturbance.leave_out(elapsed_s, worked)
+        if (trace := self._instruments.trace) is not None:
+            facts = {"expansions": result.expansions}
+            trace.span(rival, ended - elapsed_s, ended, result.timings_ms, facts=facts)

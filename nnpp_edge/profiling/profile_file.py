@@ -2,7 +2,6 @@
 
 import re
 import tomllib
-from collections.abc import Collection
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
@@ -12,7 +11,9 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import asdict, fields, replace
 
+from nnpp_edge.profiling.contention import Contention
 from nnpp_edge.profiling.quantities import DIRECTIONS, LOOP, QUANTITIES
+from nnpp_edge.profiling.tables import LARGEST, Core, Count, Finite, Names, Positive, ProfileError, Table, Whole
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
 
@@ -20,42 +21,9 @@ PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
 LOOP_METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
 SAMPLE, SYNTHETIC = "sample", "synthetic"
 _SHIPPED = Path(str(files("nnpp_edge.profiles")))
-_LARGEST = 1e9
-"""Neither inf nor NaN is a number here, and products of two stay finite."""
-
-Whole = Annotated[int, Meta(ge=0, le=2**31 - 1)]
-Count = Annotated[int, Meta(ge=1, le=2**31 - 1)]
-Core = Annotated[int, Meta(ge=0, le=1023)]
-"""As many as the kernel's set of cores holds."""
-Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
-Positive = Annotated[float, Meta(gt=0.0, le=_LARGEST)]
-Names = Annotated[tuple[str, ...], Meta(min_length=1)]
 
 
-class ProfileError(InvalidQueryError):
-    """A profile that cannot be used; the message names the file and the key."""
-
-
-class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A table of the file. Types are checked where it is read; what no type says, where it is made."""
-
-    def refuse_unless(self, fits: bool, key: str, wanted: str) -> None:
-        """ValueError about a key's value."""
-        if not fits:
-            raise ValueError(f"{key}: wanted {wanted}, got {getattr(self, key)!r}")
-
-    def check_choice(self, key: str, choices: Collection[str]) -> None:
-        """Refuse a value that is none of these."""
-        self.refuse_unless(getattr(self, key) in choices, key, f"one of {', '.join(choices)}")
-
-    def check_different(self, *keys: str) -> None:
-        """Refuse lists that hold a value twice."""
-        for key in keys:
-            values = getattr(self, key)
-            self.refuse_unless(len(set(values)) == len(values), key, "different values")
-
-
-class Device(_Table, frozen=True):
+class Device(Table, frozen=True):
     """Where the run takes place."""
 
     cores: Annotated[tuple[Core, ...], Meta(min_length=1)] = (0,)
@@ -69,7 +37,7 @@ class Device(_Table, frozen=True):
         self.check_different("cores")
 
 
-class Load(_Table, frozen=True):
+class Load(Table, frozen=True):
     """What is planned."""
 
     terrain: Names = (SAMPLE,)
@@ -118,7 +86,7 @@ class Load(_Table, frozen=True):
         return found
 
 
-class Networks(_Table, frozen=True):
+class Networks(Table, frozen=True):
     """The model in both precisions."""
 
     int8: str = "edge"
@@ -126,7 +94,7 @@ class Networks(_Table, frozen=True):
     """None: not measured."""
 
 
-class Stability(_Table, frozen=True):
+class Stability(Table, frozen=True):
     """When a run is called noisy."""
 
     halves: Positive = 0.15
@@ -135,7 +103,7 @@ class Stability(_Table, frozen=True):
     """Share of the cores' time that others may take."""
 
 
-class OnboardLoop(_Table, frozen=True):
+class OnboardLoop(Table, frozen=True):
     """How `nnpp-edge run` plans on this device."""
 
     rate_hz: Annotated[float, Meta(ge=0.001, le=1000.0)] = 17.0
@@ -147,7 +115,7 @@ class OnboardLoop(_Table, frozen=True):
     """To pin the loop's thread to; by default the device's, and without a profile none."""
     priority: Annotated[int, Meta(ge=0, le=99)] = 0
     """Under SCHED_FIFO; 0 for the usual scheduler."""
-    tolerance: Annotated[float, Meta(ge=0.0, le=_LARGEST)] = 0.02
+    tolerance: Annotated[float, Meta(ge=0.0, le=LARGEST)] = 0.02
     """A standing path is kept while it cannot cost more than this share above what a new plan might."""
     corner_cutting: bool = True
     refine: str = ""
@@ -159,7 +127,7 @@ class OnboardLoop(_Table, frozen=True):
         self.check_different("cores")
 
 
-class Budget(_Table, frozen=True):
+class Budget(Table, frozen=True):
     """One line of the table of budgets."""
 
     name: str
@@ -190,7 +158,7 @@ class Budget(_Table, frozen=True):
         self.refuse_unless(self.size in (None, *sizes), "size", f"one of {', '.join(map(str, sizes))}")
 
 
-class _File(_Table, frozen=True):
+class _File(Table, frozen=True):
     """The whole file, as it is written."""
 
     title: str = ""
@@ -200,6 +168,7 @@ class _File(_Table, frozen=True):
     model: Networks = Networks()
     stability: Stability = Stability()
     loop: OnboardLoop = OnboardLoop()
+    contention: Contention = Contention()
     budgets: tuple[Budget, ...] = ()
 
     def __post_init__(self) -> None:
@@ -219,6 +188,7 @@ class Profile(msgspec.Struct, frozen=True):
     stability: Stability = Stability()
     budgets: tuple[Budget, ...] = ()
     loop: OnboardLoop = OnboardLoop()
+    contention: Contention = Contention()
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -296,7 +266,7 @@ def overridden_loop(loop: OnboardLoop, **changes: object) -> OnboardLoop:
     return _changed(loop, changes)
 
 
-TableT = TypeVar("TableT", bound=_Table)
+TableT = TypeVar("TableT", bound=Table)
 
 
 def _changed(table: TableT, changes: dict[str, object]) -> TableT:
@@ -304,7 +274,12 @@ def _changed(table: TableT, changes: dict[str, object]) -> TableT:
     return _converted(asdict(table) | given, type(table))
 
 
-_LISTS = {"device": ("cores",), "loop": ("cores",), "workload": ("terrain", "workloads", "sizes")}
+_LISTS = {
+    "device": ("cores",),
+    "loop": ("cores",),
+    "contention": ("cores", "command"),
+    "workload": ("terrain", "workloads", "sizes"),
+}
 """Keys, by table, whose value may stand alone."""
 
 
@@ -319,7 +294,7 @@ def _profile(content: dict[str, object], name: str) -> Profile:
     inherited = {"cores": file.device.cores, "model": file.model.int8}
     loop = replace(file.loop, **{key: inherited[key] for key in inherited.keys() - own.keys()})
     budgets = tuple(replace(each, planner=each.planner or _default_planner(each, file)) for each in file.budgets)
-    parts = (file.device, file.workload, file.model, file.stability, budgets, loop)
+    parts = (file.device, file.workload, file.model, file.stability, budgets, loop, file.contention)
     profile = Profile(name, file.title or name, file.planner, *parts)
     if file.planner not in profile.measured:
         raise ProfileError(f"planner: wanted one that is measured (model.fp32 is not set), got {file.planner!r}")

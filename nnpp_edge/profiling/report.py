@@ -2,22 +2,33 @@
 
 import resource
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from nnpp_edge import __version__
 from nnpp_edge.profiling import break_even
 from nnpp_edge.profiling.cold_start import cold_start
-from nnpp_edge.profiling.figures import loop_rows, rows
-from nnpp_edge.profiling.judge import ABSENT, FAIL, MET, MISSED, NOISY, Noise, judged, verdict
+from nnpp_edge.profiling.contention import running
+from nnpp_edge.profiling.disturbance import Disturbance, Instruments
+from nnpp_edge.profiling.figures import loaded_rows, loop_rows, rows
+from nnpp_edge.profiling.judge import ABSENT, FAIL, MET, MISSED, NOISY, THROTTLED, Noise, judged, verdict
 from nnpp_edge.profiling.machine import busy_share, environment, pinned
-from nnpp_edge.profiling.measure import Arriving, Disturbance, Run, rivals_of, run
+from nnpp_edge.profiling.measure import Arriving, Run, queries_in, rivals_of, run
 from nnpp_edge.profiling.memory import peak_memory_mb
 from nnpp_edge.profiling.profile_file import Networks, Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
-from nnpp_edge.profiling.report_format import BudgetLine, DisturbanceFacts, HalfFacts, Report, WholeRun
+from nnpp_edge.profiling.report_format import (
+    BudgetLine,
+    ContentionFacts,
+    DisturbanceFacts,
+    HalfFacts,
+    Report,
+    WholeRun,
+)
 from nnpp_edge.profiling.rivals import RivalPlanner
+from nnpp_edge.profiling.sensors import KernelSensors, SensorLog, sensor_facts, throttling
+from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.runtime.planners.choice import Choice, Rule
 from nnpp_edge.runtime.planners.plan import Method
@@ -38,6 +49,8 @@ class Watchers:
     """With the number of queries that are done."""
     say: Callable[[str], None] = lambda line: None
     """With a line for people, at once."""
+    trace: Trace | None = None
+    """Is given every call, tick and reading."""
 
 
 def profile_machine(
@@ -51,6 +64,7 @@ def profile_machine(
     """
     watchers = watchers or Watchers()
     said = list(notes)
+    profile.contention.check()
     with pinned(profile.device.cores) as (cores, problems):
         if (busy := busy_share(cores)) is not None and busy > profile.stability.disturbance:
             problems.append(f"others use {100 * busy:.0f} % of the cores' time before the run begins")
@@ -59,11 +73,19 @@ def profile_machine(
             watchers.say(line)
         rivals = rivals_of(profile.networks, profile.device)
         arriving = Arriving(profile.arriving, profile.reactions_at, profile.loop)
-        measured = run(rivals, profile.load, cores, arriving=arriving, progress=watchers.progress)
+        sensors = SensorLog(KernelSensors(cores))
+        instruments = Instruments(sensors, watchers.trace)
+        measured = run(
+            rivals, profile.load, cores, arriving=arriving, instruments=instruments, progress=watchers.progress
+        )
+        contention = _contention(profile, rivals, cores, arriving, measured, watchers, said)
         own_peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024e-3
         whole_run = _whole_run(profile, rivals, start_up, watchers.say)
     results, loop = rows(measured), loop_rows(measured)
-    noise = _noise(measured.disturbance, profile.stability.disturbance)
+    slowed = throttling(sensors.readings, sensors.sensors.limits)
+    noise = replace(_noise(measured.disturbance, profile.stability.disturbance), throttling=slowed)
+    if watchers.trace is not None:
+        watchers.trace.sensors(sensors.readings)
     lines = judged(profile, results, whole_run, noise, loop)
     of_points = [row for row in results if body_rocks(row["workload"]) is None]
     ending = verdict(lines, noise)
@@ -79,7 +101,9 @@ def profile_machine(
         loop=loop,
         break_even=break_even.break_even(of_points or results),
         rules=break_even.rules(of_points),
-        disturbance=_disturbance(measured, noise.words),
+        disturbance=DisturbanceFacts(words=noise.words, halves=_halves(measured)),
+        contention=contention,
+        sensors=sensor_facts(sensors),
         besides=whole_run,
         profiler_peak_memory_mb=own_peak_mb,
         energy_problem=measured.energy_problem or None,
@@ -93,7 +117,7 @@ def summary(ending: str, lines: Sequence[BudgetLine], noise: str) -> str:
     """One line: the verdict, and the budgets that are to blame for it."""
     if not lines:
         return f"no budgets; the run was disturbed: {noise}" if noise else "no budgets"
-    blame = {MISSED: (FAIL,), MET: ()}.get(ending, (NOISY, ABSENT))
+    blame = {MISSED: (FAIL,), MET: (), THROTTLED: (THROTTLED,)}.get(ending, (NOISY, ABSENT))
     names = []
     for name in dict.fromkeys(line["name"] for line in lines):
         places = [_place(line) for line in lines if line["name"] == name and line["verdict"] in blame]
@@ -101,7 +125,8 @@ def summary(ending: str, lines: Sequence[BudgetLine], noise: str) -> str:
             many = f"{len(places)} times" if len(places) > _PLACES else ", ".join(filter(None, places))
             names.append(f"{name} ({many})" if many else name)
     passed = sum(line["verdict"] == "pass" for line in lines)
-    head = {MET: "all budgets met", MISSED: "budgets missed"}.get(ending, "too noisy to tell")
+    heads = {MET: "all budgets met", MISSED: "budgets missed", THROTTLED: "throttled"}
+    head = heads.get(ending, "too noisy to tell")
     return f"{head}: {passed} of {len(lines)} pass" + (f"; not {', '.join(names)}" if names else "")
 
 
@@ -150,8 +175,30 @@ def _model_mb(networks: Networks) -> dict[str, float]:
     return {name: 1e-6 * model_path(model).stat().st_size for name, model in named.items() if model is not None}
 
 
-def _disturbance(measured: Run, words: str) -> DisturbanceFacts:
-    halves = [
+def _contention(
+    profile: Profile,
+    rivals: Sequence[RivalPlanner],
+    cores: Sequence[int],
+    arriving: Arriving,
+    idle: Run,
+    watchers: Watchers,
+    said: list[str],
+) -> ContentionFacts | None:
+    """The same work beside what the profile names, if it names anything."""
+    if not profile.contention.wanted:
+        return None
+    watchers.say(f"once more, beside {profile.contention.words}")
+    done = queries_in(profile.load)
+    with running(profile.contention, cores) as ended_early:
+        loaded = run(
+            rivals, profile.load, cores, arriving=arriving, progress=lambda more: watchers.progress(done + more)
+        )
+        said += ended_early()
+    return ContentionFacts(beside=profile.contention.words, rows=loaded_rows(idle, loaded), halves=_halves(loaded))
+
+
+def _halves(measured: Run) -> list[HalfFacts]:
+    return [
         HalfFacts(
             waited_share=half.waited_share(),
             others_share=half.cores.others_share(),
@@ -160,7 +207,6 @@ def _disturbance(measured: Run, words: str) -> DisturbanceFacts:
         )
         for half in measured.disturbance
     ]
-    return DisturbanceFacts(words=words, halves=halves)
 
 
 def _noise(halves: Sequence[Disturbance], allowed: float) -> Noise:

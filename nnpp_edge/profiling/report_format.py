@@ -117,6 +117,34 @@ class DisturbanceFacts(TypedDict):
     halves: list[HalfFacts]
 
 
+class SensorFacts(TypedDict):
+    """What the kernel told of clocks and temperatures while planners ran; empty tables where it tells nothing."""
+
+    readings: int
+    throttled: str
+    clock_mhz: dict[str, dict[str, float | None]]
+    temperature_c: dict[str, dict[str, float | None]]
+
+
+class LoadedRow(TypedDict):
+    """What one planner, or the loop, took alone and beside what `contention` ran."""
+
+    workload: str
+    size: int
+    planner: str
+    idle_ms: Spread
+    loaded_ms: Spread
+    factor: float
+
+
+class ContentionFacts(TypedDict):
+    """The same work once more, with something beside it."""
+
+    beside: str
+    rows: list[LoadedRow]
+    halves: list[HalfFacts]
+
+
 class MachineFacts(TypedDict):
     """The machine of a run; None for what Linux hides."""
 
@@ -124,9 +152,11 @@ class MachineFacts(TypedDict):
     architecture: str
     flags: list[str]
     cores_online: int | None
+    clock_mhz: float | None
     governor: list[str] | None
     memory_mb: int | None
     kernel: str
+    system: str | None
     python: str
     packages: dict[str, str | None]
     load_average: list[float]
@@ -151,6 +181,8 @@ class Report(TypedDict):
     break_even: list[BreakEven]
     rules: list[RuleLine]
     disturbance: DisturbanceFacts
+    contention: ContentionFacts | None
+    sensors: SensorFacts
     besides: WholeRun
     profiler_peak_memory_mb: float
     energy_problem: str | None

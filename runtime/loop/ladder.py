@@ -18,6 +18,7 @@ from typing import NamedTuple
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Origin, PathMessage
+from nnpp_edge.runtime.loop.spans import Span
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -86,6 +87,8 @@ class Tick:
     standing: Standing | None = None
     """The standing path, while it is valid."""
     failures: list[Failure] = field(default_factory=list)
+    spans: list[Span] = field(default_factory=list)
+    """What has run so far, by the clock."""
 
     def __post_init__(self) -> None:
         """Start the stopwatch."""
@@ -188,13 +191,16 @@ class Ladder:
 
     def _replan(self, planner: DynamicPlanner, tick: Tick, method: DynamicMethod | None) -> Plan | None:
         """A new plan, by default by the method asked for; None if planning raised."""
+        began = tick.clock()
         try:
-            return planner.replan(method=method, time_limit_s=max(tick.left_s, _LEAST_PLANNING_S))
+            plan = planner.replan(method=method, time_limit_s=max(tick.left_s, _LEAST_PLANNING_S))
         except Exception as error:
             _LOG.warning("planning by %s raised", method or self._settings.method, exc_info=True)
             self._count_error("corridor" if method else "full")
             tick.fail("raised", one_line(error))
             return None
+        tick.spans.append(Span(f"plan by {plan.planner}", began, tick.clock(), plan.timings_ms))
+        return plan
 
     def _planned_path(self, tick: Tick, plan: Plan | None, origin: Origin) -> PathMessage | None:
         if plan is None:

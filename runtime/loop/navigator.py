@@ -12,6 +12,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.ladder import Ladder, NavigatorSettings, Tick, one_line
 from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, MapPatch, Origin, PathMessage, Pose
+from nnpp_edge.runtime.loop.spans import Span
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import begin_loading
@@ -48,6 +49,8 @@ class Navigator:
         self.world, self.settings = world, settings or NavigatorSettings()
         self.model: str | Path | NetworkModel = self.settings.model
         """The network, or its name or file; `reload` replaces it at the next tick."""
+        self.spans: list[Span] = []
+        """What the last tick did, and when. It belongs to the thread that calls `tick`."""
         self._clock = clock
         self._inbox = threading.Lock()
         self._pose: Pose | None = None
@@ -119,6 +122,7 @@ class Navigator:
         """Read the inputs and answer by `deadline`, a reading of the clock. Never raises an `Exception`."""
         self._ticks += 1
         tick = Tick(self._ticks, self._clock, deadline)
+        self.spans = tick.spans
         try:
             message = self._answer(tick)
         except Exception as error:
@@ -143,7 +147,9 @@ class Navigator:
             self.planner.use_model(model)
             self._reloads += 1
             self._ladder.forget_times()
+        began = self._clock()
         self._update_map()
+        tick.spans.append(Span("map", began, self._clock()))
         tick.map_version = self._map_version
         if pose is None or goal is None:
             return tick.no_path(Status.NO_POSE if pose is None else Status.NO_GOAL, "nothing to plan yet")

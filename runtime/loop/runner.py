@@ -19,6 +19,7 @@ from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.realtime import InterruptibleSleep, be_realtime, rss_bytes, signal_handlers
 from nnpp_edge.runtime.loop.sinks import FailureLog, Sink, SinkWriter
+from nnpp_edge.runtime.loop.spans import Span
 from nnpp_edge.runtime.loop.ticker import Ticker
 
 _LOG = logging.getLogger(__name__)
@@ -85,6 +86,8 @@ class Loop:
         if not rate_hz > 0.0:
             raise InvalidQueryError(f"the rate must be a positive number of ticks a second, got {rate_hz}")
         self.navigator, self._source = navigator, source
+        self.spans: tuple[Span, ...] = ()
+        """The last tick and its parts, in order, for `after_tick`."""
         self._stopping = self._hurried = False
         self._sleep = InterruptibleSleep()
         self._ticker = Ticker(1.0 / rate_hz, sleep=self._sleep.wait)
@@ -170,9 +173,14 @@ class Loop:
             self._reload_wanted = False
             self._reloader = threading.Thread(target=self._reload, name="nnpp-edge reload", daemon=True)
             self._reloader.start()
+        read = time.monotonic()
         message = self.navigator.tick(self._ticker.deadline)
+        answered = time.monotonic()
         self._publish(message)
-        self._histogram.add(time.monotonic() - began)
+        ended = time.monotonic()
+        self._histogram.add(ended - began)
+        inputs, publish = Span("inputs", began, read), Span("publish", answered, ended)
+        self.spans = (Span("tick", began, ended), inputs, *self.navigator.spans, publish)
         return message
 
     def _read_inputs(self, began: float) -> None:

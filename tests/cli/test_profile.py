@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from nnpp_edge.profiling import report as report_module
+from nnpp_edge.profiling.board import board_row
 from nnpp_edge.profiling.cold_start import ColdStart
 from nnpp_edge.runtime.planners import choice
+from tests.profiling.traces import check_trace, spans_of, within
 
 PROFILE = """
 title = "Tiny & <quick>"
@@ -81,6 +83,8 @@ KEYS = {
     "break_even",
     "rules",
     "disturbance",
+    "contention",
+    "sensors",
     "besides",
     "profiler_peak_memory_mb",
     "energy_problem",
@@ -109,6 +113,45 @@ def test_a_report_in_every_form(nnpp_edge, profile, tmp_path):
     assert "<script" not in page and 'src="http' not in page and "@import" not in page
     assert "#010203" not in page and "currentColor" in page
     assert not (tmp_path / "out" / ".report.json").exists() and len(list((tmp_path / "out").iterdir())) == 2
+
+
+def test_a_row_for_the_table_of_boards_a_trace_and_the_same_beside_other_work(nnpp_edge, profile, tmp_path, core):
+    contention = f"[contention]\nthreads = 1\ncores = [{core}]\n[stability]"
+    changes = {"[stability]": contention, '["soft",_"limit20"]': '["soft"]'}
+    outputs = (
+        "--board-row",
+        "--json",
+        tmp_path / "r.json",
+        "--trace",
+        tmp_path / "t.json",
+        "--html",
+        tmp_path / "r.html",
+    )
+    ended = nnpp_edge("profile", "--profile", profile(**changes), *outputs)
+    assert ended.code == 0, ended.err
+    told = json.loads((tmp_path / "r.json").read_text())
+    (row,) = ended.out.splitlines()
+    assert row == board_row(told) and row.startswith(f"| {told['made'][:10]} | ")
+    assert told["contention"]["beside"] == "1 busy thread"
+    rows = told["contention"]["rows"]
+    assert [each["planner"] for each in rows] == [each["planner"] for each in told["results"]]
+    assert rows[0]["idle_ms"] == told["results"][0]["time_ms"]
+    assert max(half["waited_share"] for half in told["contention"]["halves"]) > 0.2
+    assert "Beside other work" in (tmp_path / "r.html").read_text()
+    described = Path(__file__).parents[2].joinpath("docs", "profile.md").read_text()
+    for key in set(told["contention"]) | set(rows[0]) | set(told["sensors"]):
+        assert f"`{key}`" in described, key
+    spans = check_trace((tmp_path / "t.json").read_bytes())
+    on_map = spans_of(spans, "soft 64², half ")
+    inside = [each for whole in on_map for each in within(spans, whole)]
+    calls = [each for each in inside if each["name"] == "nnpp"]
+    assert len(calls) == 2 * 16, "each query once in each half"
+    stages = [within(inside, call) for call in calls]
+    assert all([each["name"] for each in of_call][-2:] == ["search", "path"] for of_call in stages)
+    whole = ["encode", "inference", "threshold", "search", "path"]
+    assert whole in [[each["name"] for each in of_call] for of_call in stages]
+    for call, of_call in zip(calls, stages, strict=True):
+        assert sum(each["dur"] for each in of_call) > 0.3 * call["dur"]
 
 
 ARRIVALS = """
@@ -234,6 +277,8 @@ def test_a_bad_profile_ends_in_one_line(nnpp_edge, profile, changes, words):
         ["--peers", "--html", "a.html"],
         ["--peers", "--start-up"],
         ["--profile", "quick", "--json", "--markdown"],
+        ["--profile", "quick", "--board-row", "--markdown"],
+        ["--peers", "--trace", "t.json"],
         ["--queries", 5, "compare", "a.json", "b.json"],
         [],
     ],

@@ -1,7 +1,8 @@
 import pytest
 
-from nnpp_edge.profiling.judge import Noise, judged, verdict
+from nnpp_edge.profiling.judge import EXIT_CODES, Noise, judged, verdict
 from nnpp_edge.profiling.profile_file import Budget, Device, Load, Profile
+from nnpp_edge.profiling.sensors import Throttling
 
 QUIET, DISTURBED = Noise(), Noise("others took 40 % of the cores' time", 0.4)
 
@@ -141,3 +142,36 @@ def test_start_up_in_a_disturbed_run_is_noisy():
 )
 def test_the_whole_runs_verdict(states, disturbed, whole):
     assert verdict([{"verdict": state} for state in states], disturbed) == whole
+
+
+SLOWED = Noise(throttling=Throttling("the clock of core 0 fell from 2000 to 1500 MHz", 0.25))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "figures", "state"),
+    [
+        (FPS, {}, "pass"),
+        (FPS, {"fps": 99.0}, "throttled"),
+        (FPS, {"fps": 61.0}, "throttled"),
+        (FPS, {"fps": 59.0}, "fail"),
+        (FPS, {"fps": 99.0, "halves": {"time": [1.0, 1.2]}}, "noisy"),
+        (GAP, {}, "fail"),
+        (GAP, {"gap_mean": 0.001}, "pass"),
+    ],
+)
+def test_a_budget_on_a_throttled_processor(wanted, figures, state):
+    (line,) = judged(profile(wanted), [row(**figures)], {}, SLOWED)
+    assert line["verdict"] == state
+    assert ("core 0 fell" in line["why"]) == (wanted is FPS and state in ("throttled", "fail"))
+
+
+def test_the_verdict_of_a_throttled_run():
+    late = judged(profile(FPS, GAP), [row(fps=99.0, gap_mean=0.001)], {}, SLOWED)
+    assert verdict(late, SLOWED) == "throttled" and EXIT_CODES["throttled"] == 3
+    assert verdict(judged(profile(FPS, GAP), [row(fps=99.0)], {}, SLOWED), SLOWED) == "missed"
+    assert verdict(judged(profile(FPS), [row()], {}, SLOWED), SLOWED) == "met"
+    assert verdict([], SLOWED) == "throttled" and verdict([], QUIET) == "met"
+    missing = judged(
+        profile(FPS, budget("energy_mj", 1.0, "at most", "mJ")), [row(fps=99.0, energy_mj=None)], {}, SLOWED
+    )
+    assert verdict(missing, SLOWED) == "noisy"

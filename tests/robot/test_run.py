@@ -26,6 +26,7 @@ from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.terrain import dem as dem_module
+from tests.profiling.traces import check_trace, spans_of
 from tests.robot.conftest import wait_until
 
 DOCS = Path(__file__).parents[2] / "docs" / "run.md"
@@ -223,8 +224,22 @@ def test_ticks_that_are_not_paced_follow_at_once_each_with_a_period_of_its_own(n
 def test_a_replay_ends_with_its_counters(nnpp_edge, dem, recording, tmp_path):
     metrics = tmp_path / "metrics.prom"
     replay = ("--rate", "2", "--input", f"replay:{recording}", "--fast", "--output", "none", "--json")
-    ended = nnpp_edge("run", "--map", dem, *QUICK, *replay, "--metrics-file", metrics, "--metrics-port", "0")
+    ended = nnpp_edge(
+        "run",
+        "--map",
+        dem,
+        *QUICK,
+        *replay,
+        "--metrics-file",
+        metrics,
+        "--metrics-port",
+        "0",
+        "--trace",
+        tmp_path / "t.json",
+    )
     assert ended.code == 0
+    ticks = spans_of(check_trace((tmp_path / "t.json").read_bytes()), "tick ")
+    assert [each["args"]["map_version"] for each in ticks] == [0, 1, 1]
     told = json.loads(ended.out)
     assert (told["ticks"], told["planned"], told["failed"], told["patches"]) == (3, 3, 0, 1)
     assert told["errors"] == {}
@@ -243,13 +258,15 @@ def test_a_disk_that_fills_up_costs_the_metrics_and_not_the_run(
             raise OutputError(f"{path}: could not be written (No space left on device)") from error
 
     monkeypatch.setattr("nnpp_edge.robot.operations.metrics.write_whole", full)
-    words = ("--input", f"replay:{recording}", "--fast", "--output", "none", "--json")
+    monkeypatch.setattr("nnpp_edge.robot.operations.onboard.write_whole", full)
+    words = ("--trace", tmp_path / "t.json", "--input", f"replay:{recording}", "--fast", "--output", "none", "--json")
     ended = nnpp_edge("run", "--map", dem, *QUICK, *words, "--metrics-file", tmp_path / "metrics.prom")
     assert (ended.code, json.loads(ended.out)["planned"]) == (0, 3)
     assert [r.getMessage() for r in caplog.records if "metrics" in r.getMessage()] == [
         f"keeping the metrics failed ({tmp_path}/metrics.prom: could not be written (No space left on device)); "
         "more of the same is counted, not logged"
     ]
+    assert caplog.records[-1].getMessage().startswith("the trace is lost: ") and not (tmp_path / "t.json").exists()
 
 
 def test_a_log_holds_inputs_and_answers(nnpp_edge, dem, recording, tmp_path):

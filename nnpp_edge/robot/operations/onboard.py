@@ -1,5 +1,6 @@
 """Putting the onboard loop together: world, input, sinks, and what watches over it."""
 
+import logging
 import signal
 import sys
 from collections.abc import Callable
@@ -7,6 +8,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from nnpp_edge.files import write_whole
+from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.robot.operations.metrics import MetricsFile, MetricsServer
 from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring, kind_and_place
@@ -17,7 +20,7 @@ from nnpp_edge.robot.transports.rerun_view import RerunSink
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault
 from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
-from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
@@ -27,6 +30,7 @@ from nnpp_edge.runtime.loop.sinks import Sink
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.warmup import exercise
 
+_LOG = logging.getLogger(__name__)
 _STARTING: dict[signal.Signals, Handler] = {
     signal.SIGTERM: signal.SIG_DFL,
     signal.SIGINT: signal.SIG_DFL,
@@ -89,8 +93,12 @@ def run(
         if metrics is not None:
             observers += [_Statuses("metrics", lambda status: metrics.keep(status.counters))]
 
+        trace = None if wiring.trace is None else Trace("nnpp-edge run")
+
         def after_tick(message: PathMessage) -> None:
             notifier.alive()
+            if trace is not None:
+                trace.tick(message, loop.spans)
             if source.failure or (source.ended and not wiring.stay):
                 loop.finish()
 
@@ -114,9 +122,19 @@ def run(
             notifier.stopping()
             if metrics is not None:
                 metrics.keep(counters)
+            if wiring.trace is not None and trace is not None:
+                _write_trace(wiring.trace, trace)
     if source.failure:
         raise SourceError(f"the input failed, and the loop has ended: {source.failure}")
     return counters
+
+
+def _write_trace(path: Path, trace: Trace) -> None:
+    """Write it, or say why not: as a log's, its loss costs the run nothing."""
+    try:
+        write_whole(path, trace.to_json())
+    except OutputError as error:
+        _LOG.warning("the trace is lost: %s", error)
 
 
 class _Statuses:

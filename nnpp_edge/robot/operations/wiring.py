@@ -39,6 +39,8 @@ class Wiring:
     metrics_file: Path | None = None
     view: str | None = None
     """Where rerun shows map and path, as for `RerunSink.at`."""
+    trace: Path | None = None
+    """Trace of the ticks to write at the end, its newest events."""
 
     def __post_init__(self) -> None:
         """Check that input and outputs are known and go together."""

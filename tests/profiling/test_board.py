@@ -1,0 +1,91 @@
+"""The table of boards: its committed rows, and how a report becomes one."""
+
+import re
+from pathlib import Path
+
+from nnpp_edge.profiling.board import COLUMNS, board_header, board_row
+
+BOARDS = Path(__file__).parents[2] / "docs" / "boards.md"
+
+
+def cells_of(line):
+    """A Markdown row's cells."""
+    return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+
+
+def row(size, planner, median, **figures):
+    times = {"time_ms": {"median": median}, "map_ms": None}
+    return {"workload": "soft", "size": size, "planner": planner} | times | figures
+
+
+REPORT = {
+    "made": "2026-05-04T10:00:00+00:00",
+    "verdict": "met",
+    "cores": [0, 1],
+    "profile": {"name": "edge-2core", "planner": "auto"},
+    "environment": {
+        "cpu": "A | board\n model",
+        "architecture": "aarch64",
+        "flags": ["asimd", "asimddp"],
+        "cores_online": 4,
+        "clock_mhz": 2400.0,
+        "memory_mb": 8192,
+        "kernel": "6.6",
+        "system": None,
+        "python": "3.12.1",
+        "packages": {"nnpp-edge": "0.1.0", "numpy": "2.0", "numba": "0.60", "onnxruntime": None},
+    },
+    "results": [
+        row(256, "astar", 3.14159),
+        row(256, "auto", 1.0, map_ms={"median": 4.0}),
+        row(1024, "astar", 50.0),
+        row(1024, "auto", 9.0),
+        row(256, "astar", 99.0) | {"workload": "limit20"},
+    ],
+    "disturbance": {
+        "halves": [{"waited_share": 0.01, "others_share": None}, {"waited_share": 0.0, "others_share": 0.034}]
+    },
+    "sensors": {"throttled": "", "clock_mhz": {"0": {"min": 1500.0, "max": 2400.0}}, "temperature_c": {}},
+}
+
+
+def test_a_report_as_a_row():
+    told = dict(zip(COLUMNS, cells_of(board_row(REPORT)), strict=True))
+    assert told == {
+        "date": "2026-05-04",
+        "processor": "A \\| board model",
+        "cores": "2 of 4",
+        "flags": "asimd, asimddp",
+        "clock": "2400 MHz, ran at 1500 to 2400",
+        "memory": "8.0 GiB",
+        "system": "Linux, kernel 6.6, aarch64",
+        "versions": "python 3.12.1, nnpp-edge 0.1.0, numpy 2.0, numba 0.60, onnxruntime None",
+        "profile": "edge-2core: soft",
+        "A*, ms": "256² 3.14 · 1024² 50",
+        "corridor, ms": "–",
+        "nnpp int8, ms": "–",
+        "nnpp fp32, ms": "–",
+        "auto, ms": "256² 1 · 1024² 9",
+        "first path of a map, ms": "256² 4",
+        "verdict": "met",
+        "others took": "3.4 %",
+        "throttled": "no",
+    }
+
+
+def test_a_machine_that_tells_nothing():
+    nothing = {"sensors": {"throttled": "", "clock_mhz": {}, "temperature_c": {}}}
+    told = dict(zip(COLUMNS, cells_of(board_row(REPORT | nothing)), strict=True))
+    assert (told["throttled"], told["clock"]) == ("not told", "2400 MHz, not told while it ran")
+
+
+def test_the_committed_table_has_these_columns_and_stands_last_so_that_rows_can_be_added_to_the_file():
+    text = BOARDS.read_text()
+    before, _, after = text.partition(board_header() + "\n")
+    assert before != text, f"docs/boards.md must hold the header\n{board_header()}"
+    lines = after.splitlines()
+    assert all(len(cells_of(line)) == len(COLUMNS) for line in lines), "nothing but rows follows the header"
+    assert text.endswith("\n")
+    for line in lines:
+        told = dict(zip(COLUMNS, cells_of(line), strict=True))
+        assert re.fullmatch(r"\d{4}-\d\d-\d\d", told["date"]) and all(told.values())

@@ -1,0 +1,119 @@
+"""What a contributor is given: the workflow, forms, bounds and citation, held to what is there."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+MAKEFILE = (ROOT / "Makefile").read_text()
+TARGETS = set(re.findall(r"^([a-z][\w-]*):", MAKEFILE, re.MULTILINE))
+OLDEST = ROOT / ".ci" / "oldest.txt"
+yaml = pytest.importorskip("yaml")
+
+
+def steps(job):
+    return [step["run"] for step in job["steps"] if "run" in step]
+
+
+@pytest.fixture(scope="module")
+def jobs():
+    return yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]
+
+
+def test_every_step_of_the_workflow_is_a_target_of_the_makefile(jobs):
+    named = set()
+    for job in jobs.values():
+        for line in steps(job):
+            target = re.fullmatch(r"make (\S+|\$\{\{ matrix\.target \}\}) PYTHON=python", line)
+            assert target, line
+            named |= (
+                {target[1]}
+                if "$" not in target[1]
+                else {each["target"] for each in job["strategy"]["matrix"]["include"]}
+            )
+    assert named <= TARGETS | {"docs"} and {"test", "coverage", "try-wheel", "try-oldest", "docs"} <= named
+
+
+def test_the_workflow_tries_every_python_that_the_package_names(jobs):
+    classifiers = " ".join(PYPROJECT["project"]["classifiers"])
+    named = re.findall(r"Python :: (3\.\d+)", classifiers)
+    assert jobs["test"]["strategy"]["matrix"]["python"] == named
+    assert PYPROJECT["project"]["requires-python"] == f">={named[0]}"
+    runners = jobs["test"]["strategy"]["matrix"]["runner"]
+    assert any("arm" in runner for runner in runners) and any("arm" not in runner for runner in runners)
+
+
+def test_the_oldest_packages_that_are_tried_are_those_that_are_named():
+    wanted = {}
+    for requirement in PYPROJECT["project"]["dependencies"]:
+        name, least = re.match(r"([\w-]+)>=([\d.]+)", requirement).groups()
+        wanted[name] = least
+    tried = dict(line.split("==") for line in OLDEST.read_text().splitlines() if not line.startswith("#"))
+    assert set(tried) == set(wanted)
+    for name, version in tried.items():
+        least, given = ([int(part) for part in text.split(".")] for text in (wanted[name], version))
+        assert given[: len(least)] == least and not any(given[len(least) : 2]), (
+            f"{name}: {version} for {wanted[name]}"
+        )
+
+
+@pytest.mark.parametrize(
+    "form", sorted((ROOT / ".github/ISSUE_TEMPLATE").glob("[!c]*.yml")), ids=lambda path: path.stem
+)
+def test_forms_ask_for_something(form):
+    told = yaml.safe_load(form.read_text())
+    assert told["name"] and told["description"] and any(each["type"] != "markdown" for each in told["body"])
+    asked = [each for each in told["body"] if each["type"] != "markdown"]
+    assert len({each["id"] for each in asked}) == len(asked) and all(each["attributes"]["label"] for each in asked)
+
+
+def test_paths_in_the_guide_are_there_and_its_targets_too():
+    text = "\n".join((ROOT / name).read_text() for name in ("CONTRIBUTING.md", "SECURITY.md", "docs/boards.md"))
+    for path in re.findall(r"`((?:runtime|nnpp_edge|tests|docs)/[\w/.]+)`", text):
+        assert (ROOT / path.replace("NAME", "fig12")).exists(), path
+    for target in re.findall(r"(?:^|`)(?:PYTHON=\S+ )?make ([a-z][\w-]*)", text, re.MULTILINE):
+        assert target in TARGETS, target
+    for link in re.findall(r"\]\((?!http)([^)#]+)\)", text):
+        assert (ROOT / link).exists() or (ROOT / "docs" / link).exists(), link
+
+
+def test_names_in_the_guide_are_in_the_code():
+    named = {
+        "runtime/map/slope_cost.py": ("SlopeCost", "height_price", "least_per_m", "SLOPE_COSTS", "Mobility"),
+        "nnpp_edge/terrain/vehicle_files.py": ("mobility_of",),
+        "nnpp_edge/cli/options.py": ("STEP_COSTS",),
+        "nnpp_edge/cli/plan_answer.py": ("_UNITS",),
+        "tests/runtime/test_slope_cost.py": ("MODELS",),
+        "nnpp_edge/profiling/measure.py": ("rivals_of",),
+        "nnpp_edge/reproduction/experiment.py": ("EXPERIMENT", "NAMES", "Context"),
+    }
+    guide = (ROOT / "CONTRIBUTING.md").read_text()
+    for path, names in named.items():
+        source = (ROOT / path).read_text()
+        assert all(name in source and name in guide for name in names), path
+
+
+def test_the_citation_and_the_changelog_name_this_version():
+    from nnpp_edge import __version__
+
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert (cited["cff-version"], cited["version"], cited["license"]) == ("1.2.0", __version__, "Apache-2.0")
+    heads = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert heads[0] == "[Unreleased]" and f"[{__version__}] - {cited['date-released']}" in heads
+    assert set(re.findall(r"^### (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)) <= {
+        "Added",
+        "Changed",
+        "Deprecated",
+        "Removed",
+        "Fixed",
+        "Security",
+    }
+
+
+def test_the_readme_shows_without_a_network():
+    """No badge or picture is fetched from elsewhere."""
+    readme = (ROOT / "README.md").read_text()
+    assert not re.search(r"!\[[^]]*\]\(https?:", readme) and '<img src="http' not in readme
