@@ -36,10 +36,14 @@ def main(folder: Path, small: bool = False) -> Path:
 
     drive = simulate(ground, start, goal, SimulationSettings(seed=3), make_sinks=sinks, watch=film)
 
-    print(f"{'reached' if drive.reached else 'not reached'} after {drive.counters.ticks} ticks: "
-          f"{drive.counters.planned} plans, {drive.counters.kept} times the standing path was kept")
-    print(f"an answer took {drive.planning_ms['p50']:.2f} ms, at most {drive.planning_ms['max']:.2f}; "
-          f"{drive.forbidden} paths crossed what the map forbade")
+    print(
+        f"{'reached' if drive.reached else 'not reached'} after {drive.counters.ticks} ticks: "
+        f"{drive.counters.planned} plans, {drive.counters.kept} times the standing path was kept"
+    )
+    print(
+        f"an answer took {drive.planning_ms['p50']:.2f} ms, at most {drive.planning_ms['max']:.2f}; "
+        f"{drive.forbidden} paths crossed what the map forbade"
+    )
     film.save(folder / "drive.gif")
     return folder / "drive.gif"
 

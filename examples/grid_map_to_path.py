@@ -37,7 +37,9 @@ def main(folder: Path, small: bool = False) -> Path:
     poses = path_poses(plan.path, frame)  # x, y, heading: of every cell, as nav_msgs/Path wants them
     way_points = frame.metres(plan.waypoints + 0.5)  # places, of the path freed from the grid
 
-    print(f"{plan.status}: {len(poses)} poses, {len(way_points)} way points; the second pose is {np.round(poses[1], 2)}")
+    print(
+        f"{plan.status}: {len(poses)} poses, {len(way_points)} way points; the second pose is {np.round(poses[1], 2)}"
+    )
     figure, (axes,) = panels(1, width=5.6, height=5.2)
     extent = (frame.y, frame.y - grid.length_y, frame.x - grid.length_x, frame.x)
     axes.imshow(hillshade(elevation, grid.resolution), cmap="gray", extent=extent)

@@ -34,7 +34,9 @@ def main(folder: Path, small: bool = False) -> Path:
         again = planner.reading().read_again
     seconds, gigabytes = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024e-9
 
-    facts = f"{side:,} x {side:,} cells: {seconds:.1f} s, {gigabytes:.2f} GB, {100 * again:.0f} % of the file read twice"
+    facts = (
+        f"{side:,} x {side:,} cells: {seconds:.1f} s, {gigabytes:.2f} GB, {100 * again:.0f} % of the file read twice"
+    )
     print(f"{plan.status}: {len(plan.path)} cells, at most {100 * (plan.bound - 1):.0f} % above the optimum\n{facts}")
     factor, costs = planner.coarse_costs(600)
     figure, (axes,) = panels(1, width=6.0, height=6.0)

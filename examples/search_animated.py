@@ -39,7 +39,9 @@ def main(folder: Path, small: bool = False) -> Path:
         inside = np.ones(cost.shape, bool) if plan.region is None else plan.region.mask()
         f = Planner(np.where(inside, cost, np.inf)).reach(START) + h
         share, gap = plan.expansions / cost.size, plan.cost / optimum - 1
-        relief(panel, dem, f"{method}: {100 * share:.1f} % of the cells expanded,\n{100 * gap:.2f} % above the optimum")
+        relief(
+            panel, dem, f"{method}: {100 * share:.1f} % of the cells expanded,\n{100 * gap:.2f} % above the optimum"
+        )
         f[f > plan.cost] = np.nan  # A* ends when it takes the goal
         shown.append((panel.imshow(np.full(cost.shape, np.nan), cmap="viridis", alpha=0.6), panel, f, plan))
         ends(panel, START, GOAL)
