@@ -3,6 +3,7 @@
 # make test: the same with all tests.
 # make bench: our planners beside other libraries' grid search, the stages from elevations to a first path, what a
 # region's search costs, and how long the first plan takes.
+# make docs: the site, into build/site; nothing is fetched but the packages. make pictures draws its pictures anew, in minutes.
 # make fuzz MINUTES=30: damaged files, odd options, odd weights and the rest (docs/fuzzing.md).
 PYTHON ?= python3
 MINUTES ?= 30
@@ -10,7 +11,9 @@ DEMO := .venv-demo
 DEV := .venv-dev
 PYTEST := $(DEV)/bin/python -m pytest --numprocesses 2
 
-.PHONY: demo check test bench fuzz kernels lint types contract format clean
+DOCS := $(DEV)/ready-to-document
+
+.PHONY: demo check test bench docs pictures fuzz kernels lint types contract format clean
 
 $(DEMO)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEMO)
@@ -61,6 +64,16 @@ bench: $(DEV)/ready-to-bench
 	$(DEV)/bin/python -m nnpp_edge.benchmarks.map_stage
 	$(DEV)/bin/python -m nnpp_edge.benchmarks.region_search
 	$(DEV)/bin/python -m nnpp_edge.profiling.cold_start
+
+$(DOCS): $(DEV)/ready
+	$(DEV)/bin/pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	touch $@
+
+docs: $(DOCS)
+	NO_MKDOCS_2_WARNING=1 $(DEV)/bin/mkdocs build --quiet --strict
+
+pictures: $(DEV)/ready
+	$(DEV)/bin/python docs/_site/pictures.py
 
 fuzz: $(DEV)/ready
 	$(DEV)/bin/python -m tests.fuzz --minutes $(MINUTES)

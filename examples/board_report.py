@@ -1,11 +1,13 @@
 """Your board's report, explained: what `nnpp-edge profile` measures, and how to read it.
 
-All planners answer the same queries in turns. The picture shows where the time of a query goes, stage by stage, what each
-planner gains over exact A* and what its paths cost more; the budgets below say whether the board keeps them. The run has two
-halves: where these differ too much, or others used the cores, a budget is called noisy, neither kept nor missed.
+All planners answer the same queries in turns. The picture shows where the time of a query goes, stage by stage,
+what each planner gains over exact A* and what its paths cost more; the budgets below say whether the board keeps
+them. The run has two halves: where these differ too much, or others used the cores, a budget is called noisy,
+neither kept nor missed.
 
 Run time: 15 s; 10 s with --small. Figures with --small mean nothing.
-Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/README.md), with cells as if they were 20 m.
+Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/README.md), with cells as if they
+were 20 m.
 """
 
 import json

@@ -1,11 +1,13 @@
 """A rover with a body among rocks, searched with and without a network.
 
-Every pose on the path is checked: pitch, roll, the step under each wheel, the clearance below the belly. What a block of cells
-costs such a body is not known before its poses have been checked, so the search is told what to expect: by the paper's cost
-(`eq1`), or by a network that is shown elevations and the vehicle's numbers. Both paths pass the same checks.
+Every pose on the path is checked: pitch, roll, the step under each wheel, the clearance below the belly. What a
+block of cells costs such a body is not known before its poses have been checked, so the search is told what to
+expect: by the paper's cost (`eq1`), or by a network that is shown elevations and the vehicle's numbers. Both paths
+pass the same checks.
 
 Run time: 2 s.
-Data: moon_rocks, a crop of LROC WAC GLD100 (public domain) with rocks made by nnpp_edge/terrain/rocks.py on a tenth of it.
+Data: moon_rocks, a crop of LROC WAC GLD100 (public domain) with rocks made by nnpp_edge/terrain/rocks.py on a tenth
+of it.
 """
 
 from pathlib import Path

@@ -1,11 +1,13 @@
 """A budget in continuous integration: a build that fails where planning has become too slow or too dear.
 
-A profile is a TOML file with budgets. A CI job needs one line, `nnpp-edge profile --profile ci.toml --json report.json`: exit
-code 0 where all budgets are met, 1 where one is missed, 3 where the machine was too noisy to tell, which is no failure of
-the code. `nnpp-edge profile compare before.json after.json` finds what became worse between two reports.
+A profile is a TOML file with budgets. A CI job needs one line, `nnpp-edge profile --profile ci.toml --json
+report.json`: exit code 0 where all budgets are met, 1 where one is missed, 3 where the machine was too noisy to
+tell, which is no failure of the code. `nnpp-edge profile compare before.json after.json` finds what became worse
+between two reports.
 
 Run time: 10 s; 5 s with --small. Figures with --small mean nothing.
-Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/README.md), with cells as if they were 20 m.
+Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/README.md), with cells as if they
+were 20 m.
 """
 
 from pathlib import Path
@@ -32,6 +34,7 @@ sizes = [256]
 queries = 20
 near = 4
 """
+COLOURS = {"pass": "seagreen", "fail": "firebrick", "noisy": "goldenrod", "not measured": "grey"}
 EXIT_CODES = {"met": 0, "missed": 1, "noisy": 3}
 
 
@@ -39,22 +42,17 @@ def main(folder: Path, small: bool = False) -> Path:
     """Write the profile, measure by it, and draw each figure as a share of its limit."""
     (folder / "ci.toml").write_text(PROFILE)
     profile = read_profile(folder / "ci.toml")
-    if small:
-        profile, _ = overridden(profile, queries=4)
-    report = profile_machine(profile)
+    report = profile_machine(overridden(profile, queries=4)[0] if small else profile)
     print(f"{report['summary']}: exit code {EXIT_CODES[report['verdict']]}")
 
     figure, (axes,) = panels(1, width=7.0, height=3.0)
-    colours = {"pass": "seagreen", "fail": "firebrick", "noisy": "goldenrod", "not measured": "grey"}
-    for at, budget in enumerate(report["budgets"]):
+    for budget in report["budgets"]:
+        name = f"{budget['name']}\n{budget['direction']} {budget['limit']:g} {budget['unit']}"
         share = (budget["value"] or 0.0) / budget["limit"]
-        axes.barh(at, share, color=colours[budget["verdict"]])
-        axes.text(share, at, f" {budget['value']:.3g} {budget['unit']}, {budget['verdict']}", va="center", fontsize=8)
-    names = [
-        f"{budget['name']}\n{budget['direction']} {budget['limit']:g} {budget['unit']}"
-        for budget in report["budgets"]
-    ]
-    axes.set_yticks(range(len(names)), names, fontsize=8)
+        axes.barh(name, share, color=COLOURS[budget["verdict"]])
+        axes.text(
+            share, name, f" {budget['value']:.3g} {budget['unit']}, {budget['verdict']}", va="center", fontsize=8
+        )
     axes.set(title=f"budgets {report['verdict']}", xlabel="share of the limit", xlim=(0, axes.get_xlim()[1] * 1.3))
     axes.axvline(1.0, color="black", linewidth=1)
     return save(figure, folder, "budget_in_ci")

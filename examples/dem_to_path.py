@@ -1,11 +1,12 @@
 """From an elevation map to a path, on the Moon, on Mars and on Earth.
 
-A planner is made of elevations and asked for a path that keeps off slopes steeper than 20 degrees. That is all there is to it;
-what a step costs, and where not to go, follows from the elevations (NNPP, Eq. 1).
+A planner is made of elevations and asked for a path that keeps off slopes steeper than 20 degrees. That is all
+there is to it; what a step costs, and where not to go, follows from the elevations (NNPP, Eq. 1).
 
 Run time: 2 s.
-Data: three samples that travel with the package. Moon: LROC WAC GLD100, public domain. Mars: HiRISE terrain model of Victoria
-crater, NASA/JPL/University of Arizona, public. Earth: airborne lidar, MIT licence. Details: nnpp_edge/terrain/samples/README.md.
+Data: three samples that travel with the package. Moon: LROC WAC GLD100, public domain. Mars: HiRISE terrain model
+of Victoria crater, NASA/JPL/University of Arizona, public. Earth: airborne lidar, MIT licence. Details:
+nnpp_edge/terrain/samples/README.md.
 """
 
 from pathlib import Path

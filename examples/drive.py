@@ -1,11 +1,13 @@
 """A drive among obstacles that come and go, through the loop that runs on a robot.
 
-The robot begins with a blurred survey, sees the true ground around it, and is told at each tick of obstacles that appear, move
-and vanish. The loop keeps its path while that is valid and good, and else plans anew; every path is checked apart from it.
-Beside the film there is a recording, drive.rrd, with the map, the paths and the patches over time: `rerun drive.rrd` opens it.
+The robot begins with a blurred survey, sees the true ground around it, and is told at each tick of obstacles that
+appear, move and vanish. The loop keeps its path while that is valid and good, and else plans anew; every path is
+checked apart from it. Beside the film there is a recording, drive.rrd, with the map, the paths and the patches over
+time: `rerun drive.rrd` opens it.
 
 Run time: 10 s.
-Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/README.md), with cells as if they were 20 m.
+Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/README.md), with cells as if they
+were 20 m.
 """
 
 from dataclasses import replace

@@ -1,7 +1,8 @@
 """From a grid_map_msgs/GridMap to a path in metres, without ROS.
 
-A GridMap holds its layers column by column, in a ring, with rows that run against x. `GridMap` takes the message's fields as they
-are; `frame` turns metres into cells and back. In a node, the fields come from a subscriber, and the poses go into a nav_msgs/Path.
+A GridMap holds its layers column by column, in a ring, with rows that run against x. `GridMap` takes the message's
+fields as they are; `frame` turns metres into cells and back. In a node, the fields come from a subscriber, and the
+poses go into a nav_msgs/Path.
 
 Run time: 2 s.
 Data: earth_hummocks, airborne lidar with cells of 1 m, MIT licence (nnpp_edge/terrain/samples/README.md).

@@ -1,9 +1,11 @@
 """A path across a cloud-optimised GeoTIFF of 20,000 x 20,000 cells, in less than 2 GB.
 
-The heights would take 1.6 GB, and a search of the whole map 16 GB more. Here they are read by windows: once to make coarse levels,
-and once more under the corridor that these lead to. `nnpp-edge plan` does the same for a file that is too large for memory.
+The heights would take 1.6 GB, and a search of the whole map 16 GB more. Here they are read by windows: once to make
+coarse levels, and once more under the corridor that these lead to. `nnpp-edge plan` does the same for a file that
+is too large for memory.
 
-Run time: 3 min, most of it to make the file (1.5 GB, left in the folder for another run); 4 s with --small (1,024 x 1,024).
+Run time: 3 min, most of it to make the file (1.5 GB, left in the folder for another run); 4 s with --small (1,024 x
+1,024).
 Data: fractal ground, made here.
 """
 

@@ -1,7 +1,7 @@
 """How far one gets: minutes on foot to every place around a camp, and a robot's reach with a battery.
 
-`reach` gives the cost of the cheapest path to each cell, in the unit of the step cost: seconds by Tobler's hiking function, joules by
-a vehicle's model. Uphill and downhill differ, so the way out and the way back do, too.
+`reach` gives the cost of the cheapest path to each cell, in the unit of the step cost: seconds by Tobler's hiking
+function, joules by a vehicle's model. Uphill and downhill differ, so the way out and the way back do, too.
 
 Run time: 2 s.
 Data: earth_hummocks, airborne lidar with cells of 1 m, MIT licence (nnpp_edge/terrain/samples/README.md).

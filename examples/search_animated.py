@@ -1,11 +1,12 @@
 """A search at work: exact A*, the corridor, and the learned region, each cell shown when its turn comes.
 
-A* takes cells in the order of f = g + h, what it took to get there and what it must take at least from there to the goal. The
-two others do the same inside a region: around a coarse path, or where a network says that the path runs. What they leave
-out is the time that they save.
+A* takes cells in the order of f = g + h, what it took to get there and what it must take at least from there to the
+goal. The two others do the same inside a region: around a coarse path, or where a network says that the path runs.
+What they leave out is the time that they save.
 
 Run time: 20 s.
-Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/README.md), with cells as if they were 20 m.
+Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/README.md), with cells as if they
+were 20 m.
 """
 
 from pathlib import Path
@@ -39,18 +40,15 @@ def main(folder: Path, small: bool = False) -> Path:
         inside = np.ones(cost.shape, bool) if plan.region is None else plan.region.mask()
         f = Planner(np.where(inside, cost, np.inf)).reach(START) + h
         share, gap = plan.expansions / cost.size, plan.cost / optimum - 1
-        relief(
-            panel, dem, f"{method}: {100 * share:.1f} % of the cells expanded,\n{100 * gap:.2f} % above the optimum"
-        )
+        relief(panel, dem, f"{method}: {share:.1%} of the cells expanded,\n{gap:.2%} above the optimum")
         f[f > plan.cost] = np.nan  # A* ends when it takes the goal
         shown.append((panel.imshow(np.full(cost.shape, np.nan), cmap="viridis", alpha=0.6), panel, f, plan))
         ends(panel, START, GOAL)
 
     def draw(frame: int) -> None:
         for image, panel, f, plan in shown:
-            order = np.nanmin(f), np.nanmax(f)
-            until = np.quantile(f[np.isfinite(f)], (frame + 1) / frames)
-            image.set(data=np.where(f <= until, f, np.nan), clim=order)
+            until = np.nanquantile(f, (frame + 1) / frames)
+            image.set(data=np.where(f <= until, f, np.nan), clim=(np.nanmin(f), np.nanmax(f)))
             if frame == frames - 1:
                 line(panel, plan.path)
 

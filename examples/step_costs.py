@@ -1,7 +1,8 @@
 """The same two ends under four ideas of what a step costs.
 
-Shortest: length alone. Tobler: a hiker's seconds, by the slope up or down. Energy: a rover's joules. 20 degrees: the paper's
-traversability cost, with a hard limit on the slope. The legend says what each path comes to by the other measures.
+Shortest: length alone. Tobler: a hiker's seconds, by the slope up or down. Energy: a rover's joules. 20 degrees:
+the paper's traversability cost, with a hard limit on the slope. The legend says what each path comes to by the
+other measures.
 
 Run time: 2 s.
 Data: earth_hummocks, airborne lidar with cells of 1 m, MIT licence (nnpp_edge/terrain/samples/README.md).
