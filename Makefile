@@ -11,7 +11,7 @@ DEMO := .venv-demo
 DEV := .venv-dev
 PYTEST := $(DEV)/bin/python -m pytest --numprocesses 2
 
-DOCS := $(DEV)/ready-to-document
+DOCS := .venv-docs
 
 .PHONY: demo check test bench docs pictures fuzz kernels lint types contract format clean
 
@@ -65,12 +65,13 @@ bench: $(DEV)/ready-to-bench
 	$(DEV)/bin/python -m nnpp_edge.benchmarks.region_search
 	$(DEV)/bin/python -m nnpp_edge.profiling.cold_start
 
-$(DOCS): $(DEV)/ready
-	$(DEV)/bin/pip install --quiet --disable-pip-version-check --editable '.[docs]'
+$(DOCS)/ready: pyproject.toml
+	$(PYTHON) -m venv $(DOCS)
+	$(DOCS)/bin/pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	touch $@
 
-docs: $(DOCS)
-	NO_MKDOCS_2_WARNING=1 $(DEV)/bin/mkdocs build --quiet --strict
+docs: $(DOCS)/ready
+	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --quiet --strict
 
 pictures: $(DEV)/ready
 	$(DEV)/bin/python docs/_site/pictures.py
@@ -79,4 +80,4 @@ fuzz: $(DEV)/ready
 	$(DEV)/bin/python -m tests.fuzz --minutes $(MINUTES)
 
 clean:
-	rm -rf $(DEMO) $(DEV) build demo-out *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(DEMO) $(DEV) $(DOCS) build demo-out *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -1,13 +1,10 @@
 """A budget in continuous integration: a build that fails where planning has become too slow or too dear.
 
-A profile is a TOML file with budgets. A CI job needs one line, `nnpp-edge profile --profile ci.toml --json
-report.json`: exit code 0 where all budgets are met, 1 where one is missed, 3 where the machine was too noisy to
-tell, which is no failure of the code. `nnpp-edge profile compare before.json after.json` finds what became worse
-between two reports.
+A CI job needs one line, `nnpp-edge profile --profile ci.toml`: exit code 0 where all budgets are met, 1 where one is
+missed, 3 where the machine was too noisy to tell. `nnpp-edge profile compare` finds what became worse.
 
 Run time: 10 s; 5 s with --small. Figures with --small mean nothing.
-Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/README.md), with cells as if they
-were 20 m.
+Data: moon_highlands, LROC WAC GLD100, public domain; details: nnpp_edge/terrain/samples/README.md.
 """
 
 from pathlib import Path

@@ -1,12 +1,11 @@
 """A network for one's own terrain: from one elevation map to an int8 model that plans on it.
 
-One map is enough. A stripe at its end is kept out of the training and judges what was learned. The steps are those
-of `nnpp-edge dataset`, `train`, `export` and `quantize`. Minutes of training show how it goes, not what it is
-worth; whether a network is worth having at all is another question (docs/when-not-to-use-the-network.md). Needs the
-extra `train`.
+One map is enough; a stripe at its end judges what was learned. The steps are those of `nnpp-edge dataset`, `train`,
+`export` and `quantize`. Minutes of training show how it goes, not what it is worth; whether a network is worth having
+at all is told in docs/when-not-to-use-the-network.md. Needs the extra `train`.
 
 Run time: 3 min; 20 s with --small.
-Data: earth_hummocks, airborne lidar with cells of 1 m, MIT licence (nnpp_edge/terrain/samples/README.md).
+Data: earth_hummocks, airborne lidar, MIT licence (nnpp_edge/terrain/samples/README.md).
 """
 
 from dataclasses import replace
@@ -40,7 +39,7 @@ def main(folder: Path, small: bool = False) -> Path:
     sets = [read_samples(work / name) for name in ("train", "apart")]
     settings = TrainSettings(batch=16, steps=steps, warmup_steps=steps // 10)
     checkpoint = train(replace(PRESETS["edge"], input_size=64), settings, *sets, work / "run", omega=recipe.omega)
-    export_network(load_checkpoint(checkpoint).trained(), work / "fp32.onnx", limits=recipe.common_limits)
+    export_network(load_checkpoint(checkpoint).trained(), work / "fp32.onnx", name="own", limits=recipe.common_limits)
     report = quantize(work / "fp32.onnx", work / "train", work / "own.onnx", samples=queries, rounds=5)
     print(report.recommendation)
 

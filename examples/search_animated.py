@@ -5,8 +5,7 @@ goal. The two others do the same inside a region: around a coarse path, or where
 What they leave out is the time that they save.
 
 Run time: 20 s.
-Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/README.md), with cells as if they
-were 20 m.
+Data: moon_highlands, LROC WAC GLD100, public domain; details: nnpp_edge/terrain/samples/README.md.
 """
 
 from pathlib import Path

@@ -1,14 +1,20 @@
-"""What mkdocs does not do by itself: pages of the examples, the commands, the public names, and files outside docs/."""
+"""What mkdocs does not do by itself: pages of examples, commands, public names, and of files outside docs/."""
+
+from __future__ import annotations
 
 import ast
+import inspect
 import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import File, Files
-from mkdocs.structure.pages import Page
+if TYPE_CHECKING:
+    import click
+    from mkdocs.config.defaults import MkDocsConfig
+    from mkdocs.structure.files import Files
+    from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parent.parent.parent
 OPTIONAL = {"view.md", "boards.md", "contributing.md", "changelog.md"}
@@ -54,10 +60,12 @@ API = {  # page: its title, what it says first, and the modules or names it show
         "Networks",
         "From terrain to an int8 model. Needs the extra `train`.",
         ["terrain.shards.Recipe", "terrain.dataset", "model.registry", "training.checkpoint.TrainSettings",
-         "training.train.train", "export.to_onnx.export_network", "export.to_onnx.ExportReport", "calibrate.quantize"],
+         "training.train.train", "export.to_onnx.export_network", "export.to_onnx.ExportReport",
+         "calibrate.quantize"],
     ),
 }  # fmt: skip
 RUNTIME_MORE = ("planners.tour.Tour", "map.along.Along", "map.along.Numbers", "errors", "planners.refine")
+_LOADED = re.compile(r"<(?:script|link|img|iframe|source|video|object|embed)\b[^>]*>")
 _REPEAT = re.compile(r"^(Run time|Data): ", re.MULTILINE)
 
 
@@ -78,7 +86,9 @@ def _filled(nav: list[Any], made: dict[str, list[str]]) -> list[Any]:
     filled: list[Any] = []
     for item in nav:
         if isinstance(item, dict):
-            filled.append({title: _filled(inner, made) for title, inner in item.items()})
+            filled.append(
+                {title: _filled(inner, made) if isinstance(inner, list) else inner for title, inner in item.items()}
+            )
         elif item not in OPTIONAL or source_of(item).exists():
             filled += [item, *made.get(item, [])]
     return filled
@@ -91,6 +101,8 @@ def source_of(page: str) -> Path:
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are made."""
+    from mkdocs.structure.files import File
+
     for page, content in pages().items():
         files.append(File.generated(config, page, content=content))
     files.append(File.generated(config, "style.css", content=(ROOT / "docs/_site/style.css").read_text()))
@@ -130,6 +142,14 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return re.sub(r"(?<!\[)`docs/([a-z-]+\.md)`", named, markdown)
 
 
+def on_post_build(config: MkDocsConfig) -> None:
+    """Fail where a page would ask another host for something."""
+    for path in Path(config.site_dir).rglob("*.html"):
+        for tag in _LOADED.findall(path.read_text()):
+            if re.search(r"""(src|href|srcset)=["']?(https?:)?//""", tag) and "canonical" not in tag:
+                raise SystemExit(f"{path}: wanted nothing from other hosts, got {tag}")
+
+
 def _as_text(match: re.Match[str]) -> str:
     return f"{match[1]} (`{match[2]}`)"
 
@@ -156,7 +176,7 @@ def _gallery() -> dict[str, str]:
         title, body = words.split("\n", 1)
         picture = f"{path.stem}.webp"
         made[f"gallery/{path.stem}.md"] = "\n".join(
-            [f"---\ntitle: {title.split(',')[0].split(':')[0].rstrip('.')}\n---\n", f"# {title.rstrip('.')}",
+            [f"---\ntitle: {re.split("[,:.](?: |$)", title)[0]}\n---\n", f"# {title.rstrip('.')}",
              _REPEAT.sub(r"\n**\1**: ", body), f"\n![The picture that it makes]({picture})\n",
              f"```sh\npython examples/{path.name}\n```\n", "```python", source.split('"""', 2)[2].strip(), "```"]
         )  # fmt: skip
@@ -164,8 +184,8 @@ def _gallery() -> dict[str, str]:
             f'<a href="{path.stem}.html"><img src="{picture}" alt="" loading="lazy"><span>{title}</span></a>'
         )
     head = (
-        "# Gallery\n\nScripts of less than 60 lines in the folder `examples/` of the repository, each with the picture "
-        "that it makes. What they share, how ground and paths are drawn, is in `examples/drawing.py`.\n\n"
+        "# Gallery\n\nScripts of less than 60 lines in the folder `examples/` of the repository, each with the "
+        "picture that it makes. What they share, how ground and paths are drawn, is in `examples/drawing.py`.\n\n"
     )
     return made | {"gallery/index.md": head + '<div class="cards">\n' + "\n".join(cards) + "\n</div>\n"}
 
@@ -195,8 +215,8 @@ def _shown(names: Any) -> str:
     return "\n\n".join(f"::: nnpp_edge.{name}" for name in names) + "\n"
 
 
-def commands() -> dict[str, Any]:
-    """Every command, and those inside it, by what is typed after `nnpp-edge`, joined by hyphens."""
+def commands() -> dict[str, click.Command]:
+    """Every command, by its name."""
     import click
 
     from nnpp_edge.cli.main import cli
@@ -204,6 +224,7 @@ def commands() -> dict[str, Any]:
     context, found = click.Context(cli), {}
     for name in cli.list_commands(context):
         command = cli.get_command(context, name)
+        assert command is not None
         found[name] = command
     return found
 
@@ -211,14 +232,36 @@ def commands() -> dict[str, Any]:
 def _cli() -> dict[str, str]:
     lines, made = ["# Commands\n", "| command | what it does |", "| --- | --- |"], {}
     for name, command in commands().items():
-        short = command.get_short_help_str(200)
-        lines.append(f"| [nnpp-edge {name}]({name}.md) | {short} |")
-        made[f"cli/{name}.md"] = (
-            f"---\ntitle: {name}\n---\n\n# nnpp-edge {name}\n\n"
-            f"::: mkdocs-click\n    :module: {command.callback.__module__}\n    :command: command\n"
-            f"    :prog_name: nnpp-edge {name}\n    :style: table\n    :depth: 1\n"
-        )
+        lines.append(f"| [nnpp-edge {name}]({name}.md) | {command.get_short_help_str(200)} |")
+        parts = [f"---\ntitle: {name}\n---\n\n# nnpp-edge {name}\n", *_told(f"nnpp-edge {name}", command)]
+        for inner, each in getattr(command, "commands", {}).items():
+            parts += [f"## nnpp-edge {name} {inner}\n", *_told(f"nnpp-edge {name} {inner}", each)]
+        made[f"cli/{name}.md"] = "\n".join(parts)
     lines.append(
-        "\n`--help` of each says the same. Exit codes: 0 done, 1 no path or a budget missed, 2 wrong use in a line."
+        "\nExit codes: 0 done; 1 no path, or a budget missed; 2 wrong use or bad input, in one line; 3 too noisy to tell."
     )
     return made | {"cli/index.md": "\n".join(lines)}
+
+
+def _told(called: str, command: click.Command) -> Iterator[str]:
+    """What `--help` says of a command, as Markdown: usage, text with its examples, and a table of options."""
+    import click
+
+    context = click.Context(command, info_name=called)
+    yield f"```\n{called} {' '.join(command.collect_usage_pieces(context))}\n```\n"
+    for paragraph in inspect.cleandoc(command.help or "").split("\n\n"):
+        example = paragraph.startswith("\b")
+        text = paragraph.removeprefix("\b").strip()
+        yield f"```sh\n{text}\n```\n" if example else f"{_plain(text)}\n"
+    yield "| option | | default |\n| --- | --- | --- |"
+    for option in command.params:
+        record = option.get_help_record(context) if isinstance(option, click.Option) else None
+        if record is not None:
+            words, _, facts = record[1].rpartition("  [") if record[1].endswith("]") else (record[1], "", "")
+            yield f"| `{record[0].replace('|', ' or ')}` | {_plain(words)} | {_plain(facts.removesuffix(']').removeprefix('default: '))} |"
+    yield ""
+
+
+def _plain(text: str) -> str:
+    """Text in which nothing is taken for Markdown."""
+    return re.sub(r"([*_<>|\[\]])", r"\\\1", text)
