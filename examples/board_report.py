@@ -24,7 +24,7 @@ def main(folder: Path, small: bool = False) -> Path:
     """Measure by the shipped profile `quick`, keep the report, and draw what matters of it."""
     profile = read_profile("quick")
     if small:
-        profile, _ = overridden(profile, queries=4, near=4)
+        profile, _ = overridden(profile, queries=2, near=1)
     report = profile_machine(profile)
     write_whole(folder / "board_report.json", json.dumps(report, indent=1).encode())
 

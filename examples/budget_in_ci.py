@@ -39,7 +39,7 @@ def main(folder: Path, small: bool = False) -> Path:
     """Write the profile, measure by it, and draw each figure as a share of its limit."""
     (folder / "ci.toml").write_text(PROFILE)
     profile = read_profile(folder / "ci.toml")
-    report = profile_machine(overridden(profile, queries=4)[0] if small else profile)
+    report = profile_machine(overridden(profile, queries=2)[0] if small else profile)
     print(f"{report['summary']}: exit code {EXIT_CODES[report['verdict']]}")
 
     figure, (axes,) = panels(1, width=7.0, height=3.0)

@@ -37,14 +37,13 @@ def main(folder: Path, small: bool = False) -> Path:
     make_dataset(structs.replace(recipe, maps=apart, stripe=(0.7, 1.0)), work / "apart", workers=1)
 
     sets = [read_samples(work / name) for name in ("train", "apart")]
-    settings = TrainSettings(batch=16, steps=steps, warmup_steps=steps // 10)
+    settings = TrainSettings(batch=16, steps=steps, warmup_steps=steps // 8)
     checkpoint = train(replace(PRESETS["edge"], input_size=64), settings, *sets, work / "run", omega=recipe.omega)
     export_network(load_checkpoint(checkpoint).trained(), work / "fp32.onnx", name="own", limits=recipe.common_limits)
     report = quantize(work / "fp32.onnx", work / "train", work / "own.onnx", samples=queries, rounds=5)
     print(report.recommendation)
 
-    dem = sample_dem("earth_hummocks")
-    figure, axes = panels(2)
+    dem, (figure, axes) = sample_dem("earth_hummocks"), panels(2)
     for panel, (name, model) in zip(axes, {"shipped": "edge", "own": work / "own.onnx"}.items(), strict=True):
         planner = Planner.of_elevation(dem.elevation, dem.cell_size_m, workload("limit20"), model=model, warn=False)
         plan = planner.plan(start, goal, method="nnpp", keep_regions=True)

@@ -32,8 +32,7 @@ def main(folder: Path, small: bool = False) -> Path:
     cost = traversability_cost(dem.elevation, dem.cell_size_m, warn=False)
     planner, h = Planner(cost), at_least(cost.shape, float(cost.min()))
     optimum = planner.plan(START, GOAL, method="astar").cost
-    figure, axes = panels(3, width=3.2, height=3.7)
-    shown = []
+    shown, (figure, axes) = [], panels(3, width=3.2, height=3.7)
     for panel, method in zip(axes, ("astar", "corridor", "nnpp"), strict=True):
         plan = planner.plan(START, GOAL, method=method, keep_regions=True)
         inside = np.ones(cost.shape, bool) if plan.region is None else plan.region.mask()

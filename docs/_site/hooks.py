@@ -78,7 +78,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
         "cli/index.md": [f"cli/{name}.md" for name in commands()],
         "reproduction/README.md": [f"reproduction/{path.stem}/{path.name}" for path in experiments()],
     }
-    config.nav = _filled(config.nav, made)
+    config.nav = _filled(config.nav or [], made)
     return config
 
 
@@ -174,9 +174,9 @@ def _gallery() -> dict[str, str]:
         source = path.read_text()
         words = ast.get_docstring(ast.parse(source)) or ""
         title, body = words.split("\n", 1)
-        picture = f"{path.stem}.webp"
+        picture, short = f"{path.stem}.webp", re.split("[,:.](?: |$)", title)[0]
         made[f"gallery/{path.stem}.md"] = "\n".join(
-            [f"---\ntitle: {re.split("[,:.](?: |$)", title)[0]}\n---\n", f"# {title.rstrip('.')}",
+            [f"---\ntitle: {short}\n---\n", f"# {title.rstrip('.')}",
              _REPEAT.sub(r"\n**\1**: ", body), f"\n![The picture that it makes]({picture})\n",
              f"```sh\npython examples/{path.name}\n```\n", "```python", source.split('"""', 2)[2].strip(), "```"]
         )  # fmt: skip
@@ -193,7 +193,9 @@ def _gallery() -> dict[str, str]:
 def _api() -> dict[str, str]:
     tree = ast.parse((ROOT / "runtime/__init__.py").read_text())
     table = next(
-        node.value for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == "_MODULES"
+        node.value
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_MODULES"
     )
     modules: dict[str, tuple[str, ...]] = ast.literal_eval(table)
     names = [f"{module}.{name}" for module, each in modules.items() for name in each]
@@ -238,7 +240,7 @@ def _cli() -> dict[str, str]:
             parts += [f"## nnpp-edge {name} {inner}\n", *_told(f"nnpp-edge {name} {inner}", each)]
         made[f"cli/{name}.md"] = "\n".join(parts)
     lines.append(
-        "\nExit codes: 0 done; 1 no path, or a budget missed; 2 wrong use or bad input, in one line; 3 too noisy to tell."
+        "\nExit codes: 0 done; 1 no path, or a budget missed; 2 wrong use or bad input; 3 too noisy to tell."
     )
     return made | {"cli/index.md": "\n".join(lines)}
 
@@ -253,12 +255,14 @@ def _told(called: str, command: click.Command) -> Iterator[str]:
         example = paragraph.startswith("\b")
         text = paragraph.removeprefix("\b").strip()
         yield f"```sh\n{text}\n```\n" if example else f"{_plain(text)}\n"
-    yield "| option | | default |\n| --- | --- | --- |"
+    yield "| option | | default, range |\n| --- | --- | --- |"
     for option in command.params:
         record = option.get_help_record(context) if isinstance(option, click.Option) else None
         if record is not None:
-            words, _, facts = record[1].rpartition("  [") if record[1].endswith("]") else (record[1], "", "")
-            yield f"| `{record[0].replace('|', ' or ')}` | {_plain(words)} | {_plain(facts.removesuffix(']').removeprefix('default: '))} |"
+            words, _, facts = record[1].removesuffix("]").rpartition("  [")
+            words, facts = (words, facts) if record[1].endswith("]") else (record[1], "")
+            shown = record[0], _plain(words), _plain(facts.removeprefix("default: "))
+            yield "| `{}` | {} | {} |".format(*shown)
     yield ""
 
 
