@@ -6,6 +6,7 @@
 # make coverage: what the fast tests reach, in the terminal and as build/coverage.xml; compiled kernels are not seen.
 # make wheel, make try-wheel, make try-oldest: the wheel; it alone in a bare environment, which plans and measures there,
 # with the newest and with the oldest packages that it takes (.ci/oldest.txt). PYTHON=python3.12 tries another Python.
+# make docs: the site, into build/site; nothing is fetched but the packages. make pictures draws its pictures anew, in minutes.
 # make fuzz MINUTES=30: damaged files, odd options, odd weights and the rest (docs/fuzzing.md).
 PYTHON ?= python3
 MINUTES ?= 30
@@ -14,7 +15,9 @@ DEV := .venv-dev
 TRY = .ci/try-wheel $(PYTHON) build/wheel/nnpp_edge-*.whl
 PYTEST := $(DEV)/bin/python -m pytest --numprocesses 2
 
-.PHONY: demo check test coverage bench fuzz kernels lint spelling types contract format wheel try-wheel try-oldest clean
+DOCS := .venv-docs
+
+.PHONY: demo check test coverage bench docs pictures fuzz kernels lint spelling types contract format wheel try-wheel try-oldest clean
 
 $(DEMO)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEMO)
@@ -81,9 +84,19 @@ try-wheel: wheel
 
 try-oldest: wheel
 	$(TRY) --constraint .ci/oldest.txt
+$(DOCS)/ready: pyproject.toml
+	$(PYTHON) -m venv $(DOCS)
+	$(DOCS)/bin/pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	touch $@
+
+docs: $(DOCS)/ready
+	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --quiet --strict
+
+pictures: $(DEV)/ready
+	$(DEV)/bin/python docs/_site/pictures.py
 
 fuzz: $(DEV)/ready
 	$(DEV)/bin/python -m tests.fuzz --minutes $(MINUTES)
 
 clean:
-	rm -rf $(DEMO) $(DEV) build demo-out *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(DEMO) $(DEV) $(DOCS) build demo-out *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

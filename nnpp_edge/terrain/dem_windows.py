@@ -63,7 +63,7 @@ def size_of(path: Path, *, allow_vrt: bool = False) -> tuple[int, int] | None:
 
 @contextmanager
 def open_dem(
-    path: Path,
+    path: Path | str,
     cell_size_m: float | None = None,
     vertical_scale: float | None = None,
     *,
@@ -87,6 +87,7 @@ def open_dem(
     """
     check_option("cell size", cell_size_m)
     check_option("vertical scale", vertical_scale)
+    path = Path(path)
     if (problem := problem_with_file(path)) is not None:
         raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
     with ExitStack() as stack:

@@ -1,0 +1,207 @@
+"""What the documents say is so: links lead somewhere, Python runs, commands are understood, nothing is left out."""
+
+import ast
+import importlib
+import json
+import pkgutil
+import re
+import shlex
+import sys
+import tomllib
+from pathlib import Path
+from types import SimpleNamespace
+
+import click
+import numpy as np
+import pytest
+
+from nnpp_edge.cli.main import COMMANDS, cli
+from nnpp_edge.terrain.shipped import SAMPLES, sample_dem, sample_path
+
+ROOT = Path(__file__).parent.parent
+DOCUMENTS = sorted(
+    path
+    for folder, pattern in ((".", "*.md"), ("docs", "**/*.md"), ("examples", "*.md"), ("nnpp_edge", "**/*.md"))
+    for path in (ROOT / folder).glob(pattern)
+)
+FENCE = re.compile(r"(<!-- only shown: [^>]+ -->\n)?^( *)```(\w*)\n(.*?)^ *```", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"\[[^\]]*\]\((?!https?:|mailto:)([^)#\s]*)(?:#([^)\s]*))?\)")
+EXECUTED = ("start.md",)
+"""Documents whose commands are run, not only understood."""
+
+
+def name_of(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+def blocks(path, *languages):
+    """The text of each block in one of these languages, and whether it is only shown."""
+    for shown, indent, language, text in FENCE.findall(path.read_text()):
+        if language in languages:
+            yield re.sub(f"^{indent}", "", text, flags=re.MULTILINE), bool(shown)
+
+
+def with_blocks(*languages):
+    return [path for path in DOCUMENTS if any(True for _ in blocks(path, *languages))]
+
+
+def anchors(path):
+    """As GitHub and the site make them of headings."""
+    text = FENCE.sub("", path.read_text())
+    heads = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", head).strip().lower() for head in heads]
+    return {re.sub(r"[^\w\- ]", "", head).replace(" ", "-") for head in plain} | set(
+        re.findall(r'id="([^"]+)"', text)
+    )
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=name_of)
+def test_links_lead_somewhere(path):
+    made = {"gallery", "api", "cli"}  # folders of the site's pages that are made when it is built
+    for target, anchor in LINK.findall(FENCE.sub("", path.read_text())):
+        end = (path.parent / target).resolve() if target else path
+        if end.relative_to(ROOT).parts[:2] in {("docs", name) for name in made} and end.suffix == ".md":
+            continue
+        assert end.exists(), target
+        if anchor and end.suffix == ".md":
+            assert anchor in anchors(end), f"{target}#{anchor}"
+
+
+@pytest.fixture(scope="module")
+def workshop(tmp_path_factory):
+    """A folder with what the documents take for granted."""
+    import rasterio
+
+    folder, dem = tmp_path_factory.mktemp("workshop"), sample_dem("earth_hummocks")
+    place = {"transform": rasterio.Affine(1, 0, 429_324, 0, -1, 5_150_813), "crs": "EPSG:26915"}
+    kind = {"driver": "GTiff", "width": dem.shape[1], "height": dem.shape[0], "count": 1, "dtype": "float32"}
+    with rasterio.open(folder / "dem.tif", "w", **kind, **place, tiled=True) as dataset:
+        dataset.write(dem.elevation, 1)
+    np.save(folder / "heights.npy", dem.elevation[:80, :90])
+    return folder
+
+
+def assumed(path):
+    """Names that a document's Python assumes: a map, a query, messages."""
+    dem = sample_dem("earth_hummocks").elevation
+    names = {"np": np, "dem": dem, "start": (20, 20), "goal": (240, 150)}
+    if path.name == "README.md":
+        row, col = np.mgrid[0:512, 0:512]
+        return {"dem": np.sin(row / 40.0) * np.cos(col / 50.0)}
+    if path.name == "onboard.md":
+        return names | {"cost": np.full((256, 256), 0.2, np.float32), "patch": np.ones((3, 4))}
+    if path.name == "routes.md":
+        from nnpp_edge.runtime import Planner
+
+        return names | {"planner": Planner(np.full((400, 360), 0.2, np.float32)), "start": (5, 5), "goal": (390, 90)}
+    if path.name == "run.md":
+        from nnpp_edge.ros.maps import MapFrame
+
+        place = SimpleNamespace(position=SimpleNamespace(x=0.0, y=0.0))
+        message = SimpleNamespace(outer_start_index=0, inner_start_index=3, data=[SimpleNamespace(data=[0.0] * 600)])
+        return names | {
+            "info": SimpleNamespace(resolution=0.1, length_x=2.0, length_y=3.0, pose=place),
+            "message": message,
+            "world_frame": MapFrame(0.1, -5.0, -5.0),
+            "answer": SimpleNamespace(path=np.array([[3, 4], [3, 5]])),
+        }
+    return names
+
+
+@pytest.mark.parametrize("path", with_blocks("python"), ids=name_of)
+@pytest.mark.filterwarnings("ignore::nnpp_edge.runtime.SaturationWarning")
+def test_python_runs(path, workshop, monkeypatch):
+    monkeypatch.chdir(workshop)
+    names = assumed(path)
+    for code, only_shown in blocks(path, "python"):
+        if only_shown:
+            imports = [node for node in ast.parse(code).body if isinstance(node, ast.Import | ast.ImportFrom)]
+            code = ast.unparse(ast.Module(imports, []))
+        exec(code, names)
+
+
+def commands(path):
+    """The lines of a document's blocks that call nnpp-edge, as lists of words."""
+    for text, _ in blocks(path, "", "sh"):
+        for line in text.replace("\\\n", " ").splitlines():
+            called = re.match(r"^\$? *(?:\S*/)?nnpp-edge (.*)", line)
+            if called:
+                words = shlex.split(re.split(r" (?:[0-9]?[<>|]|&$)", called[1])[0], comments=True)
+                yield [word for word in words if word not in ("...", "…")]
+
+
+@pytest.mark.parametrize("path", [path for path in with_blocks("", "sh") if list(commands(path))], ids=name_of)
+def test_commands_are_understood(path):
+    for name, *words in commands(path):
+        context = click.Context(cli)
+        command = cli.get_command(context, name)
+        assert command is not None, name
+        if isinstance(command, click.Group) and words and words[0] in command.commands:
+            command, words = command.commands[words[0]], words[1:]
+        given, *_ = command.make_parser(click.Context(command, info_name=name)).parse_args(list(words))
+        for parameter in command.params:
+            value = given.get(parameter.name)
+            if isinstance(parameter.type, click.Choice | click.IntRange | click.FloatRange) and isinstance(
+                value, str
+            ):
+                parameter.type.convert(value, parameter, context)  # BadParameter where it is none
+
+
+@pytest.mark.parametrize("page", EXECUTED)
+def test_commands_run(page, workshop, nnpp_edge, monkeypatch):
+    monkeypatch.chdir(workshop)
+    ran = [words for words in commands(ROOT / "docs" / page) if words[0] != "warmup"]
+    assert ran
+    for words in ran:
+        assert nnpp_edge(*words).code == 0
+
+
+@pytest.mark.parametrize("path", with_blocks("toml", "json"), ids=name_of)
+def test_tables_and_messages_can_be_read(path):
+    for text, _ in blocks(path, "toml"):
+        tomllib.loads(text)
+    for text, _ in blocks(path, "json"):
+        json.loads(text)
+
+
+@pytest.fixture(scope="module")
+def hooks():
+    sys.path.insert(0, str(ROOT / "docs/_site"))
+    yield importlib.import_module("hooks")
+    sys.path.remove(str(ROOT / "docs/_site"))
+
+
+def test_the_site_shows_every_command_and_option(hooks):
+    pages = hooks.pages()
+    for name in COMMANDS:
+        assert f"({name}.md)" in pages["cli/index.md"]
+        command = cli.get_command(click.Context(cli), name)
+        for each in (command, *getattr(command, "commands", {}).values()):
+            shown = [
+                option.opts[-1] for option in each.params if isinstance(option, click.Option) and not option.hidden
+            ]
+            assert shown and all(f"{option}" in pages[f"cli/{name}.md"] for option in shown)
+
+
+def test_the_site_shows_names_that_are_there_and_all_of_the_runtime(hooks):
+    import nnpp_edge.runtime as runtime
+
+    public = {name for name in dir(runtime) if name[0].isupper() and name != "TYPE_CHECKING"}
+    shown = [
+        name for text in hooks.pages().values() for name in re.findall(r"^::: (nnpp_edge\S+)", text, re.MULTILINE)
+    ]
+    assert public and public <= {name.rpartition(".")[2] for name in shown}
+    for name in shown:
+        assert pkgutil.resolve_name(name), name
+
+
+def test_every_sample_is_shipped_with_its_source():
+    words = (ROOT / "nnpp_edge/terrain/samples/README.md").read_text()
+    assert {path.stem for path in sample_path("moon_rocks").parent.glob("*.npz")} == set(SAMPLES)
+    assert all(f"`{name}.npz`" in words for name in SAMPLES)
+
+
+def test_the_documents_index_of_decisions_is_whole():
+    text = (ROOT / "docs/decisions.md").read_text()
+    heads = re.findall(r"^## (.*)$", text, re.MULTILINE)
+    assert re.findall(r"^- \[(.*)\]\(#", text, re.MULTILINE) == heads
