@@ -42,7 +42,7 @@ def main(folder: Path, small: bool = False) -> Path:
     times.set(
         title="a query's time by stage, ms\n(times as fast as A*, mean cost above it)", xlim=(0, 1.35 * max(left))
     )
-    times.legend(fontsize=7, loc="lower right")
+    times.legend(fontsize=7, loc="upper right")
     words.set_axis_off()
     lines = [f"verdict: {report['verdict']}", report["environment"]["cpu"], ""]
     for budget in report["budgets"]:

@@ -12,7 +12,7 @@ of it.
 
 from pathlib import Path
 
-from drawing import ends, line, panels, relief, run, save
+from drawing import ends, panels, relief, run, save
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.terrain.shipped import sample_dem
@@ -29,7 +29,7 @@ def main(folder: Path, small: bool = False) -> Path:
     exact = Planner.of_elevation(dem.elevation, dem.cell_size_m, vehicle=rover).plan(START, GOAL, method="astar")
     ways = {"every pose that A* meets": ("astar", None), "corridor, price eq1": ("corridor", "eq1")}
     ways["nnpp, the network's price"] = ("nnpp", "network")
-    figure, axes = panels(len(ways))
+    figure, axes = panels(len(ways), width=5.0, height=2.9)
     for panel, (name, (method, price)) in zip(axes, ways.items(), strict=True):
         planner = Planner.of_elevation(dem.elevation, dem.cell_size_m, vehicle=rover)  # has checked no pose yet
         plan = planner.plan(START, GOAL, method=method, price=price)
@@ -39,10 +39,11 @@ def main(folder: Path, small: bool = False) -> Path:
         panel.plot(
             point.path[:, 1], point.path[:, 0], "--", color="white", linewidth=1.2
         )  # nothing that it can follow
+        panel.plot(plan.path[:, 1], plan.path[:, 0], color="tab:orange", linewidth=1.2)
         for outline in body_outlines(plan.path, rover, (dem.cell_size_m, dem.cell_width_m)):
-            panel.plot(outline[:, 1], outline[:, 0], color="palegreen", linewidth=1.0)
-        line(panel, plan.path)
+            panel.plot(outline[:, 1], outline[:, 0], color="lime", linewidth=1.0)
         ends(panel, START, GOAL)
+        panel.set_ylim(84, 28)
     return save(figure, folder, "body_among_rocks")
 
 

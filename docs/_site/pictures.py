@@ -53,16 +53,16 @@ def _plain(panel: Axes, title: str) -> None:
 
 
 def _regions() -> None:
-    """Where each method may search, and for the corridor what its coarse levels saw."""
+    """Where each method may search."""
     cost = traversability_cost(MOON.elevation, MOON.cell_size_m, workload("limit20"), warn=False)
     planner = Planner(cost)
     figure, axes = panels(2)
     for panel, (method, title) in zip(axes, {"corridor": "corridor", "nnpp": "learned region"}.items(), strict=True):
         plan = planner.plan(START, GOAL, method=method, keep_regions=True)
+        assert plan.region is not None
         relief(panel, MOON, f"{title}: {plan.region.area() / cost.size:.1%} of the map")
-        mask = np.where(plan.region.mask(), 1.0, np.nan)
-        panel.imshow(mask, cmap="cool", vmin=0, vmax=2, alpha=0.45)
-        line(panel, plan.path)
+        panel.imshow(np.where(plan.region.mask(), 1.0, np.nan), cmap="cool", vmin=1, vmax=3, alpha=0.9)
+        panel.plot(plan.path[:, 1], plan.path[:, 0], color="tab:red", linewidth=1.0)
         ends(panel, START, GOAL)
     save(figure, OUT, "regions")
 
@@ -84,13 +84,14 @@ def _corridor() -> None:
 
 def _body() -> None:
     dem, rover = sample_dem("moon_rocks"), load_vehicle("large-rover")
-    figure, (panel,) = panels(1, width=5.0, height=5.2)
+    figure, (panel,) = panels(1, width=9.0, height=4.8)
     plan = Planner.of_elevation(dem.elevation, dem.cell_size_m, vehicle=rover).plan((60, 6), (60, 113))
     relief(panel, dem, "a rover of 3.0 x 2.7 m among rocks")
+    panel.plot(plan.path[:, 1], plan.path[:, 0], color="tab:orange", linewidth=1.5)
     for outline in body_outlines(plan.path, rover, (dem.cell_size_m, dem.cell_width_m)):
-        panel.plot(outline[:, 1], outline[:, 0], color="palegreen", linewidth=1)
-    line(panel, plan.path)
+        panel.plot(outline[:, 1], outline[:, 0], color="lime", linewidth=1.2)
     ends(panel, (60, 6), (60, 113))
+    panel.set_ylim(84, 28)
     save(figure, OUT, "body")
 
 
@@ -107,6 +108,7 @@ def _bounds() -> None:
         panel.plot(plan.cost, name, "o", color="tab:orange")
         panel.annotate(f"at most {plan.bound:.2f} times", (plan.cost, name), (8, -3), textcoords="offset points")
     panel.set(xlabel="cost: lower bound (bar) and path (dot)", xlim=(None, panel.get_xlim()[1] * 1.25))
+    panel.margins(y=0.2)
     panel.invert_yaxis()
     save(figure, OUT, "bounds")
 
