@@ -59,8 +59,9 @@ def command(
     from nnpp_edge.runtime.memory import check_planner_fits
     from nnpp_edge.view.asked import Asked
     from nnpp_edge.view.ground import GIVEN, POINT, Ground, Reading
+    from nnpp_edge.view.landscape import likely_ends
     from nnpp_edge.view.server import listen, make_app, serve
-    from nnpp_edge.view.trial import Trial, likely_ends
+    from nnpp_edge.view.trial import Trial
 
     listening = listen(port)
     reading = Reading(dem, terrain.cell_size, terrain.vertical_scale, terrain.rescale, terrain.allow_vrt)

@@ -70,7 +70,7 @@ class Answerer:
     def _layer(self, name: str) -> list[Answer | bytes]:
         dem, pixels = self.trial.ground.dem, self._pixels
         if name == "cost":
-            return _layer_answer(name, layers.costs(self.trial.cost, pixels))
+            return _layer_answer(name, layers.costs(self.trial.landscape.cost, pixels))
         return _layer_answer(name, (layers.relief if name == "relief" else layers.slope)(dem, pixels))
 
     def _compared(self, method: str) -> list[Answer | bytes]:
@@ -115,13 +115,13 @@ def path_answer(trial: Trial) -> Answer:
         "obstacles": asked.obstacles,
         "rows": [],
         "cols": [],
-        "warnings": trial.warnings,
+        "warnings": trial.landscape.warnings,
         "command": command_of(ground, asked),
         "python": python_of(ground, asked),
     }
     if plan.along is None or not len(plan.path):
         return answer
-    route, along = Route.of(plan.line, plan.along, trial.cost, ground.dem), plan.along
+    route, along = Route.of(plan.line, plan.along, trial.landscape.cost, ground.dem), plan.along
     rows, cols = along.points.T
     answer |= {"rows": _list(rows, 2), "cols": _list(cols, 2), "distance_m": _list(along.distance_m, 1)}
     answer |= {"height_m": _list(along.heights_m, 2), "cost": _list(np.minimum(route.cost, 1.0), 3)}
@@ -155,8 +155,8 @@ def mended_answer(mended: Mended) -> Answer:
     def took(plan: Plan) -> Answer:
         return {"status": str(plan.status), "ms": plan.timings_ms.get("total"), "expansions": plan.expansions}
 
-    answer = {"type": "mended", "footing": mended.footing, "before": mended.before.path.tolist()}
-    return {**answer, "mended": took(mended.mended), "afresh": took(mended.afresh)}
+    searches = {"mended": took(mended.mended), "afresh": took(mended.afresh)}
+    return {"type": "mended", "footing": mended.footing, **searches}
 
 
 def _layer_answer(name: str, layer: layers.Layer) -> list[Answer | bytes]:

@@ -80,18 +80,18 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     def vehicle(self, ground: Ground) -> Vehicle | None:
         """The vehicle with the values that were set in place of its own; InvalidMapError for what is none."""
-        body = self.chosen(ground)
-        changes = self.changes(ground)
-        return replace(body.vehicle, **changes) if body.vehicle is not None and changes else body.vehicle
+        vehicle = self.chosen(ground).vehicle
+        if vehicle is None or vehicle.is_disc:
+            return vehicle
+        clearance = vehicle.clearance_m if self.clearance is None else self.clearance
+        tilt = vehicle.max_tilt_deg if self.max_tilt is None else self.max_tilt
+        return replace(vehicle, clearance_m=clearance, max_tilt_deg=tilt)
 
     def changes(self, ground: Ground) -> dict[str, float]:
         """Values of the vehicle that were set, by their names."""
         named = {"clearance_m": self.clearance, "max_tilt_deg": self.max_tilt}
-        return {name: value for name, value in named.items() if value is not None} if self.has_body(ground) else {}
-
-    def has_body(self, ground: Ground) -> bool:
-        """Whether poses are checked."""
-        return self.chosen(ground).has_body
+        body = self.chosen(ground)
+        return {name: value for name, value in named.items() if value is not None} if body.has_body else {}
 
     def same_map(self, other: "Asked") -> bool:
         """Whether both are asked of one planner, but for obstacles."""
@@ -100,7 +100,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 def changed(asked: Asked, values: dict[str, object]) -> Asked:
-    """What is asked, with other values by their names; InvalidQueryError for one that is unknown or of a wrong type."""
+    """What is asked, with other values by their names; InvalidQueryError for what is no such value."""
     try:
         new = msgspec.convert({**msgspec.structs.asdict(asked), **values}, Asked)
     except msgspec.ValidationError as error:

@@ -27,7 +27,11 @@ class Reading:
     @property
     def options(self) -> list[str]:
         """The same as words of `nnpp-edge plan`."""
-        named = ("--cell-size", self.cell_size), ("--vertical-scale", self.vertical_scale), ("--rescale", self.rescale)
+        named = (
+            ("--cell-size", self.cell_size),
+            ("--vertical-scale", self.vertical_scale),
+            ("--rescale", self.rescale),
+        )
         words = [word for name, value in named if value is not None for word in (name, f"{value:.10g}")]
         return [str(self.path.resolve()), *words, *(["--allow-vrt"] if self.allow_vrt else [])]
 
@@ -92,4 +96,3 @@ class Ground:
     def sides_m(self) -> tuple[float, float]:
         """Height and width of a cell."""
         return self.dem.cell_size_m, self.dem.cell_width_m
-

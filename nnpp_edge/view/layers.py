@@ -54,7 +54,8 @@ def slope(dem: Dem, pixels: int) -> Layer:
         heights = dem.elevation[top:bottom].copy()
         terms = terrain_terms(heights, dem.cell_size_m, cell_width_m=dem.cell_width_m)
         slopes[row : row + _BAND] = terms[0, row - top : row - top + _BAND]
-    return np.minimum(_smaller(np.nan_to_num(slopes, copy=False), pixels) * factor, 255.0).astype(np.uint8)
+    shares = np.minimum(_smaller(np.nan_to_num(slopes, copy=False), pixels) * factor, 255.0)
+    return np.asarray(shares, np.uint8)
 
 
 def costs(cost: Float2D, pixels: int) -> Layer:

@@ -7,9 +7,9 @@ from nnpp_edge.runtime import DynamicPlanner
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.view.asked import Asked
 from nnpp_edge.view.ground import Ground
+from nnpp_edge.view.landscape import Landscape
 
 Patches = Sequence[tuple[Rectangle, Float2D]]
 """Rectangles of the map with their new costs, or elevations."""
@@ -17,11 +17,10 @@ Patches = Sequence[tuple[Rectangle, Float2D]]
 
 @dataclass(frozen=True)
 class Mended:
-    """The path before an obstacle, and the two exact searches after it."""
+    """What became of the path before, and the two exact searches after it."""
 
-    before: Plan
     footing: str
-    """How the path before stands now: a word of `Footing`."""
+    """How the path before stands now: a word of `Footing`, or nothing where there was none."""
     mended: Plan
     """By D* Lite, which keeps its search."""
     afresh: Plan
@@ -34,14 +33,14 @@ class Mending:
     Parameters
     ----------
     ground, asked
-        The map and the question, whose obstacles are to be laid.
+        The map and the question.
+    landscape : Landscape
+        The same with the obstacles on it.
     cost : (H, W) float32
-        What is planned on, obstacles in it; None where elevations are.
-    vehicle : Vehicle
-        None for a point.
+        What is planned on; None where elevations are.
     """
 
-    def __init__(self, ground: Ground, asked: Asked, cost: Float2D | None, vehicle: Vehicle | None) -> None:
+    def __init__(self, ground: Ground, asked: Asked, landscape: Landscape, cost: Float2D | None) -> None:
         self.goal = asked.goal
         if cost is not None:
             self._planner = DynamicPlanner(
@@ -60,12 +59,12 @@ class Mending:
             asked.goal,
             asked.limits,
             "dstar",
-            vehicle=vehicle,
+            vehicle=landscape.vehicle,
             cell_width_m=dem.cell_width_m,
             also=("astar",),
             corner_cutting=asked.corner_cutting,
             step_cost=asked.slope_cost,
-            mobility=asked.chosen(ground).mobility,
+            mobility=landscape.mobility,
         )
 
     def lay(self, patches: Patches) -> None:
@@ -83,4 +82,4 @@ class Mending:
         self.lay(patches)
         footing = str(self._planner.standing().footing) if before.ok else ""
         mended = self._planner.replan()
-        return Mended(before, footing, mended, self._planner.replan(method="astar"))
+        return Mended(footing, mended, self._planner.replan(method="astar"))

@@ -70,6 +70,7 @@ _DECODER = msgspec.json.Decoder(Message)
 def decode(text: str) -> Message:
     """A message of the page; InvalidQueryError for anything else."""
     try:
-        return _DECODER.decode(text)
+        message: Message = _DECODER.decode(text)
     except (msgspec.DecodeError, UnicodeEncodeError, RecursionError) as error:
         raise InvalidQueryError(f"a message cannot be read: {error}") from None
+    return message

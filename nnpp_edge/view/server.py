@@ -53,7 +53,9 @@ def listen(port: int) -> socket.socket:
         listening.listen()
     except OSError as error:
         listening.close()
-        raise OutputError(f"port {port} on {HOST} cannot be used ({reason(error)}): give another with --port") from error
+        raise OutputError(
+            f"port {port} on {HOST} cannot be used ({reason(error)}): give another with --port"
+        ) from error
     return listening
 
 
@@ -110,7 +112,10 @@ def make_app(make_trial: Callable[[], Trial], when_ready: Callable[[], None] = l
 
     return Starlette(
         routes=[Route("/", page), WebSocketRoute("/live", live), Mount("/page", StaticFiles(directory=_PAGE))],
-        middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=_HOSTS, www_redirect=False), Middleware(_Headers)],
+        middleware=[
+            Middleware(TrustedHostMiddleware, allowed_hosts=_HOSTS, www_redirect=False),
+            Middleware(_Headers),
+        ],
         lifespan=lifespan,
     )
 

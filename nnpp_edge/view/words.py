@@ -4,7 +4,7 @@ import math
 import shlex
 
 from nnpp_edge.view.asked import Asked
-from nnpp_edge.view.ground import GIVEN, POINT, Body, Ground
+from nnpp_edge.view.ground import GIVEN, POINT, Ground
 
 _DEFAULTS = Asked(start=(0, 0), goal=(0, 0))
 _OPTIONS = ("slope_limit", "roughness_limit", "step_limit", "hard_slope", "hard_roughness", "hard_step")
@@ -58,7 +58,10 @@ def _imports(asked: Asked, ground: Ground, by_costs: bool) -> list[str]:
         used = f"{body.vehicle_code} {body.mobility_code}"
         kinds = ("EnergyCost", "LinearCost", "Mobility", "TimeCost", "ToblerCost", "Vehicle")
         names += [kind for kind in kinds if f"{kind}(" in used]
-    lines += [f"from nnpp_edge.runtime import {', '.join(sorted(names))}", "from nnpp_edge.terrain.dem import read_dem"]
+    lines += [
+        f"from nnpp_edge.runtime import {', '.join(sorted(names))}",
+        "from nnpp_edge.terrain.dem import read_dem",
+    ]
     if not by_costs and asked.body not in (GIVEN, POINT):
         lines.append("from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle")
     return lines
@@ -86,7 +89,14 @@ def _planner(asked: Asked, ground: Ground, by_costs: bool) -> list[str]:
 
 def _limits(asked: Asked) -> str:
     """Arguments of `Traversability` that are not its own defaults."""
-    names = ("slope_limit_deg", "roughness_limit_m", "step_limit_m", "hard_slope_deg", "hard_roughness_m", "hard_step_m")
+    names = (
+        "slope_limit_deg",
+        "roughness_limit_m",
+        "step_limit_m",
+        "hard_slope_deg",
+        "hard_roughness_m",
+        "hard_step_m",
+    )
     limits, plain = asked.limits, _DEFAULTS.limits
     given = [(name, getattr(limits, name)) for name in names if getattr(limits, name) != getattr(plain, name)]
     return ", ".join(f"{name}={value!r}" for name, value in given if value != math.inf)

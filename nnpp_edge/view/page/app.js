@@ -258,14 +258,14 @@ function obstacle(part) {
 
 function edit(message) {
   stale();
+  map.line("before", path.rows, path.cols);
   byId("mended").textContent = "…";
   link.ask(message, { done: (answer) => answer.type === "path" && link.ask({ type: "mend" }, { kind: "mend" }) });
   settle();
   busy();
 }
 
-function mended({ footing, before, mended: own, afresh }) {
-  map.lineOf("before", before);
+function mended({ footing, mended: own, afresh }) {
   const words = { blocked: "The path was blocked", valid: "The path stood", "": "There was no path" }[footing] ?? `The path: ${footing}`;
   const took = ({ ms, expansions }) => `${ms.toFixed(2)} ms, ${expansions.toLocaleString("en")} cells`;
   byId("mended").textContent =
@@ -277,7 +277,11 @@ function mended({ footing, before, mended: own, afresh }) {
 for (const radio of document.querySelectorAll("[name=layer]"))
   radio.addEventListener("change", () => {
     for (const name of ["slope", "cost"]) byId(name).hidden = radio.value !== name;
-    byId("opacity").disabled = radio.value === "relief";
+    byId("opacity").disabled = byId("legend").hidden = radio.value === "relief";
+    byId("legend").className = `hint ${radio.value}`;
+    byId("most").textContent = radio.value === "slope" ? "40°" : "1";
+    byId("least").textContent = radio.value === "slope" ? "0°" : "0";
+    byId("brown").hidden = radio.value === "slope";
     if (radio.value === "slope" && !byId("slope").dataset.asked) {
       byId("slope").dataset.asked = "yes";
       link.ask({ type: "layer", name: "slope" });

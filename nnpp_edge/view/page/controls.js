@@ -6,13 +6,13 @@ const length = (value) => `${value} m`;
 
 // Sliders of lengths are logarithmic. `hard` ones are off until their box is ticked; `body` ones need a vehicle.
 const SLIDERS = [
-  { name: "slope_limit", label: "Slope φs", low: 5, high: 60, step: 1, unit: degrees },
-  { name: "hard_slope", label: "Steepest", low: 5, high: 60, step: 1, unit: degrees, hard: 20 },
-  { name: "roughness_limit", label: "Roughness rs", low: 0.01, high: 100, log: true, unit: length },
-  { name: "step_limit", label: "Step Hs", low: 0.01, high: 100, log: true, unit: length },
+  { name: "slope_limit", label: "Slope limit φₛ", low: 5, high: 60, step: 1, unit: degrees },
+  { name: "hard_slope", label: "Hard slope", low: 5, high: 60, step: 1, unit: degrees, hard: 20 },
+  { name: "roughness_limit", label: "Roughness rₛ", low: 0.01, high: 100, log: true, unit: length },
+  { name: "step_limit", label: "Step Hₛ", low: 0.01, high: 100, log: true, unit: length },
   { name: "omega", label: "Weight ω", low: 0, high: 0.05, step: 0.001, unit: String },
   { name: "clearance", label: "Clearance", low: 0.02, high: 2, log: true, unit: length, body: true },
-  { name: "max_tilt", label: "Steepest tilt", low: 5, high: 60, step: 1, unit: degrees, body: true },
+  { name: "max_tilt", label: "Max. tilt", low: 5, high: 60, step: 1, unit: degrees, body: true },
 ];
 
 export class Controls {

@@ -42,7 +42,7 @@ export class Link {
 
   #answered(answer) {
     const question = this.asked.get(answer.number);
-    if (!question) return;
+    if (!question || answer.type === "opening") return; // the path follows
     this.asked.delete(answer.number);
     question.done?.(answer);
     const next = this.waiting.get(question.kind);

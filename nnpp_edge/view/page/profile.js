@@ -87,6 +87,7 @@ export class Profile {
 }
 
 export function metres(length) {
-  if (Math.abs(length) >= 10000) return `${(length / 1000).toFixed(2)} km`;
-  return `${length.toFixed(Math.abs(length) < 100 ? 1 : 0)} m`;
+  const far = Math.abs(length) >= 10000;
+  const number = far ? (length / 1000).toFixed(2) : length.toFixed(Math.abs(length) < 100 ? 1 : 0);
+  return `${number.replace("-", "−")} ${far ? "km" : "m"}`;
 }
