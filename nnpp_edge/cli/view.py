@@ -63,37 +63,36 @@ def command(
     from nnpp_edge.view.server import listen, make_app, serve
     from nnpp_edge.view.trial import Trial
 
-    listening = listen(port)
-    reading = Reading(dem, terrain.cell_size, terrain.vertical_scale, terrain.rescale, terrain.allow_vrt)
-    ground = Ground.of(terrain.read(dem), reading, given)
-    check_planner_fits(ground.dem.shape)
-    likely = likely_ends(ground, limits)
-    asked = Asked(
-        start=_cell(start, ground.dem, "--start") or likely[0],
-        goal=_cell(goal, ground.dem, "--goal") or likely[1],
-        step_cost=step_cost,  # type: ignore[arg-type]  # click has checked it
-        omega=omega,
-        slope_limit=limits.slope_limit_deg,
-        roughness_limit=limits.roughness_limit_m,
-        step_limit=limits.step_limit_m,
-        hard_slope=_finite(limits.hard_slope_deg),
-        hard_roughness=_finite(limits.hard_roughness_m),
-        hard_step=_finite(limits.hard_step_m),
-        body=GIVEN if given is not None and given.vehicle is not None else POINT,
-    )
-    first = [Trial(ground, asked)]  # so that what cannot be planned on is refused here
+    with listen(port) as listening:
+        reading = Reading(dem, terrain.cell_size, terrain.vertical_scale, terrain.rescale, terrain.allow_vrt)
+        ground = Ground.of(terrain.read(dem), reading, given)
+        check_planner_fits(ground.dem.shape)
+        likely = likely_ends(ground, limits)
+        asked = Asked(
+            start=_cell(start, ground.dem, "--start") or likely[0],
+            goal=_cell(goal, ground.dem, "--goal") or likely[1],
+            step_cost=step_cost,  # type: ignore[arg-type]  # click has checked it
+            omega=omega,
+            slope_limit=limits.slope_limit_deg,
+            roughness_limit=limits.roughness_limit_m,
+            step_limit=limits.step_limit_m,
+            hard_slope=_finite(limits.hard_slope_deg),
+            hard_roughness=_finite(limits.hard_roughness_m),
+            hard_step=_finite(limits.hard_step_m),
+            body=GIVEN if given is not None and given.vehicle is not None else POINT,
+        )
+        first = [Trial(ground, asked)]  # what cannot be planned on is refused here
+        address = f"http://127.0.0.1:{listening.getsockname()[1]}/"
 
-    def make_trial() -> Trial:
-        return first.pop() if first else Trial(ground, asked)
+        def make_trial() -> Trial:
+            return first.pop() if first else Trial(ground, asked)
 
-    address = f"http://127.0.0.1:{listening.getsockname()[1]}/"
+        def when_ready() -> None:
+            click.echo(address)
+            if not no_browser:
+                click.launch(address)
 
-    def when_ready() -> None:
-        click.echo(address)
-        if not no_browser:
-            click.launch(address)
-
-    serve(make_app(make_trial, when_ready), listening)
+        serve(make_app(make_trial, when_ready), listening)
 
 
 def _given_body(options_given: VehicleOptions) -> Body | None:
