@@ -12,9 +12,10 @@ COMMAND = (sys.executable, "-W", "error", "-m", "nnpp_edge.cli.main", "view")
 
 
 def write_ground(folder: Path, rows: int = 96, cols: int = 120) -> Path:
-    """Rolling ground on cells of 2 m, with a hole of unknown heights."""
+    """Rolling ground on cells of 2 m, with a hill and a hole of unknown heights."""
     row, col = np.mgrid[0:rows, 0:cols]
-    heights = 1.6 * np.sin(row / 9.0) * np.cos(col / 11.0) + 2.0 * np.sin(col / 30.0)
+    heights = 1.2 * np.sin(row / 9.0) * np.cos(col / 11.0) + 2.0 * np.sin(col / 30.0)
+    heights += 8.0 * np.exp(-((row - 0.65 * rows) ** 2 + (col - 0.7 * cols) ** 2) / 160.0)
     heights[40:52, 60:72] = np.nan
     np.savez(folder / "ground.npz", elevation_m=heights.astype(np.float32), cell_size_m=2.0)
     return folder / "ground.npz"

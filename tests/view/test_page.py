@@ -30,9 +30,8 @@ QUIET = (
     "--disable-component-update",
     "--disable-sync",
 )
-COMPARED = (
-    "!document.querySelector('#methods.stale') && document.querySelector('#row-nnpp td:last-child').textContent"
-)
+LINE = "document.querySelector('#path').getAttribute('d')"
+COMPARED = "!document.querySelector('#methods.stale') && document.querySelector('#row-nnpp').cells[3].textContent"
 
 
 @pytest.fixture(scope="module")
@@ -76,9 +75,7 @@ class Tab:
         return self.page.get_attribute("#path", "d")
 
     def line_other_than(self, before):
-        return self.until(
-            f"(d => d !== {json.dumps(before)} && d)(document.querySelector('#path').getAttribute('d'))"
-        )
+        return self.until(f"{LINE} !== {json.dumps(before)} && {LINE}")
 
     def cell(self, end):
         return tuple(map(int, re.findall(r"\d+", self.page.get_attribute(f"#{end}", "aria-label"))))
@@ -130,7 +127,7 @@ def test_sliders_and_choices_change_path_and_figures(tab):
     assert tab.page.locator("#cost").is_visible()
     pixels = "document.querySelector('#cost').getContext('2d').getImageData(0, 0, 240, 192).data.join()"
     colours, line = tab.page.evaluate(pixels), tab.line
-    tab.slide("hard_slope", "5")
+    tab.slide("hard_slope", "8")
     line = tab.line_other_than(line)
     tab.until(f"{pixels} !== {json.dumps(colours)}")
     assert tab.page.is_checked("#hard_slope-on")

@@ -27,7 +27,7 @@ ENDS = {"start": (8, 8), "goal": (86, 110)}
 OBSTACLES = ((30, 30, 12, 20), (60, 50, 9, 40), (35, 25, 20, 12))
 SETTINGS = {
     "plain": {},
-    "limits": {"slope_limit": 25.0, "hard_slope": 6.0, "hard_step": 1.25, "step_limit": 0.5, "omega": 0.02},
+    "limits": {"slope_limit": 25.0, "hard_slope": 7.5, "hard_step": 1.25, "step_limit": 0.5, "omega": 0.02},
     "shortest": {"step_cost": "length", "method": "astar", "corner_cutting": False},
     "any angle": {"refine": True, "method": "corridor"},
     "on foot": {"step_cost": "tobler"},
@@ -189,7 +189,7 @@ def test_every_message_is_answered_and_a_wrong_one_in_a_line(ground):
 
 
 def test_layers_have_no_more_pixels_than_the_screen(ground):
-    cost = Trial(ground, changed(Asked(**ENDS), {"hard_slope": 6.0})).landscape.cost
+    cost = Trial(ground, changed(Asked(**ENDS), {"hard_slope": 7.5})).landscape.cost
     for pixels, shape in ((2000, (96, 120)), (60, (48, 60)), (64, (51, 64))):
         relief, slope, costs = (
             layers.relief(ground.dem, pixels),
