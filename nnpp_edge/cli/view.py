@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from nnpp_edge.cli import options, vehicle_options
+from nnpp_edge.cli.cost_summary import MapSize
 from nnpp_edge.cli.ends import Where
 from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.cli.vehicle_options import VehicleOptions
@@ -51,26 +52,25 @@ def command(
     """
     limits, given = terrain.limits(), _given_body(vehicle)
 
-    from nnpp_edge.runtime.errors import optional_module
+    from nnpp_edge.runtime.errors import InvalidMapError, optional_module
 
     for name in ("starlette", "uvicorn", "websockets"):
         optional_module(name, "nnpp-edge view", "view")
 
-    from nnpp_edge.runtime.memory import check_planner_fits
+    from msgspec.structs import replace
+
     from nnpp_edge.view.asked import Asked
     from nnpp_edge.view.ground import GIVEN, POINT, Ground, Reading
-    from nnpp_edge.view.landscape import likely_ends
+    from nnpp_edge.view.landscape import Landscape, likely_ends
     from nnpp_edge.view.server import listen, make_app, serve
     from nnpp_edge.view.trial import Trial
 
     with listen(port) as listening:
         reading = Reading(dem, terrain.cell_size, terrain.vertical_scale, terrain.rescale, terrain.allow_vrt)
         ground = Ground.of(terrain.read(dem), reading, given)
-        check_planner_fits(ground.dem.shape)
-        likely = likely_ends(ground, limits)
         asked = Asked(
-            start=_cell(start, ground.dem, "--start") or likely[0],
-            goal=_cell(goal, ground.dem, "--goal") or likely[1],
+            start=_cell(start, ground.dem, "--start") or (0, 0),
+            goal=_cell(goal, ground.dem, "--goal") or (0, 0),
             step_cost=step_cost,  # type: ignore[arg-type]  # click has checked it
             omega=omega,
             slope_limit=limits.slope_limit_deg,
@@ -81,7 +81,11 @@ def command(
             hard_step=_finite(limits.hard_step_m),
             body=GIVEN if given is not None and given.vehicle is not None else POINT,
         )
-        first = [Trial(ground, asked)]  # what cannot be planned on is refused here
+        landscape = Landscape(ground, asked)  # what cannot be planned on is refused here
+        if (likely := likely_ends(landscape.cost)) is None:
+            raise InvalidMapError(f"{dem}: wanted a map to plan on, got {MapSize.of(ground.dem)}, all impassable")
+        asked = replace(asked, start=asked.start if start else likely[0], goal=asked.goal if goal else likely[1])
+        first = [Trial(ground, asked, landscape)]
         address = f"http://127.0.0.1:{listening.getsockname()[1]}/"
 
         def make_trial() -> Trial:

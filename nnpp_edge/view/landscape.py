@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from nnpp_edge.runtime import Plan, Planner, Traversability, traversability_cost
+from nnpp_edge.runtime import Plan, Planner, traversability_cost
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle
-from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.planners.query import PlannerOptions
 from nnpp_edge.view.asked import Asked
@@ -129,14 +128,16 @@ class Landscape:
         return traversability_cost(elevation, height, self._limits, cell_width_m=width, warn=warn)
 
 
-def likely_ends(ground: Ground, limits: Traversability) -> tuple[Cell, Cell]:
-    """A start and a goal to begin with: the passable cells nearest to a tenth and to nine tenths of both sides."""
-    dem, (rows, cols) = ground.dem, ground.dem.shape
-    cost = traversability_cost(dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m, warn=False)
+def likely_ends(cost: Float2D) -> tuple[Cell, Cell] | None:
+    """A start and a goal to begin with: the passable cells nearest to a tenth and to nine tenths of both sides.
+
+    None where no cell is passable, of those that are tried.
+    """
+    rows, cols = cost.shape
     apart = max(rows // _TRIED, 1), max(cols // _TRIED, 1)
     passable = np.argwhere(cost[:: apart[0], :: apart[1]] < IMPASSABLE) * apart
     if not len(passable):
-        raise InvalidMapError(f"{dem.source}: wanted a map to plan on, got {rows} × {cols} cells, all impassable")
+        return None
     ends = []
     for share in (0.1, 0.9):
         nearest = np.abs(passable - (share * (rows - 1), share * (cols - 1))).max(1).argmin()

@@ -45,6 +45,8 @@ class Trial:
         Shared with other tabs, and never changed.
     asked : Asked
         The first question.
+    landscape : Landscape
+        What it is asked of, where that is there already.
 
     Raises
     ------
@@ -52,9 +54,9 @@ class Trial:
         As for `Landscape`. Later questions raise it too, and leave everything as it was.
     """
 
-    def __init__(self, ground: Ground, asked: Asked) -> None:
+    def __init__(self, ground: Ground, asked: Asked, landscape: Landscape | None = None) -> None:
         self.ground = ground
-        self._ask(asked, Landscape(ground, asked))
+        self._ask(asked, landscape or Landscape(ground, asked))
 
     def _ask(self, asked: Asked, landscape: Landscape) -> None:
         """Ask of another map; what belonged to the one before is forgotten."""

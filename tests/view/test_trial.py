@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 
-from nnpp_edge.runtime import Planner, Traversability
+from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, Status
 from nnpp_edge.terrain.dem import read_dem
 from nnpp_edge.view import layers
 from nnpp_edge.view.answers import Answerer
 from nnpp_edge.view.asked import Asked, changed
 from nnpp_edge.view.ground import Body, Ground, Reading
-from nnpp_edge.view.landscape import likely_ends
+from nnpp_edge.view.landscape import Landscape, likely_ends
 from nnpp_edge.view.messages import Compare, Layer, Mend, Move, Open, Paint, Undo, decode
 from nnpp_edge.view.trial import Trial
 from nnpp_edge.view.words import command_of, python_of
@@ -204,11 +204,12 @@ def test_layers_have_no_more_pixels_than_the_screen(ground):
 
 
 def test_first_ends_are_passable(ground):
-    limits = Traversability(hard_slope_deg=10.0)
-    ends = likely_ends(ground, limits)
-    trial = Trial(ground, Asked(start=ends[0], goal=ends[1], hard_slope=10.0))
+    landscape = Landscape(ground, Asked(**ENDS, hard_slope=10.0))
+    ends = likely_ends(landscape.cost)
+    trial = Trial(ground, Asked(start=ends[0], goal=ends[1], hard_slope=10.0), landscape)
     assert trial.plan.status in (Status.OK, Status.NO_PATH)
     assert math.hypot(*np.subtract(*ends)) > 60.0
+    assert likely_ends(np.full((30, 40), np.inf, np.float32)) is None
 
 
 def test_a_plan_shows_itself_and_escapes_what_it_was_told():
