@@ -110,6 +110,7 @@ def path_answer(trial: Trial) -> Answer:
         "figures": {**plan.summary(), "line_cost": _rounded(plan.line_cost)},
         "ok": plan.ok,
         "unit": _UNITS.get(asked.slope_cost, ""),
+        "on_foot": trial.landscape.mobility.time is None,
         "start": asked.start,
         "goal": asked.goal,
         "obstacles": asked.obstacles,

@@ -59,6 +59,16 @@ def test_only_this_machines_own_pages_are_answered(server):
         connect(f"ws://127.0.0.1:{server.port}/live")
 
 
+def test_a_tab_too_many_is_told_so(server):
+    with ExitStack() as tabs:
+        for _ in range(8):
+            each = tabs.enter_context(tab(server))
+            assert ask(each, type="move", end="goal", to=[80, 20])["ok"]
+        with tab(server) as ninth:
+            told = json.loads(ninth.recv(timeout=20))
+    assert told == {"type": "problem", "number": 0, "text": "8 tabs are open: close one"}
+
+
 def test_two_tabs_know_nothing_of_each_other(server):
     with tab(server) as one, tab(server) as other:
         first = ask(one, type="move", end="goal", to=[80, 20])
@@ -89,16 +99,6 @@ def test_nonsense_is_answered_in_a_line(server):
             answer = json.loads(connection.recv(timeout=20))
             assert answer["type"] == "problem" and "\n" not in answer["text"]
         assert ask(connection, type="move", end="goal", to=[80, 20])["ok"]
-
-
-def test_a_tab_too_many_is_told_so(server):
-    with ExitStack() as tabs:
-        for _ in range(8):
-            each = tabs.enter_context(tab(server))
-            assert ask(each, type="move", end="goal", to=[80, 20])["ok"]
-        with tab(server) as ninth:
-            told = json.loads(ninth.recv(timeout=20))
-    assert told == {"type": "problem", "number": 0, "text": "8 tabs are open: close one"}
 
 
 def test_a_taken_port_is_refused_in_a_line(nnpp_edge, tmp_path):

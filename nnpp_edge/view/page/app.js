@@ -114,7 +114,7 @@ function drawn(question) {
   channel.port2.postMessage(null);
 }
 
-function figures({ figures: found, ok, unit, distance_m: distance, warnings }) {
+function figures({ figures: found, ok, unit, on_foot: onFoot, distance_m: distance, warnings }) {
   const status = byId("status");
   status.textContent = ok ? `Path found by ${found.method}` : (STATUS[found.status] ?? found.status);
   status.classList.toggle("bad", !ok);
@@ -126,7 +126,7 @@ function figures({ figures: found, ok, unit, distance_m: distance, warnings }) {
     if (found.climb_m !== null) {
       rows.push(["climb, descent", `${metres(found.climb_m)}, ${metres(found.descent_m)}`]);
       rows.push(["steepest up, down", `${found.steepest_up_deg.toFixed(1)}°, ${found.steepest_down_deg.toFixed(1)}°`]);
-      rows.push(["time", duration(found.time_s)]);
+      rows.push([onFoot ? "time on foot" : "time", duration(found.time_s)]);
     }
     if (found.energy_j !== null) rows.push(["energy", `${number(found.energy_j / 1000)} kJ`]);
   }
@@ -224,11 +224,12 @@ function next(mine, methods) {
 function compared(answer) {
   const { method, by, cost, gap, time_ms: time, status, share, expansions } = answer;
   const cells = byId(`row-${method}`).cells;
-  cells[1].textContent = cost === null ? status : number(cost);
+  cells[1].textContent = cost === null ? "–" : number(cost);
   cells[2].textContent = gap === null ? "–" : `${(100 * gap).toFixed(2)} %`;
   cells[3].textContent = time.toFixed(time < 10 ? 2 : 1);
   const where = share === null ? "whole map" : `${(100 * share).toFixed(1)} % of the map`;
-  byId(`row-${method}`).title = `${method === by ? "" : `${by}: `}${where}, ${expansions.toLocaleString("en")} cells expanded`;
+  const ended = cost === null ? `${status}, ` : "";
+  byId(`row-${method}`).title = `${ended}${method === by ? "" : `${by}: `}${where}, ${expansions.toLocaleString("en")} cells expanded`;
   lines.set(method, answer.line);
   if (shaded() === method) shade();
 }
