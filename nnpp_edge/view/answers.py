@@ -36,8 +36,9 @@ class Answerer:
         """
         try:
             return [_numbered(each, message.number) for each in self._answer(message)]
-        except NnppEdgeError as error:
-            return [{"type": "problem", "number": message.number, "text": str(error)}]
+        except (NnppEdgeError, MemoryError) as error:
+            text = str(error) if isinstance(error, NnppEdgeError) else "not enough memory"
+            return [{"type": "problem", "number": message.number, "text": text}]
 
     def _answer(self, message: Message) -> list[Answer | bytes]:
         trial = self.trial

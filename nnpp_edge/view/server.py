@@ -1,15 +1,18 @@
 """The page on 127.0.0.1: its files, and one WebSocket a tab. Nothing but this machine's own browser is answered."""
 
+import asyncio
 import socket
+import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 import uvicorn
 from starlette.applications import Starlette
-from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
@@ -38,6 +41,8 @@ _HEADERS = {
     "referrer-policy": "no-referrer",
     "cache-control": "no-cache",
 }
+Result = TypeVar("Result")
+
 _LONGEST_MESSAGE = 1 << 16
 _MOST_TABS = 8
 """Each holds a map and a planner of its own."""
@@ -101,7 +106,7 @@ def make_app(make_trial: Callable[[], Trial], when_ready: Callable[[], None] = l
         await websocket.accept()
         tabs += 1
         try:
-            with suppress(WebSocketDisconnect):
+            with suppress(WebSocketDisconnect, asyncio.CancelledError):  # the tab, or the server, ends
                 if tabs > _MOST_TABS:
                     await _send(websocket, {"type": "problem", "number": 0, "text": _CLOSE_TABS})
                     await websocket.close(1013)
@@ -123,7 +128,7 @@ def make_app(make_trial: Callable[[], Trial], when_ready: Callable[[], None] = l
 async def _converse(websocket: WebSocket, make_trial: Callable[[], Trial]) -> None:
     """Answer one tab's messages, one after another, until it closes."""
     try:
-        answerer = Answerer(await run_in_threadpool(make_trial))
+        answerer = Answerer(await _in_thread(make_trial))
     except NnppEdgeError as error:
         await _send(websocket, {"type": "problem", "number": 0, "text": str(error)})
         await websocket.close(1011)
@@ -135,8 +140,29 @@ async def _converse(websocket: WebSocket, make_trial: Callable[[], Trial]) -> No
         except NnppEdgeError as error:
             await _send(websocket, {"type": "problem", "number": 0, "text": str(error)})
             continue
-        for answer in await run_in_threadpool(answerer.answer, message):
+        for answer in await _in_thread(partial(answerer.answer, message)):
             await _send(websocket, answer)
+
+
+async def _in_thread(work: Callable[[], Result]) -> Result:
+    """What `work` returns, done in a thread that neither a tab that closes nor the server's end waits for."""
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[Result] = loop.create_future()
+
+    def tell(give: Callable[[], None]) -> None:
+        with suppress(RuntimeError):  # the server has ended
+            loop.call_soon_threadsafe(lambda: None if done.done() else give())
+
+    def run() -> None:
+        try:
+            result = work()
+        except Exception as error:
+            tell(partial(done.set_exception, error))
+        else:
+            tell(partial(done.set_result, result))
+
+    threading.Thread(target=run, daemon=True).start()
+    return await done
 
 
 async def _send(websocket: WebSocket, answer: Answer | bytes) -> None:
