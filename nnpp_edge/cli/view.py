@@ -68,6 +68,7 @@ def command(
     with listen(port) as listening:
         reading = Reading(dem, terrain.cell_size, terrain.vertical_scale, terrain.rescale, terrain.allow_vrt)
         ground = Ground.of(terrain.read(dem), reading, given)
+        body = vehicle.vehicle or POINT if given is None else GIVEN if given.vehicle else POINT
         asked = Asked(
             start=_cell(start, ground.dem, "--start") or (0, 0),
             goal=_cell(goal, ground.dem, "--goal") or (0, 0),
@@ -79,7 +80,7 @@ def command(
             hard_slope=_finite(limits.hard_slope_deg),
             hard_roughness=_finite(limits.hard_roughness_m),
             hard_step=_finite(limits.hard_step_m),
-            body=GIVEN if given is not None and given.vehicle is not None else POINT,
+            body=body,
         )
         landscape = Landscape(ground, asked)  # what cannot be planned on is refused here
         if (likely := likely_ends(landscape.cost)) is None:
@@ -100,11 +101,12 @@ def command(
 
 
 def _given_body(options_given: VehicleOptions) -> Body | None:
-    """The vehicle that the options describe, with the words that do so; None where they describe none."""
+    """The vehicle that the options describe, with the words that do so; None for none, or a shipped one."""
+    from nnpp_edge.terrain.vehicle_files import shipped_vehicles
     from nnpp_edge.view.ground import Body
 
     names = {field.name for field in fields(VehicleOptions)}.intersection(options.given_options())
-    if not names:
+    if not names or (names == {"vehicle"} and options_given.vehicle in shipped_vehicles()):
         return None
     words: list[str] = []
     for each in click.get_current_context().command.params:

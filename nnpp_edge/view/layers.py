@@ -32,16 +32,10 @@ Layer = NDArray[np.uint8]
 def relief(dem: Dem, pixels: int) -> Layer:
     """Hillshade with at most so many pixels a side, 40 to 245; `UNKNOWN` where heights are."""
     elevation, factor = dem.elevation, max(max(dem.shape) / pixels, 1.0)
-    known = np.isfinite(elevation)
     if factor > 1.0:
-        some = elevation[:: int(factor), :: int(factor)]
-        base = np.nanmean(some) if np.isfinite(some).any() else np.float32(0.0)
-        share = _smaller(known, pixels)
-        total = _smaller(np.where(known, elevation - base, np.float32(0.0)), pixels)
-        known = share > 0.5
-        elevation = np.where(known, total / np.maximum(share, np.float32(1e-6)), np.float32(np.nan))
+        elevation = _mean_heights(elevation, pixels)
     grey = hillshade(elevation, dem.cell_size_m * factor, dem.cell_width_m * factor)
-    grey[~known] = UNKNOWN
+    grey[~np.isfinite(elevation)] = UNKNOWN
     return grey
 
 
@@ -69,6 +63,15 @@ def costs(cost: Float2D, pixels: int) -> Layer:
 def region(found: Region, pixels: int) -> Layer:
     """Where a search was allowed to go: 255 inside, 0 outside."""
     return (_smaller(found.mask(), pixels) * 255.0).astype(np.uint8)
+
+
+def _mean_heights(elevation: Float2D, pixels: int) -> Float2D:
+    """Of the known cells below each pixel; NaN where fewer than half of them are."""
+    known = np.isfinite(elevation)
+    if known.all():
+        return _smaller(elevation, pixels)
+    share, total = _smaller(known, pixels), _smaller(np.where(known, elevation, np.float32(0.0)), pixels)
+    return np.where(share > 0.5, total / np.maximum(share, np.float32(0.5)), np.float32(np.nan))
 
 
 def _smaller(values: NDArray[np.float32] | NDArray[np.bool_], pixels: int) -> Float2D:

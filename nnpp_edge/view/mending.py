@@ -3,6 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from msgspec.structs import replace
+
 from nnpp_edge.runtime import DynamicPlanner
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle
@@ -13,6 +16,8 @@ from nnpp_edge.view.landscape import Landscape
 
 Patches = Sequence[tuple[Rectangle, Float2D]]
 """Rectangles of the map with their new costs, or elevations."""
+_LOADED: set[tuple[bool, bool, bool]] = set()
+"""Kinds of maps for which this process has loaded what mends."""
 
 
 @dataclass(frozen=True)
@@ -42,38 +47,16 @@ class Mending:
 
     def __init__(self, ground: Ground, asked: Asked, landscape: Landscape, cost: Float2D | None) -> None:
         self.goal = asked.goal
-        if cost is not None:
-            self._planner = DynamicPlanner(
-                cost,
-                asked.goal,
-                "dstar",
-                also=("astar",),
-                omega=asked.weight,
-                corner_cutting=asked.corner_cutting,
-            )
-            return
-        dem = ground.dem
-        self._planner = DynamicPlanner.of_elevation(
-            dem.elevation,
-            dem.cell_size_m,
-            asked.goal,
-            asked.limits,
-            "dstar",
-            vehicle=landscape.vehicle,
-            cell_width_m=dem.cell_width_m,
-            also=("astar",),
-            corner_cutting=asked.corner_cutting,
-            step_cost=asked.slope_cost,
-            mobility=landscape.mobility,
-        )
+        kind = cost is None, landscape.vehicle is None, asked.slope_cost == "paper"
+        if kind not in _LOADED:
+            _LOADED.add(kind)
+            _rehearse(asked, landscape)
+        self._planner = _planner(asked, landscape, ground.dem.elevation if cost is None else cost, ground.sides_m)
 
     def lay(self, patches: Patches) -> None:
         """Put new costs, or elevations, into the map."""
-        for (row, col, _, _), patch in patches:
-            if self._planner.state.sides_m is None:
-                self._planner.update(row, col, patch)
-            else:
-                self._planner.update_elevation(row, col, patch)
+        for part, patch in patches:
+            _lay(self._planner, part, patch)
 
     def mend(self, start: Cell, patches: Patches) -> Mended:
         """Lay obstacles while a path from `start` stands, and find another in both ways."""
@@ -83,3 +66,52 @@ class Mending:
         footing = str(self._planner.standing().footing) if before.ok else ""
         mended = self._planner.replan()
         return Mended(footing, mended, self._planner.replan(method="astar"))
+
+
+def _planner(asked: Asked, landscape: Landscape, ground: Float2D, sides_m: tuple[float, float]) -> DynamicPlanner:
+    """Of costs (H, W), or of elevations where the landscape is planned on by these."""
+    methods = "dstar", ("astar",)
+    if landscape.by_costs:
+        return DynamicPlanner(
+            ground,
+            asked.goal,
+            methods[0],
+            also=methods[1],
+            omega=asked.weight,
+            corner_cutting=asked.corner_cutting,
+        )
+    return DynamicPlanner.of_elevation(
+        ground,
+        sides_m[0],
+        asked.goal,
+        asked.limits,
+        methods[0],
+        vehicle=landscape.vehicle,
+        cell_width_m=sides_m[1],
+        also=methods[1],
+        corner_cutting=asked.corner_cutting,
+        step_cost=asked.slope_cost,
+        mobility=landscape.mobility,
+    )
+
+
+def _rehearse(asked: Asked, landscape: Landscape) -> None:
+    """Mend a path on a small level map, so that no mending that is timed waits for compiled code."""
+    vehicle, rows = landscape.vehicle, 64
+    side = 1.0 if vehicle is None else (vehicle.radius_m or vehicle.reach_m) / 4.0
+    small, wall = (
+        np.zeros((rows, rows), np.float32),
+        np.full((2, 8), 1.0 if landscape.by_costs else np.nan, np.float32),
+    )
+    planner = _planner(replace(asked, goal=(50, 32)), landscape, small, (side, side))
+    planner.move((12, 32))
+    planner.replan()
+    _lay(planner, (31, 28, 2, 8), wall)
+    planner.standing()
+    planner.replan()
+    planner.replan(method="astar")
+
+
+def _lay(planner: DynamicPlanner, part: Rectangle, patch: Float2D) -> None:
+    """Put new costs, or elevations, into a planner's map."""
+    (planner.update if planner.state.sides_m is None else planner.update_elevation)(part[0], part[1], patch)

@@ -130,7 +130,7 @@ function figures({ figures: found, ok, unit, on_foot: onFoot, distance_m: distan
     }
     if (found.energy_j !== null) rows.push(["energy", `${number(found.energy_j / 1000)} kJ`]);
   }
-  rows.push(["planned in", `${(found.timings_ms.total ?? 0).toFixed(1)} ms, ${found.expansions.toLocaleString("en")} cells`]);
+  rows.push(["planned in", `${(found.timings_ms.total ?? 0).toFixed(1)} ms`], ["cells expanded", found.expansions.toLocaleString("en")]);
   byId("figures").replaceChildren(
     ...rows.flatMap(([name, value]) => [
       Object.assign(document.createElement("dt"), { textContent: name }),

@@ -140,15 +140,27 @@ export class MapView {
           if (held) this.act.settled();
           held = null;
         });
+      button.addEventListener("focus", () => this.#bringIn(end));
       button.addEventListener("keydown", (event) => {
         const way = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
         if (!way) return;
         event.preventDefault();
         const far = event.shiftKey ? Math.max(Math.round(Math.max(this.rows, this.cols) / 40), 2) : 1;
         this.#move(end, this.#inside(this.cells[end].map((at, axis) => at + far * way[axis])), event.timeStamp);
+        this.#bringIn(end);
         this.act.settled();
       });
     }
+  }
+
+  // An end that is selected by keys is brought into view.
+  #bringIn(end) {
+    const [x, y] = [(this.cells[end][1] + 0.5) / this.cols, (this.cells[end][0] + 0.5) / this.rows];
+    const { left, top, width, height } = this.box;
+    const at = [left + x * width, top + y * height];
+    if (at[0] >= 0 && at[1] >= 0 && at[0] <= this.frame.clientWidth && at[1] <= this.frame.clientHeight) return;
+    this.middle = [x, y];
+    this.place();
   }
 
   #move(end, cell, at) {
