@@ -112,6 +112,7 @@ def path_answer(trial: Trial) -> Answer:
         "ok": plan.ok,
         "unit": _UNITS.get(asked.slope_cost, ""),
         "on_foot": trial.landscape.mobility.time is None,
+        "asked": msgspec.to_builtins(asked),
         "start": asked.start,
         "goal": asked.goal,
         "obstacles": asked.obstacles,

@@ -70,13 +70,12 @@ class Mending:
 
 def _planner(asked: Asked, landscape: Landscape, ground: Float2D, sides_m: tuple[float, float]) -> DynamicPlanner:
     """Of costs (H, W), or of elevations where the landscape is planned on by these."""
-    methods = "dstar", ("astar",)
     if landscape.by_costs:
         return DynamicPlanner(
             ground,
             asked.goal,
-            methods[0],
-            also=methods[1],
+            "dstar",
+            also=("astar",),
             omega=asked.weight,
             corner_cutting=asked.corner_cutting,
         )
@@ -85,10 +84,10 @@ def _planner(asked: Asked, landscape: Landscape, ground: Float2D, sides_m: tuple
         sides_m[0],
         asked.goal,
         asked.limits,
-        methods[0],
+        "dstar",
         vehicle=landscape.vehicle,
         cell_width_m=sides_m[1],
-        also=methods[1],
+        also=("astar",),
         corner_cutting=asked.corner_cutting,
         step_cost=asked.slope_cost,
         mobility=landscape.mobility,
@@ -97,12 +96,10 @@ def _planner(asked: Asked, landscape: Landscape, ground: Float2D, sides_m: tuple
 
 def _rehearse(asked: Asked, landscape: Landscape) -> None:
     """Mend a path on a small level map, so that no mending that is timed waits for compiled code."""
-    vehicle, rows = landscape.vehicle, 64
+    vehicle = landscape.vehicle
     side = 1.0 if vehicle is None else (vehicle.radius_m or vehicle.reach_m) / 4.0
-    small, wall = (
-        np.zeros((rows, rows), np.float32),
-        np.full((2, 8), 1.0 if landscape.by_costs else np.nan, np.float32),
-    )
+    small = np.zeros((64, 64), np.float32)
+    wall = np.full((2, 8), 1.0 if landscape.by_costs else np.nan, np.float32)
     planner = _planner(replace(asked, goal=(50, 32)), landscape, small, (side, side))
     planner.move((12, 32))
     planner.replan()

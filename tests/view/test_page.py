@@ -147,6 +147,17 @@ def test_sliders_and_choices_change_path_and_figures(tab):
     assert not tab.page.locator("#cost").is_visible()
 
 
+def test_what_is_refused_leaves_path_and_controls_as_they_were(tab):
+    before = tab.line
+    tab.page.evaluate("document.querySelector('#slope_limit').max = 95")
+    tab.slide("slope_limit", "95")
+    tab.until("document.querySelector('#notice').textContent.includes('slope limit must lie in (0, 90)')")
+    assert tab.line == before
+    assert tab.page.input_value("#slope_limit") == "30"
+    tab.slide("slope_limit", "20")
+    tab.until("document.querySelector('#notice').hidden")
+
+
 def test_methods_stand_side_by_side_and_shade_their_regions(tab):
     rows = {name: tab.page.locator(f"#row-{name} td").all_inner_texts() for name in ("auto", "astar", "corridor")}
     assert rows["astar"][2] == "0.00 %"

@@ -22,6 +22,7 @@ const times = []; // from an action to its path drawn, the newest last
 const regions = new Map(); // method -> layer
 const lines = new Map();
 let path = null;
+let controls = null;
 let compare = 0; // number of the newest comparison
 let timer = null;
 let finished = false;
@@ -47,7 +48,7 @@ link.opened.then(() => {
 
 function hear(answer, question) {
   if (answer.type !== "problem" && question) tell("");
-  ({ opening, path: show, layer, compared, mended, problem: ({ text }) => tell(text) })[answer.type](answer, question);
+  ({ opening, path: show, layer, compared, mended, problem })[answer.type](answer, question);
   busy();
 }
 
@@ -57,7 +58,7 @@ function opening(answer) {
   document.title = `${answer.name} – nnpp-edge view`;
   byId("size").textContent = `${cols} × ${rows} cells of ${Number(answer.sides_m[0].toPrecision(4))} m`;
   map.open(rows, cols, answer.sides_m);
-  new Controls(answer, (values, at) => {
+  controls = new Controls(answer, (values, at) => {
     stale();
     link.ask({ type: "change", values }, { kind: `change ${Object.keys(values)}`, at });
     settle();
@@ -153,6 +154,12 @@ function duration(seconds) {
 function tell(text) {
   byId("notice").hidden = !text;
   byId("notice").textContent = text;
+}
+
+// What is refused leaves everything as it was: so do the controls.
+function problem({ text }, question) {
+  tell(text);
+  if (question?.message.type === "change" && path) controls.show(path.asked);
 }
 
 let lateBusy = null;

@@ -29,11 +29,15 @@ export class Controls {
       });
     byId("refine").addEventListener("change", ({ target, timeStamp }) => this.changed({ refine: target.checked }, timeStamp));
     byId("sliders").replaceChildren(...SLIDERS.map((slider) => this.#slider(slider)));
-    const { asked } = opening;
+    this.show(opening.asked);
+  }
+
+  // What is asked, in the controls.
+  show(asked) {
     for (const name of ["method", "step_cost", "body"]) byId(name).value = asked[name];
     byId("refine").checked = asked.refine;
     for (const slider of SLIDERS.filter((each) => !each.body)) this.#set(slider, asked[slider.name]);
-    this.#showBody();
+    this.#showBody(asked);
     this.#fitTo(asked.body, asked.step_cost);
   }
 
@@ -49,11 +53,11 @@ export class Controls {
     byId("omega").disabled = choice.value !== "paper";
   }
 
-  #showBody() {
+  #showBody(asked = {}) {
     const body = this.bodies[byId("body").value];
     for (const slider of SLIDERS.filter((each) => each.body)) {
       byId(slider.name).closest(".slider").hidden = body[slider.name] === null;
-      if (body[slider.name] !== null) this.#set(slider, body[slider.name]);
+      if (body[slider.name] !== null) this.#set(slider, asked[slider.name] ?? body[slider.name]);
     }
   }
 
