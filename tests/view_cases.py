@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-COMMAND = (sys.executable, "-W", "error", "-m", "nnpp_edge.cli.main", "view")
+COMMAND = (sys.executable, "-W", "error", "-W", "ignore::UserWarning", "-m", "nnpp_edge.cli.main", "view")
+"""Warnings to users, such as of a network that was trained for another ω, are no errors."""
 
 
 def write_ground(folder: Path, rows: int = 96, cols: int = 120) -> Path:
