@@ -28,13 +28,13 @@ KERNEL_IMPORTS = (
     "nnpp_edge.runtime.kernels",
     "nnpp_edge.runtime.errors",
 )
-MOST_SOURCE_LINES = 45_600
+MOST_SOURCE_LINES = 48_500
 """What there is (docs/decisions.md, "The code"). To be lowered with it."""
 MOST_PARAMETERS = 10
 MORE_PARAMETERS: dict[str, float] = {}
 """Kernels with more parameters: the microseconds that a call would have cost with them bundled."""
-PUBLIC_WITH_UNDERSCORE = {"_replace", "_asdict", "_fields", "_make", "_exit"}
-"""Of NamedTuples, and os._exit."""
+PUBLIC_WITH_UNDERSCORE = {"_replace", "_asdict", "_fields", "_make", "_exit", "_repr_html_"}
+"""Of NamedTuples, os._exit, and what notebooks call."""
 
 
 def name_of(path):

@@ -44,7 +44,7 @@ def test_every_other_file_of_a_package_is_listed_too():
     for name, folder in packages():
         listed |= {path for glob in globs.get(name, []) for path in folder.glob(glob)}
         found |= {path for path in folder.iterdir() if path.is_file() and path.suffix != ".py"}
-    for folder in ("terrain/samples", "profiles/vehicles"):
+    for folder in ("terrain/samples", "profiles/vehicles", "view/page"):
         found |= set((ROOT / "nnpp_edge" / folder).iterdir())
     assert listed == found
 

@@ -17,6 +17,7 @@ from nnpp_edge.runtime.reading import reason
 COMMANDS = {
     "costmap": "Traversability cost of an elevation map.",
     "plan": "Plan a path over an elevation map.",
+    "view": "Open a page to look and try.",
     "reach": "Show what can be reached from a place.",
     "dataset": "Make a training set from terrain files.",
     "train": "Train a network.",
@@ -37,6 +38,7 @@ _EXTRAS = {
     "robot": ("mcap", "prometheus_client", "zenoh"),
     "vector": ("pyogrio", "pyproj"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),
+    "view": ("starlette", "uvicorn", "websockets"),
     "viz": ("jinja2", "matplotlib", "PIL", "rerun"),
 }
 """Packages that the onboard install lacks, by the extra that brings them."""

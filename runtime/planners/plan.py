@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
@@ -18,6 +18,7 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import SQRT2
 from nnpp_edge.runtime.map.turns import curvatures
+from nnpp_edge.runtime.planners.plan_shown import Axes, draw, html_of
 
 
 class Method(StrEnum):
@@ -234,6 +235,49 @@ class Plan:
             **({} if self.waypoints is None else self._line_figures()),
             "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
         }
+
+    def plot(self, ax: Axes | None = None, *, background: ArrayLike | None = None) -> Axes:
+        """Draw the path, and the region where it was kept, with matplotlib.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes
+            Where to; by default those of a new figure.
+        background : (H, W) float, or (H, W, 3) or (H, W, 4) picture
+            What to draw below: costs, say, or elevations. A plan holds no map.
+
+        Returns
+        -------
+        matplotlib Axes
+            Column to the right, row down, a cell a unit.
+
+        Raises
+        ------
+        MissingExtraError
+            matplotlib is not installed.
+        InvalidMapError
+            The background has another shape.
+        """
+        title = f"{self.status}: {self.planner or self.method}"
+        return draw(self.line, self.region, title, ax, background)
+
+    def _repr_html_(self) -> str:
+        """A picture of the path and its figures, for notebooks."""
+        rows: dict[str, object] = {"status": self.status, "method": self.planner or self.method}
+        rows |= {name: value for name in ("source", "reason") if (value := getattr(self, name))}
+        if self.ok:
+            bound = f", at most {self.bound:.3f} times the optimum" if math.isfinite(self.bound) else ""
+            told = ", the optimum" if self.bound <= 1.0 + 1e-6 else bound
+            rows |= {"cost": f"{self.cost:.6g}{told}", "length": f"{self.length:.6g} cells"}
+        if self.waypoints is not None:
+            rows["line integral"] = f"{self.line_cost:.6g}, {len(self.waypoints)} way points"
+        if math.isfinite(self.ground_length_m):
+            up_and_down = f"{self.climb_m:.4g} m up, {self.descent_m:.4g} m down"
+            rows["on the ground"] = f"{self.ground_length_m:.6g} m, {up_and_down}"
+        rows["expansions"] = self.expansions
+        if "total" in self.timings_ms:
+            rows["time"] = f"{self.timings_ms['total']:.3g} ms"
+        return html_of(rows, self.line, self.region)
 
 
 def path_costs(grid: Grid, path: NDArray[np.int32]) -> tuple[float, float, float]:

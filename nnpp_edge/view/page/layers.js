@@ -1,0 +1,30 @@
+// Colours of the layers: a byte a pixel comes in, a canvas is painted.
+
+const BROWN = [96, 44, 34];
+
+function table(colour) {
+  const found = new Uint32Array(256);
+  const bytes = new Uint8ClampedArray(found.buffer);
+  for (let value = 0; value < 256; value++) bytes.set(colour(value), 4 * value);
+  return found;
+}
+
+const TABLES = {
+  relief: table((value) => (value === 0 ? [...BROWN, 255] : [value, value, value, 255])),
+  slope: table((value) => [190, 45, 60, 0.9 * value]),
+  cost: table((value) => (value === 255 ? [...BROWN, 230] : [95, 40, 140, 0.9 * value])),
+  region: table((value) => [0, 230, 255, 0.36 * value]),
+};
+
+export function paint(canvas, { name, rows, cols, pixels }) {
+  const colours = TABLES[name.split(" ")[0]];
+  if (canvas.width !== cols || canvas.height !== rows) {
+    canvas.width = cols;
+    canvas.height = rows;
+  }
+  const context = canvas.getContext("2d");
+  const image = context.createImageData(cols, rows);
+  const out = new Uint32Array(image.data.buffer);
+  for (let at = 0; at < out.length; at++) out[at] = colours[pixels[at]];
+  context.putImageData(image, 0, 0);
+}

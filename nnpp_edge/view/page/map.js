@@ -1,0 +1,224 @@
+// The map on the screen: where it lies, its lines and ends, and what the pointer does on it.
+
+const MOST_ZOOM = 40;
+const byId = (id) => document.getElementById(id);
+const SVG = "http://www.w3.org/2000/svg";
+
+export class MapView {
+  // `act` has moved(end, cell, at), settled() and painted(rectangle).
+  constructor(act) {
+    this.act = act;
+    this.frame = byId("map");
+    this.sheet = byId("sheet");
+    this.ends = { start: byId("start"), goal: byId("goal") };
+    this.cells = {};
+    this.zoom = 1;
+    this.middle = [0.5, 0.5]; // of the sheet, as shares, in the frame's middle
+    this.#watchEnds();
+    this.#watchFrame();
+    new ResizeObserver(() => this.place()).observe(this.frame);
+  }
+
+  open(rows, cols, [height, width]) {
+    Object.assign(this, { rows, cols, aspect: (cols * width) / (rows * height) });
+    byId("drawing").setAttribute("viewBox", `-0.5 -0.5 ${cols} ${rows}`);
+    this.place();
+  }
+
+  place() {
+    if (!this.rows) return;
+    const { clientWidth: wide, clientHeight: high } = this.frame;
+    const width = Math.min(wide, high * this.aspect) * this.zoom;
+    const height = width / this.aspect;
+    const keep = (length, frame, share) => {
+      const first = frame / 2 - share * length;
+      return length <= frame ? (frame - length) / 2 : Math.min(0, Math.max(frame - length, first));
+    };
+    this.box = { left: keep(width, wide, this.middle[0]), top: keep(height, high, this.middle[1]), width, height };
+    this.middle = [(wide / 2 - this.box.left) / width, (high / 2 - this.box.top) / height];
+    for (const [name, value] of Object.entries(this.box)) this.sheet.style[name] = `${value}px`;
+    this.frame.classList.toggle("zoomed", this.zoom > 1);
+  }
+
+  zoomBy(factor, event = null) {
+    const zoom = Math.min(Math.max(this.zoom * factor, 1), MOST_ZOOM);
+    if (event) {
+      const { left, top, width, height } = this.sheet.getBoundingClientRect();
+      const at = [(event.clientX - left) / width, (event.clientY - top) / height];
+      this.middle = this.middle.map((share, axis) => at[axis] + ((share - at[axis]) * this.zoom) / zoom);
+    }
+    this.zoom = zoom;
+    this.place();
+  }
+
+  fit() {
+    this.zoom = 1;
+    this.place();
+  }
+
+  cellAt({ clientX, clientY }) {
+    const { left, top, width, height } = this.sheet.getBoundingClientRect();
+    return this.#inside([((clientY - top) / height) * this.rows, ((clientX - left) / width) * this.cols].map(Math.floor));
+  }
+
+  #inside([row, col]) {
+    return [Math.min(Math.max(row, 0), this.rows - 1), Math.min(Math.max(col, 0), this.cols - 1)];
+  }
+
+  put(element, [row, col]) {
+    element.style.left = `${(100 * (col + 0.5)) / this.cols}%`;
+    element.style.top = `${(100 * (row + 0.5)) / this.rows}%`;
+  }
+
+  putEnd(end, cell) {
+    this.cells[end] = cell;
+    this.put(this.ends[end], this.#inside(cell));
+    const name = end === "start" ? "Start" : "Goal";
+    this.ends[end].setAttribute("aria-label", `${name}, row ${cell[0]}, column ${cell[1]}`);
+  }
+
+  line(id, rows, cols) {
+    let d = "";
+    for (let at = 0; at < rows.length; at++) d += `${at ? "L" : "M"}${cols[at]} ${rows[at]}`;
+    byId(id).setAttribute("d", d);
+  }
+
+  lineOf(id, cells = []) {
+    this.line(id, cells.map((cell) => cell[0]), cells.map((cell) => cell[1]));
+  }
+
+  obstacles(parts) {
+    byId("obstacles").replaceChildren(...parts.map((part) => this.#rectangle(document.createElementNS(SVG, "rect"), part)));
+  }
+
+  waypoints(points = []) {
+    byId("waypoints").replaceChildren(
+      ...points.slice(1, -1).map((point) => {
+        const dot = document.createElement("i");
+        this.put(dot, point);
+        return dot;
+      }),
+    );
+  }
+
+  cursor(place) {
+    const dot = byId("cursor");
+    dot.hidden = !place;
+    if (place) this.put(dot, place);
+  }
+
+  set painting(on) {
+    this.frame.classList.toggle("painting", on);
+  }
+
+  get painting() {
+    return this.frame.classList.contains("painting");
+  }
+
+  #rectangle(element, [row, col, rows, cols]) {
+    for (const [name, value] of Object.entries({ x: col - 0.5, y: row - 0.5, width: cols, height: rows })) element.setAttribute(name, value);
+    return element;
+  }
+
+  #watchEnds() {
+    for (const [end, button] of Object.entries(this.ends)) {
+      let held = null;
+      button.addEventListener("pointerdown", (event) => {
+        if (this.painting) return; // to the map below
+        event.stopPropagation();
+        const { left, top, width, height } = button.getBoundingClientRect();
+        held = [event.clientX - left - width / 2, event.clientY - top - height / 2];
+        button.setPointerCapture(event.pointerId);
+      });
+      button.addEventListener("pointermove", (event) => {
+        if (!held) return;
+        const cell = this.cellAt({ clientX: event.clientX - held[0], clientY: event.clientY - held[1] });
+        this.#move(end, cell, event.timeStamp);
+      });
+      for (const name of ["pointerup", "pointercancel"])
+        button.addEventListener(name, () => {
+          if (held) this.act.settled();
+          held = null;
+        });
+      button.addEventListener("focus", () => this.#bringIn(end));
+      button.addEventListener("keydown", (event) => {
+        const way = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
+        if (!way) return;
+        event.preventDefault();
+        const far = event.shiftKey ? Math.max(Math.round(Math.max(this.rows, this.cols) / 40), 2) : 1;
+        this.#move(end, this.#inside(this.cells[end].map((at, axis) => at + far * way[axis])), event.timeStamp);
+        this.#bringIn(end);
+        this.act.settled();
+      });
+    }
+  }
+
+  // An end that is selected by keys is brought into view.
+  #bringIn(end) {
+    const [x, y] = [(this.cells[end][1] + 0.5) / this.cols, (this.cells[end][0] + 0.5) / this.rows];
+    const { left, top, width, height } = this.box;
+    const at = [left + x * width, top + y * height];
+    if (at[0] >= 0 && at[1] >= 0 && at[0] <= this.frame.clientWidth && at[1] <= this.frame.clientHeight) return;
+    this.middle = [x, y];
+    this.place();
+  }
+
+  #move(end, cell, at) {
+    if (cell[0] === this.cells[end][0] && cell[1] === this.cells[end][1]) return;
+    this.putEnd(end, cell);
+    this.act.moved(end, cell, at);
+  }
+
+  #watchFrame() {
+    const rubber = byId("rubber");
+    let first = null;
+    let pulled = null;
+    const spanned = (event) => {
+      const [r0, c0] = first;
+      const [r1, c1] = this.cellAt(event);
+      return [Math.min(r0, r1), Math.min(c0, c1), Math.abs(r1 - r0) + 1, Math.abs(c1 - c0) + 1];
+    };
+    this.frame.addEventListener("pointerdown", (event) => {
+      if (event.target.closest("#zoom")) return;
+      if (this.painting) first = this.cellAt(event);
+      else if (this.zoom > 1) pulled = [event.clientX, event.clientY];
+      else return;
+      this.frame.setPointerCapture(event.pointerId);
+    });
+    this.frame.addEventListener("pointermove", (event) => {
+      if (first) {
+        rubber.hidden = false;
+        this.#rectangle(rubber, spanned(event));
+      } else if (pulled) {
+        const { width, height } = this.box;
+        this.middle[0] -= (event.clientX - pulled[0]) / width;
+        this.middle[1] -= (event.clientY - pulled[1]) / height;
+        pulled = [event.clientX, event.clientY];
+        this.place();
+      }
+    });
+    for (const name of ["pointerup", "pointercancel"])
+      this.frame.addEventListener(name, (event) => {
+        if (first && name === "pointerup") this.act.painted(this.#widened(spanned(event)));
+        first = pulled = null;
+        rubber.hidden = true;
+      });
+    this.frame.addEventListener(
+      "wheel",
+      (event) => {
+        if (!event.ctrlKey && this.zoom === 1 && event.deltaY > 0) return; // the page scrolls
+        event.preventDefault();
+        this.zoomBy(Math.exp(-event.deltaY / 400), event);
+      },
+      { passive: false },
+    );
+  }
+
+  // A click, or a stroke thinner than a fiftieth of the map, paints a square of that side.
+  #widened([row, col, rows, cols]) {
+    const least = Math.max(Math.round(Math.max(this.rows, this.cols) / 50), 3);
+    const grow = (first, length) => (length >= least ? [first, length] : [first - Math.floor((least - length) / 2), least]);
+    const [[top, high], [left, wide]] = [grow(row, rows), grow(col, cols)];
+    return [top, left, high, wide];
+  }
+}

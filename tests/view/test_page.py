@@ -1,0 +1,251 @@
+"""The page of `nnpp-edge view` in a headless Chromium: one browser and one server for all tests.
+
+Skipped where playwright or a Chromium is missing; NNPP_EDGE_CHROMIUM names another browser than the system's.
+"""
+
+import json
+import os
+import re
+import shutil
+import time
+from urllib.parse import urlparse
+
+import numpy as np
+import pytest
+
+from tests.view_cases import serving, write_ground
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install playwright")
+_NAMES = ("chromium", "chromium-browser", "google-chrome")
+CHROMIUM = os.environ.get("NNPP_EDGE_CHROMIUM") or next(filter(None, map(shutil.which, _NAMES)), None)
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium is installed: apt install chromium, or name one in NNPP_EDGE_CHROMIUM"
+)
+QUIET = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+LINE = "document.querySelector('#path').getAttribute('d')"
+COMPARED = "!document.querySelector('#methods.stale') && document.querySelector('#row-nnpp').cells[3].textContent"
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    path = write_ground(tmp_path_factory.mktemp("ground"), 192, 240)
+    with serving(path) as running:
+        yield running
+        assert running.end() == (0, "")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as started:
+        running = started.chromium.launch(executable_path=CHROMIUM, args=list(QUIET))
+        yield running
+        running.close()
+
+
+class Tab:
+    """A page that has drawn its first path, and what must not happen on it."""
+
+    def __init__(self, page, address):
+        self.page, self.wrong, self.hosts = page, [], set()
+        page.on("console", lambda message: self.wrong.append(message.text) if message.type != "log" else None)
+        page.on("pageerror", lambda error: self.wrong.append(str(error)))
+        page.on("request", lambda request: self.hosts.add(urlparse(request.url).netloc))
+        page.on("websocket", lambda opened: self.hosts.add(urlparse(opened.url).netloc))
+        page.goto(address)
+        self.until(f"{LINE} && {COMPARED}")
+
+    def until(self, condition):
+        """Wait for an expression; the page's policy allows no evaluation inside of it."""
+        end = time.monotonic() + 20.0
+        while not (found := self.page.evaluate(condition)):
+            assert time.monotonic() < end, f"waited in vain for {condition}"
+            time.sleep(0.02)
+        return found
+
+    @property
+    def line(self):
+        return self.page.get_attribute("#path", "d")
+
+    def line_other_than(self, before):
+        return self.until(f"{LINE} !== {json.dumps(before)} && {LINE}")
+
+    def cell(self, end):
+        return tuple(map(int, re.findall(r"\d+", self.page.get_attribute(f"#{end}", "aria-label"))))
+
+    def drag(self, end, by, steps=8):
+        box = self.page.locator(f"#{end}").bounding_box()
+        col, row = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        self.page.mouse.move(col, row)
+        self.page.mouse.down()
+        self.page.mouse.move(col + by[1], row + by[0], steps=steps)
+        self.page.mouse.up()
+
+    def slide(self, name, value):
+        """Set a slider as a user's drag does."""
+        script = "([name, value]) => { const each = document.getElementById(name); each.value = value; "
+        self.page.evaluate(script + "each.dispatchEvent(new Event('input', {bubbles: true})); }", [name, value])
+
+
+@pytest.fixture
+def tab(server, browser):
+    context = browser.new_context(viewport={"width": 1200, "height": 800})
+    context.grant_permissions(["clipboard-read", "clipboard-write"], origin=server.address.rstrip("/"))
+    opened = Tab(context.new_page(), server.address)
+    yield opened
+    context.close()
+    assert opened.wrong == []
+    assert opened.hosts == {f"127.0.0.1:{server.port}"}
+
+
+def ends_of(line):
+    """First and last (row, col) of a drawn line."""
+    places = [tuple(map(float, place.split()))[::-1] for place in re.split("[ML]", line)[1:]]
+    return places[0], places[-1]
+
+
+def test_a_drag_moves_the_path_and_says_how_fast(tab):
+    before, goal = tab.line, tab.cell("goal")
+    assert ends_of(before) == (tab.cell("start"), goal)
+    tab.drag("goal", (-90, -160))
+    tab.until("/path follows in \\d+ ms/.test(document.querySelector('#latency').textContent)")
+    tab.until("document.querySelector('#busy').hidden")
+    row, col = tab.cell("goal")
+    assert row < goal[0] - 10 and col < goal[1] - 20
+    tab.until(f"{LINE}.endsWith('L{col} {row}')")
+    assert ends_of(tab.line) == (tab.cell("start"), (row, col))
+
+
+def test_sliders_and_choices_change_path_and_figures(tab):
+    assert tab.page.locator("#cost").is_visible()
+    pixels = "document.querySelector('#cost').toDataURL()"
+    colours, line = tab.page.evaluate(pixels), tab.line
+    tab.slide("omega", "0")
+    line = tab.line_other_than(line)  # straight over the hill
+    tab.slide("hard_slope", "8")
+    line = tab.line_other_than(line)
+    tab.until(f"{pixels} !== {json.dumps(colours)}")
+    assert tab.page.is_checked("#hard_slope-on")
+    tab.page.check("#refine")
+    tab.line_other_than(line)
+    assert tab.page.locator("#waypoints i").count() > 0 and "line integral" in tab.page.inner_text("#figures")
+    assert tab.page.locator("#step_cost option[value=energy]").is_disabled()
+    tab.page.select_option("#body", "large-rover")
+    assert tab.page.locator("#clearance").is_visible()
+    tab.page.select_option("#step_cost", "energy")
+    tab.until("document.querySelector('#figures').textContent.includes('energy')")
+    assert tab.page.is_disabled("#refine")
+    tab.page.check("[name=layer][value=slope]")
+    tab.until("document.querySelector('#slope').width === 240")
+    assert not tab.page.locator("#cost").is_visible()
+
+
+def test_what_is_refused_leaves_path_and_controls_as_they_were(tab):
+    before = tab.line
+    tab.page.evaluate("document.querySelector('#slope_limit').max = 95")
+    tab.slide("slope_limit", "95")
+    tab.until("document.querySelector('#notice').textContent.includes('slope limit must lie in (0, 90)')")
+    assert tab.line == before
+    assert tab.page.input_value("#slope_limit") == "30"
+    tab.slide("slope_limit", "20")
+    tab.until("document.querySelector('#notice').hidden")
+
+
+def test_methods_stand_side_by_side_and_shade_their_regions(tab):
+    rows = {name: tab.page.locator(f"#row-{name} td").all_inner_texts() for name in ("auto", "astar", "corridor")}
+    assert rows["astar"][2] == "0.00 %"
+    assert all(float(row[1]) > 0.0 and float(row[3]) > 0.0 for row in rows.values())
+    tab.page.check("#row-corridor input")
+    tab.until("!document.querySelector('#region').hidden")
+    blank = "Object.assign(document.createElement('canvas'), {width: 240, height: 192}).toDataURL()"
+    tab.until(f"document.querySelector('#region').toDataURL() !== {blank}")
+    tab.page.check("#row-astar input")
+    assert tab.page.evaluate("document.querySelector('#region').hidden")
+
+
+def test_an_obstacle_is_painted_mended_and_undone(tab):
+    before = tab.line
+    tab.page.click("#across")
+    around = tab.line_other_than(before)
+    tab.until("document.querySelector('#mended').textContent.includes('D* Lite mends it')")
+    assert tab.page.get_attribute("#before", "d") == before
+    tab.page.click("#paint")
+    box = tab.page.locator("#sheet").bounding_box()
+    tab.page.mouse.move(box["x"] + 0.45 * box["width"], box["y"] + 0.05 * box["height"])
+    tab.page.mouse.down()
+    tab.page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.3 * box["height"], steps=4)
+    tab.page.mouse.up()
+    tab.until("document.querySelectorAll('#obstacles rect').length === 2")
+    tab.page.keyboard.press("Escape")
+    assert tab.page.get_attribute("#paint", "aria-pressed") == "false"
+    tab.page.click("#undo")
+    tab.until("document.querySelectorAll('#obstacles rect').length === 1")
+    assert tab.line == around
+    tab.page.click("#clear")
+    assert tab.line_other_than(around) == before
+
+
+def test_what_is_copied_is_what_is_seen(tab, nnpp_edge):
+    tab.slide("slope_limit", "12")
+    tab.until("document.querySelector('#command').textContent.includes('--slope-limit 12')")
+    tab.page.click("#copy-command")
+    tab.until("document.querySelector('#copied').textContent.startsWith('Copied')")
+    words = tab.page.evaluate("navigator.clipboard.readText()").split()
+    seen = float(tab.page.locator("#figures dd").first.inner_text())
+    assert json.loads(nnpp_edge(*words[1:], "--json").out)["cost"] == pytest.approx(seen, rel=1e-4)
+    tab.page.click("#across")
+    tab.until("document.querySelector('#python').textContent.includes('planner.update(')")
+    tab.page.click("#copy-python")
+    tab.until("navigator.clipboard.readText().then(text => text.includes('planner.update('))")
+    made = {}
+    exec(tab.page.evaluate("navigator.clipboard.readText()"), made)
+    seen = float(tab.page.locator("#figures dd").first.inner_text())
+    assert made["plan"].cost == pytest.approx(seen, rel=1e-4)
+    tab.page.click("#copy-command")
+    tab.until("document.querySelector('#copied').textContent.includes('no painted obstacles')")
+
+
+def test_everything_is_reached_by_keys(tab):
+    names, reached = "document.activeElement.id || document.activeElement.name", set()
+    for _ in range(60):
+        tab.page.keyboard.press("Tab")
+        reached.add(tab.page.evaluate(names))
+    wanted = (
+        "start goal zoom-in chart layer opacity method step_cost body refine slope_limit hard_slope omega shade paint"
+    )
+    assert set(wanted.split()) | {"across", "copy-command", "copy-python"} <= reached
+    unnamed = "[...document.querySelectorAll('button, input, select, [role=slider]')].filter(each => !("
+    unnamed += "each.labels?.length || each.ariaLabel || each.textContent.trim())).map(each => each.id)"
+    assert tab.page.evaluate(unnamed) == []
+    row, col = tab.cell("start")
+    tab.page.focus("#start")
+    tab.page.keyboard.press("ArrowDown")
+    tab.page.keyboard.press("Shift+ArrowRight")
+    tab.until("document.querySelector('#busy').hidden")
+    assert tab.cell("start") == (row + 1, col + 6)
+    tab.until(f"{LINE}.startsWith('M{col + 6} {row + 1}L')")
+    tab.page.focus("#chart")
+    tab.page.keyboard.press("End")
+    assert tab.page.get_attribute("#chart", "aria-valuenow") == tab.page.get_attribute("#chart", "aria-valuemax")
+    at = tab.page.evaluate("[cursor, goal].map(each => [each.style.left, each.style.top].join())")
+    assert at[0] == at[1]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_fits_a_phone(server, browser, scheme):
+    context = browser.new_context(viewport={"width": 390, "height": 844}, color_scheme=scheme, has_touch=True)
+    opened = Tab(context.new_page(), server.address)
+    assert opened.page.evaluate("document.documentElement.scrollWidth") == 390
+    shade = opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert (np.mean(list(map(int, re.findall(r"\d+", shade)))) < 128) == (scheme == "dark")
+    start = opened.page.locator("#start").bounding_box()
+    assert min(start["width"], start["height"]) >= 44  # a finger's
+    context.close()
+    assert opened.wrong == []
