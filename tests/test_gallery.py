@@ -29,7 +29,9 @@ def test_an_example_runs_and_draws(path, tmp_path, monkeypatch):
     from PIL import Image
 
     monkeypatch.syspath_prepend(path.parent)
-    monkeypatch.setattr("nnpp_edge.profiling.report.peak_memory_mb", lambda *_: None)  # many processes, tested elsewhere
+    monkeypatch.setattr(
+        "nnpp_edge.profiling.report.peak_memory_mb", lambda *_: None
+    )  # many processes, tested elsewhere
     picture = importlib.import_module(path.stem).main(tmp_path, small=True)
     assert picture.parent == tmp_path and picture.stem == path.stem
     with Image.open(picture) as image:
