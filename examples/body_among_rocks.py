@@ -5,7 +5,7 @@ block of cells costs such a body is not known before its poses have been checked
 expect: by the paper's cost (`eq1`), or by a network that is shown elevations and the vehicle's numbers. Both paths
 pass the same checks.
 
-Run time: 2 s.
+Run time: 5 s.
 Data: moon_rocks, a crop of LROC WAC GLD100 (public domain) with rocks made by nnpp_edge/terrain/rocks.py on a tenth
 of it.
 """

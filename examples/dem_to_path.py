@@ -3,7 +3,7 @@
 A planner is made of elevations and asked for a path that keeps off slopes steeper than 20 degrees. That is all
 there is to it; what a step costs, and where not to go, follows from the elevations (NNPP, Eq. 1).
 
-Run time: 2 s.
+Run time: 5 s.
 Data: three samples that travel with the package. Moon: LROC WAC GLD100, public domain. Mars: HiRISE terrain model
 of Victoria crater, NASA/JPL/University of Arizona, public. Earth: airborne lidar, MIT licence. Details:
 nnpp_edge/terrain/samples/README.md.

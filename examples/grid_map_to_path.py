@@ -4,7 +4,7 @@ A GridMap holds its layers column by column, in a ring, with rows that run again
 fields as they are; `frame` turns metres into cells and back. In a node, the fields come from a subscriber, and the
 poses go into a nav_msgs/Path.
 
-Run time: 2 s.
+Run time: 5 s.
 Data: earth_hummocks, airborne lidar with cells of 1 m, MIT licence (nnpp_edge/terrain/samples/README.md).
 """
 

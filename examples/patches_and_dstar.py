@@ -4,7 +4,7 @@ Every few steps an obstacle appears on the path just ahead. D* Lite mends what i
 Both are exact, so their paths cost the same; what differs is how many cells they touch. That is not always to D*
 Lite's favour: a change near the goal touches everything that was found from there.
 
-Run time: 2 s.
+Run time: 5 s.
 Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/README.md), with cells as if they
 were 20 m.
 """

@@ -3,7 +3,7 @@
 `reach` gives the cost of the cheapest path to each cell, in the unit of the step cost: seconds by Tobler's hiking
 function, joules by a vehicle's model. Uphill and downhill differ, so the way out and the way back do, too.
 
-Run time: 2 s.
+Run time: 5 s.
 Data: earth_hummocks, airborne lidar with cells of 1 m, MIT licence (nnpp_edge/terrain/samples/README.md).
 """
 

@@ -4,7 +4,7 @@ Shortest: length alone. Tobler: a hiker's seconds, by the slope up or down. Ener
 the paper's traversability cost, with a hard limit on the slope. The legend says what each path comes to by the
 other measures.
 
-Run time: 2 s.
+Run time: 5 s.
 Data: earth_hummocks, airborne lidar with cells of 1 m, MIT licence (nnpp_edge/terrain/samples/README.md).
 """
 

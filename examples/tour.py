@@ -3,7 +3,7 @@
 `plan_via` leads by way of other cells: in the order given, or in the one that costs least. Each leg is a plan of
 its own. Freed from the grid, the path runs straight where the ground allows it instead of in steps of 45 degrees.
 
-Run time: 3 s.
+Run time: 5 s.
 Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/README.md), with cells as if they
 were 20 m.
 """

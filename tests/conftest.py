@@ -17,6 +17,7 @@ LONGEST_FILES = (
     "test_training.py",
     "test_experiments.py",
     "test_quantize.py",
+    "test_gallery.py",
     "test_dataset.py",
     "test_dataset_cluster.py",
     "test_run.py",
