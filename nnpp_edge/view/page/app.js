@@ -241,8 +241,6 @@ function compared(answer) {
   if (shaded() === method) shade();
 }
 
-// Obstacles
-
 byId("paint").addEventListener("click", ({ target }) => {
   map.painting = !map.painting;
   target.setAttribute("aria-pressed", map.painting);
@@ -279,8 +277,6 @@ function mended({ footing, mended: own, afresh }) {
   byId("mended").textContent =
     own.ms === null ? `${words}. ${STATUS[own.status] ?? own.status}.` : `${words}. D* Lite mends it in ${took(own)}; A* afresh takes ${took(afresh)}.`;
 }
-
-// Layers, zoom, copying
 
 for (const radio of document.querySelectorAll("[name=layer]"))
   radio.addEventListener("change", () => {
