@@ -136,9 +136,9 @@ def compare(case: Case, method: str) -> list[Found]:
         if not plan.ok or (best := lattice.best(start, goal)) is None:
             continue
         least = cost(best[1])
-        lines = cost(plan.path.astype(np.float64)), plan.line_cost, cost(best[0])
+        on_grid, on_lattice = cost(plan.path.astype(np.float64)) / least - 1.0, cost(best[0]) / least - 1.0
         own = min(each.timings_ms["total"] - each.timings_ms["refine"] for each in plans)
-        found.append(Found(*(each / least - 1.0 for each in lines), own, plan.timings_ms["refine"]))
+        found.append(Found(on_grid, plan.line_cost / least - 1.0, on_lattice, own, plan.timings_ms["refine"]))
     return found
 
 
