@@ -40,6 +40,8 @@ _ROUNDER = 1.02
 """Radius of the arcs that are laid, over that asked for: way points on an arc turn a little sharper than it does."""
 _COARSER = (1.0, 8.0, 64.0)
 """Multiples of what a way point must save, tried one after another where turns are too sharp."""
+_FAR_STAGES = 2
+"""Stages that are left out, one after another, while no line is found that costs less than the path."""
 
 
 class Refinement(StrEnum):
@@ -134,13 +136,16 @@ class Refiner:
 
     def _freed(self, path: NDArray[np.int32], saves: float) -> Line:
         """The cheaper of what is found and the path itself."""
-        if self._body is not None:
-            line = self._body.freed(path, saves)
-        else:
-            line = Line(*freed(self._grid.packed, path, ANY_ANGLE, saves))
         own = corners(path)
         on_grid = Line(own, self.cost(own))
-        return line if line.cost <= on_grid.cost else on_grid
+        if self._body is not None:
+            line = self._body.freed(path, saves)
+            return line if line.cost <= on_grid.cost else on_grid
+        for first in range(_FAR_STAGES + 1):  # where far moves lead astray, nearer ones may not
+            line = Line(*freed(self._grid.packed, path, ANY_ANGLE[first:], saves))
+            if line.cost < on_grid.cost:
+                return line
+        return on_grid
 
     def _radius(self, turning_radius_m: float | None) -> float:
         """In cells; 0 where any turn will do."""
