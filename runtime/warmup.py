@@ -39,6 +39,7 @@ from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
+from nnpp_edge.runtime.planners.refine import BodyLines
 from nnpp_edge.runtime.region.corridor import CoarseLevel
 from nnpp_edge.runtime.region.links import Links, LinkSearch
 from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
@@ -174,6 +175,7 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
     for method in ("astar", "corridor"):
         planner.plan(start, goal, method=method, refine="any-angle")
         planner.plan(start, goal, method=method, time_limit_s=60.0)
+    BodyLines(planner.state.grid).attitudes(np.array((start, goal), np.float64))
     planner.plan(start, goal, method="corridor", price="sampled")
     planner.prepare(landmarks=1, goals=[goal])
     for method in ("astar", "corridor"):

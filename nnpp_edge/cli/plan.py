@@ -111,6 +111,7 @@ def command(
     """
     from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL
 
+    vehicle.check_turns(request.refine)
     limits, body = terrain.limits(), vehicle.make()
     if "price" in options.given_options() and (body is None or body.is_disc):
         raise click.UsageError("--price is for a vehicle with a body: give --vehicle too")

@@ -89,6 +89,7 @@ def command(
     if as_json and STDOUT in wiring.output_kinds:
         raise click.UsageError("--json prints on stdout, which answers go to: add --output none, or zenoh")
     loop = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **given)
+    vehicle.check_turns(loop.refine)
     settings = NavigatorSettings(
         method=loop.method,
         model=loop.model,

@@ -50,6 +50,11 @@ class VehicleOptions:
         values = {} if name is None else read_vehicle(str(name))
         return vehicle_of(values | given, "vehicle" if name is None else str(name))
 
+    def check_turns(self, refine: str | None) -> None:
+        """Refuse --turning-radius for paths that stay on the grid."""
+        if self.turning_radius_m is not None and not refine:
+            raise click.UsageError("--turning-radius needs --refine any-angle: paths on the grid turn in a cell")
+
     def mobility(self) -> Mobility:
         """How the vehicle gets up and down, as its file says, or another; a hiker's where nothing is said."""
         from nnpp_edge.runtime.map.slope_cost import Mobility

@@ -15,8 +15,8 @@ import math
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.kernels.body_band import body_weight_at
 from nnpp_edge.runtime.kernels.by_address import borrowed
+from nnpp_edge.runtime.kernels.pose_weights import body_weight_at, headings_of
 from nnpp_edge.runtime.kernels.poses import (
     CLEARANCE,
     PITCH,
@@ -36,7 +36,7 @@ _INSIDE = 1e-9
 
 
 @kernel
-def _under(body):
+def under_body(body):
     """What the check reads, references to which are not counted: as a call with `body` would, for every pose."""
     poses, wheels, sizes = body
     source = poses[2]
@@ -157,8 +157,11 @@ def _lift(under, at, ahead, sweep, contacts):
 
 
 @kernel
-def _pose_cost(under, row, col, ahead, sweep, contacts):
-    """As `pose_cost`; `contacts` is scratch, (2, W) float64."""
+def pose_cost(under, row, col, ahead, sweep, contacts):
+    """T of a pose at a place, with a heading (down, right) of length 1 in metres; inf where it fails.
+
+    `sweep` is how far it stands for the ground before and behind it, in metres; `contacts` scratch, (2, W) float64.
+    """
     limits, sides = under[1][1], under[4]
     at = row * sides[0], col * sides[1]
     pitch, roll, step = _stand_on_wheels(under, at, ahead, sweep, contacts)
@@ -173,22 +176,13 @@ def _pose_cost(under, row, col, ahead, sweep, contacts):
 
 
 @kernel
-def pose_cost(body, row, col, ahead, sweep):
-    """T of a pose at a place, with a heading (down, right) of length 1 in metres; inf where it fails.
-
-    `sweep` is how far it stands for the ground before and behind it, in metres.
-    """
-    return _pose_cost(_under(body), row, col, ahead, sweep, np.empty((2, len(body[1]))))
-
-
-@kernel
 def stands_along(body, points):
     """(4, N) how a body stands at places (N, 2), each left for the next, the last as it is arrived at.
 
     Gradients along and across of the plane of the wheels in the middle of their heights' ranges, nose and left side
     up positive; that of the greatest tilt; and the least clearance, all as for a leg's poses. NaN where unknown.
     """
-    under, contacts, sides = _under(body), np.empty((2, len(body[1]))), body[2][4:]
+    under, contacts, sides = under_body(body), np.empty((2, len(body[1]))), body[2][4:]
     gradients, limits = under[1]
     n, found = len(points), np.empty((4, len(points)))
     ahead, sweep = (1.0, 0.0), 0.0
@@ -238,36 +232,54 @@ def _stands_on_grid(poses, stride, row, col, to_row, to_col, count):
 
 
 @kernel
-def body_leg_cost(body, grid, row, col, to_row, to_col):
-    """The line integral along a leg, by the weights at its poses; inf where one of them fails.
+def stands_on_leg(under, contacts, body, stride, ends):
+    """Whether the body can follow a leg (row, col, row, col).
 
     A leg of whole steps of the grid passes where the poses do that the search goes by; any other is checked at its
-    own places and heading.
+    own places and heading. `under` is `under_body`'s, `contacts` scratch, (2, W) float64.
     """
-    stride, steps = grid[1], grid[2]
+    row, col, to_row, to_col = ends
     rows, cols = to_row - row, to_col - col
-    length = math.sqrt(rows * rows + cols * cols)
-    if length == 0.0:
-        return 0.0
-    sizes, poses = body[2], body[0]
-    down, right = rows * sizes[4], cols * sizes[5]
-    metres, count = math.sqrt(down * down + right * right), _steps_of_grid(row, col, to_row, to_col)
+    count = _steps_of_grid(row, col, to_row, to_col)
     if count > 0:
-        if not _stands_on_grid(poses, stride, row, col, to_row, to_col, count):
-            return np.inf
-    else:
-        count = np.int64(math.ceil(POSES_PER_CELL * length))
-        under, contacts, ahead = _under(body), np.empty((2, len(body[1]))), (down / metres, right / metres)
-        for k in range(count + 1):
-            share = k / count
-            there = row + share * rows, col + share * cols
-            if _pose_cost(under, there[0], there[1], ahead, 0.5 * metres / count, contacts) == np.inf:
-                return np.inf
-    total = 0.0
+        return _stands_on_grid(body[0], stride, row, col, to_row, to_col, count)
+    down, right = rows * under[4][0], cols * under[4][1]
+    metres, count = math.sqrt(down * down + right * right), _poses_along(rows, cols)
+    ahead = down / metres, right / metres
     for k in range(count + 1):
-        weight = body_weight_at(poses, stride, row + k / count * rows, col + k / count * cols, rows, cols)
+        at = row + k / count * rows, col + k / count * cols
+        if pose_cost(under, at[0], at[1], ahead, 0.5 * metres / count, contacts) == np.inf:
+            return False
+    return True
+
+
+@kernel
+def _poses_along(rows, cols):
+    return np.int64(math.ceil(POSES_PER_CELL * math.sqrt(rows * rows + cols * cols)))
+
+
+@kernel
+def body_leg_price(poses, grid, ends):
+    """The line integral along a leg (row, col, row, col), by the weights at its poses, whether or not they pass."""
+    row, col, to_row, to_col = ends
+    steps, rows, cols = grid[2], to_row - row, to_col - col
+    count, headings, total = _steps_of_grid(row, col, to_row, to_col), headings_of(rows, cols), 0.0
+    count = count if count > 0 else _poses_along(rows, cols)
+    for k in range(count + 1):
+        weight = body_weight_at(poses, grid[1], row + k / count * rows, col + k / count * cols, headings)
         total += 0.5 * weight if k in (0, count) else weight
-    return length * (steps[0] + 2.0 * steps[2] * total / count)
+    return math.sqrt(rows * rows + cols * cols) * (steps[0] + 2.0 * steps[2] * total / count)
+
+
+@kernel
+def body_leg_cost(body, grid, row, col, to_row, to_col):
+    """The line integral along a leg, by the weights at its poses; inf where one of them fails."""
+    if row == to_row and col == to_col:
+        return 0.0
+    ends = row, col, to_row, to_col
+    if not stands_on_leg(under_body(body), np.empty((2, len(body[1]))), body, grid[1], ends):
+        return np.inf
+    return body_leg_price(body[0], grid, ends)
 
 
 @kernel

@@ -9,9 +9,10 @@ therefore another than the best line, and more has to be done than to smooth it.
 
 Stations on the grid's path are moved across it, all of them together, to the cheapest choice (dynamic programming),
 first far and coarsely, then near and finely; `tuning.ANY_ANGLE` lists the stages. Then way points that save next to
-nothing are left out. The line never costs more than the grid's path by the same integral: else it is that path. With
-a body it is checked pose by pose at its true heading; where that fails, it keeps to the grid's path, whose poses the
-search has checked.
+nothing are left out. The line never costs more than the grid's path by the same integral: else it is that path.
+
+A body's path, whose poses the search has checked, gets short cuts between its cells instead (`kernels.shortcuts`),
+each checked pose by pose at its true heading: to move stations would take as long as the search itself.
 """
 
 import math
@@ -24,22 +25,23 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.any_angle import corners, line_cost
-from nnpp_edge.runtime.kernels.any_heading import body_leg_cost, body_line_cost, stands_along
-from nnpp_edge.runtime.kernels.body_band import clear_band, weigh_band
+from nnpp_edge.runtime.kernels.any_heading import body_line_cost, stands_along
+from nnpp_edge.runtime.kernels.shortcuts import with_shortcuts
 from nnpp_edge.runtime.kernels.stations import freed
 from nnpp_edge.runtime.map.attitude import Attitudes
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.tiles import COMPLETE
 from nnpp_edge.runtime.map.turns import Points, sharpest, with_arcs
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.stopwatch import Stopwatch
-from nnpp_edge.runtime.tuning import ANY_ANGLE, ANY_ANGLE_BODY, BODY_BAND, WAY_POINT_SAVES
+from nnpp_edge.runtime.tuning import ANY_ANGLE, SHORTCUTS, WAY_POINT_SAVES
 
 _ROUNDER = 1.02
 """Radius of the arcs that are laid, over that asked for: way points on an arc turn a little sharper than it does."""
 _COARSER = (1.0, 8.0, 64.0)
 """Multiples of what a way point must save, tried one after another where turns are too sharp."""
+_FAR_STAGES = 2
+"""Stages that are left out, one after another, while no line is found that costs less than the path."""
 
 
 class Refinement(StrEnum):
@@ -109,7 +111,8 @@ class Refiner:
         timings = {**plan.timings_ms, "refine": took, "total": plan.timings_ms.get("total", 0.0) + took}
         if line is None:
             reason = f"no line that turns with a radius of {wanted:g} m was found near the grid's path"
-            return Plan(Status.NO_PATH, plan.method, planner=plan.planner, reason=reason, timings_ms=timings)
+            status, source = Status.NO_PATH, plan.source
+            return Plan(status, plan.method, source, planner=plan.planner, reason=reason, timings_ms=timings)
         return replace(plan, waypoints=line.points, line_cost=line.cost, timings_ms=timings)
 
     def line_along(self, path: NDArray[np.int32], radius: float = 0.0) -> Line | None:
@@ -133,14 +136,16 @@ class Refiner:
 
     def _freed(self, path: NDArray[np.int32], saves: float) -> Line:
         """The cheaper of what is found and the path itself."""
-        if self._body is not None:
-            points = self._body.freed(path, saves)
-            line = Line(points, self.cost(points))
-        else:
-            line = Line(*freed(self._grid.packed, path, ANY_ANGLE, saves))
         own = corners(path)
         on_grid = Line(own, self.cost(own))
-        return line if line.cost <= on_grid.cost else on_grid
+        if self._body is not None:
+            line = self._body.freed(path, saves)
+            return line if line.cost <= on_grid.cost else on_grid
+        for first in range(_FAR_STAGES + 1):  # where far moves lead astray, nearer ones may not
+            line = Line(*freed(self._grid.packed, path, ANY_ANGLE[first:], saves))
+            if line.cost < on_grid.cost:
+                return line
+        return on_grid
 
     def _radius(self, turning_radius_m: float | None) -> float:
         """In cells; 0 where any turn will do."""
@@ -162,60 +167,20 @@ class BodyLines:
         vehicle, (dy, dx) = poses.vehicle, poses.sides_m
         long, wide = vehicle.contact_m
         halves = 0.5 * long, 0.5 * wide, 0.5 * vehicle.length_m, 0.5 * vehicle.width_m
-        self._grid, self._poses = grid, poses
+        self._grid = grid
         self.body = poses.packed, np.ascontiguousarray(vehicle.wheels_m), np.array((*halves, dy, dx))
         """As the kernels of `kernels.any_heading` take it."""
-        self._weights: NDArray[np.float32] | None = None
 
     def cost(self, points: Points) -> float:
         """As `Refiner.cost`."""
         return float(body_line_cost(self.body, self._grid.packed, points))
 
-    def freed(self, path: NDArray[np.int32], saves: float) -> Points:
-        """Way points near a path that the body can follow; on the path itself where nothing else is found."""
-        if self._weights is None:
-            self._weights = np.full(len(self._grid.weights), np.inf, np.float32)
-        weights, stride = self._weights, self._grid.stride
-        radius, every = BODY_BAND
-        weigh_band(self.body, stride, path, radius, every, weights)
-        weights[(path[:, 0] + 1) * stride + path[:, 1] + 1] = np.minimum(
-            weights[(path[:, 0] + 1) * stride + path[:, 1] + 1], np.float32(self._grid.model.scale)
-        )
-        points, _ = freed((weights, stride, self._grid.model.steps, True, COMPLETE), path, ANY_ANGLE_BODY, saves)
-        clear_band(stride, path, radius, every, self._grid.shape, weights)
-        return self._where_it_stands(points, path)
+    def freed(self, path: NDArray[np.int32], saves: float) -> Line:
+        """The path with the short cuts that the body can follow."""
+        return Line(*with_shortcuts(self.body, self._grid.packed, path, SHORTCUTS, saves))
 
     def attitudes(self, points: Points) -> Attitudes:
         """How the body stands at places (N, 2), each left for the next, as the check of a leg sees it; needs two."""
         found = stands_along(self.body, points)
         found[:3] = np.degrees(np.arctan(found[:3]))
         return Attitudes(*found)
-
-    def _where_it_stands(self, points: Points, path: NDArray[np.int32]) -> Points:
-        """The same, with parts of the path in place of the legs that fail, and of those beside them that then do."""
-        beside, places = _nearest_in_order(points, path), points.copy()
-        on_path, costs = np.zeros(len(points), bool), np.full(len(points) - 1, np.nan)
-        on_path[[0, -1]] = True
-        while np.isnan(costs).any():
-            for k in np.flatnonzero(np.isnan(costs)).tolist():
-                cost = body_leg_cost(self.body, self._grid.packed, *places[k], *places[k + 1])
-                costs[k] = cost if cost < math.inf else math.inf  # a leg without a cost fails, too
-                for end in (k, k + 1):
-                    if costs[k] == math.inf and not on_path[end]:
-                        on_path[end], places[end] = True, path[beside[end]]
-                        costs[max(end - 1, 0) : end + 1] = np.nan
-        parts = [places[:1]]
-        for k, cost in enumerate(costs.tolist()):
-            part = places[k : k + 2] if cost < math.inf else corners(path[beside[k] : beside[k + 1] + 1])
-            parts.append(part[1:])
-        return np.concatenate(parts)
-
-
-def _nearest_in_order(points: Points, path: NDArray[np.int32]) -> list[int]:
-    """Of each way point the number of a cell of the path that is near it; they never go back."""
-    found, ahead = [0], np.hypot(*np.diff(points, axis=0).T)
-    for k in range(1, len(points) - 1):
-        last = min(found[-1] + 3 * math.ceil(ahead[k - 1]) + 8, len(path))
-        window = path[found[-1] : last]
-        found.append(found[-1] + int(((window - points[k]) ** 2).sum(1).argmin()))
-    return [*found, len(path) - 1]

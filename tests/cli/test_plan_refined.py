@@ -2,6 +2,8 @@
 
 import csv
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -54,23 +56,35 @@ def test_how_a_body_stands_is_told_along_the_way_points(nnpp_edge, ground, tmp_p
 
 
 def test_on_a_plane_a_body_stands_as_the_plane_in_every_heading():
-    row, col = np.mgrid[0:30, 0:30]
+    row, col = 0.1 * np.mgrid[0:240, 0:240]
     heights = (0.1 * row - 0.2 * col).astype(np.float32)
-    planner = Planner.of_elevation(heights, 1.0, vehicle=Vehicle(3.0, 2.0, 2.0, max_tilt_deg=60.0), warn=False)
+    planner = Planner.of_elevation(heights, 0.1, vehicle=Vehicle(3.0, 2.0, 2.0, max_tilt_deg=60.0), warn=False)
     points = np.array([[10.0, 10.0], [13.0, 14.0], [9.5, 14.5], [14.0, 14.5]])
-    found = BodyLines(planner.state.grid).attitudes(points)
+    found = BodyLines(planner.state.grid).attitudes(points / 0.1)
     ahead = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
     down, right = (ahead / np.hypot(*ahead.T)[:, None]).T
-    assert found.pitch_deg == pytest.approx(np.degrees(np.arctan(0.1 * down - 0.2 * right)), abs=0.2)
-    assert np.abs(found.roll_deg) == pytest.approx(np.degrees(np.arctan(np.abs(0.1 * right + 0.2 * down))), abs=0.2)
+    # a wheel's height is known to half a cell each way: 0.015 m of height over 2 m
+    assert found.pitch_deg == pytest.approx(np.degrees(np.arctan(0.1 * down - 0.2 * right)), abs=0.5)
+    assert found.roll_deg == pytest.approx(-np.degrees(np.arctan(0.1 * right + 0.2 * down)), abs=0.5)
     assert (found.tilt_deg >= np.degrees(np.arctan(np.hypot(0.1, 0.2))) - 1e-3).all()
+
+
+def test_turns_are_no_sharper_than_the_vehicle_s(nnpp_edge, ground):
+    words = ("plan", ground, *ENDS, "--radius", "1", "--refine", "any-angle", "--json", "--turning-radius")
+    told = json.loads(nnpp_edge(*words, "8").out)
+    assert 0.0 < told["sharpest_curvature_per_m"] <= 1.0 / 8.0
+    ended = nnpp_edge(*words, "2000")
+    refused = json.loads(ended.out)
+    assert ended.code == 1 and refused["status"] == "NO_PATH" and "line" not in refused
+    assert "no line that turns with a radius of 2000 m" in refused["reason"]
 
 
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
         (("--refine", "smooth"), "any-angle"),
-        (("--refine", "any-angle", "--step-cost", "time"), "refine='any-angle' prices lines by the map's cost"),
+        (("--refine", "any-angle", "--step-cost", "tobler"), "refine='any-angle' prices lines by the map's cost"),
+        (("--radius", "2", "--turning-radius", "4"), "--turning-radius needs --refine any-angle"),
     ],
 )
 def test_what_cannot_be_freed_is_refused_in_a_line(nnpp_edge, ground, words, complaint):
@@ -78,13 +92,21 @@ def test_what_cannot_be_freed_is_refused_in_a_line(nnpp_edge, ground, words, com
     assert ended.code == 2 and complaint in ended.err and "Traceback" not in ended.err
 
 
-def test_the_loop_tells_way_points_where_it_is_asked_for_them(nnpp_edge, ground, tmp_path):
+def test_the_loop_tells_way_points_where_it_is_asked_for_them(ground, tmp_path):
     inputs = [{"v": 1, "type": "goal", "row": 40, "col": 52}, {"v": 1, "type": "pose", "row": 3, "col": 4}]
     recording = tmp_path / "drive.jsonl"
-    recording.write_text("".join(json.dumps({"tick": 0, **each}) + "\n" for each in inputs))
-    words = ("run", "--map", ground, "--input", f"replay:{recording}", "--fast", "--method", "astar")
-    for more, there in ((("--refine", "any-angle"), True), ((), False)):
-        answers = [json.loads(line) for line in nnpp_edge(*words, *more).out.splitlines()]
+    recording.write_text("".join(json.dumps({"at": 0.0, **each}) + "\n" for each in inputs))
+    module = (sys.executable, "-m", "nnpp_edge.cli.main", "run", "--map", ground, "--input", f"replay:{recording}")
+    words, turning = (*module, "--fast", "--method", "astar"), ("--radius", "2", "--turning-radius", "6")
+    for more, there in (((*turning, "--refine", "any-angle"), True), ((), False)):
+        ended = subprocess.run([*words, *more], capture_output=True, text=True, check=True)
+        answers = [json.loads(line) for line in ended.stdout.splitlines()]
         paths = [each for each in answers if each["type"] == "path" and each["outcome"] == "OK"]
         assert paths and all(("waypoints" in path) == there for path in paths)
-        assert all(path["waypoints"][-1] == [40.0, 52.0] for path in paths if there)
+        for points in (np.array(path["waypoints"]) for path in paths if there):
+            assert points[-1].tolist() == [40, 52] and curvatures(2.0 * points).max() <= 1.0 / 6.0
+
+
+def test_a_loop_on_the_grid_takes_no_turning_radius(nnpp_edge, ground):
+    ended = nnpp_edge("run", "--map", ground, "--radius", "2", "--turning-radius", "6")
+    assert ended.code == 2 and "--turning-radius needs --refine any-angle" in ended.err
