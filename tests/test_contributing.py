@@ -85,7 +85,7 @@ def test_names_in_the_guide_are_in_the_code():
         "runtime/map/slope_cost.py": ("SlopeCost", "height_price", "least_per_m", "SLOPE_COSTS", "Mobility"),
         "nnpp_edge/terrain/vehicle_files.py": ("mobility_of",),
         "nnpp_edge/cli/options.py": ("STEP_COSTS",),
-        "nnpp_edge/cli/plan_answer.py": ("_UNITS",),
+        "nnpp_edge/cli/plan_answer.py": ("UNITS",),
         "tests/runtime/test_slope_cost.py": ("MODELS",),
         "nnpp_edge/profiling/measure.py": ("rivals_of",),
         "nnpp_edge/reproduction/experiment.py": ("EXPERIMENT", "NAMES", "Context"),
