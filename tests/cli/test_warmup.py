@@ -148,7 +148,7 @@ def test_who_waits_for_the_compiler_is_told_once(tmp_path):
 
 @pytest.fixture(scope="module")
 def versions():
-    """Kernels by name: what they call, and the versions of each that a process has after a warm-up, and after plans."""
+    """Kernels by name: what they call, and which versions a process has of them after a warm-up, and after plans."""
     ended = subprocess.run(
         [sys.executable, "-c", VERSIONS % PLAN_EVERYTHING], capture_output=True, text=True, check=False
     )
