@@ -66,7 +66,7 @@ DIRECTED_BUCKET_WIDTH = 1.0 / 1024.0
 """The same where steps cost by their slope, as all gentle ones cost nearly alike: on lunar terrain, 256², a search by
 ``energy`` expanded 4,200 cells (median) in place of 290,000, by ``tobler`` 5,300 in place of 19,000."""
 NEAREST_STOPS = 5
-"""Of a tour, how many of the stops nearest each are searched for at once, for the best order of exact paths."""
+"""Stops nearest each stop of a tour that one search of steps reaches, for the best order of exact paths."""
 MOST_RATIO_FOR_LANDMARKS = 1e6
 """Of the dearest step to the cheapest: float32 then rounds off a few cheap steps of a cost. With 1e15
 cells were expanded hundreds of times."""

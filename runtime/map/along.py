@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -47,46 +47,52 @@ class Numbers(NamedTuple):
 class Along:
     """A line over the ground, point by point from start to goal.
 
+    Heights are read when it is made, all else is computed when it is asked for.
+
     Attributes
     ----------
-    points : (N, 2) float64
+    places : (N, 2) int or float
         Row and column: a path's cells. Of way points, these and each place between two of them where the line crosses
-        a row or a column of cells' middles: between two points the ground is then as good as even.
-    heights_m : (N,) float64
-        Of the ground, bilinear between the cells' middles. Where one is not known, what lies between the known ones
-        before and behind; NaN where none is known.
+        a row or a column of cells' middles: between two places the ground is then as good as even.
+    sampled_m : (N,) float
+        Heights of the ground, bilinear between the cells' middles; NaN where unknown.
     sides_m : (float, float)
         Height and width of a cell.
     mobility : Mobility
         By what time and energy are computed.
     """
 
-    points: NDArray[np.float64]
-    heights_m: NDArray[np.float64]
+    places: Line
+    sampled_m: Heights
     sides_m: tuple[float, float]
     mobility: Mobility = _ON_FOOT
 
     @classmethod
     def of(cls, line: Line, heights: Heights, sides_m: tuple[float, float], mobility: Mobility = _ON_FOOT) -> "Along":
         """A line over a map of heights (H, W), metres, NaN where unknown."""
-        points = crossings(line)
-        return cls.through(points, heights_at(heights, points), sides_m, mobility)
+        places = crossings(line)
+        return cls(places, heights_at(heights, places), sides_m, mobility)
 
-    @classmethod
-    def through(
-        cls,
-        points: Line,
-        heights_m: Heights,
-        sides_m: tuple[float, float],
-        mobility: Mobility = _ON_FOOT,
-    ) -> "Along":
-        """A line whose heights (N,) are known, but for NaN."""
-        points, heights = np.asarray(points, np.float64), np.array(heights_m, np.float64)
+    def back(self) -> "Along":
+        """The same line from goal to start."""
+        return replace(self, places=self.places[::-1], sampled_m=self.sampled_m[::-1])
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """(N, 2) the places."""
+        return np.asarray(self.places, np.float64)
+
+    @cached_property
+    def heights_m(self) -> NDArray[np.float64]:
+        """(N,) of the ground. Where one is not known, what lies between the known ones before and behind; NaN where
+        none is known.
+        """
+        heights = np.array(self.sampled_m, np.float64)
         known = np.isfinite(heights)
         if known.any() and not known.all():
-            at = _apart(points, sides_m).cumsum()
+            at = self.distance_m
             heights = np.interp(at, at[known], heights[known])
-        return cls(points, heights, sides_m, mobility)
+        return heights
 
     @cached_property
     def steps_m(self) -> NDArray[np.float64]:
@@ -145,24 +151,28 @@ class Along:
         )
 
 
-def crossings(line: Line) -> NDArray[np.float64]:
+def crossings(line: Line) -> Line:
     """(M, 2) the points of a line (N, 2), and where it crosses a row or a column of cells' middles between them.
 
     A path's cells stay what they are: their steps cross none.
     """
-    points = np.asarray(line, np.float64).reshape(-1, 2)
-    if len(points) < 2 or np.issubdtype(line.dtype, np.integer):
-        return points
-    pieces = [points[:1]]
-    for begin, end in zip(points[:-1], points[1:], strict=True):
-        at = [1.0]
-        for first, last in zip(begin.tolist(), end.tolist(), strict=True):
-            low, high = math.ceil(min(first, last)), math.floor(max(first, last))
-            at += [(whole - first) / (last - first) for whole in range(low, high + 1) if first != last]
-        shares = np.unique(np.clip(at, 0.0, 1.0))
-        shares = shares[shares > 0.0][:, None]
-        pieces.append(begin + shares * (end - begin))
-    return np.concatenate(pieces)
+    if len(line) < 2 or np.issubdtype(line.dtype, np.integer):
+        return line.reshape(-1, 2)
+    points = np.asarray(line, np.float64)
+    begins, ways = points[:-1], np.diff(points, axis=0)
+    legs, shares = [np.arange(len(ways))], [np.ones(len(ways))]
+    for begin, way in zip(begins.T, ways.T, strict=True):
+        first = np.ceil(np.minimum(begin, begin + way))
+        counts = np.where(way != 0.0, np.floor(np.maximum(begin, begin + way)) - first + 1.0, 0.0).astype(np.int64)
+        leg = np.repeat(np.arange(len(ways)), counts)
+        whole = first[leg] + np.arange(len(leg)) - (counts.cumsum() - counts)[leg]
+        legs.append(leg)
+        shares.append(((whole - begin[leg]) / way[leg]).clip(0.0, 1.0))
+    leg, share = np.concatenate(legs), np.concatenate(shares)
+    order = np.lexsort((share, leg))
+    leg, share = leg[order], share[order]
+    kept = (share > 0.0) & np.append((leg[1:] != leg[:-1]) | (share[1:] != share[:-1]), True)
+    return np.concatenate((points[:1], begins[leg[kept]] + share[kept, None] * ways[leg[kept]]))
 
 
 def joined(lines: Sequence[Line]) -> Line:
@@ -177,11 +187,14 @@ def _apart(points: NDArray[np.float64], sides_m: tuple[float, float]) -> NDArray
     return apart
 
 
-def heights_at(heights: Heights, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) heights of a map (H, W) at places (N, 2), bilinear between the cells' middles.
+def heights_at(heights: Heights, points: Line) -> NDArray[np.float64]:
+    """(N,) heights of a map (H, W) at places (N, 2), bilinear between the cells' middles, or of its cells (int).
 
     NaN where a height that counts is unknown; beyond the middles at the rim, the rim's.
     """
+    if np.issubdtype(points.dtype, np.integer):
+        of_cells: NDArray[np.float64] = heights[points[:, 0], points[:, 1]].astype(np.float64)
+        return of_cells
     low = np.clip(np.floor(points).astype(np.int64), 0, np.array(heights.shape) - 1)
     if (low == points).all():
         return heights[low[:, 0], low[:, 1]].astype(np.float64)

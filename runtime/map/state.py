@@ -231,8 +231,8 @@ class MapState:
         """What lies under a line (N, 2) inside the map; None on a map of costs, whose heights are not known."""
         if (ground := self._ground()) is None:
             return None
-        (heights, base, sides_m), points = ground, crossings(line)
-        return Along.through(points, heights_at(heights, points) + base, sides_m, self.mobility)
+        (heights, base, sides_m), places = ground, crossings(line)
+        return Along(places, heights_at(heights, places) + base, sides_m, self.mobility)
 
     def _ground(self) -> tuple[Heights, float, tuple[float, float]] | None:
         """Heights, what they are relative to, and a cell's sides."""

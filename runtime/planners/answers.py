@@ -66,7 +66,7 @@ class Answers:
     def plan(self, start: Cell, goal: Cell, wishes: Wishes) -> Plan:
         """As `Planner.plan`."""
         refining = self._refining(wishes)
-        return self._finished(self._found(start, goal, wishes), refining, wishes)
+        return self._refined(self._found(start, goal, wishes), refining, wishes)
 
     def nearest(self, start: Cell, goals: Sequence[Cell], count: int, wishes: Wishes) -> list[tuple[int, Plan]]:
         """As `Planner.nearest`."""
@@ -82,7 +82,7 @@ class Answers:
             known = sorted(plan.cost for plan in plans.values())
             if len(known) >= count and known[count - 1] <= bounds[at]:
                 break
-            plans[at] = self._finished(self._found(begin, cells[at], wishes), refining, wishes)
+            plans[at] = self._refined(self._found(begin, cells[at], wishes), refining, wishes)
         return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
 
     def via(self, start: Cell, goal: Cell, via: Sequence[Cell], best_order: bool, wishes: Wishes) -> Tour:
@@ -99,7 +99,7 @@ class Answers:
             at_least=self._grid.least_cost,
             nearest=nearest if wishes.method == Method.ASTAR else None,
             symmetric=self._grid.directed is None,
-            finish=lambda leg: self._finished(leg, refining, wishes),
+            finish=lambda leg: self._refined(leg, refining, wishes),
         )
         return replace(found, plan=found.plan.over(self._state))
 
@@ -116,7 +116,7 @@ class Answers:
         return field
 
     def _found(self, start: Cell, goal: Cell, wishes: Wishes) -> Plan:
-        """What the search found, on the grid and without numbers along it."""
+        """What the search found, on the grid."""
         work = Work()
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), wishes.time_limit_s, wishes.epsilon)
         planners, method = self.planners, wishes.method
@@ -133,19 +133,23 @@ class Answers:
             if found is None:
                 chosen, reason = Method.CORRIDOR, f"{reason}, but the way is long"
         found = found or planners.planner(chosen, wanted).find(query, work)
-        computed, checks = self._state.costs_computed, self._state.checked - checked
-        said = {"planner": str(chosen), "reason": reason}
         return found.plan(
-            chosen, work, **said, keep_regions=wishes.keep_regions, costs_computed=computed, checks=checks
+            chosen,
+            work,
+            planner=chosen,
+            reason=reason,
+            keep_regions=wishes.keep_regions,
+            costs_computed=self._state.costs_computed,
+            checks=self._state.checked - checked,
+            along=self._state.along(found.search.path),
         )
 
     def _refining(self, wishes: Wishes) -> Refinement | None:
         return Refinement.named(wishes.refine, self._grid)
 
-    def _finished(self, plan: Plan, refining: Refinement | None, wishes: Wishes) -> Plan:
-        """The plan, freed from the grid if that is asked for, with the numbers along it."""
-        freed = plan if refining is None else self._refiner.refined(plan, wishes.turning_radius_m)
-        return freed.over(self._state)
+    def _refined(self, plan: Plan, refining: Refinement | None, wishes: Wishes) -> Plan:
+        """The plan, freed from the grid if that is asked for."""
+        return plan if refining is None else self._refiner.refined(plan, wishes.turning_radius_m)
 
     def _price(self, price: str) -> Price:
         try:

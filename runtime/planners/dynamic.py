@@ -304,7 +304,10 @@ class DynamicPlanner:
         else:
             found = self._planners.dynamic(wanted).find(query, work)
         checks = self._state.checked - checked
-        plan = found.plan(wanted.base, work, planner=wanted, reason=reason, keep_regions=keep_regions, checks=checks)
+        along = self._state.along(found.search.path)
+        plan = found.plan(
+            wanted.base, work, planner=wanted, reason=reason, keep_regions=keep_regions, checks=checks, along=along
+        )
         if plan.ok:
             self._path.set(plan)
             self._chooser.answered()
@@ -313,13 +316,12 @@ class DynamicPlanner:
     @one_at_a_time
     def refined(self, plan: Plan) -> Plan:
         """A plan whose path can be walked on the map as it is now, such as what is left of the standing one, with its
-        way points; the plan itself where the planner was not made with `refine`.
+        way points where the planner was made with `refine`, and with the numbers along it.
         """
-        return self._refined(plan)
+        return plan.over(self._state) if self._refinement is None else self._refined(plan)
 
     def _refined(self, plan: Plan) -> Plan:
-        freed = plan if self._refinement is None else self._refiner.refined(plan)
-        return freed.over(self._state)
+        return plan if self._refinement is None else self._refiner.refined(plan)
 
     @property
     def _only_whole_map(self) -> bool:

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypedDict
 
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -115,6 +116,7 @@ class Found(NamedTuple):
         keep_regions: bool = False,
         costs_computed: float = 1.0,
         checks: int = 0,
+        along: Along | None = None,
     ) -> Plan:
         """The finished plan, which owns its data."""
         plan = Plan(
@@ -133,6 +135,7 @@ class Found(NamedTuple):
             costs_computed=costs_computed,
             checks=checks,
             timings_ms=work.timings_ms,
+            along=along,
         )
         work.stage_ends("path")  # the plan's own making counts
         work.timings_ms["total"] = work.total_ms()

@@ -106,6 +106,7 @@ class Refiner:
             return plan
         watch = Stopwatch()
         line = self.line_along(plan.path, radius)
+        along = None if line is None else self._state.along(line.points)
         watch.stage_ends("refine")
         took = watch.timings_ms["refine"]
         timings = {**plan.timings_ms, "refine": took, "total": plan.timings_ms.get("total", 0.0) + took}
@@ -113,7 +114,7 @@ class Refiner:
             reason = f"no line that turns with a radius of {wanted:g} m was found near the grid's path"
             status, source = Status.NO_PATH, plan.source
             return Plan(status, plan.method, source, planner=plan.planner, reason=reason, timings_ms=timings)
-        return replace(plan, waypoints=line.points, line_cost=line.cost, timings_ms=timings)
+        return replace(plan, waypoints=line.points, line_cost=line.cost, along=along, timings_ms=timings)
 
     def line_along(self, path: NDArray[np.int32], radius: float = 0.0) -> Line | None:
         """A line near a path of cells that costs no more, with no turn sharper than `radius` cells; None without."""

@@ -129,7 +129,8 @@ class _Legs:
         """From one stop, by its number, to another; InvalidQueryError for a place between that is none."""
         back = self._made.get((end, begin)) if self._symmetric else None
         if (begin, end) not in self._made and back is not None and back.ok:
-            self._made[begin, end] = replace(back, path=back.path[::-1].copy())
+            along = None if back.along is None else back.along.back()
+            self._made[begin, end] = replace(back, path=back.path[::-1].copy(), along=along)
         elif (begin, end) not in self._made:
             plan = self._plan(self._stops[begin], self._stops[end])
             if plan.source is None:

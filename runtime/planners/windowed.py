@@ -213,7 +213,7 @@ class WindowedPlanner:
         heights, _ = self.costs.along(plan.path)
         source = self.costs.heights
         sides = source.cell_size_m, source.cell_width_m
-        return replace(plan, along=Along.through(plan.path, heights, sides, self._mobility))
+        return replace(plan, along=Along(plan.path, heights, sides, self._mobility))
 
     def _without_corridor(self, query: Query) -> tuple[Status, str]:
         """Whether there is a path where no corridor holds one, and in words."""
