@@ -63,10 +63,10 @@ class Answers:
         self._choose_for(loaded)
         return loaded
 
-    def plan(self, start: Cell, goal: Cell, wishes: Wishes) -> Plan:
-        """As `Planner.plan`."""
+    def plan(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
+        """As `Planner.plan`; `work` has counted the time since it was called."""
         refining = self._refining(wishes)
-        return self._refined(self._found(start, goal, wishes), refining, wishes)
+        return self._refined(self._found(start, goal, wishes, work), refining, wishes)
 
     def nearest(self, start: Cell, goals: Sequence[Cell], count: int, wishes: Wishes) -> list[tuple[int, Plan]]:
         """As `Planner.nearest`."""
@@ -82,7 +82,7 @@ class Answers:
             known = sorted(plan.cost for plan in plans.values())
             if len(known) >= count and known[count - 1] <= bounds[at]:
                 break
-            plans[at] = self._refined(self._found(begin, cells[at], wishes), refining, wishes)
+            plans[at] = self._refined(self._found(begin, cells[at], wishes, Work()), refining, wishes)
         return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
 
     def via(self, start: Cell, goal: Cell, via: Sequence[Cell], best_order: bool, wishes: Wishes) -> Tour:
@@ -92,7 +92,7 @@ class Answers:
         stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
         nearest = partial(costs_to_nearest, self._grid, stops, NEAREST_STOPS, self.planners.astar.workspace)
         found = tour(
-            lambda begin, end: self._found(begin, end, wishes),
+            lambda begin, end: self._found(begin, end, wishes, Work()),
             stops,
             self._grid,
             best_order=best_order,
@@ -115,9 +115,8 @@ class Answers:
         field[field > within] = np.inf
         return field
 
-    def _found(self, start: Cell, goal: Cell, wishes: Wishes) -> Plan:
+    def _found(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
         """What the search found, on the grid."""
-        work = Work()
         query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), wishes.time_limit_s, wishes.epsilon)
         planners, method = self.planners, wishes.method
         chosen, reason = self._chooser.choose(method, query)

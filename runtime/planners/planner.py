@@ -14,6 +14,7 @@ from nnpp_edge.runtime.memory import check_planner_fits, touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.answers import Answers, Wishes
 from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
@@ -332,7 +333,6 @@ class Planner:
         wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
         return self._answers.nearest(start, goals, count, wishes)
 
-    @one_at_a_time
     def plan(
         self,
         start: Cell,
@@ -390,8 +390,13 @@ class Planner:
         ModelError
             ``nnpp`` was asked for and the model cannot be loaded.
         """
+        work = Work()
         wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
-        return self._answers.plan(start, goal, wishes)
+        return self._plan_in_turn(start, goal, wishes, work)
+
+    @one_at_a_time
+    def _plan_in_turn(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
+        return self._answers.plan(start, goal, wishes, work)
 
     @one_at_a_time
     def plan_via(

@@ -120,7 +120,7 @@ def warmed(tmp_path_factory):
     folder = base / "nnpp-edge" / CACHE_FOLDER.name
     folder.mkdir(parents=True, mode=0o700)
     for kept in CACHE_FOLDER.glob("*.nbc"):
-        if "runtime.kernels.expansion." not in kept.name:
+        if "runtime.kernels.threshold." not in kept.name:
             shutil.copy2(kept, folder)
     command = [sys.executable, "-c", WARM_UP, "warmup", "--json"]
     both = [
