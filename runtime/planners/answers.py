@@ -18,7 +18,7 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
+from nnpp_edge.runtime.planners.query import Found, Query, Work, in_words, problem_with
 from nnpp_edge.runtime.planners.refine import Refinement, Refiner
 from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import cost_field, costs_to_nearest
@@ -109,8 +109,7 @@ class Answers:
             raise InvalidQueryError(f"within must be a number of at least 0, got {within}")
         cell = as_cell(start, "start")
         if problem := problem_with(self._grid, cell, cell):
-            what = "lies outside the map" if problem.endswith("MAP") else "is impassable"
-            raise InvalidQueryError(f"start {cell} {what}")
+            raise InvalidQueryError(f"start {cell} {in_words(problem)}")
         field = cost_field(self._grid, cell, self.planners.astar.workspace)
         field[field > within] = np.inf
         return field

@@ -158,3 +158,8 @@ def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
         if not grid.is_passable(cell):
             return blocked
     return None
+
+
+def in_words(problem: Status) -> str:
+    """What is wrong with a cell, by what `problem_with` says of it."""
+    return "lies outside the map" if problem.endswith("OUTSIDE_MAP") else "is impassable"

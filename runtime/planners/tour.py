@@ -13,6 +13,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.along import joined
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source, path_costs
+from nnpp_edge.runtime.planners.query import in_words
 from nnpp_edge.runtime.stopwatch import Stopwatch
 
 MOST_ORDERED = 12
@@ -171,8 +172,7 @@ class _Legs:
     def _refuse(self, number: int, status: Status) -> None:
         """InvalidQueryError where the stop is a place between; start and goal are told of by the plan's status."""
         if 0 < number < len(self._stops) - 1:
-            problem = "lies outside the map" if status.endswith("OUTSIDE_MAP") else "is impassable"
-            raise InvalidQueryError(f"via {number}, {self._stops[number]}, {problem}")
+            raise InvalidQueryError(f"via {number}, {self._stops[number]}, {in_words(status)}")
 
 
 def _cheapest_order(costs: Costs) -> tuple[Order, float]:
