@@ -1,5 +1,5 @@
 # make demo: the onboard package alone, in an environment of its own, a plan over real lunar terrain, and a rover's among rocks.
-# make check: lint, types, import contract and the fast tests, in less than a minute.
+# make check: lint, spelling, types, import contract and the fast tests; a few minutes, once the kernels are compiled.
 # make test: the same with all tests.
 # make bench: our planners beside other libraries' grid search, the stages from elevations to a first path, what a
 # region's search costs, and how long the first plan takes.
