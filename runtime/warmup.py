@@ -1,67 +1,34 @@
 """Compiling every kernel before the first plan: at install or at boot, rather than on the way.
 
-Tiny plans are made that go through every code path with every type of argument which the runtime hands to
-its kernels. What they compile stays in the cache folder that `compiled` chose.
+What `exercises` compiles stays in the cache folder that `compiled` chose. Several processes share the work: this one
+begins with the first exercise, the others with the last, and none compiles what another is at.
 """
 
-import functools
 import importlib
 import os
 import pkgutil
 import re
 import shutil
+import subprocess
+import sys
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
-
 import nnpp_edge.runtime
-from nnpp_edge.runtime import tuning
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.compiled import cache, kernel
+from nnpp_edge.runtime.compiled import cache, claims, kernel
 from nnpp_edge.runtime.compiled.cache import NumbaObject
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS
-from nnpp_edge.runtime.map.crossing import costs_of_crossing
-from nnpp_edge.runtime.map.poses import pose_costs
-from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.network.encoding import encode_gaussian
-from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
-from nnpp_edge.runtime.planners.map_planners import MapPlanners
-from nnpp_edge.runtime.planners.plan import DynamicMethod
-from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.planners.query import Query, Work
-from nnpp_edge.runtime.planners.refine import BodyLines
-from nnpp_edge.runtime.region.corridor import CoarseLevel
-from nnpp_edge.runtime.region.links import Links, LinkSearch
-from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
-from nnpp_edge.runtime.search.astar import cost_field
-from nnpp_edge.runtime.search.connection import connected
-from nnpp_edge.runtime.search.dstar_lite import DStarLite
-from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.terrain.traversability import (
-    SaturationWarning,
-    Traversability,
-    terrain_terms,
-    traversability_cost,
-    update_cost,
-)
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.runtime.tuning import MapSize
+from nnpp_edge.runtime.exercises import exercise, parts
 
 _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
 _STILL_IN_USE_S = 3600.0
 """A folder written to within this time may belong to a process that is still running: it is left alone."""
-_NARROW = 24
-"""Columns of the maps that are long: what counts is their longer side."""
+MOST_JOBS = 4
+"""Processes that compile at once unless told otherwise: each takes half a gigabyte."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +57,7 @@ class Warmth:
         }
 
 
-def warm_up(*, keep_old: bool = False) -> Warmth:
+def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
     """Compile every kernel into the cache folder; later processes load them from there.
 
     Parameters
@@ -98,12 +65,20 @@ def warm_up(*, keep_old: bool = False) -> Warmth:
     keep_old : bool
         Leave the kernels of other versions where they are. Otherwise their folders are deleted, but for
         those written to within the last hour.
+    jobs : int, optional
+        Processes that compile at once; by default one for each processor that this one may use, four at most.
+        Each takes about half a gigabyte.
 
     Raises
     ------
+    ValueError
+        `jobs` is below 1.
     OutputError
         There is no folder to write to, or it cannot be written.
     """
+    jobs = min(len(os.sched_getaffinity(0)), MOST_JOBS) if jobs is None else jobs
+    if jobs < 1:
+        raise ValueError(f"jobs: wanted at least 1, got {jobs}")
     folder = kernel.CACHE_FOLDER
     if folder is None:
         raise OutputError(
@@ -114,9 +89,10 @@ def warm_up(*, keep_old: bool = False) -> Warmth:
     try:
         with _alone(folder), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of a kernel that is not kept: an error below
-            before = _compilations()
-            exercise()
-            compiled = _compilations() - before
+            before = _kept(folder)
+            with claims.shared(folder), _helpers(folder, jobs):
+                exercise()
+            compiled = len(_kept(folder) - before)
         if cache.save_error is not None:
             raise cache.save_error
         removed = () if keep_old else _remove_old(folder)
@@ -124,190 +100,6 @@ def warm_up(*, keep_old: bool = False) -> Warmth:
         raise OutputError(f"{folder}: kernels could not be kept ({error.strerror or error})") from error
     kernels, signatures = cache.count_kept(folder)
     return Warmth(folder, kernels, signatures, compiled, time.perf_counter() - began, removed)
-
-
-@functools.cache
-def exercise() -> None:
-    """Make tiny plans that call every kernel with every set of argument types, once in a process.
-
-    What is not yet loaded would else be waited for by some later query: up to a tenth of a second for each kernel.
-    """
-    network = NetworkModel("edge")
-    _exercise_elevations(network)
-    network.set_query((0.0, 0.0), (1.0, 1.0))
-    network.run()
-    for shape in warmup_shapes():
-        for step_cost in ("paper", "length"):
-            for corner_cutting in (True, False):
-                _exercise_planner(shape, step_cost, corner_cutting, network)
-    size = 16
-    encode_gaussian((1.0, 2.0), (9.0, 3.0), size, 1, 4.0, np.empty((GAUSSIAN_CHANNELS, size, size), np.float32))
-    finder = RegionFinder(size)
-    finder.threshold((1, 2), (9, 3))
-    finder.mark(lowered(3, 0.5), (1, 2), (9, 3), 1)
-
-
-def _exercise_elevations(network: NetworkModel) -> None:
-    dem = np.cumsum(np.random.default_rng(0).normal(0.0, 0.1, (150, 24)), axis=1).astype(np.float32)
-    dem[3, 4] = np.nan
-    limits = Traversability(hard_slope_deg=25.0)
-    for heights in (dem, _read_only(dem)):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SaturationWarning)
-            cost = traversability_cost(heights, 1.0, limits, cell_width_m=1.5)
-        update_cost(cost, heights, (70, 5, 2, 3), 1.0, limits)
-        terrain_terms(heights, 1.0)
-        for lazy in (True, False):
-            planner = Planner.of_elevation(heights, 1.0, limits, lazy=lazy, model=network, ask_from=0, warn=False)
-            for method in ("astar", "corridor", "nnpp"):
-                planner.plan((1, 2), (140, 20), method=method)
-            planner.update_elevation(3, 4, heights[:5, :6].copy())
-            planner.update_elevation(0, 0, heights)
-    _exercise_body(dem, network)
-    _exercise_directed(dem, network)
-    _exercise_passage(dem)
-    connected([cost], ((0, 0), (1, 1)))
-
-
-def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
-    vehicle, (start, goal) = Vehicle(2.2, 2.2, 3.0, max_tilt_deg=60.0, unknown_passes=True), ((8, 5), (140, 18))
-    planner = Planner.of_elevation(dem, 1.0, vehicle=vehicle, model=network, ask_from=0, warn=False)
-    for method in ("astar", "corridor"):
-        planner.plan(start, goal, method=method, refine="any-angle")
-        planner.plan(start, goal, method=method, time_limit_s=60.0)
-    BodyLines(planner.state.grid).attitudes(np.array((start, goal), np.float64))
-    planner.plan(start, goal, method="corridor", price="sampled")
-    planner.prepare(landmarks=1, goals=[goal])
-    for method in ("astar", "corridor"):
-        planner.plan(start, goal, method=method)
-    planner.update_elevation(3, 4, dem[:5, :6].copy())
-    costs_of_crossing(pose_costs(dem[:148], 1.0, vehicle), 10.0)
-    moving = DynamicPlanner.of_elevation(
-        dem, 1.0, goal, method="dstar", vehicle=vehicle, also=("corridor-dstar",), model=network
-    )
-    moving.move(start)
-    for method in ("dstar", "corridor-dstar"):
-        moving.replan(method=method)
-        moving.update_elevation(3, 4, dem[:5, :6] + np.float32(0.01))
-        moving.standing()
-    state = MapState.of_elevation(dem, (1.0, 1.0), Traversability(), StepModel.of("paper"), vehicle=vehicle)
-    MapPlanners(state, network).corridor_mended.find(Query(start, goal), Work())
-
-
-def _exercise_directed(dem: Float2D, network: NetworkModel) -> None:
-    """Steps that cost by the slope: on a map with one coarse level, on one with two, and of a body."""
-    body, long = Vehicle(2.2, 2.2, 3.0, max_tilt_deg=60.0, unknown_passes=True), np.tile(dem, (8, 1))
-    for heights, vehicle, start in ((dem, None, (1, 2)), (long, None, (1, 2)), (dem, body, (8, 5))):
-        goal = (heights.shape[0] - 10, 18)
-        planner = Planner.of_elevation(
-            heights, 1.0, vehicle=vehicle, step_cost="tobler", model=network, ask_from=0, warn=False
-        )
-        for method in ("astar", "corridor", "nnpp"):
-            planner.plan(start, goal, method=method)
-        planner.update_elevation(3, 4, dem[:5, :6].copy())
-        cost_field(planner.state.grid, start, Workspace(len(planner.state.grid.weights)))
-    for vehicle in (None, body):
-        moving = DynamicPlanner.of_elevation(
-            dem,
-            1.0,
-            goal,
-            method="dstar",
-            vehicle=vehicle,
-            step_cost="tobler",
-            also=("corridor-dstar",),
-            model=network,
-        )
-        moving.move(start)
-        moving.replan()
-        moving.update_elevation(3, 4, dem[:5, :6] + np.float32(0.01))
-        moving.standing()
-        moving.replan()
-        MapPlanners(moving.state, network).corridor_mended.find(Query(start, goal), Work())
-
-
-def _exercise_passage(dem: Float2D) -> None:
-    vehicle, (start, goal) = Vehicle(3.5, 2.2, 1.2, max_tilt_deg=35.0, unknown_passes=True), ((8, 5), (140, 18))
-    dem = np.float32(0.2) * dem  # gentle enough for the vehicle to stand at both ends
-    for heights in (dem, _read_only(dem)):
-        planner = Planner.of_elevation(heights, 1.0, vehicle=vehicle, warn=False)
-        planner.plan(start, goal, method="corridor", price="network")
-        planner.update_elevation(3, 4, dem[:5, :6].copy())
-        planner.plan(start, goal, method="corridor", price="network")
-    search, links, memory = LinkSearch(dem.shape), Links.all_at(5.0, dem.shape), Workspace((150 + 2) * (24 + 2))
-    region, _ = search.around(links, (start, goal), 0.1, 1)
-    memory.next_stamp()
-    search.around_again(search.without_dead_ends(links, region, memory), (start, goal), 0.1, 1)
-
-
-def warmup_shapes() -> list[tuple[int, int]]:
-    """Maps below and above every size at which something is done in another way."""
-    sizes = sorted({size for size in vars(tuning).values() if isinstance(size, MapSize)})
-    return [(40, 56), *((size + 8, _NARROW if size > 1000 else size * 2 // 3) for size in sizes)]
-
-
-def _exercise_planner(shape: tuple[int, int], step_cost: str, corner_cutting: bool, network: NetworkModel) -> None:
-    cost = np.random.default_rng(0).uniform(0.1, 0.6, shape).astype(np.float32)
-    start, goal = (1, 2), (shape[0] - 2, shape[1] - 3)
-    for weights in (cost, _read_only(cost)):
-        planner = Planner(weights, step_cost=step_cost, corner_cutting=corner_cutting, model=network)
-        for method in ("astar", "corridor", "nnpp"):
-            planner.plan(start, goal, method=method)
-            planner.plan(goal, start, method=method, time_limit_s=60.0, refine="any-angle")
-            planner.plan(start, start, method=method)
-        planner.plan(start, goal, method="astar", time_limit_s=0.0)
-        for patch in (cost[:5, :6].copy(), _read_only(cost[:5, :6])):
-            planner.update(3, 4, patch)
-        planner.prepare(landmarks=1, goals=[goal])
-        for method in ("astar", "corridor"):
-            planner.plan(start, goal, method=method)
-        planner.nearest(start, [goal], method="astar")
-        planner.update(shape[0] // 2, 0, np.full((1, shape[1]), np.inf, np.float32))  # a wall: no path
-        for method in ("astar", "corridor", "nnpp"):
-            planner.plan(start, goal, method=method)
-    _exercise_searches(planner.state, start, corner_cutting)
-    _exercise_dynamic(cost, goal, step_cost, corner_cutting, network)
-
-
-def _exercise_searches(state: MapState, start: Cell, corner_cutting: bool) -> None:
-    for level in state.pyramid.levels[1:]:
-        coarse = CoarseLevel(level)
-        coarse.set_landmarks(1)
-        coarse.search((0, 0), (level.grid.rows - 1, 0), None, beyond=0.02)
-    cost_field(state.grid, start, Workspace(len(state.grid.weights)))
-    search = DStarLite(state, (9, 12))
-    for region in (None, Region.everywhere(*state.shape), None):
-        search.set_region(region)
-        for at in ((1, 2), (2, 2)):
-            search.plan(at)
-            search.plan(at, deadline=time.monotonic() + 60.0)
-            state.update(1, 4, np.full((1, 2), 0.5, np.float32))
-            search.reach()
-
-
-def _exercise_dynamic(cost: Float2D, goal: Cell, step_cost: str, corner_cutting: bool, network: NetworkModel) -> None:
-    planner = DynamicPlanner(
-        cost, goal, also=tuple(DynamicMethod), step_cost=step_cost, corner_cutting=corner_cutting, model=network
-    )
-    planner.prepare()
-    rows, cols = planner.shape
-    for at, method in enumerate(DynamicMethod):
-        planner.move((1, 2 + at))
-        planner.replan(method=method)
-        part = (rows // 4, cols // 4)  # enough that the network's view is compared with what it saw
-        for patch in (np.full(part, 0.3 + 0.02 * at, np.float32), _read_only(np.full((1, 2), 0.31, np.float32))):
-            planner.update(1, 4, patch)
-        planner.standing()
-        planner.replan(method=method, time_limit_s=60.0)
-    planners = MapPlanners(MapState(cost, StepModel.of(step_cost), corner_cutting=corner_cutting), network)
-    for planner_of_region in (planners.corridor_mended, planners.corridor_mending):
-        planner_of_region.find(Query((1, 2), goal), Work())
-
-
-def _read_only(array: Float2D) -> Float2D:
-    """A contiguous copy that may not be written, as a memory-mapped file is: to numba that is another type."""
-    out = array.copy()
-    out.flags.writeable = False
-    return out
 
 
 def kernels() -> dict[str, NumbaObject]:
@@ -322,8 +114,52 @@ def kernels() -> dict[str, NumbaObject]:
     return found
 
 
-def _compilations() -> int:
-    return sum(sum(kernel.stats.cache_misses.values()) for kernel in kernels().values())
+def _kept(folder: Path) -> set[tuple[str, int]]:
+    """Name and age of every version's file."""
+    return {(path.name, path.stat().st_mtime_ns) for path in folder.glob("*.nbc")}
+
+
+@contextmanager
+def _helpers(folder: Path, jobs: int) -> Iterator[None]:
+    """Have all but one of `jobs` processes compile as well, until what is within has ended.
+
+    They only take work off this one: whatever becomes of them, it goes through every exercise itself.
+    """
+    code = f"from nnpp_edge.runtime.warmup import help_out; help_out({str(folder)!r}, {{}}, {jobs})"
+    path = os.pathsep.join(folder for folder in sys.path if folder)
+    helpers = [
+        subprocess.Popen(
+            [sys.executable, "-c", code.format(number)],
+            env=os.environ | {"PYTHONPATH": path},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for number in range(1, jobs)
+    ]
+    try:
+        yield
+    finally:
+        for helper in helpers:
+            helper.kill()
+        for helper in helpers:
+            helper.wait()
+
+
+def help_out(folder: str, number: int, jobs: int) -> None:
+    """Go through the exercises from the end, as process `number` of `jobs`, for a warm-up that fills `folder`."""
+    if str(kernel.CACHE_FOLDER) != folder:
+        return
+    with claims.shared(Path(folder)):
+        for part in from_the_end(parts(), number, jobs):
+            part()
+
+
+def from_the_end(all_parts: list[Callable[[], None]], number: int, jobs: int) -> list[Callable[[], None]]:
+    """The parts backwards, each process beginning elsewhere."""
+    backwards = all_parts[::-1]
+    first = len(backwards) * (number - 1) // jobs
+    return backwards[first:] + backwards[:first]
 
 
 @contextmanager

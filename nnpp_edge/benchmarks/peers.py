@@ -24,7 +24,7 @@ from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.profiling.harness import Harness
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, cases_from, source_of
 from nnpp_edge.runtime.cells import Endpoints
-from nnpp_edge.runtime.warmup import exercise
+from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.terrain.workloads import SOFT
 
 REFERENCE = "astar"

@@ -15,9 +15,9 @@ import numpy as np
 
 from nnpp_edge.profiling.suites import Case, TerrainFiles, cases_from
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
 from nnpp_edge.runtime.search.connection import connected
-from nnpp_edge.runtime.warmup import exercise
 from nnpp_edge.terrain.vehicle_files import load_mobility
 
 _PLACES = 12

@@ -216,7 +216,7 @@ def find(
     if request.landmarks:
         planner.prepare(landmarks=request.landmarks)
     if request.time_limit is not None:  # loading would use it up
-        from nnpp_edge.runtime.warmup import exercise
+        from nnpp_edge.runtime.exercises import exercise
 
         exercise()
     within: PlanOptions = {

@@ -11,8 +11,13 @@ from nnpp_edge.cli import options
 
 @click.command(name="warmup")
 @click.option("--keep-old", is_flag=True, help="Keep the kernels of other versions of this package.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(1),
+    help="Processes that compile at once, half a gigabyte each; by default one a processor, four at most.",
+)
 @options.as_json
-def command(keep_old: bool, as_json: bool) -> None:
+def command(keep_old: bool, jobs: int | None, as_json: bool) -> None:
     """Compile every kernel ahead of the first plan.
 
     The kernels stay in the cache folder: NUMBA_CACHE_DIR if it is set, else nnpp-edge under
@@ -28,7 +33,7 @@ def command(keep_old: bool, as_json: bool) -> None:
     from nnpp_edge.runtime.errors import OutputError
 
     try:
-        warmth = warm_up(keep_old=keep_old)
+        warmth = warm_up(keep_old=keep_old, jobs=jobs)
     except OutputError as error:
         click.echo(f"error: {error}", err=True)
         sys.exit(1)

@@ -13,8 +13,8 @@ from nnpp_edge.profiling.rivals import EXACT, FindsPlans, Forgetting, FreshMap, 
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.warmup import exercise
 
 Plans = tuple[Plan, ...]
 Records = Mapping[str, Record[Queries, Plans]]

@@ -19,9 +19,9 @@ from nnpp_edge.reproduction.index import FileFacts, MadeWith, Stored, experiment
 from nnpp_edge.reproduction.regions import Networks
 from nnpp_edge.reproduction.report import Finding, Result
 from nnpp_edge.runtime.errors import DataSetError, OutputError
+from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
-from nnpp_edge.runtime.warmup import exercise
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -5,10 +5,10 @@ lose an entry, or leave one that leads to machine code for other types or for an
 killed between index and code can do the same. A damaged file raises in the middle of a plan.
 
 Here a version (the types of the arguments, the processor, Python's and numba's versions) has a file of its
-own, named after all these and put in its place whole, by renaming. Nothing is shared and nothing is locked:
-processes may be forked or killed at any moment. A checksum comes first, since a robot that loses its power
-may be left with a file of zeros. What cannot be read back is compiled anew and written again; what cannot
-be written is warned of once, and the kernel runs all the same.
+own, named after all these and put in its place whole, by renaming. Nothing is shared and nothing is locked, but
+by processes that fill a folder together (`claims`): they may be forked or killed at any moment. A checksum comes
+first, since a robot that loses its power may be left with a file of zeros. What cannot be read back is compiled
+anew and written again; what cannot be written is warned of once, and the kernel runs all the same.
 """
 
 import functools
@@ -30,6 +30,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
+from nnpp_edge.runtime.compiled import claims
 from nnpp_edge.runtime.compiled.notice import say_once
 
 NumbaObject = Any
@@ -89,13 +90,18 @@ class KernelCache(_Cache):
         """The compiled version for `sig`, or None where no sound one is kept."""
         if not self._enabled:
             return None
-        if (kept := self._load(sig, target_context)) is None:
+        target_context.refresh()
+        key = self._key(sig, target_context.codegen())
+        kept = self._load(key, sig, target_context)
+        if kept is None and claims.take(_digest(key)):  # another may have kept it meanwhile
+            kept = self._load(key, sig, target_context)
+            if kept is not None:
+                claims.release(_digest(key))
+        if kept is None:
             say_once("compiling for this processor: up to a minute, once (nnpp-edge warmup does it ahead of time)")
         return kept
 
-    def _load(self, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
-        target_context.refresh()
-        key = self._key(sig, target_context.codegen())
+    def _load(self, key: bytes, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
         content = _read(self._path(key))
         kept = content[_CHECKSUM_BYTES:]
         if content != _checksum(key, kept) + kept:
@@ -108,9 +114,14 @@ class KernelCache(_Cache):
 
     def save_overload(self, sig: NumbaObject, data: NumbaObject) -> None:
         """Keep the compiled version `data` for `sig`, unless it holds addresses of this process."""
-        if not self._enabled or data.lifted or data.library.has_dynamic_globals:
+        if not self._enabled:
             return
         key = self._key(sig, data.codegen)
+        if not (data.lifted or data.library.has_dynamic_globals):
+            self._save(key, data)
+        claims.release(_digest(key))
+
+    def _save(self, key: bytes, data: NumbaObject) -> None:
         content = dumps(data._reduce())
         try:
             for folder in (self._folder.parent, self._folder):
@@ -124,7 +135,7 @@ class KernelCache(_Cache):
         return repr((self._stem, self._made_by, repr(sig), codegen.magic_tuple())).encode()
 
     def _path(self, key: bytes) -> Path:
-        return self._folder / f"{self._stem}.{hashlib.sha256(key).hexdigest()[:16]}.nbc"
+        return self._folder / f"{self._stem}.{_digest(key)}.nbc"
 
 
 def make_private(folder: Path) -> None:
@@ -151,6 +162,10 @@ def _tell_once(folder: Path, error: OSError) -> None:
         RuntimeWarning,
         stacklevel=2,
     )
+
+
+def _digest(key: bytes) -> str:
+    return hashlib.sha256(key).hexdigest()[:16]
 
 
 def _checksum(key: bytes, content: bytes) -> bytes:

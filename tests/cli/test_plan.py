@@ -73,12 +73,12 @@ def test_json_holds_what_the_planner_answers(nnpp_edge, hills):
     [((), 1, True), (("--time-limit", "9"), 1, False), (("--compare",), 1 + 4 * 2, False)],
 )
 def test_it_plans_once_unless_asked_to_compare(nnpp_edge, hills, tmp_path, monkeypatch, words, plans, loading):
-    from nnpp_edge.runtime import warmup
+    from nnpp_edge.runtime import exercises
     from nnpp_edge.runtime.planners import answers, planner
     from nnpp_edge.runtime.planners.query import Work
 
     made = []
-    monkeypatch.setattr(warmup, "exercise", lambda: None)
+    monkeypatch.setattr(exercises, "exercise", lambda: None)
     for module in (answers, planner):
         monkeypatch.setattr(module, "Work", lambda: made.append("a plan") or Work())
     ended = nnpp_edge("plan", hills, *EXACT, *words, "-o", tmp_path / "out")

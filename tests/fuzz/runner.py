@@ -130,7 +130,7 @@ def prepare(folder: Path, *, heavy: bool) -> Path:
     _load(heavy)
     if not (samples / "made").exists():
         _make(samples, folder, heavy)
-    from nnpp_edge.runtime.warmup import exercise
+    from nnpp_edge.runtime.exercises import exercise
 
     exercise()
     if threads() > 4:  # onnxruntime has a few that sleep

@@ -53,6 +53,23 @@ ended = [os.waitpid(child, 0)[1] for child in children]
 print(json.dumps([ended, double_all(double, TYPES)]))
 """
 )
+SHARING = """
+import sys, time
+from pathlib import Path
+from nnpp_edge.runtime.compiled import cache, claims
+from nnpp_edge.runtime.compiled.kernel import CACHE_FOLDER
+
+def save_slowly(self, sig, data, save=cache.KernelCache.save_overload):
+    print("compiled", flush=True)
+    {}
+    save(self, sig, data)
+
+cache.KernelCache.save_overload = save_slowly
+with claims.shared(CACHE_FOLDER):
+    print("begins", flush=True)
+    from tiny import double
+    assert double(21) == 42
+"""
 KILLED_WHILE_SAVING = (
     FORK
     + """
@@ -71,22 +88,23 @@ def double(x):
 
 
 @pytest.fixture
-def python(tmp_path):
-    """Run code beside a module `tiny` with one kernel; its cache is in `cache` under the test's folder."""
+def beside_tiny(tmp_path):
+    """Environment with a module `tiny`, which has one kernel; its cache is in `cache` under the test's folder."""
     (tmp_path / "tiny.py").write_text(MODULE)
+    places = {
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": os.pathsep.join((str(tmp_path), *sys.path)),
+    }
+    return os.environ | places
+
+
+@pytest.fixture
+def python(beside_tiny):
+    """Run code beside the module `tiny`."""
 
     def run(code: str) -> subprocess.CompletedProcess[str]:
-        places = {
-            "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-            "PYTHONPATH": os.pathsep.join((str(tmp_path), *sys.path)),
-        }
         return subprocess.run(
-            [sys.executable, "-c", code],
-            env=os.environ | places,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=60,
+            [sys.executable, "-c", code], env=beside_tiny, capture_output=True, text=True, check=False, timeout=60
         )
 
     return run
@@ -128,6 +146,25 @@ def test_a_process_killed_while_saving_leaves_nothing_in_the_way(python):
     assert ended == signal.SIGKILL
     assert len(left) == 1 and left[0] != ".nbc"
     assert (second, third) == ({TYPES[0]: [42.0, 1]}, {TYPES[0]: [42.0, 0]})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("meanwhile", "ends_with", "others"),
+    [("time.sleep(2.0)", 0, []), ("import os; os.kill(os.getpid(), 9)", -signal.SIGKILL, ["compiled"])],
+    ids=["kept in the end", "killed before it is kept"],
+)
+def test_a_version_is_compiled_by_one_of_those_that_fill_a_folder(beside_tiny, meanwhile, ends_with, others):
+    def started(code):
+        command = [sys.executable, "-c", SHARING.format(code)]
+        return subprocess.Popen(command, env=beside_tiny, stdout=subprocess.PIPE, text=True)
+
+    with started(meanwhile) as first:
+        assert [first.stdout.readline() for _ in range(2)] == ["begins\n", "compiled\n"]
+        with started("pass") as second:
+            said = second.communicate(timeout=60)[0].split()
+    assert (first.returncode, second.returncode) == (ends_with, 0)
+    assert said == ["begins", *others]
 
 
 # What is read back
@@ -253,11 +290,36 @@ def test_a_warm_up_that_cannot_keep_what_it_compiled_fails(folder, monkeypatch):
     folder.mkdir(mode=0o700, parents=True)
     folder.parent.chmod(0o700)
     monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1))
-    assert (warmup.warm_up(keep_old=True).kernels, warmup.warm_up(keep_old=True).signatures) == (1, 1)
+    told = [warmup.warm_up(keep_old=True, jobs=1) for _ in range(2)]
+    assert [(warmth.kernels, warmth.signatures, warmth.compiled) for warmth in told] == [(1, 1, 1), (1, 1, 0)]
     monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1.5))
     monkeypatch.setattr(Path, "replace", fails_with(errno.ENOSPC))
     with warnings.catch_warnings(action="error"), pytest.raises(OutputError, match="No space left"):
-        warmup.warm_up(keep_old=True)
+        warmup.warm_up(keep_old=True, jobs=1)
+
+
+@pytest.mark.parametrize(
+    "python", ["/bin/false", "/bin/true", None], ids=["fails", "does nothing", "has other kernels"]
+)
+def test_a_warm_up_needs_no_help(folder, monkeypatch, python):
+    folder.mkdir(mode=0o700, parents=True)
+    folder.parent.chmod(0o700)
+    monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1))
+    monkeypatch.setattr(sys, "executable", python or sys.executable)
+    assert warmup.warm_up(keep_old=True, jobs=3).compiled == 1
+
+
+@pytest.mark.parametrize("jobs", [2, 3, 5])
+def test_helpers_go_through_every_exercisefrom_the_end(jobs):
+    orders = [warmup.from_the_end(list(range(7)), number, jobs) for number in range(1, jobs)]
+    assert orders[0] == [6, 5, 4, 3, 2, 1, 0]
+    assert all(sorted(order) == list(range(7)) for order in orders)
+    assert len({order[0] for order in orders}) == jobs - 1
+
+
+def test_a_warm_up_without_a_process_is_refused(folder):
+    with pytest.raises(ValueError, match="at least 1, got 0"):
+        warmup.warm_up(jobs=0)
 
 
 def test_a_folder_that_vanished_is_made_again_for_us_alone(folder):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner, Status, Vehicle, tuning, warmup
+from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner, Status, Vehicle, exercises, tuning
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
 from nnpp_edge.runtime.map.state import MapState
@@ -72,7 +72,7 @@ def test_every_number_is_used_by_its_name():
 
 @pytest.mark.parametrize("name", SIZES)
 def test_warm_up_plans_on_a_map_below_and_one_above_every_size(name):
-    sides = [max(shape) for shape in warmup.warmup_shapes()]
+    sides = [max(shape) for shape in exercises.warmup_shapes()]
     assert min(sides) < SIZES[name] <= max(sides)
     others = sorted({*SIZES.values(), 0, 1 << 20} - {SIZES[name]})
     below = max(other for other in others if other < SIZES[name])

@@ -21,6 +21,7 @@ from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault
 from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
 from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
+from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
@@ -28,7 +29,6 @@ from nnpp_edge.runtime.loop.realtime import Handler, signal_handlers
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.sinks import Sink
 from nnpp_edge.runtime.loop.world import World
-from nnpp_edge.runtime.warmup import exercise
 
 _LOG = logging.getLogger(__name__)
 _STARTING: dict[signal.Signals, Handler] = {
