@@ -42,6 +42,7 @@ from nnpp_edge.runtime.terrain.traversability import (
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.tuning import MapSize
 
+_SMALL = (40, 56)
 _NARROW = 24
 """Columns of the maps that are long: what counts is their longer side."""
 
@@ -67,11 +68,10 @@ def parts() -> list[Callable[[], None]]:
         partial(_exercise_directed, dem, network),
         partial(_exercise_passage, dem),
         partial(_exercise_network, network),
+        *(partial(_exercise_planner, shape, "paper", True, network) for shape in warmup_shapes()),
         *(
-            partial(_exercise_planner, shape, step_cost, corner_cutting, network)
-            for shape in warmup_shapes()
-            for step_cost in ("paper", "length")
-            for corner_cutting in (True, False)
+            partial(_exercise_planner, _SMALL, step_cost, corner_cutting, network)
+            for step_cost, corner_cutting in (("paper", False), ("length", True), ("length", False))
         ),
     ]
 
@@ -175,7 +175,7 @@ def _exercise_passage(dem: Float2D) -> None:
 def warmup_shapes() -> list[tuple[int, int]]:
     """Maps below and above every size at which something is done in another way."""
     sizes = sorted({size for size in vars(tuning).values() if isinstance(size, MapSize)})
-    return [(40, 56), *((size + 8, _NARROW if size > 1000 else size * 2 // 3) for size in sizes)]
+    return [_SMALL, *((size + 8, _NARROW if size > 500 else size * 2 // 3) for size in sizes)]
 
 
 def _exercise_planner(shape: tuple[int, int], step_cost: str, corner_cutting: bool, network: NetworkModel) -> None:
