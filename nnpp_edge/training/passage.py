@@ -208,7 +208,7 @@ class _Run:
         """Linear warm-up, then half a cosine down to a hundredth."""
         step, warm, steps = self.state.step, self._settings.warmup_steps, self.state.steps
         if step < warm or steps is None:
-            return self._settings.learning_rate * min(1.0, (step + 1) / warm)
+            return self._settings.learning_rate * min(1.0, (step + 1) / max(warm, 1))
         half_cosine = 0.5 * (1.0 + math.cos(math.pi * (step - warm) / max(steps - warm, 1)))
         return self._settings.learning_rate * (0.01 + 0.99 * half_cosine)
 

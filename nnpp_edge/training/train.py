@@ -217,7 +217,7 @@ class _Run:
     def _learning_rate(self) -> float:
         """Linear warm-up, then half a cosine down to a hundredth; the warm-up is the same however long the run."""
         step, warm = self.progress.step, self.settings.warmup_steps
-        warmed = self.settings.learning_rate * min(1.0, (step - self._optimiser_since + 1) / warm)
+        warmed = self.settings.learning_rate * min(1.0, (step - self._optimiser_since + 1) / max(warm, 1))
         if step < warm or self.progress.steps is None:
             return warmed
         half_cosine = 0.5 * (1.0 + math.cos(math.pi * (step - warm) / (self.progress.steps - warm)))

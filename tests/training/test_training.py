@@ -55,6 +55,12 @@ def test_a_network_is_trained_in_bfloat16_where_that_is_asked_for(samples, tmp_p
     assert losses[0] != losses[1] and losses[0] == pytest.approx(losses[1], rel=0.05)
 
 
+@pytest.mark.parametrize("limit", [{"steps": 2}, {"time_limit_s": 1e-3}])
+def test_it_may_begin_at_the_full_learning_rate(samples, tmp_path, limit):
+    path = run(samples, tmp_path, warmup_steps=0, **limit)
+    assert load_checkpoint(path).progress.step >= 1
+
+
 def test_a_stopped_run_goes_on_where_it_was(samples, tmp_path):
     first = load_checkpoint(run(samples, tmp_path, epochs=1)).progress
     second = load_checkpoint(run(samples, tmp_path, epochs=2)).progress
