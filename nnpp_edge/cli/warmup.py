@@ -13,7 +13,7 @@ from nnpp_edge.cli import options
 @click.option("--keep-old", is_flag=True, help="Keep the kernels of other versions of this package.")
 @click.option(
     "--jobs",
-    type=click.IntRange(1),
+    type=click.IntRange(1, 64),
     help="Processes that compile at once, half a gigabyte each; by default one a processor, four at most.",
 )
 @options.as_json

@@ -1,6 +1,5 @@
 import json
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -62,7 +61,14 @@ print(kernel.CACHE_FOLDER)
 """
 FOLDER = "from nnpp_edge.runtime.compiled import kernel; print(kernel.CACHE_FOLDER)"
 WARM_UP = "from nnpp_edge.cli.main import main; import sys; sys.argv[0] = 'nnpp-edge'; main()"
-
+WARM_UP_LITTLE = (
+    """
+from nnpp_edge.runtime import warmup
+from nnpp_edge.runtime.region.threshold import lowered
+warmup.exercise = lambda: lowered(3, 0.5)
+"""
+    + WARM_UP
+)
 
 TOLD_OF_COMPILING = """
 from nnpp_edge.runtime.compiled import notice
@@ -93,6 +99,10 @@ told = {name: calls(kernel) for name, kernel in warmup.kernels().items()}
 print(json.dumps({"after warm-up": warm, "after plans": versions(), "calls": told}))
 """
 
+HERE = {
+    name: os.environ[name] for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "TMPDIR") if name in os.environ
+}
+
 
 def environment(**changes):
     """Our environment without any word about folders but those in `changes`."""
@@ -112,17 +122,9 @@ def files(folder):
 
 @pytest.fixture(scope="module")
 def warmed(tmp_path_factory):
-    """A cache folder that two warm-ups at the same time made whole, what they said, and what it then held.
-
-    It begins as ours without some kernels: to compile them all takes minutes.
-    """
+    """A cache folder that two warm-ups of a few kernels filled at the same time, what they said, and what it held."""
     base = tmp_path_factory.mktemp("cache")
-    folder = base / "nnpp-edge" / CACHE_FOLDER.name
-    folder.mkdir(parents=True, mode=0o700)
-    for kept in CACHE_FOLDER.glob("*.nbc"):
-        if "runtime.kernels.threshold." not in kept.name:
-            shutil.copy2(kept, folder)
-    command = [sys.executable, "-c", WARM_UP, "warmup", "--json"]
+    command = [sys.executable, "-c", WARM_UP_LITTLE, "warmup", "--json", "--jobs", "1"]
     both = [
         subprocess.Popen(command, env=environment(XDG_CACHE_HOME=base), stdout=subprocess.PIPE, text=True)
         for _ in range(2)
@@ -138,6 +140,13 @@ def test_two_warm_ups_at_once_compile_what_is_missing_once(warmed):
     assert sorted(min(t["compiled"], 1) for t in told) == [0, 1]
     assert {t["kernels"] for t in told} == {len({p.name.rpartition("-")[0] for p in found})}
     assert {t["signatures"] for t in told} == {len(found)}
+
+
+def test_all_that_a_warm_up_compiled_is_found_by_the_next():
+    python(WARM_UP, "warmup", "--keep-old", **HERE)
+    told = json.loads(python(WARM_UP, "warmup", "--json", "--keep-old", **HERE).stdout)
+    assert told["folder"] == str(CACHE_FOLDER) and told["compiled"] == 0
+    assert told["signatures"] >= told["kernels"] > 100
 
 
 def test_who_waits_for_the_compiler_is_told_once(tmp_path):
@@ -181,9 +190,9 @@ def test_kernels_of_other_versions_are_deleted_once_they_rest(warmed):
             os.utime(path, (time.time() - 7200.0,) * 2)
     link = base / "kernels-0.0.3-0123abcd"
     link.symlink_to(other)
-    kept = python(WARM_UP, "warmup", "--json", "--keep-old", XDG_CACHE_HOME=warmed[0])
+    kept = python(WARM_UP_LITTLE, "warmup", "--jobs", "1", "--json", "--keep-old", XDG_CACHE_HOME=warmed[0])
     assert json.loads(kept.stdout)["removed"] == [] and old.exists()
-    ended = python(WARM_UP, "warmup", XDG_CACHE_HOME=warmed[0])
+    ended = python(WARM_UP_LITTLE, "warmup", "--jobs", "1", XDG_CACHE_HOME=warmed[0])
     assert ended.returncode == 0 and f"deleted {old}" in ended.stdout
     assert not old.exists()
     assert recent.exists() and other.exists() and link.is_symlink()
