@@ -24,7 +24,7 @@ _BYTES_PER_CELL = 32
 
 
 @click.command(name="costmap")
-@click.argument("dem", type=options.PATH)
+@click.argument("dem", type=options.MAP)
 @click.option("-o", "--output", type=options.NEW_FILE, required=True, help=".tif, .npy or .npz.")
 @click.option("--picture", type=options.NEW_FILE, help="PNG; by default beside the output, under its name.")
 @options.terrain

@@ -39,7 +39,7 @@ _PART = options.Parsed("K/N", "K/N, such as 2/8", _part)
 
 
 @click.command(name="dataset")
-@click.argument("terrain_files", nargs=-1, type=options.PATH, metavar="[TERRAIN]...")
+@click.argument("terrain_files", nargs=-1, type=options.MAP, metavar="[TERRAIN]...")
 @click.option("-o", "--output", type=options.FOLDER, required=True, help="Folder; resumed if it holds a part.")
 @click.option("--maps", type=options.COUNT, default=4096, help="Number of maps.")
 @click.option("--size", type=options.COUNT, default=256, help=_SIZE)

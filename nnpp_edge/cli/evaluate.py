@@ -36,7 +36,7 @@ _MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
 
 @click.command(name="evaluate")
 @options.terrain_files()
-@click.argument("more_terrain", nargs=-1, type=options.PATH, metavar="[FILE]...")
+@click.argument("more_terrain", nargs=-1, type=options.MAP, metavar="[FILE]...")
 @click.option("--dataset", type=options.FOLDER, help="Judge by a data set's maps and queries instead.")
 @click.option("--workload", "workloads", type=options.Names(), default="soft", help=_WORKLOADS)
 @click.option("--synthetic", is_flag=True, help="Judge by synthetic terrain instead.")

@@ -42,7 +42,25 @@ class Named(click.Path):
         return super().convert(value, param, ctx)  # type: ignore[arg-type]  # click takes any
 
 
+class Map(Named):
+    """A file with a map, or ``sample:NAME`` for one that travels with the package."""
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:
+        """Parse a word."""
+        if not str(value).startswith(SAMPLE):
+            return super().convert(value, param, ctx)
+        from nnpp_edge.runtime.errors import InvalidQueryError
+        from nnpp_edge.terrain.shipped import sample_path
+
+        try:
+            return sample_path(str(value).removeprefix(SAMPLE))
+        except InvalidQueryError as error:
+            self.fail(str(error), param, ctx)
+
+
+SAMPLE = "sample:"
 PATH = Named(path_type=Path)
+MAP = Map(path_type=Path)
 NEW_FILE = Named(path_type=Path, dir_okay=False)
 FOLDER = Named(path_type=Path, file_okay=False)
 
@@ -217,7 +235,7 @@ dem_input = together(
 
 def terrain_files(default: str = "") -> Callable[[Command], Command]:
     """How they are read: `terrain`, `cell_size`, `rescale`, `allow_vrt`; the help says what `default` is."""
-    files = click.option("--terrain", multiple=True, type=PATH, help=f"Elevation file, or several{default}.")
+    files = click.option("--terrain", multiple=True, type=MAP, help=f"Elevation file, or several{default}.")
     return together(files, cell_size, rescale, allow_vrt)
 
 

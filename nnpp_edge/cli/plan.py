@@ -44,7 +44,7 @@ _BYTES_PER_CELL = 24
 
 
 @click.command(name="plan")
-@click.argument("dem", type=options.PATH)
+@click.argument("dem", type=options.MAP)
 @click.option("--start", type=Where(), help="ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point.")
 @click.option("--goal", "goals", type=Where(), multiple=True, help="Likewise; of several, the nearest is taken.")
 @click.option("--start-xy", type=options.Numbers(float), metavar="X,Y", help="In the map's own coordinates.")
@@ -91,7 +91,7 @@ def command(
     vehicle: VehicleOptions,
     request: Request,
 ) -> None:
-    """Plan a path over the elevation map DEM.
+    """Plan a path over the elevation map DEM, a file or sample:NAME (such as moon_highlands or mars_victoria).
 
     Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a vector file's points
     (GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf; FILE:LAYER of several layers). With several goals a path to each

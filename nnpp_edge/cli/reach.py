@@ -35,7 +35,7 @@ def _duration(word: str) -> float:
 
 
 @click.command(name="reach")
-@click.argument("dem", type=options.PATH)
+@click.argument("dem", type=options.MAP)
 @click.option(
     "--start", type=Where(), required=True, help="ROW,COL, xy:X,Y, lonlat:LON,LAT, or a vector file's point."
 )

@@ -22,7 +22,7 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
 
 
 @click.command(name="run")
-@click.option("--map", "map_file", type=options.PATH, required=True, help="Elevation map, or an .npz of `costmap`.")
+@click.option("--map", "map_file", type=options.MAP, required=True, help="Elevation map, or an .npz of `costmap`.")
 @click.option("--profile", metavar="NAME|FILE", help="A shipped profile or a TOML file; its table [loop] counts.")
 @click.option("--input", default="stdin", metavar=_INPUTS, help="Where patches, poses and goals come from.")
 @click.option("--output", "outputs", multiple=True, metavar=_OUTPUTS, help=_OUTPUT_HELP)

@@ -32,7 +32,7 @@ _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnp
 
 
 @click.command(name="simulate")
-@click.option("--map", "dem", type=options.PATH, help="Elevation map; by default the shipped lunar sample.")
+@click.option("--map", "dem", type=options.MAP, help="Elevation map; by default the shipped lunar sample.")
 @click.option(
     "--size",
     type=click.IntRange(16, options.MOST),

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @click.command(name="view")
-@click.argument("dem", type=options.PATH)
+@click.argument("dem", type=options.MAP)
 @click.option("--start", type=Where(), help="Where the path begins at first, as for plan.")
 @click.option("--goal", type=Where(), help="Likewise where it leads.")
 @options.terrain

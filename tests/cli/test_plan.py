@@ -87,6 +87,14 @@ def test_it_plans_once_unless_asked_to_compare(nnpp_edge, hills, tmp_path, monke
     assert json.loads((tmp_path / "out" / "plan.json").read_text())["loading_included"] == loading
 
 
+def test_a_sample_is_named_in_place_of_a_file(nnpp_edge, tmp_path):
+    ended = nnpp_edge("plan", "sample:mars_victoria", "--start", "240,20", "--goal", "128,170", "-o", tmp_path)
+    assert ended.code == 0 and "256 × 176 cells of 1 m" in ended.out
+    ended = nnpp_edge("costmap", "sample:mars", "-o", tmp_path / "cost.npz")
+    assert ended.code == 2 and ended.out == "" and ended.err.count("\n") == 1
+    assert "moon_highlands" in ended.err and "'mars'" in ended.err
+
+
 def test_options_reach_the_planner(nnpp_edge, hills):
     limits = ("--workload", "limit12", "--omega", "0.02", "--no-corner-cutting")
     told = json.loads(nnpp_edge("plan", hills, *EXACT, *limits, "--json").out)
