@@ -136,7 +136,7 @@ def _scene(networks: Networks, cost: Float2D, query: Endpoints, name: str) -> _S
 def _in_common(one: _Scene, other: _Scene, kind: str = NETWORK) -> float:
     """Blocks that both regions hold, as a share of those that either does."""
     a, b = one.blocks[kind], other.blocks[kind]
-    return float((a & b).sum() / max((a | b).sum(), 1))
+    return float(np.logical_and(a, b).sum()) / max(float(np.logical_or(a, b).sum()), 1.0)
 
 
 def _summary(several: Sequence[_Scene], moving: Sequence[_Scene], networks: Networks) -> Table:

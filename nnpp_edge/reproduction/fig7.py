@@ -198,9 +198,9 @@ def _picture(sweep: Sweep) -> bytes:
     middle.annotate("paper's ω", at, (4, 0), where, "offset points", color=PAPER, fontsize="small")
     both = sweep.both()
     edges = np.arange(0.0, max(float(best.max()) for best in both.values()) + 0.003, 0.002) - 0.001
-    low, high = paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION
+    least, most = paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION
     label = f"paper: {paper.OMEGA} ± {paper.OMEGA_DEVIATION}"
-    right.axvspan(low, high, color=PAPER, alpha=0.25, linewidth=0, label=label)
+    right.axvspan(least, most, color=PAPER, alpha=0.25, linewidth=0, label=label)
     for (label, best), colour in zip(both.items(), (_SUM_COLOUR, "#009e73"), strict=True):
         right.hist(best, edges, histtype="stepfilled", color=colour, alpha=0.45, label=f"{label}: {_spread(best)}")
         right.axvline(float(best.mean()), color=colour, linewidth=1.8)

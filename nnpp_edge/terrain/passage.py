@@ -167,7 +167,8 @@ def _with_holes(rng: np.random.Generator, ground: Float2D) -> Float2D:
     if rng.random() < 0.3:
         out[int(side * rng.uniform(0.5, 0.95)) :] = np.nan
     for _ in range(int(rng.integers(1, 30))):
-        row, col, rows, cols = *rng.integers(0, side, 2), *rng.integers(1, 12, 2)
+        row, col = rng.integers(0, side, 2).tolist()
+        rows, cols = rng.integers(1, 12, 2).tolist()
         out[row : row + rows, col : col + cols] = np.nan
     return out
 

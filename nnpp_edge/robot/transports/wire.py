@@ -217,7 +217,7 @@ def _from_base64(text: bytes) -> bytes:
         raise WireError(f"wanted base64 values (float32), got what is none ({error})") from None
 
 
-def _as_places(kind: type, places: list[list[float]]) -> NDArray[np.int32] | NDArray[np.float64]:
+def _as_places(kind: object, places: list[list[float]]) -> NDArray[np.int32] | NDArray[np.float64]:
     """A path's cells, or way points."""
     if kind == NDArray[np.float64]:
         return np.asarray(places, np.float64).reshape(-1, 2)
