@@ -45,7 +45,7 @@ class Named(click.Path):
 class Map(Named):
     """A file with a map, or ``sample:NAME`` for one that travels with the package."""
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
         """Parse a word."""
         if not str(value).startswith(SAMPLE):
             return super().convert(value, param, ctx)
