@@ -300,7 +300,8 @@ assert NetworkModel(model, threads=2).run().shape == (8, 8)
 
 @pytest.mark.parametrize("way", ["while it loads", "its own", "dropped"])
 def test_a_forked_child_uses_no_lock_and_no_thread_of_its_parent(fresh_model, way):
+    quiet = "ignore:This process:DeprecationWarning"  # Python 3.12 on says of every fork what is tried here
     ended = subprocess.run(
-        [sys.executable, "-c", FORK, fresh_model, way], capture_output=True, text=True, timeout=120
+        [sys.executable, "-W", quiet, "-c", FORK, fresh_model, way], capture_output=True, text=True, timeout=120
     )
     assert (ended.returncode, ended.stderr) == (0, "")

@@ -19,7 +19,7 @@ from nnpp_edge.terrain.dem import read_dem
 ODD = {
     "loop": "symbolic links",
     "x" * 300: "too long",
-    "zero\0byte": "null byte",
+    "zero\0byte": "null",
     "pipe": "not a regular file",
     "/dev/zero": "not a regular file",
     ".": "a folder",

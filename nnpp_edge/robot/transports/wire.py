@@ -7,7 +7,7 @@ import math
 import re
 from binascii import a2b_base64
 from dataclasses import dataclass
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal, TypeVar, get_args
 
 import msgspec
 import numpy as np
@@ -219,7 +219,7 @@ def _from_base64(text: bytes) -> bytes:
 
 def _as_places(kind: object, places: list[list[float]]) -> NDArray[np.int32] | NDArray[np.float64]:
     """A path's cells, or way points."""
-    if kind == NDArray[np.float64]:
+    if np.dtype[np.float64] in get_args(kind):
         return np.asarray(places, np.float64).reshape(-1, 2)
     return np.asarray(places, np.int32).reshape(-1, 2)
 
