@@ -26,7 +26,7 @@ def refusal(
     name, _, problem = status.partition("_")
     end = f"{name.lower()} {cell}"
     if problem != "BLOCKED":
-        return f"{end} lies outside the map of {place.shape[0]} × {place.shape[1]} cells"
+        return f"{end} lies outside the map of {place.shape[0]} × {place.shape[1]} cells{_spans(place)}"
     at = (cell[0] - near.origin[0], cell[1] - near.origin[1])
     if vehicle is not None and vehicle.is_disc and near.cost[at] < 1.0:
         return f"{end} is impassable: an obstacle or the map's edge lies within the vehicle's radius"
@@ -39,6 +39,28 @@ def refusal(
         return f"{end} is impassable: {reason}; so is all around it"
     nearest = passable[((passable - at) ** 2).sum(axis=1).argmin()] + near.origin
     return f"{end} is impassable: {reason}; the nearest passable cell is {tuple(nearest.tolist())}"
+
+
+def _spans(place: Place) -> str:
+    """Which coordinates a map spans, as they are given, with a comma before; nothing where it has none."""
+    if place.georeference is None:
+        return ""
+    import numpy as np
+
+    from nnpp_edge.runtime.errors import NnppEdgeError
+
+    rows, cols = place.shape
+    corners = [place.map_coordinates(row - 0.5, col - 0.5) for row in (0, rows) for col in (0, cols)]
+    (left, low), (right, high) = np.min(corners, 0), np.max(corners, 0)
+    words = f", which spans x {left:.10g} to {right:.10g} and y {low:.10g} to {high:.10g}"
+    try:
+        from nnpp_edge.terrain.coordinates import lonlat_corners
+
+        found = lonlat_corners(place)
+    except NnppEdgeError:  # no coordinate system, or nothing that knows it
+        return words
+    (west, south), (east, north) = found.min(0), found.max(0)
+    return f"{words}, longitude {west:.4f} to {east:.4f} and latitude {south:.4f} to {north:.4f}"
 
 
 def _where_it_stands(cell: Cell, place: Place, near: Near, vehicle: Vehicle) -> str:

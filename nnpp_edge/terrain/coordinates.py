@@ -54,8 +54,19 @@ def lonlat_of(place: Place, points: Points) -> Points:
     return _moved(points, own, _pyproj().CRS.from_user_input(WGS84))
 
 
+def lonlat_corners(place: Place) -> Points:
+    """(4, 2) longitudes and latitudes of the middles of a map's corner cells, as `lonlat_on_map` takes them.
+
+    Raises InvalidQueryError where the map has no coordinate system, or a corner no place on the globe.
+    """
+    own, (rows, cols) = _system_of(place), place.shape
+    corners = np.array([place.map_coordinates(row, col) for row in (0, rows - 1) for col in (0, cols - 1)])
+    geodetic = own.geodetic_crs if _other_body(own) else None
+    return _moved(corners, own, geodetic or _pyproj().CRS.from_user_input(WGS84))
+
+
 def _pyproj() -> ModuleType:
-    return optional_module("pyproj", "longitude and latitude, or another coordinate system,", "vector")
+    return optional_module("pyproj", "longitude and latitude, or another coordinate system,", "geo")
 
 
 def _system_of(place: Place) -> "CRS":
@@ -90,7 +101,8 @@ def _moved(points: Points, begin: "CRS", end: "CRS") -> Points:
     found = np.column_stack(transformer.transform(*points.T))
     if len(lost := np.flatnonzero(~np.isfinite(found).all(1))):
         x, y = points[lost[0]].tolist()
-        raise InvalidQueryError(f"({x:g}, {y:g}) of {begin.name} has no place in {end.name}")
+        place = f"longitude {x:g}, latitude {y:g}" if begin.is_geographic else f"({x:g}, {y:g})"
+        raise InvalidQueryError(f"{place} of {begin.name} has no place in {end.name}")
     return found
 
 

@@ -310,7 +310,10 @@ class Mobility:
         found: SlopeCost | None = getattr(self, step_cost)
         if found is None:
             wanted = "slope_deg and speed_m_s" if step_cost == "time" else "mass_kg and rolling_resistance"
-            raise InvalidQueryError(f"step_cost={step_cost!r} needs a table [mobility.{step_cost}] with {wanted}")
+            raise InvalidQueryError(
+                f"step_cost={step_cost!r} needs a table [mobility.{step_cost}] with {wanted}, such as the shipped "
+                "vehicles have (--mobility small-rover, or load_mobility)"
+            )
         return found
 
 

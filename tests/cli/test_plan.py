@@ -151,7 +151,10 @@ def test_places_on_the_map_stand_for_the_cells_under_them(nnpp_edge, tmp_path):
     words = ("plan", tmp_path / "dem.tif", "--method", "astar", "--json", "--start-xy", "400010.5,4999989.5")
     told = json.loads(nnpp_edge(*words, "--goal", "70,80").out)
     assert (told["start"], told["goal"]) == ([5, 5], [70, 80])
-    nnpp_edge(*words, "--goal-xy", "0,0").refused("goal (2500000, -200000) lies outside the map of 80 × 90 cells")
+    nnpp_edge(*words, "--goal-xy", "0,0").refused(
+        "goal (2500000, -200000) lies outside the map of 80 × 90 cells, "
+        "which spans x 400000 to 400180 and y 4999840 to 5000000"
+    )
     nnpp_edge(*words, "--goal-xy", "nan,0").refused("finite")
 
 

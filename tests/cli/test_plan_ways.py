@@ -136,8 +136,16 @@ def test_a_leg_that_cannot_be_is_named_and_ends_with_1(nnpp_edge, hills):
         ((*ENDS, *(("--via", "3,3") * 13), "--best-order"), "at most 12 places, got 13"),
         ((*ENDS, "--via", "none.gpkg"), "lonlat:LON,LAT, or a vector file, got 'none.gpkg'"),
         ((*ENDS, "--via", "xy:1,nan"), "xy:X,Y"),
-        (("--start", "lonlat:-94.3,95", "--goal", "1,1"), "has no place in WGS 84 / UTM zone 15N"),
+        (
+            ("--start", "lonlat:-94.3,95", "--goal", "1,1"),
+            "longitude -94.3, latitude 95 of WGS 84 has no place in WGS 84 / UTM",
+        ),
         (("--start", "lonlat:10,50", "--goal", "1,1"), "lies outside the map of 80 × 90 cells"),
+        (("--start", "lonlat:-94.27,44", "--goal", "1,1"), "longitude -94.2729 to -94.2707 and latitude 45.1453 to"),
+        (
+            (*ENDS, "--step-cost", "energy"),
+            "with mass_kg and rolling_resistance, such as the shipped vehicles have (--mobility small-rover",
+        ),
         ((*ENDS, "--format", "gpx"), "give -o too"),
         ((*ENDS, "--profile-plot"), "needs a file's name, or -o"),
         ((*ENDS, "--profile-plot", "a.txt"), "must end with .png, .svg, .pdf, got '.txt'"),

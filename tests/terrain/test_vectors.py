@@ -162,7 +162,7 @@ def test_without_a_system_there_is_no_longitude(place):
 
 
 def test_places_and_layers_of_another_world_are_refused(tmp_path):
-    with pytest.raises(InvalidQueryError, match=r"\(10, 95\) of WGS 84 has no place"):
+    with pytest.raises(InvalidQueryError, match="longitude 10, latitude 95 of WGS 84 has no place"):
         lonlat_on_map(dem(), np.array([(10.0, 95.0)]))
     path = write_layer(tmp_path / "a.gpkg", [point(1.0, 2.0)], crs=MOON)
     with pytest.raises(InvalidQueryError, match="two bodies"):
@@ -170,12 +170,13 @@ def test_places_and_layers_of_another_world_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("module", "words"), [("pyogrio", "reading a.gpkg needs pyogrio"), ("pyproj", "needs pyproj")]
+    ("module", "words", "extra"),
+    [("pyogrio", "reading a.gpkg needs pyogrio", "vector"), ("pyproj", "needs pyproj", "geo")],
 )
-def test_where_a_package_is_missing_it_is_said_which_extra_brings_it(tmp_path, monkeypatch, module, words):
+def test_where_a_package_is_missing_it_is_said_which_extra_brings_it(tmp_path, monkeypatch, module, words, extra):
     path = write_layer(tmp_path / "a.gpkg", [point(1.0, 2.0)], crs="EPSG:4326")
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MissingExtraError, match=rf"{words}.*nnpp-edge\[vector\]"):
+    with pytest.raises(MissingExtraError, match=rf"{words}.*nnpp-edge\[{extra}\]"):
         points_of(str(path), dem())
 
 
