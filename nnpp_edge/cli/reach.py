@@ -92,7 +92,10 @@ def command(
     if len(given) != 1:
         raise click.UsageError("give one of --within-cost, --within-time and --within-energy")
     if within_cost is None and "step_cost" in options.given_options():
-        raise click.UsageError(f"--within-{given[0][0]} names what counts: --step-cost goes with --within-cost")
+        measure = given[0][0]
+        raise click.UsageError(
+            f"--within-{measure} counts {measure} already: leave out --step-cost, or give --within-cost with it"
+        )
     if formats and output is None:
         raise click.UsageError("--format is of what is written: give -o too")
     names = ("reach.tif", "reach.geojson", "reach.png", "reach.json", *(f"reach.{name}" for name in formats))

@@ -97,7 +97,7 @@ def test_the_start_is_any_place_that_plan_takes(nnpp_edge, hills, tmp_path):
         (("--start", "80,40", "--within-cost", "3"), "start (80, 40) lies outside the map"),
         (
             ("--start", "1,1", "--within-time", "3", "--step-cost", "linear"),
-            "--within-time names what counts: --step-cost goes with --within-cost",
+            "--within-time counts time already: leave out --step-cost, or give --within-cost with it",
         ),
         (("--start", "1,1", "--within-cost", "3", "--step-cost", "energy"), "needs a table [mobility.energy]"),
         (("--within-cost", "3"), "missing option '--start'"),
