@@ -56,7 +56,7 @@ function opening(answer) {
   const [rows, cols] = answer.shape;
   byId("name").textContent = answer.name;
   document.title = `${answer.name} – nnpp-edge view`;
-  byId("size").textContent = `${cols} × ${rows} cells of ${Number(answer.sides_m[0].toPrecision(4))} m`;
+  byId("size").textContent = `${rows} × ${cols} cells of ${Number(answer.sides_m[0].toPrecision(4))} m`;
   map.open(rows, cols, answer.sides_m);
   controls = new Controls(answer, (values, at) => {
     stale();
