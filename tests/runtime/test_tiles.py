@@ -123,8 +123,9 @@ def test_unknown_maps_hold_no_cell_to_start_from():
 
 
 def test_a_saturated_map_warns_once_it_arrives():
-    with pytest.warns(SaturationWarning, match="slope"):
+    with pytest.warns(SaturationWarning, match="slope") as caught:
         Planner.of_elevation(HILLS * 100.0, 1.0, Traversability(step_limit_m=1e6, roughness_limit_m=1e6))
+    assert caught[0].filename == __file__
 
 
 @pytest.mark.filterwarnings("ignore:the network edge was trained for omega")

@@ -144,7 +144,7 @@ def test_more_than_half_saturated_is_said_by_term():
     with pytest.warns(SaturationWarning) as caught:
         traversability_cost(rough, 20.0)
     terms = [str(w.message).split("limit of the ")[1].split(" term")[0] for w in caught]
-    assert terms == ["roughness", "elevation difference"]
+    assert terms == ["roughness", "elevation difference"] and caught[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         traversability_cost(rough, 20.0, Traversability(step_limit_m=20, roughness_limit_m=20))
