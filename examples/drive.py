@@ -34,7 +34,7 @@ def main(folder: Path, small: bool = False) -> Path:
     film = Film()
 
     def sinks(world: World) -> list[RerunSink]:
-        return [RerunSink(folder / "drive.rrd", world=world)]
+        return [RerunSink(folder / "drive.rrd", world=world, map_every_s=0.02)]
 
     drive = simulate(ground, start, goal, SimulationSettings(seed=3), make_sinks=sinks, watch=film)
 

@@ -195,6 +195,15 @@ def test_the_site_shows_names_that_are_there_and_all_of_the_runtime(hooks):
         assert pkgutil.resolve_name(name), name
 
 
+def test_a_page_that_asks_another_host_for_something_is_refused(hooks, tmp_path):
+    config, page = SimpleNamespace(site_dir=str(tmp_path)), tmp_path / "page.html"
+    page.write_text('<a href="https://example.org">a link</a><script src="../recording.js"></script>')
+    hooks.on_post_build(config)
+    page.write_text('<script src="https://example.org/script.js"></script>')
+    with pytest.raises(SystemExit, match=r"page.html: wanted nothing from other hosts, got <script"):
+        hooks.on_post_build(config)
+
+
 def test_every_sample_is_shipped_with_its_source():
     words = (ROOT / "nnpp_edge/terrain/samples/README.md").read_text()
     assert {path.stem for path in sample_path("moon_rocks").parent.glob("*.npz")} == set(SAMPLES)

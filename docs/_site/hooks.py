@@ -144,6 +144,14 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return "".join(parts)
 
 
+def on_post_build(config: MkDocsConfig) -> None:
+    """Fail where a page would ask another host for something."""
+    for path in Path(config.site_dir).rglob("*.html"):
+        for tag in _LOADED.findall(path.read_text()):
+            if re.search(r"""\b(src|href|srcset)=["']?(https?:)?//""", tag) and "canonical" not in tag:
+                raise SystemExit(f"{path}: wanted nothing from other hosts, got {tag}")
+
+
 def examples() -> list[Path]:
     """The runnable examples, in the order of the table in their README."""
     found = {path.stem: path for path in (ROOT / "examples").glob("*.py") if path.stem != "drawing"}

@@ -55,11 +55,14 @@ def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
         world.put(MapPatch(0, 0, cost=np.array([[1.0]])))
         sink.publish(PathMessage(3, Status.NO_PATH, Origin.NONE, reason="walled in", planning_ms=4.0))
         sink.publish(StatusMessage(3, Status.NO_PATH, "how it is", Counters(tick_ms={"p99": 2.5}, rss_bytes=10**7)))
+        sink.record(Pose(3.5, 4.5))
     found = read(tmp_path / "loop.rrd")
     assert found["/map/path"]["tick"] == [1, 2, 3]
     first, second, none = found["/map/path"]["strips"]
     assert first == second == [[[4.5, 3.5], [5.5, 4.5], [6.5, 4.5]]] and not none
-    assert found["/map/robot"]["positions"] == [[[4.5, 3.25]]]
+    assert found["/map/robot"]["positions"] == [[[4.5, 3.25]], [[4.5, 3.5]]]
+    assert found["/map/robot"]["tick"] == [1, 4], "inputs belong to the tick that follows"
+    assert found["/map/goal"]["tick"] == found["/map/patch"]["tick"] == [1]
     assert found["/map/goal"]["positions"] == [[[8.5, 7.5]]]
     assert found["/planning_ms"]["scalars"] == [[1.5], [1.5], [4.0]]
     assert found["/cost"]["scalars"] == [[2.0], [2.0]]

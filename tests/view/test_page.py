@@ -1,35 +1,21 @@
 """The page of `nnpp-edge view` in a headless Chromium: one browser and one server for all tests.
 
-Skipped where playwright or a Chromium is missing; NNPP_EDGE_CHROMIUM names another browser than the system's.
+Skipped where playwright or a Chromium is missing.
 """
 
 import json
-import os
 import re
-import shutil
 import time
 from urllib.parse import urlparse
 
 import numpy as np
 import pytest
 
+from tests.browsers import CHROMIUM, NEEDS_CHROMIUM, QUIET
 from tests.view_cases import serving, write_ground
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install playwright")
-_NAMES = ("chromium", "chromium-browser", "google-chrome")
-CHROMIUM = os.environ.get("NNPP_EDGE_CHROMIUM") or next(filter(None, map(shutil.which, _NAMES)), None)
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="no Chromium is installed: apt install chromium, or name one in NNPP_EDGE_CHROMIUM"
-)
-QUIET = (
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
+pytestmark = NEEDS_CHROMIUM
 LINE = "document.querySelector('#path').getAttribute('d')"
 COMPARED = "!document.querySelector('#methods.stale') && document.querySelector('#row-nnpp').cells[3].textContent"
 

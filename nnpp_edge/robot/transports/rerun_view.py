@@ -61,7 +61,7 @@ class RerunSink(Closing):
             raise InvalidQueryError("give rerun either a file or an address, got both")
         self._rr = optional_module("rerun", "a view", "viz")
         self._world, self._map_every_s = world, map_every_s
-        self._version, self._mapped = -1, -math.inf
+        self._version, self._mapped, self._tick = -1, -math.inf, 0
         self._began = time.monotonic()
         self._outcome = ""
         self._stream = self._rr.RecordingStream("nnpp-edge")
@@ -93,8 +93,8 @@ class RerunSink(Closing):
         raise InvalidQueryError(f"view must be here, rerun+http://HOST:9876/proxy or a file FILE.rrd, got {where!r}")
 
     def record(self, message: Input) -> None:
-        """Show an input: the robot, its goal, or the rectangle of a map patch."""
-        self._set_time()
+        """Show an input, with the tick that follows: the robot, its goal, or the rectangle of a map patch."""
+        self._set_time(self._tick + 1)
         rr = self._rr
         if isinstance(message, MapPatch):
             rows, cols = message.shape
@@ -108,7 +108,8 @@ class RerunSink(Closing):
 
     def publish(self, message: Output) -> None:
         """Show an answer or a status message."""
-        self._set_time()
+        self._tick = message.tick
+        self._set_time(message.tick)
         rr = self._rr
         if not isinstance(message, PathMessage):
             self._stream.log("status", rr.TextLog(message.text))
@@ -116,7 +117,6 @@ class RerunSink(Closing):
                 self._scalar(f"tick_ms/{name}", message.counters.tick_ms.get(name))
             self._scalar("memory_mb", 1e-6 * message.counters.rss_bytes)
             return
-        self._stream.set_time(_TICKS, sequence=message.tick)
         self._show_map()
         colour = _DEGRADED if message.degraded else _PATH
         strips = [_points(message.path)] if len(message.path) else []
@@ -134,8 +134,9 @@ class RerunSink(Closing):
         self._stream.flush()
         self._stream.disconnect()
 
-    def _set_time(self) -> None:
+    def _set_time(self, tick: int) -> None:
         self._stream.set_time(_SECONDS, duration=time.monotonic() - self._began)
+        self._stream.set_time(_TICKS, sequence=tick)
 
     def _show_map(self) -> None:
         now = time.monotonic()
