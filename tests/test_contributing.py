@@ -102,7 +102,7 @@ def test_names_in_the_guide_are_in_the_code():
 def test_every_place_that_lists_step_costs_has_each_of_them():
     from nnpp_edge import runtime
     from nnpp_edge.cli.options import STEP_COSTS
-    from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
+    from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS, SpeedCost
     from nnpp_edge.view.asked import Asked
 
     fields = [field.name for field in dataclasses.fields(runtime.Mobility)]
@@ -120,6 +120,7 @@ def test_every_place_that_lists_step_costs_has_each_of_them():
     for place, names in has.items():
         assert names == set(SLOPE_COSTS), place
     assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values()), "runtime/__init__.py"
+    assert all(kind.function for kind in SLOPE_COSTS.values() if issubclass(kind, SpeedCost))
 
 
 def test_hooks_run_what_make_check_made():

@@ -190,8 +190,11 @@ class TimeCost:
     def of_speed(cls, speed: Callable[[Float64s], Float64s]) -> "TimeCost":
         """The table, at every other percent from -100 to 100, of a speed on the map by the rise a metre."""
         slopes = np.linspace(-1.0, 1.0, 101)
-        on_ground = speed(slopes) * np.hypot(1.0, slopes)
-        return cls(tuple(np.degrees(np.arctan(slopes)).tolist()), tuple(on_ground.tolist()))
+        speeds = speed(slopes)
+        if (wrong := ~((speeds > 0.0) & (speeds < math.inf))).any():
+            at, found = 100.0 * slopes[wrong][0], speeds[wrong][0]
+            raise InvalidQueryError(f"a speed must be above 0 from -100 to 100 %, got {found:g} at {at:.0f} %")
+        return cls(tuple(np.degrees(np.arctan(slopes)).tolist()), tuple((speeds * np.hypot(1.0, slopes)).tolist()))
 
     def __post_init__(self) -> None:
         """Refuse what is no table of speeds: InvalidQueryError."""

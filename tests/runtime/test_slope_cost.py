@@ -6,6 +6,7 @@ import pytest
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.directed import price_ways
 from nnpp_edge.runtime.map.slope_cost import (
+    SLOPE_COSTS,
     EnergyCost,
     IrmischerCost,
     LinearCost,
@@ -176,6 +177,8 @@ def test_arrays_cost_what_their_numbers_do_and_halves_what_the_whole(model):
         (lambda: ToblerCost(top_speed_km_h=0.0), ["top_speed_km_h", "above 0"]),
         (lambda: ToblerCost(best_slope=2.0), ["best_slope", "from -1 to 1"]),
         (lambda: IrmischerCost(factor=-1.0), ["factor", "above 0", "-1.0"]),
+        (lambda: TimeCost.of_speed(lambda slope: 0.51 - slope), ["above 0", "100 %", "got -0.01 at 52 %"]),
+        (lambda: TimeCost.of_speed(lambda slope: slope * np.nan), ["above 0", "got nan at -100 %"]),
         (lambda: LinearCost(0.0), ["level_per_m", "above 0"]),
         (lambda: LinearCost(down_per_m=-4.0), ["every way must cost more than 0", "0.72 - -4 * -0.2125"]),
         (lambda: LinearCost(down_per_m=math.nan), ["every way"]),
@@ -188,7 +191,7 @@ def test_arrays_cost_what_their_numbers_do_and_halves_what_the_whole(model):
         (lambda: TimeCost((0.0,), (0.0,)), ["speed_m_s must be positive"]),
         (lambda: Mobility().model("time"), ["needs a table [mobility.time]", "slope_deg"]),
         (lambda: Mobility().model("energy"), ["needs a table [mobility.energy]", "mass_kg"]),
-        (lambda: Mobility().model("length"), ["one of paper, tobler, irmischer, linear, time, energy", "'length'"]),
+        (lambda: Mobility().model("length"), [f"one of paper, {', '.join(SLOPE_COSTS)}", "'length'"]),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(make, words):

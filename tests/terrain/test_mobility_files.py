@@ -1,6 +1,14 @@
 import pytest
 
-from nnpp_edge.runtime.map.slope_cost import EnergyCost, IrmischerCost, LinearCost, Mobility, TimeCost, ToblerCost
+from nnpp_edge.runtime.map.slope_cost import (
+    SLOPE_COSTS,
+    EnergyCost,
+    IrmischerCost,
+    LinearCost,
+    Mobility,
+    TimeCost,
+    ToblerCost,
+)
 from nnpp_edge.terrain.vehicle_files import VehicleError, load_mobility, load_vehicle, shipped_vehicles
 
 BODY = "length_m = 1.5\nwidth_m = 1\nclearance_m = 0.3\n"
@@ -41,7 +49,7 @@ def test_shipped_vehicles_have_every_model():
     [
         (BODY, ["wanted a table [mobility], got none"]),
         (BODY + "mobility = 3", ["mobility: wanted a table, got 3"]),
-        ("[mobility]\nfuel = 1", ["mobility: fuel is unknown", "tobler, irmischer, linear, time, energy"]),
+        ("[mobility]\nfuel = 1", ["mobility: fuel is unknown", ", ".join(SLOPE_COSTS)]),
         ("[mobility]\ntime = 1", ["mobility.time: wanted a table, got 1"]),
         (ENERGY + "colour = 1", ["mobility.energy: colour is unknown", "mass_kg"]),
         (ENERGY.replace("50", "-50"), ["mobility.energy", "mass_kg must be a number above 0, got -50"]),
