@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.poses import pose_costs as pose_costs
     from nnpp_edge.runtime.map.region import Region as Region
     from nnpp_edge.runtime.map.slope_cost import EnergyCost as EnergyCost
+    from nnpp_edge.runtime.map.slope_cost import IrmischerCost as IrmischerCost
     from nnpp_edge.runtime.map.slope_cost import LinearCost as LinearCost
     from nnpp_edge.runtime.map.slope_cost import Mobility as Mobility
     from nnpp_edge.runtime.map.slope_cost import TimeCost as TimeCost
@@ -70,7 +71,7 @@ _MODULES = {
     "loop.sinks": ("Sink",),
     "loop.world": ("World",),
     "map.region": ("Region",),
-    "map.slope_cost": ("EnergyCost", "LinearCost", "Mobility", "TimeCost", "ToblerCost"),
+    "map.slope_cost": ("EnergyCost", "IrmischerCost", "LinearCost", "Mobility", "TimeCost", "ToblerCost"),
     "network.inference": ("NetworkModel",),
     "network.model_file": ("ModelFile", "list_models"),
     "planners.dynamic": ("DynamicPlanner",),

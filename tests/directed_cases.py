@@ -9,13 +9,21 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
 
 from nnpp_edge.runtime import Traversability, traversability_cost
-from nnpp_edge.runtime.map.slope_cost import EnergyCost, LinearCost, Mobility, SlopeCost, TimeCost, ToblerCost
+from nnpp_edge.runtime.map.slope_cost import (
+    SLOPE_COSTS,
+    EnergyCost,
+    LinearCost,
+    Mobility,
+    SlopeCost,
+    TimeCost,
+    ToblerCost,
+)
 
 MOBILITY = Mobility(
     time=TimeCost((-20.0, -5.0, 0.0, 12.0, 25.0), (0.3, 0.9, 0.8, 0.3, 0.1)),
     energy=EnergyCost(40.0, 0.12, efficiency=0.6, recovery=0.5),
 )
-MODELS = ("tobler", "linear", "time", "energy")
+MODELS = tuple(SLOPE_COSTS)
 MIRRORED = {
     "tobler": ToblerCost(best_slope=0.05),
     "time": TimeCost((-25.0, -12.0, 0.0, 5.0, 20.0), (0.1, 0.3, 0.8, 0.9, 0.3)),

@@ -1,8 +1,10 @@
 """What a contributor is given: the workflow, forms, bounds and citation, held to what is there."""
 
+import dataclasses
 import re
 import tomllib
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import pytest
 
@@ -82,10 +84,11 @@ def test_paths_in_the_guide_are_there_and_its_targets_too():
 
 def test_names_in_the_guide_are_in_the_code():
     named = {
-        "runtime/map/slope_cost.py": ("SlopeCost", "height_price", "least_per_m", "SLOPE_COSTS", "Mobility"),
-        "nnpp_edge/terrain/vehicle_files.py": ("mobility_of",),
+        "runtime/map/slope_cost.py": ("SLOPE_COSTS", "Mobility", "SpeedCost", "speed", "function", "IrmischerCost"),
+        "nnpp_edge/runtime/map/slope_cost.py": ("SlopeCost", "unit", "height_price", "least_per_m", "packed"),
+        "runtime/kernels/directed.py": ("price_ways",),
         "nnpp_edge/cli/options.py": ("STEP_COSTS",),
-        "nnpp_edge/cli/plan_answer.py": ("UNITS",),
+        "nnpp_edge/view/asked.py": ("step_cost",),
         "tests/runtime/test_slope_cost.py": ("MODELS",),
         "nnpp_edge/profiling/measure.py": ("rivals_of",),
         "nnpp_edge/reproduction/experiment.py": ("EXPERIMENT", "NAMES", "Context"),
@@ -94,6 +97,38 @@ def test_names_in_the_guide_are_in_the_code():
     for path, names in named.items():
         source = (ROOT / path).read_text()
         assert all(name in source and name in guide for name in names), path
+
+
+def test_every_place_that_lists_step_costs_has_each_of_them():
+    from nnpp_edge import runtime
+    from nnpp_edge.cli.options import STEP_COSTS
+    from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS, SpeedCost
+    from nnpp_edge.view.asked import Asked
+
+    fields = [field.name for field in dataclasses.fields(runtime.Mobility)]
+    page = (ROOT / "nnpp_edge/view/page/index.html").read_text().partition('<select id="step_cost">')[2]
+    rows = (ROOT / "docs/vehicle.md").read_text().partition("| `--step-cost` |")[2].partition("\n\n")[0]
+    has = {
+        "runtime/map/slope_cost.py, Mobility": set(fields),
+        "nnpp_edge/cli/options.py, STEP_COSTS": set(STEP_COSTS) - {"paper"},
+        "nnpp_edge/view/asked.py, Asked.step_cost": set(get_args(get_type_hints(Asked)["step_cost"]))
+        - {"paper", "length"},
+        "nnpp_edge/view/page/index.html": set(re.findall(r'value="(\w+)"', page.partition("</select>")[0]))
+        - {"paper", "length"},
+        "docs/vehicle.md": set(re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE)),
+    }
+    for place, names in has.items():
+        assert names == set(SLOPE_COSTS), place
+    assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values()), "runtime/__init__.py"
+    assert all(kind.function for kind in SLOPE_COSTS.values() if issubclass(kind, SpeedCost))
+
+
+def test_hooks_run_what_make_check_made():
+    config = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())
+    made = re.search(r"^DEV := (\S+)$", MAKEFILE, re.MULTILINE)[1]
+    for hook in config["repos"][0]["hooks"]:
+        folder, _, tool = hook["entry"].split()[0].rpartition("/")
+        assert folder == f"{made}/bin" and f"$(DEV)/bin/{tool}" in MAKEFILE, hook["entry"]
 
 
 def test_the_citation_and_the_changelog_name_this_version():

@@ -203,7 +203,7 @@ rescale = click.option(
     "--rescale", type=POSITIVE, help="Make cells this many metres wide and scale heights alike, so that slopes stay."
 )
 
-STEP_COSTS = ("paper", "tobler", "linear", "time", "energy")
+STEP_COSTS = ("paper", "tobler", "irmischer", "linear", "time", "energy")
 step_cost = click.option(
     "--step-cost",
     type=click.Choice(STEP_COSTS),

@@ -238,7 +238,7 @@ def find(
         plan, compared, exact_path = _compare(plan_by, plan)
 
     def on_the_ground(found: Plan) -> Plan:
-        return replace(found, along=Along.of(found.line, dem.elevation, sides, mobility))
+        return replace(found, along=Along.of(found.line, dem.elevation, sides, mobility, found.along))
 
     plan, tour = on_the_ground(plan), tour and tour.told(on_the_ground)
     return Answer(

@@ -131,11 +131,6 @@ class WindowsRead:
         )
 
 
-UNITS = {"tobler": "s", "time": "s", "energy": "J"}
-"""Of what steps cost, where it has one."""
-"""Of costs by these step costs."""
-
-
 @dataclass(frozen=True)
 class Answer:
     """A plan on its map, and what was planned beside it."""
@@ -210,6 +205,7 @@ class Answer:
     def text(self, files: list[str]) -> str:
         """For people."""
         from nnpp_edge.progress import render_table
+        from nnpp_edge.runtime.map.slope_cost import unit_of
         from nnpp_edge.viz.sheet import metres
 
         plan, length = self.plan, metres(self.route.length_m)
@@ -223,7 +219,7 @@ class Answer:
         if plan.ok:
             lines["path"] = f"{len(plan.path)} cells, {length}"
             lines |= self.on_the_ground()
-            cost = f"{plan.cost:.6g} {UNITS.get(self.step_cost, '')}".rstrip()
+            cost = f"{plan.cost:.6g} {unit_of(self.step_cost)}".rstrip()
             lines["cost"] = f"{cost}, {self._optimality()}"
             if plan.waypoints is not None:
                 lines["line"] = self._line()
@@ -256,22 +252,16 @@ class Answer:
         """What is known of the way where its heights are."""
         from nnpp_edge.viz.sheet import metres
 
-        numbers = self.plan.numbers
-        if not isfinite(numbers.climb_m):
+        numbers, along = self.plan.numbers, self.plan.along
+        if along is None or not isfinite(numbers.climb_m):
             return {}
         lines = {
             "ground": f"{metres(numbers.ground_length_m)} long, {metres(numbers.climb_m)} up and "
             f"{metres(numbers.descent_m)} down, at most {numbers.steepest_up_deg:.1f}° up and "
             f"{numbers.steepest_down_deg:.1f}° down",
         }
-        along = self.plan.along
-        by = (
-            "on foot, by Tobler's function"
-            if along is None or along.mobility.time is None
-            else "at the vehicle's speeds"
-        )
         energy = f", {numbers.energy_j / 1000.0:.4g} kJ" if isfinite(numbers.energy_j) else ""
-        lines["way"] = f"{duration(numbers.time_s)} {by}{energy}"
+        lines["way"] = f"{duration(numbers.time_s)} {along.time_by}{energy}"
         return lines
 
     def _via(self) -> dict[str, object]:

@@ -14,7 +14,7 @@ from nnpp_edge.cli.cost_summary import MapSize
 from nnpp_edge.cli.costmap import cost_of
 from nnpp_edge.cli.ends import End, Where
 from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.plan_answer import UNITS, Near, duration
+from nnpp_edge.cli.plan_answer import Near, duration
 from nnpp_edge.cli.refusal import refusal
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 
@@ -45,7 +45,7 @@ def _duration(word: str) -> float:
 @click.option(
     "--within-time",
     type=options.Parsed("TIME", "a time such as 90, 90s, 30min or 2h", _duration),
-    help="The longest that it may take: at the vehicle's speeds, else on foot.",
+    help="The longest that it may take: by --step-cost, else at the vehicle's speeds, else by Tobler's function.",
 )
 @click.option("--within-energy", type=options.POSITIVE, help="The most joules that it may draw, of a --vehicle.")
 @click.option("--levels", type=click.IntRange(1, 24), default=4, help="Into how many areas that is divided.")
@@ -92,10 +92,13 @@ def command(
     if len(given) != 1:
         raise click.UsageError("give one of --within-cost, --within-time and --within-energy")
     if within_cost is None and "step_cost" in options.given_options():
-        measure = given[0][0]
-        raise click.UsageError(
-            f"--within-{measure} counts {measure} already: leave out --step-cost, or give --within-cost with it"
-        )
+        from nnpp_edge.runtime.map.slope_cost import unit_of
+
+        if within_time is None or unit_of(step_cost) != "s":
+            raise click.UsageError(
+                f"--within-{given[0][0]} counts {given[0][0]} already: leave out --step-cost, or give --within-cost "
+                "with it; one in seconds goes with --within-time"
+            )
     if formats and output is None:
         raise click.UsageError("--format is of what is written: give -o too")
     names = ("reach.tif", "reach.geojson", "reach.png", "reach.json", *(f"reach.{name}" for name in formats))
@@ -133,11 +136,15 @@ def _reach(
 
     from nnpp_edge.runtime import Planner
     from nnpp_edge.runtime.errors import InvalidQueryError
+    from nnpp_edge.runtime.map.slope_cost import unit_of
     from nnpp_edge.runtime.planners.query import problem_with
     from nnpp_edge.terrain.reach import Reach
 
     (measure, step_cost, most, levels), mobility, body = wanted, vehicle.mobility(), vehicle.make()
-    step_cost = {"cost": step_cost, "time": "time" if mobility.time else "tobler", "energy": "energy"}[measure]
+    if measure == "time" and unit_of(step_cost) != "s":
+        step_cost = "time" if mobility.time else "tobler"
+    elif measure == "energy":
+        step_cost = "energy"
     if step_cost == "paper" and body is None:
         planner = Planner(cost, omega=omega, corner_cutting=corner_cutting)
     else:
@@ -158,7 +165,7 @@ def _reach(
             refusal(problem, start, ground, Near((0, 0), ground.elevation, cost), terrain.limits(), body)
         )
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())
-    return Reach(planner.reach(start, most), shares, measure, UNITS.get(step_cost, ""), ground)
+    return Reach(planner.reach(start, most), shares, measure, unit_of(step_cost), ground)
 
 
 def _figures(found: Reach, start: Cell, files: list[str]) -> dict[str, object]:

@@ -5,12 +5,13 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
 from importlib.resources import files
+from inspect import signature
 from pathlib import Path
 
 import msgspec
 
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.slope_cost import EnergyCost, LinearCost, Mobility, TimeCost, ToblerCost
+from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS, Mobility
 from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
@@ -64,11 +65,10 @@ def load_mobility(name: str | Path) -> Mobility:
 def mobility_of(values: object, source: str) -> Mobility:
     """A mobility of the values of its table; VehicleError, which begins with `source`, says what was wrong."""
     tables = values if isinstance(values, dict) else {}
-    models = {"tobler": ToblerCost, "linear": LinearCost, "time": TimeCost, "energy": EnergyCost}
-    _refuse_unknown(tables, list(models), f"{source}: mobility")
-    for name, model in models.items():
+    _refuse_unknown(tables, list(SLOPE_COSTS), f"{source}: mobility")
+    for name, model in SLOPE_COSTS.items():
         if isinstance(table := tables.get(name), dict):
-            _refuse_unknown(table, [field.name for field in fields(model)], f"{source}: mobility.{name}")
+            _refuse_unknown(table, list(signature(model).parameters), f"{source}: mobility.{name}")
     try:
         return msgspec.convert(values, Mobility)
     except msgspec.ValidationError as error:

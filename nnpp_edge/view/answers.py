@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.terrain.route import Route
 from nnpp_edge.view import layers
@@ -19,7 +20,6 @@ from nnpp_edge.view.words import command_of, python_of
 Answer = dict[str, object]
 MOST_PIXELS = 2048
 _LEAST_PIXELS = 64
-_UNITS = {"tobler": "s", "time": "s", "energy": "J"}
 
 
 class Answerer:
@@ -110,7 +110,7 @@ def path_answer(trial: Trial) -> Answer:
         "type": "path",
         "figures": {**plan.summary(), "line_cost": _rounded(plan.line_cost)},
         "ok": plan.ok,
-        "unit": _UNITS.get(asked.slope_cost, ""),
+        "unit": unit_of(asked.slope_cost),
         "on_foot": trial.landscape.mobility.time is None,
         "asked": msgspec.to_builtins(asked),
         "start": asked.start,

@@ -26,7 +26,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     method: Literal["auto", "astar", "corridor", "nnpp"] = "auto"
     refine: bool = False
     """Whether the path is freed from the grid."""
-    step_cost: Literal["paper", "length", "tobler", "linear", "time", "energy"] = "paper"
+    step_cost: Literal["paper", "length", "tobler", "irmischer", "linear", "time", "energy"] = "paper"
     omega: float = PAPER_OMEGA
     corner_cutting: bool = True
     slope_limit: float = 30.0

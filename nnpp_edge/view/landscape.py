@@ -77,8 +77,10 @@ class Landscape:
         plan = self._planner.plan(
             asked.start, asked.goal, method=method, refine=asked.freed, keep_regions=keep_regions
         )
-        along = Along.of(plan.line, self._ground.dem.elevation, self._ground.sides_m, self.mobility)
-        return replace(plan, along=along)
+        ground = self._ground
+        return replace(
+            plan, along=Along.of(plan.line, ground.dem.elevation, ground.sides_m, self.mobility, plan.along)
+        )
 
     def lay(self, part: Rectangle, obstacles: Sequence[Rectangle]) -> None:
         """Bring planner and costs up to date in a rectangle, on which these obstacles lie now."""

@@ -3,6 +3,7 @@
 import math
 import shlex
 
+from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
 from nnpp_edge.view.asked import Asked
 from nnpp_edge.view.ground import GIVEN, POINT, Ground
 
@@ -56,7 +57,7 @@ def _imports(asked: Asked, ground: Ground, by_costs: bool) -> list[str]:
     names = ["Planner", "Traversability"] + (["traversability_cost"] if by_costs else [])
     if not by_costs and asked.body in (GIVEN, POINT):
         used = f"{body.vehicle_code} {body.mobility_code}"
-        kinds = ("EnergyCost", "LinearCost", "Mobility", "TimeCost", "ToblerCost", "Vehicle")
+        kinds = ("Mobility", "Vehicle", *(kind.__name__ for kind in SLOPE_COSTS.values()))
         names += [kind for kind in kinds if f"{kind}(" in used]
     lines += [
         f"from nnpp_edge.runtime import {', '.join(sorted(names))}",

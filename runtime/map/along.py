@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.map.slope_cost import Mobility, SlopeCost
+from nnpp_edge.runtime.map.slope_cost import Mobility, SlopeCost, SpeedCost
 
 Line = NDArray[np.int32] | NDArray[np.float64]
 """(N, 2) row and column: cells of a path, or way points between them."""
@@ -33,7 +33,7 @@ class Numbers(NamedTuple):
     steepest_down_deg: float
     """Likewise of the steepest fall, counted positive."""
     time_s: float
-    """By the vehicle's speeds; where these are not known, of a hiker by Tobler's function."""
+    """By the vehicle's speeds; else of a walker by the step cost, or by Tobler's function."""
     energy_j: float
     """By the vehicle's model; NaN where it has none."""
 
@@ -60,18 +60,28 @@ class Along:
         Height and width of a cell.
     mobility : Mobility
         By what time and energy are computed.
+    walker : SpeedCost, optional
+        By whose time where the vehicle's is not known; by default Tobler's hiker.
     """
 
     places: Line
     sampled_m: Heights
     sides_m: tuple[float, float]
     mobility: Mobility = _ON_FOOT
+    walker: SpeedCost | None = None
 
     @classmethod
-    def of(cls, line: Line, heights: Heights, sides_m: tuple[float, float], mobility: Mobility = _ON_FOOT) -> "Along":
-        """A line over a map of heights (H, W), metres, NaN where unknown."""
+    def of(
+        cls,
+        line: Line,
+        heights: Heights,
+        sides_m: tuple[float, float],
+        mobility: Mobility = _ON_FOOT,
+        like: "Along | None" = None,
+    ) -> "Along":
+        """A line over a map of heights (H, W), metres, NaN where unknown; the walker is another line's."""
         places = crossings(line)
-        return cls(places, heights_at(heights, places), sides_m, mobility)
+        return cls(places, heights_at(heights, places), sides_m, mobility, like.walker if like else None)
 
     def back(self) -> "Along":
         """The same line from goal to start."""
@@ -117,7 +127,13 @@ class Along:
     @cached_property
     def time_s(self) -> NDArray[np.float64]:
         """(N,) seconds from the start."""
-        return self._by(self.mobility.time or self.mobility.tobler)
+        return self._by(self.mobility.time or self.walker or self.mobility.tobler)
+
+    @property
+    def time_by(self) -> str:
+        """Whose time that is, in words."""
+        function = "Tobler's function" if self.walker is None else self.walker.function
+        return f"on foot, by {function}" if self.mobility.time is None else "at the vehicle's speeds"
 
     @cached_property
     def energy_j(self) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.poses import Poses, term_weights
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
-from nnpp_edge.runtime.map.slope_cost import Mobility, SlopeCost
+from nnpp_edge.runtime.map.slope_cost import Mobility, SlopeCost, SpeedCost
 from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, warn_of_saturation
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -232,7 +232,9 @@ class MapState:
         if (ground := self._ground()) is None:
             return None
         (heights, base, sides_m), places = ground, crossings(line)
-        return Along(places, heights_at(heights, places) + base, sides_m, self.mobility)
+        cost = None if self._elevation is None else self._elevation.slope_cost
+        walker = cost if isinstance(cost, SpeedCost) else None
+        return Along(places, heights_at(heights, places) + base, sides_m, self.mobility, walker)
 
     def _ground(self) -> tuple[Heights, float, tuple[float, float]] | None:
         """Heights, what they are relative to, and a cell's sides."""

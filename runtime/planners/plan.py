@@ -197,7 +197,7 @@ class Plan:
 
     @property
     def time_s(self) -> float:
-        """By the vehicle's speeds; where these are not known, of a hiker by Tobler's function."""
+        """By the vehicle's speeds; else of a walker by the step cost, or by Tobler's function."""
         return self.numbers.time_s
 
     @property

@@ -97,7 +97,11 @@ def test_the_start_is_any_place_that_plan_takes(nnpp_edge, hills, tmp_path):
         (("--start", "80,40", "--within-cost", "3"), "start (80, 40) lies outside the map"),
         (
             ("--start", "1,1", "--within-time", "3", "--step-cost", "linear"),
-            "--within-time counts time already: leave out --step-cost, or give --within-cost with it",
+            "--within-time counts time already: leave out --step-cost, or give --within-cost with it; one in seconds",
+        ),
+        (
+            ("--start", "1,1", "--within-energy", "3", "--step-cost", "tobler"),
+            "--within-energy counts energy already: leave out --step-cost",
         ),
         (("--start", "1,1", "--within-cost", "3", "--step-cost", "energy"), "needs a table [mobility.energy]"),
         (("--within-cost", "3"), "missing option '--start'"),
@@ -116,6 +120,12 @@ def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(nnpp_edge, 
     vehicle = replace(load_vehicle("large-rover"), max_tilt_deg=40.0, clearance_m=1.5)
     for words, most, made in (
         (("--within-time", "1min"), 60.0, {"step_cost": "tobler"}),
+        (("--within-time", "1min", "--step-cost", "irmischer"), 60.0, {"step_cost": "irmischer"}),
+        (
+            ("--within-time", "1min", "--step-cost", "tobler", *body),
+            60.0,
+            {"step_cost": "tobler", "vehicle": vehicle},
+        ),
         (("--within-time", "1h", *body), 3600.0, {"step_cost": "time", "mobility": mobility, "vehicle": vehicle}),
         (("--within-energy", "9e3", *body), 9e3, {"step_cost": "energy", "mobility": mobility, "vehicle": vehicle}),
     ):
@@ -127,7 +137,9 @@ def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(nnpp_edge, 
     nnpp_edge("reach", hills, "--start", "40,30", "--within-energy", "9e3").refused("[mobility.energy]")
 
 
-@pytest.mark.parametrize(("step_cost", "unit"), [("linear", ""), ("tobler", " s"), ("time", " s"), ("energy", " J")])
+@pytest.mark.parametrize(
+    ("step_cost", "unit"), [("linear", ""), ("tobler", " s"), ("irmischer", " s"), ("time", " s"), ("energy", " J")]
+)
 def test_within_a_cost_of_any_step_cost_in_its_own_unit(nnpp_edge, hills, step_cost, unit):
     ground, mobility = read_dem(hills).elevation, load_mobility("large-rover")
     planner = Planner.of_elevation(ground, 2.0, warn=False, step_cost=step_cost, mobility=mobility)

@@ -31,6 +31,21 @@ def test_a_plan_by_tobler_is_in_seconds_and_the_way_back_takes_longer(nnpp_edge,
     assert "cost" in (out := nnpp_edge("plan", hill, *ENDS, "--step-cost", "tobler").out) and " s, the optimum" in out
 
 
+def test_a_walkers_time_is_told_by_the_function_that_the_steps_cost(nnpp_edge, hill):
+    (hill.parent / "path.toml").write_text("[mobility.irmischer]\non_path = true\n")
+    for given, words in (
+        (("--step-cost", "irmischer"), "on foot, by Irmischer and Clarke's function"),
+        (("--step-cost", "irmischer", "--mobility", "path.toml"), "on foot, by Irmischer and Clarke's function"),
+        (("--step-cost", "tobler"), "on foot, by Tobler's function"),
+        ((), "on foot, by Tobler's function"),
+        (("--step-cost", "irmischer", "--mobility", "large-rover"), "at the vehicle's speeds"),
+    ):
+        told = json.loads(nnpp_edge("plan", hill, *ENDS, *given, "--json").out)
+        agree = given and "large-rover" not in given
+        assert (told["time_s"] == pytest.approx(told["cost"], rel=1e-5)) == bool(agree), given
+        assert words in nnpp_edge("plan", hill, *ENDS, *given).out
+
+
 def test_energy_is_in_joules_by_the_vehicles_own_table_or_another_file(nnpp_edge, hill):
     costs = set()
     for given in (("--vehicle", "large-rover"), ("--mobility", "mine.toml"), ("--mobility", "small-rover")):

@@ -7,6 +7,7 @@ import pytest
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.map.poses import pose_costs
+from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -285,7 +286,7 @@ def test_a_body_drives_over_ground_that_holds_it_and_no_pose_published_failed(ro
     json.dumps(drive.summary())
 
 
-@pytest.mark.parametrize("step_cost", ["tobler", "linear", "time", "energy"])
+@pytest.mark.parametrize("step_cost", SLOPE_COSTS)
 def test_a_drive_by_the_slope_reaches_its_goal_and_costs_the_optimum_where_all_is_known(step_cost):
     heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
     heights[30:33, 20:50] = np.nan

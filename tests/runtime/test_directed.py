@@ -51,9 +51,14 @@ def planner_of(case, name, dem=None, mobility=MOBILITY, **given):
     )
 
 
+def model_of(seed):
+    """Each model in turn, and on the large maps, which are every fifth, too."""
+    return MODELS[(seed + seed // 5) % len(MODELS)]
+
+
 def cases(count, most_side=24, least_side=1):
     for seed in range(count):
-        yield seed, MODELS[seed % 4], hills(np.random.default_rng(seed), most_side + 40 * (seed % 5 == 0), least_side)
+        yield seed, model_of(seed), hills(np.random.default_rng(seed), most_side + 40 * (seed % 5 == 0), least_side)
 
 
 def test_every_exact_method_finds_dijkstras_cost_and_no_bound_is_above_it():
@@ -235,7 +240,7 @@ def test_up_a_ramp_costs_what_the_model_says_and_down_it_another_amount(name):
     up, down = planner.plan((0, 2), (0, 32)), planner.plan((0, 32), (0, 2))
     assert up.cost == pytest.approx(float(model.cost(30.0, 6.0)), rel=1e-5)
     assert down.cost == pytest.approx(float(model.cost(30.0, -6.0)), rel=1e-5)
-    assert up.cost > 1.2 * down.cost
+    assert up.cost > 1.05 * down.cost
 
 
 def test_downhill_energy_got_back_makes_a_path_cost_less_than_nothing():
@@ -308,9 +313,9 @@ def test_a_disc_keeps_its_distance_and_pays_by_the_slope():
     )
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(max(6, len(MODELS))))
 def test_a_bodys_poses_decide_where_it_may_go_and_the_slope_what_it_costs(seed):
-    rng, side, name = np.random.default_rng(seed), 36, MODELS[seed % 4]
+    rng, side, name = np.random.default_rng(seed), 36, model_of(seed)
     body, model = Vehicle(2.2, 2.2, 0.6, max_tilt_deg=25.0), MOBILITY.model(name)
     dem = (rng.normal(0.0, 0.03, (side, side)).cumsum(0) + 0.1 * np.arange(side)).astype(np.float32)
     dem[rng.integers(4, side - 4, 5), rng.integers(4, side - 4, 5)] += 2.0

@@ -9,9 +9,7 @@ from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.search.astar import cost_field, costs_to_nearest
 from nnpp_edge.runtime.search.workspace import Workspace
 from tests import directed_cases as cases
-from tests.directed_cases import MOBILITY, tolerance
-
-MODELS = "tobler", "linear", "time", "energy"
+from tests.directed_cases import MOBILITY, MODELS, tolerance
 
 
 def planner_of(case, step_cost):

@@ -5,7 +5,16 @@ import pytest
 
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.directed import price_ways
-from nnpp_edge.runtime.map.slope_cost import EnergyCost, LinearCost, Mobility, TimeCost, ToblerCost
+from nnpp_edge.runtime.map.slope_cost import (
+    SLOPE_COSTS,
+    EnergyCost,
+    IrmischerCost,
+    LinearCost,
+    Mobility,
+    TimeCost,
+    ToblerCost,
+    unit_of,
+)
 
 TABLE = TimeCost((-20.0, -5.0, 0.0, 12.0), (0.3, 0.9, 0.8, 0.2))
 ROVER = EnergyCost(180.0, 0.15, efficiency=0.6, recovery=0.4, gravity_m_s2=3.71, idle_w=45.0, speed_m_s=0.05)
@@ -13,6 +22,8 @@ MODELS = [
     ToblerCost(),
     ToblerCost(best_slope=0.2),
     ToblerCost(best_slope=0.0),
+    IrmischerCost(),
+    IrmischerCost(on_path=True, factor=0.95),
     LinearCost(),
     LinearCost(1.0, 1.0, -3.0),
     LinearCost(1.0, 1.0, 2.0, 4.0),
@@ -49,6 +60,42 @@ def test_tobler_is_what_was_published(degrees, km_h, seconds):
     assert found == pytest.approx(seconds, abs=0.0051) and 3.6 / found == pytest.approx(km_h, abs=0.0051)
     assert found == pytest.approx(0.6 * math.exp(3.5 * abs(slope + 0.05)), rel=1e-12)
     assert float(ToblerCost(factor=0.6).cost(7.0, 7.0 * slope)) == pytest.approx(7.0 * found / 0.6, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("slope", "off", "on"),  # m/s, worked out from the published constants, to as many digits
+    [
+        (-1.0, 0.11, 0.12),
+        (-0.45, 0.35, 0.52),
+        (-0.3, 0.54, 0.82),
+        (-0.1, 0.76, 1.10),
+        (-0.05, 0.78, 1.11),
+        (-0.02, 0.78, 1.10),
+        (0.0, 0.78, 1.10),
+        (0.1, 0.73, 0.99),
+        (0.2, 0.62, 0.82),
+        (0.3, 0.49, 0.62),
+        (0.45, 0.31, 0.36),
+        (1.0, 0.11, 0.11),
+    ],
+)
+def test_irmischer_is_what_was_published(slope, off, on):
+    for cost, speed in ((IrmischerCost(), off), (IrmischerCost(on_path=True), on)):
+        assert 10.0 / float(cost.cost(10.0, 10.0 * slope)) == pytest.approx(speed, abs=0.0051)
+    for cost, gain, shift in ((IrmischerCost(), 0.67, 2.0), (IrmischerCost(on_path=True), 1.0, 5.0)):
+        exact = 0.11 + gain * math.exp(-((100.0 * slope + shift) ** 2) / (2 * 30**2))
+        assert float(cost.speed(np.float64(slope))) == pytest.approx(exact, rel=1e-12)
+    women = IrmischerCost(factor=0.95)
+    assert float(women.cost(1.0, slope)) == pytest.approx(float(IrmischerCost().cost(1.0, slope)) / 0.95, rel=1e-12)
+
+
+@pytest.mark.parametrize("cost", [IrmischerCost(), IrmischerCost(on_path=True)], ids=["off", "on"])
+def test_a_table_is_the_speed_itself_at_every_other_percent_and_nearly_so_between(cost):
+    slopes = np.linspace(-1.0, 1.0, 10001)
+    off = np.abs(cost.cost(1.0, slopes) * cost.speed(slopes) - 1.0)
+    assert off[::100].max() < 1e-12 < off.max() < 1e-3
+    steep = cost.cost(1.0, np.tan(np.radians([45.0, 60.0, 89.0])))
+    assert steep == pytest.approx(steep[0] * math.sqrt(0.5) / np.cos(np.radians([45.0, 60.0, 89.0])))
 
 
 @pytest.mark.parametrize(
@@ -129,6 +176,9 @@ def test_arrays_cost_what_their_numbers_do_and_halves_what_the_whole(model):
         (lambda: EnergyCost(5.0, 0.1, speed_m_s=math.inf), ["speed_m_s", "inf"]),
         (lambda: ToblerCost(top_speed_km_h=0.0), ["top_speed_km_h", "above 0"]),
         (lambda: ToblerCost(best_slope=2.0), ["best_slope", "from -1 to 1"]),
+        (lambda: IrmischerCost(factor=-1.0), ["factor", "above 0", "-1.0"]),
+        (lambda: TimeCost.of_speed(lambda slope: 0.51 - slope), ["above 0", "100 %", "got -0.01 at 52 %"]),
+        (lambda: TimeCost.of_speed(lambda slope: slope * np.nan), ["above 0", "got nan at -100 %"]),
         (lambda: LinearCost(0.0), ["level_per_m", "above 0"]),
         (lambda: LinearCost(down_per_m=-4.0), ["every way must cost more than 0", "0.72 - -4 * -0.2125"]),
         (lambda: LinearCost(down_per_m=math.nan), ["every way"]),
@@ -141,7 +191,7 @@ def test_arrays_cost_what_their_numbers_do_and_halves_what_the_whole(model):
         (lambda: TimeCost((0.0,), (0.0,)), ["speed_m_s must be positive"]),
         (lambda: Mobility().model("time"), ["needs a table [mobility.time]", "slope_deg"]),
         (lambda: Mobility().model("energy"), ["needs a table [mobility.energy]", "mass_kg"]),
-        (lambda: Mobility().model("length"), ["one of paper, tobler, linear, time, energy", "'length'"]),
+        (lambda: Mobility().model("length"), [f"one of paper, {', '.join(SLOPE_COSTS)}", "'length'"]),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(make, words):
@@ -149,6 +199,11 @@ def test_what_is_wrong_is_said_in_one_line(make, words):
         make()
     assert all(word in str(caught.value) for word in words), str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_every_step_cost_has_a_unit():
+    units = {name: unit_of(name) for name in ("paper", "tobler", "irmischer", "linear", "time", "energy", "length")}
+    assert units == dict.fromkeys(units, "") | {"tobler": "s", "irmischer": "s", "time": "s", "energy": "J"}
 
 
 @pytest.mark.parametrize("model", [*MODELS, TimeCost((0.0,), (2.0,))], ids=repr)

@@ -31,6 +31,7 @@ SETTINGS = {
     "shortest": {"step_cost": "length", "method": "astar", "corner_cutting": False},
     "any angle": {"refine": True, "method": "corridor"},
     "on foot": {"step_cost": "tobler"},
+    "on foot off paths": {"step_cost": "irmischer"},
     "energy of a vehicle": {"step_cost": "energy", "body": "large-rover", "max_tilt": 40.0, "clearance": 1.5},
     "vehicle": {"body": "large-rover", "method": "corridor"},
 }
