@@ -162,6 +162,11 @@ def hungry():
         return fresh.write(b"x" * (60 << 20)) - (60 << 20)
 
 
+def crashes():
+    faulthandler.disable()  # its stack would look as if the tests themselves had crashed
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
 def deaf():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     time.sleep(60)
@@ -173,7 +178,7 @@ def deaf():
     [
         (lambda: time.sleep(60) or 0, 0.3, lambda ended: ended.late and ended.interrupted),
         (deaf, 0.3, lambda ended: ended.code == -signal.SIGKILL and not ended.interrupted),
-        (lambda: os.kill(os.getpid(), signal.SIGSEGV) or 0, 30.0, lambda ended: ended.code == -signal.SIGSEGV),
+        (crashes, 30.0, lambda ended: ended.code == -signal.SIGSEGV),
         (hungry, 30.0, lambda ended: ended.code == 0 and ended.peak_bytes > 50 << 20),
         (lambda: len(bytearray(4 << 30)), 30.0, lambda ended: b"MemoryError" in ended.err),
         (lambda: sys.exit(3), 30.0, lambda ended: b"SystemExit" in ended.err),
@@ -344,8 +349,7 @@ def test_findings_are_told_with_their_seed_and_kept(tmp_path):
 def test_a_case_that_crashes_or_hangs_ends_its_batch_and_is_found(monkeypatch, tmp_path):
     def check(target, seed, samples, folder, heavy=True):
         if seed == 3:
-            faulthandler.disable()  # it would print a stack that looks as if the tests had crashed
-            os.kill(os.getpid(), signal.SIGSEGV)
+            crashes()
         return Problem("odd") if seed == 1 else None
 
     monkeypatch.setattr(runner, "check_case", check)
