@@ -11,6 +11,8 @@ from nnpp_edge.profiling.sensors import Throttling
 PASS, FAIL, NOISY, THROTTLED, ABSENT = "pass", "fail", "noisy", "throttled", "not measured"
 MET, MISSED, UNSURE = "met", "missed", "noisy"
 EXIT_CODES = {MET: 0, MISSED: 1, UNSURE: 3, THROTTLED: 3}
+_NO_QUESTION = 10.0
+"""In a noisy run a budget is kept where either half would keep one by this factor tighter."""
 _BEYOND_DOUBT = 1.25
 """In a noisy or throttled run a budget is missed where it would be by this factor with all the lost time back."""
 
@@ -101,7 +103,7 @@ def _line(
             words = f"the halves of the run differ by {100 * apart:.0f} %"
         if words and state == FAIL and _beyond_doubt(budget, shown, noise.share, apart or 0.0):
             why = f"{words}, which explains no such miss"
-        elif words:
+        elif words and not (state == PASS and _beyond_question(budget, shown, apart or 0.0)):
             state, why = NOISY, words
         elif quantity.basis and state == FAIL and noise.throttling.words:
             beyond = _beyond_doubt(budget, shown, noise.throttling.share, 0.0)
@@ -127,6 +129,12 @@ def _line(
 
 def _holds(budget: Budget, value: float) -> bool:
     return value >= budget.limit if budget.direction == "at least" else value <= budget.limit
+
+
+def _beyond_question(budget: Budget, value: float, apart: float) -> bool:
+    """Whether the worse half, too, keeps the limit by an order of magnitude."""
+    got, wanted = (value, budget.limit) if budget.direction == "at least" else (budget.limit, value)
+    return got >= _NO_QUESTION * (1.0 + apart) * wanted
 
 
 def _beyond_doubt(budget: Budget, value: float, lost: float, apart: float) -> bool:

@@ -22,6 +22,8 @@ from nnpp_edge.terrain.heights import Window, check_grid, metres
 from nnpp_edge.terrain.rasters import geotiff_bytes, read_raster
 
 _FARTHEST_M = 1e9
+_RECORDINGS = (".mcap", ".db3", ".bag")
+"""Endings of files of ROS messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,7 @@ def read_dem(
         A raster of one band in one of `gdal_files.FORMATS` (for a PDS3 `.img` with a `.lbl` beside it, the label is
         opened), whatever its name; files and addresses that it names elsewhere are not opened;
         a 2-D `.npy`; an `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D array, and perhaps
-        `cell_size_m` (or `cell_m`) and `cell_width_m`; a grey 16-bit PNG.
+        `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`; a grey 16-bit PNG.
     cell_size_m : float, optional
         Side of a cell, north-south. Wins over the file's; the ratio of width to height is kept.
     vertical_scale : float, optional
@@ -137,6 +139,9 @@ def read_dem(
     check_option("vertical scale", vertical_scale)
     if (problem := problem_with_file(path)) is not None:
         raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
+    if path.suffix.lower() in _RECORDINGS:
+        hint = "`GridMap` of nnpp_edge.ros.maps makes an .npz of one (docs/how-to-maps.md)"
+        raise TerrainError(f"{path}: wanted one elevation map, got a recording of messages; {hint}")
     gdal = partial(read_raster, allow_vrt=allow_vrt)
     read = {".npy": read_arrays, ".npz": read_arrays, ".png": read_png}.get(path.suffix.lower(), gdal)
     with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):

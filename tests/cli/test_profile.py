@@ -5,6 +5,7 @@ import sys
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from nnpp_edge.profiling import report as report_module
@@ -223,9 +224,9 @@ def longer(file):
 
 
 def test_a_disturbed_run_is_noisy(nnpp_edge, profile, core):
-    """Another process on the one core, all the time: the halves agree, and yet nothing may pass."""
+    """Another process on the one core, all the time: the halves agree, and yet nothing may pass by a little."""
     with busy_core(core):
-        ended = nnpp_edge("profile", "--profile", longer(profile(disturbance=0.1)), "--json")
+        ended = nnpp_edge("profile", "--profile", longer(profile(limit=1000.0, disturbance=0.1)), "--json")
     assert ended.code == 3, ended.out
     told = json.loads(ended.out)
     assert told["verdict"] == "noisy" and told["disturbance"]["words"]
@@ -246,7 +247,7 @@ def test_a_run_disturbed_in_one_half_is_noisy(nnpp_edge, profile, core, monkeypa
             return real(*words)
 
         monkeypatch.setattr(measure, "first_half_again", first_half_again)
-        ended = nnpp_edge("profile", "--profile", longer(profile(disturbance=0.1)), "--json")
+        ended = nnpp_edge("profile", "--profile", longer(profile(limit=1000.0, disturbance=0.1)), "--json")
     told = json.loads(ended.out)
     assert ended.code == 3 and told["verdict"] == "noisy"
     halves = told["disturbance"]["halves"]
@@ -404,3 +405,16 @@ def test_start_up_is_measured_where_a_budget_asks_for_it(nnpp_edge, profile, mon
     assert told["budgets"][-1]["verdict"] == "pass"
     assert nnpp_edge("profile", "--profile", profile(), "--start-up").code == 0
     assert asked[1:] == ["astar", "corridor", "nnpp", "auto"]
+
+
+def test_terrain_smaller_than_what_is_measured_is_told(nnpp_edge, profile, tmp_path):
+    np.savez(tmp_path / "small.npz", elevation_m=np.zeros((70, 80), np.float32), cell_size_m=0.1)
+    words = ("profile", "--profile", profile(), "--terrain", tmp_path / "small.npz", "--sizes")
+    asked = (
+        "small.npz: wanted at least 96 × 96 cells, the size to be measured, got 70 × 80; --sizes 70 measures on it"
+    )
+    nnpp_edge(*words, "128,96").refused(asked)
+    ended = nnpp_edge(*words, "64,96", "--json")
+    told = json.loads(ended.out)
+    assert {row["size"]: row["terrain"] for row in told["results"]} == {64: "small", 96: "synthetic"}
+    assert "no terrain has 96 × 96 cells: synthetic ground in its place" in told["notes"]
