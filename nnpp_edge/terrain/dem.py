@@ -22,8 +22,6 @@ from nnpp_edge.terrain.heights import Window, check_grid, metres
 from nnpp_edge.terrain.rasters import geotiff_bytes, read_raster
 
 _FARTHEST_M = 1e9
-_RECORDINGS = (".mcap", ".db3", ".bag")
-"""Endings of files of ROS messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,9 +137,6 @@ def read_dem(
     check_option("vertical scale", vertical_scale)
     if (problem := problem_with_file(path)) is not None:
         raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
-    if path.suffix.lower() in _RECORDINGS:
-        hint = "`GridMap` of nnpp_edge.ros.maps makes an .npz of one (docs/how-to-maps.md)"
-        raise TerrainError(f"{path}: wanted one elevation map, got a recording of messages; {hint}")
     gdal = partial(read_raster, allow_vrt=allow_vrt)
     read = {".npy": read_arrays, ".npz": read_arrays, ".png": read_png}.get(path.suffix.lower(), gdal)
     with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):

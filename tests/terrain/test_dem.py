@@ -697,4 +697,4 @@ def test_a_transform_that_places_no_cells_is_refused(tmp_path, transform):
 
 def test_a_recording_is_refused_with_the_way_to_a_map_of_it(tmp_path):
     (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n")
-    refused(tmp_path / "drive.mcap", "wanted one elevation map, got a recording of messages", "nnpp_edge.ros.maps")
+    refused(tmp_path / "drive.mcap", "wanted an elevation map, got a recording of messages", "nnpp_edge.ros.maps")
