@@ -53,7 +53,8 @@ def place_towards(
     rows, cols = np.nonzero(served)
     cells = np.hypot(rows - goal[0], cols - goal[1])
     if served is edge:
-        from_start = np.hypot(*(np.indices(costs.shape)[:, reached] - np.reshape(start, (2, 1))))
+        all_rows, all_cols = np.nonzero(reached)
+        from_start = np.hypot(all_rows - start[0], all_cols - start[1])
         usual = np.median(costs[reached] / np.maximum(from_start, 1.0))
         if usual > 0.0:  # of a cell; energy may be got back
             cells += costs[edge] / usual
@@ -67,12 +68,14 @@ def place_towards(
 
 def _leading_to(beyond: NDArray[np.bool_], unknown: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
     """The pieces of unknown ground that come near to what lies beyond."""
-    _, pieces = cv2.connectedComponents(unknown.astype(np.uint8))
-    leading: NDArray[np.bool_] = unknown & np.isin(pieces, pieces[unknown & _grown(beyond, margin)])
+    count, pieces = cv2.connectedComponents(unknown.view(np.uint8))
+    leads = np.zeros(count, np.bool_)  # by piece; the first is what is known
+    leads[pieces[unknown & _grown(beyond, margin)]] = True
+    leading: NDArray[np.bool_] = leads[pieces]
     return leading
 
 
 def _grown(cells: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
     around = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
-    grown: NDArray[np.bool_] = cv2.dilate(cells.astype(np.uint8), around) > 0
+    grown: NDArray[np.bool_] = cv2.dilate(cells.view(np.uint8), around).view(np.bool_)
     return grown
