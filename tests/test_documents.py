@@ -81,6 +81,21 @@ def workshop(tmp_path_factory):
     return folder
 
 
+def grid_map_message(rows, cols):
+    """A flat grid_map_msgs/GridMap of cells of 0.1 m around the origin."""
+    zero = SimpleNamespace(x=0.0, y=0.0, z=0.0)
+    pose = SimpleNamespace(position=zero, orientation=zero)
+    array = SimpleNamespace(layout=SimpleNamespace(dim=[]), data=[0.0] * (rows * cols))
+    return SimpleNamespace(
+        header=SimpleNamespace(frame_id="odom"),
+        info=SimpleNamespace(resolution=0.1, length_x=0.1 * rows, length_y=0.1 * cols, pose=pose),
+        layers=["elevation"],
+        data=[array],
+        outer_start_index=0,
+        inner_start_index=3,
+    )
+
+
 def assumed(path):
     """Names that a document's Python assumes: a map, a query, messages."""
     dem = sample_dem("earth_hummocks").elevation
@@ -90,6 +105,8 @@ def assumed(path):
         return {"dem": np.sin(row / 40.0) * np.cos(col / 50.0)}
     if path.name == "onboard.md":
         return names | {"cost": np.full((256, 256), 0.2, np.float32), "patch": np.ones((3, 4))}
+    if path.name == "how-to-maps.md":
+        return names | {"message": grid_map_message(200, 150)}
     if path.name == "routes.md":
         from nnpp_edge.runtime import Planner
 
@@ -97,11 +114,8 @@ def assumed(path):
     if path.name == "run.md":
         from nnpp_edge.ros.maps import MapFrame
 
-        place = SimpleNamespace(position=SimpleNamespace(x=0.0, y=0.0))
-        message = SimpleNamespace(outer_start_index=0, inner_start_index=3, data=[SimpleNamespace(data=[0.0] * 600)])
         return names | {
-            "info": SimpleNamespace(resolution=0.1, length_x=2.0, length_y=3.0, pose=place),
-            "message": message,
+            "message": grid_map_message(20, 30),
             "world_frame": MapFrame(0.1, -5.0, -5.0),
             "answer": SimpleNamespace(path=np.array([[3, 4], [3, 5]])),
         }

@@ -189,6 +189,8 @@ def find(
     from functools import partial
     from math import inf
 
+    import numpy as np
+
     from nnpp_edge.runtime import Planner
     from nnpp_edge.runtime.map.along import Along
 
@@ -241,6 +243,7 @@ def find(
         return replace(found, along=Along.of(found.line, dem.elevation, sides, mobility, found.along))
 
     plan, tour = on_the_ground(plan), tour and tour.told(on_the_ground)
+    shut_in = plan.status == "NO_PATH" and plan.source is not None and tour is None and request.refine is None
     return Answer(
         plan,
         _route(plan, cost, dem, vehicle, planner),
@@ -253,6 +256,7 @@ def find(
         vehicle=vehicle,
         step_cost=request.step_cost,
         tour=tour,
+        reached=int(np.isfinite(planner.reach(start)).sum()) if shut_in else None,
     )
 
 

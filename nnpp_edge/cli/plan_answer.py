@@ -158,6 +158,8 @@ class Answer:
     """By which steps cost."""
     tour: Tour | None = None
     """Where the path leads by way of other places."""
+    reached: int | None = None
+    """Cells that can be reached from the start, where no path leads to the goal."""
 
     def figures(self, files: list[str]) -> dict[str, object]:
         """Ready for JSON."""
@@ -174,6 +176,8 @@ class Answer:
             figures["step_cost"] = self.step_cost
         if self.compared:
             figures["compare"] = [compared.figures() for compared in self.compared]
+        if self.reached is not None:
+            figures["reached_cells"] = self.reached
         if self.tour:
             figures["via"] = self._via()
         if self.goals:
@@ -226,6 +230,8 @@ class Answer:
             lines["CC"] = f"{plan.traverse_cost:.6g}"
         elif len(plan.path):
             lines["path"] = f"{len(plan.path)} cells so far, {length}"
+        if self.reached is not None:
+            lines["reached"] = f"{self.reached} cells of the map, from the start"
         if self.vehicle is not None and plan.ok and "tilt_deg" in self.route.standing:
             lines["vehicle"] = self._worst()
         lines["expansions"] = str(plan.expansions)

@@ -41,6 +41,7 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
     help="Keep a path while a new one can save at most this share (else 0.02).",
 )
 @click.option("--refine", type=click.Choice(["any-angle"]), help="Free paths from the grid: way points, too.")
+@click.option("--approach", is_flag=True, default=None, help="Without a path to the goal, go as near as there is.")
 @click.option("--ticks", type=COUNT, help="End after so many.")
 @click.option("--framing", type=_FRAMINGS, default="lines", help="A message a line, or after its length in 4 bytes.")
 @click.option("--fast", is_flag=True, help="Replay one recorded tick a tick, and ticks without a pause.")
@@ -96,6 +97,7 @@ def command(
         tolerance=loop.tolerance,
         corner_cutting=loop.corner_cutting,
         refine=loop.refine or None,
+        approach=loop.approach,
     )
     options.check_outputs(  # --record never replaces a file
         *(("--log", wiring.log), ("--metrics-file", wiring.metrics_file), ("--view", options.view_file(wiring.view))),

@@ -83,7 +83,7 @@ def command(
             body=body,
         )
         landscape = Landscape(ground, asked)  # what cannot be planned on is refused here
-        if (likely := likely_ends(landscape.cost)) is None:
+        if (likely := likely_ends(landscape.cost, landscape.stands)) is None:
             raise InvalidMapError(f"{dem}: wanted a map to plan on, got {MapSize.of(ground.dem)}, all impassable")
         asked = replace(asked, start=asked.start if start else likely[0], goal=asked.goal if goal else likely[1])
         first = [Trial(ground, asked, landscape)]

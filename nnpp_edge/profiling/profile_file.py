@@ -120,6 +120,8 @@ class OnboardLoop(Table, frozen=True):
     corner_cutting: bool = True
     refine: str = ""
     """As `DynamicPlanner` takes it; empty for paths of cells alone."""
+    approach: bool = False
+    """Whether paths lead as near to the goal as there is a way, where none leads to it."""
 
     def __post_init__(self) -> None:
         self.check_choice("method", LOOP_METHODS)

@@ -9,9 +9,10 @@ import numpy as np
 
 from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.profiling.profile_file import SAMPLE, Load
-from nnpp_edge.profiling.suites import QUERIES_PER_MAP, SYNTHETIC, TerrainFiles, cases_from, source_of
+from nnpp_edge.profiling.suites import QUERIES_PER_MAP, SYNTHETIC, TerrainFiles, cases_from, large_enough, source_of
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.dem import Dem
@@ -63,7 +64,7 @@ class ProfileMaps:
     Raises
     ------
     TerrainError, InvalidQueryError
-        A terrain file or the vehicle's cannot be read.
+        A terrain file or the vehicle's cannot be read, or no file is large enough for any of the sizes.
     """
 
     def __init__(self, load: Load) -> None:
@@ -73,6 +74,13 @@ class ProfileMaps:
         for name in () if load.terrain == (SYNTHETIC,) else load.terrain:
             paths = () if name == SAMPLE else (Path(name),)
             self.dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size, load.allow_vrt).read()
+        largest = max(self.dems, key=lambda dem: min(dem.shape), default=None)
+        if largest is not None and not any(large_enough(self.dems, size) for size in load.sizes):
+            (rows, cols), least = largest.shape, min(load.sizes)
+            raise TerrainError(
+                f"{largest.source}: wanted at least {least} × {least} cells, the size to be measured, got {rows} × "
+                f"{cols}; --sizes {min(rows, cols)} measures on it"
+            )
 
     def source(self, size: int) -> str:
         """Name of the terrain that maps of this size come from."""

@@ -16,7 +16,7 @@ from nnpp_edge.profiling.judge import ABSENT, FAIL, MET, MISSED, NOISY, THROTTLE
 from nnpp_edge.profiling.machine import busy_share, environment, pinned
 from nnpp_edge.profiling.measure import Arriving, Run, queries_in, rivals_of, run
 from nnpp_edge.profiling.memory import peak_memory_mb
-from nnpp_edge.profiling.profile_file import Networks, Profile
+from nnpp_edge.profiling.profile_file import SYNTHETIC, Networks, Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
 from nnpp_edge.profiling.report_format import (
     BudgetLine,
@@ -82,6 +82,9 @@ def profile_machine(
         own_peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024e-3
         whole_run = _whole_run(profile, rivals, start_up, watchers.say)
     results, loop = rows(measured), loop_rows(measured)
+    if profile.load.terrain != (SYNTHETIC,):
+        made = {row["size"] for row in results if row["terrain"] == SYNTHETIC}
+        said += [f"no terrain has {size} × {size} cells: synthetic ground in its place" for size in sorted(made)]
     slowed = throttling(sensors.readings, sensors.sensors.limits)
     noise = replace(_noise(measured.disturbance, profile.stability.disturbance), throttling=slowed)
     if watchers.trace is not None:

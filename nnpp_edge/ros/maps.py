@@ -5,12 +5,17 @@ origin: rows run with y, columns with x. A grid map (grid_map_msgs/GridMap) hold
 from the corner farthest along x and y: rows run against x, columns against y, and both begin somewhere in a ring.
 """
 
+import io
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nnpp_edge.files import write_whole
 from nnpp_edge.ros.occupancy import BODY_TOUCHES, IMPASSABLE, UNKNOWN, as_cost, as_occupancy
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
@@ -18,6 +23,8 @@ from nnpp_edge.runtime.loop.messages import MapPatch
 
 _SAME = 1e-3
 """Share of a cell's side by which two maps' cells may differ."""
+_LEVEL = 1e-3
+"""Part of a quaternion up to which a map counts as not turned."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,8 @@ class MapFrame:
     y: float = 0.0
     rows_along_x: bool = False
     """Rows run against x and columns against y, as in a grid map; else rows with y and columns with x."""
+    frame_id: str = ""
+    """Name of the frame that x and y count in; empty where it is not told."""
 
     def __post_init__(self) -> None:
         """Check."""
@@ -89,6 +98,18 @@ class OccupancyGrid:
     origin_x: float = 0.0
     """Of the corner of the first cell, metres."""
     origin_y: float = 0.0
+    frame_id: str = ""
+
+    @classmethod
+    def of_message(cls, message: object) -> "OccupancyGrid":
+        """From a message as rclpy, rosbags or mcap-ros2-support hand it out, or as nested dicts.
+
+        Raises InvalidMapError for another message, or a turned grid.
+        """
+        data = _field(message, "data")
+        resolution, width, height = (_field(message, f"info.{name}") for name in ("resolution", "width", "height"))
+        origin = _corner(message, "info.origin")
+        return cls(resolution, width, height, np.asarray(data), *origin, _field(message, "header.frame_id"))
 
     def __post_init__(self) -> None:
         """Check."""
@@ -106,7 +127,7 @@ class OccupancyGrid:
     @property
     def frame(self) -> MapFrame:
         """Where its cells lie."""
-        return MapFrame(self.resolution, self.origin_x, self.origin_y)
+        return MapFrame(self.resolution, self.origin_x, self.origin_y, frame_id=self.frame_id)
 
     def cost(self, occupied: int = BODY_TOUCHES) -> NDArray[np.float32]:
         """Its cells as costs, (height, width): a hundredth of the occupancy; inf from `occupied` on; NaN if unknown.
@@ -125,7 +146,8 @@ class OccupancyGrid:
             raise InvalidMapError("an occupancy grid's rows must run with y, got a frame whose rows run against x")
         values = _map(cost)
         height, width = values.shape
-        return cls(frame.resolution, width, height, as_occupancy(values).reshape(-1), frame.x, frame.y)
+        data = as_occupancy(values).reshape(-1)
+        return cls(frame.resolution, width, height, data, frame.x, frame.y, frame.frame_id)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +174,27 @@ class GridMap:
     """Row of the ring at which the map begins."""
     inner_start_index: int = 0
     """Column of the ring at which the map begins."""
+    frame_id: str = ""
+
+    @classmethod
+    def of_message(cls, message: object) -> "GridMap":
+        """From a message as rclpy, rosbags or mcap-ros2-support hand it out, or as nested dicts.
+
+        Raises InvalidMapError for another message, or a turned map.
+        """
+        names, arrays = _field(message, "layers"), _field(message, "data")
+        side, *lengths = (_field(message, f"info.{name}") for name in ("resolution", "length_x", "length_y"))
+        middle = _corner(message, "info.pose")
+        starts = [_field(message, f"{name}_start_index") for name in ("outer", "inner")]
+        layers = {}
+        for name, array in zip(names, arrays, strict=False):
+            values, dims = np.asarray(_field(array, "data"), np.float32), _field(array, "layout.dim")
+            sizes = [_field(dim, "size") for dim in dims]
+            if math.prod(sizes) == values.size and _field(dims[0], "label") == "row_index":  # row by row
+                values = values.reshape(sizes).T.reshape(-1)
+            layers[name] = values
+        frame_id = _field(message, "header.frame_id")
+        return cls(side, lengths[0], lengths[1], layers, *middle, starts[0], starts[1], frame_id)
 
     def __post_init__(self) -> None:
         """Check."""
@@ -164,9 +207,11 @@ class GridMap:
             start = (self.outer_start_index, self.inner_start_index)
             raise InvalidMapError(f"a grid map's start must lie within {rows} × {cols} cells, got {start}")
         for name, values in self.layers.items():
-            flat = np.asarray(values, np.float32).reshape(-1)
-            if flat.size != rows * cols:
-                raise InvalidMapError(f"layer {name!r} must have {rows} × {cols} numbers, got {flat.size}")
+            flat = np.asarray(values, np.float32)
+            if flat.shape != (rows * cols,):
+                wanted = f"{rows} × {cols} numbers column by column, as in the message"
+                also = "; of_layers takes maps (rows, columns)" if flat.ndim == 2 else ""
+                raise InvalidMapError(f"layer {name!r} must be {wanted}, got {flat.shape}{also}")
             self.layers[name] = flat
 
     @property
@@ -181,7 +226,7 @@ class GridMap:
     def frame(self) -> MapFrame:
         """Where its cells lie."""
         x, y = self.x + 0.5 * self.length_x, self.y + 0.5 * self.length_y
-        return MapFrame(self.resolution, x, y, rows_along_x=True)
+        return MapFrame(self.resolution, x, y, rows_along_x=True, frame_id=self.frame_id)
 
     def layer(self, name: str = "elevation") -> NDArray[np.float32]:
         """A layer (rows, columns) in the order of its frame: unrolled, rows against x and columns against y."""
@@ -190,6 +235,17 @@ class GridMap:
         rows, cols = self.shape
         ring = self.layers[name].reshape(cols, rows).T
         return np.ascontiguousarray(np.roll(ring, (-self.outer_start_index, -self.inner_start_index), axis=(0, 1)))
+
+    def save(self, path: Path | str, name: str = "elevation") -> None:
+        """Write a layer of heights as an `.npz` that every command reads, with places in this map's metres.
+
+        OutputError where it cannot be written, InvalidMapError without that layer.
+        """
+        side, frame = self.resolution, self.frame
+        transform = 0.0, -side, frame.x, -side, 0.0, frame.y
+        content = io.BytesIO()
+        np.savez_compressed(content, elevation_m=self.layer(name), cell_size_m=side, transform=transform)
+        write_whole(Path(path), content.getvalue())
 
     @classmethod
     def of_layers(cls, layers: dict[str, NDArray[np.float32]], frame: MapFrame, *, start: Cell = (0, 0)) -> "GridMap":
@@ -210,7 +266,7 @@ class GridMap:
         }
         length_x, length_y = rows * frame.resolution, cols * frame.resolution
         middle = frame.x - 0.5 * length_x, frame.y - 0.5 * length_y
-        return cls(frame.resolution, length_x, length_y, flat, *middle, *start)
+        return cls(frame.resolution, length_x, length_y, flat, *middle, *start, frame.frame_id)
 
 
 def occupancy_patch(
@@ -243,7 +299,10 @@ def placed(values: NDArray[np.float32], source: MapFrame, target: MapFrame) -> t
     ------
     InvalidMapError
         The resolutions differ by over a thousandth: values would have to be mixed, which is for the sender to do.
+        Or the maps lie in frames of two names.
     """
+    if source.frame_id and target.frame_id and source.frame_id != target.frame_id:
+        raise InvalidMapError(f"wanted a map in the frame {target.frame_id!r}, got one in {source.frame_id!r}")
     if abs(source.resolution - target.resolution) > _SAME * target.resolution:
         raise InvalidMapError(f"wanted cells of {target.resolution} m, got {source.resolution} m")
     cells = _map(values)
@@ -277,3 +336,23 @@ def _map(values: ArrayLike) -> NDArray[np.float32]:
     if cells.ndim != 2 or cells.size == 0:
         raise InvalidMapError(f"a map must be (h, w) numbers, got {cells.shape}")
     return cells
+
+
+def _field(message: object, path: str) -> Any:
+    """What stands at a path of names in a message, or in nested dicts."""
+    found: Any = message
+    for name in path.split("."):
+        try:
+            found = found[name] if isinstance(found, Mapping) else getattr(found, name)
+        except (KeyError, AttributeError):
+            kind = type(message).__name__
+            raise InvalidMapError(f"wanted a message with {path}, got a {kind} without {name}") from None
+    return found
+
+
+def _corner(message: object, path: str) -> tuple[float, float]:
+    """x and y of a map's pose; InvalidMapError where the map is turned."""
+    turned = [_field(message, f"{path}.orientation.{axis}") for axis in "xyz"]
+    if max(map(abs, turned)) > _LEVEL:
+        raise InvalidMapError(f"wanted a map that is not turned, got one with the orientation x, y, z {turned}")
+    return _field(message, f"{path}.position.x"), _field(message, f"{path}.position.y")

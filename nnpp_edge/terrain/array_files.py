@@ -15,6 +15,7 @@ from numpy.lib import format as npy
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
+from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.heights import Reading, Window, check_grid, check_room, checked_window, metres
 
 _ZIP_STARTS = (b"PK\x03\x04", b"PK\x05\x06")
@@ -33,7 +34,7 @@ def read_arrays(path: Path, vertical_scale: float | None, window: Window | None)
 
     Raises TerrainError and InvalidQueryError as `read_dem` does, and whatever else NumPy raises for a broken file.
     """
-    cell = None
+    cell = place = None
     with path.open("rb") as file:
         if file.read(4) in _ZIP_STARTS:
             with _Archive(path) as archive:
@@ -42,7 +43,7 @@ def read_arrays(path: Path, vertical_scale: float | None, window: Window | None)
                 promised = archive.promise(name)
                 row0, col0, rows, cols = checked_window(path, promised.shape, window)
                 check_room(path, (rows, cols), promised.dtype, promised.nbytes)
-                loaded = archive.array(name)
+                loaded, place = archive.array(name), archive.place(row0, col0)
         else:
             file.seek(0)
             promised = _promised(file)
@@ -51,7 +52,7 @@ def read_arrays(path: Path, vertical_scale: float | None, window: Window | None)
             check_room(path, (rows, cols), promised.dtype)
             loaded = np.load(path, mmap_mode="r", allow_pickle=False)
     part = loaded[row0 : row0 + rows, col0 : col0 + cols]
-    return metres(part, vertical_scale or 1.0, 0.0), cell, None
+    return metres(part, vertical_scale or 1.0, 0.0), cell, place
 
 
 def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
@@ -131,6 +132,18 @@ class _Archive:
                 raise TerrainError(f"{self._path}: wanted cell_size_m beside cell_width_m, got cell_width_m alone")
             return None
         return size, size if width is None else width
+
+    def place(self, row: int, col: int) -> Georeference | None:
+        """Where the part from this cell on lies, by the array `transform`; None where there is none."""
+        if "transform" not in self:
+            return None
+        promised = self.promise("transform")
+        values = self.array("transform").tolist() if promised.shape == (6,) and promised.dtype.kind in "iuf" else []
+        a, b, c, d, e, f = values or [math.nan] * 6
+        if not all(map(math.isfinite, (a, b, c, d, e, f))) or a * e == b * d:
+            wanted, got = "6 numbers (a, b, c, d, e, f) that place cells", values or promised.shape
+            raise TerrainError(f"{self._path}: transform must be {wanted}, got {got}")
+        return Georeference(None, (a, b, a * col + b * row + c, d, e, d * col + e * row + f))
 
     def _number(self, *names: str) -> float | None:
         """The scalar under the first of `names` that is there, above 0 and finite; None without one."""

@@ -96,7 +96,7 @@ def read_dem(
         A raster of one band in one of `gdal_files.FORMATS` (for a PDS3 `.img` with a `.lbl` beside it, the label is
         opened), whatever its name; files and addresses that it names elsewhere are not opened;
         a 2-D `.npy`; an `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D array, and perhaps
-        `cell_size_m` (or `cell_m`) and `cell_width_m`; a grey 16-bit PNG.
+        `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`; a grey 16-bit PNG.
     cell_size_m : float, optional
         Side of a cell, north-south. Wins over the file's; the ratio of width to height is kept.
     vertical_scale : float, optional

@@ -17,6 +17,8 @@ FORMATS = "GeoTIFF, ESRI ASCII grid, PDS3, SRTM .hgt, ESRI .bil, Erdas .img"
 NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none"}
 """GDAL's options under which its file system knows no addresses."""
 
+_RECORDINGS = (".mcap", ".db3", ".bag")
+"""Endings of files of ROS messages."""
 _HEAD_BYTES = 1 << 20
 """Of a file that are looked at; GDAL tells formats apart by less."""
 _TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -42,6 +44,9 @@ def openable(path: Path, allow_vrt: bool) -> tuple[Path, list[str]]:
     For a PDS3 image with a detached label it is the label. TerrainError where GDAL would open what is no plain
     raster: a VRT that is not allowed, or not made of GeoTIFFs beside it; a label or a sidecar that leads elsewhere.
     """
+    if path.suffix.lower() in _RECORDINGS:
+        hint = "`GridMap` of nnpp_edge.ros.maps makes an .npz of one (docs/how-to-maps.md)"
+        raise TerrainError(f"{path}: wanted an elevation map, got a recording of messages; {hint}")
     endings = (".lbl", ".LBL") if path.suffix.lower() == ".img" else ()
     # GDAL takes names in a file as they stand where the file's own has no folder: `/vsicurl/…`, say.
     opened = next((label for end in endings if (label := path.with_suffix(end)).is_file()), path).absolute()

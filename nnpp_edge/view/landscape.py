@@ -2,7 +2,7 @@
 
 import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,8 @@ IMPASSABLE = 1.0
 """Traversability cost of an obstacle."""
 _TRIED = 256
 """Cells along a side that are tried as first ends."""
+_LOOKED_AT = 1000
+"""Of these for each end, where a vehicle's poses must be checked."""
 _ONE_RECORDS = threading.Lock()
 """Recording warnings is of the whole process."""
 
@@ -82,6 +84,10 @@ class Landscape:
             plan, along=Along.of(plan.line, ground.dem.elevation, ground.sides_m, self.mobility, plan.along)
         )
 
+    def stands(self, cell: Cell) -> bool:
+        """Whether a path may begin or end in a cell of the map."""
+        return self._planner.state.grid.is_passable(cell)
+
     def lay(self, part: Rectangle, obstacles: Sequence[Rectangle]) -> None:
         """Bring planner and costs up to date in a rectangle, on which these obstacles lie now."""
         row, col, rows, cols = part
@@ -130,10 +136,11 @@ class Landscape:
         return traversability_cost(elevation, height, self._limits, cell_width_m=width, warn=warn)
 
 
-def likely_ends(cost: Float2D) -> tuple[Cell, Cell] | None:
+def likely_ends(cost: Float2D, stands: Callable[[Cell], bool] = lambda cell: True) -> tuple[Cell, Cell] | None:
     """A start and a goal to begin with: the passable cells nearest to a tenth and to nine tenths of both sides.
 
-    None where no cell is passable, of those that are tried.
+    Of the nearest thousand the first on which the robot `stands`, else the very nearest. None where no cell is
+    passable, of those that are tried.
     """
     rows, cols = cost.shape
     apart = max(rows // _TRIED, 1), max(cols // _TRIED, 1)
@@ -142,7 +149,7 @@ def likely_ends(cost: Float2D) -> tuple[Cell, Cell] | None:
         return None
     ends = []
     for share in (0.1, 0.9):
-        nearest = np.abs(passable - (share * (rows - 1), share * (cols - 1))).max(1).argmin()
-        row, col = passable[nearest].tolist()
-        ends.append((row, col))
+        apart_by = np.abs(passable - (share * (rows - 1), share * (cols - 1))).max(1)
+        nearest = [(row, col) for row, col in passable[apart_by.argsort(kind="stable")[:_LOOKED_AT]].tolist()]
+        ends.append(next(filter(stands, nearest), nearest[0]))
     return ends[0], ends[1]

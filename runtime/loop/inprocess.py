@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Iterator
 
 from nnpp_edge.runtime.loop.mailbox import Mailbox
-from nnpp_edge.runtime.loop.messages import Input, Output, PathMessage
+from nnpp_edge.runtime.loop.messages import Input, InvalidMessageError, Output, PathMessage
 
 
 class InProcessSource:
@@ -20,7 +20,12 @@ class InProcessSource:
         return self._mailbox.drops
 
     def put(self, message: Input) -> bool:
-        """Add an input; False if it is a patch and too many are waiting, so that the sender knows."""
+        """Add an input; False if it is a patch and too many are waiting, so that the sender knows.
+
+        InvalidMessageError for anything else than an input.
+        """
+        if not isinstance(message, Input):
+            raise InvalidMessageError(f"wanted a MapPatch, Pose or Goal, got a {type(message).__name__}")
         return not self._mailbox.put(message, when_full="refuse")
 
     def poll(self) -> Iterator[Input]:

@@ -49,6 +49,9 @@ class NavigatorSettings:
     """As for `DynamicPlanner`: whether answers come with way points too."""
     snap_radius: int = 3
     """Cells; if the robot stands in an impassable cell, its path may start at most this far away."""
+    approach: bool = False
+    """Whether paths lead as near to the goal as there is a way, where none leads to it: it may be unknown yet. It
+    takes a search over all that can be reached, after each change of the map."""
 
     @property
     def asks_network(self) -> bool:
@@ -84,6 +87,7 @@ class Tick:
     start: Cell | None = None
     goal: Cell | None = None
     start_moved: bool = False
+    goal_moved: bool = False
     standing: Standing | None = None
     """The standing path, while it is valid."""
     failures: list[Failure] = field(default_factory=list)
@@ -121,6 +125,7 @@ class Tick:
             reason=reason,
             map_version=self.map_version,
             planning_ms=self.elapsed_ms,
+            goal_moved=self.goal_moved,
         )
 
 

@@ -153,6 +153,8 @@ class PathMessage:
     """(N, 2) places (row, col) in cells, as in `Plan`; None unless asked for, or where the map changed meanwhile."""
     line_cost: float = math.inf
     """As in `Plan`."""
+    goal_moved: bool = False
+    """No path leads to the goal that was asked for; this one leads as near to it as there is a way, to `goal`."""
 
     def __post_init__(self) -> None:
         """A path with success, none without."""

@@ -7,9 +7,13 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.loop.approach import place_towards
 from nnpp_edge.runtime.loop.ladder import Ladder, NavigatorSettings, Tick, one_line
 from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.loop.spans import Span
@@ -21,6 +25,15 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.query import PlannerOptions
 
 _LOG = logging.getLogger(__name__)
+
+
+class _Approached(NamedTuple):
+    """Where the robot goes in place of a goal that it cannot reach."""
+
+    goal: Cell
+    place: Cell
+    map_version: int
+    """Of the map on which it was chosen."""
 
 
 class Navigator:
@@ -60,6 +73,7 @@ class Navigator:
         self._errors: Counter[str] = Counter()
         self._patches = self._cells_changed = self._starts_moved = self._reloads = 0
         self._ticks = self._planned = self._kept = self._failed = 0
+        self._approached: _Approached | None = None
         self._ladder = Ladder(world, self.settings, self.count_error)
         self._map_version = 0
         self._nearest_first = _offsets_within(self.settings.snap_radius)
@@ -156,18 +170,44 @@ class Navigator:
         for cell, status in ((goal.cell, Status.GOAL_OUTSIDE_MAP), (pose.cell, Status.START_OUTSIDE_MAP)):
             if not self._on_map(cell):
                 return tick.no_path(status, f"the map has {self.world.shape} cells")
-        if goal.cell != self.planner.goal:
-            self.planner.set_goal(goal.cell)
-        start = self._nearest_passable(pose.cell)
+        start, radius = self._nearest_passable(pose.cell), self.settings.snap_radius
         if start is None:
-            reason = f"no passable cell within {self.settings.snap_radius} of the robot"
+            reason = f"no passable cell within {radius} of the robot{self.world.unknown_around(pose.cell, radius)}"
             return tick.no_path(Status.START_BLOCKED, reason)
-        if not self.planner.is_passable(goal.cell):
-            return tick.no_path(Status.GOAL_BLOCKED, "the goal is impassable")
-        tick.start, tick.goal, tick.start_moved = start, goal.cell, start != pose.cell
-        self._starts_moved += tick.start_moved
         self.planner.move(start)
+        reachable = self._approached is None or self._approached.goal != goal.cell
+        if not self.planner.is_passable(goal.cell):
+            if not self.settings.approach:
+                reason = f"the goal is impassable{self.world.unknown_around(goal.cell)}"
+                return tick.no_path(Status.GOAL_BLOCKED, reason)
+            reachable = False
+        tick.start, tick.start_moved = start, start != pose.cell
+        self._starts_moved += tick.start_moved
+        message = self._answer_to(goal.cell if reachable else self._as_near_as(goal.cell, start), goal.cell, tick)
+        if message.outcome is Status.NO_PATH and self.settings.approach:
+            self._approached = None  # what was chosen in the goal's place cannot be reached either
+            return self._answer_to(self._as_near_as(goal.cell, start), goal.cell, tick)
+        return message
+
+    def _answer_to(self, target: Cell, goal: Cell, tick: Tick) -> PathMessage:
+        """The ladder's answer on the way to a goal, or to what is gone to in its place."""
+        tick.goal, tick.goal_moved = target, target != goal
+        if target != self.planner.goal:
+            self.planner.set_goal(target)
         return self._ladder.answer(self.planner, tick)
+
+    def _as_near_as(self, goal: Cell, start: Cell) -> Cell:
+        """Where to go while no path leads to the goal; the goal, once one does."""
+        before = self._approached if self._approached is not None and self._approached.goal == goal else None
+        if before is None or before.map_version != self._map_version:
+            margin, unknown, planner = self.world.reach_cells + 2, self.world.unknown(), self.planner
+            beyond = np.zeros(planner.shape, np.bool_)
+            if planner.is_passable(goal):
+                beyond = np.isfinite(planner.reach(goal))
+            beyond[goal] = True
+            place = place_towards(goal, start, planner.reach(), beyond, unknown, margin, before and before.place)
+            before = self._approached = None if place == goal else _Approached(goal, place, self._map_version)
+        return goal if before is None else before.place
 
     def _update_map(self) -> None:
         version, changes = self.world.read_changes()

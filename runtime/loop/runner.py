@@ -85,6 +85,8 @@ class Loop:
     ) -> None:
         if not rate_hz > 0.0:
             raise InvalidQueryError(f"the rate must be a positive number of ticks a second, got {rate_hz}")
+        if not isinstance(sinks, Sequence):
+            raise InvalidQueryError(f"wanted a sequence of sinks, got a {type(sinks).__name__}")
         self.navigator, self._source = navigator, source
         self.spans: tuple[Span, ...] = ()
         """The last tick and its parts, in order, for `after_tick`."""

@@ -1,5 +1,6 @@
 """The loop's map: heights or costs, kept up to date by patches from any thread."""
 
+import math
 import threading
 from dataclasses import dataclass
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D, as_map
-from nnpp_edge.runtime.cells import Rectangle, enclosing
+from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.messages import MapPatch
 from nnpp_edge.runtime.map.changes import Change, ChangeLog
@@ -143,6 +144,26 @@ class World:
     def ground(self) -> Terrain | None:
         """How the heights become costs, where a planner goes by them; None where it goes by the costs."""
         return self._terrain if self._by_heights else None
+
+    def unknown_around(self, cell: Cell, radius: int = 0) -> str:
+        """How many of the cells around one are unknown, with the vehicle's reach, for people; empty for none."""
+        radius += self.reach_cells
+        rows, cols = (slice(max(at - radius, 0), at + radius + 1) for at in cell)
+        unknown = self.unknown(rows, cols)
+        return f"; {unknown.sum()} of {unknown.size} cells around it are unknown" if unknown.any() else ""
+
+    def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> NDArray[np.bool_]:
+        """Cells, of the whole map or a part, of which nothing is known."""
+        with self._lock:
+            known = self._cost if self._elevation is None else self._elevation
+            return np.isnan(known[rows, cols])
+
+    @property
+    def reach_cells(self) -> int:
+        """From the vehicle's middle to its corners; 0 for a point."""
+        if self._terrain is None or self._terrain.vehicle is None:
+            return 0
+        return math.ceil(self._terrain.vehicle.reach_m / min(self._terrain.sides_m))
 
     def heights(self) -> Float2D:
         """A copy of what a planner of heights goes by now: metres, NaN where none may be or where it is unknown."""

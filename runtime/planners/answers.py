@@ -18,7 +18,7 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.planners.query import Found, Query, Work, in_words, problem_with
+from nnpp_edge.runtime.planners.query import Found, Query, Work, in_words, problem_with, told
 from nnpp_edge.runtime.planners.refine import Refinement, Refiner
 from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import cost_field, costs_to_nearest
@@ -124,7 +124,7 @@ class Answers:
         wanted, why = planners.usual_price(chosen) if wishes.price is None else (self._price(wishes.price), "")
         reason, checked = reason or why, self._state.checked
         if problem := problem_with(self._grid, query.start, query.goal):
-            return Plan(problem, chosen, planner=chosen, reason=reason)
+            return Plan(problem, chosen, planner=chosen, reason=told(problem, query))
         found: Found | None = None
         if method == Method.AUTO and chosen is Method.ASTAR:
             found = planners.exact.find_briefly(query, work)

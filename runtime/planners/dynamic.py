@@ -23,10 +23,11 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic_choice import DynamicChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.query import Query, Work, problem_with
+from nnpp_edge.runtime.planners.query import Query, Work, in_words, problem_with, told
 from nnpp_edge.runtime.planners.refine import Refinement, Refiner
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
+from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.tuning import UNSEEN_CHANGE
@@ -225,6 +226,14 @@ class DynamicPlanner:
         self._path.catch_up()
         return change.cells
 
+    @one_at_a_time
+    def reach(self, start: Cell | None = None) -> Float2D:
+        """As `Planner.reach`, by default from where the robot is."""
+        grid, start = self._state.grid, self._where() if start is None else as_cell(start, "start")
+        if problem := problem_with(grid, start, start):
+            raise InvalidQueryError(f"start {start} {in_words(problem)}")
+        return cost_field(grid, start, self._planners.astar.workspace)
+
     def move(self, start: Cell) -> None:
         """The robot is in this cell now; InvalidQueryError if it is not a cell."""
         self._start = as_cell(start, "start")
@@ -298,7 +307,7 @@ class DynamicPlanner:
         query, checked = Query.within(self._where(), self._goal, time_limit_s), self._state.checked
         problem = problem_with(self._state.grid, query.start, query.goal)
         if problem is not None:
-            return Plan(problem, wanted.base, planner=wanted)
+            return Plan(problem, wanted.base, planner=wanted, reason=told(problem, query))
         if wanted is DynamicMethod.AUTO:
             found, wanted, reason = self._chooser.find(query, work)
         else:

@@ -104,7 +104,7 @@ class Plan:
     """The method that was used; for ``auto`` the one it picked."""
     source: Source | None = None
     """Where the path was found; None where no search was made."""
-    path: NDArray[np.int32] = field(default_factory=_no_path)
+    path: NDArray[np.int32] = field(default_factory=_no_path, repr=False)
     """(N, 2) cells (row, col) from start to goal; on TIMEOUT as far as the search had come, or empty."""
     cost: float = math.inf
     """Sum of the path's step costs; with ``energy`` below 0 where more is got back than drawn."""
@@ -116,9 +116,9 @@ class Plan:
     """No path on the map costs less."""
     expansions: int = 0
     """Cells expanded, at all levels and in all regions that were tried."""
-    region: Region | None = None
+    region: Region | None = field(default=None, repr=False)
     """Where the last search at full resolution was allowed to go, if regions are kept; None for the whole map."""
-    network_region: Region | None = None
+    network_region: Region | None = field(default=None, repr=False)
     """The network's region at the adaptive threshold itself (NNPP, section 4.3), if regions are kept."""
     threshold: float = math.nan
     """The adaptive threshold td, of a learned region."""
@@ -130,11 +130,11 @@ class Plan:
     """Share of the map's cells whose cost was there when the plan was, in [0, 1]: below 1 on a map of elevations."""
     checks: int = 0
     """Poses of a vehicle that were checked for this plan."""
-    waypoints: NDArray[np.float64] | None = None
+    waypoints: NDArray[np.float64] | None = field(default=None, repr=False)
     """(N, 2) places (row, col), in cells, of the path freed from the grid, with both ends; None unless asked for."""
     line_cost: float = math.inf
     """The line integral of the cost along the way points, in units of `cost`; see `planners.refine`."""
-    along: Along | None = None
+    along: Along | None = field(default=None, repr=False)
     """The path over the ground, point by point; None where no elevations are known."""
     timings_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage, and ``total``."""
@@ -261,8 +261,15 @@ class Plan:
         title = f"{self.status}: {self.planner or self.method}"
         return draw(self.line, self.region, title, ax, background)
 
+    def __str__(self) -> str:
+        """Its figures, a line each."""
+        return "\n".join(f"{name:<15}{value}" for name, value in self._rows().items())
+
     def _repr_html_(self) -> str:
         """A picture of the path and its figures, for notebooks."""
+        return html_of(self._rows(), self.line, self.region)
+
+    def _rows(self) -> dict[str, object]:
         rows: dict[str, object] = {"status": self.status, "method": self.planner or self.method}
         rows |= {name: value for name in ("source", "reason") if (value := getattr(self, name))}
         if self.ok:
@@ -277,7 +284,7 @@ class Plan:
         rows["expansions"] = self.expansions
         if "total" in self.timings_ms:
             rows["time"] = f"{self.timings_ms['total']:.3g} ms"
-        return html_of(rows, self.line, self.region)
+        return rows
 
 
 def path_costs(grid: Grid, path: NDArray[np.int32]) -> tuple[float, float, float]:

@@ -160,6 +160,13 @@ def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
     return None
 
 
+def told(problem: Status, query: Query) -> str:
+    """Which cell of a query is at fault and why, for people."""
+    at_start = problem in (Status.START_OUTSIDE_MAP, Status.START_BLOCKED)
+    end = f"start {query.start}" if at_start else f"goal {query.goal}"
+    return f"{end} {in_words(problem)}"
+
+
 def in_words(problem: Status) -> str:
     """What is wrong with a cell, by what `problem_with` says of it."""
     return "lies outside the map" if problem.endswith("OUTSIDE_MAP") else "is impassable"

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from nnpp_edge.ros.maps import GridMap, MapFrame
 from nnpp_edge.runtime import plan_path, traversability_cost
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.terrain import dem as dem_module
@@ -216,6 +217,23 @@ def test_a_blocked_start_says_which_limit_is_passed(nnpp_edge, tmp_path, limit, 
     np.savez(tmp_path / "dem.npz", elevation_m=heights, cell_size_m=1.0)
     words = ("--start", "10,25", "--goal", "40,2", "--method", "astar")
     nnpp_edge("plan", tmp_path / "dem.npz", *words, *limit).refused("start (10, 25) is impassable", reason)
+
+
+def test_a_recording_of_messages_is_refused_with_what_to_do(nnpp_edge, tmp_path):
+    (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n" * 20)
+    asked = "drive.mcap: wanted an elevation map, got a recording of messages; `GridMap` of nnpp_edge.ros.maps"
+    nnpp_edge("plan", tmp_path / "drive.mcap", *ENDS).refused(asked)
+
+
+def test_a_saved_grid_map_is_planned_on_in_its_metres(nnpp_edge, tmp_path):
+    frame = MapFrame(0.5, x=10.0, y=-4.0, rows_along_x=True)
+    GridMap.of_layers({"elevation": np.zeros((40, 30), np.float32)}, frame).save(tmp_path / "map.npz")
+    words = ("--start", "xy:9.6,-4.3", "--goal", "xy:-6.1,-16.2", "-o", tmp_path / "out")
+    assert nnpp_edge("plan", tmp_path / "map.npz", *words).code == 0
+    told = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert (told["start"], told["goal"]) == ([0, 0], [32, 24])
+    line = json.loads((tmp_path / "out" / "path.geojson").read_text())["geometry"]["coordinates"]
+    assert line[0] == pytest.approx([9.75, -4.25]) and line[-1] == pytest.approx([-6.25, -16.25])
 
 
 def test_no_path_ends_with_1_and_leaves_no_old_path_behind(nnpp_edge, hills, split, tmp_path):

@@ -171,8 +171,13 @@ def test_nnpp_says_that_its_network_does_not_serve_a_vehicle(nnpp_edge, place):
 
 
 def test_no_path_for_the_body_is_an_outcome(nnpp_edge, place):
-    ended = nnpp_edge("plan", "wall.npz", *ENDS, "--vehicle", "small-rover", "--json")
-    assert ended.code == 1 and json.loads(ended.out)["status"] == "NO_PATH"
+    words = ("plan", "wall.npz", *ENDS, "--vehicle", "small-rover")
+    ended = nnpp_edge(*words, "--json")
+    told = json.loads(ended.out)
+    assert (ended.code, told["status"]) == (1, "NO_PATH")
+    reached = told["reached_cells"]
+    assert 0 < reached < told["rows"] * told["cols"]
+    assert f"reached     {reached} cells of the map, from the start" in nnpp_edge(*words).out
 
 
 @pytest.mark.parametrize(

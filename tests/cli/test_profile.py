@@ -5,6 +5,7 @@ import sys
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from nnpp_edge.profiling import report as report_module
@@ -404,3 +405,16 @@ def test_start_up_is_measured_where_a_budget_asks_for_it(nnpp_edge, profile, mon
     assert told["budgets"][-1]["verdict"] == "pass"
     assert nnpp_edge("profile", "--profile", profile(), "--start-up").code == 0
     assert asked[1:] == ["astar", "corridor", "nnpp", "auto"]
+
+
+def test_terrain_smaller_than_what_is_measured_is_told(nnpp_edge, profile, tmp_path):
+    np.savez(tmp_path / "small.npz", elevation_m=np.zeros((70, 80), np.float32), cell_size_m=0.1)
+    words = ("profile", "--profile", profile(), "--terrain", tmp_path / "small.npz", "--sizes")
+    asked = (
+        "small.npz: wanted at least 96 × 96 cells, the size to be measured, got 70 × 80; --sizes 70 measures on it"
+    )
+    nnpp_edge(*words, "128,96").refused(asked)
+    ended = nnpp_edge(*words, "64,96", "--json")
+    told = json.loads(ended.out)
+    assert {row["size"]: row["terrain"] for row in told["results"]} == {64: "small", 96: "synthetic"}
+    assert "no terrain has 96 × 96 cells: synthetic ground in its place" in told["notes"]

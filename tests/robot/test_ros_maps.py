@@ -1,6 +1,7 @@
 """Maps in ROS' layouts: small examples by hand, and there and back."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nnpp_edge.ros.maps import GridMap, MapFrame, OccupancyGrid, grid_map_patch, occupancy_patch, path_poses
+from nnpp_edge.ros.messages import definition, grid_message, heights_message
 from nnpp_edge.ros.occupancy import as_cost, as_occupancy
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.terrain.dem import read_dem
 
 NAN = np.nan
 
@@ -33,6 +36,82 @@ def grid_map(start=(0, 0), **changes):
     place = {"resolution": 1.0, "length_x": 2.0, "length_y": 3.0, "x": 5.0, "y": 7.0}
     ring = {"layers": {"elevation": flat}, "outer_start_index": start[0], "inner_start_index": start[1]}
     return GridMap(**(place | ring | changes))
+
+
+def put(grid):
+    return grid_map_patch(grid, MapFrame(1.0, frame_id="odom"))
+
+
+def message(row_by_row=False, turned=0.0):
+    """A grid_map_msgs/GridMap as nested dicts, of the same cells as `grid_map(start=(1, 2))`."""
+    grid = grid_map((1, 2))
+    flat, dims = grid.layers["elevation"], [("column_index", 3), ("row_index", 2)]
+    if row_by_row:
+        flat, dims = flat.reshape(3, 2).T.reshape(-1), dims[::-1]
+    layout = {"dim": [{"label": label, "size": size, "stride": 0} for label, size in dims], "data_offset": 0}
+    pose = {
+        "position": {"x": 5.0, "y": 7.0, "z": 0.0},
+        "orientation": {"x": 0.0, "y": 0.0, "z": turned, "w": 1.0},
+    }
+    return {
+        "header": {"frame_id": "odom"},
+        "info": {"resolution": 1.0, "length_x": 2.0, "length_y": 3.0, "pose": pose},
+        "layers": ["elevation"],
+        "basic_layers": [],
+        "data": [{"layout": layout, "data": flat.tolist()}],
+        "outer_start_index": 1,
+        "inner_start_index": 2,
+    }
+
+
+def as_objects(value):
+    """The same with attributes, as ROS has it."""
+    if isinstance(value, dict):
+        return SimpleNamespace(**{name: as_objects(each) for name, each in value.items()})
+    return [as_objects(each) for each in value] if isinstance(value, list) else value
+
+
+@pytest.mark.parametrize("row_by_row", [False, True])
+@pytest.mark.parametrize("kind", [dict, as_objects])
+def test_a_grid_map_is_made_of_a_message(kind, row_by_row):
+    grid = GridMap.of_message(kind(message(row_by_row)))
+    np.testing.assert_array_equal(grid.layer(), [[1, 2, 3], [4, 5, 6]])
+    assert grid.frame == MapFrame(1.0, 6.0, 8.5, rows_along_x=True, frame_id="odom")
+    assert GridMap.of_layers({"elevation": grid.layer()}, grid.frame).frame == grid.frame
+    frame = MapFrame(1.0, frame_id="odom")
+    assert grid_map_patch(grid, frame).shape == (3, 2)
+
+
+def test_messages_are_read_as_other_libraries_decode_them():
+    """mcap-ros2-support hands out objects with lists, of bytes that this package and those libraries write alike."""
+    from mcap_ros2._dynamic import generate_dynamic
+
+    heights = np.array([[1, 2, 3], [4, NAN, 6]], np.float32)
+    name = "grid_map_msgs/GridMap"
+    decoded = generate_dynamic(name, definition(name))[name](heights_message(heights, (4, 5), 0.5, 0))
+    grid = GridMap.of_message(decoded)
+    patch = grid_map_patch(grid, MapFrame(0.5, frame_id="map"))
+    assert (patch.row, patch.col) == (4, 5)
+    np.testing.assert_array_equal(patch.elevation, heights)
+    cost = np.array([[0.25, NAN, np.inf]], np.float32)
+    name = "nav_msgs/OccupancyGrid"
+    decoded = generate_dynamic(name, definition(name))[name](grid_message(cost, (4, 5), 0.5, 0))
+    patch = occupancy_patch(OccupancyGrid.of_message(decoded), MapFrame(0.5, frame_id="map"))
+    assert (patch.row, patch.col) == (4, 5)
+    np.testing.assert_array_equal(patch.cost, cost)
+
+
+def test_a_saved_layer_lies_where_the_grid_map_does(tmp_path):
+    grid = grid_map((1, 2))
+    grid.save(tmp_path / "map.npz")
+    dem = read_dem(tmp_path / "map.npz")
+    np.testing.assert_array_equal(dem.elevation, grid.layer())
+    assert (dem.cell_size_m, dem.cell_width_m) == (1.0, 1.0)
+    for cell in ((0, 0), (1, 2)):
+        x, y = grid.frame.metres([cell])[0]
+        assert dem.map_coordinates(*cell) == pytest.approx((x, y)) and dem.cell_of(x, y) == cell
+    part = read_dem(tmp_path / "map.npz", window=(1, 1, 1, 2))
+    assert part.map_coordinates(0, 0) == dem.map_coordinates(1, 1)
 
 
 def test_an_occupancy_grid_is_read_row_by_row_along_y():
@@ -172,7 +251,13 @@ def test_places_and_metres_are_inverse(row, col, rows_along_x, resolution):
         (lambda: grid_map(resolution=0.0), "resolution"),
         (lambda: grid_map(length_x=2.5), "multiples of 1.0 m"),
         (lambda: grid_map(length_y=math.inf), "above 0 m"),
-        (lambda: grid_map(layers={"a": np.zeros(5)}), "2 × 3 numbers, got 5"),
+        (lambda: grid_map(layers={"a": np.zeros(5)}), r"2 × 3 numbers column by column.*, got \(5,\)$"),
+        (lambda: grid_map(layers={"a": np.zeros((2, 3))}), r"got \(2, 3\); of_layers takes maps"),
+        (lambda: put(grid_map(frame_id="map")), "the frame 'odom', got one in 'map'"),
+        (lambda: GridMap.of_message(np.zeros((2, 3))), "a message with layers, got a ndarray without layers"),
+        (lambda: GridMap.of_message({"layers": [], "data": [], "info": {}}), "a dict without resolution"),
+        (lambda: GridMap.of_message(message(turned=0.1)), r"not turned, .* \[0.0, 0.0, 0.1\]"),
+        (lambda: OccupancyGrid.of_message(message()), "info.width"),
         (lambda: grid_map(outer_start_index=2), "within 2 × 3 cells"),
         (lambda: grid_map().layer("cost"), "has elevation"),
         (lambda: GridMap.of_layers({"a": np.zeros((2, 2))}, MapFrame(1.0)), "against x"),

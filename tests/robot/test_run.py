@@ -301,6 +301,20 @@ def test_on_elevations_it_goes_by_a_step_cost(nnpp_edge, dem, recording):
     nnpp_edge("run", "--map", dem, "--step-cost", "energy", *words).refused("[mobility.energy]")
 
 
+@pytest.mark.parametrize("asked", ["option", "profile"])
+def test_a_goal_that_is_unknown_is_approached_where_that_is_asked_for(tmp_path, asked):
+    cost = np.full((30, 50), 0.3, np.float32)
+    cost[:, 30:] = np.nan
+    np.savez(tmp_path / "cost.npz", cost=cost, cell_size_m=1.0)
+    (tmp_path / "robot.toml").write_text("[loop]\napproach = true\n")
+    words = ("--approach",) if asked == "option" else ("--profile", tmp_path / "robot.toml")
+    program = Program("--map", tmp_path / "cost.npz", *words)
+    program.send(Pose(5, 5), Goal(5, 45))
+    answer = program.await_path()
+    assert answer.goal_moved and 28 <= answer.goal[1] < 30
+    assert program.end(signal.SIGTERM)[0] == 0
+
+
 def test_ticks_end_it_and_the_profile_and_its_model_count(nnpp_edge, dem, recording, tmp_path, tiny_model):
     profile = tmp_path / "robot.toml"
     profile.write_text(f'[loop]\nrate_hz = 50\nmethod = "nnpp"\nmodel = "{tiny_model}"\ncores = [0]\n')

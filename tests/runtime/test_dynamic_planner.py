@@ -11,6 +11,7 @@ from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.query import Query, Work
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from tests import oracles
 from tests.runtime.test_standing_path import random_patch, walkable
 from tests.strategies import cases
@@ -212,3 +213,31 @@ def test_out_of_time_is_a_timeout(method):
     planner.move((5, 5))
     assert planner.replan(time_limit_s=0.0).status is Status.TIMEOUT
     assert planner.replan().ok
+
+
+@pytest.mark.parametrize("body", [False, True], ids=["point", "body"])
+def test_what_the_robot_can_reach_is_what_a_path_leads_to(body):
+    rng = np.random.default_rng(6)
+    cost = np.where(rng.random((30, 36)) < (0.05 if body else 0.4), np.inf, 0.3).astype(np.float32)
+    cost[1:11, 1:11] = 0.3
+    planner = of_body(cost) if body else DynamicPlanner(cost, (0, 0), "astar")
+    planner.move((5, 5))
+    if body:
+        planner.update_elevation(12, 12, np.full((3, 3), np.nan))
+    else:
+        planner.update(12, 12, np.ones((3, 3)))
+    reached = np.isfinite(planner.reach())
+    assert 100 < reached.sum() < 0.7 * cost.size
+    for cell in np.ndindex(cost.shape):
+        planner.set_goal(cell)
+        assert planner.replan().ok == reached[cell]
+    planner.move((39, 80))
+    with pytest.raises(InvalidQueryError, match=r"start \(39, 80\) lies outside the map"):
+        planner.reach()
+
+
+def of_body(cost):
+    """A planner of a body that does not stand where costs are infinite."""
+    heights = np.where(np.isfinite(cost), 0.0, np.nan).astype(np.float32)
+    rover = Vehicle(length_m=0.2, width_m=0.2, clearance_m=0.1)
+    return DynamicPlanner.of_elevation(heights, 0.1, (0, 0), method="astar", vehicle=rover)

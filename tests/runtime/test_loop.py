@@ -368,6 +368,61 @@ def test_a_robot_in_an_obstacle_starts_at_the_nearest_free_cell():
     assert navigator(cost, start=(9, 12), snap_radius=1).tick().outcome is Status.START_BLOCKED
 
 
+def test_a_goal_that_nothing_is_known_of_is_approached_until_it_is_seen():
+    cost = free()
+    cost[:, 30:] = np.nan  # nothing is known of it
+    cost[:18, 20] = np.inf
+    blocked = navigator(cost, (5, 5), (5, 50)).tick()
+    assert (blocked.outcome, blocked.reason) == (
+        Status.GOAL_BLOCKED,
+        "the goal is impassable; 1 of 1 cells around it are unknown",
+    )
+    nav = navigator(cost, (5, 5), (5, 50), approach=True)
+    message = nav.tick()
+    check(message, cost)
+    assert message.goal_moved and message.goal[1] in (28, 29)  # at the edge of what is known
+    place = message.goal
+    message = nav.tick()
+    assert (message.origin, message.goal, message.goal_moved) == (Origin.STANDING, place, True)
+    nav.offer(MapPatch(0, 50, cost=np.full((3, 3), np.inf, np.float32)))  # elsewhere: no other place for that
+    assert nav.tick().goal == place
+    nav.offer(MapPatch(0, 30, cost=free((40, 10))))
+    assert nav.tick().goal[1] in (38, 39)
+    nav.offer(MapPatch(3, 36, cost=np.full((5, 24), np.inf, np.float32)))  # the goal is seen, and is an obstacle
+    assert nav.tick().goal == (2, 39)
+    nav.offer(MapPatch(0, 30, cost=free((40, 30))))
+    message = nav.tick()
+    assert message.goal == (5, 50) and not message.goal_moved
+    nav.offer(Goal(6, 50))
+    message = nav.tick()
+    assert message.goal == (6, 50) and not message.goal_moved
+
+
+def test_a_goal_that_is_shut_off_is_approached():
+    cost = free()
+    cost[:, 20] = np.inf
+    assert navigator(cost, (5, 5), (5, 50)).tick().outcome is Status.NO_PATH
+    nav = navigator(cost, (5, 5), (5, 50), approach=True)
+    message = nav.tick()
+    check(message, cost)
+    assert message.goal == (5, 19) and message.goal_moved
+    nav.offer(Pose(5, 30))  # on the other side of the wall, with the map as it was
+    assert nav.tick().goal == (5, 50)
+
+
+def test_what_is_unknown_around_a_body_is_said():
+    heights = np.zeros((40, 40), np.float32)
+    heights[10:20, 10:20] = np.nan
+    rover = Vehicle(length_m=0.6, width_m=0.4, clearance_m=0.2)
+    nav = Navigator(World.of_elevation(heights, 0.1, vehicle=rover))
+    nav.offer(Pose(15, 15))
+    nav.offer(Goal(30, 30))
+    message = nav.tick()
+    assert message.outcome is Status.START_BLOCKED
+    # the body reaches 4 cells far, and the start may move by 3
+    assert message.reason == "no passable cell within 3 of the robot; 100 of 225 cells around it are unknown"
+
+
 def raising(*_, **__):
     raise RuntimeError("inference\nfailed")
 
@@ -794,6 +849,13 @@ def test_cores_and_priority_are_taken_as_far_as_allowed_and_given_back():
     for beyond in (9999, 2**32):
         run_with(Spy(), [], ticks=1, cores=[beyond])
         assert seen[-1] == before
+
+
+def test_what_is_no_input_and_no_sequence_of_sinks_is_refused():
+    with pytest.raises(InvalidMessageError, match="wanted a MapPatch, Pose or Goal, got a dict"):
+        InProcessSource().put({"row": 5, "col": 5})
+    with pytest.raises(InvalidQueryError, match="wanted a sequence of sinks, got a InProcessSink"):
+        Loop(navigator(), InProcessSource(), InProcessSink())
 
 
 def test_a_rate_must_be_positive():

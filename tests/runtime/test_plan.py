@@ -183,6 +183,14 @@ def test_without_a_path_numbers_are_inf_or_0():
     assert told["cost"] is told["bound"] is told["threshold"] is None
 
 
+def test_a_plan_is_printed_in_a_few_lines_without_its_arrays():
+    plan = Planner(rough()).plan(START, GOAL, method="corridor", keep_regions=True)
+    lines = str(plan).splitlines()
+    assert len(lines) < 12 and max(map(len, lines)) < 120
+    assert lines[0].split() == ["status", "OK"] and f"{plan.cost:.6g}, at most" in str(plan)
+    assert len(repr(plan)) < 1200 and "array" not in repr(plan)
+
+
 def test_a_summary_is_ready_for_json():
     planner = DynamicPlanner(rough(), GOAL, "corridor-dstar")
     planner.move(START)

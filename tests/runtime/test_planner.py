@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import NetworkModel, Planner, Source, Status, plan_path
+from nnpp_edge.runtime import DynamicPlanner, NetworkModel, Planner, Source, Status, plan_path
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError
 from tests import oracles
 from tests.strategies import cases
@@ -74,7 +74,16 @@ def test_a_status_says_why(network, method, start, goal, status):
     cost = np.zeros((10, 10), np.float32)
     cost[3, 3] = np.nan
     cost[8, 8:] = cost[8:, 8] = 1.0
-    assert plan_path(cost, start, goal, method=method, model=network).status is status
+    plan = plan_path(cost, start, goal, method=method, model=network)
+    assert plan.status is status
+    dynamic = DynamicPlanner(np.minimum(cost, 1.0), goal, "astar") if status is not Status.GOAL_OUTSIDE_MAP else None
+    if status.endswith(("OUTSIDE_MAP", "BLOCKED")):
+        cell = f"start {start}" if status.startswith("START") else f"goal {goal}"
+        reason = f"{cell} {'is impassable' if status.endswith('BLOCKED') else 'lies outside the map'}"
+        assert plan.reason == reason
+        if dynamic is not None:
+            dynamic.move(start)
+            assert dynamic.replan().reason == reason
 
 
 def test_a_wall_that_averages_hide_is_respected():

@@ -687,3 +687,14 @@ def test_a_system_that_nobody_knows_is_an_output_error(tmp_path):
     with pytest.raises(OutputError, match=r"could not be written"):
         write_raster(tmp_path / "out.tif", HEIGHTS, dem)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("transform", [np.zeros(6), np.arange(5.0), [1, 2, 3, 4, 5, np.nan], np.array(["a"] * 6)])
+def test_a_transform_that_places_no_cells_is_refused(tmp_path, transform):
+    np.savez(tmp_path / "dem.npz", elevation_m=HEIGHTS, cell_size_m=1.0, transform=transform)
+    refused(tmp_path / "dem.npz", "transform must be 6 numbers (a, b, c, d, e, f)")
+
+
+def test_a_recording_is_refused_with_the_way_to_a_map_of_it(tmp_path):
+    (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n")
+    refused(tmp_path / "drive.mcap", "wanted an elevation map, got a recording of messages", "nnpp_edge.ros.maps")

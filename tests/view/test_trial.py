@@ -213,6 +213,18 @@ def test_first_ends_are_passable(ground):
     assert likely_ends(np.full((30, 40), np.inf, np.float32)) is None
 
 
+def test_first_ends_are_where_the_vehicle_stands(tmp_path):
+    """A robot's map is known in its middle, and no body stands at the edge of what is known."""
+    heights = np.full((60, 60), np.nan, np.float32)
+    heights[15:45, 10:50] = 0.0
+    np.savez(tmp_path / "window.npz", elevation_m=heights, cell_size_m=0.5)
+    ground = Ground.of(read_dem(tmp_path / "window.npz"), Reading(tmp_path / "window.npz"))
+    landscape = Landscape(ground, Asked(**ENDS, body="large-rover"))
+    ends, bare = likely_ends(landscape.cost, landscape.stands), likely_ends(landscape.cost)
+    assert all(map(landscape.stands, ends)) and not any(map(landscape.stands, bare))
+    assert likely_ends(landscape.cost, lambda cell: False) == bare
+
+
 def test_a_plan_shows_itself_and_escapes_what_it_was_told():
     matplotlib.use("agg")
     planner = Planner(np.full((40, 60), 0.2, np.float32))

@@ -1,0 +1,81 @@
+"""Where to go while no path leads to the goal: it may be unknown yet, or shut off."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
+
+_BETTER = 5.0
+"""Cells by which another place must be better than the present one: not each patch brings another."""
+
+
+def place_towards(
+    goal: Cell,
+    start: Cell,
+    costs: Float2D,
+    beyond: NDArray[np.bool_],
+    unknown: NDArray[np.bool_],
+    margin: int,
+    present: Cell | None = None,
+) -> Cell:
+    """A cell that can be reached, on the way to a goal that perhaps cannot.
+
+    It lies at the edge of the unknown ground that may lead to the goal: where the way is shortest, if that ground
+    could be crossed in a straight line. Where no such cell can be reached, it is the cell nearest to the goal.
+
+    Parameters
+    ----------
+    goal, start : (row, col)
+        Cells of the map.
+    costs : (H, W) float32
+        Of the cheapest path from the start to each cell; inf where there is none.
+    beyond : (H, W) bool
+        The goal, and what is joined to it by paths that are known.
+    unknown : (H, W) bool
+        Cells of which nothing is known.
+    margin : int
+        Cells to unknown ground from which it counts as near: as near as a body can come to it.
+    present : (row, col)
+        An earlier answer. It is given again where it still serves and no other is better by 5 cells.
+
+    Returns
+    -------
+    (row, col)
+        The goal itself, if it can be reached.
+    """
+    reached = np.isfinite(costs)
+    if reached[goal]:
+        return goal
+    edge = reached & _grown(_leading_to(beyond, unknown, margin), margin)
+    served = edge if edge.any() else reached
+    rows, cols = np.nonzero(served)
+    cells = np.hypot(rows - goal[0], cols - goal[1])
+    if served is edge:
+        all_rows, all_cols = np.nonzero(reached)
+        from_start = np.hypot(all_rows - start[0], all_cols - start[1])
+        usual = np.median(costs[reached] / np.maximum(from_start, 1.0))
+        if usual > 0.0:  # of a cell; energy may be got back
+            cells += costs[edge] / usual
+    best = int(cells.argmin())
+    if present is not None and served[present]:
+        here = cells[(rows == present[0]) & (cols == present[1])].item()
+        if here <= cells[best] + _BETTER:
+            return present
+    return int(rows[best]), int(cols[best])
+
+
+def _leading_to(beyond: NDArray[np.bool_], unknown: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
+    """The pieces of unknown ground that come near to what lies beyond."""
+    count, pieces = cv2.connectedComponents(unknown.view(np.uint8))
+    leads = np.zeros(count, np.bool_)  # by piece; the first is what is known
+    leads[pieces[unknown & _grown(beyond, margin)]] = True
+    leading: NDArray[np.bool_] = leads[pieces]
+    return leading
+
+
+def _grown(cells: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
+    around = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
+    grown: NDArray[np.bool_] = cv2.dilate(cells.view(np.uint8), around).view(np.bool_)
+    return grown
