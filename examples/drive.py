@@ -16,7 +16,7 @@ from pathlib import Path
 from drawing import run
 
 from nnpp_edge.robot.transports.rerun_view import RerunSink
-from nnpp_edge.runtime import World
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.simulation.drive_picture import Film
 from nnpp_edge.simulation.scene import SurveyedGround
 from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
@@ -33,8 +33,8 @@ def main(folder: Path, small: bool = False) -> Path:
     start, goal = random_drive(ground, seed=3)
     film = Film()
 
-    def sinks(world: World) -> list[RerunSink]:
-        return [RerunSink(folder / "drive.rrd", world=world, map_every_s=0.02)]
+    def sinks(state: MapState) -> list[RerunSink]:
+        return [RerunSink(folder / "drive.rrd", state=state, map_every_s=0.02)]
 
     drive = simulate(ground, start, goal, SimulationSettings(seed=3), make_sinks=sinks, watch=film)
 

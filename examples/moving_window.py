@@ -14,7 +14,7 @@ import numpy as np
 from drawing import ends, line, panels, relief, run, save
 
 from nnpp_edge.ros.maps import GridMap, MapFrame, grid_map_patch
-from nnpp_edge.runtime import Goal, Loop, Navigator, NavigatorSettings, Pose, World
+from nnpp_edge.runtime import Goal, Ground, Loop, Navigator, NavigatorSettings, Pose
 from nnpp_edge.terrain.shipped import sample_dem
 from nnpp_edge.terrain.vehicle_files import load_vehicle
 
@@ -26,8 +26,8 @@ FRAME = MapFrame(TRUTH.cell_size_m, x=90.0, y=90.0, rows_along_x=True, frame_id=
 class Rover:
     """The loop's source, of what it sees; and the answers' reader, who goes where they lead."""
 
-    def __init__(self, world, axes):
-        self.world, self.axes, self.driven = world, dict(zip(DRAWN, axes, strict=True)), [START]
+    def __init__(self, axes):
+        self.map, self.axes, self.driven = None, dict(zip(DRAWN, axes, strict=True)), [START]
 
     def poll(self):
         (row, col), corner = self.driven[-1], np.maximum(self.driven[-1], SIGHT) - SIGHT
@@ -38,7 +38,7 @@ class Rover:
 
     def follow(self, answer):
         if (axes := self.axes.get(answer.tick)) is not None:
-            relief(axes, replace(TRUTH, elevation=self.world.heights()), f"tick {answer.tick}")
+            relief(axes, replace(TRUTH, elevation=self.map.elevation()), f"tick {answer.tick}")
             line(axes, np.array(self.driven), color="white")
             line(axes, answer.path)
             ends(axes, self.driven[-1], GOAL)
@@ -48,8 +48,9 @@ class Rover:
 def main(folder: Path, small: bool = False) -> Path:
     """Drive, and draw what was known after some ticks."""
     figure, axes = panels(len(DRAWN))
-    world = World.of_elevation(np.full(TRUTH.shape, np.nan, np.float32), TRUTH.cell_size_m, vehicle=BODY)
-    rover, navigator = Rover(world, axes), Navigator(world, NavigatorSettings(approach=True))
+    ground = Ground.of_elevation(np.full(TRUTH.shape, np.nan, np.float32), TRUTH.cell_size_m, vehicle=BODY)
+    rover, navigator = Rover(axes), Navigator(ground, NavigatorSettings(approach=True))
+    rover.map = navigator.map
     counters = Loop(navigator, rover, paced=False, after_tick=rover.follow).run(DRAWN[-1])
     print(f"{len(rover.driven)} cells driven; a tick took {counters.tick_ms['p50']:.2f} ms, half of them less")
     return save(figure, folder, "moving_window")

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.runner import Loop as Loop
     from nnpp_edge.runtime.loop.runner import handling_signals as handling_signals
     from nnpp_edge.runtime.loop.sinks import Sink as Sink
-    from nnpp_edge.runtime.loop.world import World as World
+    from nnpp_edge.runtime.map.ground import Ground as Ground
     from nnpp_edge.runtime.map.poses import pose_costs as pose_costs
     from nnpp_edge.runtime.map.region import Region as Region
     from nnpp_edge.runtime.map.slope_cost import EnergyCost as EnergyCost
@@ -69,7 +69,7 @@ _MODULES = {
     "loop.navigator": ("Navigator",),
     "loop.runner": ("InputSource", "Loop", "handling_signals"),
     "loop.sinks": ("Sink",),
-    "loop.world": ("World",),
+    "map.ground": ("Ground",),
     "map.region": ("Region",),
     "map.slope_cost": ("EnergyCost", "IrmischerCost", "LinearCost", "Mobility", "TimeCost", "ToblerCost"),
     "network.inference": ("NetworkModel",),
@@ -87,6 +87,8 @@ _MODULE_OF = {name: module for module, names in _MODULES.items() for name in nam
 
 
 def __getattr__(name: str) -> object:
+    if name == "World":  # for one release
+        name = "Ground"
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)

@@ -97,7 +97,7 @@ def soak(
     course = _Course(ground, rng, changes)
     gc.collect()
     start_mb = rss_mb()
-    navigator = Navigator(ground.robot.world(course.scene.told), NavigatorSettings(method=method, model=model))
+    navigator = Navigator(ground.robot.ground(course.scene.told), NavigatorSettings(method=method, model=model))
     histogram, overruns, failed, warm_mb = Histogram(), 0, 0, start_mb
     for tick in range(ticks):
         inputs = list(course.poll())

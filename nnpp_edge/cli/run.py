@@ -14,7 +14,7 @@ from nnpp_edge.cli.vehicle_options import VehicleOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.messages import Counters
-    from nnpp_edge.runtime.loop.world import World
+    from nnpp_edge.runtime.map.ground import Ground
 
 _FRAMINGS = click.Choice(["lines", "length"])
 _INPUTS, _OUTPUTS = "stdin|replay:FILE|zenoh[:ENDPOINT]", "stdout|zenoh[:ENDPOINT]|none"
@@ -107,9 +107,9 @@ def command(
     pace = Pace(loop.rate_hz, loop.cores, loop.priority)
     if settings.asks_network:
         begin_loading(settings.model)
-    world, cell_size_m = _world(map_file, terrain, vehicle, step_cost)
+    ground = _ground(map_file, terrain, vehicle, step_cost)
     report = partial(click.echo, err=True)
-    counters = run(world, settings, wiring, pace, ticks=ticks, cell_size_m=cell_size_m, report=report)
+    counters = run(ground, settings, wiring, pace, ticks=ticks, report=report)
     if as_json:
         click.echo(json.dumps(asdict(counters)))
     else:
@@ -137,9 +137,9 @@ def summary(counters: "Counters") -> str:
     return "\n".join(f"{name:<10}{value}" for name, value in lines.items())
 
 
-def _world(path: Path, terrain: TerrainOptions, vehicle: VehicleOptions, step_cost: str) -> tuple["World", float]:
-    """The first map, and the side of its cells in metres."""
-    from nnpp_edge.runtime.loop.world import World
+def _ground(path: Path, terrain: TerrainOptions, vehicle: VehicleOptions, step_cost: str) -> "Ground":
+    """The robot, and its first map."""
+    from nnpp_edge.runtime.map.ground import Ground
     from nnpp_edge.terrain.array_files import read_cost_map
 
     if (found := read_cost_map(path)) is not None:
@@ -152,9 +152,9 @@ def _world(path: Path, terrain: TerrainOptions, vehicle: VehicleOptions, step_co
             raise click.UsageError(
                 f"{path.name} holds costs: --step-cost {step_cost} goes by the slopes of elevations"
             )
-        return World(found[0]), found[1]
+        return Ground(found[0], cell_size_m=found[1])
     limits, dem = terrain.limits(), terrain.read(path)
-    world = World.of_elevation(
+    return Ground.of_elevation(
         dem.elevation,
         dem.cell_size_m,
         limits,
@@ -163,4 +163,3 @@ def _world(path: Path, terrain: TerrainOptions, vehicle: VehicleOptions, step_co
         step_cost=step_cost,
         mobility=vehicle.mobility(),
     )
-    return world, dem.cell_size_m

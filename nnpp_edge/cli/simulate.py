@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.loop.messages import PathMessage
     from nnpp_edge.runtime.loop.sinks import Sink
-    from nnpp_edge.runtime.loop.world import World
+    from nnpp_edge.runtime.map.state import MapState
     from nnpp_edge.simulation.simulate import Drive
     from nnpp_edge.terrain.dem import Dem
 
@@ -143,8 +143,8 @@ def command(
 
     with ExitStack() as stack:
 
-        def make_sinks(world: "World") -> "list[Sink]":
-            return _sinks(stack, world, log, view, ground.cell_size_m)
+        def make_sinks(state: "MapState") -> "list[Sink]":
+            return _sinks(stack, state, log, view, ground.cell_size_m)
 
         drive = simulate(ground, start, goal, settings, make_sinks=make_sinks, watch=watch)
     if picture is not None:
@@ -202,14 +202,16 @@ def _with_rocks(dem: "Dem", cover: float, seed: int) -> "Float2D":
     return with_rocks(dem.elevation, dem.cell_size_m, cover, rng, cell_width_m=dem.cell_width_m)
 
 
-def _sinks(stack: ExitStack, world: "World", log: Path | None, view: str | None, cell_size_m: float) -> "list[Sink]":
+def _sinks(
+    stack: ExitStack, state: "MapState", log: Path | None, view: str | None, cell_size_m: float
+) -> "list[Sink]":
     sinks: list[Sink] = []
     if log is not None:
         from nnpp_edge.robot.transports.mcap_log import McapLog
 
-        sinks.append(stack.enter_context(McapLog(log, world=world, cell_size_m=cell_size_m)))
+        sinks.append(stack.enter_context(McapLog(log, state=state, cell_size_m=cell_size_m)))
     if view is not None:
         from nnpp_edge.robot.transports.rerun_view import RerunSink
 
-        sinks.append(stack.enter_context(RerunSink.at(view, world)))
+        sinks.append(stack.enter_context(RerunSink.at(view, state)))
     return sinks

@@ -81,7 +81,7 @@ def reactions(
         loop.method, corner_cutting=loop.corner_cutting, model=loop.model, tolerance=loop.tolerance
     )
     hills = _Hills(ground, list(_script(queries[:_QUERIES], patches)), clock)
-    navigator = Navigator(ground.world(), settings)
+    navigator = Navigator(ground.robot(), settings)
     running = Loop(
         navigator,
         hills,

@@ -6,7 +6,7 @@ import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.ground import Ground as RobotsGround
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.state import MapState
@@ -80,9 +80,9 @@ class Ground:
             self.elevation, sides, self.limits, model, lazy=lazy, vehicle=self.vehicle, slope_cost=slopes
         )
 
-    def world(self) -> World:
-        """The map of an onboard loop."""
-        return World.of_elevation(
+    def robot(self) -> RobotsGround:
+        """The robot and its first map, of an onboard loop."""
+        return RobotsGround.of_elevation(
             self.elevation, self.cell_size_m, self.limits, cell_width_m=self.cell_width_m, vehicle=self.vehicle
         )
 

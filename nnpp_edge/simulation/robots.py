@@ -5,7 +5,8 @@ them; what they mean, its robot says.
 """
 
 import math
-from typing import Protocol, TypedDict
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,25 +15,11 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.messages import MapPatch
-from nnpp_edge.runtime.loop.world import Terrain, World
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
-from nnpp_edge.runtime.map.slope_cost import Mobility
-from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS, Vehicle
 from nnpp_edge.simulation.pose_check import PoseCheck, headings_of
 from nnpp_edge.terrain.obstacles import OBSTACLE
-
-
-class Surface(TypedDict):
-    """Arguments of `Planner.of_elevation` and `World.of_elevation`."""
-
-    cell_size_m: float
-    cell_width_m: float
-    traversability: Traversability
-    vehicle: Vehicle | None
-    step_cost: str
-    mobility: Mobility | None
 
 
 class Robot(Protocol):
@@ -62,11 +49,8 @@ class Robot(Protocol):
     def costs(self, values: Float2D) -> Float2D:
         """(H, W) traversability cost of each cell; impassable from 1 up."""
 
-    def planner(self, values: Float2D) -> Planner:
-        """A planner of the map."""
-
-    def world(self, values: Float2D) -> World:
-        """The onboard loop's map."""
+    def ground(self, values: Float2D) -> Ground:
+        """Itself on the map, for planners and the onboard loop."""
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """The message that tells the loop of values."""
@@ -95,13 +79,9 @@ class Point:
         """The values."""
         return values
 
-    def planner(self, values: Float2D) -> Planner:
+    def ground(self, values: Float2D) -> Ground:
         """Of costs."""
-        return Planner(values)
-
-    def world(self, values: Float2D) -> World:
-        """Of costs."""
-        return World(values)
+        return Ground(values)
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """A patch of costs."""
@@ -113,36 +93,20 @@ class OnHeights:
 
     Parameters
     ----------
-    terrain : Terrain
-        The sides of the cells, the limits, and what steps cost.
+    ground : Ground
+        The sides of the cells, the limits, the vehicle, and what steps cost; its heights count for nothing.
     """
 
-    def __init__(self, terrain: Terrain) -> None:
-        self.sides_m, self._terrain = terrain.sides_m, terrain
+    def __init__(self, ground: Ground) -> None:
+        self.sides_m, self._ground = ground.sides_m, ground
 
-    def planner(self, values: Float2D) -> Planner:
+    def ground(self, values: Float2D) -> Ground:
         """Of heights."""
-        return Planner.of_elevation(values, warn=False, **self._surface)
-
-    def world(self, values: Float2D) -> World:
-        """Of heights."""
-        return World.of_elevation(values, **self._surface)
+        return replace(self._ground, elevation=values)
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """A patch of heights."""
         return MapPatch(row, col, elevation=values)
-
-    @property
-    def _surface(self) -> Surface:
-        size, width = self.sides_m
-        return {
-            "cell_size_m": size,
-            "cell_width_m": width,
-            "traversability": self._terrain.traversability,
-            "vehicle": self._terrain.vehicle,
-            "step_cost": self._terrain.step_cost,
-            "mobility": self._terrain.mobility,
-        }
 
 
 class PointOnSlopes(OnHeights):
@@ -165,7 +129,7 @@ class PointOnSlopes(OnHeights):
 
     def costs(self, values: Float2D) -> Float2D:
         """Traversability."""
-        return self._terrain.costs(values)
+        return self.ground(values).costs()
 
 
 class Body(OnHeights):
@@ -173,8 +137,8 @@ class Body(OnHeights):
 
     Parameters
     ----------
-    terrain : Terrain
-        The sides of the cells, the vehicle, and the weights of its poses' cost.
+    ground : Ground
+        As for `OnHeights`, with a vehicle.
 
     Raises
     ------
@@ -182,12 +146,12 @@ class Body(OnHeights):
         There is no vehicle, or it is a disc.
     """
 
-    def __init__(self, terrain: Terrain) -> None:
-        if terrain.vehicle is None or terrain.vehicle.is_disc:
+    def __init__(self, ground: Ground) -> None:
+        if ground.vehicle is None or ground.vehicle.is_disc:
             raise InvalidMapError("wanted a vehicle with length, width and clearance, got none or a disc")
-        super().__init__(terrain)
-        self.vehicle: Vehicle = terrain.vehicle
-        self._check = PoseCheck(terrain.vehicle, terrain.sides_m)
+        super().__init__(ground)
+        self.vehicle: Vehicle = ground.vehicle
+        self._check = PoseCheck(ground.vehicle, ground.sides_m)
         self.reach = self._check.reach
 
     def obstacle(self, values: Float2D) -> float:
@@ -210,6 +174,6 @@ class Body(OnHeights):
 
     def costs(self, values: Float2D) -> Float2D:
         """Of each cell's best pose; inf where all fail."""
-        (size, width), rule = self.sides_m, self._terrain.traversability
+        (size, width), rule = self.sides_m, self._ground.traversability
         best: Float2D = pose_costs(values, size, self.vehicle, cell_width_m=width, traversability=rule).min(0)
         return best

@@ -1,7 +1,7 @@
 """A small simulated world for the onboard loop: ground that is not what the map says, a robot, and obstacles."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -11,7 +11,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
-from nnpp_edge.runtime.loop.world import Terrain
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -63,12 +63,12 @@ class SurveyedGround:
             raise InvalidQueryError(f"the survey's blocks must be of at least 1 cell, got {block}")
         bare = elevation if bare is None else bare
         heights = (elevation, bare.copy() if block == 1 else _blurred(bare, block / 2.0))
-        terrain = Terrain(cell_size_m, limits, cell_width_m, vehicle, step_cost, mobility)
-        if terrain.vehicle is not None:
-            return cls(*heights, cell_size_m, Body(terrain))
-        if terrain.step_cost != "paper":
-            return cls(*heights, cell_size_m, PointOnSlopes(terrain))
-        true, surveyed = map(terrain.costs, heights)
+        ground = Ground(None, elevation, cell_size_m, cell_width_m, limits, vehicle, step_cost, mobility)
+        if vehicle is not None:
+            return cls(*heights, cell_size_m, Body(ground))
+        if step_cost != "paper":
+            return cls(*heights, cell_size_m, PointOnSlopes(ground))
+        true, surveyed = (replace(ground, elevation=each).costs() for each in heights)
         return cls(true, surveyed, cell_size_m)
 
     def costs(self) -> Float2D:
@@ -77,7 +77,7 @@ class SurveyedGround:
 
     def planner(self) -> Planner:
         """Of the truth."""
-        return self.robot.planner(self.true)
+        return Planner.on(self.robot.ground(self.true))
 
 
 class Scene:

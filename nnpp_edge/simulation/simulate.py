@@ -17,7 +17,7 @@ from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, PathMessage, 
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.loop.sinks import Sink
-from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import path_costs
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
@@ -124,7 +124,7 @@ def simulate(
     goal: Cell,
     settings: SimulationSettings | None = None,
     *,
-    make_sinks: Callable[[World], Sequence[Sink]] = lambda world: (),
+    make_sinks: Callable[[MapState], Sequence[Sink]] = lambda state: (),
     watch: Watch = lambda scene, message: None,
 ) -> Drive:
     """Drive from start to goal.
@@ -134,7 +134,7 @@ def simulate(
     ground : SurveyedGround
         What is true decides where the robot can go and what it sees; what was surveyed is its first map.
     make_sinks : callable
-        Makes the sinks of the answers, given the loop's world. Sinks with a method `record` get the inputs too.
+        Makes the sinks of the answers, given the loop's map. Sinks with a method `record` get the inputs too.
     watch : callable
         Called after every tick, with the scene and the answer, in the loop's thread.
 
@@ -150,8 +150,10 @@ def simulate(
     best = planner.plan(start, goal, method="astar")
     if not best.ok:
         raise InvalidQueryError(f"the goal {goal} cannot be reached from {start}: {best.status}")
-    world = ground.robot.world(scene.told)
-    sinks = list(make_sinks(world))
+    planning = NavigatorSettings(method=settings.method, model=settings.model)
+    _load_kernels(scene, planning)
+    navigator = Navigator(ground.robot.ground(scene.told), planning)
+    sinks = list(make_sinks(navigator.map))
     source = _RecordedScene(scene, [sink for sink in sinks if isinstance(sink, InputRecorder)])
     histogram = Histogram()
 
@@ -160,10 +162,8 @@ def simulate(
         scene.heard(message)
         watch(scene, message)
 
-    planning = NavigatorSettings(method=settings.method, model=settings.model)
-    _load_kernels(scene, planning)
     run = _at_full_speed if settings.rate_hz is None else _at_rate
-    counters = run(Navigator(world, planning), source, sinks, settings, after_tick)
+    counters = run(navigator, source, sinks, settings, after_tick)
     driven = np.array(scene.driven, np.int32)
     return Drive(
         settings.method,
@@ -196,7 +196,7 @@ class _RecordedScene:
 
 def _load_kernels(scene: Scene, settings: NavigatorSettings) -> None:
     """Plan once beside the drive: what a process loads only once is no part of a tick."""
-    navigator = Navigator(scene.ground.robot.world(scene.told), settings)
+    navigator = Navigator(scene.ground.robot.ground(scene.told), settings)
     navigator.offer(Pose(*scene.robot))
     navigator.offer(Goal(*scene.goal))
     navigator.tick()

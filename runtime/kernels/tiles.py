@@ -13,8 +13,9 @@ numba would else compile it anew into each kernel that calls it. `source` is a t
     coarse     (…,) float32, weights of all coarse levels, one after another
     pieces     (…,) uint16, likewise
     links      (…,) uint8, likewise
-    counts     (1,) int64, cells of computed tiles
+    counts     (2,) int64, cells of computed tiles; whether any cost was told
     shape      (2,) int64, rows and columns of the map
+    told       (rows · cols,) float32, costs that were told: a cell weighs by the greater of its own and this
 """
 
 import numpy as np
@@ -33,7 +34,7 @@ _ROWS, _COLS, _STRIDE, _FIRST = 0, 1, 2, 3
 @kernel
 def _level(source, number):
     """A coarse level as the kernels of `pooling` take it."""
-    _, _, _, levels, coarse, pieces, links, _, _ = source
+    _, _, _, levels, coarse, pieces, links, _, _, _ = source
     first, rows, stride = levels[number, _FIRST], levels[number, _ROWS], levels[number, _STRIDE]
     last = first + (rows + 2) * stride
     return coarse[first:last], pieces[first:last], links[first:last], stride, rows, levels[number, _COLS]
@@ -42,7 +43,7 @@ def _level(source, number):
 @kernel
 def _pool_levels(source, area):
     """Coarse cells above a rectangle of the map whose sides the coarsest cells divide, and the links within."""
-    _, rule, weights, levels, _, _, _, _, shape = source
+    _, rule, weights, levels, _, _, _, _, shape, _ = source
     row0, row1, col0, col1 = area
     corner_cutting, count = levels[0, 2] != 0, levels[0, 3]
     if count == 0:
@@ -67,7 +68,7 @@ def _pool_levels(source, area):
 @kernel
 def _link_levels(source, area):
     """Links of the coarse cells above a rectangle of the map, all pieces in and around it being there."""
-    _, _, weights, levels, _, _, _, _, shape = source
+    _, _, weights, levels, _, _, _, _, shape, _ = source
     row0, row1, col0, col1 = area
     corner_cutting = levels[0, 2] != 0
     for number in range(1, levels[0, 3] + 1):
@@ -81,17 +82,33 @@ def _link_levels(source, area):
 
 
 @kernel
+def _weigh(source, area, out, first, stride):
+    """Weights of a rectangle of the map, by heights and costs told; what is written as by `fill_weights`."""
+    heights, rule, _, _, _, _, _, counts, shape, told = source
+    fill_weights(heights, shape[0], shape[1], rule, area, out, first, stride)
+    if counts[1] == 0:
+        return
+    row0, row1, col0, col1 = area
+    for row in range(row0, row1):
+        for col in range(col0, col1):
+            cost = told[row * shape[1] + col]
+            if cost > 0.0:
+                at = first + row * stride + col
+                weight = np.float32(cost * rule[SCALE]) if cost < 1.0 else np.float32(np.inf)
+                out[at] = max(out[at], weight)
+
+
+@kernel
 def _fill(source, area):
-    """Weights of a rectangle of the map."""
-    heights, rule, weights, _, _, _, _, _, shape = source
-    stride = shape[1] + 2
-    fill_weights(heights, shape[0], shape[1], rule, area, weights, stride + 1, stride)
+    """Weights of a rectangle of the map, into their places."""
+    stride = source[8][1] + 2
+    _weigh(source, area, source[2], stride + 1, stride)
 
 
 @kernel
 def _tile_area(source, i, j):
     """First row, one past the last, and so for the columns, of a tile."""
-    _, _, _, levels, _, _, _, _, shape = source
+    _, _, _, levels, _, _, _, _, shape, _ = source
     high, wide = 1 << levels[0, 0], 1 << levels[0, 1]
     return i * high, min((i + 1) * high, shape[0]), j * wide, min((j + 1) * wide, shape[1])
 
@@ -100,7 +117,7 @@ def _tile_area(source, i, j):
 def open_tile(tiles, i, j):
     """Compute what is not yet there of a tile and of those around it, so that its cells may be left."""
     state, wanted, _, _, source, _ = tiles
-    _, _, _, _, _, _, _, counts, _ = source
+    counts = source[7]
     needed = POOLED if wanted == LINKED else COSTED
     for a in range(max(i - 1, 0), min(i + 2, state.shape[0])):
         for b in range(max(j - 1, 0), min(j + 2, state.shape[1])):
@@ -160,9 +177,9 @@ def link_rows(tiles, row0, row1):
 
 @kernel
 def _weigh_anew(tiles, area, found):
-    """Weights of a rectangle within one computed tile; what changed is added to `found`, see `write_heights`."""
+    """Weights of a rectangle within one computed tile; what changed is added to `found`, see `write_layer`."""
     source = tiles[4]
-    _, _, weights, _, _, _, _, _, shape = source
+    _, _, weights, _, _, _, _, _, shape, _ = source
     row0, row1, col0, col1 = area
     stride, wide = shape[1] + 2, col1 - col0
     old = np.empty((row1 - row0) * wide, np.float32)
@@ -182,15 +199,19 @@ def _weigh_anew(tiles, area, found):
 
 
 @kernel
-def write_heights(tiles, patch, row, col, found):
-    """Put heights into the map, and bring up to date whatever of it has been computed.
+def write_layer(tiles, layer, rim, patch, row, col, found):
+    """Put values into a layer of the map, and bring up to date whatever of it has been computed.
 
     Parameters
     ----------
     tiles
         Of the map itself.
+    layer : (rows · cols,) float32
+        Its heights, or the costs told.
+    rim : int
+        Cells around the patch that it matters to: 1 for heights, 0 for costs.
     patch : (h, w) float32
-        Metres; not finite where unknown. Must lie inside the map.
+        Must lie inside the map.
     row, col : int
         Where its first cell goes.
     found : (6,) int64
@@ -198,13 +219,13 @@ def write_heights(tiles, patch, row, col, found):
         and column of the rectangle that holds them, and one past its last. What is not computed yet counts as other.
     """
     state, _, _, _, source, _ = tiles
-    heights, _, _, levels, _, _, _, _, shape = source
+    levels, shape = source[3], source[8]
     rows, cols = shape[0], shape[1]
     for i in range(patch.shape[0]):
         at = (row + i) * cols + col
-        heights[at : at + patch.shape[1]] = patch[i]
-    row0, row1 = max(row - 1, 0), min(row + patch.shape[0] + 1, rows)
-    col0, col1 = max(col - 1, 0), min(col + patch.shape[1] + 1, cols)
+        layer[at : at + patch.shape[1]] = patch[i]
+    row0, row1 = max(row - rim, 0), min(row + patch.shape[0] + rim, rows)
+    col0, col1 = max(col - rim, 0), min(col + patch.shape[1] + rim, cols)
     found[0], found[1], found[2], found[3], found[4], found[5] = 0, 0, rows, cols, 0, 0
     down, right = levels[0, 0], levels[0, 1]
     for i in range(row0 >> down, ((row1 - 1) >> down) + 1):
@@ -226,7 +247,7 @@ def write_heights(tiles, patch, row, col, found):
 def _pool_anew(tiles, found):
     """Coarse cells above a rectangle whose weights changed, in the tiles that have any, and their links."""
     state, _, _, _, source, _ = tiles
-    _, rule, weights, levels, _, _, _, _, shape = source
+    _, rule, weights, levels, _, _, _, _, shape, _ = source
     row0, col0, row1, col1 = found[2], found[3], found[4], found[5]
     corner_cutting, obstacle = levels[0, 2] != 0, rule[SCALE]
     down, right = levels[0, 0], levels[0, 1]
@@ -286,7 +307,8 @@ def sample_planes(tiles, window, parts, inner, planes):
     planes : (2, S, S) float32
         Written.
     """
-    heights, rule, _, _, _, _, _, _, shape = tiles[4]
+    source = tiles[4]
+    rule = source[1]
     per_weight = np.float32(1.0 / rule[SCALE]) if rule[SCALE] > 0.0 else np.float32(0.0)
     row0, col0, rows, cols = window
     inner_rows, inner_cols = inner
@@ -305,7 +327,7 @@ def sample_planes(tiles, window, parts, inner, planes):
             for row in range(top + (apart - 1) // 2, bottom, apart):
                 lines += 1
                 area = row0 + row, row0 + row + 1, col0 + begin, col0 + end
-                fill_weights(heights, shape[0], shape[1], rule, area, line, -(row0 + row) * cols - col0, cols)
+                _weigh(source, area, line, -(row0 + row) * cols - col0, cols)
                 _add(line[begin:end], per_weight, sums[begin:end], walls[begin:end])
             for m in range(first_col, last_col):
                 left, right = _pixel(m, inner_cols, cols)

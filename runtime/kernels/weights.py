@@ -43,13 +43,15 @@ def fill_costs(cost, limits, row0, row1, weights, stride, found):
 
 
 @kernel
-def write_costs(cost, limits, first, stride, weights, bounds, changed_nodes, old_weights):
+def write_costs(cost, seen, limits, first, stride, weights, bounds, changed_nodes, old_weights):
     """Put the weights of a rectangle of costs into the map, from node `first` on, unless one is out of range.
 
     Parameters
     ----------
     cost : (h, w) float32
         NaN and values from `ceiling` up are impassable.
+    seen : (h, w) bool
+        Cells that are written; (0, 0) for all.
     limits : (floor, most, scale, ceiling)
         Least and most that a passable cell may cost; weight of a cost of 1; see `cost`.
     first, stride : int
@@ -72,8 +74,11 @@ def write_costs(cost, limits, first, stride, weights, bounds, changed_nodes, old
     changed, cheaper, at_bound = 0, False, False
     lowest, highest = np.float32(np.inf), np.float32(-np.inf)
     top, left, bottom, right = cost.shape[0], cost.shape[1], 0, 0
+    everywhere = seen.size == 0
     for row in range(cost.shape[0]):
         for col in range(cost.shape[1]):
+            if not everywhere and not seen[row, col]:
+                continue
             t, w = cost[row, col], np.float32(np.inf)
             if t < ceiling:  # no NaN comes here
                 w = np.float32(t * scale)
@@ -94,6 +99,8 @@ def write_costs(cost, limits, first, stride, weights, bounds, changed_nodes, old
     noted = 0
     for row in range(top, bottom):
         for col in range(left, right):
+            if not everywhere and not seen[row, col]:
+                continue
             node, t = first + row * stride + col, cost[row, col]
             w = np.float32(t * scale) if t < ceiling else np.float32(np.inf)
             if len(changed_nodes) and w != weights[node]:

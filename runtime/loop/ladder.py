@@ -6,7 +6,7 @@
 4. The standing path, if it is valid at all.
 5. An outcome that says what failed.
 
-Every path is checked cell by cell against the newest map before it is published.
+Every path is checked cell by cell before it is published, on a map that has all patches that came before the check.
 """
 
 import logging
@@ -19,7 +19,6 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Origin, PathMessage
 from nnpp_edge.runtime.loop.spans import Span
-from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
@@ -38,8 +37,6 @@ class NavigatorSettings:
     """How the onboard loop plans."""
 
     method: str = DynamicMethod.AUTO
-    step_cost: str = "paper"
-    """``length`` needs a world made for it; on a world's heights, its own counts."""
     omega: float = PAPER_OMEGA
     corner_cutting: bool = True
     model: str | Path | NetworkModel = "edge"
@@ -132,12 +129,14 @@ class Tick:
 class Ladder:
     """Comes to the answer of a tick whose start and goal are known and passable. Serves one thread at a time.
 
-    Every path is checked on the newest map of `world`; `count_error` is called with ``full`` or ``corridor`` when
-    planning raised.
+    Every path is checked after `update_map` has put all patches that wait into the planner's map, and said how many
+    the map has; `count_error` is called with ``full`` or ``corridor`` when planning raised.
     """
 
-    def __init__(self, world: World, settings: NavigatorSettings, count_error: Callable[[str], None]) -> None:
-        self._world, self._settings, self._count_error = world, settings, count_error
+    def __init__(
+        self, update_map: Callable[[], int], settings: NavigatorSettings, count_error: Callable[[str], None]
+    ) -> None:
+        self._update_map, self._settings, self._count_error = update_map, settings, count_error
         self._expected_s = 0.0
         """Time that the method asked for is expected to take."""
 
@@ -179,12 +178,13 @@ class Ladder:
         if plan is not None:
             mean = 0.8 * self._expected_s + 0.2 * elapsed
             self._expected_s = max(elapsed, mean if plan.ok else self._expected_s)
-        return self._planned_path(tick, plan, Origin.FULL)
+        return self._planned_path(planner, tick, plan, Origin.FULL)
 
     def _planned_by_corridor(self, planner: DynamicPlanner, tick: Tick) -> PathMessage | None:
         if tick.standing is not None and tick.left_s <= 0.0:
             return None  # the standing path takes no time
-        return self._planned_path(tick, self._replan(planner, tick, DynamicMethod.CORRIDOR), Origin.CORRIDOR)
+        plan = self._replan(planner, tick, DynamicMethod.CORRIDOR)
+        return self._planned_path(planner, tick, plan, Origin.CORRIDOR)
 
     def _standing_at_all(self, planner: DynamicPlanner, tick: Tick) -> PathMessage | None:
         return self._standing_path(planner, tick, tick.standing, tick.failures[0].reason) if tick.standing else None
@@ -207,7 +207,9 @@ class Ladder:
         tick.spans.append(Span(f"plan by {plan.planner}", began, tick.clock(), plan.timings_ms))
         return plan
 
-    def _planned_path(self, tick: Tick, plan: Plan | None, origin: Origin) -> PathMessage | None:
+    def _planned_path(
+        self, planner: DynamicPlanner, tick: Tick, plan: Plan | None, origin: Origin
+    ) -> PathMessage | None:
         if plan is None:
             return None
         if plan.status is Status.TIMEOUT:
@@ -216,7 +218,7 @@ class Ladder:
         if not plan.ok:
             return tick.no_path(plan.status, plan.reason or "searched everywhere")
         reason = tick.failures[-1].reason if tick.failures else plan.reason
-        message = self._path(tick, plan, origin, reason)
+        message = self._path(planner, tick, plan, origin, reason)
         if message is None:
             tick.fail("map_changed", "the map changed while planning")
         return message
@@ -229,22 +231,27 @@ class Ladder:
         rest = plan.path[standing.index :]
         left = replace(plan, path=rest, cost=standing.cost, lower_bound=standing.lower_bound)
         freed = planner.refined(left)
-        return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
+        return self._path(planner, tick, freed, Origin.STANDING, reason) if freed.ok else None
 
-    def _path(self, tick: Tick, plan: Plan, origin: Origin, reason: str) -> PathMessage | None:
+    def _path(
+        self, planner: DynamicPlanner, tick: Tick, plan: Plan, origin: Origin, reason: str
+    ) -> PathMessage | None:
         """The plan's path as a message; None if it does not hold on the newest map."""
-        path = plan.path
-        problem = self._world.path_problem(path, self._settings.corner_cutting)
-        if not problem and (tuple(path[0]), tuple(path[-1])) != (tick.start, tick.goal):
-            problem = "it has other ends"
-        if problem:
-            _LOG.info("a path from %s is not published: %s", origin, problem)
+        path, version = plan.path, self._update_map()
+        if (tuple(path[0]), tuple(path[-1])) != (tick.start, tick.goal):
+            _LOG.info("a path from %s is not published: it has other ends", origin)
+            return None
+        if (blocked := planner.first_blocked(path)) >= 0:
+            _LOG.info("a path from %s is not published: it cannot be walked at %s", origin, path[blocked].tolist())
             return None
         base = tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures))
-        found = replace(base, outcome=Status.OK, origin=origin, path=path)
-        if plan.waypoints is not None and self._world.version == tick.map_version:  # else they are not checked
+        found = replace(base, outcome=Status.OK, origin=origin, path=path, map_version=version)
+        if plan.waypoints is not None and version == tick.map_version:  # else they are not checked
             found = replace(found, waypoints=plan.waypoints, line_cost=plan.line_cost)
-        return replace(found, cost=plan.cost, lower_bound=plan.lower_bound, method=plan.planner)
+        cost, bound = plan.cost, plan.lower_bound
+        if version != tick.map_version and (standing := planner.standing()).valid:
+            cost, bound = standing.cost, standing.lower_bound
+        return replace(found, cost=cost, lower_bound=bound, method=plan.planner)
 
 
 def one_line(error: BaseException) -> str:

@@ -16,13 +16,14 @@ from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.approach import place_towards
 from nnpp_edge.runtime.loop.ladder import Ladder, NavigatorSettings, Tick, one_line
 from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, MapPatch, Origin, PathMessage, Pose
+from nnpp_edge.runtime.loop.patches import Patches, Waiting
 from nnpp_edge.runtime.loop.spans import Span
-from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import begin_loading
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod
-from nnpp_edge.runtime.planners.query import PlannerOptions
 
 _LOG = logging.getLogger(__name__)
 
@@ -37,14 +38,14 @@ class _Approached(NamedTuple):
 
 
 class Navigator:
-    """Answers the ticks of the onboard loop, by a world, a planner and the standing path.
+    """Answers the ticks of the onboard loop, by a planner, its map and the standing path.
 
     `offer` and `reload` may be called from any thread, `tick` from one at a time.
 
     Parameters
     ----------
-    world : World
-        The map; its patches come through `offer`.
+    ground : Ground
+        The robot and its first map, which is copied; patches come through `offer`.
     clock : callable
         Monotonic seconds; deadlines given to `tick` are readings of it.
 
@@ -57,9 +58,13 @@ class Navigator:
     """
 
     def __init__(
-        self, world: World, settings: NavigatorSettings | None = None, *, clock: Callable[[], float] = time.monotonic
+        self,
+        ground: Ground,
+        settings: NavigatorSettings | None = None,
+        *,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.world, self.settings = world, settings or NavigatorSettings()
+        self.settings = settings or NavigatorSettings()
         self.model: str | Path | NetworkModel = self.settings.model
         """The network, or its name or file; `reload` replaces it at the next tick."""
         self.spans: list[Span] = []
@@ -71,21 +76,26 @@ class Navigator:
         self._next_model: NetworkModel | None = None
         self._degraded: Counter[str] = Counter()
         self._errors: Counter[str] = Counter()
-        self._patches = self._cells_changed = self._starts_moved = self._reloads = 0
+        self._offered = self._cells_changed = self._starts_moved = self._reloads = 0
         self._ticks = self._planned = self._kept = self._failed = 0
         self._approached: _Approached | None = None
-        self._ladder = Ladder(world, self.settings, self.count_error)
-        self._map_version = 0
+        self._ladder = Ladder(self._update_map, self.settings, self.count_error)
         self._nearest_first = _offsets_within(self.settings.snap_radius)
-        self.planner = self._new_planner()
-        """Plans on the map of the last tick. It belongs to the thread that calls `tick`."""
+        self.planner = self._planner_of(ground)
+        """Plans on the loop's one map. It belongs to the thread that calls `tick`."""
+        self._patches = Patches(self.planner.state)
+
+    @property
+    def map(self) -> MapState:
+        """The map as the last tick left it; its `cost`, `elevation`, `shape` and sides may be read by any thread."""
+        return self.planner.state
 
     def offer(self, message: Input) -> None:
-        """Take an input: a patch is written into the map at once; of poses and goals the newest counts."""
+        """Take an input: all patches get into the map, in their order; of poses and goals the newest counts."""
         if isinstance(message, MapPatch):
-            self.world.put(message)
+            self._patches.offer(message)
             with self._inbox:
-                self._patches += 1
+                self._offered += 1
             return
         with self._inbox:
             if isinstance(message, Pose):
@@ -123,11 +133,11 @@ class Navigator:
                 failed=self._failed,
                 degraded=dict(self._degraded),
                 errors=dict(self._errors),
-                patches=self._patches,
+                patches=self._offered,
                 cells_changed=self._cells_changed,
-                patches_clipped=self.world.clipped,
-                patches_rejected=self.world.rejected,
-                patches_merged=self.world.merged,
+                patches_clipped=self._patches.clipped,
+                patches_rejected=self._patches.rejected,
+                patches_merged=self._patches.merged,
                 starts_moved=self._starts_moved,
                 reloads=self._reloads,
             )
@@ -162,23 +172,22 @@ class Navigator:
             self._reloads += 1
             self._ladder.forget_times()
         began = self._clock()
-        self._update_map()
+        tick.map_version = self._update_map()
         tick.spans.append(Span("map", began, self._clock()))
-        tick.map_version = self._map_version
         if pose is None or goal is None:
             return tick.no_path(Status.NO_POSE if pose is None else Status.NO_GOAL, "nothing to plan yet")
         for cell, status in ((goal.cell, Status.GOAL_OUTSIDE_MAP), (pose.cell, Status.START_OUTSIDE_MAP)):
             if not self._on_map(cell):
-                return tick.no_path(status, f"the map has {self.world.shape} cells")
+                return tick.no_path(status, f"the map has {self.planner.shape} cells")
         start, radius = self._nearest_passable(pose.cell), self.settings.snap_radius
         if start is None:
-            reason = f"no passable cell within {radius} of the robot{self.world.unknown_around(pose.cell, radius)}"
+            reason = f"no passable cell within {radius} of the robot{self._unknown_around(pose.cell, radius)}"
             return tick.no_path(Status.START_BLOCKED, reason)
         self.planner.move(start)
         reachable = self._approached is None or self._approached.goal != goal.cell
         if not self.planner.is_passable(goal.cell):
             if not self.settings.approach:
-                reason = f"the goal is impassable{self.world.unknown_around(goal.cell)}"
+                reason = f"the goal is impassable{self._unknown_around(goal.cell)}"
                 return tick.no_path(Status.GOAL_BLOCKED, reason)
             reachable = False
         tick.start, tick.start_moved = start, start != pose.cell
@@ -199,66 +208,58 @@ class Navigator:
     def _as_near_as(self, goal: Cell, start: Cell) -> Cell:
         """Where to go while no path leads to the goal; the goal, once one does."""
         before = self._approached if self._approached is not None and self._approached.goal == goal else None
-        if before is None or before.map_version != self._map_version:
-            margin, unknown, planner = self.world.reach_cells + 2, self.world.unknown(), self.planner
+        if before is None or before.map_version != self._patches.taken:
+            margin, unknown, planner = self.map.reach_cells + 2, self.map.unknown(), self.planner
             beyond = np.zeros(planner.shape, np.bool_)
             if planner.is_passable(goal):
                 beyond = np.isfinite(planner.reach(goal))
             beyond[goal] = True
             place = place_towards(goal, start, planner.reach(), beyond, unknown, margin, before and before.place)
-            before = self._approached = None if place == goal else _Approached(goal, place, self._map_version)
+            before = self._approached = None if place == goal else _Approached(goal, place, self._patches.taken)
         return goal if before is None else before.place
 
-    def _update_map(self) -> None:
-        version, changes = self.world.read_changes()
-        try:
-            put = self.planner.update if self.world.ground is None else self.planner.update_elevation
-            for row, col, patch in changes:
-                self._cells_changed += put(row, col, patch)
-        except Exception:
-            _LOG.exception("a map update failed; the planner is made anew")
-            self.count_error("map")
-            self.planner = self._new_planner()
-        else:
-            self._map_version = version
+    def _update_map(self) -> int:
+        """Put all patches that wait into the map; how many it has. What raises twice waits on, and raises here."""
+        with self._patches.taking() as waiting:
+            for one in waiting:
+                try:
+                    self._put(one)
+                except Exception:
+                    _LOG.exception("a map update failed; the planner begins anew and tries again")
+                    self.count_error("map")
+                    self._put(one)
+        return self._patches.taken
 
-    def _new_planner(self) -> DynamicPlanner:
+    def _put(self, patch: Waiting) -> None:
+        put = self.planner.update_elevation if patch.of_heights else self.planner.update
+        self._cells_changed += put(*patch.part[:2], patch.values, seen=patch.seen)
+
+    def _planner_of(self, ground: Ground) -> DynamicPlanner:
         settings = self.settings
         if settings.asks_network:
             begin_loading(self.model)
-        self._map_version, _ = self.world.read_changes()
-        also, ground = (DynamicMethod.CORRIDOR,), self.world.ground
-        given: PlannerOptions = {
-            "omega": settings.omega,
-            "corner_cutting": settings.corner_cutting,
-            "model": self.model,
-        }
-        refine = settings.refine
-        if ground is None:
-            costs = self.world.cost()
-            planner = DynamicPlanner(
-                costs, (0, 0), settings.method, also=also, step_cost=settings.step_cost, refine=refine, **given
-            )
-        else:
-            planner = DynamicPlanner.of_elevation(
-                self.world.heights(),
-                ground.cell_size_m,
-                (0, 0),
-                ground.traversability,
-                settings.method,
-                vehicle=ground.vehicle,
-                cell_width_m=ground.cell_width_m,
-                step_cost=ground.step_cost,
-                mobility=ground.mobility,
-                also=also,
-                refine=refine,
-                **given,
-            )
+        planner = DynamicPlanner.on(
+            ground,
+            (0, 0),
+            settings.method,
+            also=(DynamicMethod.CORRIDOR,),
+            omega=settings.omega,
+            corner_cutting=settings.corner_cutting,
+            model=self.model,
+            refine=settings.refine,
+        )
         planner.prepare()
         return planner
 
+    def _unknown_around(self, cell: Cell, radius: int = 0) -> str:
+        """How many of the cells around one are unknown, with the vehicle's reach, for people; empty for none."""
+        radius += self.map.reach_cells
+        rows, cols = (slice(max(at - radius, 0), at + radius + 1) for at in cell)
+        unknown = self.map.unknown(rows, cols)
+        return f"; {unknown.sum()} of {unknown.size} cells around it are unknown" if unknown.any() else ""
+
     def _on_map(self, cell: Cell) -> bool:
-        return 0 <= cell[0] < self.world.shape[0] and 0 <= cell[1] < self.world.shape[1]
+        return 0 <= cell[0] < self.planner.shape[0] and 0 <= cell[1] < self.planner.shape[1]
 
     def _nearest_passable(self, cell: Cell) -> Cell | None:
         """The cell itself, or the nearest passable one within the radius; None if there is none."""

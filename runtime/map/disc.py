@@ -4,6 +4,7 @@ Works on costs, so on ready cost maps too. What a passable cell costs is not cha
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,9 @@ from nnpp_edge.runtime.map.along import Heights
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.slope_cost import SlopeCost
-from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.state import MapState, costs_told, new_heights
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost, update_cost
+from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, update_cost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 
@@ -100,12 +101,15 @@ class DiscState(MapState):
         assert vehicle.radius_m is not None
         self._disc, self._sides, self._vehicle = Disc(vehicle.radius_m, sides_m, model.costs[2]), sides_m, vehicle
         self._bare = np.array(as_map(cost, "cost"))
-        self._surface = surface and (np.array(as_map(surface[0], "dem", np.float64)), surface[1])
+        self._surface: _Surface | None = None
+        if surface is not None:
+            heights, base = relative_heights(surface[0])
+            self._surface = _Surface(np.array(heights), base, surface[1], np.zeros(heights.shape, np.float32))
         rows, cols = self._bare.shape
         super().__init__(self._disc.costs(self._bare, (0, 0, rows, cols)), model, corner_cutting=corner_cutting)
         if slope_cost is not None and self._surface is not None:
-            weights = self.grid.weights
-            self.grid.go_by(DirectedSteps(self._surface[0], sides_m, slope_cost, weights, corner_cutting))
+            heights, weights = self._surface.heights, self.grid.weights
+            self.grid.go_by(DirectedSteps(heights, sides_m, slope_cost, weights, corner_cutting))
 
     def __getstate__(self) -> dict[str, object]:
         """As of a `MapState`, and the point's costs."""
@@ -118,87 +122,71 @@ class DiscState(MapState):
         return self._sides
 
     @property
-    def turning_radius_m(self) -> float | None:
-        """As of a `MapState`."""
-        return self._vehicle.turning_radius_m
+    def vehicle(self) -> Vehicle:
+        """The disc."""
+        return self._vehicle
 
-    def update(self, row: int, col: int, patch: Float2D) -> Change:
+    def update(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
         """As `MapState.update`, of a point's costs."""
-        costs = as_map(patch, "patch")
+        costs, model = as_map(patch, "patch"), self.grid.model
         row, col, rows, cols = part = patch_at((row, col), costs.shape, self.shape)
-        model = self.grid.model
         if model.refuses(costs):
             least, most, ceiling = model.costs
             model.refuse(float(costs[(costs < least) | ((costs > most) & (costs < ceiling))][0]))
-        self._bare[row : row + rows, col : col + cols] = costs
-        return self._stand_on(part)
+        here = np.s_[row : row + rows, col : col + cols]
+        if self._surface is None:
+            np.copyto(self._bare[here], costs, where=True if seen is None else seen)
+            return self._stand_on(part)
+        told = self._surface.told
+        told[here] = costs_told(told[here], costs, seen, shut_alone=self.grid.directed is not None)
+        return self._weigh(part, (row, col, 0, 0))
 
-    def update_elevation(self, row: int, col: int, patch: Float2D) -> Change:
+    def update_elevation(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
         """As `MapState.update_elevation`."""
         if self._surface is None:
             raise InvalidMapError("wanted costs, as the map was made from such: update takes them")
-        heights, (dem, limits) = as_map(patch, "dem", np.float64), self._surface
-        row, col, rows, cols = part = patch_at((row, col), heights.shape, self.shape)
-        dem[row : row + rows, col : col + cols] = heights
-        return self._stand_on(update_cost(self._bare, dem, part, self._sides[0], limits, cell_width_m=self._sides[1]))
+        heights, _ = relative_heights(patch, self._surface.base)
+        part, heights = new_heights(self._surface.heights, (row, col), heights, seen)
+        if not part[2]:
+            return Change(part, 0)
+        row, col, rows, cols = part
+        self._surface.heights[row : row + rows, col : col + cols] = heights
+        return self._weigh(part, part)
+
+    def _weigh(self, part: Rectangle, changed: Rectangle) -> Change:
+        """Bring a part's costs up to date, and those beside it, after a change of heights or of costs told."""
+        assert self._surface is not None
+        heights, _, limits, told = self._surface
+        part = update_cost(self._bare, heights, part, self._sides[0], limits, cell_width_m=self._sides[1])
+        row, col, rows, cols = part
+        here = self._bare[row : row + rows, col : col + cols]
+        np.maximum(here, told[row : row + rows, col : col + cols], out=here)
+        return self._stand_on(part, changed)
+
+    def cost(self) -> Float2D:
+        """As `MapState.cost`: a point's costs."""
+        return self._bare.copy()
+
+    def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> NDArray[np.bool_]:
+        """As `MapState.unknown`."""
+        return np.isnan(self._bare[rows, cols]) if self._surface is None else super().unknown(rows, cols)
 
     def _ground(self) -> tuple[Heights, float, tuple[float, float]] | None:
-        return None if self._surface is None else (self._surface[0], 0.0, self._sides)
+        return None if self._surface is None else (self._surface.heights, self._surface.base, self._sides)
 
-    def _stand_on(self, part: Rectangle) -> Change:
+    def _stand_on(self, part: Rectangle, changed: Rectangle | None = None) -> Change:
         """Bring up to date what the disc can stand on around a part of the point's costs."""
         around = self._disc.around(part, self.shape)
         costs, keeps = self._disc.costs(self._bare, around), self.log.keeps_old_weights
-        return self._noted(self.grid.update(costs, around[:2], keep_old_weights=keeps), part)
+        return self._noted(self.grid.update(costs, around[:2], keep_old_weights=keeps), changed or part)
 
 
-def state_of_costs(
-    cost: Float2D,
-    model: StepModel,
-    *,
-    corner_cutting: bool = True,
-    vehicle: Vehicle | None = None,
-    cell_size_m: float | None = None,
-    cell_width_m: float | None = None,
-) -> MapState:
-    """The state of a cost map, of a point or a disc. InvalidMapError for a body, which needs elevations."""
-    if vehicle is None:
-        return MapState(cost, model, corner_cutting=corner_cutting)
-    if vehicle.radius_m is None:
-        raise InvalidMapError("a body stands on elevations: wanted Planner.of_elevation, or a vehicle with radius_m")
-    if cell_size_m is None:
-        raise InvalidMapError("wanted cell_size_m, the side of a cell, with a vehicle")
-    sides = sides_of(cell_size_m, cell_width_m)
-    return DiscState(cost, model, vehicle, sides, corner_cutting=corner_cutting)
+class _Surface(NamedTuple):
+    """What the costs of a map of heights come from."""
 
-
-def state_of_elevation(
-    dem: Float2D,
-    sides_m: tuple[float, float],
-    traversability: Traversability,
-    model: StepModel,
-    *,
-    corner_cutting: bool = True,
-    lazy: bool = True,
-    warn: bool = False,
-    vehicle: Vehicle | None = None,
-    slope_cost: SlopeCost | None = None,
-) -> MapState:
-    """As `MapState.of_elevation`, of a disc too, whose costs are computed at once."""
-    if vehicle is None or vehicle.radius_m is None:
-        return MapState.of_elevation(
-            dem,
-            sides_m,
-            traversability,
-            model,
-            corner_cutting=corner_cutting,
-            lazy=lazy,
-            warn=warn,
-            vehicle=vehicle,
-            slope_cost=slope_cost,
-        )
-    cost = traversability_cost(dem, sides_m[0], traversability, cell_width_m=sides_m[1], warn=warn)
-    surface = dem, traversability
-    return DiscState(
-        cost, model, vehicle, sides_m, corner_cutting=corner_cutting, surface=surface, slope_cost=slope_cost
-    )
+    heights: Float2D
+    base: float
+    """Height in metres that `heights` are relative to."""
+    limits: Traversability
+    told: Float2D
+    """(H, W) as `costs_told` has them."""

@@ -9,6 +9,8 @@ from nnpp_edge.runtime.arrays import Float2D, as_map, close_border
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, patch_at
 from nnpp_edge.runtime.kernels.nodes import octile
+from nnpp_edge.runtime.kernels.paths import walk
+from nnpp_edge.runtime.kernels.poses import walk_poses
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
@@ -21,6 +23,8 @@ PackedGrid = tuple[NDArray[np.float32], int, tuple[float, float, float, float], 
 _FAR = 0.25
 """A bound is measured anew when it lies beyond this share, or one over it, of what was measured last."""
 _NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
+_ALL = np.empty((0, 0), np.bool_)
+"""Of a patch whose cells are all written."""
 
 
 class Grid:
@@ -190,7 +194,14 @@ class Grid:
         self.set_bounds(float(self.weights.min()), float(greatest))
         self._measured = self.least, self.greatest
 
-    def update(self, cost: Float2D, origin: Cell = (0, 0), *, keep_old_weights: bool = False) -> Change:
+    def update(
+        self,
+        cost: Float2D,
+        origin: Cell = (0, 0),
+        *,
+        keep_old_weights: bool = False,
+        seen: NDArray[np.bool_] | None = None,
+    ) -> Change:
         """Put new costs into a rectangle of the map.
 
         The bounds on the weights widen; they are measured anew where they have become much wider, and a cell at one
@@ -204,6 +215,8 @@ class Grid:
             Where its first cell goes.
         keep_old_weights : bool
             Whether the change says what the changed cells weighed before.
+        seen : (h, w) bool
+            The cells that get new costs; by default all.
 
         Raises
         ------
@@ -212,19 +225,28 @@ class Grid:
         """
         cost = as_map(cost, "patch")
         row, col, rows, cols = patch_at(origin, cost.shape, self.shape)
-        bounds = (math.inf, -math.inf) if cost.shape == self.shape else (self.least, self.greatest)
+        whole = cost.shape == self.shape and seen is None
+        bounds = (math.inf, -math.inf) if whole else (self.least, self.greatest)
         nodes, old = _NO_NODES, _NO_WEIGHTS
         if keep_old_weights:
             nodes, old = np.empty(rows * cols, np.int32), np.empty(rows * cols, np.float32)
         refused, cells, cheaper, (top, left, bottom, right), (least, greatest), at_bound = write_costs(
-            cost, self._limits, self.node(row, col), self.stride, self.weights, bounds, nodes, old
+            cost,
+            _ALL if seen is None else seen,
+            self._limits,
+            self.node(row, col),
+            self.stride,
+            self.weights,
+            bounds,
+            nodes,
+            old,
         )
         if refused < math.inf:
             self.model.refuse(refused)
         before, lengths = (self.least, self.greatest), self.model.kind is StepCost.LENGTH
         if math.isfinite(least):
             self.set_bounds(least, greatest)
-        if cost.shape == self.shape:
+        if whole:
             self._measured = self.least, self.greatest
         elif lengths and at_bound and (least < _FAR * self._measured[0] or _FAR * greatest > self._measured[1]):
             self.measure_bounds()
@@ -261,6 +283,31 @@ class Grid:
     def holds(self, cell: Cell) -> bool:
         """Whether a cell lies inside the map."""
         return 0 <= cell[0] < self.rows and 0 <= cell[1] < self.cols
+
+    def walk(self, path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+        """Write what a path (N, 2) inside the map costs from its cell `first` to each later one into `costs` (N,).
+
+        Returns the number of the first cell, from `first` on, that cannot be stepped on; -1 if all can.
+        """
+        if isinstance(self.directed, DirectedSteps):
+            return self._walk_directed(self.directed, path[first:], costs[first:], first)
+        if self.poses is not None:
+            return int(walk_poses(self.poses.packed, self.stride, self.model.steps, path, first, costs))
+        if self.tiles is not None:
+            self.tiles.open_along(path[first:])
+        return int(walk(self.packed, path, first, costs))
+
+    def _walk_directed(
+        self, steps: DirectedSteps, path: NDArray[np.int32], costs: NDArray[np.float64], first: int
+    ) -> int:
+        if self.poses is not None:
+            blocked = self.poses.walk(path)
+        else:
+            row, col = path[0].tolist()
+            blocked = steps.first_blocked(path) if self.is_passable((row, col)) else 0
+        costs[0] = 0.0
+        np.cumsum(steps.costs_along(path), out=costs[1:])
+        return blocked if blocked < 0 else first + blocked
 
     def is_passable(self, cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""

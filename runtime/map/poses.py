@@ -65,6 +65,8 @@ class Poses:
         Of tilt, rise and step in T; they sum to 1.
     scale : float
         Weight of T = 1.
+    shut : (H, W) bool
+        Cells that no part of the body may be above, whatever their heights; by default none.
 
     Raises
     ------
@@ -79,6 +81,7 @@ class Poses:
         vehicle: Vehicle,
         weights: tuple[float, float, float],
         scale: float,
+        shut: NDArray[np.bool_] | None = None,
     ) -> None:
         self.weights = weights
         self.vehicle, self.shape, self.sides_m = vehicle, (heights.shape[0], heights.shape[1]), sides_m
@@ -121,7 +124,7 @@ class Poses:
         )
         self.packed: PackedPoses = self.codes, np.float32(scale / MOST_CODE), source, _address()
         """As the kernels take them."""
-        self._put(0, 0, heights)
+        self._put(0, 0, heights, shut)
 
     def _close_border(self, rows: int, cols: int) -> None:
         padded = self.codes.reshape(rows + 2, cols + 2, -1)
@@ -133,16 +136,19 @@ class Poses:
         """Poses checked so far; one that was forgotten and checked again counts twice."""
         return int(self._counts[0])
 
-    def _put(self, row: int, col: int, heights: Float2D) -> None:
+    def _put(self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None) -> None:
         place = self._margin + row, self._margin + col
         put_heights(np.ascontiguousarray(heights), self._base, self._unknown, self._heights, *place)
+        if shut is not None:
+            there = tuple(slice(first, first + size) for first, size in zip(place, heights.shape, strict=True))
+            self._heights[there][shut] = np.inf
 
-    def write(self, row: int, col: int, heights: Float2D) -> Rectangle:
+    def write(self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None = None) -> Rectangle:
         """Put heights into the map, (h, w) float32 that lie inside it, and forget the poses that they touch.
 
-        Returns the rectangle of cells whose poses may be other ones now.
+        `shut` as for the class, of these cells. Returns the rectangle of cells whose poses may be other ones now.
         """
-        self._put(row, col, heights)
+        self._put(row, col, heights, shut)
         (rows, cols), (up, left) = heights.shape, self.reach
         forget_poses(self.packed, (row, row + rows, col, col + cols), self.reach)
         row0, row1 = max(row - up, 0), min(row + rows + up, self.shape[0])

@@ -1,12 +1,13 @@
 """A map that is planned on: its grid, its coarse levels, and the log of its changes."""
 
-from typing import NamedTuple
+import math
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Rectangle, patch_at
+from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.cells import Cell, Rectangle, patch_at
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Along, Heights, Line, crossings, heights_at
@@ -17,8 +18,16 @@ from nnpp_edge.runtime.map.poses import Poses, term_weights
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
 from nnpp_edge.runtime.map.slope_cost import Mobility, SlopeCost, SpeedCost
 from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
-from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, warn_of_saturation
+from nnpp_edge.runtime.map.tiles import Tiles
+from nnpp_edge.runtime.terrain.traversability import (
+    Traversability,
+    relative_heights,
+    traversability_cost,
+    warn_of_saturation,
+)
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
+
+_PAPER = StepModel.of(StepCost.PAPER)
 
 
 class _Elevation(NamedTuple):
@@ -38,7 +47,13 @@ class _Elevation(NamedTuple):
 
 
 class MapState:
-    """The newest map. Whoever keeps something that depends on it reads the log of changes when asked.
+    """The newest map, in layers: heights, and costs that were told; a map without heights has the costs alone.
+
+    Each patch changes its own layer. A cell of a map of heights costs the greater of what its heights make of it and
+    of what was told, and is shut where either says so. To a body, and where steps cost by the slope, a cost below 1
+    says nothing but that the cell is not shut.
+
+    Whoever keeps something that depends on it reads the log of changes when asked.
 
     Serves one thread at a time.
 
@@ -50,6 +65,8 @@ class MapState:
         What a step costs.
     corner_cutting : bool
         Whether a diagonal step may pass beside an impassable cell.
+    tell_unknown : bool
+        Whether to keep which cells are unknown, apart from those that are impassable; see `unknown`.
 
     Raises
     ------
@@ -60,8 +77,11 @@ class MapState:
     mobility = Mobility()
     """By what time and energy along a path are computed."""
 
-    def __init__(self, cost: Float2D, model: StepModel, *, corner_cutting: bool = True) -> None:
+    def __init__(
+        self, cost: Float2D, model: StepModel, *, corner_cutting: bool = True, tell_unknown: bool = False
+    ) -> None:
         self._elevation: _Elevation | None = None
+        self._unknown = np.isnan(as_map(cost, "cost")) if tell_unknown else None
         self.grid = Grid.of(cost, model, corner_cutting)
         self._forget()
 
@@ -96,20 +116,23 @@ class MapState:
         state = cls.__new__(cls)
         rule = traversability.rule(*sides_m, scale=model.scale)
         if warn:
-            warn_of_saturation(heights, rule, stacklevel=5)  # whoever called `Planner.of_elevation`
+            warn_of_saturation(heights, rule, stacklevel=7)  # whoever called `Planner.of_elevation`
+        state._unknown = None
         surface = sides_m, traversability, vehicle, slope_cost
         state._lay_out(_Elevation(heights, base, rule, model, corner_cutting, lazy, *surface))
         return state
 
-    def _lay_out(self, elevation: "_Elevation") -> None:
-        """Begin with heights of which nothing has been computed."""
+    def _lay_out(self, elevation: "_Elevation", told: Float2D | None = None) -> None:
+        """Begin with heights, and costs told, of which nothing has been computed."""
         heights, _, rule, model, corner_cutting, lazy, sides_m, traversability, vehicle, slope_cost = elevation
         self._elevation = elevation
         coarsest = FACTOR ** len(coarse_shapes(*heights.shape))
         self.grid = Grid.of_heights(heights, rule, model, corner_cutting, coarsest)
+        if told is not None:
+            self._tiles.tell(0, 0, told)
         if vehicle is not None:
-            terms = term_weights(traversability)
-            self.grid.stand_by(Poses(heights, sides_m, vehicle, terms, model.scale))
+            terms, shut = term_weights(traversability), None if told is None else told >= 1.0
+            self.grid.stand_by(Poses(heights, sides_m, vehicle, terms, model.scale, shut))
         if slope_cost is not None:
             if vehicle is None and self.grid.tiles is not None:
                 self.grid.tiles.complete()
@@ -121,19 +144,30 @@ class MapState:
 
     def __getstate__(self) -> dict[str, object]:
         """The weights, or the heights: a copy starts a log of its own."""
-        kept = {"_elevation": self._elevation, "mobility": self.mobility}
-        return {"grid": None if self._elevation else self.grid, **kept}
+        kept = {"_elevation": self._elevation, "mobility": self.mobility, "_unknown": self._unknown}
+        return {"grid": None if self._elevation else self.grid, "told": self._told_so_far(), **kept}
 
     def __setstate__(self, state: dict[str, object]) -> None:
+        told = cast("Float2D | None", state.pop("told"))
         self.__dict__.update(state)
         if self._elevation is not None:
-            self._lay_out(self._elevation)
+            self._lay_out(self._elevation, told)
         self._forget()
+
+    def _told_so_far(self) -> Float2D | None:
+        """(H, W) the costs told to a map of heights; None where none were."""
+        tiles = self.grid.tiles
+        return np.array(tiles.told) if tiles is not None and tiles.has_told else None
+
+    @property
+    def _tiles(self) -> Tiles:
+        assert self.grid.tiles is not None
+        return self.grid.tiles
 
     def begin_anew(self) -> None:
         """Forget all but the weights, or the heights. Whoever read the log must be made anew."""
         if self._elevation is not None:
-            self._lay_out(self._elevation)
+            self._lay_out(self._elevation, self._told_so_far())
             return
         self.grid.measure_bounds()
         self._forget()
@@ -162,7 +196,7 @@ class MapState:
                 self._pyramid.update(part)
         return self._pyramid
 
-    def update(self, row: int, col: int, patch: Float2D) -> Change:
+    def update(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
         """Put new costs into the map, and what that changed into the log, unless it changed nothing.
 
         Parameters
@@ -170,17 +204,40 @@ class MapState:
         row, col : int
             Where the patch's first cell goes.
         patch : (h, w) float
-            New costs; must lie inside the map.
+            New costs, NaN where nothing is known: there a map of costs becomes impassable, and on a map of heights
+            nothing is told. Must lie inside the map.
+        seen : (h, w) bool
+            The cells that get new costs; by default all.
 
         Raises
         ------
         InvalidMapError
             As for `Grid.update`; the map is as it was.
         """
-        if self._elevation is not None:
-            raise InvalidMapError("wanted elevations, as the map was made from such: update_elevation takes them")
-        change = self.grid.update(patch, (row, col), keep_old_weights=self.log.keeps_old_weights)
-        return self._noted(change, change.part)
+        costs = as_map(patch, "patch")
+        row, col, rows, cols = part = patch_at((row, col), costs.shape, self.shape)
+        if self._elevation is None:
+            keeps = self.log.keeps_old_weights
+            change = self.grid.update(costs, (row, col), keep_old_weights=keeps, seen=seen)
+            if self._unknown is not None:
+                here = self._unknown[row : row + rows, col : col + cols]
+                np.copyto(here, np.isnan(costs), where=True if seen is None else seen)
+            return self._noted(change, change.part)
+        if _PAPER.refuses(costs):
+            _PAPER.refuse(float(np.nanmin(costs)))
+        tiles, poses = self._tiles, self.grid.poses
+        before = tiles.told[row : row + rows, col : col + cols]
+        told = costs_told(before, costs, seen, shut_alone=poses is not None or self.grid.directed is not None)
+        part = trimmed(part, told != before)
+        if not part[2]:
+            return Change(part, 0)
+        told = told[part[0] - row : part[0] - row + part[2], part[1] - col : part[1] - col + part[3]]
+        cells, cheaper, changed = tiles.tell(part[0], part[1], told)
+        if poses is not None:
+            heights = self._elevation.heights[part[0] : part[0] + part[2], part[1] : part[1] + part[3]]
+            changed = poses.write(part[0], part[1], heights, told >= 1.0)
+            cells, cheaper = changed[2] * changed[3], True
+        return self._noted(Change(changed, cells, cheaper), (*part[:2], 0, 0))
 
     def _noted(self, change: Change, heights: Rectangle) -> Change:
         """Put a change into the log, once directed steps follow it and that of the heights in a rectangle."""
@@ -190,7 +247,7 @@ class MapState:
             self.log.append(change)
         return change
 
-    def update_elevation(self, row: int, col: int, patch: Float2D) -> Change:
+    def update_elevation(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
         """Put new elevations into a map that was made from such, and what that changed into the log.
 
         Parameters
@@ -198,23 +255,76 @@ class MapState:
         row, col : int
             Where the patch's first cell goes.
         patch : (h, w) float
-            Metres, NaN where unknown; must lie inside the map.
+            Metres, NaN where unknown; must lie inside the map. Heights that the map has already change nothing.
+        seen : (h, w) bool
+            The cells that get new heights; by default all.
 
         Raises
         ------
         InvalidMapError
             The patch does not lie inside the map, or this was made from costs. The map is as it was.
         """
-        tiles = self.grid.tiles
-        if self._elevation is None or tiles is None:
+        if self._elevation is None:
             raise InvalidMapError("wanted costs, as the map was made from such: update takes them")
         heights, _ = relative_heights(patch, self._elevation.base)
-        row, col, _, _ = patch_part = patch_at((row, col), heights.shape, self.shape)
-        cells, cheaper, part = tiles.write(row, col, heights)
+        part, heights = new_heights(self._elevation.heights, (row, col), heights, seen)
+        if not part[2]:
+            return Change(part, 0)
+        row, col, rows, cols = part
+        cells, cheaper, changed = self._tiles.write_heights(row, col, heights)
         if self.grid.poses is not None:
-            part = self.grid.poses.write(row, col, heights)
-            cells, cheaper = part[2] * part[3], True
-        return self._noted(Change(part, cells, cheaper), patch_part)
+            shut = self._tiles.told[row : row + rows, col : col + cols] >= 1.0 if self._tiles.has_told else None
+            changed = self.grid.poses.write(row, col, heights, shut)
+            cells, cheaper = changed[2] * changed[3], True
+        return self._noted(Change(changed, cells, cheaper), part)
+
+    def cost(self) -> Float2D:
+        """(H, W) float32, a copy of what each cell costs: inf where impassable, NaN where a map of costs is unknown.
+
+        By Eq. 1 on a map of heights, whatever vehicle stands on it. Any thread may ask, while another changes the map
+        or plans on it: then it is some of the old map and some of the new.
+        """
+        if self._elevation is None:
+            weights, scale = self.grid.map().copy(), self.grid.model.scale
+            cost: Float2D = (
+                weights / np.float32(scale) if scale else np.where(weights < np.inf, np.float32(0.0), weights)
+            )
+            return cost if self._unknown is None else np.where(self._unknown, np.float32(np.nan), cost)
+        (dy, dx), limits = self._elevation.sides_m, self._elevation.traversability
+        cost = traversability_cost(self._elevation.heights.copy(), dy, limits, cell_width_m=dx, warn=False)
+        told = self._told_so_far()
+        return cost if told is None else with_told(cost, told)
+
+    def elevation(self) -> Float2D | None:
+        """(H, W) metres, NaN where unknown, a copy; None for a map of costs. Any thread may ask, as for `cost`."""
+        if (ground := self._ground()) is None:
+            return None
+        return np.where(np.isfinite(ground[0]), ground[0] + np.asarray(ground[1], ground[0].dtype), np.nan)
+
+    def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> NDArray[np.bool_]:
+        """Cells of which nothing is known, of the map or a part; a map of costs tells only if it was to keep them."""
+        if (ground := self._ground()) is not None:
+            return ~np.isfinite(ground[0][rows, cols])
+        return (
+            np.zeros(self.shape, np.bool_)[rows, cols] if self._unknown is None else self._unknown[rows, cols].copy()
+        )
+
+    @property
+    def has_heights(self) -> bool:
+        """Whether the map was made from heights."""
+        return self._ground() is not None
+
+    @property
+    def vehicle(self) -> Vehicle | None:
+        """Whose path it is; None for a point."""
+        return None if self._elevation is None else self._elevation.vehicle
+
+    @property
+    def reach_cells(self) -> int:
+        """From the vehicle's middle to its farthest corner; 0 for a point."""
+        if self.vehicle is None or self.sides_m is None:
+            return 0
+        return math.ceil(self.vehicle.reach_m / min(self.sides_m))
 
     @property
     def sides_m(self) -> tuple[float, float] | None:
@@ -224,8 +334,7 @@ class MapState:
     @property
     def turning_radius_m(self) -> float | None:
         """The vehicle's; None where any turn will do."""
-        vehicle = None if self._elevation is None else self._elevation.vehicle
-        return None if vehicle is None else vehicle.turning_radius_m
+        return None if self.vehicle is None else self.vehicle.turning_radius_m
 
     def along(self, line: Line) -> Along | None:
         """What lies under a line (N, 2) inside the map; None on a map of costs, whose heights are not known."""
@@ -252,3 +361,47 @@ class MapState:
         """Share of the map's cells whose cost is there, in [0, 1]."""
         tiles = self.grid.tiles
         return 1.0 if tiles is None else tiles.cells_computed / self.grid.cells
+
+
+def costs_told(
+    before: Float2D, costs: Float2D, seen: NDArray[np.bool_] | None, *, shut_alone: bool = False
+) -> Float2D:
+    """Costs told after a patch, (h, w) like all of these: 0 where nothing was ever told, inf where a cell is shut.
+
+    A cell that is NaN or not `seen` keeps what was told `before`. With `shut_alone` a cost below 1 opens the cell and
+    says no more.
+    """
+    new = np.where(costs < 1.0, np.float32(0.0) if shut_alone else costs, np.float32(np.inf))
+    kept = np.isnan(costs) if seen is None else np.isnan(costs) | ~seen
+    told: Float2D = np.where(kept, before, new).astype(np.float32)
+    return told
+
+
+def with_told(cost: Float2D, told: Float2D) -> Float2D:
+    """(h, w) the greater of the costs that heights make and of those told; unknown cells are impassable."""
+    greater: Float2D = np.maximum(cost, told)
+    return greater
+
+
+def new_heights(
+    known: Float2D, place: Cell, heights: Float2D, seen: NDArray[np.bool_] | None
+) -> tuple[Rectangle, Float2D]:
+    """The least part of a patch of heights that holds all that a map (H, W) does not have yet, and its heights.
+
+    The patch lies at `place`; cells that are not `seen` keep their heights. No rows where nothing is new.
+    """
+    row, col, rows, cols = part = patch_at(place, heights.shape, (known.shape[0], known.shape[1]))
+    old = known[row : row + rows, col : col + cols]
+    new = heights if seen is None else np.where(seen, heights, old)
+    part = trimmed(part, (new != old) & (np.isfinite(new) | np.isfinite(old)))
+    top, left = part[0] - row, part[1] - col
+    return part, new[top : top + part[2], left : left + part[3]]
+
+
+def trimmed(part: Rectangle, changed: NDArray[np.bool_]) -> Rectangle:
+    """The least rectangle of a part that holds its changed cells; no rows without any."""
+    rows, cols = np.flatnonzero(changed.any(1)), np.flatnonzero(changed.any(0))
+    if not len(rows):
+        return part[0], part[1], 0, 0
+    row, col = int(rows[0]), int(cols[0])
+    return part[0] + row, part[1] + col, int(rows[-1]) - row + 1, int(cols[-1]) - col + 1

@@ -26,9 +26,10 @@ from nnpp_edge.runtime.kernels.tiles import (
     link_rows,
     open_tile,
     sample_planes,
-    write_heights,
+    write_layer,
 )
 from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS
+from nnpp_edge.runtime.memory import virtual_zeros
 from nnpp_edge.runtime.tuning import TILE_COLS, TILE_ROWS
 
 TileSource = tuple[
@@ -41,6 +42,7 @@ TileSource = tuple[
     NDArray[np.uint8],
     NDArray[np.int64],
     NDArray[np.int64],
+    NDArray[np.float32],
 ]
 PackedTiles = tuple[NDArray[np.uint8], int, int, int, TileSource, int]
 """Tiles as the kernels take them, see `kernels.tiles`: (state, wanted, row_shift, col_shift, source, address)."""
@@ -51,9 +53,9 @@ _EVERYWHERE = 62
 def _source(
     heights: NDArray[np.float32], rule: NDArray[np.float64], weights: NDArray[np.float32], shape: tuple[int, int]
 ) -> TileSource:
-    levels, counts = np.zeros((1, 4), np.int64), np.zeros(1, np.int64)
+    levels, counts, told = np.zeros((1, 4), np.int64), np.zeros(2, np.int64), virtual_zeros(heights.size, np.float32)
     coarse = np.empty(0, np.float32), np.empty(0, np.uint16), np.empty(0, np.uint8)
-    return heights, rule, weights, levels, *coarse, counts, np.array(shape, np.int64)
+    return heights, rule, weights, levels, *coarse, counts, np.array(shape, np.int64), told
 
 
 COMPLETE: PackedTiles = (
@@ -78,7 +80,7 @@ class Tiles:
     Parameters
     ----------
     heights : (H, W) float32
-        Metres, C-contiguous; not finite where unknown. Kept, and changed by `write` alone.
+        Metres, C-contiguous; not finite where unknown. Kept, and changed by `write_heights` alone.
     rule : (RULE_SLOTS,) float64
         As for `fill_weights`.
     weights : (nodes,) float32
@@ -104,6 +106,8 @@ class Tiles:
         self.state = np.zeros((-(-self.shape[0] // high), -(-self.shape[1] // wide)), np.uint8)
         """(I, J) uint8, what has been computed of each tile, as bits."""
         self._source[3][0] = high.bit_length() - 1, wide.bit_length() - 1, corner_cutting, 0
+        self.told: Float2D = self._source[9].reshape(self.shape)
+        """(H, W) float32, costs that were told, inf where a cell is shut, 0 where nothing was. See `tell`."""
 
     @property
     def cells_computed(self) -> int:
@@ -131,8 +135,8 @@ class Tiles:
         parts = [slice(first, first + size) for first, size in zip(firsts, sizes, strict=False)]
         for part, (rows, cols) in zip(parts, shapes, strict=True):
             close_border(weights[part], rows, cols)
-        heights, rule, own, _, _, _, _, counts, shape = self._source
-        self._source = heights, rule, own, levels, weights, pieces, links, counts, shape
+        heights, rule, own, _, _, _, _, counts, shape, told = self._source
+        self._source = heights, rule, own, levels, weights, pieces, links, counts, shape, told
         return [(weights[part], pieces[part], links[part]) for part in parts]
 
     def open_at(self, row: int, col: int) -> None:
@@ -140,6 +144,12 @@ class Tiles:
         i, j = row // self._sides[0], col // self._sides[1]
         if not self.state[i, j] & SURROUNDED:
             open_tile(self.packed(), i, j)
+
+    def open_along(self, path: NDArray[np.int32]) -> None:
+        """As `open_at`, of the cells of a path (N, 2) inside the map."""
+        for i, j in np.unique(path // self._sides, axis=0).tolist():
+            if not self.state[i, j] & SURROUNDED:
+                open_tile(self.packed(), i, j)
 
     def complete(self) -> None:
         """Compute all that is not there yet, on all cores where that pays."""
@@ -153,16 +163,31 @@ class Tiles:
         self.state |= SURROUNDED | POOLED | wanted
         self._source[7][0] = rows * cols
 
-    def write(self, row: int, col: int, patch: Float2D) -> tuple[int, bool, Rectangle]:
+    @property
+    def has_told(self) -> bool:
+        """Whether any cost was told."""
+        return bool(self._source[7][1])
+
+    def write_heights(self, row: int, col: int, patch: Float2D) -> tuple[int, bool, Rectangle]:
         """Put heights into the map, (h, w) float32 that lie inside it, and bring up to date what has been computed.
 
         Returns
         -------
         tuple
-            As `write_heights` writes: number of changed cells, whether one became cheaper, where they are.
+            As `write_layer` writes: number of changed cells, whether one became cheaper, where they are.
         """
+        return self._write(self._source[0], 1, row, col, patch)
+
+    def tell(self, row: int, col: int, costs: Float2D) -> tuple[int, bool, Rectangle]:
+        """Put costs told into the map, as `told` has them; as `write_heights`."""
+        self._source[7][1] = 1
+        return self._write(self._source[9], 0, row, col, costs)
+
+    def _write(
+        self, layer: NDArray[np.float32], rim: int, row: int, col: int, patch: Float2D
+    ) -> tuple[int, bool, Rectangle]:
         found = np.empty(6, np.int64)
-        write_heights(self.packed(), patch, row, col, found)
+        write_layer(self.packed(), layer, rim, np.ascontiguousarray(patch), row, col, found)
         cells, cheaper, row0, col0, row1, col1 = found.tolist()
         return cells, bool(cheaper), (row0, col0, row1 - row0, col1 - col0) if cells else (row, col, 0, 0)
 

@@ -11,24 +11,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
+import numpy as np
+from numpy.typing import NDArray
+
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.disc import state_of_costs, state_of_elevation
-from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
+from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
-from nnpp_edge.runtime.memory import check_planner_fits, touch
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic_choice import DynamicChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.query import Query, Work, in_words, problem_with, told
+from nnpp_edge.runtime.planners.query import PlannerOptions, Query, Work, in_words, problem_with, told
 from nnpp_edge.runtime.planners.refine import Refinement, Refiner
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
 from nnpp_edge.runtime.search.astar import cost_field
-from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
+from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.tuning import UNSEEN_CHANGE
 
@@ -89,11 +92,8 @@ class DynamicPlanner:
         cell_size_m: float | None = None,
         refine: str | None = None,
     ) -> None:
-        step_model = StepModel.of(step_cost, omega)
-        state = state_of_costs(
-            cost, step_model, corner_cutting=corner_cutting, vehicle=vehicle, cell_size_m=cell_size_m
-        )
-        self._begin(state, goal, method, also, model, refine)
+        ground = Ground(cost, cell_size_m=cell_size_m, vehicle=vehicle, step_cost=step_cost)
+        self._begin(ground.state(omega, corner_cutting, tell_unknown=True), goal, method, also, model, refine)
 
     @classmethod
     def of_elevation(
@@ -118,22 +118,34 @@ class DynamicPlanner:
 
         Arguments are those of `Planner.of_elevation` and of the class.
         """
-        slope_cost = slope_cost_of(step_cost, mobility)
-        check_planner_fits(getattr(dem, "shape", ()), directed=slope_cost is not None)
-        planner = cls.__new__(cls)
-        sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
-        step_model = StepModel.of(StepCost.PAPER, omega)
-        state = state_of_elevation(
+        ground = Ground.of_elevation(
             dem,
-            sides,
-            limits,
-            step_model,
-            corner_cutting=corner_cutting,
+            cell_size_m,
+            traversability,
+            cell_width_m=cell_width_m,
             vehicle=vehicle,
-            slope_cost=slope_cost,
+            step_cost=step_cost,
+            mobility=mobility,
         )
-        state.mobility = mobility or Mobility()
-        planner._begin(state, goal, method, also, model, refine)
+        given: PlannerOptions = {"omega": omega, "corner_cutting": corner_cutting, "model": model}
+        return cls.on(ground, goal, method, also=also, refine=refine, **given)
+
+    @classmethod
+    def on(
+        cls,
+        ground: Ground,
+        goal: Cell,
+        method: str = DynamicMethod.AUTO,
+        *,
+        also: Sequence[str] = (),
+        omega: float = PAPER_OMEGA,
+        corner_cutting: bool = True,
+        model: str | Path | NetworkModel = "edge",
+        refine: str | None = None,
+    ) -> "DynamicPlanner":
+        """A planner of a ground, whose map is copied; other arguments and errors as of the class."""
+        planner = cls.__new__(cls)
+        planner._begin(ground.state(omega, corner_cutting, tell_unknown=True), goal, method, also, model, refine)
         return planner
 
     def _begin(
@@ -213,18 +225,23 @@ class DynamicPlanner:
         self._path.forget()
 
     @one_at_a_time
-    def update(self, row: int, col: int, patch: Float2D) -> int:
-        """As `Planner.update`: the number of cells that are other ones now."""
-        change = self._state.update(row, col, patch)
+    def update(self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None) -> int:
+        """As `Planner.update`, of the cells that were `seen`, (h, w): the number of cells that are other ones now."""
+        change = self._state.update(row, col, patch, seen)
         self._path.catch_up()
         return change.cells
 
     @one_at_a_time
-    def update_elevation(self, row: int, col: int, patch: Float2D) -> int:
-        """As `Planner.update_elevation`: the number of cells that may be other ones now."""
-        change = self._state.update_elevation(row, col, patch)
+    def update_elevation(self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None) -> int:
+        """As `Planner.update_elevation`, of the cells that were `seen`: the number that may be other ones now."""
+        change = self._state.update_elevation(row, col, patch, seen)
         self._path.catch_up()
         return change.cells
+
+    @one_at_a_time
+    def first_blocked(self, path: NDArray[np.int32]) -> int:
+        """Number of the first cell of a path (N, 2) inside the map that cannot be stepped on now; -1 if all can."""
+        return self._state.grid.walk(path, 0, np.empty(len(path)))
 
     @one_at_a_time
     def reach(self, start: Cell | None = None) -> Float2D:

@@ -6,18 +6,18 @@ from pathlib import Path
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.map.disc import state_of_costs, state_of_elevation
-from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
+from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
-from nnpp_edge.runtime.memory import check_planner_fits, touch
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.answers import Answers, Wishes
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
-from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of
+from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.tuning import NEAR
 
@@ -84,14 +84,8 @@ class Planner:
         vehicle: Vehicle | None = None,
         cell_size_m: float | None = None,
     ) -> None:
-        check_planner_fits(getattr(cost, "shape", ()))
-        self._turns = Turns()
-        model_of_steps = StepModel.of(step_cost, omega)
-        self._state = state_of_costs(
-            cost, model_of_steps, corner_cutting=corner_cutting, vehicle=vehicle, cell_size_m=cell_size_m
-        )
-        self._model, self._ask_from = model, ask_from
-        self._make_answers()
+        ground = Ground(cost, cell_size_m=cell_size_m, vehicle=vehicle, step_cost=step_cost)
+        self._begin(ground.state(omega, corner_cutting), model, ask_from)
 
     @classmethod
     def of_elevation(
@@ -142,27 +136,39 @@ class Planner:
         InvalidQueryError
             There is no such step cost, or it needs a mobility.
         """
-        slope_cost = slope_cost_of(step_cost, mobility)
-        check_planner_fits(getattr(dem, "shape", ()), directed=slope_cost is not None)
-        planner = cls.__new__(cls)
-        planner._turns = Turns()
-        sides, limits = sides_of(cell_size_m, cell_width_m), traversability or Traversability()
-        step_model = StepModel.of(StepCost.PAPER, omega)
-        planner._state = state_of_elevation(
+        ground = Ground.of_elevation(
             dem,
-            sides,
-            limits,
-            step_model,
-            corner_cutting=corner_cutting,
-            lazy=lazy,
-            warn=warn,
+            cell_size_m,
+            traversability,
+            cell_width_m=cell_width_m,
             vehicle=vehicle,
-            slope_cost=slope_cost,
+            step_cost=step_cost,
+            mobility=mobility,
         )
-        planner._state.mobility = mobility or Mobility()
-        planner._model, planner._ask_from = model, ask_from
-        planner._make_answers()
+        planner = cls.__new__(cls)
+        planner._begin(ground.state(omega, corner_cutting, lazy=lazy, warn=warn), model, ask_from)
         return planner
+
+    @classmethod
+    def on(
+        cls,
+        ground: Ground,
+        *,
+        lazy: bool = True,
+        omega: float = PAPER_OMEGA,
+        corner_cutting: bool = True,
+        model: str | Path | NetworkModel = "edge",
+        ask_from: int = NEAR,
+    ) -> "Planner":
+        """A planner of a ground, whose map is copied; other arguments and errors as of `of_elevation`."""
+        planner = cls.__new__(cls)
+        planner._begin(ground.state(omega, corner_cutting, lazy=lazy), model, ask_from)
+        return planner
+
+    def _begin(self, state: MapState, model: str | Path | NetworkModel, ask_from: int) -> None:
+        self._turns = Turns()
+        self._state, self._model, self._ask_from = state, model, ask_from
+        self._make_answers()
 
     def _make_answers(self) -> None:
         self._answers = Answers(self._state, self._model, self._ask_from)
@@ -222,12 +228,17 @@ class Planner:
     def update(self, row: int, col: int, patch: Float2D) -> int:
         """Put new costs into the map.
 
+        On a map of elevations what costs tell is a layer of its own: a cell costs the greater of that and of what its
+        heights make of it, and is impassable where either says so. A body, and steps that cost
+        by the slope, take no more from a cost below 1 than that the cell is not impassable by what was told.
+
         Parameters
         ----------
         row, col : int
             Where the patch's first cell goes.
         patch : (h, w) float
-            New costs; must lie inside the map.
+            New costs; must lie inside the map. NaN is impassable on a map of costs, and tells a map of elevations
+            nothing.
 
         Returns
         -------

@@ -19,14 +19,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
-from nnpp_edge.runtime.kernels.paths import remember, savings, walk
-from nnpp_edge.runtime.kernels.poses import walk_poses
-from nnpp_edge.runtime.map.directed import DirectedSteps
+from nnpp_edge.runtime.kernels.paths import remember, savings
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.tuning import MOST_LOGGED_CHANGES
@@ -127,7 +124,7 @@ class StandingPath:
         if not plan.ok or not len(plan.path):
             raise InvalidQueryError(f"a standing path must lead to the goal, got a plan of status {plan.status}")
         self._walked, self._scratch = np.empty(len(plan.path)), np.empty(len(plan.path))
-        if self._walk(plan.path, 0, self._walked) >= 0:
+        if self._grid.walk(plan.path, 0, self._walked) >= 0:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
         self._plan, self._count, self._parts = plan, 0, []
         self._changes.skip()
@@ -160,7 +157,7 @@ class StandingPath:
         straight = octile.py_func(*at, *goal, *grid.prices) + grid.worth_of_height(at, goal)
         rest = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self._plan.lower_bound - walked
         floor, lower = (max(bound, straight) for bound in self._bounds_now(rest, at, goal))
-        blocked = self._walk(path, index, self._scratch)
+        blocked = self._grid.walk(path, index, self._scratch)
         if blocked >= 0:
             cell = int(path[blocked, 0]), int(path[blocked, 1])
             return Standing(Footing.BLOCKED, index, cell, lower_bound=lower, floor=floor)
@@ -192,27 +189,6 @@ class StandingPath:
         if not grid.corner_cutting:  # beside a cell that was opened, a diagonal step may have become allowed
             by_opened -= 2.0 * grid.prices[0]
         return [min(bound, max(bound - saved, by_cheaper), by_opened) for bound in bounds]
-
-    def _walk(self, path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
-        """Write the cost of each cell of the path from `first` on; the first that cannot be stepped on, or -1."""
-        grid = self._grid
-        if isinstance(grid.directed, DirectedSteps):
-            return self._walk_directed(grid.directed, path[first:], costs[first:], first)
-        if grid.poses is None:
-            return int(walk(grid.packed, path, first, costs))
-        return int(walk_poses(grid.poses.packed, grid.stride, grid.model.steps, path, first, costs))
-
-    def _walk_directed(
-        self, steps: DirectedSteps, path: NDArray[np.int32], costs: NDArray[np.float64], first: int
-    ) -> int:
-        poses, (row, col) = self._grid.poses, path[0].tolist()
-        if poses is not None:
-            blocked = poses.walk(path)
-        else:
-            blocked = steps.first_blocked(path) if self._grid.is_passable((row, col)) else 0
-        costs[0] = 0.0
-        np.cumsum(steps.costs_along(path), out=costs[1:])
-        return blocked if blocked < 0 else first + blocked
 
     def _by_way_of(self, part: Rectangle, at: Cell, goal: Cell) -> float:
         """The least that a path by way of a rectangle's cells costs."""

@@ -18,7 +18,7 @@ from nnpp_edge.runtime.errors import NnppEdgeError, Status
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from tests import oracles
@@ -69,11 +69,11 @@ class Shadow:
         else:
             self.cost = self._priced()
 
-    def world(self) -> World:
-        """The loop's own world, of the same beginning."""
+    def ground(self) -> Ground:
+        """The loop's ground, of the same beginning."""
         if self.elevation is None:
-            return World(self.cost)
-        return World.of_elevation(self.elevation, 1.0, self.limits)
+            return Ground(self.cost)
+        return Ground.of_elevation(self.elevation, 1.0, self.limits)
 
     def put(self, patch: MapPatch) -> None:
         """Write a patch, cell by cell."""
@@ -269,7 +269,7 @@ def _drive(
 ) -> Problem | None:
     shadow, clock = Shadow(case), [100.0]
     settings = NavigatorSettings(case.method, corner_cutting=case.corner_cutting, model=small_model(samples))  # type: ignore[arg-type]
-    navigator = Navigator(shadow.world(), settings, clock=lambda: clock[0])
+    navigator = Navigator(shadow.ground(), settings, clock=lambda: clock[0])
     framer = Framer(case.framing, _LIMIT)
     taken: list[Input] = []
     answers: list[PathMessage] = []
@@ -354,7 +354,7 @@ def _problem_of_log(
 
     file = folder / "drive.mcap"
     file.unlink(missing_ok=True)
-    with McapLog(file, world=shadow.world(), cell_size_m=1.0) as log:
+    with McapLog(file, state=shadow.ground().state(), cell_size_m=1.0) as log:
         for message in taken:
             log.record(message)
         for message_out in answers:

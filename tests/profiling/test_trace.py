@@ -12,7 +12,7 @@ from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
-from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.ground import Ground
 from tests.profiling.traces import check_trace, spans_of, within
 
 
@@ -61,7 +61,7 @@ def test_a_trace_without_events_can_be_opened():
 
 def test_the_ticks_of_a_loop_and_their_stages():
     source, trace = InProcessSource(), Trace("test")
-    navigator = Navigator(World(np.full((60, 80), 0.2, np.float32)), NavigatorSettings(method="corridor"))
+    navigator = Navigator(Ground(np.full((60, 80), 0.2, np.float32)), NavigatorSettings(method="corridor"))
     source.put(Pose(5, 5))
     source.put(Goal(50, 70))
     ticks = []

@@ -9,7 +9,7 @@ from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
-from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.ground import Ground
 
 
 def free(shape=(40, 60)):
@@ -28,7 +28,7 @@ def wait_until(holds, patience_s=10.0):
 @pytest.fixture
 def navigator():
     """Exact planning on a free map, without pose and goal."""
-    return Navigator(World(free()), NavigatorSettings(method="astar"))
+    return Navigator(Ground(free()), NavigatorSettings(method="astar"))
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ from nnpp_edge.runtime.loop.messages import (
 )
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
-from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.ground import Ground
 
 
 def answer(cells, tick=1):
@@ -81,7 +81,7 @@ def test_everything_comes_back_through_the_public_reader(tmp_path):
     cost[3, 4], cost[3, 5], cost[19, 30] = 1.0, np.inf, np.nan
     heights = np.arange(6, dtype=np.float32).reshape(2, 3)
     heights[0, 1] = np.nan
-    with McapLog(tmp_path / "log.mcap", world=World(cost), cell_size_m=0.5) as log:
+    with McapLog(tmp_path / "log.mcap", state=Ground(cost).state(), cell_size_m=0.5) as log:
         log.record(Pose(2.25, 3.5, stamp=7.0))
         log.record(Goal(18, 29))
         log.record(MapPatch(4, 5, cost=np.array([[0.5, np.nan, 2.0]])))
@@ -134,7 +134,7 @@ def test_everything_comes_back_through_the_public_reader(tmp_path):
 def test_a_logged_map_read_back_is_passable_impassable_and_unknown_where_it_was(tmp_path):
     cost = np.linspace(0.0, 1.2, 500, dtype=np.float32).reshape(20, 25)
     cost[0, 0], cost[0, 1], cost[5, 5] = np.nan, np.inf, np.nextafter(np.float32(1.0), np.float32(0.0))
-    with McapLog(tmp_path / "log.mcap", world=World(cost)):
+    with McapLog(tmp_path / "log.mcap", state=Ground(cost).state()):
         pass
     (logged,) = (m.message for m in read(tmp_path / "log.mcap")["/map"])
     grid = OccupancyGrid(1.0, logged.info.width, logged.info.height, np.array(logged.data, np.int8))
@@ -157,8 +157,8 @@ def test_a_path_that_only_shrank_is_not_written_again_and_a_lost_one_is(tmp_path
 
 def test_a_log_fills_at_most_its_limit_and_keeps_the_newest(tmp_path, monkeypatch):
     monkeypatch.setattr(mcap_log, "_FLUSH_EVERY_S", 0.0)
-    rng, world = np.random.default_rng(0), World(np.full((20, 20), 0.2, np.float32))
-    with McapLog(tmp_path / "log.mcap", limit_mb=0.2, world=world) as log:
+    rng, state = np.random.default_rng(0), Ground(np.full((20, 20), 0.2, np.float32)).state()
+    with McapLog(tmp_path / "log.mcap", limit_mb=0.2, state=state) as log:
         for tick in range(400):
             log.publish(answer(rng.integers(0, 1000, (50, 2)), tick))
     files = sorted(tmp_path.iterdir())
@@ -232,7 +232,7 @@ def test_a_full_disk_ends_the_log_with_one_warning_and_not_the_loop(tmp_path, mo
     log = McapLog(tmp_path / "log.mcap")
     monkeypatch.undo()
     monkeypatch.setattr(mcap_log, "_FLUSH_EVERY_S", 0.0)
-    nav = Navigator(World(np.full((60, 60), 0.2, np.float32)))
+    nav = Navigator(Ground(np.full((60, 60), 0.2, np.float32)))
     source = InProcessSource()
     source.put(Pose(3, 3))
     goals = iter(range(40))
@@ -295,11 +295,11 @@ def test_no_input_is_lost_for_want_of_an_answer(tmp_path):
 
 def test_the_map_is_shown_again_while_heights_come(tmp_path, monkeypatch):
     monkeypatch.setattr(mcap_log, "_MAP_EVERY_S", 0.0)
-    world = World.of_elevation(np.zeros((20, 20), np.float32), 1.0)
+    state = Ground.of_elevation(np.zeros((20, 20), np.float32), 1.0).state()
     patch = MapPatch(5, 5, elevation=np.array([[3.0]]))
-    with McapLog(tmp_path / "log.mcap", world=world) as log:
+    with McapLog(tmp_path / "log.mcap", state=state) as log:
         log.publish(answer([]))
-        world.put(patch)
+        state.update_elevation(5, 5, patch.elevation)
         log.record(patch)
         log.publish(answer([]))
         log.publish(answer([]))
@@ -314,7 +314,7 @@ def test_the_map_is_shown_again_while_heights_come(tmp_path, monkeypatch):
     [
         ({"limit_mb": 0.01}, "at least 0.1 MB here, got 0.01"),
         ({"limit_mb": float("nan")}, "got nan"),
-        ({"limit_mb": 1.0, "world": World(np.zeros((600, 600), np.float32))}, "at least 1.44 MB"),
+        ({"limit_mb": 1.0, "state": Ground(np.zeros((600, 600), np.float32)).state()}, "at least 1.44 MB"),
         ({"cell_size_m": 0.0}, "above 0 m"),
     ],
 )

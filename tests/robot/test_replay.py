@@ -21,7 +21,7 @@ from nnpp_edge.runtime.loop.inprocess import InProcessSource
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.ground import Ground
 from tests.robot.conftest import free
 
 SHAPE = (40, 60)
@@ -51,7 +51,7 @@ def test_a_fast_replay_gives_the_same_answers_each_time(tmp_path, drive, method)
     path = scene(tmp_path / "scene.jsonl")
     runs = []
     for _ in range(2):
-        navigator = Navigator(World(free()), NavigatorSettings(method=method))
+        navigator = Navigator(Ground(free()), NavigatorSettings(method=method))
         source = ReplaySource(path, shape=SHAPE, fast=True)
         runs.append(drive(navigator, source, rate_hz=0.5, paced=False))
     assert told(runs[0].paths) == told(runs[1].paths)
@@ -113,7 +113,7 @@ def test_at_full_speed_a_tick_gets_all_that_one_recorded_tick_got(tmp_path, driv
         recorder.record(MapPatch(n % 40, 0, cost=np.full((1, 60), 0.1 + 0.001 * n)), float(n // 200))
     recorder.close()
     source = ReplaySource(recorder.path, fast=True)
-    ended = drive(Navigator(World(free())), source, rate_hz=2000.0, paced=False)
+    ended = drive(Navigator(Ground(free())), source, rate_hz=2000.0, paced=False)
     assert [m.map_version for m in ended.paths] == [200, 400, 600]
 
 

@@ -13,7 +13,7 @@ import pytest
 rerun = pytest.importorskip("rerun")
 
 from nnpp_edge.robot.transports.rerun_view import RerunSink  # noqa: E402
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError, Status  # noqa: E402, Status
+from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError, Status  # noqa: E402
 from nnpp_edge.runtime.loop.messages import (  # noqa: E402
     Counters,
     Goal,
@@ -23,7 +23,7 @@ from nnpp_edge.runtime.loop.messages import (  # noqa: E402
     Pose,
     StatusMessage,
 )
-from nnpp_edge.runtime.loop.world import World  # noqa: E402
+from nnpp_edge.runtime.map.ground import Ground  # noqa: E402
 from nnpp_edge.runtime.terrain.vehicle import Vehicle  # noqa: E402
 from nnpp_edge.viz.picture import cost_picture  # noqa: E402
 
@@ -45,14 +45,14 @@ def read(path):
 def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
     cost = np.linspace(0.0, 0.9, 20 * 30, dtype=np.float32).reshape(20, 30)
     cost[4, 4] = np.inf
-    world = World(cost)
-    with RerunSink(tmp_path / "loop.rrd", world=world, map_every_s=0.0) as sink:
+    state = Ground(cost).state()
+    with RerunSink(tmp_path / "loop.rrd", state=state, map_every_s=0.0) as sink:
         sink.record(Pose(3.25, 4.5))
         sink.record(Goal(7, 8))
         sink.record(MapPatch(2, 3, cost=np.zeros((4, 5))))
         for tick in (1, 2):
             sink.publish(PathMessage(tick, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
-        world.put(MapPatch(0, 0, cost=np.array([[1.0]])))
+        state.update(0, 0, np.array([[1.0]]))
         sink.publish(PathMessage(3, Status.NO_PATH, Origin.NONE, reason="walled in", planning_ms=4.0))
         sink.publish(StatusMessage(3, Status.NO_PATH, "how it is", Counters(tick_ms={"p99": 2.5}, rss_bytes=10**7)))
         sink.record(Pose(3.5, 4.5))
@@ -72,13 +72,13 @@ def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
     pictures = [np.frombuffer(bytes(p[0]), np.uint8).reshape(20, 30, 3) for p in found["/map/cost"]["buffer"]]
     assert len(pictures) == 2, "anew only where it has changed"
     np.testing.assert_array_equal(pictures[0], cost_picture(cost)[..., ::-1])
-    np.testing.assert_array_equal(pictures[1], cost_picture(world.cost())[..., ::-1])
+    np.testing.assert_array_equal(pictures[1], cost_picture(state.cost())[..., ::-1])
 
 
 def test_a_recording_holds_the_outline_of_the_body_along_the_path(tmp_path):
     body = Vehicle(length_m=2.0, width_m=1.0, clearance_m=0.3)
-    world = World.of_elevation(np.zeros((20, 30), np.float32), 0.5, vehicle=body)
-    with RerunSink(tmp_path / "loop.rrd", world=world) as sink:
+    state = Ground.of_elevation(np.zeros((20, 30), np.float32), 0.5, vehicle=body).state()
+    with RerunSink(tmp_path / "loop.rrd", state=state) as sink:
         line = np.array([(5, 5 + n) for n in range(9)], np.int32)
         sink.publish(PathMessage(1, Status.OK, Origin.FULL, line))
         sink.publish(PathMessage(2, Status.NO_PATH, Origin.NONE))
@@ -104,7 +104,7 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
             with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
                 break
             time.sleep(0.05)
-        with RerunSink.at(f"rerun+http://127.0.0.1:{port}/proxy", World(np.full((20, 30), 0.3, np.float32))) as sink:
+        with RerunSink.at(f"rerun+http://127.0.0.1:{port}/proxy", Ground(np.full((20, 30), 0.3)).state()) as sink:
             for tick in (1, 2):
                 sink.publish(PathMessage(tick, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
         sizes = [-1, 0]

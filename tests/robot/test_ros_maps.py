@@ -12,7 +12,8 @@ from nnpp_edge.ros.maps import GridMap, MapFrame, OccupancyGrid, grid_map_patch,
 from nnpp_edge.ros.messages import definition, grid_message, heights_message
 from nnpp_edge.ros.occupancy import as_cost, as_occupancy
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.terrain.dem import read_dem
 
 NAN = np.nan
@@ -205,13 +206,15 @@ def test_a_patch_is_moved_to_the_nearest_cells_but_never_resampled():
         occupancy_patch(source, MapFrame(0.5))
 
 
-def test_cells_that_were_not_seen_stay_as_the_world_has_them():
-    world = World(np.full((4, 5), 0.3, np.float32))
+def test_cells_that_were_not_seen_stay_as_the_map_has_them():
+    loop = Navigator(Ground(np.full((4, 5), 0.3, np.float32)))
     grid = OccupancyGrid(1.0, 2, 1, np.array([-1, 100]), 1.0, 2.0)
-    assert world.put(occupancy_patch(grid, MapFrame(1.0)))
-    assert world.cost()[2].tolist() == pytest.approx([0.3, 0.3, math.inf, 0.3, 0.3])
-    assert world.put(occupancy_patch(grid, MapFrame(1.0), keep_known=False))
-    assert world.cost()[2, 1] == math.inf
+    loop.offer(occupancy_patch(grid, MapFrame(1.0)))
+    loop.tick()
+    assert loop.map.cost()[2].tolist() == pytest.approx([0.3, 0.3, math.inf, 0.3, 0.3])
+    loop.offer(occupancy_patch(grid, MapFrame(1.0), keep_known=False))
+    loop.tick()
+    assert np.argwhere(loop.map.unknown()).tolist() == [[2, 1]] and not loop.planner.is_passable((2, 1))
 
 
 def test_a_layer_may_hold_costs():

@@ -198,7 +198,7 @@ class Sink:
 def test_at_a_rate_or_not_the_loop_drives_and_sinks_get_everything(rate):
     sink = Sink()
     settings = SimulationSettings("astar", rate_hz=rate, changes=1)
-    drive = simulate(flat(), (5, 5), (20, 30), settings, make_sinks=lambda world: [sink])
+    drive = simulate(flat(), (5, 5), (20, 30), settings, make_sinks=lambda state: [sink])
     assert drive.reached and drive.forbidden == 0
     paths = [m for m in sink.answers if isinstance(m, PathMessage)]
     assert len(paths) + drive.counters.drops.get("test", 0) == drive.counters.ticks
@@ -207,7 +207,7 @@ def test_at_a_rate_or_not_the_loop_drives_and_sinks_get_everything(rate):
 
 
 def test_a_sink_that_raises_is_counted():
-    drive = simulate(flat(), (5, 5), (9, 9), make_sinks=lambda world: [Sink(fails=True)])
+    drive = simulate(flat(), (5, 5), (9, 9), make_sinks=lambda state: [Sink(fails=True)])
     assert drive.reached and drive.counters.errors == {"sink test": drive.counters.ticks}
 
 

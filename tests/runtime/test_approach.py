@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Goal, MapPatch, Navigator, NavigatorSettings, Planner, Pose, Status, Vehicle, World
+from nnpp_edge.runtime import Goal, Ground, MapPatch, Navigator, NavigatorSettings, Planner, Pose, Status, Vehicle
 from nnpp_edge.runtime.loop.approach import place_towards
 
 FREE = np.float32(0.2)
@@ -22,15 +22,15 @@ def place_for(cost, goal, start, margin=2, present=None):
     return place_towards(goal, start, reached_from(cost, start), beyond, np.isnan(cost), margin, present)
 
 
-def drive(world, truth, start, goal, *, sight, ticks):
+def drive(ground, truth, start, goal, *, sight, ticks):
     """Go two cells a tick along the loop's path, and see so far; the cells driven, and the last answer."""
-    nav = Navigator(world, NavigatorSettings(approach=True))
+    nav = Navigator(ground, NavigatorSettings(approach=True))
     nav.offer(Goal(*goal))
     driven, (down, right) = [start], np.ogrid[: truth.shape[0], : truth.shape[1]]
     for _ in range(ticks):
         row, col = driven[-1]
         seen = np.where(np.hypot(down - row, right - col) <= sight, truth, np.float32(np.nan))
-        nav.offer(MapPatch(0, 0, **{"cost" if world.ground is None else "elevation": seen}, keep_known=True))
+        nav.offer(MapPatch(0, 0, **{"cost" if ground.elevation is None else "elevation": seen}, keep_known=True))
         nav.offer(Pose(row + 0.5, col + 0.5))
         message = nav.tick()
         driven += [tuple(cell) for cell in message.path[1:3].tolist()]
@@ -84,8 +84,8 @@ def test_a_goal_that_is_known_and_shut_off_is_gone_near_to():
 def test_a_robot_finds_its_way_out_of_a_pocket_that_opens_away_from_the_goal():
     truth = np.full((60, 80), FREE)
     truth[20:41, 50] = truth[20, 25:51] = truth[40, 25:51] = np.inf
-    world = World(np.full(truth.shape, np.nan, np.float32))
-    driven, message = drive(world, truth, (30, 30), (30, 70), sight=9, ticks=150)
+    ground = Ground(np.full(truth.shape, np.nan, np.float32))
+    driven, message = drive(ground, truth, (30, 30), (30, 70), sight=9, ticks=150)
     assert driven[-1] == (30, 70) and message.ok and not message.goal_moved
     assert all(truth[cell] < 1.0 for cell in driven)
     assert max(col for row, col in driven if 20 < row < 40 and col < 50) > 38  # it saw the pocket's end first
@@ -95,6 +95,6 @@ def test_a_body_comes_as_near_to_the_unknown_as_it_can_and_goes_on():
     truth = np.zeros((50, 70), np.float32)
     truth[15:36, 30] = 1.0
     rover = Vehicle(length_m=0.6, width_m=0.4, clearance_m=0.2)
-    world = World.of_elevation(np.full(truth.shape, np.nan, np.float32), 0.1, vehicle=rover)
-    driven, message = drive(world, truth, (25, 10), (25, 60), sight=12, ticks=120)
+    ground = Ground.of_elevation(np.full(truth.shape, np.nan, np.float32), 0.1, vehicle=rover)
+    driven, message = drive(ground, truth, (25, 10), (25, 60), sight=12, ticks=120)
     assert driven[-1] == (25, 60) and message.outcome is Status.OK

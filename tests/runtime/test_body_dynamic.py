@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Navigator, NavigatorSettings, Planner, Vehicle, World, pose_costs
-from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime import DynamicPlanner, Ground, Navigator, NavigatorSettings, Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 from tests import pose_oracles
@@ -75,15 +74,15 @@ def _cost_from(dem, path, at):
 def test_no_path_is_published_that_fails_the_newest_check(method):
     dem, rng = ground(2)
     goal = (len(dem) - 8, len(dem) - 9)
-    world = World.of_elevation(dem, CELL_M, vehicle=ROVER)
-    navigator = Navigator(world, NavigatorSettings(method))
+    navigator = Navigator(Ground.of_elevation(dem, CELL_M, vehicle=ROVER), NavigatorSettings(method))
     navigator.offer(Goal(*goal))
-    at, published = (7, 8), 0
+    at, published, told = (7, 8), 0, np.zeros(dem.shape, np.float32)
     for tick in range(40):
         navigator.offer(Pose(*at))
         if tick % 4 == 3:  # an obstacle, told as costs, comes and goes
             wall = np.full((1, 5), math.inf if tick % 8 == 3 else 0.2, np.float32)
             navigator.offer(MapPatch(20, 18, cost=wall))
+            told[20, 18:23] = wall
         else:
             row, col, patch = bumped(dem, rng)
             dem[row : row + 6, col : col + 6] = patch
@@ -92,7 +91,7 @@ def test_no_path_is_published_that_fails_the_newest_check(method):
         if not message.ok:
             continue
         published += 1
-        costs = pose_costs(world.heights(), CELL_M, ROVER)
+        costs = pose_costs(np.where(told < 1.0, dem, np.nan), CELL_M, ROVER)
         assert math.isfinite(pose_oracles.path_cost_over_poses(costs, message.path, SCALE))
         _assert_stands_in_its_headings(costs, message)
         at = tuple(message.path[min(1, len(message.path) - 1)].tolist())
@@ -110,20 +109,3 @@ def _assert_stands_in_its_headings(costs, message):
         step = round(-math.cos(math.radians(heading))), round(math.sin(math.radians(heading)))
         way = HEADINGS.index(step if step in HEADINGS else (-step[0], -step[1]))
         assert math.isfinite(costs[way, row, col])
-
-
-def test_what_costs_make_impassable_is_as_unknown_ground():
-    world = World.of_elevation(np.zeros((30, 30), np.float32), CELL_M, vehicle=ROVER)
-    assert np.isfinite(world.heights()).all()
-    world.put(MapPatch(10, 10, cost=np.array([[math.inf, 0.3]], np.float32)))
-    assert np.argwhere(np.isnan(world.heights())).tolist() == [[10, 10]]
-    straight = np.array([(row, 10) for row in range(6, 16)], np.int32)
-    assert world.path_problem(straight, True) == "the vehicle does not stand on all of it"
-    world.put(MapPatch(10, 10, cost=np.array([[0.3]], np.float32)))
-    assert world.path_problem(straight, True) == ""
-
-
-def test_costs_are_no_ground_to_stand_on():
-    planner = DynamicPlanner.of_elevation(np.zeros((30, 30), np.float32), CELL_M, (20, 20), vehicle=ROVER)
-    with pytest.raises(InvalidMapError, match="wanted elevations"):
-        planner.update(3, 4, np.ones((1, 1), np.float32))

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, InvalidMessageError, MapPatch, Planner, World, traversability_cost
+from nnpp_edge.runtime import (
+    DynamicPlanner,
+    Ground,
+    InvalidMessageError,
+    MapPatch,
+    Navigator,
+    Planner,
+    traversability_cost,
+)
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from tests.oracles import dijkstra
 
@@ -85,9 +93,10 @@ def test_weights_beyond_what_sums_can_tell_apart_are_refused(weight):
     with pytest.raises(InvalidMapError, match="got one of"):
         planner.update(50, 50, np.full((2, 2), weight))
     assert planner.plan(*ENDS, method="astar").cost == before
-    world = World(PLAIN, step_cost="length")
+    loop = Navigator(Ground(PLAIN, step_cost="length"))
     if weight >= 0.0:
-        assert not world.put(MapPatch(0, 0, cost=np.full((2, 2), weight)))
+        loop.offer(MapPatch(0, 0, cost=np.full((2, 2), weight)))
+        assert loop.counters().patches_rejected == 1
 
 
 @pytest.mark.parametrize("array", [np.full((2, 2), 1e39), np.full((2, 2), -1.7e308), [[1.0, 2.0], [1.0]], np.ones(3)])
@@ -123,9 +132,10 @@ def test_a_masked_cell_is_unknown_everywhere(dtype):
     cost = traversability_cost(weights, 1.0)
     assert np.argwhere(np.isinf(cost)).tolist() == [[2, 2]]
     assert np.argwhere(np.isnan(MapPatch(0, 0, elevation=weights).elevation)).tolist() == [[2, 2]]
-    world = World.of_elevation(plain, 1.0)
-    assert world.put(MapPatch(0, 0, elevation=weights))
-    assert np.isinf(world.cost()[2, 2])
+    loop = Navigator(Ground.of_elevation(plain, 1.0))
+    loop.offer(MapPatch(0, 0, elevation=weights))
+    loop.tick()
+    assert np.isinf(loop.map.cost()[2, 2])
 
 
 def test_a_mask_hides_numbers_that_no_map_can_hold():

@@ -11,7 +11,7 @@ import weakref
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Navigator, NavigatorSettings, NetworkModel, Planner, World, plan_path
+from nnpp_edge.runtime import Ground, Navigator, NavigatorSettings, NetworkModel, Planner, plan_path
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.loop import navigator
 from nnpp_edge.runtime.network import loading
@@ -136,8 +136,7 @@ def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
 
 
 def test_the_loop_reads_a_changed_model_again_and_an_unchanged_one_not(fresh_model, sessions):
-    world = World(COST)
-    loop = Navigator(world, NavigatorSettings(method="nnpp", model=fresh_model))
+    loop = Navigator(Ground(COST), NavigatorSettings(method="nnpp", model=fresh_model))
     loop.reload()
     loop.tick()
     assert len(sessions.paths) == 1
@@ -253,10 +252,10 @@ def test_the_loop_begins_to_load_before_it_reads_its_map(fresh_model, monkeypatc
     begun = []
     monkeypatch.setattr(navigator, "begin_loading", begun.append)
     for method in ("auto", "dstar", "corridor-dstar"):
-        Navigator(World(COST), NavigatorSettings(method=method, model=fresh_model))
+        Navigator(Ground(COST), NavigatorSettings(method=method, model=fresh_model))
     assert begun == []
     for method in ("nnpp", "nnpp-dstar"):
-        Navigator(World(COST), NavigatorSettings(method=method, model=fresh_model))
+        Navigator(Ground(COST), NavigatorSettings(method=method, model=fresh_model))
     assert begun == [fresh_model, fresh_model]
 
 

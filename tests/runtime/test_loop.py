@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import NetworkModel, traversability_cost
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError, Status
+from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, Status
 from nnpp_edge.runtime.loop import sinks
 from nnpp_edge.runtime.loop.histogram import Histogram
 from nnpp_edge.runtime.loop.inprocess import InProcessSink, InProcessSource
@@ -29,10 +29,9 @@ from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.realtime import rss_bytes
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.ticker import Ticker
-from nnpp_edge.runtime.loop.world import World
-from nnpp_edge.runtime.map.slope_cost import EnergyCost, Mobility
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network import loading
-from nnpp_edge.runtime.planners.plan import Method, Plan, path_costs
+from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from tests.conftest import write_tiny_model
@@ -58,7 +57,7 @@ def free(shape=(40, 60)):
 
 
 def navigator(cost=None, start=(5, 5), goal=(35, 55), **settings):
-    nav = Navigator(World(free() if cost is None else cost), NavigatorSettings(**settings))
+    nav = Navigator(Ground(free() if cost is None else cost), NavigatorSettings(**settings))
     nav.offer(Pose(*start))
     nav.offer(Goal(*goal))
     return nav
@@ -210,51 +209,59 @@ def test_a_patch_is_a_copy():
     assert Pose(3.99, -0.5).cell == (3, -1)
 
 
-# --- the world
+# --- the map
 
 
 def test_heights_are_turned_into_costs_as_if_they_had_always_been_there():
     rng = np.random.default_rng(0)
     heights = np.cumsum(rng.normal(0, 0.1, (40, 50)), axis=1).astype(np.float32)
-    world = World.of_elevation(heights, 0.5)
+    nav = Navigator(Ground.of_elevation(heights, 0.5))
     for _ in range(20):
-        row, col = int(rng.integers(-5, 40)), int(rng.integers(-5, 50))
+        row, col = int(rng.integers(-12, 44)), int(rng.integers(-9, 54))
         new = rng.normal(0, 0.2, (9, 7)).astype(np.float32)
         new[rng.random(new.shape) < 0.2] = rng.choice([np.nan, np.inf, -np.inf])
-        if not world.put(MapPatch(row, col, elevation=new)):
-            continue
+        nav.offer(MapPatch(row, col, elevation=new))
+        if rng.random() < 0.3:  # some wait for others
+            nav.tick()
         for i in range(9):
             for j in range(7):
                 if 0 <= row + i < 40 and 0 <= col + j < 50:
                     heights[row + i, col + j] = new[i, j] if np.isfinite(new[i, j]) else np.nan
-    np.testing.assert_array_equal(world.cost(), traversability_cost(heights, 0.5, warn=False))
-    assert world.clipped > 0
+    nav.tick()
+    np.testing.assert_array_equal(nav.map.elevation(), heights)
+    np.testing.assert_array_equal(nav.map.cost(), traversability_cost(heights, 0.5, warn=False))
+    assert nav.counters().patches_clipped > 0 and nav.counters().patches_rejected > 0
 
 
 def test_cells_that_were_not_seen_are_impassable_or_stay():
     for elevation in (False, True):
         heights = np.zeros((20, 20), np.float32)
-        world = World.of_elevation(heights, 1.0) if elevation else World(free((20, 20)))
+        nav = Navigator(Ground.of_elevation(heights, 1.0) if elevation else Ground(free((20, 20))))
         new = np.zeros((4, 4), np.float32)
         new[1, 1] = np.nan
         name = "elevation" if elevation else "cost"
-        world.put(MapPatch(5, 5, keep_known=True, **{name: new}))
-        assert (world.cost() < 1.0).all()
-        world.put(MapPatch(5, 5, **{name: new}))
-        assert not np.isfinite(world.cost()[6, 6])
-        assert (world.cost() < 1.0).sum() == 399
+        for keep_known in (True, False):
+            nav.offer(MapPatch(5, 5, keep_known=keep_known, **{name: new}))
+            nav.tick()
+            assert (nav.map.cost() < 1.0).sum() == 399 + keep_known
+            assert nav.map.unknown().sum() == 1 - keep_known
 
 
 def test_patches_off_the_map_and_of_the_wrong_kind_are_counted():
-    world = World(free())
-    assert not world.put(MapPatch(100, 0, cost=free((3, 3))))
-    assert not world.put(MapPatch(-3, 0, cost=free((3, 3))))
-    assert not world.put(MapPatch(0, 0, elevation=free((3, 3))))
-    assert world.put(MapPatch(-1, -1, cost=free((3, 3)) + 0.1))
-    assert (world.rejected, world.clipped, world.version) == (3, 1, 1)
-    assert not World(free(), step_cost="length").put(MapPatch(0, 0, cost=np.zeros((1, 1))))
-    with pytest.raises(InvalidMapError, match="together"):
-        World(free(), elevation=free())
+    nav = Navigator(Ground(free()))
+    for patch in (
+        MapPatch(100, 0, cost=free((3, 3))),
+        MapPatch(-3, 0, cost=free((3, 3))),
+        MapPatch(0, 0, elevation=free((3, 3))),
+        MapPatch(-1, -1, cost=free((3, 3)) + 0.1),
+    ):
+        nav.offer(patch)
+    counters = nav.counters()
+    assert (counters.patches, counters.patches_rejected, counters.patches_clipped) == (4, 3, 1)
+    assert nav.tick().map_version == 1
+    lengths = Navigator(Ground(free(), step_cost="length"))
+    lengths.offer(MapPatch(0, 0, cost=np.zeros((1, 1))))
+    assert lengths.counters().patches_rejected == 1
 
 
 def test_a_flood_of_patches_is_merged_and_none_is_lost():
@@ -277,21 +284,21 @@ def test_a_flood_of_patches_is_merged_and_none_is_lost():
         nav.offer(MapPatch(row, col, cost=np.full((2, 2), value)))
         cost[row : row + 2, col : col + 2] = value
     message = nav.tick()
-    check(message, nav.world.cost())
-    assert message.cost == pytest.approx(Planner(nav.world.cost()).plan((5, 5), (35, 55), method="astar").cost)
+    check(message, nav.map.cost())
+    assert message.cost == pytest.approx(Planner(nav.map.cost()).plan((5, 5), (35, 55), method="astar").cost)
     written = cost != free()
-    np.testing.assert_array_equal(nav.world.cost()[written], cost[written])
+    np.testing.assert_allclose(nav.map.cost()[written], cost[written], rtol=1e-6)
     counters = nav.counters()
     assert counters.patches == 2300
     assert counters.patches_merged > 0
-    assert nav.world.read_changes() == (2300, [])
+    assert message.map_version == 2300
 
 
 # --- the navigator
 
 
 def test_it_waits_for_pose_and_goal():
-    nav = Navigator(World(free()))
+    nav = Navigator(Ground(free()))
     assert nav.tick().outcome is Status.NO_POSE
     nav.offer(Pose(1, 1))
     assert nav.tick().outcome is Status.NO_GOAL
@@ -312,7 +319,7 @@ def test_a_path_is_kept_while_it_holds_and_planned_anew_when_it_does_not():
     nav.offer(MapPatch(row, col, cost=np.full((1, 1), np.inf)))
     new = nav.tick()
     assert new.origin is Origin.FULL
-    check(new, nav.world.cost())
+    check(new, nav.map.cost())
     nav.offer(Goal(3, 50))
     assert nav.tick().goal == (3, 50)
     counters = nav.counters()
@@ -414,7 +421,7 @@ def test_what_is_unknown_around_a_body_is_said():
     heights = np.zeros((40, 40), np.float32)
     heights[10:20, 10:20] = np.nan
     rover = Vehicle(length_m=0.6, width_m=0.4, clearance_m=0.2)
-    nav = Navigator(World.of_elevation(heights, 0.1, vehicle=rover))
+    nav = Navigator(Ground.of_elevation(heights, 0.1, vehicle=rover))
     nav.offer(Pose(15, 15))
     nav.offer(Goal(30, 30))
     message = nav.tick()
@@ -551,21 +558,31 @@ def test_a_map_that_changes_while_planning_holds_the_path_back(monkeypatch):
 
     monkeypatch.setattr(nav.planner, "replan", and_then_a_wall)
     message = nav.tick()
-    assert not message.ok
-    assert "changed while planning" in message.reason
+    assert message.outcome is Status.NO_PATH, "the corridor was planned on the map with the wall"
     monkeypatch.undo()
     assert nav.tick().outcome is Status.NO_PATH
 
 
-def test_a_map_update_that_raises_makes_the_planner_anew(monkeypatch):
+def test_a_map_update_that_raises_is_tried_again_and_no_path_is_published_without_it(monkeypatch):
     nav = navigator()
-    nav.tick()
-    monkeypatch.setattr(nav.planner, "update", raising)
+    first, update, left = nav.tick(), nav.planner.update, [1]
+
+    def raising_at_first(*patch, **options):
+        left[0] -= 1
+        return raising() if left[0] >= 0 else update(*patch, **options)
+
+    monkeypatch.setattr(nav.planner, "update", raising_at_first)
     nav.offer(MapPatch(10, 0, cost=np.full((1, 59), np.inf)))
     message = nav.tick()
-    check(message, nav.world.cost())
-    assert message.ok
+    assert message.ok and message.path[:, 1].max() == 59
+    check(message, nav.map.cost())
     assert nav.counters().errors == {"map": 1}
+    left[0] = 2
+    nav.offer(MapPatch(10, 59, cost=np.full((1, 1), np.inf)))
+    assert nav.tick().outcome is Status.UNKNOWN, "which is better than a path through the wall"
+    assert nav.tick().outcome is Status.NO_PATH, "the patch has waited"
+    assert nav.counters().errors == {"map": 2, "tick": 1}
+    assert first.map_version == 0
 
 
 def test_anything_else_that_raises_is_an_outcome(monkeypatch):
@@ -650,7 +667,7 @@ def test_it_runs_at_its_rate_and_sends_answers_and_status():
         assert source.put(Pose(3 + n, 3))
     source.put(Goal(30, 50))
     source.put(MapPatch(10, 10, cost=free((3, 3)) + 0.5))
-    loop = Loop(Navigator(World(free())), source, [sink], rate_hz=200.0, status_every_s=0.05, queue=100)
+    loop = Loop(Navigator(Ground(free())), source, [sink], rate_hz=200.0, status_every_s=0.05, queue=100)
     began = time.monotonic()
     counters = loop.run(41)
     elapsed_s = time.monotonic() - began
@@ -866,71 +883,38 @@ def test_a_rate_must_be_positive():
             NavigatorSettings(**wrong)
 
 
-def test_a_patch_of_heights_that_the_map_has_already_changes_nothing():
+def test_heights_and_costs_that_the_map_has_already_change_nothing():
     heights = np.random.default_rng(0).normal(0.0, 0.01, (30, 40)).astype(np.float32)
     heights[3, 4] = np.nan
-    world = World.of_elevation(heights, 0.5, vehicle=Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3))
-    assert world.put(MapPatch(0, 0, elevation=heights[:20, :20]))
-    assert world.read_changes() == (1, [])
-    other = heights.copy()
-    other[10:12, 15], other[11, 17] = 0.5, np.nan
-    assert world.put(MapPatch(5, 5, elevation=other[5:25, 5:35]))
-    version, ((row, col, changed),) = world.read_changes()
-    assert (version, row, col) == (2, 9, 14), "with the rim whose costs are other ones"
-    np.testing.assert_array_equal(changed, other[9:13, 14:19])
-    np.testing.assert_array_equal(world.heights(), other)
-    np.testing.assert_array_equal(world.cost(), World.of_elevation(other, 0.5).cost())
+    for vehicle in (None, Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3), Vehicle(radius_m=0.6)):
+        state = Ground.of_elevation(heights, 0.5, vehicle=vehicle).state()
+        assert state.update_elevation(0, 0, heights[:20, :20]).cells == 0
+        other = heights.copy()
+        other[10:12, 15], other[11, 17] = 0.5, np.nan
+        (row, col, rows, cols) = state.update_elevation(5, 5, other[5:25, 5:35]).part
+        assert row > 5 and col > 8 and row + rows < 20 and col + cols < 25
+        np.testing.assert_array_equal(state.elevation(), other)
+        np.testing.assert_array_equal(state.cost(), Ground.of_elevation(other, 0.5).costs())
+        assert state.update(2, 2, np.full((2, 2), np.nan)).cells == 0
+        assert state.update(2, 2, np.ones((2, 2))).cells > 0
+        assert vehicle is not None or state.update(2, 2, np.ones((2, 2))).cells == 0
 
 
 def test_a_disc_drives_past_what_it_must_not_touch():
     heights = np.zeros((40, 60), np.float32)
     heights[:18, 30] = heights[24:, 30] = np.nan
     for radius_m, outcome in ((0.4, Status.OK), (2.0, Status.NO_PATH)):
-        world = World.of_elevation(heights, 0.5, vehicle=Vehicle(radius_m=radius_m))
-        found = Navigator(world)
-        found.offer(Pose(20.0, 10.0))
-        found.offer(Goal(20, 50))
-        message = found.tick()
-        assert message.outcome is outcome
+        nav = Navigator(Ground.of_elevation(heights, 0.5, vehicle=Vehicle(radius_m=radius_m)))
+        nav.offer(Pose(20.0, 10.0))
+        nav.offer(Goal(20, 50))
+        assert nav.tick().outcome is outcome
     beside = np.array([(18, 28), (18, 29)], np.int32)
-    assert world.path_problem(beside, True) == "the vehicle touches an impassable cell"
-    assert world.path_problem(beside - np.int32((0, 10)), True) == ""
-
-
-@pytest.mark.parametrize("method", ["dstar", "corridor-dstar", "auto"])
-@pytest.mark.parametrize("step_cost", ["tobler", "energy"])
-def test_a_world_of_heights_is_planned_on_by_the_slope_and_the_standing_path_checked_by_it(step_cost, method):
-    rng = np.random.default_rng(4)
-    heights = np.cumsum(rng.normal(0.0, 0.05, (48, 64)), axis=1).astype(np.float32)
-    slopes = {"step_cost": step_cost, "mobility": Mobility(energy=EnergyCost(50.0, 0.1))}
-    world = World.of_elevation(heights, 1.0, **slopes)
-    nav = Navigator(world, NavigatorSettings(method=method, tolerance=1e-4))
-    nav.offer(Pose(20.0, 10.0))
-    nav.offer(Goal(22, 58))
-    first = nav.tick()
-    nav.offer(Pose(*first.path[3]))
-    kept = nav.tick()
-    assert (first.origin, kept.origin) == (Origin.FULL, Origin.STANDING)
-    row, col = first.path[25].tolist()
-    for patch in (
-        MapPatch(row, col, elevation=heights[row : row + 1, col : col + 1] + 0.6),  # dear, but passable
-        MapPatch(row - 1, col, cost=np.full((3, 1), np.inf)),
-    ):
-        nav.offer(patch)
-        message, now = nav.tick(), Planner.of_elevation(world.heights(), 1.0, warn=False, **slopes)
-        check(message, world.cost())
-        best = now.plan(message.start, message.goal, method="astar")
-        standing = nav.planner.standing()
-        assert standing.valid and standing.cost == pytest.approx(
-            path_costs(now.state.grid, message.path)[0], rel=1e-6
-        )
-        assert standing.cost == pytest.approx(best.cost, rel=1e-5 if method == "dstar" else 0.05)
-        assert standing.lower_bound <= best.cost * (1.0 + 1e-6)
-    assert message.origin is Origin.FULL and np.isnan(world.heights()[row - 1 : row + 2, col]).all()
+    assert nav.planner.first_blocked(beside) == 0
+    assert nav.planner.first_blocked(beside - np.int32((0, 10))) == -1
 
 
 def test_a_step_cost_that_there_is_none_of_is_refused():
     with pytest.raises(InvalidQueryError, match="step_cost must be one of"):
-        World.of_elevation(np.zeros((4, 4), np.float32), 1.0, step_cost="effort")
+        Ground.of_elevation(np.zeros((4, 4), np.float32), 1.0, step_cost="effort")
     with pytest.raises(InvalidQueryError, match=r"mobility\.energy"):
-        World.of_elevation(np.zeros((4, 4), np.float32), 1.0, step_cost="energy")
+        Ground.of_elevation(np.zeros((4, 4), np.float32), 1.0, step_cost="energy")

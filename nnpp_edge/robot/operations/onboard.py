@@ -28,7 +28,8 @@ from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.realtime import Handler, signal_handlers
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.sinks import Sink
-from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.state import MapState
 
 _LOG = logging.getLogger(__name__)
 _STARTING: dict[signal.Signals, Handler] = {
@@ -56,19 +57,18 @@ class Pace:
 
 
 def run(
-    world: World,
+    ground: Ground,
     settings: NavigatorSettings,
     wiring: Wiring,
     pace: Pace,
     *,
     ticks: int | None = None,
-    cell_size_m: float = 1.0,
     report: Callable[[str], None] = lambda line: None,
 ) -> Counters:
     """Load kernels and network, connect everything, and run the loop until it is stopped or its input ends.
 
     SIGTERM and SIGINT end it after the tick, as do so many `ticks`; SIGHUP reloads the model. For the main thread.
-    The side of a cell is for logs; `report` is called with a line for each thing that is started.
+    `report` is called with a line for each thing that is started.
 
     Raises
     ------
@@ -78,14 +78,14 @@ def run(
     with signal_handlers(_STARTING), ExitStack() as stack:
         notifier = stack.enter_context(Notifier())
         exercise()
-        navigator = Navigator(world, settings)
+        navigator = Navigator(ground, settings)
         link = None
         if wiring.uses_zenoh:
             endpoint = wiring.endpoint or LOOPBACK
             link = stack.enter_context(ZenohLink(endpoint, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix))
         sinks, answer_fault = _answer_sinks(wiring, link)
         source = _input_source(wiring, navigator, link, answer_fault)
-        observers, records = _observers(stack, wiring, world, cell_size_m, report)
+        observers, records = _observers(stack, wiring, navigator.map, ground.sides_m[0], report)
         if records:
             source = stack.enter_context(RecordedSource(source, records, navigator.count_error, wait=wiring.fast))
         metrics = None if wiring.metrics_file is None else MetricsFile(wiring.metrics_file)
@@ -117,7 +117,8 @@ def run(
             report(f"metrics: http://{server.host}:{server.port}/metrics")
         with handling_signals(loop), stack:
             notifier.ready()
-            report(f"ready: {settings.method} at {pace.rate_hz:g} Hz, {world.shape[0]} × {world.shape[1]} cells")
+            rows, cols = navigator.map.shape
+            report(f"ready: {settings.method} at {pace.rate_hz:g} Hz, {rows} × {cols} cells")
             counters = loop.run(ticks)
             notifier.stopping()
             if metrics is not None:
@@ -168,7 +169,7 @@ def _input_source(
     kind, place = kind_and_place(wiring.input)
     refusals = Refusals(navigator.count_error, answer_fault)
     if kind == REPLAY:
-        return ReplaySource(Path(place), shape=navigator.world.shape, fast=wiring.fast)
+        return ReplaySource(Path(place), shape=navigator.map.shape, fast=wiring.fast)
     if kind == STDIN:
         return StdioSource(refusals, framing=wiring.framing)
     assert link is not None
@@ -176,21 +177,21 @@ def _input_source(
 
 
 def _observers(
-    stack: ExitStack, wiring: Wiring, world: World, cell_size_m: float, report: Callable[[str], None]
+    stack: ExitStack, wiring: Wiring, state: MapState, cell_size_m: float, report: Callable[[str], None]
 ) -> tuple[list[Sink], list[Record]]:
     """Further sinks for the answers, and recorders of the inputs."""
     sinks: list[Sink] = []
     records: list[Record] = []
     if wiring.record is not None:
-        recording = stack.enter_context(RecordingFile(wiring.record, world.shape))
+        recording = stack.enter_context(RecordingFile(wiring.record, state.shape))
         records.append(recording.record)
         report(f"recording: {recording.path}")
     if wiring.log is not None:
-        log = stack.enter_context(McapLog(wiring.log, world=world, cell_size_m=cell_size_m))
+        log = stack.enter_context(McapLog(wiring.log, state=state, cell_size_m=cell_size_m))
         sinks.append(log)
         records.append(lambda message, at_s: log.record(message))
     if wiring.view is not None:
-        view = stack.enter_context(RerunSink.at(wiring.view, world))
+        view = stack.enter_context(RerunSink.at(wiring.view, state))
         sinks.append(view)
         records.append(lambda message, at_s: view.record(message))
     return sinks, records

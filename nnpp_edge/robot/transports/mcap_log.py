@@ -42,7 +42,7 @@ from nnpp_edge.ros.messages import (
 )
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, Output, PathMessage, Pose
-from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.state import MapState
 
 _LOG = logging.getLogger(__name__)
 
@@ -78,8 +78,8 @@ class McapLog(Closing):
         Most megabytes on disk, not counting a second's messages; inf for no limit. A file of half that size is
         finished and renamed to ``NAME.1.mcap``, in place of an earlier one, and a new file is begun: the newest
         messages are kept.
-    world : World
-        Whose map is written.
+    state : MapState
+        The loop's map (`Navigator.map`), which is written.
     cell_size_m : float
         Side of a cell; 1 shows the map in cells.
 
@@ -90,22 +90,22 @@ class McapLog(Closing):
     OutputError
         The file cannot be begun.
     InvalidQueryError
-        The limit is too small: below 0.1, or below four bytes for each cell of the world.
+        The limit is too small: below 0.1, or below four bytes for each cell of the map.
     """
 
     name = "mcap"
 
     def __init__(
-        self, path: Path, *, limit_mb: float = 512.0, world: World | None = None, cell_size_m: float = 1.0
+        self, path: Path, *, limit_mb: float = 512.0, state: MapState | None = None, cell_size_m: float = 1.0
     ) -> None:
         self._mcap = optional_module("mcap.writer", "a log", "robot")
-        least = max(_LEAST_LIMIT_MB, 4e-6 * math.prod(world.shape)) if world else _LEAST_LIMIT_MB
+        least = max(_LEAST_LIMIT_MB, 4e-6 * math.prod(state.shape)) if state else _LEAST_LIMIT_MB
         if not limit_mb >= least:
             raise InvalidQueryError(f"the log's limit must be at least {least:.3g} MB here, got {limit_mb:g}")
         if not 0.0 < cell_size_m < math.inf:
             raise InvalidQueryError(f"the side of a cell must be above 0 m, got {cell_size_m}")
         self._path, self._limit = Path(path), 0.5e6 * limit_mb
-        self._world, self._cell = world, cell_size_m
+        self._state, self._cell = state, cell_size_m
         self._lock = threading.Lock()
         self._waiting: deque[tuple[int, Input]] = deque()
         self._last_path: NDArray[np.int32] | None = None
@@ -191,9 +191,9 @@ class McapLog(Closing):
 
     def _add_map(self) -> None:
         self._mapped, self._heights_came = time.monotonic(), False
-        if self._world is not None:
+        if self._state is not None:
             now = time.time_ns()
-            self._add("/map", now, grid_message(self._world.cost(), (0, 0), self._cell, now))
+            self._add("/map", now, grid_message(self._state.cost(), (0, 0), self._cell, now))
 
     def _add(self, topic: str, stamp: int, data: bytes) -> None:
         self._writer.add_message(self._channels[topic], log_time=stamp, publish_time=stamp, data=data)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from nnpp_edge.robot.closing import Closing
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Output, PathMessage, Pose
-from nnpp_edge.runtime.loop.world import World
+from nnpp_edge.runtime.map.state import MapState
 
 _PATH = (255, 120, 20)
 _DEGRADED = (235, 60, 200)
@@ -32,8 +32,9 @@ class RerunSink(Closing):
     address : str
         Show it in a viewer that listens there (``rerun+http://HOST:9876/proxy``). Without a path and an address, a
         viewer is started on this machine.
-    world : World
-        Whose map is shown, again when it has changed, but not more often than `map_every_s`.
+    state : MapState
+        The loop's map (`Navigator.map`), which is shown, again when it has changed, but not more often than
+        `map_every_s`.
     map_every_s : float
         Seconds.
 
@@ -54,13 +55,13 @@ class RerunSink(Closing):
         path: Path | None = None,
         *,
         address: str | None = None,
-        world: World | None = None,
+        state: MapState | None = None,
         map_every_s: float = 1.0,
     ) -> None:
         if path is not None and address is not None:
             raise InvalidQueryError("give rerun either a file or an address, got both")
         self._rr = optional_module("rerun", "a view", "viz")
-        self._world, self._map_every_s = world, map_every_s
+        self._state, self._map_every_s = state, map_every_s
         self._version, self._mapped, self._tick = -1, -math.inf, 0
         self._began = time.monotonic()
         self._outcome = ""
@@ -79,17 +80,17 @@ class RerunSink(Closing):
             raise OutputError(f"{where}: rerun cannot write there ({reason})") from error
 
     @classmethod
-    def at(cls, where: str, world: World | None = None) -> "RerunSink":
+    def at(cls, where: str, state: MapState | None = None) -> "RerunSink":
         """By a word: ``here`` starts a viewer, ``rerun+http://…`` is one's address, ``….rrd`` is a file to write.
 
         InvalidQueryError if it is none of these; other errors as of the class itself.
         """
         if where == "here":
-            return cls(world=world)
+            return cls(state=state)
         if where.startswith(("rerun://", "rerun+http://", "rerun+https://")):
-            return cls(address=where, world=world)
+            return cls(address=where, state=state)
         if where.endswith(".rrd"):
-            return cls(Path(where), world=world)
+            return cls(Path(where), state=state)
         raise InvalidQueryError(f"view must be here, rerun+http://HOST:9876/proxy or a file FILE.rrd, got {where!r}")
 
     def record(self, message: Input) -> None:
@@ -139,23 +140,23 @@ class RerunSink(Closing):
         self._stream.set_time(_TICKS, sequence=tick)
 
     def _show_map(self) -> None:
-        now = time.monotonic()
-        if self._world is None or self._world.version == self._version or now - self._mapped < self._map_every_s:
+        now, state = time.monotonic(), self._state
+        if state is None or state.log.version == self._version or now - self._mapped < self._map_every_s:
             return
         from nnpp_edge.viz.picture import cost_picture
 
-        self._version, self._mapped = self._world.version, now
-        picture = np.ascontiguousarray(cost_picture(self._world.cost())[..., ::-1])
+        self._version, self._mapped = state.log.version, now
+        picture = np.ascontiguousarray(cost_picture(state.cost())[..., ::-1])
         self._stream.log("map/cost", self._rr.Image(picture))
 
     def _show_bodies(self, path: NDArray[np.int32]) -> None:
-        """The outline of the world's vehicle along the path."""
-        terrain = None if self._world is None else self._world.ground
-        if terrain is None or terrain.vehicle is None:
+        """The outline of the map's vehicle along the path."""
+        vehicle, sides = (None, None) if self._state is None else (self._state.vehicle, self._state.sides_m)
+        if vehicle is None or sides is None:
             return
         from nnpp_edge.viz.picture import body_outlines
 
-        strips = [_points(outline) for outline in body_outlines(path, terrain.vehicle, terrain.sides_m)]
+        strips = [_points(outline) for outline in body_outlines(path, vehicle, sides)]
         self._stream.log("map/body", self._rr.LineStrips2D(strips, colors=_BODY, radii=0.15, draw_order=15.0))
 
     def _point(self, place: str, cell: tuple[float, float], colour: tuple[int, int, int]) -> None:

@@ -1,0 +1,156 @@
+"""One ground that one robot plans on: heights or costs, the sides of a cell, limits, vehicle, and what steps cost."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.map.disc import DiscState
+from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
+from nnpp_edge.runtime.memory import check_planner_fits
+from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A map, and the robot that plans on it. The arrays are those given; planners and loops copy them.
+
+    Raises
+    ------
+    InvalidMapError
+        Not exactly one of `cost` and `elevation` is given, it is not two-dimensional or is empty; heights without a
+        cell size; a body without heights.
+    InvalidQueryError
+        There is no such step cost, or its model needs a mobility.
+    """
+
+    cost: Float2D | None = None
+    """(H, W) float, as `Planner` takes it."""
+    elevation: Float2D | None = None
+    """(H, W) float, metres; NaN where unknown."""
+    cell_size_m: float | None = None
+    """Side of a cell from row to row, metres. Needed with heights, and with a vehicle."""
+    cell_width_m: float | None = None
+    """Side of a cell from column to column, where cells are not square."""
+    traversability: Traversability = field(default_factory=Traversability)
+    """How heights become costs, and where they are too steep."""
+    vehicle: Vehicle | None = None
+    """Whose poses the path must hold for, or a disc; None for a point."""
+    step_cost: str = StepCost.PAPER
+    """What steps cost: ``paper`` or ``length`` with costs; with heights ``paper``, or by the slope."""
+    mobility: Mobility | None = None
+    """Parameters of the step costs by the slope."""
+
+    def __post_init__(self) -> None:
+        """Check what goes together; what only the map's values tell is checked by `state`."""
+        if (self.cost is None) == (self.elevation is None):
+            raise InvalidMapError("wanted either cost or elevation, got both or neither")
+        if self.elevation is not None:
+            if self.cell_size_m is None:
+                raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
+            slope_cost_of(self.step_cost, self.mobility)
+            return
+        StepModel.of(self.step_cost)
+        if self.vehicle is None:
+            return
+        if not self.vehicle.is_disc:
+            raise InvalidMapError(
+                "a body stands on elevations: wanted Planner.of_elevation, or a vehicle with radius_m"
+            )
+        if self.cell_size_m is None:
+            raise InvalidMapError("wanted cell_size_m, the side of a cell, with a vehicle")
+
+    @classmethod
+    def of_elevation(
+        cls,
+        elevation: Float2D,
+        cell_size_m: float,
+        traversability: Traversability | None = None,
+        *,
+        cell_width_m: float | None = None,
+        vehicle: Vehicle | None = None,
+        step_cost: str = StepCost.PAPER,
+        mobility: Mobility | None = None,
+    ) -> "Ground":
+        """Of heights; arguments as the attributes."""
+        limits = traversability or Traversability()
+        return cls(None, elevation, cell_size_m, cell_width_m, limits, vehicle, step_cost, mobility)
+
+    @property
+    def sides_m(self) -> tuple[float, float]:
+        """Height and width of a cell, metres; 1 where none is known. InvalidMapError if one is no positive number."""
+        return sides_of(1.0 if self.cell_size_m is None else self.cell_size_m, self.cell_width_m)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        values = self.cost if self.elevation is None else self.elevation
+        assert values is not None
+        rows, cols = np.shape(values)
+        return rows, cols
+
+    def costs(self) -> Float2D:
+        """(H, W) float32, what each cell costs a point: as given, or by Eq. 1."""
+        if self.elevation is None:
+            assert self.cost is not None
+            return as_map(self.cost, "cost")
+        size, width = self.sides_m
+        return traversability_cost(self.elevation, size, self.traversability, cell_width_m=width, warn=False)
+
+    def state(
+        self,
+        omega: float = PAPER_OMEGA,
+        corner_cutting: bool = True,
+        *,
+        lazy: bool = True,
+        warn: bool = False,
+        tell_unknown: bool = False,
+    ) -> MapState:
+        """The map to plan on.
+
+        Parameters
+        ----------
+        omega, corner_cutting, lazy, warn
+            As for `Planner.of_elevation`.
+        tell_unknown : bool
+            As for `MapState`.
+
+        Raises
+        ------
+        InvalidMapError, InvalidQueryError
+            As for `Planner`.
+        """
+        values = self.cost if self.elevation is None else self.elevation
+        by_slope = slope_cost_of(self.step_cost, self.mobility) if self.elevation is not None else None
+        check_planner_fits(getattr(values, "shape", ()), directed=by_slope is not None)
+        if self.elevation is None:
+            assert self.cost is not None
+            model = StepModel.of(self.step_cost, omega)
+            if self.vehicle is not None:
+                return DiscState(self.cost, model, self.vehicle, self.sides_m, corner_cutting=corner_cutting)
+            return MapState(self.cost, model, corner_cutting=corner_cutting, tell_unknown=tell_unknown)
+        model, sides, limits = StepModel.of(StepCost.PAPER, omega), self.sides_m, self.traversability
+        if self.vehicle is None or not self.vehicle.is_disc:
+            state = MapState.of_elevation(
+                self.elevation,
+                sides,
+                limits,
+                model,
+                corner_cutting=corner_cutting,
+                lazy=lazy,
+                warn=warn,
+                vehicle=self.vehicle,
+                slope_cost=by_slope,
+            )
+        else:
+            cost = traversability_cost(self.elevation, sides[0], limits, cell_width_m=sides[1], warn=warn)
+            surface, cutting = (self.elevation, limits), corner_cutting
+            state = DiscState(
+                cost, model, self.vehicle, sides, corner_cutting=cutting, surface=surface, slope_cost=by_slope
+            )
+        state.mobility = self.mobility or Mobility()
+        return state

@@ -1,0 +1,203 @@
+"""The loop's map keeps apart what heights say and what was told, and is the map that `plan` would have."""
+
+import math
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import (
+    EnergyCost,
+    Goal,
+    Ground,
+    MapPatch,
+    Mobility,
+    Navigator,
+    NavigatorSettings,
+    Planner,
+    Pose,
+    Status,
+    TimeCost,
+    Traversability,
+    Vehicle,
+    pose_costs,
+    traversability_cost,
+)
+from nnpp_edge.runtime.planners.plan import path_costs
+
+CELL_M, SIDE = 0.5, 40
+BODY, DISC = Vehicle(length_m=1.4, width_m=1.0, clearance_m=0.3), Vehicle(radius_m=0.7)
+VEHICLES = {"point": None, "disc": DISC, "body": BODY}
+LIMITS = Traversability(hard_slope_deg=20.0)
+MOBILITY = Mobility(energy=EnergyCost(50.0, 0.1))
+
+
+def rough(seed):
+    """Gentle ground with ridges that are too steep."""
+    rng = np.random.default_rng(seed)
+    heights = np.cumsum(rng.normal(0.0, 0.015, (SIDE, SIDE)), axis=1)
+    for _ in range(10):
+        row, col = rng.integers(0, SIDE - 8, 2).tolist()
+        rows, cols = ((1, 8), (8, 1))[int(rng.integers(2))]
+        heights[row : row + rows, col : col + cols] += 0.6
+    return heights.astype(np.float32)
+
+
+def loop(heights, vehicle, *, start=(5, 5), goal=(34, 34), limits=LIMITS, method="auto", **step):
+    ground = Ground.of_elevation(heights, CELL_M, limits, vehicle=vehicle, **step)
+    nav = Navigator(ground, NavigatorSettings(method, tolerance=1e-4, snap_radius=0))
+    nav.offer(Pose(*start))
+    nav.offer(Goal(*goal))
+    return nav
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
+def test_heights_beside_an_obstacle_do_not_clear_it(vehicle):
+    flat, wall = np.zeros((SIDE, SIDE), np.float32), np.full((1, SIDE), 1.0)
+    nav, planner = loop(flat, vehicle), Planner.of_elevation(flat, CELL_M, LIMITS, vehicle=vehicle)
+    for row in (19, 20, 21):  # heights above, of and below the wall's cells
+        nav.offer(MapPatch(20, 0, cost=wall))
+        planner.update(20, 0, wall)
+        assert nav.tick().outcome is Status.NO_PATH
+        nav.offer(MapPatch(row, 0, elevation=np.full((1, SIDE), 0.001 * (row - 15))))
+        planner.update_elevation(row, 0, np.full((1, SIDE), 0.001 * (row - 15)))
+        assert nav.tick().outcome is Status.NO_PATH
+        assert planner.plan((5, 5), (34, 34)).status is Status.NO_PATH
+    planner.update(20, 0, 0.0 * wall)
+    nav.offer(MapPatch(20, 0, cost=0.0 * wall))
+    assert nav.tick().ok and planner.plan((5, 5), (34, 34)).ok
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
+def test_a_patch_without_information_changes_nothing(vehicle):
+    nothing, flat = np.full((SIDE, SIDE), np.nan, np.float32), np.zeros((SIDE, SIDE), np.float32)
+    nav = loop(nothing, vehicle)
+    nav.offer(MapPatch(0, 0, cost=nothing))
+    assert nav.tick().outcome is Status.START_BLOCKED
+    nav.offer(MapPatch(0, 0, elevation=flat))
+    first = nav.tick()
+    assert first.ok
+    for patch in (
+        MapPatch(20, 0, cost=nothing[:1]),
+        MapPatch(20, 0, cost=nothing[:1], keep_known=True),
+        MapPatch(20, 0, elevation=nothing[:1], keep_known=True),
+    ):
+        nav.offer(patch)
+        message = nav.tick()
+        assert message.ok and message.cost == pytest.approx(first.cost)
+    nav.offer(MapPatch(20, 0, elevation=nothing[:1]))
+    assert nav.tick().outcome is Status.NO_PATH, "which says that the heights are unknown now"
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
+@pytest.mark.parametrize("step_cost", ["paper", "time", "energy", "tobler", "linear"])
+def test_the_loop_plans_as_plan_does(step_cost, vehicle):
+    """On ground with walls too steep, whose neighbours Eq. 1 passes as long as nobody takes the walls away."""
+    heights, mobility = rough(3), None
+    if step_cost in ("time", "energy"):
+        mobility = Mobility(time=TimeCost((-20.0, 0.0, 20.0), (0.5, 1.0, 0.2)), energy=EnergyCost(50.0, 0.1))
+    given = {"step_cost": step_cost, "mobility": mobility}
+    planner = Planner.of_elevation(heights, CELL_M, LIMITS, vehicle=vehicle, warn=False, **given)
+    nav, rng, found = loop(heights, vehicle, method="dstar", **given), np.random.default_rng(1), 0
+    for _ in range(20):
+        start, goal = rng.integers(2, SIDE - 2, (2, 2)).tolist()
+        best = planner.plan(tuple(start), tuple(goal), method="astar")
+        nav.offer(Pose(start[0] + 0.5, start[1] + 0.5))
+        nav.offer(Goal(*goal))
+        message = nav.tick()
+        if best.status not in (Status.START_BLOCKED, Status.GOAL_BLOCKED):
+            assert message.outcome is best.status
+        if best.ok:
+            found += 1
+            assert message.cost == pytest.approx(best.cost, rel=1e-5)
+            assert message.lower_bound <= best.cost * (1.0 + 1e-6)
+    assert found > 3
+
+
+class Layers:
+    """The map, kept apart from the loop: heights, and costs told."""
+
+    def __init__(self, heights):
+        self.heights, self.told = heights.copy(), np.zeros(heights.shape, np.float32)
+
+    def put(self, patch):
+        values, layer = (patch.elevation, self.heights) if patch.cost is None else (patch.cost, self.told)
+        for (i, j), value in np.ndenumerate(values):
+            row, col = patch.row + i, patch.col + j
+            if 0 <= row < SIDE and 0 <= col < SIDE:
+                if not np.isnan(value):
+                    layer[row, col] = value
+                elif layer is self.heights and not patch.keep_known:
+                    layer[row, col] = np.nan
+
+    def planner(self, vehicle, step_cost, mobility):
+        """Of what a robot with all of this in mind from the start would plan on."""
+        shut = self.told >= 1.0
+        if vehicle is BODY:
+            heights = np.where(shut, np.nan, self.heights)
+            return Planner.of_elevation(heights, CELL_M, LIMITS, vehicle=BODY, step_cost=step_cost, mobility=mobility)
+        if step_cost == "paper":
+            cost = traversability_cost(self.heights, CELL_M, LIMITS, warn=False)
+            cost = np.where(shut, np.inf, np.maximum(cost, self.told))
+            return Planner(cost, vehicle=vehicle, cell_size_m=CELL_M)
+        planner = Planner.of_elevation(
+            self.heights, CELL_M, LIMITS, vehicle=vehicle, step_cost=step_cost, mobility=mobility, warn=False
+        )
+        planner.update(0, 0, np.where(shut, np.inf, 0.0))
+        return planner
+
+
+@pytest.mark.filterwarnings("ignore::nnpp_edge.runtime.SaturationWarning")
+@pytest.mark.parametrize("method", ["auto", "dstar", "corridor-dstar"])
+@pytest.mark.parametrize("step_cost", ["paper", "energy"])
+@pytest.mark.parametrize("name", VEHICLES)
+def test_a_drive_through_patches_of_all_kinds_is_planned_on_the_layers(name, step_cost, method):
+    vehicle, mobility = VEHICLES[name], MOBILITY if step_cost == "energy" else None
+    heights, rng = rough(5), np.random.default_rng(7)
+    nav, layers = loop(heights, vehicle, method=method, step_cost=step_cost, mobility=mobility), Layers(heights)
+    at, paths = (5, 5), 0
+    for tick in range(24):
+        for _ in range(int(rng.integers(0, 3))):
+            row, col = rng.integers(-3, SIDE, 2).tolist()
+            rows, cols = rng.integers(1, 8, 2).tolist()
+            if rng.random() < 0.5:
+                there = np.pad(layers.heights, 8, constant_values=np.nan)[
+                    row + 8 : row + rows + 8, col + 8 : col + cols + 8
+                ]
+                values = {"elevation": there + rng.normal(0.0, 0.05, there.shape)}
+            else:
+                values = {
+                    "cost": rng.choice([0.0, 0.4, 1.0, np.inf, np.nan], (rows, cols), p=[0.5, 0.2, 0.1, 0.1, 0.1])
+                }
+            patch = MapPatch(row, col, keep_known=bool(rng.random() < 0.5), **values)
+            nav.offer(patch)
+            layers.put(patch)
+        nav.offer(Pose(at[0] + 0.5, at[1] + 0.5))
+        message = nav.tick()
+        planner = layers.planner(vehicle, step_cost, mobility)
+        if not message.ok:
+            best = planner.plan(message.start or at, (34, 34), method="astar")
+            assert not best.ok, (tick, message)
+            at = tuple(rng.integers(4, 30, 2).tolist())
+            continue
+        paths += 1
+        cost = path_costs(planner.state.grid, message.path)[0]
+        best = planner.plan(message.start, message.goal, method="astar")
+        assert math.isfinite(cost) and best.ok
+        assert message.cost == pytest.approx(cost, rel=1e-5, abs=1e-6)
+        assert message.lower_bound <= best.cost * (1.0 + 1e-5) + 1e-6
+        if method == "dstar" and step_cost == "paper":
+            assert message.cost <= best.cost * (1.0 + 2e-4) + 1e-6
+        at = tuple(message.path[min(2, len(message.path) - 1)].tolist())
+    assert paths > 4
+
+
+def test_ground_that_a_body_may_pass_unknown_is_shut_where_told():
+    """What is told comes before what is not known, also where unknown ground may be driven on."""
+    heights = np.zeros((SIDE, SIDE), np.float32)
+    heights[20] = np.nan
+    body = Vehicle(length_m=1.4, width_m=1.0, clearance_m=0.3, unknown_passes=True)
+    nav = loop(heights, body)
+    assert nav.tick().ok
+    nav.offer(MapPatch(20, 0, cost=np.ones((1, SIDE))))
+    assert nav.tick().outcome is Status.NO_PATH
+    assert np.isinf(pose_costs(np.where(np.arange(SIDE)[:, None] == 20, np.nan, heights), CELL_M, BODY)[:, 20]).all()
