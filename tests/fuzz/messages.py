@@ -68,6 +68,8 @@ class Shadow:
             self.cost[rng.random(self.cost.shape) < 0.15] = np.inf
         else:
             self.cost = self._priced()
+        self.told = np.zeros_like(self.cost)
+        """What came as costs on a map of heights."""
 
     def ground(self) -> Ground:
         """The loop's ground, of the same beginning."""
@@ -88,6 +90,8 @@ class Shadow:
         if target is None or values is None or misses:
             return
         unseen = np.float32(np.inf if patch.elevation is None else np.nan)
+        if self.elevation is not None and patch.elevation is None:
+            target = self.told
         for (i, j), value in np.ndenumerate(values):
             row, col = patch.row + i, patch.col + j
             if not (0 <= row < target.shape[0] and 0 <= col < target.shape[1]):
@@ -95,16 +99,10 @@ class Shadow:
             known = not np.isnan(value) if patch.elevation is None else np.isfinite(value)
             if known:
                 target[row, col] = value
-            elif not patch.keep_known:
+            elif not patch.keep_known and target is not self.told:
                 target[row, col] = unseen
-        if (
-            patch.elevation is not None
-        ):  # costs that came as such stay, but for the heights' cells and those beside them
-            here = tuple(
-                slice(max(first - 1, 0), max(first + count + 1, 0))
-                for first, count in zip((patch.row, patch.col), patch.shape, strict=True)
-            )
-            self.cost[here] = self._priced()[here]
+        if self.elevation is not None:
+            self.cost = np.maximum(self._priced(), self.told)
 
     def seen(self) -> np.ndarray:
         """Costs in float64, impassable as inf."""

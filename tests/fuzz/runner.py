@@ -1,6 +1,7 @@
 """Cases of every target, by turns, in processes of their own; findings are counted, kept and told with their seed."""
 
 import contextlib
+import inspect
 import json
 import math
 import multiprocessing
@@ -15,11 +16,15 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from types import ModuleType
+from typing import Any, cast
 
 from tests.fuzz.children import Limits, run_forked, threads
 from tests.fuzz.commands import Problem
+from tests.fuzz.commands import check as check_command
 
 FOLDER = Path("build/fuzz")
 BATCH, BATCH_S = 200, 20.0
@@ -35,6 +40,7 @@ SHARES = {
     "sequences": 2.0,
     "elevations": 1.5,
     "bodies": 1.5,
+    "layers": 1.5,
 }
 """Of the time, for each target."""
 COMMAND_TARGETS = ("files", "options", "models")
@@ -78,47 +84,35 @@ class Tally:
         return "\n".join(lines)
 
 
-def check_case(target: str, seed: int, samples: Path, folder: Path, *, heavy: bool = True) -> Problem | None:
-    """Make the case of a seed, and look for what is wrong with it. The seed decides all of it."""
-    from tests.fuzz import bodies, commands, elevations, files, messages, models, options, sequences, weights
+def case_of(target: str, seed: int, samples: Path, *, heavy: bool = True) -> Any:
+    """The case of a seed, which decides all of it."""
+    return _called(_module(target).generate, random.Random(f"{target} {seed}"), samples=samples, heavy=heavy)
 
-    rng = random.Random(f"{target} {seed}")
-    if target == "options":
-        return commands.check(options.generate(rng, heavy), samples, folder)
-    if target == "files":
-        return commands.check(files.generate(rng, samples, heavy), samples, folder)
-    if target == "models":
-        return commands.check(models.generate(rng, samples, heavy), samples, folder)
+
+def check_case(target: str, seed: int, samples: Path, folder: Path, *, heavy: bool = True) -> Problem | None:
+    """Make the case of a seed, and look for what is wrong with it."""
+    case = case_of(target, seed, samples, heavy=heavy)
+    if target in COMMAND_TARGETS:
+        return check_command(case, samples, folder)
     folder.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        if target == "weights":
-            return weights.check(weights.generate(rng), samples)
-        if target == "elevations":
-            return elevations.check(elevations.generate(rng), samples)
-        if target == "bodies":
-            return bodies.check(bodies.generate(rng), samples)
-        if target == "messages":
-            return messages.check(messages.generate(rng), samples, folder)
-        return sequences.check(sequences.generate(rng), samples)
+        return cast("Problem | None", _called(_module(target).check, case, samples=samples, folder=folder))
 
 
 def describe(target: str, seed: int, samples: Path, *, heavy: bool = True) -> str:
     """The case of a seed in words."""
-    from tests.fuzz import bodies, elevations, files, messages, models, options, sequences, weights
+    return repr(case_of(target, seed, samples, heavy=heavy))
 
-    rng = random.Random(f"{target} {seed}")
-    makers: dict[str, Callable[[], object]] = {
-        "options": lambda: options.generate(rng, heavy),
-        "files": lambda: files.generate(rng, samples, heavy),
-        "models": lambda: models.generate(rng, samples, heavy),
-        "weights": lambda: weights.generate(rng),
-        "messages": lambda: messages.generate(rng),
-        "sequences": lambda: sequences.generate(rng),
-        "elevations": lambda: elevations.generate(rng),
-        "bodies": lambda: bodies.generate(rng),
-    }
-    return repr(makers[target]())
+
+def _module(target: str) -> ModuleType:
+    return import_module(f"tests.fuzz.{target}")
+
+
+def _called(function: Callable[..., Any], first: object, **others: object) -> Any:
+    """A target's function, given of the others what it takes."""
+    taken = inspect.signature(function).parameters
+    return function(first, **{name: value for name, value in others.items() if name in taken})
 
 
 def prepare(folder: Path, *, heavy: bool) -> Path:
@@ -149,13 +143,12 @@ def _load(heavy: bool) -> None:
 
     import nnpp_edge.viz.picture
     import nnpp_edge.viz.sheet
-    from tests.fuzz import bodies, elevations, messages, options, sequences, weights
+    from tests.fuzz import options
 
     matplotlib.use("Agg")
     cv2.setNumThreads(1)
     onnxruntime.set_default_logger_severity(2)
-    used = (onnx, PIL.Image, rasterio, nnpp_edge.viz, bodies, elevations, messages, sequences, weights)
-    assert all(used)
+    assert all((onnx, PIL.Image, rasterio, nnpp_edge.viz, *map(_module, SHARES)))
     for name in options.names():
         options.command_of(name)
     if heavy:

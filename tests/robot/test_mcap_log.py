@@ -81,7 +81,7 @@ def test_everything_comes_back_through_the_public_reader(tmp_path):
     cost[3, 4], cost[3, 5], cost[19, 30] = 1.0, np.inf, np.nan
     heights = np.arange(6, dtype=np.float32).reshape(2, 3)
     heights[0, 1] = np.nan
-    with McapLog(tmp_path / "log.mcap", state=Ground(cost).state(), cell_size_m=0.5) as log:
+    with McapLog(tmp_path / "log.mcap", state=Ground(cost).state(tell_unknown=True), cell_size_m=0.5) as log:
         log.record(Pose(2.25, 3.5, stamp=7.0))
         log.record(Goal(18, 29))
         log.record(MapPatch(4, 5, cost=np.array([[0.5, np.nan, 2.0]])))
@@ -134,7 +134,7 @@ def test_everything_comes_back_through_the_public_reader(tmp_path):
 def test_a_logged_map_read_back_is_passable_impassable_and_unknown_where_it_was(tmp_path):
     cost = np.linspace(0.0, 1.2, 500, dtype=np.float32).reshape(20, 25)
     cost[0, 0], cost[0, 1], cost[5, 5] = np.nan, np.inf, np.nextafter(np.float32(1.0), np.float32(0.0))
-    with McapLog(tmp_path / "log.mcap", state=Ground(cost).state()):
+    with McapLog(tmp_path / "log.mcap", state=Ground(cost).state(tell_unknown=True)):
         pass
     (logged,) = (m.message for m in read(tmp_path / "log.mcap")["/map"])
     grid = OccupancyGrid(1.0, logged.info.width, logged.info.height, np.array(logged.data, np.int8))
