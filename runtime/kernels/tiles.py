@@ -176,8 +176,16 @@ def link_rows(tiles, row0, row1):
 
 
 @kernel
-def _weigh_anew(tiles, area, found):
-    """Weights of a rectangle within one computed tile; what changed is added to `found`, see `write_layer`."""
+def _note(node, weight, found, nodes, old_weights):
+    """Note what a node weighed, where anybody wants to know."""
+    if len(nodes):
+        nodes[found[6]], old_weights[found[6]] = node, weight
+        found[6] += 1
+
+
+@kernel
+def _weigh_anew(tiles, area, found, nodes, old_weights):
+    """Weights of a rectangle within one computed tile; what changed is added to all three, see `write_layer`."""
     source = tiles[4]
     _, _, weights, _, _, _, _, _, shape, _ = source
     row0, row1, col0, col1 = area
@@ -192,6 +200,7 @@ def _weigh_anew(tiles, area, found):
         for c in range(wide):
             before, now = old[kept + c], weights[at + c]
             if now != before:
+                _note(at + c, before, found, nodes, old_weights)
                 found[0] += 1
                 found[1] |= now < before
                 found[2], found[4] = min(found[2], row), max(found[4], row + 1)
@@ -199,7 +208,7 @@ def _weigh_anew(tiles, area, found):
 
 
 @kernel
-def write_layer(tiles, layer, rim, patch, row, col, found):
+def write_layer(tiles, layer, rim, patch, row, col, found, nodes, old_weights):
     """Put values into a layer of the map, and bring up to date whatever of it has been computed.
 
     Parameters
@@ -214,9 +223,13 @@ def write_layer(tiles, layer, rim, patch, row, col, found):
         Must lie inside the map.
     row, col : int
         Where its first cell goes.
-    found : (6,) int64
+    found : (7,) int64
         Written: the number of cells whose weights are other than before; whether one became cheaper; the first row
-        and column of the rectangle that holds them, and one past its last. What is not computed yet counts as other.
+        and column of the rectangle that holds them, and one past its last; how many nodes were noted. What is not
+        computed yet counts as other.
+    nodes, old_weights : (N,) int32, float32
+        Written: the changed nodes and what they weighed, inf where that was not computed. With room for all cells of
+        the patch and its rim, or empty: then nothing is noted.
     """
     state, _, _, _, source, _ = tiles
     levels, shape = source[3], source[8]
@@ -226,7 +239,8 @@ def write_layer(tiles, layer, rim, patch, row, col, found):
         layer[at : at + patch.shape[1]] = patch[i]
     row0, row1 = max(row - rim, 0), min(row + patch.shape[0] + rim, rows)
     col0, col1 = max(col - rim, 0), min(col + patch.shape[1] + rim, cols)
-    found[0], found[1], found[2], found[3], found[4], found[5] = 0, 0, rows, cols, 0, 0
+    found[:] = 0
+    found[2], found[3] = rows, cols
     down, right = levels[0, 0], levels[0, 1]
     for i in range(row0 >> down, ((row1 - 1) >> down) + 1):
         for j in range(col0 >> right, ((col1 - 1) >> right) + 1):
@@ -234,11 +248,14 @@ def write_layer(tiles, layer, rim, patch, row, col, found):
             top, bottom = max(row0, tile_row0), min(row1, tile_row1)
             left, end = max(col0, tile_col0), min(col1, tile_col1)
             if state[i, j] & COSTED:
-                _weigh_anew(tiles, (top, bottom, left, end), found)
+                _weigh_anew(tiles, (top, bottom, left, end), found, nodes, old_weights)
             else:
                 found[0] += (bottom - top) * (end - left)
                 found[2], found[4] = min(found[2], top), max(found[4], bottom)
                 found[3], found[5] = min(found[3], left), max(found[5], end)
+                for a in range(top, bottom):
+                    for b in range(left, end):
+                        _note((a + 1) * (cols + 2) + b + 1, np.float32(np.inf), found, nodes, old_weights)
     if found[0] and levels[0, 3]:
         _pool_anew(tiles, found)
 

@@ -71,7 +71,8 @@ class Patches:
         values = values[top - patch.row : bottom - patch.row, left - patch.col : right - patch.col]
         if of_heights:
             values = np.where(np.isfinite(values), values, np.float32(np.nan))
-        seen = ~np.isnan(values) if patch.keep_known else None
+        tells_nothing = patch.keep_known or (self._takes_heights and not of_heights)  # where it is NaN
+        seen = ~np.isnan(values) if tells_nothing else None
         one = Waiting(of_heights, (top, left, bottom - top, right - left), values, seen)
         with self._lock:
             self.clipped += values.shape != (rows, cols)

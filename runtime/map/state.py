@@ -232,12 +232,11 @@ class MapState:
         if not part[2]:
             return Change(part, 0)
         told = told[part[0] - row : part[0] - row + part[2], part[1] - col : part[1] - col + part[3]]
-        cells, cheaper, changed = tiles.tell(part[0], part[1], told)
+        change = tiles.tell(part[0], part[1], told, keep_old_weights=self.log.keeps_old_weights)
         if poses is not None:
             heights = self._elevation.heights[part[0] : part[0] + part[2], part[1] : part[1] + part[3]]
-            changed = poses.write(part[0], part[1], heights, told >= 1.0)
-            cells, cheaper = changed[2] * changed[3], True
-        return self._noted(Change(changed, cells, cheaper), (*part[:2], 0, 0))
+            change = _of_poses(poses.write(part[0], part[1], heights, told >= 1.0))
+        return self._noted(change, (*part[:2], 0, 0))
 
     def _noted(self, change: Change, heights: Rectangle) -> Change:
         """Put a change into the log, once directed steps follow it and that of the heights in a rectangle."""
@@ -271,12 +270,11 @@ class MapState:
         if not part[2]:
             return Change(part, 0)
         row, col, rows, cols = part
-        cells, cheaper, changed = self._tiles.write_heights(row, col, heights)
+        change = self._tiles.write_heights(row, col, heights, keep_old_weights=self.log.keeps_old_weights)
         if self.grid.poses is not None:
             shut = self._tiles.told[row : row + rows, col : col + cols] >= 1.0 if self._tiles.has_told else None
-            changed = self.grid.poses.write(row, col, heights, shut)
-            cells, cheaper = changed[2] * changed[3], True
-        return self._noted(Change(changed, cells, cheaper), part)
+            change = _of_poses(self.grid.poses.write(row, col, heights, shut))
+        return self._noted(change, part)
 
     def cost(self) -> Float2D:
         """(H, W) float32, a copy of what each cell costs: inf where impassable, NaN where a map of costs is unknown.
@@ -361,6 +359,11 @@ class MapState:
         """Share of the map's cells whose cost is there, in [0, 1]."""
         tiles = self.grid.tiles
         return 1.0 if tiles is None else tiles.cells_computed / self.grid.cells
+
+
+def _of_poses(part: Rectangle) -> Change:
+    """A change of which no more is known than where poses may be other ones."""
+    return Change(part, part[2] * part[3], cheaper=True)
 
 
 def costs_told(

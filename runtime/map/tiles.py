@@ -29,6 +29,7 @@ from nnpp_edge.runtime.kernels.tiles import (
     write_layer,
 )
 from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS
+from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.memory import virtual_zeros
 from nnpp_edge.runtime.tuning import TILE_COLS, TILE_ROWS
 
@@ -168,28 +169,29 @@ class Tiles:
         """Whether any cost was told."""
         return bool(self._source[7][1])
 
-    def write_heights(self, row: int, col: int, patch: Float2D) -> tuple[int, bool, Rectangle]:
+    def write_heights(self, row: int, col: int, patch: Float2D, *, keep_old_weights: bool = False) -> Change:
         """Put heights into the map, (h, w) float32 that lie inside it, and bring up to date what has been computed.
 
-        Returns
-        -------
-        tuple
-            As `write_layer` writes: number of changed cells, whether one became cheaper, where they are.
+        The change counts what has not been computed yet as changed, and with `keep_old_weights` as opened.
         """
-        return self._write(self._source[0], 1, row, col, patch)
+        return self._write(self._source[0], 1, row, col, patch, keep_old_weights)
 
-    def tell(self, row: int, col: int, costs: Float2D) -> tuple[int, bool, Rectangle]:
+    def tell(self, row: int, col: int, costs: Float2D, *, keep_old_weights: bool = False) -> Change:
         """Put costs told into the map, as `told` has them; as `write_heights`."""
         self._source[7][1] = 1
-        return self._write(self._source[9], 0, row, col, costs)
+        return self._write(self._source[9], 0, row, col, costs, keep_old_weights)
 
     def _write(
-        self, layer: NDArray[np.float32], rim: int, row: int, col: int, patch: Float2D
-    ) -> tuple[int, bool, Rectangle]:
-        found = np.empty(6, np.int64)
-        write_layer(self.packed(), layer, rim, np.ascontiguousarray(patch), row, col, found)
-        cells, cheaper, row0, col0, row1, col1 = found.tolist()
-        return cells, bool(cheaper), (row0, col0, row1 - row0, col1 - col0) if cells else (row, col, 0, 0)
+        self, layer: NDArray[np.float32], rim: int, row: int, col: int, patch: Float2D, keep_old_weights: bool
+    ) -> Change:
+        room = (patch.shape[0] + 2 * rim) * (patch.shape[1] + 2 * rim) if keep_old_weights else 0
+        found, nodes, old = np.empty(7, np.int64), np.empty(room, np.int32), np.empty(room, np.float32)
+        write_layer(self.packed(), layer, rim, np.ascontiguousarray(patch), row, col, found, nodes, old)
+        cells, cheaper, row0, col0, row1, col1, noted = found.tolist()
+        part = (row0, col0, row1 - row0, col1 - col0) if cells else (row, col, 0, 0)
+        return Change(
+            part, cells, bool(cheaper), nodes=nodes[:noted].copy(), old_weights=old[:noted].copy()
+        )
 
     def planes(
         self, window: Rectangle, inner: tuple[int, int], parts: Sequence[Rectangle], out: NDArray[np.float32]
