@@ -2,11 +2,14 @@
 
 ``python -m nnpp_edge.benchmarks.soak --ticks 60000 --size 512`` drives a robot from goal to goal, ticks as fast as
 possible, with changes of the map at every tick, and checks each path apart from the loop. With ``--vehicle`` it has a
-body, and gets patches of the heights around it.
+body, gets patches of the heights around it, and is told of walls as costs, which come and go. With ``--refine`` the
+lines of a disc are checked too.
 """
 
 import gc
+import itertools
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -22,12 +25,13 @@ from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.histogram import Histogram
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
-from nnpp_edge.runtime.loop.messages import Input
+from nnpp_edge.runtime.loop.messages import Input, MapPatch, PathMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.realtime import rss_bytes
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.simulation.scene import Scene, SurveyedGround
+from nnpp_edge.simulation.robots import Body, Disc
+from nnpp_edge.simulation.scene import Scene, SurveyedGround, walkable
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.labels import random_query
 from nnpp_edge.terrain.rocks import with_rocks
@@ -41,6 +45,10 @@ _PATIENCE = 50
 """Ticks without a path, or without a step, after which the robot gets another goal."""
 _WORKLOAD, _BODY_WORKLOAD = "limit20", "body"
 _TRIES = 200
+_TOLD = 0.1
+"""Share of the ticks at which a body is told something as costs."""
+_TOUCHES = 1.0 - 1e-4
+"""Share of its radius from which on a disc touches: way points are float32."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +90,7 @@ def soak(
     changes: int = 1,
     seed: int = 1,
     model: str = "edge",
+    refine: str | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Soaked:
     """Let one method plan for `ticks` (at least 1) on ground of at least 32 cells a side; see `soak_ground`.
@@ -97,7 +106,8 @@ def soak(
     course = _Course(ground, rng, changes)
     gc.collect()
     start_mb = rss_mb()
-    navigator = Navigator(ground.robot.ground(course.scene.told), NavigatorSettings(method=method, model=model))
+    settings = NavigatorSettings(method=method, model=model, refine=refine)
+    navigator = Navigator(ground.robot.ground(course.scene.told), settings)
     histogram, overruns, failed, warm_mb = Histogram(), 0, 0, start_mb
     for tick in range(ticks):
         inputs = list(course.poll())
@@ -109,7 +119,7 @@ def soak(
         histogram.add(took)
         overruns += took > 1.0 / RATE_HZ
         failed += answer.outcome is not Status.OK
-        course.scene.heard(answer)
+        course.heard(answer)
         if tick == int(_WARM_UP * ticks):
             warm_mb = rss_mb()
         if tick % 100 == 99 or tick + 1 == ticks:
@@ -126,7 +136,7 @@ def soak(
         planned=counters.planned,
         kept=counters.kept,
         without_path=failed,
-        invalid=course.scene.forbidden,
+        invalid=course.scene.forbidden + course.forbidden,
         errors=counters.errors,
         ticks_per_s=1.0 / histogram.mean_s,
         tick_ms=histogram.summary_ms(),
@@ -147,15 +157,48 @@ class _Course:
         self.goals, self.reached, self._stuck = 1, 0, 0
         start, goal = self._query(None)
         self.scene = Scene(ground, start, goal, rng, changes=changes)
+        self.told, self.forbidden = np.zeros(ground.true.shape, np.bool_), 0
+        """(H, W) cells told to be impassable, beside the heights; paths and lines that crossed what they must not."""
 
     def poll(self) -> list[Input]:
         """The inputs of the next tick."""
         before = self.scene.waited
         inputs = list(self.scene.poll())
+        if isinstance(self._ground.robot, Body) and self._rng.random() < _TOLD:
+            inputs.append(self._wall())
         self._stuck = self._stuck + 1 if self.scene.waited > before else 0
         if self.scene.reached or self._stuck > _PATIENCE:
             inputs += self._next_goal()
         return inputs
+
+    def _wall(self) -> MapPatch:
+        """A wall told as costs, away from both ends; or what was told there is taken back, or nothing is said."""
+        rows, cols = self._ground.true.shape
+        far = 3 * self._ground.robot.reach
+        row, col = int(self._rng.integers(rows - 4)), int(self._rng.integers(cols - 4))
+        near = min(max(abs(row - end[0]), abs(col - end[1])) for end in (self.scene.robot, self.scene.goal)) < far
+        value = float(self._rng.choice((math.nan, 0.0, 1.0)))
+        if near or value == 0.0:  # all that was told, now and then
+            row, col, value, high, wide = 0, 0, 0.0, rows, cols
+        else:
+            high, wide = ((1, 4), (4, 1))[int(self._rng.integers(2))]
+        if not math.isnan(value):
+            self.told[row : row + high, col : col + wide] = value >= 1.0
+        return MapPatch(row, col, cost=np.full((high, wide), value))
+
+    def heard(self, answer: PathMessage) -> None:
+        """Take the loop's answer, and check it by what was told, and a disc's line by its distance."""
+        scene, robot = self.scene, self._ground.robot
+        scene.heard(answer)
+        if answer.ok and self.told.any():
+            values = np.where(self.told, np.float32(np.nan), scene.told)
+            self.forbidden += not walkable(robot, answer.path, values, answer.goal)
+        if answer.waypoints is not None and isinstance(robot, Disc):
+            legs = itertools.pairwise(np.asarray(answer.waypoints))
+            line = np.concatenate(
+                [np.linspace(*leg, 2 + 4 * int(np.abs(np.diff(leg, axis=0)).max())) for leg in legs]
+            )
+            self.forbidden += robot.clearance_m(scene.told, line) < _TOUCHES * robot.radius_m
 
     def _next_goal(self) -> list[Input]:
         self.reached += self.scene.reached
@@ -183,7 +226,7 @@ def soak_ground(
 
     What the robot's first map lacks are obstacles, and rocks. InvalidQueryError if a terrain is smaller.
     """
-    workload = _WORKLOAD if vehicle is None else _BODY_WORKLOAD
+    workload = _WORKLOAD if vehicle is None or vehicle.is_disc else _BODY_WORKLOAD
     if dems:
         check_sizes(dems, (size,))
         below = next(terrain_cases(dems, workload, size, seed, vehicle=vehicle)).ground
@@ -230,6 +273,7 @@ def render(rows: Sequence[Soaked]) -> str:
     "--methods", default="auto", show_default=True, help=f"Of {', '.join(DynamicMethod)}, joined by commas."
 )
 @click.option("--model", default="edge", show_default=True, help="Shipped model or file.")
+@click.option("--refine", is_flag=True, help="Plan lines off the grid too.")
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--json", "json_wanted", is_flag=True, help="Print JSON for programs.")
 def main(
@@ -242,6 +286,7 @@ def main(
     changes: int,
     methods: str,
     model: str,
+    refine: bool,
     seed: int,
     json_wanted: bool,
 ) -> None:
@@ -253,7 +298,19 @@ def main(
     ground = soak_ground(size, seed, TerrainFiles(terrain, rescale).read(), vehicle, rocks)
     for name in names:
         with bar(f"soak {name}", ticks, quiet=True) as advance:
-            rows.append(soak(name, ground, ticks=ticks, changes=changes, seed=seed, model=model, progress=advance))
+            off_grid = "any-angle" if refine else None
+            rows.append(
+                soak(
+                    name,
+                    ground,
+                    ticks=ticks,
+                    changes=changes,
+                    seed=seed,
+                    model=model,
+                    refine=off_grid,
+                    progress=advance,
+                )
+            )
     click.echo(json.dumps([asdict(row) for row in rows], indent=1) if json_wanted else render(rows))
     sys.exit(int(any(row.invalid for row in rows)))
 

@@ -59,7 +59,7 @@ class Robot(Protocol):
 class Point:
     """A robot as large as a cell. Values are traversability costs."""
 
-    vehicle = None
+    vehicle: Vehicle | None = None
     sides_m = 1.0, 1.0
     reach = 0
 
@@ -86,6 +86,52 @@ class Point:
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """A patch of costs."""
         return MapPatch(row, col, cost=values)
+
+
+class Disc(Point):
+    """A robot of which a radius is known. Values are a point's traversability costs.
+
+    Parameters
+    ----------
+    ground : Ground
+        The sides of the cells and the vehicle; its map counts for nothing.
+    """
+
+    def __init__(self, ground: Ground) -> None:
+        assert ground.vehicle is not None and ground.vehicle.radius_m is not None
+        self.sides_m, self._ground, self.radius_m = ground.sides_m, ground, ground.vehicle.radius_m
+        self.vehicle: Vehicle = ground.vehicle
+        self.reach = math.ceil(self.radius_m / min(self.sides_m)) + 1
+
+    def stands(self, values: Float2D, cell: Cell) -> bool:
+        """Where it touches no impassable cell."""
+        return self.clearance_m(values, np.array([cell], np.float64)) >= self.radius_m
+
+    def steps(self, values: Float2D, path: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """Where it touches none on the way."""
+        legs = zip(path[:-1].astype(np.float64), path[1:].astype(np.float64), strict=True)
+        clear = [self.clearance_m(values, np.linspace(*leg, 9)) >= self.radius_m for leg in legs]
+        return np.array(clear, np.bool_)
+
+    def clearance_m(self, values: Float2D, places: NDArray[np.float64]) -> float:
+        """Metres from places (N, 2), in cells, to the nearest point of an impassable cell; at most some radius."""
+        room = self.reach + 1
+        blocked = np.pad(~(values < OBSTACLE), room, constant_values=True)
+        nearest = math.inf
+        offsets = np.arange(-room, room + 1)
+        for place in places:
+            row, col = np.rint(place).astype(int)
+            around = blocked[row : row + 2 * room + 1, col : col + 2 * room + 1]
+            down, along = (
+                np.maximum(np.abs(at + offsets - exact) - 0.5, 0.0) * side
+                for at, exact, side in zip((row, col), place, self.sides_m, strict=True)
+            )
+            nearest = min(nearest, float(np.hypot(down[:, None], along).min(where=around, initial=math.inf)))
+        return nearest
+
+    def ground(self, values: Float2D) -> Ground:
+        """Of costs."""
+        return replace(self._ground, cost=values, elevation=None)
 
 
 class OnHeights:

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.simulation.robots import Body, Point, PointOnSlopes, Robot
+from nnpp_edge.simulation.robots import Body, Disc, Point, PointOnSlopes, Robot
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
 
 
@@ -55,7 +55,7 @@ class SurveyedGround:
         InvalidQueryError
             `block` is less than 1, or no cell's height is known.
         InvalidMapError
-            The vehicle is a disc.
+            The vehicle is a disc, and steps cost by the slope.
         InvalidQueryError
             There is no such step cost, or its model needs a mobility.
         """
@@ -64,12 +64,14 @@ class SurveyedGround:
         bare = elevation if bare is None else bare
         heights = (elevation, bare.copy() if block == 1 else _blurred(bare, block / 2.0))
         ground = Ground(None, elevation, cell_size_m, cell_width_m, limits, vehicle, step_cost, mobility)
-        if vehicle is not None:
+        if vehicle is not None and not vehicle.is_disc:
             return cls(*heights, cell_size_m, Body(ground))
         if step_cost != "paper":
+            if vehicle is not None:
+                raise InvalidMapError("a disc drives by costs here: wanted step_cost='paper', or no vehicle")
             return cls(*heights, cell_size_m, PointOnSlopes(ground))
         true, surveyed = (replace(ground, elevation=each).costs() for each in heights)
-        return cls(true, surveyed, cell_size_m)
+        return cls(true, surveyed, cell_size_m, Point() if vehicle is None else Disc(ground))
 
     def costs(self) -> Float2D:
         """(H, W) true traversability costs; impassable from 1 up."""

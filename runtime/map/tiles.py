@@ -189,9 +189,7 @@ class Tiles:
         write_layer(self.packed(), layer, rim, np.ascontiguousarray(patch), row, col, found, nodes, old)
         cells, cheaper, row0, col0, row1, col1, noted = found.tolist()
         part = (row0, col0, row1 - row0, col1 - col0) if cells else (row, col, 0, 0)
-        return Change(
-            part, cells, bool(cheaper), nodes=nodes[:noted].copy(), old_weights=old[:noted].copy()
-        )
+        return Change(part, cells, bool(cheaper), nodes=nodes[:noted].copy(), old_weights=old[:noted].copy())
 
     def planes(
         self, window: Rectangle, inner: tuple[int, int], parts: Sequence[Rectangle], out: NDArray[np.float32]

@@ -10,7 +10,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
-BODY = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3)
+BODY, DISC = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3), Vehicle(radius_m=26.0)
 
 
 def test_eight_hundred_ticks_leave_time_memory_and_paths_as_they_should_be():
@@ -44,7 +44,13 @@ def test_no_path_of_a_body_fails_the_newest_check(method):
     assert not np.array_equal(ground.true, ground.surveyed)
 
 
-@pytest.mark.parametrize("vehicle", [None, BODY])
+def test_no_line_of_a_disc_touches_what_it_must_not():
+    row = soak("auto", soak_ground(64, vehicle=DISC), ticks=120, changes=2, refine="any-angle")
+    assert (row.invalid, row.errors) == (0, {})
+    assert row.planned > 20
+
+
+@pytest.mark.parametrize("vehicle", [None, BODY, DISC])
 def test_a_path_through_an_obstacle_would_be_seen(monkeypatch, vehicle):
     tick = Navigator.tick
 
