@@ -116,7 +116,7 @@ def assumed(path):
 
         return names | {
             "message": grid_map_message(20, 30),
-            "world_frame": MapFrame(0.1, -5.0, -5.0),
+            "map_frame": MapFrame(0.1, -5.0, -5.0),
             "answer": SimpleNamespace(path=np.array([[3, 4], [3, 5]])),
         }
     return names
