@@ -26,8 +26,8 @@ FRAME = MapFrame(TRUTH.cell_size_m, x=90.0, y=90.0, rows_along_x=True, frame_id=
 class Rover:
     """The loop's source, of what it sees; and the answers' reader, who goes where they lead."""
 
-    def __init__(self, known, axes):
-        self.map, self.axes, self.driven = known, dict(zip(DRAWN, axes, strict=True)), [START]
+    def __init__(self, navigator, axes):
+        self.navigator, self.axes, self.driven = navigator, dict(zip(DRAWN, axes, strict=True)), [START]
 
     def poll(self):
         (row, col), corner = self.driven[-1], np.maximum(self.driven[-1], SIGHT) - SIGHT
@@ -38,7 +38,7 @@ class Rover:
 
     def follow(self, answer):
         if (axes := self.axes.get(answer.tick)) is not None:
-            relief(axes, replace(TRUTH, elevation=self.map.elevation()), f"tick {answer.tick}")
+            relief(axes, replace(TRUTH, elevation=self.navigator.map.elevation()), f"tick {answer.tick}")
             line(axes, np.array(self.driven), color="white")
             line(axes, answer.path)
             ends(axes, self.driven[-1], GOAL)
@@ -48,12 +48,9 @@ class Rover:
 def main(folder: Path, small: bool = False) -> Path:
     """Drive, and draw what was known after some ticks."""
     figure, axes = panels(len(DRAWN))
-    unseen = np.full(TRUTH.shape, np.nan, np.float32)
-    navigator = Navigator(
-        Ground.of_elevation(unseen, TRUTH.cell_size_m, vehicle=BODY), NavigatorSettings(approach=True)
-    )
-    rover = Rover(navigator.map, axes)
-    counters = Loop(navigator, rover, paced=False, after_tick=rover.follow).run(DRAWN[-1])
+    ground = Ground.of_elevation(np.full(TRUTH.shape, np.nan), TRUTH.cell_size_m, vehicle=BODY)
+    rover = Rover(Navigator(ground, NavigatorSettings(approach=True)), axes)
+    counters = Loop(rover.navigator, rover, paced=False, after_tick=rover.follow).run(DRAWN[-1])
     print(f"{len(rover.driven)} cells driven; a tick took {counters.tick_ms['p50']:.2f} ms, half of them less")
     return save(figure, folder, "moving_window")
 
