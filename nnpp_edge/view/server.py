@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager, suppress
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import msgspec
 import uvicorn
@@ -210,10 +210,10 @@ class _AcceptErrors:
     def __init__(self) -> None:
         self._told = False
 
-    def __call__(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    def __call__(self, loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
         """Handle what nobody caught in the loop of events."""
         error = context.get("exception")
-        if "accept" not in context["message"] or not isinstance(error, OSError):
+        if "accept" not in str(context["message"]) or not isinstance(error, OSError):
             loop.default_exception_handler(context)
         elif not self._told:
             self._told = True

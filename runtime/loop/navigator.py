@@ -11,11 +11,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.approach import place_towards
 from nnpp_edge.runtime.loop.ladder import Ladder, NavigatorSettings, Tick, one_line
-from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, MapPatch, Origin, PathMessage, Pose
+from nnpp_edge.runtime.loop.messages import (
+    Counters,
+    Goal,
+    Input,
+    InvalidMessageError,
+    MapPatch,
+    Origin,
+    PathMessage,
+    Pose,
+)
 from nnpp_edge.runtime.loop.spans import Span
 from nnpp_edge.runtime.loop.world import World
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -56,6 +66,7 @@ class Navigator:
         As for `DynamicPlanner`.
     """
 
+    @checked(InvalidQueryError)
     def __init__(
         self, world: World, settings: NavigatorSettings | None = None, *, clock: Callable[[], float] = time.monotonic
     ) -> None:
@@ -80,6 +91,7 @@ class Navigator:
         self.planner = self._new_planner()
         """Plans on the map of the last tick. It belongs to the thread that calls `tick`."""
 
+    @checked(InvalidMessageError)
     def offer(self, message: Input) -> None:
         """Take an input: a patch is written into the map at once; of poses and goals the newest counts."""
         if isinstance(message, MapPatch):
@@ -93,6 +105,7 @@ class Navigator:
             else:
                 self._goal = message
 
+    @checked(InvalidQueryError)
     def reload(self, model: str | Path | None = None) -> None:
         """Load a network, try it, and use it from the next tick on; if that fails, the old one stays.
 

@@ -4,8 +4,10 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.disc import state_of_costs, state_of_elevation
 from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.state import MapState
@@ -72,6 +74,7 @@ class Planner:
     <Status.NO_PATH: 'NO_PATH'>
     """
 
+    @checked(InvalidQueryError)
     def __init__(
         self,
         cost: Float2D,
@@ -94,6 +97,7 @@ class Planner:
         self._make_answers()
 
     @classmethod
+    @checked(InvalidQueryError)
     def of_elevation(
         cls,
         dem: Float2D,
@@ -190,6 +194,7 @@ class Planner:
         """Rows and columns of the map."""
         return self._state.shape
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def use_model(self, model: str | Path | NetworkModel) -> None:
         """Ask this network from now on. A name or a file is loaded and tried now; on an error the old one stays.
@@ -218,6 +223,7 @@ class Planner:
         touch(self._answers.planners.astar.workspace)
         self._answers.planners.coarse_to_fine.touch()
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def update(self, row: int, col: int, patch: Float2D) -> int:
         """Put new costs into the map.
@@ -243,6 +249,7 @@ class Planner:
         """
         return self._state.update(row, col, patch).cells
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def update_elevation(self, row: int, col: int, patch: Float2D) -> int:
         """Put new elevations into a planner made by `of_elevation`.
@@ -268,6 +275,7 @@ class Planner:
         """
         return self._state.update_elevation(row, col, patch).cells
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:
         """Compute costs once for this map, so that ``astar`` expands a fraction of the cells, for the same optimum.
@@ -290,6 +298,7 @@ class Planner:
         """
         self._answers.planners.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def nearest(
         self,
@@ -333,6 +342,7 @@ class Planner:
         wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
         return self._answers.nearest(start, goals, count, wishes)
 
+    @checked(InvalidQueryError)
     def plan(
         self,
         start: Cell,
@@ -398,6 +408,7 @@ class Planner:
     def _plan_in_turn(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
         return self._answers.plan(start, goal, wishes, work)
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def plan_via(
         self,
@@ -441,6 +452,7 @@ class Planner:
         wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
         return self._answers.via(start, goal, via, best_order, wishes)
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def reach(self, start: Cell, within: float = math.inf) -> Float2D:
         """What can be reached from a cell, and at what cost.
