@@ -52,6 +52,11 @@ def shown(value: object) -> str:
         return f"a {type(value).__name__}"
 
 
+def is_real(value: object) -> bool:
+    """Whether it is a number, of Python or NumPy; truth values and numbers beyond 64 bits are none."""
+    return _is_whole(value) or (isinstance(value, Real) and not isinstance(value, Integral))
+
+
 def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callable[..., object]:
     @functools.cache
     def kinds() -> dict[str, Kind | None]:
@@ -80,6 +85,8 @@ def _kind(hint: object) -> Kind | None:
         return _any_of([_kind(each) for each in inner])
     if origin is Callable or hint is Callable:
         return Kind(frozenset(), callable, "callable")
+    if origin is dict:
+        return _kind(dict)
     if origin is tuple:
         return _sequence(_kind(inner[0]), None if inner[-1] is ... else len(inner))
     if origin in (Sequence, Iterable):
@@ -115,17 +122,13 @@ def _a(named: type) -> str:
     return f"{'an' if named.__name__[0] in 'AEIO' else 'a'} {named.__name__}"
 
 
-def _is_real(value: object) -> bool:
-    return _is_whole(value) or (isinstance(value, Real) and not isinstance(value, Integral))
-
-
 def _is_whole(value: object) -> bool:
     return isinstance(value, Integral) and not isinstance(value, bool) and -_LARGEST <= int(value) < _LARGEST
 
 
 _KINDS: dict[object, Kind | None] = {
     int: Kind(frozenset(), _is_whole, "a whole number"),
-    float: Kind(frozenset([float]), _is_real, "a number"),
+    float: Kind(frozenset([float]), is_real, "a number"),
     bool: Kind(frozenset([bool]), lambda value: isinstance(value, np.bool_), "True or False"),
     str: Kind(frozenset([str]), lambda value: isinstance(value, str), "text"),
     Path: Kind(frozenset(), lambda value: isinstance(value, Path), "a path"),
