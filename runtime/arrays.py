@@ -13,7 +13,10 @@ Float = TypeVar("Float", np.float32, np.float64)
 
 def unmasked(array: ArrayLike) -> NDArray[np.generic]:
     """An array, with NaN for the masked values of a masked one: what is masked is unknown."""
-    values = np.asarray(array)
+    try:
+        values = np.asarray(array)
+    except ValueError:
+        raise InvalidMapError("wanted a (H, W) map of numbers, got rows of different lengths") from None
     if not isinstance(array, np.ma.MaskedArray) or not np.ma.is_masked(array) or values.dtype.kind not in "fiub":
         return values
     return np.where(np.ma.getmaskarray(array), np.nan, values)
@@ -24,10 +27,7 @@ def as_map(array: ArrayLike, name: str, dtype: type[Float] = np.float32) -> NDAr
 
     Masked cells become NaN, which is unknown wherever a map is read.
     """
-    try:
-        values = unmasked(array)
-    except ValueError:
-        raise InvalidMapError(f"{name} must be a (H, W) map of numbers, got rows of different lengths") from None
+    values = unmasked(array)
     if values.ndim != 2 or values.size == 0 or values.dtype.kind not in "fiub":
         raise InvalidMapError(f"{name} must be a (H, W) map of numbers, got {values.shape} {values.dtype}")
     if values.dtype == dtype:

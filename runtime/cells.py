@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from nnpp_edge.runtime.arguments import shown
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 
 Cell = tuple[int, int]
@@ -20,7 +21,7 @@ def as_cell(cell: Cell, name: str) -> Cell:
             return int(row), int(col)
     except (TypeError, ValueError, OverflowError):
         pass
-    raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {cell!r}")
+    raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {shown(cell)}")
 
 
 def patch_at(origin: Cell, patch: tuple[int, ...], shape: tuple[int, int]) -> Rectangle:

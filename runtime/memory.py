@@ -92,26 +92,37 @@ def peak_bytes() -> int:
     return next((_number(line) * 1024 for line in lines if line.startswith("VmHWM:")), 0)
 
 
-def available_bytes() -> int:
-    """Memory that this process may still take: the least of what machine, control groups and its own limit leave."""
-    found = [_number(line) * 1024 for line in _lines(Path("/proc/meminfo")) if line.startswith("MemAvailable:")]
+def available_bytes(system: Path = Path("/")) -> int:
+    """Memory that this process may still take: the least of what machine, control groups and its own limit leave.
+
+    `system` is where the system's own files lie, ``/proc`` and ``/sys``.
+    """
+    found = [_number(line) * 1024 for line in _lines(system / "proc/meminfo") if line.startswith("MemAvailable:")]
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY:
         found.append(limit - _number(_lines(Path("/proc/self/statm"))[0]) * mmap.PAGESIZE)
-    return max(0, min([*found, *_left_in_groups()], default=1 << 62))
+    return max(0, min([*found, *_left_in_groups(system)], default=1 << 62))
 
 
-def _left_in_groups() -> Iterator[int]:
+def _left_in_groups(system: Path) -> Iterator[int]:
     """What each control group around this process leaves: pages of files that can be dropped count as free."""
-    root = Path("/sys/fs/cgroup")
-    group = root / next((line[4:] for line in _lines(Path("/proc/self/cgroup")) if line.startswith("0::/")), "")
-    for folder in (group, *group.parents):
-        if root not in (folder, *folder.parents):
-            return
-        limit, used = _lines(folder / "memory.max"), _lines(folder / "memory.current")
-        if limit and used and limit[0].isdecimal():
-            files = [_number(line) for line in _lines(folder / "memory.stat") if line.startswith("inactive_file ")]
-            yield int(limit[0]) - int(used[0]) + sum(files)
+    groups = [line.split(":", 2) for line in _lines(system / "proc/self/cgroup")]
+    for _, kind, name in groups:
+        if kind == "":
+            root, files = system / "sys/fs/cgroup", ("memory.max", "memory.current", "inactive_file ")
+        elif "memory" in kind.split(","):  # version 1; from within a container, the name may be that outside of it
+            root, names = system / "sys/fs/cgroup/memory", ("memory.limit_in_bytes", "memory.usage_in_bytes")
+            files = (*names, "total_inactive_file ")
+        else:
+            continue
+        group = root / name.lstrip("/")
+        for folder in (group, *group.parents):
+            if root not in (folder, *folder.parents):
+                break
+            limit, used = _lines(folder / files[0]), _lines(folder / files[1])
+            if limit and used and limit[0].isdecimal():
+                dropped = [_number(line) for line in _lines(folder / "memory.stat") if line.startswith(files[2])]
+                yield int(limit[0]) - int(used[0]) + sum(dropped)
 
 
 def _lines(path: Path) -> list[str]:

@@ -23,12 +23,13 @@ from nnpp_edge.runtime.compiled import cache, claims, kernel
 from nnpp_edge.runtime.compiled.cache import NumbaObject
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.exercises import exercise, parts
+from nnpp_edge.runtime.memory import available_bytes
 
 _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
 _STILL_IN_USE_S = 3600.0
 """A folder written to within this time may belong to a process that is still running: it is left alone."""
-MOST_JOBS = 4
-"""Processes that compile at once unless told otherwise: each takes half a gigabyte."""
+MOST_JOBS, JOB_BYTES = 4, 600_000_000
+"""Processes that compile at once unless told otherwise, and the memory that each is to find free."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,8 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
         Leave the kernels of other versions where they are. Otherwise their folders are deleted, but for
         those written to within the last hour.
     jobs : int, optional
-        Processes that compile at once; by default one for each processor that this one may use, four at most.
-        Each takes about half a gigabyte.
+        Processes that compile at once; by default one for each processor that this one may use, four at most, as
+        far as memory is left: each takes about half a gigabyte.
 
     Raises
     ------
@@ -76,7 +77,7 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
     OutputError
         There is no folder to write to, or it cannot be written.
     """
-    jobs = min(len(os.sched_getaffinity(0)), MOST_JOBS) if jobs is None else jobs
+    jobs = default_jobs() if jobs is None else jobs
     if jobs < 1:
         raise ValueError(f"jobs: wanted at least 1, got {jobs}")
     folder = kernel.CACHE_FOLDER
@@ -100,6 +101,11 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
         raise OutputError(f"{folder}: kernels could not be kept ({error.strerror or error})") from error
     kernels, signatures = cache.count_kept(folder)
     return Warmth(folder, kernels, signatures, compiled, time.perf_counter() - began, removed)
+
+
+def default_jobs() -> int:
+    """Processes that compile at once where nobody says how many."""
+    return max(1, min(len(os.sched_getaffinity(0)), MOST_JOBS, available_bytes() // JOB_BYTES))
 
 
 def kernels() -> dict[str, NumbaObject]:

@@ -14,7 +14,8 @@ from nnpp_edge.cli import options
 @click.option(
     "--jobs",
     type=click.IntRange(1, 64),
-    help="Processes that compile at once, half a gigabyte each; by default one a processor, four at most.",
+    help="Processes that compile at once, half a gigabyte each; by default one a processor, four at most, as "
+    "far as memory is left.",
 )
 @options.as_json
 def command(keep_old: bool, jobs: int | None, as_json: bool) -> None:

@@ -7,8 +7,8 @@ from the corner farthest along x and y: rows run against x, columns against y, a
 
 import io
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +17,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.files import write_whole
 from nnpp_edge.ros.occupancy import BODY_TOUCHES, IMPASSABLE, UNKNOWN, as_cost, as_occupancy
+from nnpp_edge.runtime.arguments import checked, is_real, shown
+from nnpp_edge.runtime.arrays import as_map
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import MapPatch
 
 _SAME = 1e-3
 """Share of a cell's side by which two maps' cells may differ."""
-_LEVEL = 1e-3
-"""Part of a quaternion up to which a map counts as not turned."""
+_LEVEL = (1e-3, 1e-3, 1e-3, 1.001)
+"""Parts of a quaternion, of either sign, up to which a map counts as not turned."""
 
 
+@checked(InvalidMapError)
 @dataclass(frozen=True)
 class MapFrame:
     """Where the cells of a map lie in metres. Rows run along one axis, columns along the other, forth or back.
@@ -59,15 +62,15 @@ class MapFrame:
 
         Whole numbers are cells and give their middle; floats are places, as in a `Pose`, and 0.0 is the edge.
         """
-        places = np.asarray(cells)
-        places = (places + 0.5 if places.dtype.kind in "iu" else places.astype(np.float64)).reshape(-1, 2)
+        places = _pairs(cells)
+        places = places + 0.5 if places.dtype.kind in "iu" else places
         rows, cols = self.resolution * places[:, 0], self.resolution * places[:, 1]
         x, y = (-rows, -cols) if self.rows_along_x else (cols, rows)
         return np.stack([self.x + x, self.y + y], axis=1)
 
     def places(self, points: ArrayLike) -> NDArray[np.float64]:
         """Places (row, col) of points (x, y) in metres, (N, 2); their floor is the cell, as in a `Pose`."""
-        xy = np.asarray(points, np.float64).reshape(-1, 2)
+        xy = _pairs(points).astype(np.float64)
         if not np.isfinite(xy).all():
             raise InvalidQueryError("points must be finite metres (x, y)")
         if self.rows_along_x:
@@ -80,6 +83,7 @@ class MapFrame:
         return int(row), int(col)
 
 
+@checked(InvalidMapError)
 @dataclass(frozen=True, eq=False)
 class OccupancyGrid:
     """What a nav_msgs/OccupancyGrid holds, without its stamp. Its origin must not be turned.
@@ -109,11 +113,11 @@ class OccupancyGrid:
         data = _field(message, "data")
         resolution, width, height = (_field(message, f"info.{name}") for name in ("resolution", "width", "height"))
         origin = _corner(message, "info.origin")
-        return cls(resolution, width, height, np.asarray(data), *origin, _field(message, "header.frame_id"))
+        return cls(resolution, width, height, data, *origin, _field(message, "header.frame_id"))
 
     def __post_init__(self) -> None:
         """Check."""
-        values = np.asarray(self.data)
+        values, _ = _array(self.data), self.frame
         fits = self.width >= 1 and self.height >= 1 and values.size == self.width * self.height
         if not fits or values.dtype.kind not in "iu":
             wanted = f"{self.height} × {self.width} whole numbers"
@@ -129,6 +133,7 @@ class OccupancyGrid:
         """Where its cells lie."""
         return MapFrame(self.resolution, self.origin_x, self.origin_y, frame_id=self.frame_id)
 
+    @checked(InvalidMapError)
     def cost(self, occupied: int = BODY_TOUCHES) -> NDArray[np.float32]:
         """Its cells as costs, (height, width): a hundredth of the occupancy; inf from `occupied` on; NaN if unknown.
 
@@ -144,12 +149,13 @@ class OccupancyGrid:
         """
         if frame.rows_along_x:
             raise InvalidMapError("an occupancy grid's rows must run with y, got a frame whose rows run against x")
-        values = _map(cost)
+        values = as_map(cost, "cost")
         height, width = values.shape
         data = as_occupancy(values).reshape(-1)
         return cls(frame.resolution, width, height, data, frame.x, frame.y, frame.frame_id)
 
 
+@checked(InvalidMapError)
 @dataclass(frozen=True, eq=False)
 class GridMap:
     """What a grid_map_msgs/GridMap holds, without its stamp. Its pose must not be turned.
@@ -182,23 +188,31 @@ class GridMap:
 
         Raises InvalidMapError for another message, or a turned map.
         """
-        names, arrays = _field(message, "layers"), _field(message, "data")
+        names, arrays = _items(message, "layers"), _items(message, "data")
+        texts = {name for name in names if isinstance(name, str)}
+        if not len(texts) == len(names) == len(arrays):
+            raise InvalidMapError(f"wanted a name for each of {len(arrays)} layers, got {shown(names)}")
         side, *lengths = (_field(message, f"info.{name}") for name in ("resolution", "length_x", "length_y"))
         middle = _corner(message, "info.pose")
         starts = [_field(message, f"{name}_start_index") for name in ("outer", "inner")]
-        layers = {}
-        for name, array in zip(names, arrays, strict=False):
-            values, dims = np.asarray(_field(array, "data"), np.float32), _field(array, "layout.dim")
-            sizes = [_field(dim, "size") for dim in dims]
-            if math.prod(sizes) == values.size and _field(dims[0], "label") == "row_index":  # row by row
-                values = values.reshape(sizes).T.reshape(-1)
-            layers[name] = values
         frame_id = _field(message, "header.frame_id")
-        return cls(side, lengths[0], lengths[1], layers, *middle, starts[0], starts[1], frame_id)
+        grid = cls(side, lengths[0], lengths[1], {}, *middle, starts[0], starts[1], frame_id)
+        rows, cols = grid.shape
+        layers: dict[str, NDArray[np.float32]] = {}
+        by_column = [f"column_index {cols}", f"row_index {rows}"]
+        for name, array in zip(names, arrays, strict=True):
+            values = _array(_field(array, "data"))
+            layout = [f"{_field(dim, 'label')} {_field(dim, 'size')}" for dim in _items(array, "layout.dim")]
+            if layout not in (by_column, by_column[::-1]):
+                wanted = " and ".join(by_column)
+                raise InvalidMapError(f"layer {name!r} must be laid out by {wanted}, got {shown(layout)}")
+            by_row = layout != by_column and values.size == rows * cols
+            layers[str(name)] = values.reshape(rows, cols).T.reshape(-1) if by_row else values
+        return replace(grid, layers=layers)
 
     def __post_init__(self) -> None:
         """Check."""
-        rows, cols = self.shape
+        (rows, cols), _, layers = self.shape, self.frame, {}
         for length, cells in ((self.length_x, rows), (self.length_y, cols)):
             if cells < 1 or abs(length - cells * self.resolution) > _SAME * self.resolution * max(cells, 1):
                 got = f"{self.length_x}, {self.length_y}"
@@ -207,20 +221,23 @@ class GridMap:
             start = (self.outer_start_index, self.inner_start_index)
             raise InvalidMapError(f"a grid map's start must lie within {rows} × {cols} cells, got {start}")
         for name, values in self.layers.items():
-            flat = np.asarray(values, np.float32)
-            if flat.shape != (rows * cols,):
+            flat = _array(values)
+            if flat.shape != (rows * cols,) or flat.dtype.kind not in "iuf":
                 wanted = f"{rows} × {cols} numbers column by column, as in the message"
                 also = "; of_layers takes maps (rows, columns)" if flat.ndim == 2 else ""
-                raise InvalidMapError(f"layer {name!r} must be {wanted}, got {flat.shape}{also}")
-            self.layers[name] = flat
+                raise InvalidMapError(f"layer {name!r} must be {wanted}, got {flat.shape} {flat.dtype}{also}")
+            with np.errstate(over="ignore"):  # heights beyond 32-bit floats are unknown, as infinite ones
+                layers[name] = flat.astype(np.float32, copy=False)
+        object.__setattr__(self, "layers", layers)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
         frame = MapFrame(self.resolution)  # checks the resolution
-        if not all(math.isfinite(length) and length > 0.0 for length in (self.length_x, self.length_y)):
+        along_x, along_y = self.length_x / frame.resolution, self.length_y / frame.resolution
+        if not (0.0 < along_x < math.inf and 0.0 < along_y < math.inf):
             raise InvalidMapError(f"a grid map's lengths must be above 0 m, got {self.length_x}, {self.length_y}")
-        return round(self.length_x / frame.resolution), round(self.length_y / frame.resolution)
+        return round(along_x), round(along_y)
 
     @property
     def frame(self) -> MapFrame:
@@ -256,12 +273,12 @@ class GridMap:
         """
         if not frame.rows_along_x:
             raise InvalidMapError("a grid map's rows must run against x, got a frame whose rows run with y")
-        shapes = {_map(values).shape for values in layers.values()}
+        shapes = {as_map(values, "a layer").shape for values in layers.values()}
         if len(shapes) != 1:
             raise InvalidMapError(f"a grid map's layers must have one shape, got {sorted(shapes) or 'none'}")
         rows, cols = shapes.pop()
         flat = {
-            name: np.roll(_map(values), start, axis=(0, 1)).T.reshape(-1).astype(np.float32)
+            name: np.roll(as_map(values, "a layer"), start, axis=(0, 1)).T.reshape(-1)
             for name, values in layers.items()
         }
         length_x, length_y = rows * frame.resolution, cols * frame.resolution
@@ -269,6 +286,7 @@ class GridMap:
         return cls(frame.resolution, length_x, length_y, flat, *middle, *start, frame.frame_id)
 
 
+@checked(InvalidMapError)
 def occupancy_patch(
     grid: OccupancyGrid, frame: MapFrame, *, occupied: int = BODY_TOUCHES, keep_known: bool = True, stamp: float = 0.0
 ) -> MapPatch:
@@ -277,6 +295,7 @@ def occupancy_patch(
     return MapPatch(row, col, cost=values, keep_known=keep_known, stamp=stamp)
 
 
+@checked(InvalidMapError)
 def grid_map_patch(
     grid: GridMap,
     frame: MapFrame,
@@ -305,7 +324,7 @@ def placed(values: NDArray[np.float32], source: MapFrame, target: MapFrame) -> t
         raise InvalidMapError(f"wanted a map in the frame {target.frame_id!r}, got one in {source.frame_id!r}")
     if abs(source.resolution - target.resolution) > _SAME * target.resolution:
         raise InvalidMapError(f"wanted cells of {target.resolution} m, got {source.resolution} m")
-    cells = _map(values)
+    cells = as_map(values, "a map")
     rows, cols = cells.shape
     if source.rows_along_x != target.rows_along_x:
         cells = cells[::-1, ::-1].T
@@ -331,11 +350,21 @@ def path_poses(path: NDArray[np.int32], frame: MapFrame) -> NDArray[np.float64]:
     return np.column_stack([points, heading])
 
 
-def _map(values: ArrayLike) -> NDArray[np.float32]:
-    cells = np.asarray(values, np.float32)
-    if cells.ndim != 2 or cells.size == 0:
-        raise InvalidMapError(f"a map must be (h, w) numbers, got {cells.shape}")
-    return cells
+def _array(values: ArrayLike) -> NDArray[np.float32]:
+    """An array of any type; InvalidMapError for lists of different lengths."""
+    try:
+        found: NDArray[np.float32] = np.asarray(values)
+        return found
+    except ValueError:
+        raise InvalidMapError(f"wanted numbers, got {shown(values)}") from None
+
+
+def _pairs(values: ArrayLike) -> NDArray[np.float32]:
+    """(N, 2) numbers."""
+    pairs = _array(values)
+    if pairs.dtype.kind not in "iuf" or pairs.size % 2:
+        raise InvalidQueryError(f"wanted pairs (N, 2) of numbers, got {shown(values)}")
+    return pairs.reshape(-1, 2)
 
 
 def _field(message: object, path: str) -> Any:
@@ -350,9 +379,17 @@ def _field(message: object, path: str) -> Any:
     return found
 
 
+def _items(message: object, path: str) -> list[object]:
+    """A sequence in a message."""
+    found = _field(message, path)
+    if isinstance(found, str | bytes | Mapping) or not isinstance(found, Iterable):
+        raise InvalidMapError(f"{path} must be a sequence, got {shown(found)}")
+    return list(found)
+
+
 def _corner(message: object, path: str) -> tuple[float, float]:
     """x and y of a map's pose; InvalidMapError where the map is turned."""
-    turned = [_field(message, f"{path}.orientation.{axis}") for axis in "xyz"]
-    if max(map(abs, turned)) > _LEVEL:
-        raise InvalidMapError(f"wanted a map that is not turned, got one with the orientation x, y, z {turned}")
+    turned = [_field(message, f"{path}.orientation.{axis}") for axis in "xyzw"]
+    if not all(is_real(part) and abs(part) <= most for part, most in zip(turned, _LEVEL, strict=True)):
+        raise InvalidMapError(f"wanted a map that is not turned, got one with the orientation x, y, z, w {turned}")
     return _field(message, f"{path}.position.x"), _field(message, f"{path}.position.y")

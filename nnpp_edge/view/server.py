@@ -1,6 +1,7 @@
 """The page on 127.0.0.1: its files, and one WebSocket a tab. Nothing but this machine's own browser is answered."""
 
 import asyncio
+import logging
 import socket
 import threading
 from collections.abc import AsyncIterator, Callable
@@ -21,6 +22,7 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
 from nnpp_edge.runtime.reading import reason
@@ -47,6 +49,11 @@ _LONGEST_MESSAGE = 1 << 16
 _MOST_TABS = 8
 """Each holds a map and a planner of its own."""
 _CLOSE_TABS = f"{_MOST_TABS} tabs are open: close one"
+_MOST_CONNECTIONS = 64
+"""Tabs' own included; a browser opens at most 6 a tab. As many may wait to be accepted."""
+_LONGEST_CONNECTION_S = 10.0
+"""Of a connection that is not a tab's WebSocket; the page's files take a tenth of a second."""
+_LOG = logging.getLogger(__name__)
 
 
 def listen(port: int) -> socket.socket:
@@ -66,16 +73,24 @@ def listen(port: int) -> socket.socket:
 
 def serve(app: ASGIApp, listening: socket.socket) -> None:
     """Answer until Ctrl-C or SIGTERM."""
+    with suppress(KeyboardInterrupt):  # uvicorn raises it again when it has stopped
+        server_of(app).run(sockets=[listening])
+
+
+def server_of(app: ASGIApp) -> uvicorn.Server:
+    """What `serve` runs."""
     config = uvicorn.Config(
         app,
         log_config=None,
+        loop="asyncio",
+        http=_Connection,
         ws="websockets-sansio",
         ws_max_size=_LONGEST_MESSAGE,
         ws_per_message_deflate=False,
         timeout_graceful_shutdown=1,
+        backlog=_MOST_CONNECTIONS,
     )
-    with suppress(KeyboardInterrupt):  # uvicorn raises it again when it has stopped
-        uvicorn.Server(config).run(sockets=[listening])
+    return uvicorn.Server(config)
 
 
 def make_app(make_trial: Callable[[], Trial], when_ready: Callable[[], None] = lambda: None) -> Starlette:
@@ -92,6 +107,7 @@ def make_app(make_trial: Callable[[], Trial], when_ready: Callable[[], None] = l
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        asyncio.get_running_loop().set_exception_handler(_AcceptErrors())
         when_ready()
         yield
 
@@ -170,6 +186,38 @@ async def _send(websocket: WebSocket, answer: Answer | bytes) -> None:
         await websocket.send_bytes(answer)
     else:
         await websocket.send_text(msgspec.json.encode(answer).decode())
+
+
+class _Connection(H11Protocol):
+    """A connection that is closed where there are too many, or where it becomes no tab's WebSocket in time."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn has it
+        """Begin to count the time."""
+        super().connection_made(transport)
+        if len(self.connections) > _MOST_CONNECTIONS:
+            transport.abort()
+        else:
+            self.loop.call_later(_LONGEST_CONNECTION_S, self._end)
+
+    def _end(self) -> None:
+        if self.transport.get_protocol() is self:
+            self.transport.abort()
+
+
+class _AcceptErrors:
+    """Says once that connections cannot be accepted; asyncio tries again after a second, and logs each try."""
+
+    def __init__(self) -> None:
+        self._told = False
+
+    def __call__(self, loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
+        """Handle what nobody caught in the loop of events."""
+        error = context.get("exception")
+        if "accept" not in str(context["message"]) or not isinstance(error, OSError):
+            loop.default_exception_handler(context)
+        elif not self._told:
+            self._told = True
+            _LOG.warning("warning: new connections wait (%s)", reason(error))
 
 
 class _Headers:

@@ -4,6 +4,7 @@ import sys
 from collections import deque
 from collections.abc import Iterator
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.loop.mailbox import Mailbox
 from nnpp_edge.runtime.loop.messages import Input, InvalidMessageError, Output, PathMessage
 
@@ -11,6 +12,7 @@ from nnpp_edge.runtime.loop.messages import Input, InvalidMessageError, Output, 
 class InProcessSource:
     """Inputs put by any thread, in a `Mailbox` of at most so many patches."""
 
+    @checked(InvalidMessageError)
     def __init__(self, most_patches: int = 256) -> None:
         self._mailbox = Mailbox(most_patches, sys.maxsize)
 
@@ -19,13 +21,12 @@ class InProcessSource:
         """Patches that were refused."""
         return self._mailbox.drops
 
+    @checked(InvalidMessageError)
     def put(self, message: Input) -> bool:
         """Add an input; False if it is a patch and too many are waiting, so that the sender knows.
 
         InvalidMessageError for anything else than an input.
         """
-        if not isinstance(message, Input):
-            raise InvalidMessageError(f"wanted a MapPatch, Pose or Goal, got a {type(message).__name__}")
         return not self._mailbox.put(message, when_full="refuse")
 
     def poll(self) -> Iterator[Input]:
@@ -38,6 +39,7 @@ class InProcessSink:
 
     name = "in-process"
 
+    @checked(InvalidMessageError)
     def __init__(self, most: int = 1) -> None:
         self.messages: deque[Output] = deque(maxlen=most)
         """Newest last."""

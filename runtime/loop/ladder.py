@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Origin, PathMessage
@@ -32,6 +33,7 @@ _FORGET = 0.9
 """Factor of a method's expected time each time that the method is skipped as too slow: so it is tried again."""
 
 
+@checked(InvalidQueryError)
 @dataclass(frozen=True)
 class NavigatorSettings:
     """How the onboard loop plans."""

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arguments import shown
 from nnpp_edge.runtime.arrays import as_map, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status
@@ -67,6 +68,8 @@ class MapPatch:
         object.__setattr__(self, name, values)
         _make_whole(self, "row", "col")
         _check_finite(self, "stamp")
+        if not isinstance(self.keep_known, bool | np.bool_):
+            raise InvalidMessageError(f"a patch's keep_known must be True or False, got {shown(self.keep_known)}")
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -255,7 +258,7 @@ def _check_finite(message: Input, *words: str) -> None:
         except (TypeError, OverflowError):
             finite = False
         if not finite:
-            raise InvalidMessageError(f"{_owner(message)} {word} must be a finite number, got {value!r:.80}")
+            raise InvalidMessageError(f"{_owner(message)} {word} must be a finite number, got {shown(value)}")
 
 
 def _make_whole(message: Input, *words: str) -> None:
@@ -266,7 +269,7 @@ def _make_whole(message: Input, *words: str) -> None:
         except (TypeError, ValueError, OverflowError):
             whole = None
         if whole is None or whole != value:
-            raise InvalidMessageError(f"{_owner(message)} {word} must be a whole number, got {value!r:.80}")
+            raise InvalidMessageError(f"{_owner(message)} {word} must be a whole number, got {shown(value)}")
         object.__setattr__(message, word, whole)
 
 

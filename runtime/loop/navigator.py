@@ -11,11 +11,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.approach import place_towards
 from nnpp_edge.runtime.loop.ladder import Ladder, NavigatorSettings, Tick, one_line
-from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, MapPatch, Origin, PathMessage, Pose
+from nnpp_edge.runtime.loop.messages import (
+    Counters,
+    Goal,
+    Input,
+    InvalidMessageError,
+    MapPatch,
+    Origin,
+    PathMessage,
+    Pose,
+)
 from nnpp_edge.runtime.loop.patches import Patches, Waiting
 from nnpp_edge.runtime.loop.spans import Span
 from nnpp_edge.runtime.map.ground import Ground
@@ -57,6 +67,7 @@ class Navigator:
         As for `DynamicPlanner`.
     """
 
+    @checked(InvalidQueryError)
     def __init__(
         self,
         ground: Ground,
@@ -90,6 +101,7 @@ class Navigator:
         """The map as the last tick left it; its `cost`, `elevation`, `shape` and sides may be read by any thread."""
         return self.planner.state
 
+    @checked(InvalidMessageError)
     def offer(self, message: Input) -> None:
         """Take an input: all patches get into the map, in their order; of poses and goals the newest counts."""
         if isinstance(message, MapPatch):
@@ -103,6 +115,7 @@ class Navigator:
             else:
                 self._goal = message
 
+    @checked(InvalidQueryError)
     def reload(self, model: str | Path | None = None) -> None:
         """Load a network, try it, and use it from the next tick on; if that fails, the old one stays.
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 from types import FrameType
 from typing import Protocol
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.histogram import Histogram
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
@@ -69,6 +70,7 @@ class Loop:
         planning stops, such as a watchdog. It must not wait. If it raises, that is counted.
     """
 
+    @checked(InvalidQueryError)
     def __init__(
         self,
         navigator: Navigator,
@@ -85,8 +87,6 @@ class Loop:
     ) -> None:
         if not rate_hz > 0.0:
             raise InvalidQueryError(f"the rate must be a positive number of ticks a second, got {rate_hz}")
-        if not isinstance(sinks, Sequence):
-            raise InvalidQueryError(f"wanted a sequence of sinks, got a {type(sinks).__name__}")
         self.navigator, self._source = navigator, source
         self.spans: tuple[Span, ...] = ()
         """The last tick and its parts, in order, for `after_tick`."""
@@ -122,6 +122,7 @@ class Loop:
         """Read the model's file again, beside the loop. May be called from a signal handler or any thread."""
         self._reload_wanted = True
 
+    @checked(InvalidQueryError)
     def run(self, ticks: int | None = None) -> Counters:
         """Run until `stop`, or for so many ticks; the counters at the end. A loop runs once."""
         for writer in self._writers:

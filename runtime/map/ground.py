@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.map.disc import DiscState
@@ -15,6 +16,7 @@ from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, t
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 
+@checked(InvalidMapError)
 @dataclass(frozen=True, eq=False)
 class Ground:
     """A map, and the robot that plans on it. The arrays are those given; planners and loops copy them.

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidMapError
@@ -183,6 +184,7 @@ class Poses:
         return np.where(codes == FAILS, np.float32(np.inf), costs.astype(np.float32))
 
 
+@checked(InvalidMapError)
 def pose_costs(
     dem: Float2D,
     cell_size_m: float,

@@ -20,6 +20,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.directed import ENERGY, LARGEST_EXPONENT, LINEAR, TIME, TOBLER
 
@@ -61,6 +62,7 @@ class SlopeCost(Protocol):
         """The model as the kernels take it."""
 
 
+@checked(InvalidQueryError)
 @dataclass(frozen=True)
 class ToblerCost:
     """Seconds of a hiker: W = speed · exp(-steepness · |rise / length - best_slope|) of the length on the map.
@@ -112,6 +114,7 @@ class ToblerCost:
         return TOBLER, np.array((best, self.steepness, self.best_slope), np.float64)
 
 
+@checked(InvalidQueryError)
 @dataclass(frozen=True)
 class LinearCost:
     """So much a metre on the map, a metre climbed and a metre descended.
@@ -172,6 +175,7 @@ class LinearCost:
         return LINEAR, np.array((self.level_per_m, *of_slopes), np.float64)
 
 
+@checked(InvalidQueryError)
 @dataclass(frozen=True)
 class TimeCost:
     """Seconds of a vehicle whose speed on the ground depends on the slope that it goes up or down.
@@ -187,6 +191,7 @@ class TimeCost:
     unit: ClassVar[str] = "s"
 
     @classmethod
+    @checked(InvalidQueryError)
     def of_speed(cls, speed: Callable[[Float64s], Float64s]) -> "TimeCost":
         """The table, at every other percent from -100 to 100, of a speed on the map by the rise a metre."""
         slopes = np.linspace(-1.0, 1.0, 101)
@@ -277,6 +282,7 @@ class SpeedCost(ABC):
         return self.table.packed
 
 
+@checked(InvalidQueryError)
 @dataclass(frozen=True)
 class IrmischerCost(SpeedCost):
     """Seconds of somebody who finds the way on foot with a map, off paths or on them.
@@ -303,6 +309,7 @@ class IrmischerCost(SpeedCost):
         return self.factor * (0.11 + gain * np.exp(-((100.0 * slope - best) ** 2) / (2.0 * 30.0**2)))
 
 
+@checked(InvalidQueryError)
 @dataclass(frozen=True)
 class EnergyCost:
     """Joules that a vehicle draws, less what it gets back.
@@ -393,6 +400,7 @@ def unit_of(step_cost: str) -> str:
     return SLOPE_COSTS[step_cost].unit if step_cost in SLOPE_COSTS else ""
 
 
+@checked(InvalidQueryError)
 @dataclass(frozen=True)
 class Mobility:
     """How a vehicle gets up and down: the optional table ``[mobility]`` of its file, one table a model."""

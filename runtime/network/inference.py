@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.encoding import Point, encode_ends, encode_gaussian
@@ -49,6 +50,7 @@ class NetworkModel:
         its graph fails.
     """
 
+    @checked(ModelError)
     def __init__(self, model: str | Path = "edge", *, threads: int | None = None, spinning: bool = False) -> None:
         self.path = model_path(model)
         """Of the file."""

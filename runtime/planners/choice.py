@@ -215,7 +215,7 @@ def saved_choice(path: Path | None) -> Choice | None:
         problem = "there is no such file"
     except (OSError, ValueError) as error:
         problem = reason(error)
-    warnings.warn(f"{path}: cannot be used, auto goes by the shipped figures ({problem})", stacklevel=7)
+    warnings.warn(f"{path}: cannot be used, auto goes by the shipped figures ({problem})", stacklevel=8)
     return None
 
 

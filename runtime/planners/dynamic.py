@@ -14,6 +14,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -77,6 +78,7 @@ class DynamicPlanner:
     True
     """
 
+    @checked(InvalidQueryError)
     def __init__(
         self,
         cost: Float2D,
@@ -96,6 +98,7 @@ class DynamicPlanner:
         self._begin(ground.state(omega, corner_cutting, tell_unknown=True), goal, method, also, model, refine)
 
     @classmethod
+    @checked(InvalidQueryError)
     def of_elevation(
         cls,
         dem: Float2D,
@@ -131,6 +134,7 @@ class DynamicPlanner:
         return cls.on(ground, goal, method, also=also, refine=refine, **given)
 
     @classmethod
+    @checked(InvalidQueryError)
     def on(
         cls,
         ground: Ground,
@@ -213,7 +217,7 @@ class DynamicPlanner:
 
     def is_passable(self, cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
-        return self._state.grid.is_passable(cell)
+        return self._state.grid.is_passable(as_cell(cell, "cell"))
 
     @one_at_a_time
     def set_goal(self, goal: Cell) -> None:
@@ -224,6 +228,7 @@ class DynamicPlanner:
         self._goal = cell
         self._path.forget()
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def update(self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None) -> int:
         """As `Planner.update`, of the cells that were `seen`, (h, w): the number of cells that are other ones now."""
@@ -231,6 +236,7 @@ class DynamicPlanner:
         self._path.catch_up()
         return change.cells
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def update_elevation(self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None) -> int:
         """As `Planner.update_elevation`, of the cells that were `seen`: the number that may be other ones now."""
@@ -260,6 +266,7 @@ class DynamicPlanner:
         """How the last path stands on the map as it is now, for the robot where it is now."""
         return self._path.check(self._where())
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def use_model(self, model: str | Path | NetworkModel) -> None:
         """As `Planner.use_model`; without effect where no method but ``astar`` and ``dstar`` is kept."""
@@ -285,6 +292,7 @@ class DynamicPlanner:
         if picked or any(method.base is Method.NNPP for method in self.methods):
             self._planners.prepare_network()
 
+    @checked(InvalidQueryError)
     def replan(
         self, *, method: str | None = None, time_limit_s: float = math.inf, keep_regions: bool = False
     ) -> Plan:
@@ -339,6 +347,7 @@ class DynamicPlanner:
             self._chooser.answered()
         return self._refined(plan)
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def refined(self, plan: Plan) -> Plan:
         """A plan whose path can be walked on the map as it is now, such as what is left of the standing one, with its

@@ -270,4 +270,4 @@ def _passage_of(model: str | Path | NetworkModel) -> PassageModel:
 @functools.cache
 def warn_once(problem: str) -> None:
     """Warn of something, the first time that it is said in a process."""
-    warnings.warn(problem, stacklevel=8)
+    warnings.warn(problem, stacklevel=9)

@@ -4,8 +4,10 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.map.state import MapState
@@ -72,6 +74,7 @@ class Planner:
     <Status.NO_PATH: 'NO_PATH'>
     """
 
+    @checked(InvalidQueryError)
     def __init__(
         self,
         cost: Float2D,
@@ -88,6 +91,7 @@ class Planner:
         self._begin(ground.state(omega, corner_cutting), model, ask_from)
 
     @classmethod
+    @checked(InvalidQueryError)
     def of_elevation(
         cls,
         dem: Float2D,
@@ -150,6 +154,7 @@ class Planner:
         return planner
 
     @classmethod
+    @checked(InvalidQueryError)
     def on(
         cls,
         ground: Ground,
@@ -196,6 +201,7 @@ class Planner:
         """Rows and columns of the map."""
         return self._state.shape
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def use_model(self, model: str | Path | NetworkModel) -> None:
         """Ask this network from now on. A name or a file is loaded and tried now; on an error the old one stays.
@@ -224,6 +230,7 @@ class Planner:
         touch(self._answers.planners.astar.workspace)
         self._answers.planners.coarse_to_fine.touch()
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def update(self, row: int, col: int, patch: Float2D) -> int:
         """Put new costs into the map.
@@ -254,6 +261,7 @@ class Planner:
         """
         return self._state.update(row, col, patch).cells
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def update_elevation(self, row: int, col: int, patch: Float2D) -> int:
         """Put new elevations into a planner made by `of_elevation`.
@@ -279,6 +287,7 @@ class Planner:
         """
         return self._state.update_elevation(row, col, patch).cells
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:
         """Compute costs once for this map, so that ``astar`` expands a fraction of the cells, for the same optimum.
@@ -301,6 +310,7 @@ class Planner:
         """
         self._answers.planners.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def nearest(
         self,
@@ -344,6 +354,7 @@ class Planner:
         wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
         return self._answers.nearest(start, goals, count, wishes)
 
+    @checked(InvalidQueryError)
     def plan(
         self,
         start: Cell,
@@ -409,6 +420,7 @@ class Planner:
     def _plan_in_turn(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
         return self._answers.plan(start, goal, wishes, work)
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def plan_via(
         self,
@@ -452,6 +464,7 @@ class Planner:
         wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
         return self._answers.via(start, goal, via, best_order, wishes)
 
+    @checked(InvalidQueryError)
     @one_at_a_time
     def reach(self, start: Cell, within: float = math.inf) -> Float2D:
         """What can be reached from a cell, and at what cost.

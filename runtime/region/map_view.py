@@ -201,5 +201,5 @@ def _warn_of_another_omega(state: MapState, network: NetworkModel) -> None:
         warnings.warn(
             f"the network {metadata.name} was trained for omega = {metadata.omega:g}, "
             f"the planner uses {model.scale / GREY_LEVELS:g}: its regions may miss the optimum by more than stated",
-            stacklevel=8,
+            stacklevel=12,
         )

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nnpp_edge.runtime.arguments import checked, shown
 from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Rectangle
@@ -24,6 +25,7 @@ from nnpp_edge.runtime.tuning import MOST_SAMPLED
 TERMS = ("slope", "roughness", "elevation difference")
 
 
+@checked(InvalidMapError)
 @dataclass(frozen=True)
 class Traversability:
     """What the rover can take: the limits and weights of Eq. 1, and the hard limits.
@@ -69,6 +71,7 @@ class SaturationWarning(UserWarning):
     """Over half of the map lies at or above the limit of a term, which then tells the cells apart no more."""
 
 
+@checked(InvalidMapError)
 def traversability_cost(
     dem: Float2D,
     cell_size_m: float,
@@ -122,6 +125,7 @@ def traversability_cost(
     return cost
 
 
+@checked(InvalidMapError)
 def update_cost(
     cost: Float2D,
     dem: Float2D,
@@ -151,15 +155,17 @@ def update_cost(
     (row, col, rows, cols)
         The cells of `cost` that were computed; rows or cols is 0 where the rectangle misses the map.
     """
-    shape = np.shape(dem)
-    if cost.shape != shape or cost.dtype != np.float32:
-        raise InvalidMapError(f"cost must be {shape} float32, got {cost.shape} {cost.dtype}")
+    values = unmasked(dem)
+    shape = values.shape
+    if not isinstance(cost, np.ndarray) or cost.shape != shape or cost.dtype != np.float32:
+        got = f"{cost.shape} {cost.dtype}" if isinstance(cost, np.ndarray) else shown(cost)
+        raise InvalidMapError(f"cost must be {shape} float32, got {got}")
     rule = (traversability or Traversability()).rule(*sides_of(cell_size_m, cell_width_m))
     part = with_rim(changed, shape)
     if part[2] == 0:
         return part
     (row, col, rows, cols), (row0, col0, high, wide) = part, with_rim(part, shape)
-    heights, _ = relative_heights(dem[row0 : row0 + high, col0 : col0 + wide])
+    heights, _ = relative_heights(values[row0 : row0 + high, col0 : col0 + wide])
     new = np.empty((rows, cols), np.float32)
     area = (row - row0, row - row0 + rows, col - col0, col - col0 + cols)
     fill_weights(heights.reshape(-1), high, wide, rule, area, new.reshape(-1), -area[0] * cols - area[2], cols)
@@ -211,7 +217,7 @@ def with_rim(part: Rectangle, shape: tuple[int, ...]) -> Rectangle:
     return (row0, col0, row1 - row0, col1 - col0)
 
 
-def warn_of_saturation(heights: Float2D, rule: NDArray[np.float64], stacklevel: int = 3) -> None:
+def warn_of_saturation(heights: Float2D, rule: NDArray[np.float64], stacklevel: int = 4) -> None:
     """`SaturationWarning` where one applies, by a sample of the cells."""
     rows, cols = heights.shape
     steps = max(-(-rows // MOST_SAMPLED), 1), max(-(-cols // MOST_SAMPLED), 1)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.errors import InvalidMapError
 
 HEADINGS = ((1, 0), (1, 1), (0, 1), (-1, 1))
@@ -21,6 +22,7 @@ _INSIDE = 1e-9
 """Share of a cell by which a middle that lies just a cell away counts as farther."""
 
 
+@checked(InvalidMapError)
 @dataclass(frozen=True)
 class Vehicle:
     """A body on wheels, or on tracks, each of which is a row of wheels with long contact patches; or a disc.

@@ -1,6 +1,8 @@
 """Maps in ROS' layouts: small examples by hand, and there and back."""
 
+import functools
 import math
+import operator
 from types import SimpleNamespace
 
 import numpy as np
@@ -63,6 +65,27 @@ def message(row_by_row=False, turned=0.0):
         "outer_start_index": 1,
         "inner_start_index": 2,
     }
+
+
+def occupancy_message():
+    """A nav_msgs/OccupancyGrid as nested dicts."""
+    info = {"resolution": 0.5, "width": 3, "height": 2, "origin": message()["info"]["pose"]}
+    return {"header": {"frame_id": "odom"}, "info": info, "data": [0, 50, -1, 98, 99, 100]}
+
+
+def leaves(value, path=()):
+    """The path to each value in nested dicts and lists, and to those that hold them."""
+    if path:
+        yield path
+    of = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for step, inner in of:
+        yield from leaves(inner, (*path, step))
+
+
+def swap(changed):
+    """Say that the layer's rows are columns, by the sizes of the two."""
+    for dim in changed["data"][0]["layout"]["dim"]:
+        dim["size"] = 5 - dim["size"]
 
 
 def as_objects(value):
@@ -250,16 +273,16 @@ def test_places_and_metres_are_inverse(row, col, rows_along_x, resolution):
         (lambda: occupancy(resolution=0.0).frame, "resolution"),
         (lambda: occupancy(origin_x=math.nan).frame, "finite"),
         (lambda: OccupancyGrid.of_cost(np.zeros((2, 2)), grid_map().frame), "rows must run with y"),
-        (lambda: OccupancyGrid.of_cost(np.zeros(3), MapFrame(1.0)), r"\(h, w\) numbers, got \(3,\)"),
+        (lambda: OccupancyGrid.of_cost(np.zeros(3), MapFrame(1.0)), r"\(H, W\) map of numbers, got \(3,\)"),
         (lambda: grid_map(resolution=0.0), "resolution"),
         (lambda: grid_map(length_x=2.5), "multiples of 1.0 m"),
         (lambda: grid_map(length_y=math.inf), "above 0 m"),
-        (lambda: grid_map(layers={"a": np.zeros(5)}), r"2 × 3 numbers column by column.*, got \(5,\)$"),
-        (lambda: grid_map(layers={"a": np.zeros((2, 3))}), r"got \(2, 3\); of_layers takes maps"),
+        (lambda: grid_map(layers={"a": np.zeros(5)}), r"2 × 3 numbers column by column.*, got \(5,\) float64$"),
+        (lambda: grid_map(layers={"a": np.zeros((2, 3))}), r"got \(2, 3\) float64; of_layers takes maps"),
         (lambda: put(grid_map(frame_id="map")), "the frame 'odom', got one in 'map'"),
         (lambda: GridMap.of_message(np.zeros((2, 3))), "a message with layers, got a ndarray without layers"),
         (lambda: GridMap.of_message({"layers": [], "data": [], "info": {}}), "a dict without resolution"),
-        (lambda: GridMap.of_message(message(turned=0.1)), r"not turned, .* \[0.0, 0.0, 0.1\]"),
+        (lambda: GridMap.of_message(message(turned=0.1)), r"not turned, .* \[0.0, 0.0, 0.1, 1.0\]"),
         (lambda: OccupancyGrid.of_message(message()), "info.width"),
         (lambda: grid_map(outer_start_index=2), "within 2 × 3 cells"),
         (lambda: grid_map().layer("cost"), "has elevation"),
@@ -273,6 +296,52 @@ def test_what_makes_no_map_is_refused(make, words):
         make()
 
 
-def test_points_must_be_finite():
-    with pytest.raises(InvalidQueryError):
-        MapFrame(1.0).cell(math.nan, 0.0)
+LEAVES = [
+    (kind, path) for kind, of in ((GridMap, message()), (OccupancyGrid, occupancy_message())) for path in leaves(of)
+]
+
+
+@pytest.mark.parametrize(("kind", "path"), LEAVES, ids=lambda value: str(getattr(value, "__name__", value)))
+def test_a_message_with_a_field_of_another_type_is_refused_in_a_line(kind, path):
+    for value in (None, "x", [], {}, [[1.0], [1.0, 2.0]], 2.5, -1, math.nan, math.inf, 1e300, 10**400, 1j, object()):
+        changed = message() if kind is GridMap else occupancy_message()
+        owner = functools.reduce(operator.getitem, path[:-1], changed)
+        owner[path[-1]] = value
+        try:
+            kind.of_message(changed)
+        except InvalidMapError as error:
+            assert "\n" not in str(error)
+        else:  # what has no meaning here, where the map lies, a height, a name
+            free = {"z", "stride", "data_offset", "basic_layers", "layers", "frame_id", 0, 1, 2, 3, 4, 5}
+            place = {"x", "y", "w", "resolution"} if value in (-1, 2.5, 1e300) else set()
+            assert path[-1] in free | place, value
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda m: m["data"][0]["layout"].update(dim=[]), r"laid out by column_index 3 and row_index 2, got \[\]"),
+        (lambda m: m["data"][0]["layout"]["dim"][0].update(label=""), "laid out by"),
+        (lambda m: m["data"][0]["layout"]["dim"][0].update(size=2), "laid out by"),
+        (lambda m: swap(m), "laid out by"),
+        (lambda m: m.update(data=message(row_by_row=True)["data"]) or swap(m), "laid out by"),
+        (lambda m: m.update(layers=["elevation", "cost"]), "a name for each of 1 layers, got .*cost"),
+        (lambda m: m.update(layers=[]), r"a name for each of 1 layers, got \[\]"),
+        (lambda m: m.update(layers=["a", "a"], data=2 * m["data"]), "a name for each of 2 layers"),
+        (lambda m: m.update(outer_start_index=0.5), "outer_start_index must be a whole number, got 0.5"),
+        (lambda m: m["info"]["pose"]["orientation"].update(x=math.nan), "not turned"),
+        (lambda m: m["info"]["pose"]["orientation"].update(w=math.nan), "not turned"),
+        (lambda m: m["info"].update(length_x=1e308, resolution=1e-9), "above 0 m"),
+    ],
+)
+def test_a_grid_map_that_would_be_read_scrambled_is_refused(change, words):
+    changed = message()
+    change(changed)
+    with pytest.raises(InvalidMapError, match=words):
+        GridMap.of_message(changed)
+
+
+@pytest.mark.parametrize("points", [(math.nan, 0.0), ("x", 0.0), [[1.0], [1.0, 2.0]], (1.0, 2.0, 3.0), None])
+def test_points_must_be_finite(points):
+    with pytest.raises((InvalidQueryError, InvalidMapError)):
+        MapFrame(1.0).places(points)

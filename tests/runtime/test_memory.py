@@ -1,10 +1,13 @@
 import math
+import os
 import resource
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
+from nnpp_edge.runtime import warmup
 from nnpp_edge.runtime.loop.realtime import rss_bytes
 from nnpp_edge.runtime.memory import available_bytes, touch
 
@@ -48,3 +51,44 @@ def test_the_memory_that_is_left_follows_the_process_own_limit():
     finally:
         resource.setrlimit(resource.RLIMIT_AS, old)
     assert math.isclose(available_bytes(), before, rel_tol=0.5)
+
+
+GROUPS = {
+    "version 2": ("0::/system.slice/nnpp-edge.service", "sys/fs/cgroup/", "memory.max", "memory.current", ""),
+    "version 1": (
+        "12:cpu,cpuacct:/\n4:memory:/system.slice/nnpp-edge.service\n0::/init.scope",
+        "sys/fs/cgroup/memory/",
+        "memory.limit_in_bytes",
+        "memory.usage_in_bytes",
+        "total_",
+    ),
+}
+
+
+@pytest.mark.parametrize("version", GROUPS)
+@pytest.mark.parametrize("group", ["system.slice/nnpp-edge.service", "system.slice", ""])
+def test_the_memory_that_is_left_follows_every_control_group_around_the_process(tmp_path, version, group):
+    """The last is what a container sees that has no path of its own there."""
+    told, root, limit, used, prefix = GROUPS[version]
+    files = {
+        "proc/meminfo": "MemTotal: 8000000 kB\nMemAvailable:    3000000 kB\n",
+        "proc/self/cgroup": f"{told}\n",
+        f"{root}{group}/{limit}": f"{1 << 30}\n",
+        f"{root}{group}/{used}": f"{600 << 20}\n",
+        f"{root}{group}/memory.stat": f"anon 7\n{prefix}inactive_file {100 << 20}\ntotal_x 5\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert available_bytes(tmp_path) == 524 << 20
+    (tmp_path / f"{root}{group}/{limit}").write_text("max\n" if version == "version 2" else f"{2**63 - 4096}\n")
+    assert available_bytes(tmp_path) == 3_000_000 * 1024
+
+
+@pytest.mark.parametrize(
+    ("processors", "left_gb", "jobs"), [(4, 0.95, 1), (4, 1.3, 2), (1, 64, 1), (64, 64, 4), (4, 0, 1)]
+)
+def test_a_warm_up_takes_no_more_processes_than_memory_is_left_for(monkeypatch, processors, left_gb, jobs):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(processors)))
+    monkeypatch.setattr(warmup, "available_bytes", lambda: int(left_gb * 1e9))
+    assert warmup.default_jobs() == jobs
