@@ -146,8 +146,8 @@ def places_of(dem: Place, points: Line) -> NDArray[np.float64]:
 def named_crs(dem: Place) -> dict[str, object]:
     """The member by which GeoJSON of 2008 names a coordinate system: as GDAL and QGIS read it, by any of its names.
 
-    It is the system's EPSG number, else its WKT; a map without a system lies in one of its own, in metres. Without the
-    member, readers would take the coordinates for longitude and latitude on the Earth.
+    It is the system's EPSG number, else its WKT; a map without a system lies in one of its own, in metres. Without
+    the member, readers would take the coordinates for longitude and latitude on the Earth.
     """
     crs = (dem.georeference.crs if dem.georeference else None) or _LOCAL
     number = _EPSG.search(crs)
