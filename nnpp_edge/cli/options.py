@@ -246,7 +246,7 @@ traversability = together(
     click.option(
         "--hard-slope",
         type=ANGLE,
-        help="Cells steeper than this many degrees are impassable.",
+        help="Cells are impassable whose fitted plane, with their neighbours, is steeper than this many degrees.",
     ),
     click.option("--hard-roughness", type=POSITIVE, help="Cells rougher than this many metres are impassable."),
     click.option("--hard-step", type=POSITIVE, help="Cells with a larger step, in metres, are impassable."),
@@ -254,7 +254,8 @@ traversability = together(
 """Eq. 1's limits."""
 
 workload = click.option(
-    "--workload", help="soft (the paper's cost), or limitN: φ_s = N degrees, steeper cells are impassable."
+    "--workload",
+    help="soft (the paper's cost), or limitN: φ_s = N degrees, cells whose fitted plane is steeper are impassable.",
 )
 
 

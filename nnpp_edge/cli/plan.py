@@ -13,7 +13,15 @@ from nnpp_edge.cli import options, vehicle_options
 from nnpp_edge.cli.costmap import cost_of
 from nnpp_edge.cli.ends import Where
 from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.plan_answer import Answer, Compared, Near, Planned, refuse_impassable, warn_if_not_square
+from nnpp_edge.cli.plan_answer import (
+    Answer,
+    Compared,
+    Near,
+    Planned,
+    refuse_impassable,
+    warn_if_not_square,
+    warn_if_steep,
+)
 from nnpp_edge.cli.plan_files import Outputs, outputs
 from nnpp_edge.cli.plan_request import Ends, Request
 from nnpp_edge.cli.refusal import refusal
@@ -100,6 +108,9 @@ def command(
     loaded first. Exit codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or
     is impassable.
 
+    A limit of slope is on the plane through a cell and its eight neighbours, not on a single step from cell to cell:
+    a warning tells how many steps of the path are steeper.
+
     path.geojson is in the map's own coordinates, not in longitude and latitude; its properties say which.
     Without a georeference they are x = column and y = row, times the side of a cell, in metres.
 
@@ -113,7 +124,7 @@ def command(
 
     vehicle.check_turns(request.refine)
     limits, body = terrain.limits(), vehicle.make()
-    if "price" in options.given_options() and (body is None or body.is_disc):
+    if "price" in options.given_options() and not has_body(body):
         raise click.UsageError("--price is for a vehicle with a body: give --vehicle too")
     options.check_outputs(*outputs.paths, more_inputs=request.files, make_folders=True)
     directed = request.step_cost != "paper"
@@ -132,6 +143,7 @@ def command(
         plan, near = answer.plan, planned.near
         cell = answer.start if plan.status.startswith("START") else answer.goal
         raise InvalidQueryError(refusal(plan.status, cell, answer.route.dem, near, limits, answer.vehicle))
+    warn_if_steep(answer)
     files = outputs.save(planned)
     click.echo(json.dumps(answer.figures(files)) if as_json else answer.text(files))
     if not answer.plan.ok:
@@ -152,12 +164,12 @@ def plan_whole(
     """Plan on a map that is read into memory."""
     from nnpp_edge.runtime.network.loading import begin_loading
 
-    has_body = vehicle is not None and not vehicle.is_disc  # whose network is another, and soon loaded
-    if request.method == "nnpp" and not has_body:
+    by_poses = has_body(vehicle)  # whose network is another, and soon loaded
+    if request.method == "nnpp" and not by_poses:
         begin_loading(request.model)
     ground = terrain.read(dem)
     ends = request.ends(ground)
-    if request.method == "auto" and not has_body and request.expects_network(ground, ends):
+    if request.method == "auto" and not by_poses and request.expects_network(ground, ends):
         begin_loading(request.model)
     warn_if_not_square(ground)
     cost = cost_of(ground, limits)
@@ -171,6 +183,11 @@ def plan_whole(
 
         shade = shaded(ground.elevation, ground.cell_size_m, ground.cell_width_m)
     return Planned(answer, cost, shade, 1, Near((0, 0), ground.elevation, cost))
+
+
+def has_body(vehicle: Vehicle | None) -> bool:
+    """Whether poses decide where a path may lead."""
+    return vehicle is not None and not vehicle.is_disc
 
 
 def find(
@@ -257,6 +274,7 @@ def find(
         step_cost=request.step_cost,
         tour=tour,
         reached=int(np.isfinite(planner.reach(start)).sum()) if shut_in else None,
+        hard_slope_deg=inf if has_body(vehicle) else limits.hard_slope_deg,
     )
 
 

@@ -110,6 +110,16 @@ def warn_if_not_square(place: Place) -> None:
         )
 
 
+def warn_if_steep(answer: Answer) -> None:
+    """Warn of steps that are steeper than the limit on the ground around a cell."""
+    if steps := answer.steep_steps:
+        warnings.warn(
+            f"steps of the path above {answer.hard_slope_deg:g}°: {len(steps)}, the steepest {max(steps):.1f}°. "
+            "The limit is on the plane through a cell and its neighbours, not on a single step",
+            stacklevel=2,
+        )
+
+
 @dataclass(frozen=True)
 class WindowsRead:
     """What planning on a map that is read by windows took."""
@@ -160,6 +170,16 @@ class Answer:
     """Where the path leads by way of other places."""
     reached: int | None = None
     """Cells that can be reached from the start, where no path leads to the goal."""
+    hard_slope_deg: float = math.inf
+    """Slope of a cell's fitted plane beyond which it is impassable; inf without a limit, or where poses decide."""
+
+    @property
+    def steep_steps(self) -> list[float]:
+        """Degrees, up or down, of the path's steps that are steeper than the limit of slope."""
+        if self.plan.along is None or not self.plan.ok:
+            return []
+        slopes = abs(self.plan.along.slopes_deg)
+        return list(slopes[slopes > self.hard_slope_deg].tolist())
 
     def figures(self, files: list[str]) -> dict[str, object]:
         """Ready for JSON."""
@@ -172,6 +192,10 @@ class Answer:
             "goal": self.goal,
             **asdict(MapSize.of(self.route.dem)),
         }
+        if isfinite(self.hard_slope_deg):
+            steps = self.steep_steps
+            steepest = round(max(steps), 4) if steps else None
+            figures["steps_above_hard_slope"] = {"count": len(steps), "steepest_deg": steepest}
         if self.step_cost != "paper":
             figures["step_cost"] = self.step_cost
         if self.compared:

@@ -101,6 +101,7 @@ def plan_by_windows(
             loading_included=True,
             windows=_read(planner, ground),
             tour=tour,
+            hard_slope_deg=limits.hard_slope_deg,
         )
         factor, costs = planner.coarse_costs(_MOST_PIXELS)
         return Planned(answer, costs, None, factor, _around(planner, goal if "GOAL" in plan.status else start))

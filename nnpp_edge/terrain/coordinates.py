@@ -1,21 +1,29 @@
-"""From other coordinate systems onto a map and back, by pyproj: longitude and latitude, vector layers' systems."""
+"""Coordinate systems, by pyproj: from others onto a map and back, and metres of the ground under it."""
 
 import functools
+import math
+import warnings
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
-from nnpp_edge.terrain.georeference import Place
+from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError, optional_module
+from nnpp_edge.terrain.georeference import Georeference, Place
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
 
 Points = npt.NDArray[np.float64]
 """(N, 2) x and y, or longitude and latitude in degrees."""
+Metres = npt.NDArray[np.float64]
 WGS84 = "EPSG:4326"
+_MEASURED_M = 100.0
+"""Longest way by which a cell is measured: on larger cells geodesics leave the parallels."""
+_SCALE_TOLD, _RIM_TOLD = 0.01, 0.03
+"""Shares by which a projection's metre at the map's middle, and any length on the map, is off when that is told."""
 
 
 def lonlat_on_map(place: Place, points: Points) -> Points:
@@ -23,7 +31,7 @@ def lonlat_on_map(place: Place, points: Points) -> Points:
 
     Raises InvalidQueryError where the map has no coordinate system, or a point no place in it.
     """
-    own = _system_of(place)
+    own = _system_of(place.georeference, place.source)
     try:
         return _moved(points, _pyproj().CRS.from_user_input(WGS84), own)
     except InvalidQueryError:
@@ -37,7 +45,7 @@ def on_map(place: Place, points: Points, crs: str, source: str) -> tuple[Points,
 
     Raises InvalidQueryError where the map has no coordinate system, or a point no place in it.
     """
-    own, theirs = _system_of(place), _pyproj().CRS.from_user_input(crs)
+    own, theirs = _system_of(place.georeference, place.source), _pyproj().CRS.from_user_input(crs)
     if own.equals(theirs, ignore_axis_order=True):
         return points, ""
     return _moved(points, theirs, own), f"{source}: reprojected from {theirs.name} to {own.name}"
@@ -48,7 +56,7 @@ def lonlat_of(place: Place, points: Points) -> Points:
 
     Raises InvalidQueryError where the map has no coordinate system, or one of another body than the Earth.
     """
-    own = _system_of(place)
+    own = _system_of(place.georeference, place.source)
     if _other_body(own):
         raise InvalidQueryError(f"{place.source}: longitude and latitude on the Earth are wanted, got {own.name}")
     return _moved(points, own, _pyproj().CRS.from_user_input(WGS84))
@@ -59,26 +67,101 @@ def lonlat_corners(place: Place) -> Points:
 
     Raises InvalidQueryError where the map has no coordinate system, or a corner no place on the globe.
     """
-    own, (rows, cols) = _system_of(place), place.shape
+    own, (rows, cols) = _system_of(place.georeference, place.source), place.shape
     corners = np.array([place.map_coordinates(row, col) for row in (0, rows - 1) for col in (0, cols - 1)])
     geodetic = own.geodetic_crs if _other_body(own) else None
     return _moved(corners, own, geodetic or _pyproj().CRS.from_user_input(WGS84))
+
+
+def cell_on_ground(source: Path, place: Georeference, shape: tuple[int, ...], *, warn: bool) -> tuple[float, float]:
+    """A cell's (size, width): metres of ground along a column and along a row at the middle of a map (H, W).
+
+    Without a coordinate system, or with a local one, they are the transform's, in metres or in the system's unit.
+    To `warn` is a UserWarning where a projection's metre, or the ground elsewhere on the map, is off by too much.
+
+    Raises TerrainError for a transform that cannot be turned back, a system that PROJ does not know, latitudes beyond
+    the poles; MissingExtraError where pyproj is not installed.
+    """
+    a, b, _, d, e, _ = place.transform
+    if not (math.isfinite(a * e - b * d) and a * e != b * d):
+        raise TerrainError(f"{source}: wanted a transform that can be turned back, got {place.transform}")
+    drawn = np.array((math.hypot(b, e), math.hypot(a, d)))
+    if place.crs is None:
+        return drawn[0], drawn[1]
+    try:
+        system = _system_of(place, source)
+    except InvalidQueryError as error:
+        raise TerrainError(str(error)) from error
+    drawn *= system.axis_info[0].unit_conversion_factor if system.axis_info else 1.0
+    if not (system.is_geographic or system.is_projected):
+        return drawn[0], drawn[1]
+    if system.is_geographic and system.ellipsoid:
+        drawn *= system.ellipsoid.semi_major_metre
+    with np.errstate(all="ignore"):
+        middle, lengths = _lengths(system, place, shape, min(1.0, _MEASURED_M / drawn.max()))
+        scale = drawn / middle
+        diagonal = math.hypot(*middle)
+        off = np.fmax.reduce(np.abs(lengths / (*middle, diagonal, diagonal) - 1.0), axis=None)
+    if system.is_geographic and not np.isfinite(middle).all():
+        latitude = place.map_coordinates(shape[0] / 2 - 0.5, shape[1] / 2 - 0.5)[1]
+        latitude *= math.degrees(system.axis_info[0].unit_conversion_factor)
+        raise TerrainError(f"{source}: wanted latitudes within the poles, got {latitude:g}°")
+    said = f"{source}: {system.name}"
+    if not np.isfinite(middle).all():
+        warnings.warn(
+            f"{said} has no place for the map's middle: its metres are taken for metres of ground", stacklevel=4
+        )
+        return drawn[0], drawn[1]
+    if warn and system.is_projected and (np.abs(scale - 1.0) > _SCALE_TOLD).any():
+        warnings.warn(
+            f"{said} draws a metre of ground at the map's middle as {scale[0]:.3f} m along columns and "
+            f"{scale[1]:.3f} m along rows: cells are {middle[0]:.4g} × {middle[1]:.4g} m of ground",
+            stacklevel=4,
+        )
+    if warn and off > _RIM_TOLD:
+        warnings.warn(
+            f"{said}: some lengths on the map are up to {100.0 * off:.0f} % off, as its cells are skewed or unlike "
+            "those at its middle: cut out a smaller part, or reproject it",
+            stacklevel=4,
+        )
+    size, width = (float(f"{length:.7g}") for length in middle)  # the rest is noise, by which no cell would be square
+    return size, width
+
+
+def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: float) -> tuple[Metres, Metres]:
+    """Metres of ground along a column, a row and both diagonals of cells, (2,) at the middle, (9, 4) at the rim, too.
+
+    They are measured on a `share` of a cell; NaN where the map leaves the globe.
+    """
+    globe, geod = system.geodetic_crs, system.get_geod()
+    assert globe is not None and geod is not None  # of a projected or a geographic system
+    at = np.array([[(row, col) for col in (0.0, 0.5, 1.0)] for row in (0.0, 0.5, 1.0)]).reshape(9, 1, 2)
+    steps = 0.5 * share * np.array(((1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, -1.0)))
+    middles = at * (shape[0] - 1, shape[1] - 1)
+    ends = []
+    for row, col in ((middles - steps).T, (middles + steps).T):
+        x, y = place.map_coordinates(row, col)
+        lon, lat = _transformer(system.to_wkt(), globe.to_wkt()).transform(x, y)
+        radians = globe.axis_info[0].unit_conversion_factor
+        lat = np.where(np.abs(lat * radians) <= 0.5 * math.pi, lat * radians, math.nan)
+        ends += [np.where(np.isfinite(lat), lon * radians, math.nan), lat]
+    lengths = np.asarray(geod.inv(ends[0], ends[1], ends[2], ends[3], radians=True)[2]).T / share
+    return lengths[4, :2], lengths
 
 
 def _pyproj() -> ModuleType:
     return optional_module("pyproj", "longitude and latitude, or another coordinate system,", "geo")
 
 
-def _system_of(place: Place) -> "CRS":
-    """The map's coordinate system; InvalidQueryError without one."""
-    crs = place.georeference.crs if place.georeference else None
-    if crs is None:
-        raise InvalidQueryError(f"{place.source}: wanted a map with a coordinate system, the file names none")
+def _system_of(place: Georeference | None, source: Path) -> "CRS":
+    """A map's coordinate system; InvalidQueryError without one."""
+    if place is None or place.crs is None:
+        raise InvalidQueryError(f"{source}: wanted a map with a coordinate system, the file names none")
     pyproj = _pyproj()
     try:
-        found: CRS = pyproj.CRS.from_user_input(crs)
+        found: CRS = pyproj.CRS.from_user_input(place.crs)
     except pyproj.exceptions.CRSError as error:
-        raise InvalidQueryError(f"{place.source}: wanted a coordinate system that PROJ knows ({error})") from error
+        raise InvalidQueryError(f"{source}: wanted a coordinate system that PROJ knows ({error})") from error
     return found
 
 

@@ -94,8 +94,8 @@ def open_dem(
         with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
             raster = stack.enter_context(opened_raster(path, vertical_scale, allow_vrt, by_windows=True))
             _check_blocks(path, raster)
-            cell, georeference = raster.place((0, 0, *raster.shape))
-        size, width = cell_sides(path, cell, cell_size_m)
+            georeference = raster.place((0, 0, *raster.shape))
+        size, width = cell_sides(path, raster.shape, None, georeference, cell_size_m)
         factor = 1.0 if rescale_m is None else rescale_m / size
         yield DemWindows(size * factor, width * factor, georeference, path, raster, factor)
 

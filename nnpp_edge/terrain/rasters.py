@@ -22,13 +22,11 @@ from nnpp_edge.terrain.heights import Reading, Window, check_room, checked_windo
 from nnpp_edge.terrain.tiff_blocks import DeflateBlocks
 
 if TYPE_CHECKING:
-    from rasterio.crs import CRS
     from rasterio.io import DatasetReader
 
 _METRES_PER_UNIT = dict.fromkeys(("ft", "foot", "feet"), 0.3048)
 _METRES_PER_UNIT |= dict.fromkeys(("us survey foot", "us_survey_foot", "us-ft", "ftus"), 1200 / 3937)
 _METRES_PER_UNIT |= dict.fromkeys(("km", "kilometer", "kilometre", "kilometers", "kilometres"), 1000.0)
-_SEMI_MAJOR = re.compile(r'(?:SPHEROID|ELLIPSOID)\["[^"]*",\s*([^,\]]+)(?:[^\[]*LENGTHUNIT\["[^"]*",\s*([^,\]]+))?')
 _ASCII_HEADER = re.compile(r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+", re.IGNORECASE | re.MULTILINE)
 _HIGHEST_OFFSET_M = 1e5
 _TILE = 512
@@ -66,16 +64,14 @@ class Raster:
         heights[self._dataset.read_masks(1, window=window) == 0] = np.nan
         return heights
 
-    def place(self, part: Window) -> tuple[tuple[float, float] | None, Georeference | None]:
-        """A cell's (size, width) in metres and the georeference of a window; None where the file has no transform."""
+    def place(self, part: Window) -> Georeference | None:
+        """The georeference of a window; None where the file has no transform."""
         if self._dataset.transform.is_identity:  # how rasterio says that
-            return None, None
-        row0, col0, rows, cols = part
+            return None
+        row0, col0, *_ = part
         a, b, c, d, e, f = self._dataset.transform[:6]
         crs = self._dataset.crs.to_wkt() if self._dataset.crs else None
-        moved = (a, b, a * col0 + b * row0 + c, d, e, d * col0 + e * row0 + f)
-        georeference = Georeference(crs, moved)
-        return _cell_on_ground(self._path, self._dataset.crs, georeference, (rows, cols)), georeference
+        return Georeference(crs, (a, b, a * col0 + b * row0 + c, d, e, d * col0 + e * row0 + f))
 
 
 @contextmanager
@@ -111,7 +107,7 @@ def opened_raster(
 
 
 def read_raster(path: Path, vertical_scale: float | None, window: Window | None, allow_vrt: bool = False) -> Reading:
-    """Elevation, cell (size, width) and georeference of a raster in one of `FORMATS`.
+    """Elevation and georeference of a raster in one of `FORMATS`; the cell's size is the georeference's.
 
     Raises TerrainError, InvalidQueryError and MissingExtraError as `read_dem` does, and whatever else rasterio
     raises for a broken file.
@@ -120,7 +116,7 @@ def read_raster(path: Path, vertical_scale: float | None, window: Window | None,
         part = checked_window(path, raster.shape, window)
         check_room(path, part[2:], raster.dtype, raster.dtype.itemsize * math.prod(raster.block))
         raster.check_whole()
-        return raster.heights(part), *raster.place(part)
+        return raster.heights(part), None, raster.place(part)
 
 
 def geotiff_bytes(name: str, values: npt.NDArray[np.generic], place: Georeference | None) -> bytes:
@@ -174,26 +170,6 @@ def _geotiff(rasterio: ModuleType, shape: tuple[int, ...], place: Georeference |
     return {"driver": "GTiff", "compress": "deflate", "predictor": 3, "nodata": math.nan, **size, **where}
 
 
-def _cell_on_ground(
-    path: Path, crs: "CRS | None", place: Georeference, shape: tuple[int, int]
-) -> tuple[float, float]:
-    """A cell's (size, width) in metres: the lengths of a step along a column and along a row."""
-    a, b, _, d, e, _ = place.transform
-    if not (math.isfinite(a * e - b * d) and a * e != b * d):
-        raise TerrainError(f"{path}: wanted a transform that can be turned back, got {place.transform}")
-    x_unit = y_unit = crs.units_factor[1] if crs else 1.0
-    if crs and crs.is_geographic:
-        found = _SEMI_MAJOR.search(place.crs or "")
-        if found is None:
-            raise TerrainError(f"{path}: wanted an ellipsoid to measure degrees on, got {place.crs}")
-        latitude = place.map_coordinates(shape[0] / 2 - 0.5, shape[1] / 2 - 0.5)[1] * y_unit
-        if abs(latitude) >= math.pi / 2:
-            raise TerrainError(f"{path}: wanted latitudes within the poles, got {math.degrees(latitude):g}°")
-        y_unit *= float(found[1]) * float(found[2] or 1)
-        x_unit = y_unit * math.cos(latitude)
-    return math.hypot(x_unit * b, y_unit * e), math.hypot(x_unit * a, y_unit * d)
-
-
 def _metres_per_unit(dataset: "DatasetReader") -> float:
     """Metres in the unit of height that the band names; GDAL passes over the one in a PDS3 label."""
     name = dataset.units[0] or _pds_label(dataset)[0].get("UNIT", "")
@@ -241,7 +217,9 @@ def _quiet(rasterio: ModuleType) -> Iterator[None]:
         # both are told of GDAL's messages that are no UTF-8
         sys.excepthook, sys.unraisablehook = lambda *_: None, lambda _: None
         with warnings.catch_warnings(), rasterio.Env(**NO_NETWORK):
-            warnings.simplefilter("ignore")
+            for kind in vars(rasterio.errors).values():  # its own alone: a raster read by windows is open for long
+                if isinstance(kind, type) and issubclass(kind, Warning):
+                    warnings.simplefilter("ignore", kind)
             yield
     finally:
         sys.excepthook, sys.unraisablehook = hooks

@@ -16,6 +16,7 @@ from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.vectors import geopackage_bytes, gpx_bytes, line_wkb
 
+_LOCAL = 'LOCAL_CS["the map\'s own metres",UNIT["metre",1]]'
 _EPSG = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
 
 
@@ -90,8 +91,8 @@ class Route:
         """A feature with the path as a line: a point where it is one cell, no geometry where there is none.
 
         Coordinates are the map's own, although RFC 7946 knows longitude and latitude on the Earth only: paths on
-        other bodies have neither. `crs` in the properties is the coordinate system as WKT, or null. A system
-        with an EPSG number is named the way of GeoJSON 2008 too, which GDAL and QGIS read.
+        other bodies have neither. `crs` in the properties is the coordinate system as WKT, or null; `named_crs`
+        names it to GDAL and QGIS.
         """
         places = self._places(self.line).tolist()
         geometry: dict[str, object] | None = None
@@ -143,7 +144,12 @@ def places_of(dem: Place, points: Line) -> NDArray[np.float64]:
 
 
 def named_crs(dem: Place) -> dict[str, object]:
-    """The member by which GeoJSON of 2008 names a coordinate system that has an EPSG number; else nothing."""
-    if number := _EPSG.search((dem.georeference.crs if dem.georeference else None) or ""):
-        return {"crs": {"type": "name", "properties": {"name": f"urn:ogc:def:crs:EPSG::{number[1]}"}}}
-    return {}
+    """The member by which GeoJSON of 2008 names a coordinate system: as GDAL and QGIS read it, by any of its names.
+
+    It is the system's EPSG number, else its WKT; a map without a system lies in one of its own, in metres. Without
+    the member, readers would take the coordinates for longitude and latitude on the Earth.
+    """
+    crs = (dem.georeference.crs if dem.georeference else None) or _LOCAL
+    number = _EPSG.search(crs)
+    name = f"urn:ogc:def:crs:EPSG::{number[1]}" if number else crs
+    return {"crs": {"type": "name", "properties": {"name": name}}}

@@ -14,8 +14,8 @@ _ROCKS = "body-rocks"
 def workload(name: str, base: Traversability | None = None) -> Traversability:
     """The limits of a workload.
 
-    ``soft`` is the paper's cost, without hard limits. ``limitN`` is a rover that tilts over beyond N
-    degrees: φ_s = N°, and steeper cells are impassable.
+    ``soft`` is the paper's cost, without hard limits. ``limitN`` is φ_s = N°, and cells are impassable on which the
+    plane fitted to their 3×3 patch is steeper. A single step between two cells' middles may be steeper than that.
     """
     base = base or Traversability()
     if name == SOFT:

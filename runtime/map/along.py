@@ -149,12 +149,16 @@ class Along:
         return costs.cumsum()
 
     @cached_property
+    def slopes_deg(self) -> NDArray[np.float64]:
+        """(N,) inclination of the way from the point before, below 0 downhill; NaN where no height is known."""
+        return np.degrees(np.arctan2(self.rises_m, self.steps_m))
+
+    @cached_property
     def numbers(self) -> Numbers:
         """Of the whole line; of one without a point all are NaN."""
         if not len(self.points):
             return Numbers.unknown()
-        rises, steps = self.rises_m, self.steps_m
-        slopes = np.degrees(np.arctan2(rises, steps))
+        rises, slopes = self.rises_m, self.slopes_deg
         return Numbers(
             float(self.distance_m[-1]),
             float(self.ground_m[-1]),

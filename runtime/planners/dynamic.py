@@ -14,10 +14,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arguments import checked
+from nnpp_edge.runtime.arguments import checked, shown
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.map.state import MapState
@@ -232,7 +232,7 @@ class DynamicPlanner:
     @one_at_a_time
     def update(self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None) -> int:
         """As `Planner.update`, of the cells that were `seen`, (h, w): the number of cells that are other ones now."""
-        change = self._state.update(row, col, patch, seen)
+        change = self._state.update(row, col, patch, _mask(seen, patch))
         self._path.catch_up()
         return change.cells
 
@@ -240,7 +240,7 @@ class DynamicPlanner:
     @one_at_a_time
     def update_elevation(self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None) -> int:
         """As `Planner.update_elevation`, of the cells that were `seen`: the number that may be other ones now."""
-        change = self._state.update_elevation(row, col, patch, seen)
+        change = self._state.update_elevation(row, col, patch, _mask(seen, patch))
         self._path.catch_up()
         return change.cells
 
@@ -367,3 +367,11 @@ class DynamicPlanner:
         if self._start is None:
             raise InvalidQueryError("wanted a start (move) before the first plan, got none")
         return self._start
+
+
+def _mask(seen: NDArray[np.bool_] | None, patch: Float2D) -> NDArray[np.bool_] | None:
+    if seen is None:
+        return None
+    if not isinstance(seen, np.ndarray) or seen.dtype != np.bool_ or seen.shape != np.shape(patch):
+        raise InvalidMapError(f"seen must be {np.shape(patch)} truth values, got {shown(seen)}")
+    return np.ascontiguousarray(seen)

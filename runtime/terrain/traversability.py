@@ -44,7 +44,7 @@ class Traversability:
     roughness_weight: float = 0.2
     step_weight: float = 0.2
     hard_slope_deg: float = math.inf
-    """Cells steeper than this are impassable; inf for no such limit."""
+    """Cells are impassable whose fitted plane is steeper, whatever single steps are; inf for no such limit."""
     hard_roughness_m: float = math.inf
     hard_step_m: float = math.inf
 

@@ -134,6 +134,26 @@ def test_the_files_hold_the_path_in_map_coordinates(nnpp_edge, tmp_path):
     assert cv2.imread(str(folder / "plan.png")).shape[0] > 800
 
 
+@pytest.mark.parametrize(
+    ("step_m", "more", "told"),
+    [
+        (0.45, (), {"count": 1, "steepest_deg": round(math.degrees(math.atan(0.45)), 4)}),
+        (0.45, ("--refine", "any-angle"), {"count": 1, "steepest_deg": round(math.degrees(math.atan(0.45)), 4)}),
+        (0.2, (), {"count": 0, "steepest_deg": None}),
+    ],
+)
+def test_steps_that_are_steeper_than_the_limit_of_slope_are_told(nnpp_edge, tmp_path, step_m, more, told):
+    heights = np.where(np.arange(20) < 10, 0.0, step_m) * np.ones((9, 1))
+    np.savez(tmp_path / "dem.npz", elevation_m=heights.astype(np.float32), cell_size_m=1.0)
+    words = ("plan", tmp_path / "dem.npz", "--start", "4,16", "--goal", "4,3", "--method", "astar", "--json", *more)
+    ended = nnpp_edge(*words, "--workload", "limit20")
+    assert json.loads(ended.out)["steps_above_hard_slope"] == told
+    warned = "steps of the path above 20°: 1, the steepest 24.2°. The limit is on the plane"
+    assert (warned in ended.err) == bool(told["count"]) and "inf" not in ended.err
+    unlimited = nnpp_edge(*words)
+    assert "steps_above_hard_slope" not in json.loads(unlimited.out) and "above" not in unlimited.err
+
+
 def test_without_a_georeference_coordinates_are_metres_from_the_first_cell(nnpp_edge, tmp_path):
     np.savez(tmp_path / "dem.npz", elevation_m=rolling(), cell_size_m=2.0, cell_width_m=3.0)
     ended = nnpp_edge("plan", tmp_path / "dem.npz", *EXACT, "-o", tmp_path / "out", "--json")
@@ -141,7 +161,7 @@ def test_without_a_georeference_coordinates_are_metres_from_the_first_cell(nnpp_
     feature = json.loads((tmp_path / "out" / "path.geojson").read_text())
     line = feature["geometry"]["coordinates"]
     assert (line[0], line[-1]) == ([15.0, 10.0], [240.0, 140.0])
-    assert (feature["properties"]["crs"], "crs" in feature) == (None, False)
+    assert feature["properties"]["crs"] is None
     length = sum(math.dist(a, b) for a, b in zip(line, line[1:], strict=False))
     assert json.loads(ended.out)["length_m"] == pytest.approx(length)
 

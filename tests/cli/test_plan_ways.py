@@ -18,8 +18,8 @@ from nnpp_edge.terrain.dem import Dem, read_dem, write_raster
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 
-UTM = "EPSG:32615"
-PLACE = Georeference(CRS(UTM).to_wkt(), (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_000.0))
+GRID = "EPSG:3414"  # whose metres are those of the ground, here
+PLACE = Georeference(CRS(GRID).to_wkt(), (2.0, 0.0, 28_000.0, 0.0, -2.0, 39_000.0))
 ENDS = ("--start", "5,5", "--goal", "70,80")
 
 
@@ -37,9 +37,9 @@ def hills(tmp_path):
     return tmp_path / "hills.tif"
 
 
-def layer(path, cells, crs=UTM):
+def layer(path, cells, crs=GRID):
     """Points in the middles of cells, as a GeoPackage in a system."""
-    move = Transformer.from_crs(UTM, crs, always_xy=True)
+    move = Transformer.from_crs(GRID, crs, always_xy=True)
     places = [move.transform(*PLACE.map_coordinates(*cell)) for cell in cells]
     shapes = np.array([*(struct.pack("<BIdd", 1, 1, *place) for place in places), None], object)[:-1]
     names = {"field_data": [np.arange(len(cells))], "fields": np.array(["number"], object)}
@@ -138,10 +138,10 @@ def test_a_leg_that_cannot_be_is_named_and_ends_with_1(nnpp_edge, hills):
         ((*ENDS, "--via", "xy:1,nan"), "xy:X,Y"),
         (
             ("--start", "lonlat:-94.3,95", "--goal", "1,1"),
-            "longitude -94.3, latitude 95 of WGS 84 has no place in WGS 84 / UTM",
+            "longitude -94.3, latitude 95 of WGS 84 has no place in SVY21 / Singapore TM",
         ),
         (("--start", "lonlat:10,50", "--goal", "1,1"), "lies outside the map of 80 × 90 cells"),
-        (("--start", "lonlat:-94.27,44", "--goal", "1,1"), "longitude -94.2720 to -94.2697 and latitude 45.1450"),
+        (("--start", "lonlat:103.83,1", "--goal", "1,1"), "longitude 103.8333 to 103.8349 and latitude 1.3675"),
         (
             (*ENDS, "--step-cost", "energy"),
             "with mass_kg and rolling_resistance, such as the shipped vehicles have (--mobility small-rover",
@@ -160,7 +160,7 @@ def test_wrong_use_and_places_that_are_none_are_one_line(nnpp_edge, hills, words
 def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(nnpp_edge, hills, tmp_path):
     cells = [(5, 5), (40, 30), (70, 80)]
     wanted = json.loads(nnpp_edge("plan", hills, *ENDS, "--via", "40,30", "--json").out)
-    move = Transformer.from_crs(UTM, "EPSG:4326", always_xy=True)
+    move = Transformer.from_crs(GRID, "EPSG:4326", always_xy=True)
     places = [PLACE.map_coordinates(*cell) for cell in cells]
     xy = [f"xy:{x},{y}" for x, y in places]
     lonlat = ["lonlat:{:.9f},{:.9f}".format(*move.transform(x, y)) for x, y in places]
@@ -174,7 +174,7 @@ def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(nnpp_ed
 def test_a_layer_in_another_system_is_reprojected_and_its_points_are_visited_in_order(nnpp_edge, hills, tmp_path):
     path = layer(tmp_path / "stops.gpkg", [(60, 70), (12, 30)], crs="EPSG:4326")
     ended = nnpp_edge("plan", hills, *ENDS, "--via", path, "--json")
-    assert ended.err == f"{path}: reprojected from WGS 84 to WGS 84 / UTM zone 15N\n"
+    assert ended.err == f"{path}: reprojected from WGS 84 to SVY21 / Singapore TM\n"
     assert json.loads(ended.out)["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [70, 80]]
     goals = json.loads(nnpp_edge("plan", hills, "--start", "5,5", "--goal", path, "--json").out)
     assert goals["goal"] == [12, 30] and len(goals["goals"]) == 2

@@ -76,20 +76,21 @@ def test_a_metric_geotiff_keeps_its_heights_and_cells(tmp_path):
     dem = read_dem(path)
     np.testing.assert_array_equal(dem.elevation, HEIGHTS)
     assert dem.elevation.dtype == np.float32 and dem.elevation.flags.c_contiguous
-    assert (dem.cell_size_m, dem.cell_width_m, dem.source) == (5.0, 5.0, path)
+    assert dem.cell_size_m == pytest.approx(5.0, rel=3e-4) and dem.cell_width_m == dem.cell_size_m  # UTM's own scale
+    assert dem.source == path
     assert dem.georeference.transform == tuple(NORTH_UP)[:6]
     assert rasterio.CRS.from_wkt(dem.georeference.crs) == rasterio.CRS.from_string(UTM)
 
 
 def test_cells_that_are_not_square_keep_both_sides(tmp_path):
-    dem = read_dem(geotiff(tmp_path / "wide.tif", crs=UTM, transform=Affine(3, 0, 0, 0, -2, 0)))
+    dem = read_dem(geotiff(tmp_path / "wide.tif", transform=Affine(3, 0, 0, 0, -2, 0)))
     assert (dem.cell_size_m, dem.cell_width_m) == (2.0, 3.0)
 
 
 def test_feet_become_metres(tmp_path):
     dem = read_dem(geotiff(tmp_path / "feet.tif", crs="EPSG:2263", transform=Affine(10, 0, 1e6, 0, -10, 2e5)))
-    assert dem.cell_size_m == pytest.approx(10 * 1200 / 3937)
-    assert dem.cell_width_m == pytest.approx(10 * 1200 / 3937)
+    assert dem.cell_size_m == pytest.approx(10 * 1200 / 3937, rel=1e-5)
+    assert dem.cell_width_m == pytest.approx(10 * 1200 / 3937, rel=1e-5)
 
 
 def test_degrees_become_metres_on_the_body_they_lie_on(tmp_path):
@@ -97,17 +98,17 @@ def test_degrees_become_metres_on_the_body_they_lie_on(tmp_path):
     transform = Affine(step, 0, 30, 0, -step, top)
     dem = read_dem(geotiff(tmp_path / "moon.tif", crs=MOON_DEGREES, transform=transform))
     side = 2 * math.pi * MOON_RADIUS_M / 360 * step
-    assert dem.cell_size_m == pytest.approx(side, rel=1e-9)
+    assert dem.cell_size_m == pytest.approx(side, rel=1e-6)
     assert dem.cell_size_m == pytest.approx(118.45, abs=0.01)
-    assert dem.cell_width_m == pytest.approx(side * math.cos(math.radians(top - 3 * step)), rel=1e-9)
+    assert dem.cell_width_m == pytest.approx(side * math.cos(math.radians(top - 3 * step)), rel=1e-6)
 
 
-@pytest.mark.parametrize(("crs", "radius_m"), [("EPSG:4326", 6378137.0), ("EPSG:4979", 6378137.0)])
-def test_degrees_on_earth_are_measured_on_its_ellipsoid(tmp_path, crs, radius_m):
+@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:4979"])
+def test_degrees_on_earth_are_measured_on_its_ellipsoid(tmp_path, crs):
     transform = Affine(0.001, 0, 10, 0, -0.001, 0.003)
     dem = read_dem(geotiff(tmp_path / "earth.tif", crs=crs, transform=transform))
-    assert dem.cell_size_m == pytest.approx(radius_m * math.radians(0.001))
-    assert dem.cell_width_m == pytest.approx(dem.cell_size_m)
+    assert dem.cell_width_m == pytest.approx(6378137.0 * math.radians(0.001))
+    assert dem.cell_size_m == pytest.approx(6335439.3 * math.radians(0.001))  # the meridian is rounder there
 
 
 def test_an_ellipsoid_in_feet_is_measured_in_metres(tmp_path):
@@ -135,7 +136,7 @@ def test_an_ellipsoid_in_feet_is_measured_in_metres(tmp_path):
 @given(st.floats(0, 360), st.floats(0.5, 40), st.floats(0.5, 40))
 def test_a_turned_map_keeps_its_cells(tmp_path_factory, angle, width, height):
     folder = tmp_path_factory.mktemp("turned")
-    path = geotiff(folder / "turned.tif", crs=UTM, transform=turned(angle, width, height))
+    path = geotiff(folder / "turned.tif", transform=turned(angle, width, height))
     dem = read_dem(path)
     assert dem.cell_size_m == pytest.approx(height)
     assert dem.cell_width_m == pytest.approx(width)
@@ -207,7 +208,7 @@ def test_without_a_cell_size_the_user_is_asked_for_one(tmp_path):
 
 
 def test_a_given_cell_size_wins_and_keeps_the_shape_of_the_cells(tmp_path):
-    path = geotiff(tmp_path / "wide.tif", crs=UTM, transform=Affine(3, 0, 0, 0, -2, 0))
+    path = geotiff(tmp_path / "wide.tif", transform=Affine(3, 0, 0, 0, -2, 0))
     dem = read_dem(path, cell_size_m=10)
     assert (dem.cell_size_m, dem.cell_width_m) == (10.0, 15.0)
     np.testing.assert_array_equal(dem.elevation, HEIGHTS)
@@ -259,7 +260,8 @@ def test_a_windows_cells_stay_where_they_were(tmp_path):
 
 def test_a_windows_cells_are_as_wide_as_at_its_own_latitude(tmp_path):
     path = geotiff(tmp_path / "tall.tif", crs=MOON_DEGREES, transform=Affine(1, 0, 0, 0, -10, 60))
-    dem = read_dem(path, window=(0, 0, 2, 2))
+    with pytest.warns(UserWarning, match="up to 11 % off"):
+        dem = read_dem(path, window=(0, 0, 2, 2))
     assert dem.cell_width_m == pytest.approx(MOON_RADIUS_M * math.radians(1) * math.cos(math.radians(50)))
 
 
@@ -495,6 +497,7 @@ def test_a_file_cut_short_is_refused(tmp_path, name, kept):
     refused(path, "wanted", cell_size_m=1, vertical_scale=1)
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")  # of odd systems
 @given(st.integers(0, 400), st.binary(min_size=1, max_size=8))
 def test_damage_anywhere_ends_in_a_map_or_in_a_clear_refusal(tmp_path_factory, at, damage):
     path = geotiff(tmp_path_factory.mktemp("damaged") / "x.tif", crs=UTM)

@@ -15,7 +15,7 @@ from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.terrain.dem import read_dem
 
 HEIGHTS = np.random.default_rng(4).uniform(1, 90, (6, 9)).astype(np.float32)
-PLACE = {"transform": Affine(5, 0, 4e5, 0, -5, 5e6), "crs": "EPSG:32615"}
+PLACE = {"transform": Affine(5, 0, 28e3, 0, -5, 39e3), "crs": "EPSG:3414"}
 
 
 def raster(path: Path, heights: np.ndarray = HEIGHTS, driver: str = "GTiff", **profile) -> Path:

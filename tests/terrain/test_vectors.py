@@ -215,6 +215,17 @@ def test_gpx_holds_the_track_where_the_map_lies_on_the_earth(tmp_path):
         route(Georeference(MOON, PLACE.transform)).gpx("a way", {})
 
 
+@pytest.mark.parametrize(
+    ("crs", "read_as"),
+    [(UTM, UTM), (MOON, MOON), (CRS("IAU_2015:49910").to_wkt(), "IAU_2015:49910"), (None, "LOCAL_CS")],
+)
+def test_geojson_lies_where_the_map_does_and_not_on_the_earth(tmp_path, crs, read_as):
+    place = None if crs is None else Georeference(CRS(crs).to_wkt(), PLACE.transform)
+    (tmp_path / "path.geojson").write_bytes(route(place).geojson({}))
+    found = pyogrio.read_info(tmp_path / "path.geojson")["crs"]
+    assert found.startswith("LOCAL_CS") if crs is None else CRS(found).equals(CRS(read_as), ignore_axis_order=True)
+
+
 def area(polygons):
     """By the shoelace formula; holes turn the other way."""
     total = 0.0
@@ -235,7 +246,7 @@ def test_areas_are_the_cells_that_are_reached_with_their_holes(place, tmp_path):
         assert area(found.polygons(level)) == pytest.approx(square_m)
     collection = json.loads(found.geojson())
     assert [each["properties"]["within"] for each in collection["features"]] == [3.0, 2.0, 1.0]
-    assert ("crs" in collection) == (place is not None)
+    assert "crs" in collection
     x, y = np.concatenate([np.array(ring) for polygon in found.polygons(3.0) for ring in polygon]).T
     low = (400_000.0, 4_999_840.0) if place else (-1.0, -1.0)
     assert (x.min(), y.min()) == low
