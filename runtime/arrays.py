@@ -27,9 +27,7 @@ def as_map(array: ArrayLike, name: str, dtype: type[Float] = np.float32) -> NDAr
 
     Masked cells become NaN, which is unknown wherever a map is read.
     """
-    values = unmasked(array)
-    if values.ndim != 2 or values.size == 0 or values.dtype.kind not in "fiub":
-        raise InvalidMapError(f"{name} must be a (H, W) map of numbers, got {values.shape} {values.dtype}")
+    values = numbers(array, name)
     if values.dtype == dtype:
         return np.ascontiguousarray(values)
     try:
@@ -38,6 +36,14 @@ def as_map(array: ArrayLike, name: str, dtype: type[Float] = np.float32) -> NDAr
     except FloatingPointError:
         furthest = np.abs(values[np.isfinite(values)]).max()
         raise InvalidMapError(f"{name} must hold 32-bit floats, got a value of size {furthest:.3g}") from None
+
+
+def numbers(array: ArrayLike, name: str) -> NDArray[np.generic]:
+    """`array` as (H, W) numbers of whichever kind, or an InvalidMapError that says what came."""
+    values = unmasked(array)
+    if values.ndim != 2 or values.size == 0 or values.dtype.kind not in "fiub":
+        raise InvalidMapError(f"{name} must be a (H, W) map of numbers, got {values.shape} {values.dtype}")
+    return values
 
 
 def close_border(weights: NDArray[np.float32], rows: int, cols: int) -> None:

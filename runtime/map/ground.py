@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.arrays import Float2D, as_map, numbers
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.map.disc import DiscState
 from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
@@ -51,6 +49,7 @@ class Ground:
         """Check what goes together; what only the map's values tell is checked by `state`."""
         if (self.cost is None) == (self.elevation is None):
             raise InvalidMapError("wanted either cost or elevation, got both or neither")
+        _ = self.shape
         if self.elevation is not None:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
@@ -90,9 +89,8 @@ class Ground:
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
-        values = self.cost if self.elevation is None else self.elevation
-        assert values is not None
-        rows, cols = np.shape(values)
+        values, name = (self.elevation, "dem") if self.cost is None else (self.cost, "cost")
+        rows, cols = numbers(values, name).shape  # type: ignore[arg-type]  # one of them is there
         return rows, cols
 
     def costs(self) -> Float2D:

@@ -11,6 +11,7 @@ from nnpp_edge.runtime import (
     DynamicPlanner,
     EnergyCost,
     Goal,
+    Ground,
     InProcessSink,
     InProcessSource,
     IrmischerCost,
@@ -28,7 +29,6 @@ from nnpp_edge.runtime import (
     ToblerCost,
     Traversability,
     Vehicle,
-    World,
     plan_path,
     pose_costs,
     traversability_cost,
@@ -56,7 +56,7 @@ def dynamic():
 
 
 def navigator():
-    return Navigator(World(COST), NavigatorSettings("astar"))
+    return Navigator(Ground(COST), NavigatorSettings("astar"))
 
 
 PATCH = {"row": 1, "col": 1, "patch": COST[:2, :2]}
@@ -86,7 +86,11 @@ ENTRIES = {
     InProcessSink: {},
     NetworkModel: {},
     Loop: {"navigator": navigator(), "source": InProcessSource()},
-    Navigator: {"settings": NavigatorSettings("astar")},
+    Ground: {"elevation": HEIGHTS, "cell_size_m": 1.0},
+    Ground.of_elevation: {"elevation": HEIGHTS, "cell_size_m": 1.0},
+    Planner.on: {"ground": Ground(COST)},
+    DynamicPlanner.on: {"ground": Ground(COST), "goal": (9, 11), "method": "astar"},
+    Navigator: {"ground": Ground(COST), "settings": NavigatorSettings("astar")},
 }
 """Functions and classes, with arguments that do."""
 METHODS = {
@@ -142,7 +146,7 @@ def _short(value):
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.__qualname__)
 def test_an_entry_refuses_what_is_of_another_type(entry):
-    good = ENTRIES[entry] | ({"world": World(COST)} if entry is Navigator else {})
+    good = ENTRIES[entry]
     found = [each for name, value, given in wrongs(entry, good) for each in raw(entry, name, value, given)]
     assert not found, "\n".join(found)
 
@@ -161,7 +165,7 @@ def test_a_method_refuses_what_is_of_another_type(make, name):
 def test_every_public_name_is_called_here():
     answers = {"Counters", "ModelFile", "PathMessage", "Plan", "Region", "Standing", "StatusMessage"}
     words = {"DynamicMethod", "Method", "Origin", "Source", "Status"}
-    others = {"InputSource", "Sink", "World", "handling_signals", "list_models"}
+    others = {"InputSource", "Sink", "handling_signals", "list_models"}
     public = {name: getattr(runtime, name) for name in dir(runtime) if not name.startswith("_")}
     entries = {
         name
