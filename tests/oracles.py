@@ -70,6 +70,37 @@ def dijkstra(cost, start, step_cost="paper", corner_cutting=True, omega=0.011):
     return scipy_dijkstra(graph, indices=start[0] * cost.shape[1] + start[1]).reshape(cost.shape)
 
 
+def octile(shape, goal, straight, diagonal):
+    """(H, W) least cost from each cell to the goal, where a straight and a diagonal step cost at least so much."""
+    rows, cols = (np.abs(np.arange(cells) - at) for cells, at in zip(shape, goal, strict=True))
+    near, far = np.minimum(rows[:, None], cols), np.maximum(rows[:, None], cols)
+    return straight * (far - near) + diagonal * near
+
+
+def least_refused(steps, region, start, to_go):
+    """The least that a path from `start` can cost that leaves a region (H, W) bool: its first step out, and on.
+
+    `steps` are arrays (from, to, cost) of all steps of the map, `to_go` (H, W) the least cost to the goal.
+    """
+    (i, j, v), inside = steps, region.reshape(-1)
+    within, out = inside[i] & inside[j], inside[i] & ~inside[j]
+    graph = coo_array((v[within], (i[within], j[within])), shape=(inside.size, inside.size)).tocsr()
+    came = scipy_dijkstra(graph, indices=start[0] * region.shape[1] + start[1])
+    return float((came[i[out]] + v[out] + to_go.reshape(-1)[j[out]]).min(initial=math.inf))
+
+
+def bound_by_region(cost, region, start, goal, step_cost="paper", corner_cutting=True, omega=0.011):
+    """`least_refused` on a map of costs, where no step costs less than among the cheapest cells."""
+    steps = tuple(_edges(cost, step_cost, corner_cutting, omega))
+    pair = 2.0 * float(cost[np.isfinite(cost) & (cost > 0.0)].min())
+    prices = [
+        length + 255 * omega * pair if step_cost == "paper" else 0.5 * length * pair
+        for length in (1.0, math.sqrt(2.0))
+    ]
+    prices[1] = min(prices[1], 2.0 * prices[0])
+    return least_refused(steps, region, start, octile(cost.shape, goal, *prices))
+
+
 def path_cost(path, cost, step_cost="paper", omega=0.011):
     """Sum of the path's steps."""
     total = 0.0

@@ -181,16 +181,23 @@ def dijkstra_over_poses(costs, start, goal, scale):
     _, rows, cols = costs.shape
     if tuple(start) == tuple(goal):
         return 0.0
+    one, other, step = steps_over_poses(costs, scale)
+    graph = coo_array((step, (one, other)), shape=(rows * cols, rows * cols)).tocsr()
+    return float(scipy_dijkstra(graph, indices=start[0] * cols + start[1])[goal[0] * cols + goal[1]])
+
+
+def steps_over_poses(costs, scale):
+    """Every step of the grid as arrays (from, to, cost), both ways."""
+    _, rows, cols = costs.shape
     nodes, parts = np.arange(rows * cols).reshape(rows, cols), []
     for (dr, dc), plane in zip(HEADINGS, np.asarray(costs, np.float64), strict=True):
         here = slice(max(-dr, 0), rows - max(dr, 0)), slice(max(-dc, 0), cols - max(dc, 0))
         there = slice(max(dr, 0), rows - max(-dr, 0)), slice(max(dc, 0), cols - max(-dc, 0))
         passes = np.isfinite(plane[here]) & np.isfinite(plane[there])
         step = math.hypot(dr, dc) + scale * (plane[here][passes] + plane[there][passes])
-        parts.append((nodes[here][passes], nodes[there][passes], step))
-    one, other, step = (np.concatenate(each) for each in zip(*parts, strict=True))
-    graph = coo_array((step, (one, other)), shape=(rows * cols, rows * cols)).tocsr()
-    return float(scipy_dijkstra(graph, directed=False, indices=nodes[tuple(start)])[nodes[tuple(goal)]])
+        one, other = nodes[here][passes], nodes[there][passes]
+        parts += [(one, other, step), (other, one, step)]
+    return tuple(np.concatenate(each) for each in zip(*parts, strict=True))
 
 
 def path_cost_over_poses(costs, path, scale):

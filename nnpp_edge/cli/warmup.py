@@ -14,7 +14,7 @@ from nnpp_edge.cli import options
 @click.option(
     "--jobs",
     type=click.IntRange(1, 64),
-    help="Processes that compile at once, half a gigabyte each; by default one a processor, four at most, as "
+    help="Processes that compile at once, 0.6 to 0.9 GB each; by default one a processor, four at most, as "
     "far as memory is left.",
 )
 @options.as_json

@@ -210,6 +210,8 @@ class TimeCost:
             )
         if not all(-90.0 < slope < 90.0 for slope in slopes) or any(np.diff(slopes) <= 0.0):
             raise InvalidQueryError(f"slope_deg must ascend within (-90, 90) degrees, got {list(slopes)}")
+        if 0.0 < max(map(abs, slopes)) <= 0.5 * math.pi:
+            raise InvalidQueryError(f"slope_deg must be in degrees, some beyond ±1.57, got {list(slopes)}: radians?")
         if not all(0.0 < speed < math.inf for speed in speeds):
             raise InvalidQueryError(f"speed_m_s must be positive numbers, got {list(speeds)}")
 

@@ -20,6 +20,10 @@ HEADINGS = ((1, 0), (1, 1), (0, 1), (-1, 1))
 """(row, col) of the step along each heading; its reverse has the same."""
 _INSIDE = 1e-9
 """Share of a cell by which a middle that lies just a cell away counts as farther."""
+_LARGEST_M, _THINNEST, _TALLEST, _WIDEST_TURN = 250.0, 50.0, 3.0, 100.0
+"""Longest side of a body, and by the shorter one; highest clearance and widest turn by the longer one. What is beyond
+is in another unit than metres.
+"""
 
 
 @checked(InvalidMapError)
@@ -63,22 +67,27 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         """Refuse what is no body: InvalidMapError."""
-        if self.turning_radius_m is not None:
-            _positive("turning_radius_m", self.turning_radius_m)
         if self.radius_m is not None:
-            _positive("radius_m", self.radius_m)
+            self._check_metres(_LARGEST_M, "radius_m")
+            self._check_metres(_WIDEST_TURN * self.radius_m, "turning_radius_m")
             if self._has_more:
                 raise InvalidMapError("a vehicle with a radius is a disc: wanted no other values beside radius_m")
             return
-        for name in ("length_m", "width_m", "clearance_m"):
-            _positive(name, getattr(self, name))
-        for name in ("max_step_m", "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m"):
-            if getattr(self, name) is not None:
-                _positive(name, getattr(self, name))
+        self._check_metres(_LARGEST_M, "length_m", "width_m")
+        self._check_metres(_THINNEST * min(self.length_m, self.width_m), "length_m", "width_m")
+        longest = max(self.length_m, self.width_m)
+        self._check_metres(_TALLEST * longest, "clearance_m", "max_step_m")
+        self._check_metres(_WIDEST_TURN * longest, "turning_radius_m")
+        self._check_metres(math.inf, "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m")
         for name in ("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < 90.0:
                 raise InvalidMapError(f"{name} must lie in (0, 90) degrees, got {value}")
+            if value is not None and value <= 0.5 * math.pi:
+                raise InvalidMapError(
+                    f"{name} must be in degrees, above {0.5 * math.pi:.2f}, got {value} "
+                    f"({math.degrees(value):.3g}° if that is in radians)"
+                )
         if type(self.axles) is not int or self.axles not in range(2, 9):
             raise InvalidMapError(f"axles must be a whole number from 2 to 8, got {self.axles}")
         (base, track), (long, wide) = self.stance_m, self.contact_m
@@ -90,6 +99,18 @@ class Vehicle:
                 raise InvalidMapError(
                     f"the wheels must lie under the body: {name} must be at most {most:g} m less a contact patch of "
                     f"{contact:g} m and more than 0, got {apart:g}"
+                )
+
+    def _check_metres(self, most: float, *names: str) -> None:
+        """Refuse what is no length, and what is so long for the body that it must be in another unit."""
+        for name in names:
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                raise InvalidMapError(f"{name} must be a positive number of metres, got {value}")
+            if value is not None and value > most:
+                raise InvalidMapError(
+                    f"{name} must be in metres, at most {most:g} for such a vehicle, got {value:g} "
+                    f"({value / 1000.0:g} m if that is in millimetres)"
                 )
 
     @property
@@ -202,8 +223,3 @@ def _cells_near(
         inside &= np.abs((cells * (dy, dx) - middle) @ axis) < reach + box - _INSIDE * min(dy, dx)
     found: NDArray[np.int64] = cells[inside].astype(np.int64)
     return found
-
-
-def _positive(name: str, value: float) -> None:
-    if not 0.0 < value < math.inf:
-        raise InvalidMapError(f"{name} must be a positive number of metres, got {value}")

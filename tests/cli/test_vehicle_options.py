@@ -7,7 +7,7 @@ from click.testing import CliRunner
 from nnpp_edge.cli import options, vehicle_options
 from nnpp_edge.runtime.errors import NnppEdgeError
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.terrain.vehicle_files import load_vehicle
+from nnpp_edge.terrain.vehicle_files import VehicleError, load_vehicle
 
 
 @pytest.fixture
@@ -53,7 +53,15 @@ def test_every_value_can_be_set_in_place_of_the_vehicles_own(make):
             assert make("--vehicle", "large-rover", option) == replace(own, unknown_passes=True)
             continue
         value = {"axles": 4, "length_m": 3.5, "width_m": 3.5, "wheel_width_m": 0.3}.get(field.name, 0.5)
+        value = 20.0 if field.name.endswith("_deg") else value
         assert make("--vehicle", "large-rover", option, value) == replace(own, **{field.name: value}), field.name
+
+
+def test_a_value_in_millimetres_or_radians_is_refused(make):
+    with pytest.raises(VehicleError, match="large-rover: clearance_m must be in metres, at most 9"):
+        make("--vehicle", "large-rover", "--clearance", 400)
+    with pytest.raises(VehicleError, match="max_tilt_deg must be in degrees"):
+        make("--vehicle", "large-rover", "--max-tilt", 0.5)
 
 
 def test_what_a_file_says_of_unknown_cells_can_be_taken_back(make, tmp_path):

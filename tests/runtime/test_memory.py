@@ -86,7 +86,7 @@ def test_the_memory_that_is_left_follows_every_control_group_around_the_process(
 
 
 @pytest.mark.parametrize(
-    ("processors", "left_gb", "jobs"), [(4, 0.95, 1), (4, 1.3, 2), (1, 64, 1), (64, 64, 4), (4, 0, 1)]
+    ("processors", "left_gb", "jobs"), [(4, 0.95, 1), (4, 1.45, 2), (1, 64, 1), (64, 64, 4), (4, 0, 1)]
 )
 def test_a_warm_up_takes_no_more_processes_than_memory_is_left_for(monkeypatch, processors, left_gb, jobs):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(processors)))

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.expansion import read_field
 from nnpp_edge.runtime.kernels.pooling import FACTOR, pool_and_link
@@ -120,24 +121,58 @@ def test_a_wall_one_cell_thick_is_a_wall_on_every_level_and_a_gap_a_gap():
 
 
 @settings(deadline=None, max_examples=60)
-@given(st.integers(0, 2**32), st.booleans(), st.data())
-def test_updating_a_part_equals_building_anew(seed, corner_cutting, data):
+@given(st.integers(0, 2**32), st.booleans(), st.sampled_from([(300, 290), (60, 1030)]), st.data())
+def test_updating_a_part_equals_building_anew(seed, corner_cutting, shape, data):
     rng = np.random.default_rng(seed)
-    cost = rng.random((300, 290)).astype(np.float32)
+    cost = rng.random(shape).astype(np.float32)
     cost[rng.random(cost.shape) < 0.3] = np.inf
     state = MapState(cost, StepModel.of("paper"), corner_cutting=corner_cutting)
     for _ in range(2):
         pyramid = state.pyramid
-        row, col = data.draw(st.integers(0, 290)), data.draw(st.integers(0, 280))
+        row, col = (data.draw(st.integers(0, cells - 10)) for cells in shape)
         patch = rng.choice([0.2, np.inf], (10, 10)).astype(np.float32)
         cost[row : row + 10, col : col + 10] = patch
         state.update(row, col, patch)
     assert state.pyramid is pyramid
-    for ours, theirs in zip(pyramid.levels, pyramid_of(cost, corner_cutting).levels, strict=True):
+    assert len(pyramid.levels) == (2 if max(shape) < 1021 else 3)
+    assert_same_levels(pyramid, pyramid_of(cost, corner_cutting))
+
+
+def assert_same_levels(pyramid, other):
+    for ours, theirs in zip(pyramid.levels, other.levels, strict=True):
         np.testing.assert_allclose(ours.grid.weights, theirs.grid.weights, rtol=1e-6)
         np.testing.assert_array_equal(ours.pieces, theirs.pieces)
         if ours.links is not None:
             np.testing.assert_array_equal(ours.links, theirs.links)
+            if (steps := ours.grid.directed) is not None:
+                np.testing.assert_allclose(steps.edges, theirs.grid.directed.edges, rtol=1e-5)
+                np.testing.assert_allclose(steps.backwards, theirs.grid.directed.backwards, rtol=1e-5)
+
+
+@pytest.mark.parametrize("step_cost", ["paper", "tobler"])
+@pytest.mark.parametrize("completed", [True, False])
+def test_updating_heights_equals_building_anew(step_cost, completed):
+    rng = np.random.default_rng(5)
+    dem = (0.3 * rng.random((40, 1030))).astype(np.float32)
+
+    def planner():
+        return Planner.of_elevation(dem, 1.0, warn=False, step_cost=step_cost)
+
+    ours = planner()
+    pyramid = ours.state.pyramid
+    for number in range(4):
+        if completed or number == 2:
+            ours.state.grid.complete()
+        row, col = int(rng.integers(30)), int(rng.integers(1000))
+        dem[row : row + 9, col : col + 30] += 3.0 * rng.random((9, 30)).astype(np.float32)
+        ours.update_elevation(row, col, dem[row : row + 9, col : col + 30])
+        if completed or number == 3:
+            anew = planner()
+            for state in (ours.state, anew.state):
+                assert len(state.pyramid.levels) == 3
+                state.grid.complete()
+            assert ours.state.pyramid is pyramid
+            assert_same_levels(pyramid, anew.state.pyramid)
 
 
 def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():

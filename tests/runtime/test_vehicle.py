@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import math
 import random
+import re
 
 import numpy as np
 import pytest
@@ -85,6 +86,35 @@ def test_a_bad_value_is_named_in_one_line(name, value):
 
 
 @pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"clearance_m": 400.0}, "clearance_m must be in metres, at most 4.8 for such a vehicle, got 400 (0.4 m if"),
+        ({"max_step_m": 150.0}, "max_step_m must be in metres"),
+        ({"turning_radius_m": 2000.0}, "turning_radius_m must be in metres, at most 160"),
+        ({"length_m": 1600.0, "width_m": 1200.0, "clearance_m": 300.0}, "length_m must be in metres, at most 250"),
+        ({"width_m": 120.0}, "width_m must be in metres, at most 80"),
+        ({"max_tilt_deg": 0.5236}, "max_tilt_deg must be in degrees, above 1.57, got 0.5236 (30° if that is in rad"),
+        ({"max_roll_deg": 0.35}, "max_roll_deg must be in degrees"),
+        ({"max_pitch_deg": math.pi / 2}, "max_pitch_deg must be in degrees"),
+    ],
+)
+def test_a_value_in_another_unit_is_refused_with_the_unit_that_is_wanted(values, told):
+    with pytest.raises(InvalidMapError, match=re.escape(told)):
+        vehicle(**values)
+
+
+@pytest.mark.parametrize("values", [{"radius_m": 400.0}, {"radius_m": 0.3, "turning_radius_m": 500.0}])
+def test_a_disc_in_millimetres_is_refused(values):
+    with pytest.raises(InvalidMapError, match="must be in metres"):
+        Vehicle(**values)
+
+
+def test_unlikely_bodies_are_bodies():
+    assert Vehicle(length_m=240.0, width_m=40.0, clearance_m=9.0, turning_radius_m=90.0).reach_m > 100.0
+    assert vehicle(clearance_m=3.0, max_tilt_deg=2.0, max_step_m=0.001).step_m == 0.001
+
+
+@pytest.mark.parametrize(
     ("name", "changes"),
     [
         ("wheelbase_m", {"wheelbase_m": 1.7}),
@@ -105,7 +135,7 @@ def test_wheels_at_the_very_edge_are_under_the_body():
 
 
 def test_every_default_vehicle_that_can_be_has_its_wheels_under_it():
-    for length, width in itertools.product((1e-3, 0.1, 0.3, 0.7, 1.1, 12.3), repeat=2):
+    for length, width in itertools.product((0.3, 0.5, 0.7, 1.1, 12.3), repeat=2):
         made = Vehicle(length_m=length, width_m=width, clearance_m=0.1)
         assert made.stance_m[0] + made.contact_m[0] <= length * (1 + 1e-9)
         assert made.stance_m[1] + made.contact_m[1] <= width * (1 + 1e-9)

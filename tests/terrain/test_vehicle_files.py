@@ -4,7 +4,7 @@ import pytest
 
 from nnpp_edge.runtime.errors import NnppEdgeError
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.terrain.vehicle_files import VehicleError, load_vehicle, shipped_vehicles
+from nnpp_edge.terrain.vehicle_files import VehicleError, load_mobility, load_vehicle, shipped_vehicles
 
 GOOD = "length_m = 1.5\nwidth_m = 1\nclearance_m = 0.3\n"
 
@@ -35,10 +35,18 @@ def test_a_vehicle_has_what_stands_in_its_file_and_defaults_else(write):
 
 def test_every_value_can_stand_in_a_file(write):
     lines = {"unknown_passes": "true", "axles": "3", "length_m": "9.0", "width_m": "9.0"}
+    lines |= {f"max_{name}_deg": "12.5" for name in ("tilt", "pitch", "roll")}
     names = [field.name for field in fields(Vehicle) if field.name != "radius_m"]
     found = load_vehicle(write("\n".join(f"{name} = {lines.get(name, '1.25')}" for name in names)))
-    assert {getattr(found, name) for name in names} == {True, 3, 9.0, 1.25}
+    assert {getattr(found, name) for name in names} == {True, 3, 9.0, 1.25, 12.5}
     assert load_vehicle(write("radius_m = 0.5")) == Vehicle(radius_m=0.5)
+
+
+def test_a_file_in_millimetres_or_radians_is_refused_with_the_unit_that_is_wanted(write):
+    with pytest.raises(VehicleError, match=r"toml: clearance_m must be in metres, .*got 300"):
+        load_vehicle(write("length_m = 1.5\nwidth_m = 1.0\nclearance_m = 300"))
+    with pytest.raises(VehicleError, match=r"slope_deg must be in degrees"):
+        load_mobility(write("[mobility.time]\nslope_deg = [-0.5, 0.0, 0.35]\nspeed_m_s = [1.0, 1.0, 0.5]"))
 
 
 @pytest.mark.parametrize(
