@@ -85,6 +85,9 @@ class Patches:
     @contextmanager
     def taking(self) -> Iterator[list[Waiting]]:
         """The patches that wait, those of a layer as one where they overlap much; after an exception they wait on."""
+        if not self._waiting:
+            yield []
+            return
         with self._lock:
             if any(_overlap(layer) for layer in self._by_layer()):
                 self._merge()

@@ -148,9 +148,10 @@ class Tiles:
 
     def open_along(self, path: NDArray[np.int32]) -> None:
         """As `open_at`, of the cells of a path (N, 2) inside the map."""
-        for i, j in np.unique(path // self._sides, axis=0).tolist():
-            if not self.state[i, j] & SURROUNDED:
-                open_tile(self.packed(), i, j)
+        i, j = path[:, 0] // self._sides[0], path[:, 1] // self._sides[1]
+        while (shut := self.state[i, j] & SURROUNDED == 0).any():
+            first = int(shut.argmax())
+            open_tile(self.packed(), i[first], j[first])
 
     def complete(self) -> None:
         """Compute all that is not there yet, on all cores where that pays."""

@@ -31,7 +31,7 @@ from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.ticker import Ticker
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network import loading
-from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.plan import Method, Plan, path_costs
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from tests.conftest import write_tiny_model
@@ -561,6 +561,26 @@ def test_a_map_that_changes_while_planning_holds_the_path_back(monkeypatch):
     assert message.outcome is Status.NO_PATH, "the corridor was planned on the map with the wall"
     monkeypatch.undo()
     assert nav.tick().outcome is Status.NO_PATH
+
+
+def test_way_points_and_cost_are_those_of_the_map_that_the_path_was_checked_on(monkeypatch):
+    nav = navigator(refine="any-angle")
+    replan = nav.planner.replan
+
+    def and_then_dearer_ground(**options):
+        plan = replan(**options)
+        row, col = plan.path[10].tolist()
+        nav.offer(MapPatch(row, col, cost=np.full((1, 1), 0.9)))
+        return plan
+
+    monkeypatch.setattr(nav.planner, "replan", and_then_dearer_ground)
+    message = nav.tick()
+    assert message.ok and message.map_version == 1
+    assert message.waypoints is None, "the line was not checked on the map with the patch"
+    cost, _ = path_costs(Planner(nav.map.cost()).state.grid, message.path)
+    assert message.cost == pytest.approx(cost)
+    monkeypatch.undo()
+    assert nav.tick().waypoints is not None
 
 
 def test_a_map_update_that_raises_is_tried_again_and_no_path_is_published_without_it(monkeypatch):
