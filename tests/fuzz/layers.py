@@ -173,6 +173,9 @@ def check(case: Case) -> Problem | None:
             return Problem(f"caught inside the loop: {', '.join(errors)}", f"tick {tick}: {message}\n{case!r}")
         if problem := _wrong(message, layers.planner(), at, case):
             return Problem(problem, f"tick {tick}: {message}\n{case!r}")
+        bare = layers.told if layers.heights is None else layers.ground().costs()
+        if not np.array_equal(navigator.map.cost() < 1.0, (bare < 1.0) & (layers.told < 1.0)):
+            return Problem("the map's costs are shut elsewhere", f"tick {tick}\n{case!r}")
         at = tuple(message.path[min(2, len(message.path) - 1)].tolist()) if message.ok else _place(numbers, case)
         if at == case.goal:
             at = (3, 3)
