@@ -1,9 +1,9 @@
-"""What the shipped network `edge` answers, on the sample maps: figures that a turned, mirrored or clipped answer misses.
+"""What the shipped network `edge` answers, on sample maps: bounds that a turned, mirrored or clipped answer breaks.
 
 Measured on 64 queries, in brackets for an answer turned by 180°, mirrored, and with the ranges of int8 halved:
 probability along the optimal path 0.71 (0.03, 0.17, 0.67); share of the map in the region 0.12 (0.88, 0.72, 0.11);
-share of the optimal path inside it 0.82 (0.91, 0.96, 0.76); mean gap 0.29 % (0.77, 0.48, 0.64 %); mean difference from
-the file before quantisation 0.0012 (0.20, 0.16, 0.03).
+share of the optimal path inside it 0.82 (0.91, 0.96, 0.76); mean gap 0.29 % (0.77, 0.48, 0.64 %); mean difference
+from the file before quantisation 0.0012 (0.20, 0.16, 0.03).
 """
 
 from typing import NamedTuple
