@@ -161,6 +161,6 @@ def _world(path: Path, terrain: TerrainOptions, vehicle: VehicleOptions, step_co
         cell_width_m=dem.cell_width_m,
         vehicle=vehicle.make(),
         step_cost=step_cost,
-        mobility=vehicle.mobility(),
+        mobility=vehicle.mobility(dem),
     )
     return world, dem.cell_size_m
