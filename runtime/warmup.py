@@ -29,8 +29,8 @@ _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
 _STILL_IN_USE_S = 3600.0
 """A folder written to within this time may belong to a process that is still running: it is left alone."""
 MOST_JOBS, JOB_BYTES = 4, 700_000_000
-"""Processes that compile at once unless told otherwise, and the memory that each is to find free: measured were 0.90 GB
-by one, 0.63 and 0.60 by two, and 0.63 and at most 0.44 for each of the others by four."""
+"""Processes that compile at once unless told otherwise, and the memory that each is to find free: measured were 0.90
+GB by one, 0.63 and 0.60 by two, and 0.63 and at most 0.44 for each of the others by four."""
 
 
 @dataclass(frozen=True)

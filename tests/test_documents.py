@@ -83,9 +83,10 @@ def workshop(tmp_path_factory):
 
 def grid_map_message(rows, cols):
     """A flat grid_map_msgs/GridMap of cells of 0.1 m around the origin."""
-    zero = SimpleNamespace(x=0.0, y=0.0, z=0.0)
+    zero = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
     pose = SimpleNamespace(position=zero, orientation=zero)
-    array = SimpleNamespace(layout=SimpleNamespace(dim=[]), data=[0.0] * (rows * cols))
+    dims = [SimpleNamespace(label=label, size=size) for label, size in (("column_index", cols), ("row_index", rows))]
+    array = SimpleNamespace(layout=SimpleNamespace(dim=dims), data=[0.0] * (rows * cols))
     return SimpleNamespace(
         header=SimpleNamespace(frame_id="odom"),
         info=SimpleNamespace(resolution=0.1, length_x=0.1 * rows, length_y=0.1 * cols, pose=pose),

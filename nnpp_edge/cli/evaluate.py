@@ -125,8 +125,8 @@ def command(
     body, directed = vehicle.make(), step_cost != "paper"
     if directed and dataset is not None:
         raise click.UsageError("--step-cost needs elevations, a data set holds cost maps: give --terrain")
-    mobility = vehicle.mobility() if directed else None
-    slope_cost_of(step_cost, mobility)  # refused now
+    if directed:
+        slope_cost_of(step_cost, vehicle.mobility())  # refused now
     of_vehicle = {"--vehicle": body, "--prices": prices, "--widths": widths, "--queries-per-map": per_map}
     bodies = _body_workloads(workloads, [name for name, value in of_vehicle.items() if value is not None])
     points = [name for name in workloads if name not in bodies]
@@ -143,6 +143,7 @@ def command(
     of_body = exact_and_priced(methods, of_each, widths or (1.0,), models) + control if bodies else []
     dems = suites.TerrainFiles(files, rescale, cell_size, allow_vrt).read()
     suites.check_sizes(dems, sizes)
+    mobility = vehicle.mobility(*dems[:1]) if directed else None
 
     def cases(name: str, size: "Size") -> "Iterator[Case]":
         for case in on_maps(name, size):

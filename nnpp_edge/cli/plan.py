@@ -129,11 +129,11 @@ def command(
     options.check_outputs(*outputs.paths, more_inputs=request.files, make_folders=True)
     directed = request.step_cost != "paper"
     bytes_per_cell = _BYTES_PER_CELL + (_BYTES_PER_POSED_CELL if body else 0) + DIRECTED_BYTES_PER_CELL * directed
-    drawn, mobility = outputs.output is not None, vehicle.mobility()
+    drawn = outputs.output is not None
     if reads_by_windows(dem, terrain, memory, bytes_per_cell, whole=directed or body is not None):
-        planned = plan_by_windows(request, dem, terrain, limits, mobility, hillshade=hillshade, drawn=drawn)
+        planned = plan_by_windows(request, dem, terrain, limits, vehicle, hillshade=hillshade, drawn=drawn)
     else:
-        planned = plan_whole(request, dem, terrain, limits, body, mobility, hillshade=hillshade, drawn=drawn)
+        planned = plan_whole(request, dem, terrain, limits, body, vehicle, hillshade=hillshade, drawn=drawn)
     answer = planned.answer
     if answer.plan.source is None:  # no search was made
         from nnpp_edge.runtime.errors import InvalidQueryError
@@ -156,7 +156,7 @@ def plan_whole(
     terrain: TerrainOptions,
     limits: Traversability,
     vehicle: Vehicle | None,
-    mobility: Mobility,
+    given: VehicleOptions,
     *,
     hillshade: bool,
     drawn: bool,
@@ -175,7 +175,8 @@ def plan_whole(
     cost = cost_of(ground, limits)
     if not (cost < 1.0).any():
         refuse_impassable(ground)
-    answer, shade = find(request, ends, ground, cost, limits, vehicle, mobility, keep_regions=drawn), None
+    mobility, shade = given.mobility(ground), None
+    answer = find(request, ends, ground, cost, limits, vehicle, mobility, keep_regions=drawn)
     if drawn and vehicle is not None and answer.plan.source is not None:
         answer = _beside_a_point(answer, request, ground, cost, vehicle)
     if hillshade and drawn:

@@ -196,6 +196,8 @@ class Answer:
             steps = self.steep_steps
             steepest = round(max(steps), 4) if steps else None
             figures["steps_above_hard_slope"] = {"count": len(steps), "steepest_deg": steepest}
+        if plan.along is not None and plan.along.mobility.energy is not None:
+            figures["gravity_m_s2"] = plan.along.mobility.energy.gravity_m_s2
         if self.step_cost != "paper":
             figures["step_cost"] = self.step_cost
         if self.compared:
@@ -290,7 +292,9 @@ class Answer:
             f"{metres(numbers.descent_m)} down, at most {numbers.steepest_up_deg:.1f}° up and "
             f"{numbers.steepest_down_deg:.1f}° down",
         }
-        energy = f", {numbers.energy_j / 1000.0:.4g} kJ" if isfinite(numbers.energy_j) else ""
+        energy, model = "", along.mobility.energy
+        if model is not None:
+            energy = f", {numbers.energy_j / 1000.0:.4g} kJ at {model.gravity_m_s2:.3g} m/s²"
         lines["way"] = f"{duration(numbers.time_s)} {along.time_by}{energy}"
         return lines
 

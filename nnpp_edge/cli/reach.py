@@ -140,7 +140,7 @@ def _reach(
     from nnpp_edge.runtime.planners.query import problem_with
     from nnpp_edge.terrain.reach import Reach
 
-    (measure, step_cost, most, levels), mobility, body = wanted, vehicle.mobility(), vehicle.make()
+    (measure, step_cost, most, levels), mobility, body = wanted, vehicle.mobility(ground), vehicle.make()
     if measure == "time" and unit_of(step_cost) != "s":
         step_cost = "time" if mobility.time else "tobler"
     elif measure == "energy":

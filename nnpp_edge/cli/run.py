@@ -161,5 +161,5 @@ def _ground(path: Path, terrain: TerrainOptions, vehicle: VehicleOptions, step_c
         cell_width_m=dem.cell_width_m,
         vehicle=vehicle.make(),
         step_cost=step_cost,
-        mobility=vehicle.mobility(),
+        mobility=vehicle.mobility(dem),
     )

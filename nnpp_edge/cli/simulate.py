@@ -129,7 +129,7 @@ def command(
         body,
         bare=part.elevation,
         step_cost=step_cost,
-        mobility=vehicle.mobility(),
+        mobility=vehicle.mobility(part),
     )
     if start is None or goal is None:
         start, goal = random_drive(ground, seed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from nnpp_edge.cli.options import ANGLE, POSITIVE, gathered, together
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.slope_cost import Mobility
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
+    from nnpp_edge.terrain.georeference import Place
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,7 @@ class VehicleOptions:
 
     vehicle: str | None
     mobility_of: str | None
+    gravity: float | None
     length_m: float | None
     width_m: float | None
     clearance_m: float | None
@@ -42,7 +45,7 @@ class VehicleOptions:
         Without --vehicle the values make one by themselves. VehicleError for what makes none.
         """
         given: dict[str, object] = {name: value for name, value in asdict(self).items() if value is not None}
-        name, _ = given.pop("vehicle", None), given.pop("mobility_of", None)
+        name, *_ = (given.pop(name, None) for name in ("vehicle", "mobility_of", "gravity"))
         if name is None and not given:
             return None
         from nnpp_edge.terrain.vehicle_files import read_vehicle, vehicle_of
@@ -55,15 +58,36 @@ class VehicleOptions:
         if self.turning_radius_m is not None and not refine:
             raise click.UsageError("--turning-radius needs --refine any-angle: paths on the grid turn in a cell")
 
-    def mobility(self) -> Mobility:
-        """How the vehicle gets up and down, as its file says, or another; a hiker's where nothing is said."""
+    def mobility(self, place: Place | None = None) -> Mobility:
+        """How the vehicle gets up and down, as its file says, or another; a hiker's where nothing is said.
+
+        Energy goes by the gravity that was given, else by that of the map's body, else by the file's: a warning says
+        where the map's is another than the file's.
+        """
         from nnpp_edge.runtime.map.slope_cost import Mobility
+        from nnpp_edge.terrain.coordinates import gravity_of
         from nnpp_edge.terrain.vehicle_files import load_mobility, mobility_of, read_vehicle
 
         if self.mobility_of is not None:
-            return load_mobility(self.mobility_of)
-        values = read_vehicle(self.vehicle) if self.vehicle else {}
-        return mobility_of(values["mobility"], str(self.vehicle)) if "mobility" in values else Mobility()
+            found = load_mobility(self.mobility_of)
+        else:
+            values = read_vehicle(self.vehicle) if self.vehicle else {}
+            found = mobility_of(values["mobility"], str(self.vehicle)) if "mobility" in values else Mobility()
+        if found.energy is None:
+            return found
+        gravity, own = self.gravity, found.energy.gravity_m_s2
+        if (
+            gravity is None
+            and place is not None
+            and (gravity := gravity_of(place))
+            and abs(gravity / own - 1.0) > 0.01
+        ):
+            warnings.warn(
+                f"energy goes by {gravity:g} m/s², the gravity of the map's body, not by the vehicle's own {own:g}; "
+                "--gravity gives another",
+                stacklevel=2,
+            )
+        return found if gravity is None else found.under(gravity)
 
 
 vehicle = together(
@@ -73,6 +97,9 @@ vehicle = together(
         "mobility_of",
         metavar="NAME|FILE",
         help="Take the table [mobility] from another vehicle, or from a file that holds nothing else.",
+    ),
+    click.option(
+        "--gravity", type=POSITIVE, help="For its energy, m/s². By default the map's body's, else as its file says."
     ),
     click.option("--vehicle-length", "length_m", type=POSITIVE, help="Of the body along its heading, metres."),
     click.option("--vehicle-width", "width_m", type=POSITIVE, help="Of the body, metres."),

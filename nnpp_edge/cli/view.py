@@ -50,7 +50,7 @@ def command(
     \b
     nnpp-edge view dem.tif --workload limit20
     """
-    limits, given = terrain.limits(), _given_body(vehicle)
+    limits = terrain.limits()
 
     from nnpp_edge.runtime.errors import InvalidMapError, optional_module
 
@@ -67,7 +67,9 @@ def command(
 
     with listen(port) as listening:
         reading = Reading(dem, terrain.cell_size, terrain.vertical_scale, terrain.rescale, terrain.allow_vrt)
-        ground = Ground.of(terrain.read(dem), reading, given)
+        read = terrain.read(dem)
+        given = _given_body(vehicle, read)
+        ground = Ground.of(read, reading, given)
         body = vehicle.vehicle or POINT if given is None else GIVEN if given.vehicle else POINT
         asked = Asked(
             start=_cell(start, ground.dem, "--start") or (0, 0),
@@ -100,7 +102,7 @@ def command(
         serve(make_app(make_trial, when_ready), listening)
 
 
-def _given_body(options_given: VehicleOptions) -> Body | None:
+def _given_body(options_given: VehicleOptions, place: Dem) -> Body | None:
     """The vehicle that the options describe, with the words that do so; None for none, or a shipped one."""
     from nnpp_edge.terrain.vehicle_files import shipped_vehicles
     from nnpp_edge.view.ground import Body
@@ -112,7 +114,7 @@ def _given_body(options_given: VehicleOptions) -> Body | None:
     for each in click.get_current_context().command.params:
         if each.name in names:
             words += _words(each, getattr(options_given, str(each.name)))
-    return Body.given(options_given.make(), options_given.mobility(), tuple(words))
+    return Body.given(options_given.make(), options_given.mobility(place), tuple(words))
 
 
 def _words(option: click.Parameter, value: object) -> list[str]:

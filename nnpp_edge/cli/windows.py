@@ -13,8 +13,8 @@ from nnpp_edge.cli.plan_answer import Answer, Near, Planned, WindowsRead, refuse
 
 if TYPE_CHECKING:
     from nnpp_edge.cli.plan_request import Request
+    from nnpp_edge.cli.vehicle_options import VehicleOptions
     from nnpp_edge.runtime.cells import Cell
-    from nnpp_edge.runtime.map.slope_cost import Mobility
     from nnpp_edge.runtime.planners.plan import Plan
     from nnpp_edge.runtime.planners.windowed import WindowedPlanner
     from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -59,7 +59,7 @@ def plan_by_windows(
     dem: Path,
     terrain: TerrainOptions,
     limits: Traversability,
-    mobility: Mobility,
+    vehicle: VehicleOptions,
     *,
     hillshade: bool,
     drawn: bool,
@@ -78,7 +78,7 @@ def plan_by_windows(
             limits,
             omega=request.omega,
             corner_cutting=request.corner_cutting,
-            mobility=mobility,
+            mobility=vehicle.mobility(ground),
             progress=progress,
         )
         if not planner.any_passable:

@@ -20,6 +20,11 @@ Points = npt.NDArray[np.float64]
 """(N, 2) x and y, or longitude and latitude in degrees."""
 Metres = npt.NDArray[np.float64]
 WGS84 = "EPSG:4326"
+_GRAVITY = {6_378_137.0: 9.80665, 1_737_400.0: 1.62, 3_396_190.0: 3.71, 2_440_530.0: 3.70, 6_051_800.0: 8.87}
+_GRAVITY |= {482_000.0: 0.28, 2_575_000.0: 1.35}
+"""m/s² by the semi-major axis of the Earth, the Moon, Mars, Mercury, Venus, Ceres and Titan."""
+_SAME_BODY = 0.007
+"""Share by which radii of a body differ: Mars has 3,376.2 km at its poles."""
 _MEASURED_M = 100.0
 """Longest way by which a cell is measured: on larger cells geodesics leave the parallels."""
 _SCALE_TOLD, _RIM_TOLD = 0.01, 0.03
@@ -71,6 +76,17 @@ def lonlat_corners(place: Place) -> Points:
     corners = np.array([place.map_coordinates(row, col) for row in (0, rows - 1) for col in (0, cols - 1)])
     geodetic = own.geodetic_crs if _other_body(own) else None
     return _moved(corners, own, geodetic or _pyproj().CRS.from_user_input(WGS84))
+
+
+def gravity_of(place: Place) -> float | None:
+    """m/s² on the body that a map's coordinate system lies on; None where it names none, or one that is not known."""
+    try:
+        ellipsoid = _system_of(place.georeference, place.source).ellipsoid
+    except InvalidQueryError:
+        return None
+    axis = ellipsoid.semi_major_metre if ellipsoid else 0.0
+    near = (gravity for radius, gravity in _GRAVITY.items() if abs(axis / radius - 1.0) < _SAME_BODY)
+    return next(near, None)
 
 
 def cell_on_ground(source: Path, place: Georeference, shape: tuple[int, ...], *, warn: bool) -> tuple[float, float]:

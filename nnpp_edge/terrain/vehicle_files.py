@@ -48,8 +48,10 @@ def load_vehicle(name: str | Path) -> Vehicle:
     return vehicle_of(read_vehicle(name), Path(name).name)
 
 
-def load_mobility(name: str | Path) -> Mobility:
+def load_mobility(name: str | Path, gravity_m_s2: float | None = None) -> Mobility:
     """How a vehicle gets up and down: the table ``[mobility]`` of its file, which may hold nothing else.
+
+    A gravity takes the place of the file's, such as `coordinates.gravity_of` a map.
 
     Raises
     ------
@@ -59,7 +61,8 @@ def load_mobility(name: str | Path) -> Mobility:
     values = read_vehicle(name)
     if "mobility" not in values:
         raise VehicleError(f"{Path(name).name}: wanted a table [mobility], got none")
-    return mobility_of(values["mobility"], Path(name).name)
+    found = mobility_of(values["mobility"], Path(name).name)
+    return found if gravity_m_s2 is None else found.under(gravity_m_s2)
 
 
 def mobility_of(values: object, source: str) -> Mobility:

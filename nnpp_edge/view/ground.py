@@ -5,6 +5,7 @@ from pathlib import Path
 
 from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
+from nnpp_edge.terrain.coordinates import gravity_of
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle, shipped_vehicles
 
@@ -57,10 +58,11 @@ class Body:
     mobility_code: str = "None"
 
     @classmethod
-    def shipped(cls, name: str) -> "Body":
-        """One that travels with the package."""
-        codes = f"load_vehicle({name!r})", f"load_mobility({name!r})"
-        return cls(load_vehicle(name), load_mobility(name), ("--vehicle", name), *codes)
+    def shipped(cls, name: str, gravity_m_s2: float | None = None) -> "Body":
+        """One that travels with the package, under the gravity of the map's body where that is known."""
+        own = "" if gravity_m_s2 is None else f", gravity_m_s2={gravity_m_s2:g}"
+        codes = f"load_vehicle({name!r})", f"load_mobility({name!r}{own})"
+        return cls(load_vehicle(name), load_mobility(name, gravity_m_s2), ("--vehicle", name), *codes)
 
     @classmethod
     def given(cls, vehicle: Vehicle | None, mobility: Mobility, options: tuple[str, ...]) -> "Body":
@@ -87,7 +89,9 @@ class Ground:
 
         A body without a vehicle, which has a mobility alone, takes the place of the point.
         """
-        bodies = {POINT: Body(None, Mobility()), **{name: Body.shipped(name) for name in shipped_vehicles()}}
+        gravity = gravity_of(dem)
+        bodies = {name: Body.shipped(name, gravity) for name in shipped_vehicles()}
+        bodies = {POINT: Body(None, Mobility()), **bodies}
         if given is not None:
             bodies[POINT if given.vehicle is None else GIVEN] = given
         return cls(dem, reading, bodies)

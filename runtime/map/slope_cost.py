@@ -13,7 +13,7 @@ They price the slope alone: whether a cell can be stood on is decided by the tra
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar, Protocol
 
@@ -412,6 +412,10 @@ class Mobility:
     time: TimeCost | None = None
     energy: EnergyCost | None = None
     irmischer: IrmischerCost = field(default_factory=IrmischerCost)
+
+    def under(self, gravity_m_s2: float) -> "Mobility":
+        """The same under another gravity, on which energy depends."""
+        return self if self.energy is None else replace(self, energy=replace(self.energy, gravity_m_s2=gravity_m_s2))
 
     def model(self, step_cost: str) -> SlopeCost:
         """The model of that ``step_cost``; InvalidQueryError where there is none, or its table is missing."""

@@ -53,7 +53,7 @@ def test_all_outputs_say_the_same_numbers(nnpp_edge, hills, tmp_path, body):
     told = json.loads(nnpp_edge(*words, "--json").out)
     ground = read_dem(hills)
     vehicle = load_vehicle("large-rover") if body else None
-    mobility = load_mobility("large-rover") if body else None
+    mobility = load_mobility("large-rover", gravity_m_s2=9.80665) if body else None
     made = {
         "vehicle": vehicle and type(vehicle)(**{**vars(vehicle), "max_tilt_deg": 40.0, "clearance_m": 1.5}),
         "mobility": mobility,

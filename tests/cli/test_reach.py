@@ -115,7 +115,7 @@ def test_wrong_use_is_one_line(nnpp_edge, hills, words, complaint):
 
 
 def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(nnpp_edge, hills):
-    ground, mobility = read_dem(hills).elevation, load_mobility("large-rover")
+    ground, mobility = read_dem(hills).elevation, load_mobility("large-rover", gravity_m_s2=9.80665)
     body = ("--vehicle", "large-rover", "--max-tilt", "40", "--clearance", "1.5")
     vehicle = replace(load_vehicle("large-rover"), max_tilt_deg=40.0, clearance_m=1.5)
     for words, most, made in (
@@ -127,7 +127,7 @@ def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(nnpp_edge, 
             {"step_cost": "tobler", "vehicle": vehicle},
         ),
         (("--within-time", "1h", *body), 3600.0, {"step_cost": "time", "mobility": mobility, "vehicle": vehicle}),
-        (("--within-energy", "9e3", *body), 9e3, {"step_cost": "energy", "mobility": mobility, "vehicle": vehicle}),
+        (("--within-energy", "3e4", *body), 3e4, {"step_cost": "energy", "mobility": mobility, "vehicle": vehicle}),
     ):
         told = json.loads(nnpp_edge("reach", hills, "--start", "40,30", *words, "--levels", "2", "--json").out)
         wanted = Planner.of_elevation(ground, 2.0, warn=False, **made).reach((40, 30), most)
@@ -141,7 +141,7 @@ def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(nnpp_edge, 
     ("step_cost", "unit"), [("linear", ""), ("tobler", " s"), ("irmischer", " s"), ("time", " s"), ("energy", " J")]
 )
 def test_within_a_cost_of_any_step_cost_in_its_own_unit(nnpp_edge, hills, step_cost, unit):
-    ground, mobility = read_dem(hills).elevation, load_mobility("large-rover")
+    ground, mobility = read_dem(hills).elevation, load_mobility("large-rover", gravity_m_s2=9.80665)
     planner = Planner.of_elevation(ground, 2.0, warn=False, step_cost=step_cost, mobility=mobility)
     field = planner.reach((40, 30))
     most = round(float(np.median(field[np.isfinite(field)])), 3)
