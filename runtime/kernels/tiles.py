@@ -114,22 +114,28 @@ def _tile_area(source, i, j):
 
 
 @kernel
+def _cost_tile(tiles, i, j):
+    """Compute the weights of a tile that are not there yet."""
+    state, source = tiles[0], tiles[4]
+    if not state[i, j] & COSTED:
+        area = _tile_area(source, i, j)
+        _fill(source, area)
+        state[i, j] |= COSTED
+        source[7][0] += (area[1] - area[0]) * (area[3] - area[2])
+
+
+@kernel
 def open_tile(tiles, i, j):
     """Compute what is not yet there of a tile and of those around it, so that its cells may be left."""
     state, wanted, _, _, source, _ = tiles
-    counts = source[7]
     needed = POOLED if wanted == LINKED else COSTED
     for a in range(max(i - 1, 0), min(i + 2, state.shape[0])):
         for b in range(max(j - 1, 0), min(j + 2, state.shape[1])):
             if state[a, b] & needed:
                 continue
-            area = _tile_area(source, a, b)
-            if not state[a, b] & COSTED:
-                _fill(source, area)
-                state[a, b] |= COSTED
-                counts[0] += (area[1] - area[0]) * (area[3] - area[2])
+            _cost_tile(tiles, a, b)
             if needed == POOLED:
-                _pool_levels(source, area)
+                _pool_levels(source, _tile_area(source, a, b))
                 state[a, b] |= POOLED
     if wanted == LINKED:
         _link_levels(source, _tile_area(source, i, j))
@@ -176,14 +182,6 @@ def link_rows(tiles, row0, row1):
 
 
 @kernel
-def _note(node, weight, found, nodes, old_weights):
-    """Note what a node weighed, where anybody wants to know."""
-    if len(nodes):
-        nodes[found[6]], old_weights[found[6]] = node, weight
-        found[6] += 1
-
-
-@kernel
 def _weigh_anew(tiles, area, found, nodes, old_weights):
     """Weights of a rectangle within one computed tile; what changed is added to all three, see `write_layer`."""
     source = tiles[4]
@@ -200,7 +198,9 @@ def _weigh_anew(tiles, area, found, nodes, old_weights):
         for c in range(wide):
             before, now = old[kept + c], weights[at + c]
             if now != before:
-                _note(at + c, before, found, nodes, old_weights)
+                if len(nodes):
+                    nodes[found[6]], old_weights[found[6]] = at + c, before
+                    found[6] += 1
                 found[0] += 1
                 found[1] |= now < before
                 found[2], found[4] = min(found[2], row), max(found[4], row + 1)
@@ -228,20 +228,24 @@ def write_layer(tiles, layer, rim, patch, row, col, found, nodes, old_weights):
         and column of the rectangle that holds them, and one past its last; how many nodes were noted. What is not
         computed yet counts as other.
     nodes, old_weights : (N,) int32, float32
-        Written: the changed nodes and what they weighed, inf where that was not computed. With room for all cells of
-        the patch and its rim, or empty: then nothing is noted.
+        Written: the changed nodes and what they weighed, which is computed where it is not yet. With room for all
+        cells of the patch and its rim, or empty: then nothing is noted.
     """
     state, _, _, _, source, _ = tiles
     levels, shape = source[3], source[8]
     rows, cols = shape[0], shape[1]
+    row0, row1 = max(row - rim, 0), min(row + patch.shape[0] + rim, rows)
+    col0, col1 = max(col - rim, 0), min(col + patch.shape[1] + rim, cols)
+    down, right = levels[0, 0], levels[0, 1]
+    if len(nodes):
+        for i in range(row0 >> down, ((row1 - 1) >> down) + 1):
+            for j in range(col0 >> right, ((col1 - 1) >> right) + 1):
+                _cost_tile(tiles, i, j)
     for i in range(patch.shape[0]):
         at = (row + i) * cols + col
         layer[at : at + patch.shape[1]] = patch[i]
-    row0, row1 = max(row - rim, 0), min(row + patch.shape[0] + rim, rows)
-    col0, col1 = max(col - rim, 0), min(col + patch.shape[1] + rim, cols)
     found[:] = 0
     found[2], found[3] = rows, cols
-    down, right = levels[0, 0], levels[0, 1]
     for i in range(row0 >> down, ((row1 - 1) >> down) + 1):
         for j in range(col0 >> right, ((col1 - 1) >> right) + 1):
             tile_row0, tile_row1, tile_col0, tile_col1 = _tile_area(source, i, j)
@@ -253,9 +257,6 @@ def write_layer(tiles, layer, rim, patch, row, col, found, nodes, old_weights):
                 found[0] += (bottom - top) * (end - left)
                 found[2], found[4] = min(found[2], top), max(found[4], bottom)
                 found[3], found[5] = min(found[3], left), max(found[5], end)
-                for a in range(top, bottom):
-                    for b in range(left, end):
-                        _note((a + 1) * (cols + 2) + b + 1, np.float32(np.inf), found, nodes, old_weights)
     if found[0] and levels[0, 3]:
         _pool_anew(tiles, found)
 

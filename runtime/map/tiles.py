@@ -173,7 +173,7 @@ class Tiles:
     def write_heights(self, row: int, col: int, patch: Float2D, *, keep_old_weights: bool = False) -> Change:
         """Put heights into the map, (h, w) float32 that lie inside it, and bring up to date what has been computed.
 
-        The change counts what has not been computed yet as changed, and with `keep_old_weights` as opened.
+        The change counts what has not been computed yet as changed; with `keep_old_weights` it is computed first.
         """
         return self._write(self._source[0], 1, row, col, patch, keep_old_weights)
 

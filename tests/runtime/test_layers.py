@@ -1,5 +1,6 @@
 """The loop's map keeps apart what heights say and what was told, and is the map that `plan` would have."""
 
+import pickle
 import random
 
 import numpy as np
@@ -21,6 +22,7 @@ from nnpp_edge.runtime import (
     Vehicle,
     pose_costs,
 )
+from nnpp_edge.runtime.planners.answers import Answers
 from tests.fuzz import layers
 
 CELL_M, SIDE = 0.5, 40
@@ -109,6 +111,24 @@ def test_the_loop_plans_as_plan_does(step_cost, vehicle):
             assert message.cost == pytest.approx(best.cost, rel=1e-5)
             assert message.lower_bound <= best.cost * (1.0 + 1e-6)
     assert found > 3
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
+def test_what_was_told_outlives_copies_and_interrupts(vehicle, monkeypatch):
+    planner = Planner.of_elevation(np.zeros((SIDE, SIDE), np.float32), CELL_M, LIMITS, vehicle=vehicle)
+    planner.update(20, 0, np.ones((1, SIDE)))
+    copy = pickle.loads(pickle.dumps(planner))
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(Answers, "plan", interrupted)
+        planner.plan((5, 5), (34, 34))
+    for one in (copy, planner):
+        assert one.plan((5, 5), (34, 34)).status is Status.NO_PATH
+        one.update(20, 0, np.zeros((1, SIDE)))
+        assert one.plan((5, 5), (34, 34)).ok
 
 
 def test_drives_through_patches_of_all_kinds_are_planned_on_the_layers():
