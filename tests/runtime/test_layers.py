@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import (
+    DynamicPlanner,
     EnergyCost,
     Goal,
     Ground,
@@ -23,6 +24,7 @@ from nnpp_edge.runtime import (
     pose_costs,
 )
 from nnpp_edge.runtime.planners.answers import Answers
+from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from tests.fuzz import layers
 
 CELL_M, SIDE = 0.5, 40
@@ -84,6 +86,12 @@ def test_a_patch_without_information_changes_nothing(vehicle):
         nav.offer(patch)
         message = nav.tick()
         assert message.ok and message.cost == pytest.approx(first.cost)
+    wall = MapPatch(20, 0, cost=np.ones((1, SIDE)))
+    for patch in (wall, *3 * [MapPatch(20, 0, cost=nothing[:1])]):  # made one, as they wait together
+        nav.offer(patch)
+    assert nav.tick().outcome is Status.NO_PATH
+    nav.offer(MapPatch(20, 0, cost=np.zeros((1, SIDE))))
+    assert nav.tick().ok
     nav.offer(MapPatch(20, 0, elevation=nothing[:1]))
     assert nav.tick().outcome is Status.NO_PATH, "which says that the heights are unknown now"
 
@@ -129,6 +137,28 @@ def test_what_was_told_outlives_copies_and_interrupts(vehicle, monkeypatch):
         assert one.plan((5, 5), (34, 34)).status is Status.NO_PATH
         one.update(20, 0, np.zeros((1, SIDE)))
         assert one.plan((5, 5), (34, 34)).ok
+
+
+def test_a_standing_path_outlives_an_interrupt(monkeypatch):
+    """What is computed anew after it is computed before it is walked on."""
+    planner = DynamicPlanner.of_elevation(rough(3), CELL_M, (34, 34), LIMITS, "astar")
+    planner.move((5, 5))
+    before = planner.replan()
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(MapPlanners, "dynamic", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        planner.replan()
+    standing = planner.standing()
+    assert standing.valid and standing.cost == pytest.approx(before.cost)
+
+
+def test_steps_follow_heights_whose_weights_stay():
+    heights = rough(4)
+    planner = Planner.of_elevation(heights, CELL_M, step_cost="tobler", omega=0.0)
+    heights[10:20, 10:20] += np.linspace(0.0, 2.0, 10, dtype=np.float32)
+    planner.update_elevation(10, 10, heights[10:20, 10:20])
+    fresh = Planner.of_elevation(heights, CELL_M, step_cost="tobler", omega=0.0)
+    plans = [each.plan((15, 2), (15, 38), method="astar") for each in (planner, fresh)]
+    assert plans[0].cost == pytest.approx(plans[1].cost, rel=1e-6)
 
 
 def test_drives_through_patches_of_all_kinds_are_planned_on_the_layers():
