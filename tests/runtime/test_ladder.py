@@ -1,4 +1,4 @@
-"""The rungs of the loop's ladder, seen from outside: what a tick answers that is late, or whose path has got worse."""
+"""The rungs of the loop's ladder, seen from outside: what a late tick answers, and one whose path has got worse."""
 
 import numpy as np
 import pytest
@@ -72,6 +72,16 @@ def test_a_method_that_was_slow_once_is_not_trusted_after_one_quick_answer():
     make_dearer()
     message = navigator.tick(deadline=clock.now + 0.5)
     assert message.ok and message.origin is Origin.CORRIDOR and message.degraded
+
+
+def test_another_network_is_not_judged_by_the_times_of_the_one_before():
+    navigator, clock, make_dearer = made_dearer(0.3)
+    clock.step = 1.0
+    make_dearer()
+    clock.step = 1e-6
+    navigator.reload()
+    message = navigator.tick(deadline=clock.now + 0.5)
+    assert message.origin is Origin.FULL and not message.degraded and navigator.counters().reloads == 1
 
 
 @pytest.mark.parametrize(
