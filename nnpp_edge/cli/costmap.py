@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.cost_summary import SHARES, CostSummary, MapSize
+from nnpp_edge.cli.cost_summary import CostSummary
 from nnpp_edge.cli.options import TerrainOptions
 
 if TYPE_CHECKING:
@@ -65,6 +65,7 @@ def _write_whole_map(
     dem: Path, terrain: TerrainOptions, limits: Traversability, output: Path, picture: Path
 ) -> CostSummary:
     """Write cost map and picture of a map that is read into memory."""
+    from nnpp_edge.cli.costmap_windows import Tally
     from nnpp_edge.files import write_all
     from nnpp_edge.viz.picture import cost_map_picture, png_bytes
 
@@ -72,7 +73,9 @@ def _write_whole_map(
     cost = cost_of(ground, limits)
     drawn = png_bytes(cost_map_picture(cost, cell_size_m=ground.cell_width_m))
     write_all({output: _content(output, cost, ground), picture: drawn})
-    return summarise(cost, ground, limits)
+    tally = Tally(ground, limits)
+    tally.add(0, ground.elevation, cost)
+    return tally.summary()
 
 
 def cost_of(dem: Dem, limits: Traversability) -> Float2D:
@@ -80,28 +83,6 @@ def cost_of(dem: Dem, limits: Traversability) -> Float2D:
     from nnpp_edge.runtime.terrain.traversability import traversability_cost
 
     return traversability_cost(dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m)
-
-
-def summarise(cost: Float2D, dem: Dem, limits: Traversability) -> CostSummary:
-    """Describe the cost map of an elevation map."""
-    import numpy as np
-
-    from nnpp_edge.runtime.terrain.traversability import TERMS, terrain_terms
-
-    passable = cost[np.isfinite(cost)]
-    quantiles = np.quantile(passable, SHARES).round(6).tolist() if passable.size else [None] * len(SHARES)
-    terms = terrain_terms(dem.elevation, dem.cell_size_m, cell_width_m=dem.cell_width_m)
-    known = max(int(np.isfinite(terms[0]).sum()), 1)
-    at_limit = (np.radians(limits.slope_limit_deg), limits.roughness_limit_m, limits.step_limit_m)
-    return CostSummary(
-        MapSize.of(dem),
-        passable.size / cost.size,
-        {f"{share:g}": quantile for share, quantile in zip(SHARES, quantiles, strict=True)},
-        {
-            name: round(float((term >= limit).sum() / known), 6)
-            for name, term, limit in zip(TERMS, terms, at_limit, strict=True)
-        },
-    )
 
 
 def _picture_of(output: Path, picture: Path | None) -> Path:

@@ -53,10 +53,12 @@ _BYTES_PER_CELL = 24
 
 @click.command(name="plan")
 @click.argument("dem", type=options.MAP)
-@click.option("--start", type=Where(), help="ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point.")
-@click.option("--goal", "goals", type=Where(), multiple=True, help="Likewise; of several, the nearest is taken.")
-@click.option("--start-xy", type=options.Numbers(float), metavar="X,Y", help="In the map's own coordinates.")
-@click.option("--goal-xy", "goals_xy", type=options.Numbers(float), metavar="X,Y", multiple=True, help="Likewise.")
+@click.option(
+    "--start", type=Where(), required=True, help="ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point."
+)
+@click.option(
+    "--goal", "goals", type=Where(), multiple=True, required=True, help="Likewise; of several, the nearest is taken."
+)
 @click.option("--via", type=Where(), multiple=True, help="Go by way of this place, or of a vector file's points.")
 @click.option("--best-order", is_flag=True, help="Visit the places of --via, 12 at most, in the cheapest order.")
 @click.option("--method", type=click.Choice(["auto", "astar", "corridor", "nnpp"]), default="auto")

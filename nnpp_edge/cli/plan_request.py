@@ -27,10 +27,8 @@ class Ends(NamedTuple):
 class Request:
     """What is to be planned, and how. The options' values, as given."""
 
-    start: End | None
+    start: End
     goals: tuple[End, ...]
-    start_xy: tuple[float, ...] | None
-    goals_xy: tuple[tuple[float, ...], ...]
     via: tuple[End, ...]
     best_order: bool
     method: str
@@ -46,13 +44,7 @@ class Request:
     refine: str | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a start or goals that are missing, or given as cells and as coordinates."""
-        starts, start_xy = (self.start,) if self.start else (), (self.start_xy,) if self.start_xy else ()
-        for name, ends, places in (("start", starts, start_xy), ("goal", self.goals, self.goals_xy)):
-            if bool(ends) == bool(places):
-                raise click.UsageError(f"give either --{name} ROW,COL or --{name}-xy X,Y")
-            if any(len(place) != 2 for place in places):
-                raise click.UsageError(f"--{name}-xy must be two numbers X,Y")
+        """Refuse what does not go together."""
         if self.best_order and not self.via:
             raise click.UsageError("--best-order is of way points: give --via too")
         if self.via and self.compare:
@@ -61,13 +53,12 @@ class Request:
     @property
     def files(self) -> list[Path]:
         """Vector files that are read."""
-        return [end.file for end in (self.start, *self.via, *self.goals) if end is not None and end.file is not None]
+        return [end.file for end in (self.start, *self.via, *self.goals) if end.file is not None]
 
     def ends(self, dem: Place) -> Ends:
         """Start, way points and goals as cells; InvalidQueryError for several starts, or goals with way points."""
-        starts = self.start.cells(dem) if self.start else [dem.cell_of(*(self.start_xy or ()))]
+        starts = self.start.cells(dem)
         goals = [cell for end in self.goals for cell in end.cells(dem)]
-        goals += [dem.cell_of(*place) for place in self.goals_xy]
         via = [cell for end in self.via for cell in end.cells(dem)]
         for name, cells, wanted in (("--start", starts, True), ("--goal, with --via,", goals, bool(self.via))):
             if wanted and len(cells) != 1:

@@ -116,8 +116,9 @@ def cell_on_ground(source: Path, place: Georeference, shape: tuple[int, ...], *,
     with np.errstate(all="ignore"):
         middle, lengths = _lengths(system, place, shape, min(1.0, _MEASURED_M / drawn.max()))
         scale = drawn / middle
-        diagonal = math.hypot(*middle)
-        off = np.fmax.reduce(np.abs(lengths / (*middle, diagonal, diagonal) - 1.0), axis=None)
+        down, right, falling, rising = lengths.T
+        skew = (falling**2 - rising**2) / (4.0 * down * right)  # the cosine between rows and columns
+        off = np.fmax.reduce(np.abs((*(lengths[:, :2] / middle - 1.0).T, skew)), axis=None)
     if system.is_geographic and not np.isfinite(middle).all():
         latitude = place.map_coordinates(shape[0] / 2 - 0.5, shape[1] / 2 - 0.5)[1]
         latitude *= math.degrees(system.axis_info[0].unit_conversion_factor)
@@ -136,8 +137,8 @@ def cell_on_ground(source: Path, place: Georeference, shape: tuple[int, ...], *,
         )
     if warn and off > _RIM_TOLD:
         warnings.warn(
-            f"{said}: some lengths on the map are up to {100.0 * off:.0f} % off, as its cells are skewed or unlike "
-            "those at its middle: cut out a smaller part, or reproject it",
+            f"{said}: some lengths and slopes are up to {100.0 * off:.0f} % off, as the map's cells are skewed or "
+            "unlike those at its middle: cut out a smaller part, or reproject it",
             stacklevel=4,
         )
     size, width = (float(f"{length:.7g}") for length in middle)  # the rest is noise, by which no cell would be square

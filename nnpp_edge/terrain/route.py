@@ -139,8 +139,7 @@ def places_of(dem: Place, points: Line) -> NDArray[np.float64]:
     if dem.georeference is None:
         places: NDArray[np.float64] = (points * np.array([dem.cell_size_m, dem.cell_width_m]))[:, ::-1]
         return places
-    found = [dem.georeference.map_coordinates(row, col) for row, col in points.tolist()]
-    return np.array(found, np.float64).reshape(-1, 2)
+    return np.column_stack(dem.georeference.map_coordinates(*np.asarray(points, np.float64).T))
 
 
 def named_crs(dem: Place) -> dict[str, object]:

@@ -169,27 +169,26 @@ def test_without_a_georeference_coordinates_are_metres_from_the_first_cell(nnpp_
 def test_places_on_the_map_stand_for_the_cells_under_them(nnpp_edge, tmp_path):
     heights = rolling()
     write_raster(tmp_path / "dem.tif", heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
-    words = ("plan", tmp_path / "dem.tif", "--method", "astar", "--json", "--start-xy", "400010.5,4999989.5")
+    words = ("plan", tmp_path / "dem.tif", "--method", "astar", "--json", "--start", "xy:400010.5,4999989.5")
     told = json.loads(nnpp_edge(*words, "--goal", "70,80").out)
     assert (told["start"], told["goal"]) == ([5, 5], [70, 80])
-    nnpp_edge(*words, "--goal-xy", "0,0").refused(
+    nnpp_edge(*words, "--goal", "xy:0,0").refused(
         "goal (2500000, -200000) lies outside the map of 80 × 90 cells, "
         "which spans x 400000 to 400180 and y 4999840 to 5000000"
     )
-    nnpp_edge(*words, "--goal-xy", "nan,0").refused("finite")
+    nnpp_edge(*words, "--goal", "xy:nan,0").refused("xy:X,Y")
 
 
 def test_places_need_a_georeference(nnpp_edge, hills):
-    nnpp_edge("plan", hills, "--start-xy", "1,1", "--goal", "2,2").refused("georeference")
+    nnpp_edge("plan", hills, "--start", "xy:1,1", "--goal", "2,2").refused("georeference")
 
 
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (("--goal", "1,1"), "give either --start ROW,COL or --start-xy X,Y"),
-        (("--start", "1,1"), "give either --goal"),
-        (("--start", "1,1", "--start-xy", "1,1", "--goal", "2,2"), "give either --start"),
-        (("--start-xy", "1,1,1", "--goal", "2,2"), "two numbers"),
+        (("--goal", "1,1"), "'--start'"),
+        (("--start", "1,1"), "'--goal'"),
+        (("--start", "xy:1,1,1", "--goal", "2,2"), "xy:X,Y"),
         (("--start", "1;1", "--goal", "2,2"), "two whole numbers"),
         (("--start", "1.5,1", "--goal", "2,2"), "two whole numbers"),
         ((*ENDS, "--method", "rrt"), "rrt"),

@@ -74,7 +74,7 @@ def test_vrt_of_tiles_and_rescaling_and_places(nnpp_edge, ground, tmp_path):
         '<SrcRect xOff="0" yOff="0" xSize="400" ySize="300"/><DstRect xOff="0" yOff="0" xSize="400" ySize="300"/>'
         "</SimpleSource></VRTRasterBand></VRTDataset>"
     )
-    words = ("plan", tmp_path / "map.vrt", "--allow-vrt", "--rescale", 1, "--start-xy", "400011,4999989", "--json")
+    words = ("plan", tmp_path / "map.vrt", "--allow-vrt", "--rescale", 1, "--start", "xy:400011,4999989", "--json")
     words = (*words, "--goal", "200,200", "--goal", "290,380", *LIMIT)
     whole = json.loads(nnpp_edge(*words, "--method", "corridor").out)
     told = json.loads(nnpp_edge(*words, *SMALL).out)
@@ -108,7 +108,7 @@ def test_a_raster_without_a_georeference_needs_a_cell_size(nnpp_edge, tmp_path):
     with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
         path = write(tmp_path / "bare.tif", np.zeros((300, 400), np.float32), place=False)
     refused(nnpp_edge("plan", path, *ENDS, *SMALL), "no cell size in the file")
-    refused(nnpp_edge("plan", path, *SMALL, "--start-xy", "1,1", "--goal", "2,2", "--cell-size", 2), "georeference")
+    refused(nnpp_edge("plan", path, *SMALL, "--start", "xy:1,1", "--goal", "2,2", "--cell-size", 2), "georeference")
     told = json.loads(nnpp_edge("plan", path, *ENDS, *SMALL, "--cell-size", 2, "--json").out)
     assert told["status"] == "OK" and told["cell_size_m"] == 2.0
 

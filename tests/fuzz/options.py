@@ -22,7 +22,7 @@ BASES: dict[str, list[Values]] = {
     ],
     "plan": [
         {"dem": ["in/dem.npz"], "start": ["2,2"], "goals": ["20,28"]},
-        {"dem": ["in/dem.tif"], "start_xy": ["1005,1995"], "goals_xy": ["1050,1960"], "output": ["out/plan"]},
+        {"dem": ["in/dem.tif"], "start": ["xy:1005,1995"], "goals": ["xy:1050,1960"], "output": ["out/plan"]},
         {"dem": ["in/dem.npz"], "start": ["2,2"], "goals": ["20,28"], "method": ["nnpp"], "model": ["in/tiny.onnx"]},
     ],
     "reach": [

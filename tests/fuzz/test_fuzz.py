@@ -19,7 +19,8 @@ from hypothesis import HealthCheck, given, settings
 
 from nnpp_edge.runtime import Planner, Status
 from nnpp_edge.runtime.loop.navigator import Navigator
-from tests.fuzz import commands, elevations, messages, options, runner, samples, sequences, weights
+from nnpp_edge.terrain import coordinates
+from tests.fuzz import commands, elevations, messages, options, projections, runner, samples, sequences, weights
 from tests.fuzz.children import Limits, run_forked
 from tests.fuzz.commands import Command, Problem, judge
 from tests.strategies import drawn
@@ -34,6 +35,7 @@ CASES = {
     "elevations": 60,
     "bodies": 30,
     "layers": 30,
+    "projections": 100,
 }
 SEED = 1
 pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for omega")
@@ -79,6 +81,12 @@ def test_costs_computed_where_a_search_looks_are_those_computed_at_once(small, c
 @given(drawn(messages.generate))
 def test_whatever_comes_the_loop_answers(small, case):
     assert (problem := messages.check(case, small)) is None, problem.kind
+
+
+@UNHURRIED
+@given(drawn(projections.generate))
+def test_slopes_and_lengths_are_those_of_the_ground(tmp_path_factory, case):
+    assert (problem := projections.check(case, None, tmp_path_factory.mktemp("map"))) is None, problem.detail
 
 
 def test_a_seed_makes_the_same_case_again(small):
@@ -332,6 +340,26 @@ def test_the_judge_of_sequences_sees_a_planner_that_forgets_a_patch(monkeypatch)
     monkeypatch.setattr("nnpp_edge.runtime.DynamicPlanner.update", lambda self, row, col, patch: 0)
     found = sequences.check(case)
     assert found is not None and found.kind.startswith("OK where there is no path")
+
+
+@pytest.mark.parametrize(
+    ("factor", "kind"),
+    [((1.1, 1.0), "another slope"), ((1.0, 0.9), "another slope"), ((1.05, 1.05), "another slope"), ((1, 1), None)],
+)
+def test_the_judge_of_projections_sees_cells_of_another_size(monkeypatch, tmp_path, factor, kind):
+    def wrong(*args, **options):
+        return tuple(np.multiply(right(*args, **options), factor))
+
+    case = projections.Case(
+        "EPSG:3857", 10.0, 60.0, 20.0, 1.0, 0.0, 30, 30, 20.0, 45.0, 22.0, start=(2, 3), goal=(25, 20)
+    )
+    right = coordinates.cell_on_ground
+    monkeypatch.setattr("nnpp_edge.terrain.dem.cell_on_ground", wrong)
+    found = projections.check(case, None, tmp_path)
+    assert (found.kind if found else None) == kind
+    flat = dataclasses.replace(case, slope_deg=1e-6, limit_deg=5.0)
+    monkeypatch.setattr(projections, "SLOPE_WITHIN", np.inf)
+    assert (projections.check(flat, None, tmp_path) is None) == (kind is None)
 
 
 def test_findings_are_told_with_their_seed_and_kept(tmp_path):
