@@ -214,7 +214,7 @@ class Ladder:
             tick.fail("timeout", "the search ran out of time")
             return None
         if not plan.ok:
-            return tick.no_path(plan.status, plan.reason or "searched everywhere")
+            return tick.no_path(plan.status, plan.reason)
         reason = tick.failures[-1].reason if tick.failures else plan.reason
         message = self._path(tick, plan, origin, reason)
         if message is None:
@@ -244,7 +244,7 @@ class Ladder:
         found = replace(base, outcome=Status.OK, origin=origin, path=path)
         if plan.waypoints is not None and self._world.version == tick.map_version:  # else they are not checked
             found = replace(found, waypoints=plan.waypoints, line_cost=plan.line_cost)
-        return replace(found, cost=plan.cost, lower_bound=plan.lower_bound, method=plan.planner)
+        return replace(found, cost=plan.cost, lower_bound=plan.lower_bound, method=plan.planner, choice=plan.choice)
 
 
 def one_line(error: BaseException) -> str:

@@ -35,6 +35,7 @@ SHARES = {
     "sequences": 2.0,
     "elevations": 1.5,
     "bodies": 1.5,
+    "limits": 1.5,
 }
 """Of the time, for each target."""
 COMMAND_TARGETS = ("files", "options", "models")
@@ -80,7 +81,7 @@ class Tally:
 
 def check_case(target: str, seed: int, samples: Path, folder: Path, *, heavy: bool = True) -> Problem | None:
     """Make the case of a seed, and look for what is wrong with it. The seed decides all of it."""
-    from tests.fuzz import bodies, commands, elevations, files, messages, models, options, sequences, weights
+    from tests.fuzz import bodies, commands, elevations, files, limits, messages, models, options, sequences, weights
 
     rng = random.Random(f"{target} {seed}")
     if target == "options":
@@ -98,6 +99,8 @@ def check_case(target: str, seed: int, samples: Path, folder: Path, *, heavy: bo
             return elevations.check(elevations.generate(rng), samples)
         if target == "bodies":
             return bodies.check(bodies.generate(rng), samples)
+        if target == "limits":
+            return limits.check(limits.generate(rng), samples)
         if target == "messages":
             return messages.check(messages.generate(rng), samples, folder)
         return sequences.check(sequences.generate(rng), samples)
@@ -105,7 +108,7 @@ def check_case(target: str, seed: int, samples: Path, folder: Path, *, heavy: bo
 
 def describe(target: str, seed: int, samples: Path, *, heavy: bool = True) -> str:
     """The case of a seed in words."""
-    from tests.fuzz import bodies, elevations, files, messages, models, options, sequences, weights
+    from tests.fuzz import bodies, elevations, files, limits, messages, models, options, sequences, weights
 
     rng = random.Random(f"{target} {seed}")
     makers: dict[str, Callable[[], object]] = {
@@ -117,6 +120,7 @@ def describe(target: str, seed: int, samples: Path, *, heavy: bool = True) -> st
         "sequences": lambda: sequences.generate(rng),
         "elevations": lambda: elevations.generate(rng),
         "bodies": lambda: bodies.generate(rng),
+        "limits": lambda: limits.generate(rng),
     }
     return repr(makers[target]())
 
@@ -149,12 +153,12 @@ def _load(heavy: bool) -> None:
 
     import nnpp_edge.viz.picture
     import nnpp_edge.viz.sheet
-    from tests.fuzz import bodies, elevations, messages, options, sequences, weights
+    from tests.fuzz import bodies, elevations, limits, messages, options, sequences, weights
 
     matplotlib.use("Agg")
     cv2.setNumThreads(1)
     onnxruntime.set_default_logger_severity(2)
-    used = (onnx, PIL.Image, rasterio, nnpp_edge.viz, bodies, elevations, messages, sequences, weights)
+    used = (onnx, PIL.Image, rasterio, nnpp_edge.viz, bodies, elevations, limits, messages, sequences, weights)
     assert all(used)
     for name in options.names():
         options.command_of(name)

@@ -33,6 +33,7 @@ CASES = {
     "sequences": 60,
     "elevations": 60,
     "bodies": 30,
+    "limits": 12,
 }
 SEED = 1
 pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for omega")
