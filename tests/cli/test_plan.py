@@ -351,7 +351,7 @@ def test_of_several_goals_the_nearest_is_gone_to(nnpp_edge, hills, split):
 
 
 @pytest.mark.parametrize("method", ["astar", "corridor", "auto", "nnpp"])
-def test_the_network_is_loaded_where_it_will_be_asked_once_the_ends_are_known_to_lie_on_the_map(
+def test_the_network_is_loaded_where_it_will_be_asked_once_the_ends_are_on_the_map(
     nnpp_edge, hills, monkeypatch, method
 ):
     done = []
