@@ -85,7 +85,8 @@ class PricedMap:
         if self._changes.behind:
             self._changes.skip()
             cost, before = self._costs(), self._priced.map()
-            weights = np.where(cost < 1.0, cost * np.float32(self._priced.model.scale), np.float32(np.inf))
+            weights = np.full_like(cost, np.inf)
+            np.multiply(cost, np.float32(self._priced.model.scale), out=weights, where=cost < 1.0)
             rows, cols = np.nonzero(weights != before)
             if rows.size:
                 part = cost[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]

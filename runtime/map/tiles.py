@@ -153,11 +153,11 @@ class Tiles:
         for work, done in ((compute_rows, COSTED | POOLED), (link_rows, LINKED)):
             wanted = done if self._source[3][0, 3] else done & COSTED
             for first, last in stripes(rows, cols, high, whole=deadline.at == math.inf):
-                deadline.check()
                 state = self.state[first // high : -(-last // high)]
                 if (state & wanted != wanted).any():
                     in_bands(partial(_in_part, work, tiles, first), last - first, cols, high)
                     state |= wanted
+                    deadline.check()
         self.state |= SURROUNDED
         self._source[7][0] = rows * cols
 
