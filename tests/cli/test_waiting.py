@@ -11,13 +11,17 @@ from nnpp_edge.runtime import exercises
 from nnpp_edge.runtime.compiled import notice
 
 INTERRUPTED = """
-import os, signal, sys
-class Finaliser:  # as a compiler has: run when the interpreter takes everything apart
-    def __del__(self, kill=os.kill, own=os.getpid(), interrupt=signal.SIGINT):
-        kill(own, interrupt)
-        for _ in range(1000):
-            pass
-kept = Finaliser()
+import os, signal, sys, weakref
+
+class Compiled: pass
+
+def finalise():
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(1000):
+        pass
+
+kept = Compiled()
+weakref.finalize(kept, finalise)
 sys.argv = ["nnpp-edge", "--version"]
 from nnpp_edge.cli.main import main
 main()
