@@ -2,9 +2,9 @@
 
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
-from nnpp_edge.runtime.tuning import THREADS_FROM
+from nnpp_edge.runtime.tuning import STRIPE_CELLS, THREADS_FROM
 
 
 def in_bands(
@@ -45,3 +45,12 @@ def in_bands(
         thread.join()
     if failed:
         raise failed[0]
+
+
+def stripes(rows: int, cols: int, multiple: int = 1, *, whole: bool = False) -> Iterator[tuple[int, int]]:
+    """A map's rows, as (first, one past the last): a few at a time, so that the clock can be read, or the `whole`.
+
+    Stripes begin at multiples of so many rows.
+    """
+    height = rows if whole else max(STRIPE_CELLS // max(cols * multiple, 1), 1) * multiple
+    return ((first, min(first + height, rows)) for first in range(0, rows, height))

@@ -1,7 +1,6 @@
 """Tiny plans that go through every code path with every type of argument which the runtime hands to its kernels."""
 
 import functools
-import time
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -11,6 +10,7 @@ import numpy as np
 from nnpp_edge.runtime import tuning
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS
 from nnpp_edge.runtime.map.crossing import costs_of_crossing
 from nnpp_edge.runtime.map.poses import pose_costs
@@ -166,7 +166,8 @@ def _exercise_passage(dem: Float2D) -> None:
         planner.plan(start, goal, method="corridor", price="network")
         planner.update_elevation(3, 4, dem[:5, :6].copy())
         planner.plan(start, goal, method="corridor", price="network")
-    search, links, memory = LinkSearch(dem.shape), Links.all_at(5.0, dem.shape), Workspace((150 + 2) * (24 + 2))
+    links = Links.of(np.full((4, 38, 6), 5.0, np.float32))
+    search, memory = LinkSearch(dem.shape), Workspace((150 + 2) * (24 + 2))
     region, _ = search.around(links, (start, goal), 0.1, 1)
     memory.next_stamp()
     search.around_again(search.without_dead_ends(links, region, memory), (start, goal), 0.1, 1)
@@ -212,7 +213,7 @@ def _exercise_searches(state: MapState, start: Cell, corner_cutting: bool) -> No
         search.set_region(region)
         for at in ((1, 2), (2, 2)):
             search.plan(at)
-            search.plan(at, deadline=time.monotonic() + 60.0)
+            search.plan(at, deadline=Deadline.within(60.0))
             state.update(1, 4, np.full((1, 2), 0.5, np.float32))
             search.reach()
 

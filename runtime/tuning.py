@@ -38,6 +38,8 @@ merged rectangles cover much that did not change."""
 
 THREADS_FROM = 200_000
 """Cells from which on a map is computed by a thread a core: to start one takes as long as some ten thousand cells."""
+STRIPE_CELLS = 1 << 18
+"""Cells of a map that are made ready between two looks at the clock: about half a millisecond."""
 LOOK_THREADS_FROM = 65_536
 """The same of a passage network's look, cells: at 256² two threads take a tenth less time, at 1024² half as long."""
 TILE_ROWS, TILE_COLS = 32, 64
@@ -72,10 +74,6 @@ MOST_RATIO_FOR_LANDMARKS = 1e6
 cells were expanded hundreds of times."""
 MOST_RATIO_FOR_DSTAR = 1e12
 """Of the dearest step to the cheapest: sums of more are too coarse to tell apart paths that share a dear step."""
-EXPANSIONS_BETWEEN_CHECKS = 100_000
-"""Expansions of A* between two looks at the clock: about 6 ms."""
-DSTAR_EXPANSIONS_BETWEEN_CHECKS = 4096
-"""Expansions of D* Lite between two looks at the clock: about 1 ms."""
 
 # Coarse levels
 

@@ -19,6 +19,7 @@ KERNEL_IMPORTS = (
     "numpy",
     "numba",
     "llvmlite",
+    "time",
     "math",
     "enum",
     "operator",

@@ -171,7 +171,7 @@ def _row(
         driven_cc=float(cost[part[:, 0], part[:, 1]].sum(dtype=np.float64)) if plan.ok else 0.0,
         expansions=plan.expansions,
         region_share=1.0 if answer.searched_cells is None else answer.searched_cells / cost.size,
-        mended=plan.reason.startswith("mended"),
+        mended=plan.choice.startswith("mended"),
     )
 
 

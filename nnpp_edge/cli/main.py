@@ -1,6 +1,8 @@
 """The `nnpp-edge` command: its subcommands, imported when asked for, and how errors end."""
 
+import atexit
 import functools
+import signal
 import sys
 import warnings
 from importlib import import_module
@@ -86,8 +88,7 @@ def main() -> None:
     """Run the command. Wrong use and bad input end in one line and exit code 2, as does a stdout that is full."""
     prepare_streams()
     warnings.showwarning = _show_warning
-    if sys.stderr.isatty():
-        notice.tell = functools.partial(click.echo, err=True)
+    notice.tell = functools.partial(click.echo, err=True)
     try:
         sys.exit(cli.main(prog_name="nnpp-edge", standalone_mode=False))
     except click.Abort:  # Ctrl-C
@@ -107,6 +108,8 @@ def main() -> None:
         if (extra := next((extra for extra, names in _EXTRAS.items() if package in names), None)) is None:
             raise
         _refuse(f"this needs {package}: pip install 'nnpp-edge[{extra}]'")
+    finally:  # what the interpreter does at its end, a KeyboardInterrupt would break off with a traceback
+        atexit.register(signal.signal, signal.SIGINT, signal.SIG_DFL)
 
 
 def _refuse(message: str) -> NoReturn:

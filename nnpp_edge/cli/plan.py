@@ -16,17 +16,18 @@ from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.cli.plan_answer import (
     Answer,
     Compared,
-    Near,
     Planned,
     refuse_impassable,
+    refuse_outside,
     warn_if_not_square,
     warn_if_steep,
 )
 from nnpp_edge.cli.plan_files import Outputs, outputs
 from nnpp_edge.cli.plan_request import Ends, Request
-from nnpp_edge.cli.refusal import refusal
+from nnpp_edge.cli.refusal import Near, refusal
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 from nnpp_edge.cli.windows import plan_by_windows, reads_by_windows
+from nnpp_edge.runtime.compiled.notice import told_if_slow
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
@@ -106,8 +107,8 @@ def command(
     Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a vector file's points
     (GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf; FILE:LAYER of several layers). With several goals a path to each
     is planned, and the one that costs least is taken. The time shown includes loading compiled code and, as its stage
-    `load`, waiting for the network, whose file is opened while DEM is read; with --compare and --time-limit these are
-    loaded first. Exit codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or
+    `load`, waiting for the network, whose file is opened meanwhile; with --compare and --time-limit these are loaded
+    first. Exit codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or
     is impassable.
 
     A limit of slope is on the plane through a cell and its eight neighbours, not on a single step from cell to cell:
@@ -167,11 +168,11 @@ def plan_whole(
     from nnpp_edge.runtime.network.loading import begin_loading
 
     by_poses = has_body(vehicle)  # whose network is another, and soon loaded
-    if request.method == "nnpp" and not by_poses:
-        begin_loading(request.model)
-    ground = terrain.read(dem)
+    with told_if_slow(f"reading {dem}"):
+        ground = terrain.read(dem)
     ends = request.ends(ground)
-    if request.method == "auto" and not by_poses and request.expects_network(ground, ends):
+    refuse_outside(request.method, ends, ground)
+    if not by_poses and (request.method == "nnpp" or request.expects_network(ground, ends)):
         begin_loading(request.model)
     warn_if_not_square(ground)
     cost = cost_of(ground, limits)
@@ -213,6 +214,7 @@ def find(
 
     from nnpp_edge.runtime import Planner
     from nnpp_edge.runtime.map.along import Along
+    from nnpp_edge.runtime.planners.query import problem_with
 
     start, via, goals = ends
     given: PlannerOptions = {
@@ -235,9 +237,11 @@ def find(
             warn=False,
             **given,
         )
-    if request.landmarks:
-        planner.prepare(landmarks=request.landmarks)
-    if request.time_limit is not None:  # loading would use it up
+    may_begin = len(goals) > 1 or problem_with(planner.state.grid, start, goals[0]) is None
+    if request.landmarks and may_begin:
+        with told_if_slow("setting landmarks"):
+            planner.prepare(landmarks=request.landmarks)
+    if request.time_limit is not None and may_begin:  # loading would use it up
         from nnpp_edge.runtime.exercises import exercise
 
         exercise()

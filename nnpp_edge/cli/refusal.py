@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from nnpp_edge.cli.plan_answer import Near
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.runtime.errors import Status
@@ -17,6 +16,14 @@ _LOOKED_AROUND = 64
 """Cells around an end that are tried for a place where the vehicle stands."""
 
 
+class Near(NamedTuple):
+    """A part of a map, from its first cell on: what lies around a start or goal."""
+
+    origin: Cell
+    elevation: Float2D
+    cost: Float2D
+
+
 def refusal(
     status: Status, cell: Cell, place: Place, near: Near, limits: Traversability, vehicle: Vehicle | None
 ) -> str:
@@ -26,7 +33,7 @@ def refusal(
     name, _, problem = status.partition("_")
     end = f"{name.lower()} {cell}"
     if problem != "BLOCKED":
-        return f"{end} lies outside the map of {place.shape[0]} × {place.shape[1]} cells{_spans(place)}"
+        return outside(name.lower(), cell, place)
     at = (cell[0] - near.origin[0], cell[1] - near.origin[1])
     if vehicle is not None and vehicle.is_disc and near.cost[at] < 1.0:
         return f"{end} is impassable: an obstacle or the map's edge lies within the vehicle's radius"
@@ -39,6 +46,11 @@ def refusal(
         return f"{end} is impassable: {reason}; so is all around it"
     nearest = passable[((passable - at) ** 2).sum(axis=1).argmin()] + near.origin
     return f"{end} is impassable: {reason}; the nearest passable cell is {tuple(nearest.tolist())}"
+
+
+def outside(end: str, cell: Cell, place: Place) -> str:
+    """What is said of a start or goal that lies outside the map."""
+    return f"{end} {cell} lies outside the map of {place.shape[0]} × {place.shape[1]} cells{_spans(place)}"
 
 
 def _spans(place: Place) -> str:

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING
 import click
 
 from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.plan_answer import Answer, Near, Planned, WindowsRead, refuse_impassable, warn_if_not_square
+from nnpp_edge.cli.plan_answer import (
+    Answer,
+    Planned,
+    WindowsRead,
+    refuse_impassable,
+    refuse_outside,
+    warn_if_not_square,
+)
+from nnpp_edge.cli.refusal import Near
 
 if TYPE_CHECKING:
     from nnpp_edge.cli.plan_request import Request
@@ -71,7 +79,8 @@ def plan_by_windows(
     _check(request, hillshade)
     with terrain.open(dem) as ground:
         warn_if_not_square(ground)
-        start, via, goals = request.ends(ground)
+        start, via, goals = ends = request.ends(ground)
+        refuse_outside(request.method, ends, ground)
         progress = _Bars(ground.shape[0])
         planner = WindowedPlanner(
             ground,

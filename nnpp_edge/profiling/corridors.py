@@ -81,7 +81,7 @@ class CorridorAlone:
         work, checked, planners = Work(), self._state.checked, self._planners
         if self._corridor is None:
             self._corridor = CorridorPlanner(self._descent(), planners.astar, planners.exact, self._widths)
-        found = self._corridor.find(Query.within(start, goal, math.inf), work)
+        found = self._corridor.find(Query(start, goal), work)
         computed, checks = self._state.costs_computed, self._state.checked - checked
         return found.plan(
             Method.CORRIDOR, work, planner=method, keep_regions=keep_regions, costs_computed=computed, checks=checks
@@ -107,7 +107,7 @@ class MadeLinks:
     def __init__(self, state: MapState, prices: NDArray[np.float32]) -> None:
         self.grid, self.shape, self._links = state.grid, state.shape, Links.of(prices)
 
-    def links_within(self, part: Rectangle) -> Links:
+    def links_within(self, part: Rectangle, deadline: object = None) -> Links:
         """All of them."""
         return self._links
 

@@ -58,7 +58,7 @@ class Trace:
     def tick(self, message: PathMessage, spans: Sequence[Span]) -> None:
         """Add a tick of the loop with its parts, the whole first; its answer is told with it."""
         whole, *parts = spans
-        names = ("outcome", "origin", "method", "reason", "map_version")
+        names = ("outcome", "origin", "method", "choice", "reason", "map_version")
         answer = {name: getattr(message, name) for name in names}
         self.span(f"tick {message.tick}", whole.began_s, whole.ended_s, None, LOOP, answer)
         for part in parts:

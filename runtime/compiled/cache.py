@@ -21,6 +21,7 @@ import sys
 import warnings
 from contextlib import suppress
 from pathlib import Path
+from threading import Timer
 from types import FunctionType
 from typing import Any
 
@@ -31,10 +32,13 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
 from nnpp_edge.runtime.compiled import claims
-from nnpp_edge.runtime.compiled.notice import say_once
+from nnpp_edge.runtime.compiled.notice import begins
 
 NumbaObject = Any
 """Something of numba's own, which has no types."""
+_COMPILING = "compiling for this processor: up to a minute, once (nnpp-edge warmup does it ahead of time)"
+_compiling: list[Timer] = []
+"""Of the kernels that are being compiled, each within another."""
 _CHECKSUM_BYTES = 32
 _OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 save_error: OSError | None = None
@@ -98,7 +102,7 @@ class KernelCache(_Cache):
             if kept is not None:
                 claims.release(_digest(key))
         if kept is None:
-            say_once("compiling for this processor: up to a minute, once (nnpp-edge warmup does it ahead of time)")
+            _compiling.append(begins(_COMPILING))
         return kept
 
     def _load(self, key: bytes, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
@@ -114,6 +118,8 @@ class KernelCache(_Cache):
 
     def save_overload(self, sig: NumbaObject, data: NumbaObject) -> None:
         """Keep the compiled version `data` for `sig`, unless it holds addresses of this process."""
+        if _compiling:
+            _compiling.pop().cancel()
         if not self._enabled:
             return
         key = self._key(sig, data.codegen)

@@ -3,9 +3,13 @@
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPEN_BIT, ROW_STEP, STAMP_SHIFT
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.tiles import open_there
+
+_LOOK_EVERY = 256
+"""Cells between two looks at the clock."""
 
 
 @kernel
@@ -27,8 +31,10 @@ def _mark_cell(row, col, stamp, bitmap):
 
 
 @kernel
-def _flood(grid, edges, links, start, found, limit, scratch, marks):
+def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
     """Mark the cells on paths from `start` that cost at most `limit`, and find what it costs to reach them.
+
+    Once it is late nothing more is marked.
 
     What is left from a cell is g of an earlier search, which began at the other end. With that as a bound, few
     cells are expanded twice, so a plain queue serves.
@@ -40,7 +46,7 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks):
     bitmap, stamp = marks
     length_s, length_d, weight_s, weight_d = steps
     mask = len(queue) - 1
-    head, tail = 0, 1
+    head, tail, ended = 0, 1, False
     queue[0] = start
     reached[start] = 0.0
     _mark_cell(start // stride - 1, start % stride - 1, stamp, bitmap)
@@ -48,6 +54,9 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks):
         node = np.int64(queue[head & mask])
         head += 1
         queued[node] = 0
+        if ended or (head % _LOOK_EVERY == 0 and late(until)):  # the queue is emptied for the next flood
+            ended = True
+            continue
         i, j = (node // stride - 1) >> row_shift, (node % stride - 1) >> col_shift
         if not state[i, j] & wanted:  # the search that came here did not leave from here
             open_there(tiles, i, j)
@@ -110,18 +119,19 @@ def surround(grid, edges, links, start, found, scratch, path, width, marks, fine
         (nodes,) float32; (nodes,) uint8, all 0; a power of two of int32. Overwritten.
     path : (N, 2) int32
         Cells of the level.
-    width : (radius, band)
+    width : (radius, band, until)
         The quarters of cells within so many quarters of the path's are marked, as the king moves; and paths that cost
-        at most 1 + `band` times as much are marked, too.
+        at most 1 + `band` times as much are marked, too, as far as these are found by that reading of the clock, see
+        `clock.late`.
     marks : (bitmap, stamp)
         (2 rows, 2 cols) int32 over the quarters of the level's cells, and the number to write.
     finer : (weights, stride, rows, cols, meta)
         The next finer level and its search memory, read ahead along the path.
     """
-    g, (radius, band) = found[0], width
+    g, (radius, band, until) = found[0], width
     bitmap, stamp = marks
     if band > 0.0 and len(path) > 1:
-        _flood(grid, edges, links, start, found, (1.0 + band) * g[2 * start], scratch, marks)
+        _flood(grid, edges, links, start, found, (1.0 + band) * g[2 * start], scratch, marks, until)
     _mark(path, radius, stamp, bitmap)  # last: the flood goes by the numbers that it wrote
     return _read_ahead(path, finer)
 

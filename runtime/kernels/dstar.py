@@ -22,11 +22,15 @@ given in `open_list` and `expansion`. In a loop with two ways out, that takes a 
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPPOSITE, ROW_STEP, lowest_bit
 from nnpp_edge.runtime.kernels.poses import HEADING, weight_of_pose
 
 SETTLED, PAUSED = 0, 1
+READ, STALE, UNREAD = 0, 1, 2
 ABSENT = -1
+_LOOK_EVERY = 512
+"""Nodes between two looks at the clock."""
 SPARE_SLOTS = 4
 """Slots of the heap beyond the number of nodes, so that the last entries have four below each as well."""
 EXACT = float(1 << 52)
@@ -72,16 +76,6 @@ def _read(node, weights, poses, factor, stride, ends, known):
 
 
 @kernel
-def read_map(shape, source, poses, known):
-    """Read all of the map."""
-    weights, factor, stride, start, goal = source
-    rows, cols = shape
-    for r in range(rows):
-        for c in range(cols):
-            _read((r + 1) * stride + c + 1, weights, poses, factor, stride, (start, goal), known)
-
-
-@kernel
 def _note(node, stride, changed, is_changed, pending):
     """Put a node and its neighbours down as changed; the number of nodes put down so far."""
     for k in range(9):  # unrolled by the compiler
@@ -93,12 +87,17 @@ def _note(node, stride, changed, is_changed, pending):
 
 
 @kernel
-def read_rectangle(part, source, poses, edges, known, noted, pending):
-    """Read a rectangle of the map; the number of nodes put down as changed so far: with directed steps, all."""
+def read_rectangle(part, rows_left, source, poses, edges, known, noted, pending):
+    """Read a rectangle of the map; the number of nodes put down as changed so far: with directed steps, all.
+
+    Rows that are `UNREAD` are left for `read_rows`.
+    """
     row, col, rows, cols = part
     weights, factor, stride, start, goal = source
     changed, is_changed = noted
     for r in range(row, row + rows):
+        if rows_left[r + 1] == UNREAD:
+            continue
         for c in range(col, col + cols):
             node = (r + 1) * stride + c + 1
             if _read(node, weights, poses, factor, stride, (start, goal), known) or edges is not None:
@@ -107,22 +106,44 @@ def read_rectangle(part, source, poses, edges, known, noted, pending):
 
 
 @kernel
-def read_region(mask, blocks, rows_to_read, source, poses, known, noted, pending):
-    """Read a region, as far as its rows may differ; the number of nodes put down as changed so far."""
-    row_block, col_block = blocks
+def read_rows(rows_left, region, source, poses, known, state, heap, noted, pending, until):
+    """Read rows that have not been read, or whose region is another; the number of nodes put down as changed so far.
+
+    Parameters
+    ----------
+    rows_left : (H + 2,) uint8
+        For each row, and those of the border, `UNREAD`, `STALE` or `READ`; written. What is kept of an unread row may
+        hold anything: nothing has been found out there, and none of its nodes is put down.
+    region : (mask, row_block, col_block)
+        Whether each block belongs to it, and the block of each row and column.
+    until : float
+        Reading of the clock, see `clock.late`, at which the rows that are left stay as they are.
+    """
+    mask, row_block, col_block = region
     weights, factor, stride, start, goal = source
-    inside = known[2]
+    costs, walls, inside = known
+    position, firsts, _, _ = heap
     changed, is_changed = noted
-    for r in range(len(row_block)):
-        if not rows_to_read[row_block[r]]:
+    for r in range(len(rows_left)):
+        if rows_left[r] == READ:
             continue
-        for c in range(len(col_block)):
-            node = (r + 1) * stride + c + 1
-            now = mask[np.uint64(row_block[r]), np.uint64(col_block[c])]
-            if now != inside[node]:
+        anew, first = rows_left[r] == UNREAD, r * stride
+        if anew:
+            end = first + stride
+            for plane in range(0, len(costs), len(inside)):
+                costs[plane + first : plane + end] = np.inf
+            walls[first:end], inside[first:end], position[first:end] = 1, 0, ABSENT
+            state[2 * first : 2 * end], firsts[first:end] = np.inf, np.inf
+        for c in range(len(col_block) if 0 < r < len(rows_left) - 1 else 0):
+            node = first + c + 1
+            now = mask[np.uint64(row_block[r - 1]), np.uint64(col_block[c])]
+            if anew or now != inside[node]:
                 inside[node] = now
-                if _read(node, weights, poses, factor, stride, (start, goal), known):
+                if _read(node, weights, poses, factor, stride, (start, goal), known) and not anew:
                     pending = _note(node, stride, changed, is_changed, pending)
+        rows_left[r] = READ
+        if late(until):
+            break
     return pending
 
 
@@ -246,11 +267,9 @@ def _touched(node, value, raised, row_steps, costs, span, steps, edges, state):
 
 
 @kernel
-def clear(goal, state, position, firsts, seconds, nodes):
-    """A search that knows the goal alone; the size of its open list."""
-    state[:] = np.inf
-    position[:] = ABSENT
-    firsts[:] = np.inf
+def begin(goal, state, heap):
+    """A search that knows the goal alone, over rows that have just been read; the size of its open list."""
+    position, firsts, seconds, nodes = heap
     state[2 * goal + 1] = 0.0
     _rise(firsts, seconds, nodes, position, 0, 0.0, 0.0, goal)
     return 1
@@ -268,8 +287,8 @@ def least_known(changed, count, inside, state):
 
 
 @kernel
-def mend(pending, search, terrain, edges, state, heap, size, noted):
-    """Work out rhs anew wherever a step has changed; the open list's new size."""
+def mend(pending, search, terrain, edges, state, heap, size, noted, until):
+    """Work out rhs anew wherever a step has changed; how many nodes are left once it is late, and the list's size."""
     stride, start, goal, corner_cutting, steps, prices, km = search
     costs, walls, span = terrain
     position, firsts, seconds, nodes = heap
@@ -277,6 +296,11 @@ def mend(pending, search, terrain, edges, state, heap, size, noted):
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     start_row, start_col = start // stride, start % stride
     for n in range(pending):
+        if n % _LOOK_EVERY == _LOOK_EVERY - 1 and late(until):
+            left = pending - n
+            for m in range(left):
+                changed[m] = changed[n + m]
+            return left, size
         node = np.int64(changed[n])
         is_changed[node] = 0
         if node == goal:
@@ -296,12 +320,12 @@ def mend(pending, search, terrain, edges, state, heap, size, noted):
             above = _rise(firsts, seconds, nodes, position, slot, first, second, moved)
             if above == slot and 4 * slot + 1 < size:
                 _sink(firsts, seconds, nodes, position, size, slot, first, second, moved)
-    return size
+    return 0, size
 
 
 @kernel
-def expand(search, terrain, edges, state, heap, size, most):
-    """ComputeShortestPath: expand until the start is settled or `most` expansions are done.
+def expand(search, terrain, edges, state, heap, size, until):
+    """ComputeShortestPath: expand until the start is settled or it is late, see `clock.late`.
 
     The code, the number of expansions and the open list's size.
     """
@@ -320,7 +344,7 @@ def expand(search, terrain, edges, state, heap, size, most):
             first *= CAUTION
         if rhs <= g and not (firsts[0] < first or (firsts[0] == first and seconds[0] < second)):
             break
-        if expansions == most:
+        if expansions % _LOOK_EVERY == _LOOK_EVERY - 1 and late(until):
             return PAUSED, expansions, size
         node = np.int64(nodes[0])
         g, rhs = state[np.uint64(2 * node)], state[np.uint64(2 * node + 1)]

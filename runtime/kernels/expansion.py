@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
     COL_STEP,
     DIRECTION_BITS,
@@ -50,6 +51,8 @@ EXPANSIONS, BEST_NODE = 0, 1
 
 LANES = 8
 """Landmarks that a node has room for."""
+LOOK_EVERY, LOOK_EVERY_OF_POSES = 1024, 16
+"""Expansions between two looks at the clock, and where each may check a body's poses."""
 BELOW = 1.0 - 1e-6
 """Nodes that promise an improvement smaller than g's rounding are left alone."""
 
@@ -167,8 +170,8 @@ def trace(meta, node, stride, out):
 
 
 @kernel
-def expand(grid, poses, edges, links, region, hints, ends, rule, memory, most):
-    """Search until the goal is settled, nothing is left, `most` expansions are done or the list is full.
+def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits):
+    """Search until the goal is settled, nothing is left, `most` expansions are done, it is late or the list is full.
 
     Begins at `start`, or goes on where the last call stopped if that is negative. Once the goal has been
     reached, `beyond` times its g bounds what is looked at: nodes whose f is not lower are left out, and the
@@ -195,8 +198,8 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, most):
         said above, how far beyond the goal to look.
     memory : (g, meta, stamp, heads, entries, control, reals, counts, path)
         Of a `Workspace`, and the number of this search.
-    most : int
-        Expansions in this call.
+    limits : (most, until)
+        Expansions in this call, and a reading of the clock, see `clock.late`.
 
     Returns
     -------
@@ -211,6 +214,7 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, most):
         codes, unit, _, _ = poses
     tile_state, wanted, row_shift, col_shift, _, _ = tiles
     h_straight, h_diagonal, width, successors, beyond = rule
+    most, until = limits
     g, meta, stamp, heads, entries, control, reals, counts, path = memory
     if region is not None:
         bitmap, row_block, col_block, region_stamp = region
@@ -244,9 +248,14 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, most):
         bound = np.float64(g[2 * goal]) * beyond
         last_bucket = _last_bucket(bound, base, inverse_width)
     expansions = counts[EXPANSIONS]
-    last = expansions + most
+    last, look_every = expansions + most, LOOK_EVERY if poses is None else LOOK_EVERY_OF_POSES
+    look_at = expansions + look_every
     code = PAUSED
     while expansions < last:
+        if expansions >= look_at:
+            look_at = expansions + look_every
+            if late(until):
+                break
         if waiting > room:
             code = FULL
             break
@@ -285,6 +294,7 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, most):
             i, j = np.uint64((row - 1) >> row_shift), np.uint64((col - 1) >> col_shift)
             if not tile_state[i, j] & wanted:
                 open_there(tiles, np.int64(i), np.int64(j))
+                look_at = expansions
         own = weights[np.uint64(node)]
         expansions += 1
         if h < best_h:

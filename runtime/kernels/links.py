@@ -8,6 +8,7 @@ there is no block.
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPPOSITE, ROW_STEP, STAMP_SHIFT, octile
 from nnpp_edge.runtime.kernels.open_list import COARSE, FINE, NOTHING, SPAN, clear, next_block, pop, push
 from nnpp_edge.runtime.kernels.pooling import FACTOR
@@ -16,7 +17,9 @@ FORWARDS = (1, 7, 3, 5)
 """The direction that leads along each heading, see `terrain.vehicle.HEADINGS`."""
 _DIAGONAL = np.float32(2.0**0.5)
 _INF = np.float32(np.inf)
-FULL = -1
+FULL, LATE = -1, -2
+_LOOK_EVERY = 4096
+"""Blocks between two looks at the clock."""
 
 
 @kernel
@@ -112,7 +115,7 @@ def _deal_out(chain, block, search, order, found, lists):
 
 
 @kernel
-def settle_links(links, least, ends, beyond, found, guide, memory):
+def settle_links(links, least, ends, beyond, found, guide, memory, until):
     """Costs from the first block to all that lie on ways to the last which cost at most `beyond` times the least.
 
     Parameters
@@ -133,11 +136,13 @@ def settle_links(links, least, ends, beyond, found, guide, memory):
         which it searched.
     memory : (heads, entries, control)
         Of an open list, see `kernels.open_list`.
+    until : float
+        Reading of the clock, see `clock.late`.
 
     Returns
     -------
     int
-        Blocks expanded; `FULL` where the open list has no room.
+        Blocks expanded; `FULL` where the open list has no room, `LATE` where time was up.
     """
     prices, stride = links
     reached, seen, number = found
@@ -177,6 +182,8 @@ def settle_links(links, least, ends, beyond, found, guide, memory):
         expanded += 1
         if waiting > room:
             return np.int64(FULL)
+        if expanded % _LOOK_EVERY == 0 and late(until):
+            return np.int64(LATE)
         for k in range(8):
             there = np.uint64(node + ROW_STEP[k] * stride + COL_STEP[k])
             cost = own + prices[np.uint64(node), np.uint64(k)]
@@ -195,8 +202,10 @@ def settle_links(links, least, ends, beyond, found, guide, memory):
 
 
 @kernel
-def mark_links(links, first, beyond, found, scratch, radius, marks):
+def mark_links(links, first, beyond, found, scratch, radius, marks, until):
     """Mark the quarters of blocks on ways from `first` that cost at most `beyond` times the least, and those around.
+
+    False where it was late before they were found.
 
     Parameters
     ----------
@@ -209,6 +218,8 @@ def mark_links(links, first, beyond, found, scratch, radius, marks):
         Quarters around each block, as the king moves.
     marks : (bitmap, stamp)
         (2 R, 2 C) int32, and the number to write.
+    until : float
+        Reading of the clock, see `clock.late`.
     """
     prices, stride = links
     reached, seen, number = found
@@ -224,6 +235,8 @@ def mark_links(links, first, beyond, found, scratch, radius, marks):
         node = np.int64(queue[head & mask])
         head += 1
         own = cost[node]
+        if head % _LOOK_EVERY == 0 and late(until):
+            return False
         for k in range(8):
             there = np.uint64(node + ROW_STEP[k] * stride + COL_STEP[k])
             if seen[there] >> 1 != number:
@@ -240,6 +253,7 @@ def mark_links(links, first, beyond, found, scratch, radius, marks):
                 for row in range(max(2 * i - radius, 0), min(2 * i + 2 + radius, rows)):
                     for col in range(max(2 * j - radius, 0), min(2 * j + 2 + radius, cols)):
                         bitmap[row, col] = mark
+    return True
 
 
 @kernel

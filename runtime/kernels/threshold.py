@@ -5,12 +5,16 @@ import math
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP, STAMP_SHIFT
 from nnpp_edge.runtime.kernels.tiles import open_there
 
 LEVELS = 256
 """Level n stands for the probability (n / 256)⁴. So what is unlikely has levels too: where slope limits leave only a
 long way round, td is often below 1/1000."""
+TOO_LATE = -2
+_LOOK_EVERY = 1024
+"""Cells between two looks at the clock."""
 TOWARDS = np.array(
     [sorted(range(8), key=lambda k: ROW_STEP[k] * (n // 3 - 1) + COL_STEP[k] * (n % 3 - 1)) for n in range(9)],
     np.int8,
@@ -92,7 +96,7 @@ def linked(weights, links, node, k, stride, corner_cutting):
 
 
 @kernel
-def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, search):
+def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, search, until):
     """The largest level at which two nodes of a grid are joined by steps through cells whose blocks reach it.
 
     Among cells that serve alike, those towards the goal come first: where the way is free, few others are looked at.
@@ -114,11 +118,13 @@ def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, se
     search : (state, stamp)
         A workspace's memory, (2 · nodes,) int32, which the search that follows will touch too, and the number of a
         new search in it.
+    until : float
+        Reading of the clock, see `clock.late`.
 
     Returns
     -------
     int
-        In 0…255; -1 where no steps lead from one to the other.
+        In 0…255; -1 where no steps lead from one to the other; `TOO_LATE`.
     """
     row_blocks, col_blocks = lookup
     weights, stride, _, corner_cutting, tiles = grid
@@ -130,6 +136,7 @@ def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, se
     width = min(width, np.int64(levels[row_blocks[goal_row - 1], col_blocks[goal_col - 1]]))
     seen = stamp << STAMP_SHIFT
     state[2 * start], state[2 * start + 1] = -1, seen
+    looked = 0
     heads[width] = start
     while True:
         while heads[width] == -1:
@@ -144,6 +151,10 @@ def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, se
         i, j = (row - 1) >> row_shift, (col - 1) >> col_shift
         if not tile_state[i, j] & wanted:
             open_there(tiles, i, j)
+            looked = 0
+        if looked % _LOOK_EVERY == 0 and late(until):
+            return TOO_LATE
+        looked += 1
         ahead = 3 * ((goal_row > row) - (goal_row < row)) + (goal_col > col) - (goal_col < col) + 4
         for nth in range(8):
             k = TOWARDS[ahead, nth]
@@ -172,14 +183,14 @@ def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, sta
 
 
 @kernel
-def first_regions(probability, lookup, grid, links, ends, rule, scratch, search, marks):
+def first_regions(probability, lookup, grid, links, ends, rule, scratch, search, marks, until):
     """What a plan needs of a network's answer, in one call: td, and the blocks at it and at a share of it.
 
     Parameters
     ----------
     probability : (B, B) float32
         In [0, 1].
-    lookup, grid, links, search
+    lookup, grid, links, search, until
         As for `walkable_threshold`.
     ends : (start, goal, start_row, start_col, goal_row, goal_col)
         Nodes, and the blocks that belong to any region.
@@ -194,7 +205,7 @@ def first_regions(probability, lookup, grid, links, ends, rule, scratch, search,
     Returns
     -------
     int
-        td as a level; -1 where no steps lead from start to goal.
+        td as a level; -1 where no steps lead from start to goal; `TOO_LATE`.
     """
     start, goal, start_row, start_col, goal_row, goal_col = ends
     touching, factor = rule
@@ -208,7 +219,7 @@ def first_regions(probability, lookup, grid, links, ends, rule, scratch, search,
         from_row, from_col = row_blocks[start // stride - 1], col_blocks[start % stride - 1]
         to_row, to_col = row_blocks[goal // stride - 1], col_blocks[goal % stride - 1]
         most = adaptive_threshold(levels, from_row, from_col, to_row, to_col, heads, following, done)
-    td = walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, search)
+    td = walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, search, until)
     fill_region(levels, max(td, 0), start_row, start_col, goal_row, goal_col, stamp, 0, at_td)
     if td > 0:
         fill_region(levels, lowered(td, factor), start_row, start_col, goal_row, goal_col, stamp, 0, bitmap)

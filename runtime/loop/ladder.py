@@ -218,7 +218,7 @@ class Ladder:
             tick.fail("timeout", "the search ran out of time")
             return None
         if not plan.ok:
-            return tick.no_path(plan.status, plan.reason or "searched everywhere")
+            return tick.no_path(plan.status, plan.reason)
         reason = tick.failures[-1].reason if tick.failures else plan.reason
         message = self._path(planner, tick, plan, origin, reason)
         if message is None:
@@ -253,7 +253,7 @@ class Ladder:
         cost, bound = plan.cost, plan.lower_bound
         if version != tick.map_version and (standing := planner.standing()).valid:
             cost, bound = standing.cost, standing.lower_bound
-        return replace(found, cost=cost, lower_bound=bound, method=plan.planner)
+        return replace(found, cost=cost, lower_bound=bound, method=plan.planner, choice=plan.choice)
 
 
 def one_line(error: BaseException) -> str:

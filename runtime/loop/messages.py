@@ -146,8 +146,10 @@ class PathMessage:
     """No path costs less."""
     method: str = ""
     """Method that planned the path."""
+    choice: str = ""
+    """Why that method was picked, where there was a choice; for people."""
     reason: str = ""
-    """Why the path was planned so or kept, or what failed; for people."""
+    """Why the path was kept, or what failed; for people."""
     map_version: int = 0
     """Number of map patches that the answer takes into account."""
     planning_ms: float = 0.0

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arrays import Float2D, as_map, close_border
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, patch_at
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.paths import walk
 from nnpp_edge.runtime.kernels.poses import walk_poses
@@ -157,10 +158,10 @@ class Grid:
         straight = float(octile.py_func(*start, *goal, *self.prices))
         return straight + self.worth_of_height(start, goal) if self.holds(start) and self.holds(goal) else straight
 
-    def complete(self) -> None:
-        """See to it that all weights are there, and all poses checked."""
+    def complete(self, deadline: Deadline = NEVER) -> None:
+        """See to it that all weights are there, and all poses checked; OutOfTimeError at the deadline."""
         if self.tiles is not None:
-            self.tiles.complete()
+            self.tiles.complete(deadline)
         if self.poses is not None:
             self.poses.complete()
 

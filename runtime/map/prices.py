@@ -9,6 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.poses import Poses
@@ -73,14 +74,20 @@ class PricedMap:
         """Rows and columns."""
         return self._state.shape
 
+    def pyramid_by(self, deadline: Deadline) -> Pyramid:
+        """As of `MapState`, but that prices are guessed in one go."""
+        deadline.check()
+        return self.pyramid
+
     @property
     def pyramid(self) -> Pyramid:
         """The coarse levels, as the map is now."""
         if self._changes.behind:
             self._changes.skip()
             cost, before = self._costs(), self._priced.map()
-            weights = cost * np.float32(self._priced.model.scale)
-            rows, cols = np.nonzero(~((weights == before) | (np.isinf(weights) & np.isinf(before))))
+            weights = np.full_like(cost, np.inf)
+            np.multiply(cost, np.float32(self._priced.model.scale), out=weights, where=cost < 1.0)
+            rows, cols = np.nonzero(weights != before)
             if rows.size:
                 part = cost[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
                 change = self._priced.update(part, (int(rows.min()), int(cols.min())))

@@ -13,11 +13,14 @@ steps are averaged by direction, see `map.directed`.
 import functools
 import itertools
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.bands import stripes
 from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.pooling import FACTOR, pool_and_link
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid
@@ -47,37 +50,57 @@ class Level:
         """The piece that each cell stands for, as bits for the cells that it covers, row by row."""
         self.version = 0
         """Number of times that it has changed."""
-        self.quarters: Lookup = _quarters(grid.rows), _quarters(grid.cols)
+        self.quarters: Lookup = quarters(grid.rows), quarters(grid.cols)
         """Row and column, among the quarters of the cells of the level above, of each row and column."""
 
 
 class Pyramid:
-    """Levels of a map, finest first. Those of a map of heights are computed with it, where somebody looks."""
+    """Levels of a map, finest first. Those of a map of heights are computed with it, where somebody looks.
 
-    def __init__(self, grid: Grid) -> None:
+    With `later` they are right only once `finish` has been called.
+    """
+
+    def __init__(self, grid: Grid, *, later: bool = False) -> None:
         self.levels, shapes = [Level(grid)], coarse_shapes(grid.rows, grid.cols)
+        self._left: Iterator[None] = iter(())
+        """Pools a stripe at each step."""
         if grid.tiles is None:
             for rows, cols in shapes:
                 nodes = (rows + 2) * (cols + 2)
                 pieces, links = np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)
                 self.levels.append(Level(Grid(rows, cols, grid.model), pieces, links))
-            self._direct()
-            self.update((0, 0, grid.rows, grid.cols))
-            return
-        parts = grid.tiles.add_levels(shapes)
-        for number, (weights, pieces, links) in enumerate(parts, 1):
-            coarse = Grid(*shapes[number - 1], grid.model, weights=weights)
-            coarse.compute_by(grid.tiles, number)
-            self.levels.append(Level(coarse, pieces, links))
-        self._direct()
+        else:
+            parts = grid.tiles.add_levels(shapes)
+            for number, (weights, pieces, links) in enumerate(parts, 1):
+                coarse = Grid(*shapes[number - 1], grid.model, weights=weights)
+                coarse.compute_by(grid.tiles, number)
+                self.levels.append(Level(coarse, pieces, links))
+        if isinstance(grid.directed, DirectedSteps):
+            for level in self.levels[1:]:
+                level.grid.go_by(CoarseSteps(level.grid.shape, grid.prices))
+        self.update((0, 0, grid.rows, grid.cols), later=later)
 
-    def update(self, changed: Rectangle) -> None:
+    def update(self, changed: Rectangle, *, later: bool = False) -> None:
         """Pool anew the cells above a rectangle of the finest level."""
+        self._left = itertools.chain(self._left, self._pool(changed))
+        if not later:
+            self.finish()
+
+    def finish(self, deadline: Deadline = NEVER) -> None:
+        """Pool what was left for later. At the deadline OutOfTimeError: the next call goes on from there."""
         finest = self.levels[0].grid
-        if finest.tiles is not None:  # pooled anew already
+        if finest.tiles is not None and finest.directed is not None:  # whose means need all weights
+            finest.tiles.complete(deadline)
+        for _ in self._left:
+            deadline.check()
+
+    def _pool(self, changed: Rectangle) -> Iterator[None]:
+        """The work of `update`, stripe by stripe."""
+        finest = self.levels[0].grid
+        if finest.tiles is not None:  # pooled anew already, but for directed steps
             for level in self.levels[1:]:
                 level.version += 1
-            self._pool_directed(changed)
+            yield from self._pool_directed(changed)
             return
         row0, col0, rows, cols = changed
         row1, col1, obstacle = row0 + rows, col0 + cols, self.obstacle_weight
@@ -85,12 +108,13 @@ class Pyramid:
         for fine, coarse in itertools.pairwise(self.levels):
             row0, row1 = row0 // FACTOR, -(-row1 // FACTOR)
             col0, col1 = col0 // FACTOR, -(-col1 // FACTOR)
-            area, grid = (row0, row1, col0, col1), coarse.grid
+            grid, least = coarse.grid, math.inf
             packed = grid.weights, coarse.pieces, coarse.links, grid.stride, grid.rows, grid.cols
-            pieces = None if fine.links is None else fine.pieces
-            least = pool_and_link(
-                fine.grid.weights, fine.links, pieces, fine.grid.shape, finest.corner_cutting, obstacle, area, packed
-            )
+            finer = fine.grid.weights, fine.links, None if fine.links is None else fine.pieces, fine.grid.shape
+            for first, last in stripes(row1 - row0, FACTOR**2 * (col1 - col0)):
+                area = row0 + first, row0 + last, col0, col1
+                least = min(least, pool_and_link(*finer, finest.corner_cutting, obstacle, area, packed))
+                yield
             # means lie above the least of what they average, which makes a coarse search's heuristic the better
             whole = (row1 - row0, col1 - col0) == grid.shape
             grid.set_bounds(least if whole else min(least, grid.least), greatest)
@@ -98,20 +122,9 @@ class Pyramid:
             # what is connected under the level above changes with the links on the rim
             row0, row1 = max(row0 - 1, 0), min(row1 + 1, grid.rows)
             col0, col1 = max(col0 - 1, 0), min(col1 + 1, grid.cols)
-        self._pool_directed(changed)
+        yield from self._pool_directed(changed)
 
-    def _direct(self) -> None:
-        """Give the coarse levels of a map with directed steps such steps; all of its weights are needed for that."""
-        finest = self.levels[0].grid
-        if not isinstance(finest.directed, DirectedSteps):
-            return
-        for level in self.levels[1:]:
-            level.grid.go_by(CoarseSteps(level.grid.shape, finest.prices))
-        if finest.tiles is not None:
-            finest.tiles.complete()
-            self._pool_directed((0, 0, finest.rows, finest.cols))
-
-    def _pool_directed(self, changed: Rectangle) -> None:
+    def _pool_directed(self, changed: Rectangle) -> Iterator[None]:
         """Pool anew the directed steps above a rectangle of the finest level."""
         finest = self.levels[0].grid.directed
         if not isinstance(finest, DirectedSteps):
@@ -123,7 +136,9 @@ class Pyramid:
             col0, col1 = max(col0 // FACTOR - 1, 0), min(-(-col1 // FACTOR) + 1, level.grid.cols)
             steps = level.grid.directed
             assert isinstance(steps, CoarseSteps)
-            steps.pool(finer, level.pieces, (row0, col0, row1 - row0, col1 - col0), finest.obstacle)
+            for first, last in stripes(row1 - row0, 8 * FACTOR**2 * (col1 - col0)):
+                steps.pool(finer, level.pieces, (row0 + first, col0, last - first, col1 - col0), finest.obstacle)
+                yield
             finer = steps.means
 
     @property
@@ -143,6 +158,6 @@ def coarse_shapes(rows: int, cols: int) -> list[tuple[int, int]]:
 
 
 @functools.lru_cache(maxsize=64)
-def _quarters(cells: int) -> NDArray[np.int32]:
+def quarters(cells: int) -> NDArray[np.int32]:
     """(cells,) int32, the quarter of a coarse cell, along one side of the map, that each row or column lies in."""
     return np.arange(cells, dtype=np.int32) // np.int32(FACTOR // 2)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D, as_map
 from nnpp_edge.runtime.cells import Cell, Rectangle, patch_at
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Along, Heights, Line, crossings, heights_at
@@ -185,15 +186,20 @@ class MapState:
     @property
     def pyramid(self) -> Pyramid:
         """The coarse levels, as the map is now. Made when first read, and brought up to date when read again."""
+        return self.pyramid_by(NEVER)
+
+    def pyramid_by(self, deadline: Deadline) -> Pyramid:
+        """The same; at the deadline OutOfTimeError, and the next call goes on from there."""
         if self._pyramid is None or self._unpooled is None:
-            self._pyramid, self._unpooled = Pyramid(self.grid), self.log.reader()
+            self._pyramid, self._unpooled = Pyramid(self.grid, later=True), self.log.reader()
             if self._elevation is not None and not self._elevation.lazy:
-                self.grid.complete()
+                self.grid.complete(deadline)
         elif self._unpooled.behind:
             changes = self._unpooled.read()
             whole = (0, 0, *self.shape)
             for part in [whole] if any(c.rescaled for c in changes) else [c.part for c in changes]:
-                self._pyramid.update(part)
+                self._pyramid.update(part, later=True)
+        self._pyramid.finish(deadline)
         return self._pyramid
 
     def update(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:

@@ -10,6 +10,7 @@ import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.pooling import FACTOR, pool_and_link
 from nnpp_edge.runtime.map.grid import Grid
@@ -87,6 +88,10 @@ class StreamedMap:
     @property
     def pyramid(self) -> "StreamedMap":
         """What has the levels."""
+        return self
+
+    def pyramid_by(self, _: Deadline) -> "StreamedMap":
+        """The same: levels that are there."""
         return self
 
     def take(self, cost: Float2D) -> None:

@@ -8,14 +8,17 @@ it is: a plan on a map that is computed as a whole beforehand is the same.
 
 import functools
 import itertools
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D, close_border
-from nnpp_edge.runtime.bands import in_bands
+from nnpp_edge.runtime.bands import in_bands, stripes
 from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.tiles import (
     COSTED,
     LINKED,
@@ -153,16 +156,21 @@ class Tiles:
             first = int(shut.argmax())
             open_tile(self.packed(), i[first], j[first])
 
-    def complete(self) -> None:
-        """Compute all that is not there yet, on all cores where that pays."""
+    def complete(self, deadline: Deadline = NEVER) -> None:
+        """Compute all that is not there yet, on all cores where that pays.
+
+        At the deadline OutOfTimeError: the next call goes on from there.
+        """
         tiles, (rows, cols), high = self.packed(), self.shape, self._sides[0]
-        wanted = COSTED | (LINKED if self._source[3][0, 3] else 0)
-        if (self.state & wanted == wanted).all():
-            return
-        in_bands(lambda row0, row1: compute_rows(tiles, row0, row1), rows, cols, high)
-        if wanted & LINKED:
-            in_bands(lambda row0, row1: link_rows(tiles, row0, row1), rows, cols, high)
-        self.state |= SURROUNDED | POOLED | wanted
+        for work, done in ((compute_rows, COSTED | POOLED), (link_rows, LINKED)):
+            wanted = done if self._source[3][0, 3] else done & COSTED
+            for first, last in stripes(rows, cols, high, whole=deadline.at == math.inf):
+                state = self.state[first // high : -(-last // high)]
+                if (state & wanted != wanted).any():
+                    in_bands(partial(_in_part, work, tiles, first), last - first, cols, high)
+                    state |= wanted
+                    deadline.check()
+        self.state |= SURROUNDED
         self._source[7][0] = rows * cols
 
     @property
@@ -197,3 +205,10 @@ class Tiles:
     ) -> None:
         """As `network.encoding.map_planes`, for parts of a window, from two rows of each network cell."""
         sample_planes(self.packed(), window, np.array(parts), inner, out)
+
+
+def _in_part(
+    work: Callable[[PackedTiles, int, int], None], tiles: PackedTiles, first: int, row0: int, row1: int
+) -> None:
+    """Do what takes rows of the map for rows counted from its row `first`."""
+    work(tiles, first + row0, first + row1)

@@ -1,5 +1,7 @@
 """Running a network on the CPU: an ONNX file with our metadata, through onnxruntime."""
 
+import math
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,6 +10,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.encoding import Point, encode_ends, encode_gaussian
 from nnpp_edge.runtime.network.loading import (
@@ -25,6 +28,8 @@ from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata, mo
 from nnpp_edge.runtime.network.place_head import PlaceHead
 
 __all__ = ["ASK", "HEAD", "METADATA_KEY", "OUTPUT", "PLACES", "ModelMetadata", "NetworkModel", "model_path"]
+
+_FORGET = 0.9
 
 
 class NetworkModel:
@@ -116,6 +121,15 @@ class NetworkModel:
         """Whether the network describes the map by itself, before it knows the query."""
         return self._head is not None
 
+    def check_time(self, deadline: Deadline) -> None:
+        """OutOfTimeError where an answer needs a run, whose fastest so far took longer than there is time left.
+
+        Each time a tenth is taken off what is expected, so that one slow run does not count for ever.
+        """
+        if not self._encoded and deadline.left_s <= self._loaded.fastest_s:
+            self._loaded.fastest_s *= _FORGET
+            raise OutOfTimeError
+
     def _bind(self, loaded: LoadedModel) -> None:
         """Allocate inputs and outputs once, of the shapes that the metadata implies, and bind them."""
         self.metadata = m = loaded.metadata
@@ -150,8 +164,10 @@ class NetworkModel:
         """Run the session; ModelError where its graph fails."""
         if self._loaded.lacks_threads():
             self._open_again()
+        began = time.perf_counter()
         with model_errors(self.path, "got one whose graph fails"):
             self.session.run_with_iobinding(self._binding)
+        self._loaded.fastest_s = min(time.perf_counter() - began, self._loaded.fastest_s or math.inf)
 
     def _open_again(self) -> None:
         """Take a session of this process; ModelError where the file is another by now."""

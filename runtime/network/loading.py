@@ -67,7 +67,7 @@ class FileIdentity(NamedTuple):
         return cls(found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class LoadedModel:
     """What networks that share a session have in common."""
 
@@ -82,6 +82,8 @@ class LoadedModel:
     """Of a network in two parts."""
     process: int
     """That opened it."""
+    fastest_s: float = 0.0
+    """What the session's fastest run took, or less; 0 before the first."""
 
     def lacks_threads(self) -> bool:
         """Whether its session waits for threads that another process has, from which this one was forked."""

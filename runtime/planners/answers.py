@@ -11,13 +11,14 @@ import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
+from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
-from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work, in_words, problem_with, told
 from nnpp_edge.runtime.planners.refine import Refinement, Refiner
 from nnpp_edge.runtime.planners.tour import Tour, tour
@@ -65,8 +66,8 @@ class Answers:
 
     def plan(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
         """As `Planner.plan`; `work` has counted the time since it was called."""
-        refining = self._refining(wishes)
-        return self._refined(self._found(start, goal, wishes, work), refining, wishes)
+        refining, deadline = self._refining(wishes), Deadline.within(wishes.time_limit_s)
+        return self._refined(self._found(start, goal, wishes, work, deadline), refining, wishes)
 
     def nearest(self, start: Cell, goals: Sequence[Cell], count: int, wishes: Wishes) -> list[tuple[int, Plan]]:
         """As `Planner.nearest`."""
@@ -74,7 +75,6 @@ class Answers:
             raise InvalidQueryError("wanted at least one goal, got none")
         if not count >= 1:
             raise InvalidQueryError(f"count must be at least 1, got {count}")
-        refining = self._refining(wishes)
         cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
         bounds = [self._grid.least_cost(begin, cell) for cell in cells]
         plans: dict[int, Plan] = {}
@@ -82,17 +82,18 @@ class Answers:
             known = sorted(plan.cost for plan in plans.values())
             if len(known) >= count and known[count - 1] <= bounds[at]:
                 break
-            plans[at] = self._refined(self._found(begin, cells[at], wishes, Work()), refining, wishes)
+            plans[at] = self.plan(begin, cells[at], wishes, Work())
         return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
 
     def via(self, start: Cell, goal: Cell, via: Sequence[Cell], best_order: bool, wishes: Wishes) -> Tour:
         """As `Planner.plan_via`."""
-        refining = self._refining(wishes)
+        refining, deadline = self._refining(wishes), Deadline.within(wishes.time_limit_s)
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
         stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
-        nearest = partial(costs_to_nearest, self._grid, stops, NEAREST_STOPS, self.planners.astar.workspace)
+        memory = self.planners.astar.workspace
+        nearest = partial(costs_to_nearest, self._grid, stops, NEAREST_STOPS, memory, deadline)
         found = tour(
-            lambda begin, end: self._found(begin, end, wishes, Work()),
+            lambda begin, end: self._found(begin, end, wishes, Work(), deadline),
             stops,
             self._grid,
             best_order=best_order,
@@ -100,6 +101,7 @@ class Answers:
             nearest=nearest if wishes.method == Method.ASTAR else None,
             symmetric=self._grid.directed is None,
             finish=lambda leg: self._refined(leg, refining, wishes),
+            deadline=deadline,
         )
         return replace(found, plan=found.plan.over(self._state))
 
@@ -114,28 +116,34 @@ class Answers:
         field[field > within] = np.inf
         return field
 
-    def _found(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
+    def _found(self, start: Cell, goal: Cell, wishes: Wishes, work: Work, deadline: Deadline) -> Plan:
         """What the search found, on the grid."""
-        query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), wishes.time_limit_s, wishes.epsilon)
-        planners, method = self.planners, wishes.method
-        chosen, reason = self._chooser.choose(method, query)
-        if method == Method.AUTO and chosen is Method.NNPP and planners.has_poses and planners.no_network:
-            chosen, reason = Method.CORRIDOR, planners.no_network
-        wanted, why = planners.usual_price(chosen) if wishes.price is None else (self._price(wishes.price), "")
-        reason, checked = reason or why, self._state.checked
+        query = Query.of(start, goal, deadline, wishes.epsilon)
+        planners, auto = self.planners, wishes.method == Method.AUTO
+        chosen, choice = self._chooser.choose(wishes.method, query)
+        named = None if wishes.price is None else self._price(wishes.price)
         if problem := problem_with(self._grid, query.start, query.goal):
             return Plan(problem, chosen, planner=chosen, reason=told(problem, query))
+        if named is Price.NETWORK:
+            _ = planners.passage_network  # refused now, whatever the method, if it cannot be asked
+        if auto and chosen is Method.NNPP and (against := planners.against_network):
+            chosen, choice = Method.CORRIDOR, against
+        price, why = planners.usual_price(chosen) if named is None else (named, "")
+        checked = self._state.checked
         found: Found | None = None
-        if method == Method.AUTO and chosen is Method.ASTAR:
-            found = planners.exact.find_briefly(query, work)
-            if found is None:
-                chosen, reason = Method.CORRIDOR, f"{reason}, but the way is long"
-        found = found or planners.planner(chosen, wanted).find(query, work)
+        try:
+            if auto and chosen is Method.ASTAR:
+                found = planners.exact.find_briefly(query, work)
+                if found is None:
+                    chosen, choice = Method.CORRIDOR, f"{choice}, but the way is long"
+            found = found or planners.planner(chosen, price, deadline).find(query, work)
+        except OutOfTimeError:
+            found = Found.too_late(Source.REGION)
         return found.plan(
             chosen,
             work,
             planner=chosen,
-            reason=reason,
+            choice="; ".join(filter(None, (choice, why))),
             keep_regions=wishes.keep_regions,
             costs_computed=self._state.costs_computed,
             checks=self._state.checked - checked,
@@ -158,6 +166,4 @@ class Answers:
             raise InvalidQueryError(f"price={price!r} is a vehicle's: wanted a planner of elevations with a vehicle")
         if wanted is not Price.EQ1 and self._grid.directed is not None:
             raise InvalidQueryError(f"price={price!r} prices steps alike both ways: wanted step_cost='paper'")
-        if wanted is Price.NETWORK:
-            _ = self.planners.passage_network  # refused now, whatever the method, if it cannot be asked
         return wanted

@@ -45,13 +45,13 @@ SHIPPED = MapChoice(
         (Method.ASTAR, f"the goal is less than {NEAR} cells away"),
         (
             Method.CORRIDOR,
-            "by the shipped figures about as soon done as the learned region, and nearer to the optimum",
+            "by the shipped figures about as fast as the learned region, and closer to optimal",
         ),
     ),
 )
 SHIPPED_FOR_LARGE = MapChoice(
     (*SHIPPED.starts, FAR),
-    (*SHIPPED.picks, (Method.NNPP, f"by the shipped figures soonest done from {FAR} cells on a large map")),
+    (*SHIPPED.picks, (Method.NNPP, f"by the shipped figures the fastest from {FAR} cells on a large map")),
 )
 
 
@@ -59,14 +59,17 @@ SHIPPED_FOR_BODY = MapChoice(
     SHIPPED.starts,
     (
         SHIPPED.picks[0],
-        (Method.CORRIDOR, "by the shipped figures the network's look takes as long here as the checks that it saves"),
+        (
+            Method.CORRIDOR,
+            "by the shipped figures running the network takes as long as the checks that it saves",
+        ),
     ),
 )
 SHIPPED_FOR_BODY_ON_LARGE = MapChoice(
     (*SHIPPED.starts, FAR_FOR_BODY),
     (
         *SHIPPED_FOR_BODY.picks,
-        (Method.NNPP, f"by the shipped figures soonest done for a body from {FAR_FOR_BODY} cells on a large map"),
+        (Method.NNPP, f"by the shipped figures the fastest for a body from {FAR_FOR_BODY} cells on a large map"),
     ),
 )
 """For a vehicle with a body, by the prices of the passage network."""

@@ -1,6 +1,7 @@
 """Coarse to fine: each level of the pyramid is searched inside a corridor around the path on the one above."""
 
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.deadline import OutOfTimeError
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.prices import PricedMap
@@ -51,7 +52,7 @@ class CoarseToFine:
 
     def descend(
         self, query: Query, work: Work, searcher: Searcher, top: int, region: Region | None, width: CorridorWidth
-    ) -> tuple[Search, Region | None] | None:
+    ) -> tuple[Search, Region] | None:
         """From level `top` down to the map, each level inside a corridor around the path on the one above.
 
         Parameters
@@ -69,9 +70,9 @@ class CoarseToFine:
         -------
         (Search, Region)
             The search at full resolution and where it was allowed to go; None where a level or the region holds no
-            way. Where time was up on a coarse level, TIMEOUT without a path or a region.
+            way. Where time was up before that, OutOfTimeError.
         """
-        self._levels = self._state.pyramid.levels  # brought up to date
+        self._levels = self._state.pyramid_by(query.deadline).levels  # brought up to date
         for number in range(top, 0, -1):
             coarse, (radius, band) = self._coarse[number - 1], _margins(query, number, width)
             start, goal = _at_level(query.start, number), _at_level(query.goal, number)
@@ -81,9 +82,9 @@ class CoarseToFine:
             if found.status is Status.NO_PATH:
                 return None
             if found.status is Status.TIMEOUT:  # a coarse path leads nowhere on the map
-                return Search.without_path(Status.TIMEOUT), None
+                raise OutOfTimeError
             finer, memory = self._levels[number - 1], self.workspace(number - 1)
-            region = coarse.around(found, start, radius, band, finer, memory)
+            region = coarse.around(found, start, radius, band, finer, memory, query.deadline)
             coarse.invest()
             work.stage_ends("coarse")
         assert region is not None

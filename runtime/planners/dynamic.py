@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arguments import checked, shown
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
+from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.slope_cost import Mobility
@@ -26,8 +27,8 @@ from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic_choice import DynamicChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.query import PlannerOptions, Query, Work, in_words, problem_with, told
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
+from nnpp_edge.runtime.planners.query import Found, PlannerOptions, Query, Work, in_words, problem_with, told
 from nnpp_edge.runtime.planners.refine import Refinement, Refiner
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
@@ -286,7 +287,7 @@ class DynamicPlanner:
             return
         self._planners.coarse_to_fine.touch()
         if any(method.mends_regions for method in self.methods):
-            self._planners.mender.expect(self._goal)
+            self._planners.mender.prepare(self._goal)
         far = Query((0, 0), self.shape)
         picked = DynamicMethod.AUTO in self.methods and self._planners.network_pays(far)
         if picked or any(method.base is Method.NNPP for method in self.methods):
@@ -324,23 +325,27 @@ class DynamicPlanner:
 
     @one_at_a_time
     def _replan(self, work: Work, method: str | None, time_limit_s: float, keep_regions: bool) -> Plan:
-        reason = ""
+        choice = ""
         wanted = self.method if method is None else DynamicMethod.named(method)
         if wanted not in self.methods:
             known = ", ".join(sorted(self.methods))
             raise InvalidQueryError(f"method must be one that the planner was made for ({known}), got {wanted}")
-        query, checked = Query.within(self._where(), self._goal, time_limit_s), self._state.checked
+        query = Query.of(self._where(), self._goal, Deadline.within(time_limit_s))
+        checked = self._state.checked
         problem = problem_with(self._state.grid, query.start, query.goal)
         if problem is not None:
             return Plan(problem, wanted.base, planner=wanted, reason=told(problem, query))
-        if wanted is DynamicMethod.AUTO:
-            found, wanted, reason = self._chooser.find(query, work)
-        else:
-            found = self._planners.dynamic(wanted).find(query, work)
+        try:
+            if wanted is DynamicMethod.AUTO:
+                found, wanted, choice = self._chooser.find(query, work)
+            else:
+                found = self._planners.dynamic(wanted, query.deadline).find(query, work)
+        except OutOfTimeError:
+            found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
         checks = self._state.checked - checked
         along = self._state.along(found.search.path)
         plan = found.plan(
-            wanted.base, work, planner=wanted, reason=reason, keep_regions=keep_regions, checks=checks, along=along
+            wanted.base, work, planner=wanted, choice=choice, keep_regions=keep_regions, checks=checks, along=along
         )
         if plan.ok:
             self._path.set(plan)

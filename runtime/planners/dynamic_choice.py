@@ -35,16 +35,16 @@ class DynamicChooser:
         self._changes.skip()
 
     def find(self, query: Query, work: Work) -> tuple[Found, DynamicMethod, str]:
-        """A path, the method that it was found by, and why that one."""
+        """A path, the method that it was found by, and why that one. OutOfTimeError at the deadline."""
         if query.apart < NEAR and (found := self._planners.exact.find_briefly(query, work)) is not None:
             return found, DynamicMethod.ASTAR, f"the goal is less than {NEAR} cells away"
-        if self._path.plan is None or not self._worth_mending(query):
+        if why_afresh := self._against_mending(query):
             self._drift = 1.0
             if self._planners.network_pays(query):
-                reason = "much may be another, and on a large map a look saves a body many checks"
+                reason = f"{why_afresh}; on a large map the network saves a body many checks"
                 return self._planners.by_network.find(query, work), DynamicMethod.NNPP, reason
-            return self._planners.corridor.find(query, work), DynamicMethod.CORRIDOR, "much may be another"
-        reason = "little has changed, near the start"
+            return self._planners.corridor.find(query, work), DynamicMethod.CORRIDOR, why_afresh
+        reason = "little of the map has changed, and near the start"
         if self._planners.mender.knows_region(query.goal):
             drift, found = self._drift, self._mended(query, work)
             floor = self._path.check(query.start).floor
@@ -53,7 +53,7 @@ class DynamicChooser:
                 if drift <= MOST_DRIFT:
                     self._drift = drift
                     return found, DynamicMethod.CORRIDOR_DSTAR, reason
-            reason = "the corridor that stands has become too dear"
+            reason = "the path in the standing corridor costs too much by now"
         self._drift = 1.0
         return self._planners.corridor_mended.find(query, work), DynamicMethod.CORRIDOR_DSTAR, reason
 
@@ -62,10 +62,15 @@ class DynamicChooser:
         search = self._planners.mender.search(query, work, None)
         return Found.of(self._state.grid, search, Source.REGION, None, work)
 
-    def _worth_mending(self, query: Query) -> bool:
-        """Whether the goal is far, and little has changed since the last answer, near the start."""
-        changes = self._changes.peek()
-        if query.apart < MEND_FROM or sum(change.cells for change in changes) > MEND_SHARE * self._state.grid.cells:
-            return False
-        reach = MEND_WITHIN * query.apart
-        return all(apart(change.part, query.start) + max(change.part[2:]) <= reach for change in changes)
+    def _against_mending(self, query: Query) -> str:
+        """Why a search afresh is expected to be faster than repairing the last one; empty where it is not."""
+        changes, reach = self._changes.peek(), MEND_WITHIN * query.apart
+        if self._path.plan is None:
+            return "there is no earlier search to repair"
+        if query.apart < MEND_FROM:
+            return f"the goal is less than {MEND_FROM} cells away"
+        if sum(change.cells for change in changes) > MEND_SHARE * self._state.grid.cells:
+            return "too much of the map has changed to repair the search"
+        if any(apart(change.part, query.start) + max(change.part[2:]) > reach for change in changes):
+            return "the map has changed too far from the start to repair the search"
+        return ""

@@ -55,6 +55,7 @@ class MendingExactPlanner:
         """Set D* Lite up for queries to this goal, all of its memory backed by the system."""
         self._dstar = self._dstar or DStarLite(self._state, goal)
         self._dstar.touch()
+        self._dstar.read()
 
     def find(self, query: Query, work: Work) -> Found:
         """The optimal path."""

@@ -57,9 +57,9 @@ class LearnedPlanner:
         """
         if query.apart < self._network_from and (found := self._exact.find_briefly(query, work)) is not None:
             return found
-        top, descent = self._top, self._coarse_to_fine
-        level, memory = self._state.pyramid.levels[top], descent.workspace(top)
-        answer, regions = self._regions.regions(query.start, query.goal, level, top, memory, work)
+        top, descent, deadline = self._top, self._coarse_to_fine, query.deadline
+        level, memory = self._state.pyramid_by(deadline).levels[top], descent.workspace(top)
+        answer, regions = self._regions.regions(query.start, query.goal, level, top, memory, work, deadline)
         for number, region in enumerate(regions):
             source = Source.WIDENED if number else Source.REGION
             found = descent.find(query, work, self._searcher, top, region, self._width, source)

@@ -3,6 +3,7 @@
 from typing import Protocol
 
 from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
@@ -26,8 +27,8 @@ class PricedLinks(Protocol):
     looks: int
     """Prices are the same as long as this is."""
 
-    def links_within(self, part: Rectangle) -> Links:
-        """Of the map as it is now; right within a rectangle of cells."""
+    def links_within(self, part: Rectangle, deadline: Deadline) -> Links:
+        """Of the map as it is now; right within a rectangle of cells. OutOfTimeError at the deadline."""
 
 
 class LinkDescent:
@@ -66,23 +67,25 @@ class LinkDescent:
         source: Source,
     ) -> Found | None:
         """As `CoarseToFine.find`; where the source is ``WIDENED`` prices are corrected as often as it takes."""
-        links = self._links.links_within(self._window(query))
+        deadline = query.deadline
+        links = self._links.links_within(self._window(query), deadline)
         work.stage_ends("look")
         band = width.band + FACTOR * width.nearby / max(query.apart, FACTOR)
         ends, least = (query.start, query.goal), self._links.least
         around, asked = self._search.around, (ends, self._links.looks)
         if asked == self._asked:
             around = self._search.around_again
-        self._asked = asked
+        self._asked = None
         for _ in range(1 if source is Source.REGION else MOST_CORRECTIONS):
-            region, expanded = around(links, ends, band, width.radius, least)
+            region, expanded = around(links, ends, band, width.radius, least, deadline)
+            self._asked = asked
             work.expansions += expanded
             work.stage_ends("coarse")
             found = searcher.search(query, work, region)
             if found.status is not Status.NO_PATH:
                 return Found.of(self._links.grid, found, source, region, work)
             if source is not Source.REGION:
-                links = self._search.without_dead_ends(links, region, self._finest)
+                links = self._search.without_dead_ends(links, region, self._finest, deadline)
                 around = self._search.around_again
         return None
 

@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.map.prices import Price, PricedMap
 from nnpp_edge.runtime.map.state import MapState
@@ -80,10 +81,15 @@ class MapPlanners:
         self._learned_width = BODY_CORRIDOR if self.has_poses else LEARNED_CORRIDOR
         self.exact = ExactPlanner(self.astar)
 
-    def planner(self, method: Method, price: Price = Price.EQ1) -> FindsPaths:
-        """The planner of a method that is not ``auto``; a corridor's, and with poses ``nnpp``'s, by a price."""
+    def planner(self, method: Method, price: Price = Price.EQ1, deadline: Deadline = NEVER) -> FindsPaths:
+        """The planner of a method that is not ``auto``; a corridor's, and with poses ``nnpp``'s, by a price.
+
+        OutOfTimeError where the coarse levels that it needs are not made by the deadline.
+        """
         if method is Method.ASTAR:
             return self.exact
+        if price is Price.EQ1:
+            self.state.pyramid_by(deadline)
         if method is Method.NNPP and not self.has_poses:
             return self.learned
         if price is Price.EQ1:
@@ -97,12 +103,11 @@ class MapPlanners:
         """What a method prices blocks by where no price is named, and the reason where that is not the network's."""
         if method is not Method.NNPP or not self.has_poses:
             return Price.EQ1, ""
-        if self.state.grid.directed is not None:
-            return Price.EQ1, f"nnpp goes by the price {Price.EQ1}: the network prices steps alike both ways"
-        if not self.no_network:
+        if not self.against_network:
             return Price.NETWORK, ""
-        problem = f"nnpp goes by the price {Price.EQ1}: {self.no_network}"
-        warn_once(problem)
+        problem = f"nnpp goes by the price {Price.EQ1}: {self.against_network}"
+        if self.state.grid.directed is None:
+            warn_once(problem)
         return Price.EQ1, problem
 
     def descent(self, price: Price) -> CoarseToFine | LinkDescent:
@@ -131,15 +136,16 @@ class MapPlanners:
         else:
             self.learned.prepare()
 
-    def dynamic(self, method: DynamicMethod) -> FindsPaths:
-        """The planner of a dynamic method that is not ``auto``."""
+    def dynamic(self, method: DynamicMethod, deadline: Deadline = NEVER) -> FindsPaths:
+        """The planner of a dynamic method that is not ``auto``; OutOfTimeError as by `planner`."""
         if method is DynamicMethod.DSTAR:
             return self.exact_mending
         if method is DynamicMethod.CORRIDOR_DSTAR:
             return self.corridor_mending
         if self.has_poses and method.base is Method.NNPP:  # which corrects prices by what A* has come to
             return self.by_network
-        return self.learned_mending if method is DynamicMethod.NNPP_DSTAR else self.planner(method.base)
+        learned = method is DynamicMethod.NNPP_DSTAR
+        return self.learned_mending if learned else self.planner(method.base, deadline=deadline)
 
     @property
     def by_network(self) -> FindsPaths:
@@ -167,7 +173,7 @@ class MapPlanners:
         passage.of(poses.vehicle, poses.sides_m)
         self._model = model
         self._by_price.pop(Price.NETWORK, None)
-        for made in ("passage_network", "_passage", "no_network"):
+        for made in ("passage_network", "_passage", "against_network"):
             self.__dict__.pop(made, None)
         self._passage = passage
         return model
@@ -189,15 +195,18 @@ class MapPlanners:
 
     def network_pays(self, query: Query) -> bool:
         """Whether by the network's prices a vehicle's path is soonest found: on a large map, to a far goal."""
-        if not self.has_poses or self.state.grid.directed is not None or self.no_network:
+        if not self.has_poses or self.against_network:
             return False
         return max(self.state.shape) >= LARGE_MAP_FOR_BODY and query.apart >= FAR_FOR_BODY
 
     @cached_property
-    def no_network(self) -> str:
-        """Why no network prices the links of a map of poses where nobody has named a price; empty if one does."""
+    def against_network(self) -> str:
+        """Why no network prices links where nobody has named a price; empty if one does, or would for a body."""
         poses = self.state.grid.poses
-        assert poses is not None
+        if poses is None:
+            return ""
+        if self.state.grid.directed is not None:
+            return "the network prices steps alike both ways"
         problem = unsuited(poses.vehicle, poses.sides_m)
         if problem:
             problem = f"the network {problem}"

@@ -124,8 +124,10 @@ class Plan:
     """The adaptive threshold td, of a learned region."""
     planner: str = ""
     """Name of the planner that was used: the method's, or a `DynamicPlanner`'s own for it."""
+    choice: str = ""
+    """Why the method was picked, or the search made as it was, where there was a choice."""
     reason: str = ""
-    """Why ``auto`` picked its method, or how the search was made where there was a choice."""
+    """Why there is no path, as far as the status does not say it; empty where there is one."""
     costs_computed: float = 1.0
     """Share of the map's cells whose cost was there when the plan was, in [0, 1]: below 1 on a map of elevations."""
     checks: int = 0
@@ -231,6 +233,7 @@ class Plan:
             **{name: _finite(number) for name, number in self.numbers._asdict().items()},
             "expansions": self.expansions,
             "threshold": numbers["threshold"],
+            "choice": self.choice,
             "reason": self.reason,
             **({} if self.waypoints is None else self._line_figures()),
             "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
@@ -271,7 +274,7 @@ class Plan:
 
     def _rows(self) -> dict[str, object]:
         rows: dict[str, object] = {"status": self.status, "method": self.planner or self.method}
-        rows |= {name: value for name in ("source", "reason") if (value := getattr(self, name))}
+        rows |= {name: value for name in ("source", "choice", "reason") if (value := getattr(self, name))}
         if self.ok:
             bound = f", at most {self.bound:.3f} times the optimum" if math.isfinite(self.bound) else ""
             told = ", the optimum" if self.bound <= 1.0 + 1e-6 else bound

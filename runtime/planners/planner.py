@@ -383,7 +383,9 @@ class Planner:
             Keep widening until the path is certain to cost at most (1 + epsilon) times the optimum; 0 gives
             the optimum itself. By default the first path found is taken.
         time_limit_s : float
-            After this the status is TIMEOUT, with the path as far as it had come.
+            After this the status is TIMEOUT, with the path as far as a search of the map had come. What has been
+            made ready of the map by then is kept, so that the next query comes further. Neither loading a network nor
+            running it can be stopped: a run is not begun where its fastest so far took longer than is left.
         keep_regions : bool
             Whether the plan says in what region it was found; copied after the clock has stopped.
         price : str
@@ -448,8 +450,10 @@ class Planner:
         best_order : bool
             Visit them in the order that costs least instead, by the plans between each two; with ``astar`` these are
             the cheapest paths. At most 12.
-        method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m
+        method, epsilon, keep_regions, price, refine, turning_radius_m
             As for `plan`, of each leg.
+        time_limit_s : float
+            As for `plan`, of the whole tour. Where it is up before the best order is known, the order given stays.
 
         Returns
         -------

@@ -1,12 +1,12 @@
 """What a planner is asked, and what its searches find on the way to a plan."""
 
 import math
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, TypedDict
 
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, as_cell
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.grid import Grid
@@ -24,21 +24,26 @@ class Query(NamedTuple):
     goal: Cell
     epsilon: float = math.inf
     """A path that is certain to cost at most 1 + `epsilon` times the optimum is good enough."""
-    deadline: float = math.inf
-    """Reading of `time.monotonic` at which to give up."""
+    deadline: Deadline = NEVER
+    """When to give up."""
 
     @classmethod
-    def within(cls, start: Cell, goal: Cell, time_limit_s: float, epsilon: float = math.inf) -> "Query":
-        """A query with so many seconds for it from now on; InvalidQueryError for a number below 0 or none."""
-        for name, value in (("epsilon", epsilon), ("time_limit_s", time_limit_s)):
-            if not value >= 0.0:
-                raise InvalidQueryError(f"{name} must be a number of at least 0, got {value}")
-        return cls(start, goal, epsilon, time.monotonic() + time_limit_s)
+    def of(cls, start: Cell, goal: Cell, deadline: Deadline, epsilon: float = math.inf) -> "Query":
+        """From what a user gave; InvalidQueryError for what is no cell, or a number below 0."""
+        if not epsilon >= 0.0:
+            raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
+        return cls(as_cell(start, "start"), as_cell(goal, "goal"), epsilon, deadline)
 
     @property
     def apart(self) -> int:
         """Cells between start and goal, as the king moves."""
         return max(abs(self.start[0] - self.goal[0]), abs(self.start[1] - self.goal[1]))
+
+
+_REASONS = {
+    Status.NO_PATH: "no path exists on the known map",
+    Status.TIMEOUT: "the time limit was reached before a path was found",
+}
 
 
 class PlanOptions(TypedDict, total=False):
@@ -69,7 +74,7 @@ class Work(Stopwatch):
         self.expansions = 0
         """Cells expanded, at all levels."""
         self.remark = ""
-        """How the search was made, where there was a choice."""
+        """Why the search was made as it was, where there was a choice."""
 
 
 class Found(NamedTuple):
@@ -102,6 +107,11 @@ class Found(NamedTuple):
         above = query.epsilon if self.lower_bound >= 0.0 else -query.epsilon  # energy may be got back
         return self.search.status is not Status.OK or self.cost <= (1.0 + above) * self.lower_bound
 
+    @classmethod
+    def too_late(cls, source: Source) -> "Found":
+        """Nothing: time was up before a search of the map could begin."""
+        return cls(Search.without_path(Status.TIMEOUT), source, math.inf, math.inf, math.inf, 0.0, None)
+
     def by_network(self, threshold: float, region: Region) -> "Found":
         """The same, found by a network's region."""
         return self._replace(threshold=threshold, network_region=region)
@@ -112,6 +122,7 @@ class Found(NamedTuple):
         work: Work,
         *,
         planner: str,
+        choice: str = "",
         reason: str = "",
         keep_regions: bool = False,
         costs_computed: float = 1.0,
@@ -131,7 +142,8 @@ class Found(NamedTuple):
             work.expansions,
             threshold=self.threshold,
             planner=planner,
-            reason=reason or work.remark,
+            choice=choice or work.remark,
+            reason=reason or _REASONS.get(self.search.status, ""),
             costs_computed=costs_computed,
             checks=checks,
             timings_ms=work.timings_ms,

@@ -2,16 +2,19 @@
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Protocol
 
 import numpy as np
 
 from nnpp_edge.runtime.cells import Cell, apart
+from nnpp_edge.runtime.deadline import OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.corridor import count_new_blocks
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.changes import ChangeReader
+from nnpp_edge.runtime.map.pyramid import quarters
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.query import Query, Work, problem_with
@@ -20,6 +23,9 @@ from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.search.landmarks import MOST_LANDMARKS, Landmarks
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import DSTAR_SLOWER, EXPANDED_TWICE, MOST_JOINED, MOST_RATIO_FOR_LANDMARKS
+
+_FOR_READING = 0.25
+"""Share of the time left that D* Lite may take to read the map before the region is searched afresh."""
 
 
 class Searcher(Protocol):
@@ -112,20 +118,29 @@ class RegionMender:
         """Since the last region was searched."""
 
     def expect(self, goal: Cell) -> DStarLite:
-        """Set D* Lite up for queries to this goal, in a region that holds nothing yet."""
-        if self._dstar is None:
-            self._dstar = DStarLite(self._state, goal)
-            self._dstar.touch()
-        elif self._dstar.goal != goal:
-            self._dstar.set_goal(goal)
-        finest = self._state.pyramid.levels[0]
+        """Set D* Lite up for queries to this goal, in a region that holds nothing yet; nothing is read yet."""
         blocks = [2 * math.ceil(cells / FACTOR) for cells in self._state.shape]
-        self._dstar.set_region(Region(np.zeros(blocks, np.int32), *finest.quarters))
-        self._dstar.plan(goal)  # so that the cells left out are dealt with now
+        rows, cols = self._state.shape
+        nothing = Region(np.zeros(blocks, np.int32), quarters(rows), quarters(cols))
+        if self._dstar is None:
+            self._dstar = DStarLite(self._state, goal, nothing)
+        else:
+            self._dstar.set_goal(goal)
+            self._dstar.set_region(nothing)
         self._known = self._latest = None
         self._changes.skip()
         self._saving_missed, self._restarts = 0.0, self._dstar.restarts
         return self._dstar
+
+    def prepare(self, goal: Cell) -> None:
+        """Do now what the first query to this goal would else do, all of the memory backed by the system."""
+        dstar = self.expect(goal)
+        dstar.touch()
+        dstar.plan(goal)  # so that the cells left out are dealt with now
+
+    def read(self, query: Query) -> None:
+        """Have D* Lite read what it has not; OutOfTimeError once that has taken a part of the time that is left."""
+        self._for(query).read(query.deadline.share(_FOR_READING))
 
     @property
     def serves(self) -> bool:
@@ -137,12 +152,16 @@ class RegionMender:
         return self.serves and self._dstar is not None and self._dstar.goal == goal and self._known is not None
 
     def search(self, query: Query, work: Work, region: Region | None) -> Search:
-        """Mend the search in this region, or in the one that is known, from the query's start."""
+        """Mend the search in this region, or in the one that is known, from the query's start.
+
+        OutOfTimeError, as by `read`, where a new region cannot be read in a part of the time.
+        """
         dstar = self._for(query)
         dstar.move_start(query.start)
         if region is not None:
             self._latest, self._known = region, self._joined(region)
             dstar.set_region(self._known)
+            self.read(query)
         found = dstar.plan(query.start, deadline=query.deadline)
         work.expansions += found.expansions
         self._saving_missed, self._restarts = 0.0, dstar.restarts
@@ -220,10 +239,12 @@ class MendingSearcher:
     def search(self, query: Query, work: Work, region: Region) -> Search:
         """As `Searcher`."""
         work.remark = ""
-        mending = self._mender.serves and query.start != query.goal
-        if not mending or not (self._always or self._mender.worth_mending(query, work, region)):
-            return self._fresh.search(query, work, region)
-        return self._mender.search(query, work, region)
+        if self._mender.serves and query.start != query.goal:
+            with suppress(OutOfTimeError):  # of what D* Lite may take: the next query's goes on from there
+                self._mender.read(query)
+                if self._always or self._mender.worth_mending(query, work, region):
+                    return self._mender.search(query, work, region)
+        return self._fresh.search(query, work, region)
 
 
 def _new_share(region: Region, known: Region | None) -> float:

@@ -3,12 +3,14 @@
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.along import joined
 from nnpp_edge.runtime.map.grid import Grid
@@ -69,6 +71,7 @@ def tour(
     nearest: Nearest | None = None,
     symmetric: bool = True,
     finish: Callable[[Plan], Plan] = lambda leg: leg,
+    deadline: Deadline = NEVER,
 ) -> Tour:
     """A path along stops, each leg planned by itself.
 
@@ -92,6 +95,8 @@ def tour(
         Whether a path costs the same both ways: then one plan serves a leg and its reverse.
     finish : callable
         What is done to the plans of the legs in the end, and not to those that were made for the order alone.
+    deadline : Deadline
+        When to stop looking for a better order: then it is the one given.
 
     Raises
     ------
@@ -105,7 +110,8 @@ def tour(
     if best_order and count:
         if count > MOST_ORDERED:
             raise InvalidQueryError(f"the best order is found of at most {MOST_ORDERED} places, got {count}")
-        order, given_cost = legs.best_order(at_least or (lambda begin, end: 0.0), nearest)
+        with suppress(OutOfTimeError):
+            order, given_cost = legs.best_order(at_least or (lambda begin, end: 0.0), nearest, deadline)
     found = []
     for begin, end in legs.along(order):
         found.append(finish(legs.plan(begin, end)))
@@ -139,12 +145,12 @@ class _Legs:
             self._made[begin, end] = plan
         return self._made[begin, end]
 
-    def best_order(self, at_least: AtLeast, nearest: Nearest | None) -> tuple[Order, float]:
+    def best_order(self, at_least: AtLeast, nearest: Nearest | None, deadline: Deadline) -> tuple[Order, float]:
         """The cheapest order of the stops between the first and the last, and what the order given costs.
 
         The order given, and NaN, where a leg that was planned has no path. The legs of the cheapest order by what is
         known, others being as cheap as they can be, are planned until none is left to plan: no other order can then
-        be cheaper, though most legs were never planned.
+        be cheaper, though most legs were never planned. OutOfTimeError at the deadline.
         """
         stops, given = self._stops, tuple(range(len(self._stops) - 2))
         known, legs = np.eye(len(stops), dtype=np.bool_), self.along(given)
@@ -160,7 +166,7 @@ class _Legs:
                 costs, known, nearest = np.where(known, costs, np.maximum(costs, found)), known | here, None
                 if self._symmetric:
                     costs, known = np.maximum(costs, costs.T), known | known.T
-            order, given_cost = _cheapest_order(costs)
+            order, given_cost = _cheapest_order(costs, deadline)
             legs = [leg for leg in self.along(order) if not known[leg]]
         return order, given_cost
 
@@ -175,7 +181,7 @@ class _Legs:
             raise InvalidQueryError(f"via {number}, {self._stops[number]}, {in_words(status)}")
 
 
-def _cheapest_order(costs: Costs) -> tuple[Order, float]:
+def _cheapest_order(costs: Costs, deadline: Deadline = NEVER) -> tuple[Order, float]:
     """The cheapest order of the stops between the first and the last, and what the order given costs.
 
     Held and Karp (1962): the cheapest way through each set of stops that ends at each of its members.
@@ -188,6 +194,7 @@ def _cheapest_order(costs: Costs) -> tuple[Order, float]:
     before = np.zeros((1 << count, count), np.int8)
     cheapest[members, np.arange(count)] = begin
     for size in range(1, count):
+        deadline.check()
         visited = sets[sizes == size]
         ways = cheapest[visited][:, :, None] + inner
         at, new = np.nonzero(visited[:, None] & members == 0)
@@ -220,7 +227,7 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
         None if last.source is None else max((leg.source for leg in legs if leg.source), key=list(Source).index),
         expansions=sum(leg.expansions for leg in legs),
         planner=first.planner if len(methods) == 1 else Method.AUTO,
-        reason=f"{wanted} legs",
+        choice=f"{wanted} legs",
         costs_computed=last.costs_computed,
         checks=sum(leg.checks for leg in legs),
         timings_ms=timings,

@@ -5,7 +5,6 @@ what lies under the last corridor is read again, and searched at full resolution
 """
 
 import math
-import time
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, as_cell, enclosing
+from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Along
@@ -25,7 +25,7 @@ from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import available_bytes, small_pages, virtual_zeros
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
-from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
+from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with, told
 from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import Search, astar
 from nnpp_edge.runtime.search.connection import connected
@@ -162,24 +162,26 @@ class WindowedPlanner:
         InvalidMapError
             The cells under the corridor need more memory than there is.
         """
-        return self._over(self._plan(start, goal, epsilon, time_limit_s))
+        return self._over(self._plan(start, goal, epsilon, Deadline.within(time_limit_s)))
 
-    def _plan(self, start: Cell, goal: Cell, epsilon: float, time_limit_s: float) -> Plan:
-        work = Work()
-        query = Query.within(as_cell(start, "start"), as_cell(goal, "goal"), time_limit_s, epsilon)
+    def _plan(self, start: Cell, goal: Cell, epsilon: float, deadline: Deadline) -> Plan:
+        work, query = Work(), Query.of(start, goal, deadline, epsilon)
         grid, found = self._map.grid, None
         with small_pages():
             for cell in (query.start, query.goal):
                 if grid.holds(cell):
                     self._corridor.put([(*cell, 1, 1)])
             if problem := problem_with(grid, query.start, query.goal):
-                return Plan(problem, Method.CORRIDOR, planner=Method.CORRIDOR)
-            for width, source in ((CORRIDOR, Source.REGION), (WIDENED_CORRIDOR, Source.WIDENED)):
-                top = self._descent.top_for(query)
-                tried = self._descent.find(query, work, self._corridor, top, None, width, source)
-                found = tried or found
-                if found is not None and found.suffices(query):
-                    break
+                return Plan(problem, Method.CORRIDOR, planner=Method.CORRIDOR, reason=told(problem, query))
+            try:
+                for width, source in ((CORRIDOR, Source.REGION), (WIDENED_CORRIDOR, Source.WIDENED)):
+                    top = self._descent.top_for(query)
+                    tried = self._descent.find(query, work, self._corridor, top, None, width, source)
+                    found = tried or found
+                    if found is not None and found.suffices(query):
+                        break
+            except OutOfTimeError:
+                found = Found.too_late(Source.REGION)
         reason = ""
         if found is None:
             status, reason = self._without_corridor(query)
@@ -198,14 +200,21 @@ class WindowedPlanner:
         time_limit_s: float = math.inf,
     ) -> Tour:
         """As `Planner.plan_via`; for the best order more corridors are read than lie along it."""
+        deadline = Deadline.within(time_limit_s)
 
         def leg(begin: Cell, end: Cell) -> Plan:
-            return self._plan(begin, end, epsilon, time_limit_s)
+            return self._plan(begin, end, epsilon, deadline)
 
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
-        grid = self._map.grid
-        stops = [start, *between, goal]
-        found = tour(leg, stops, grid, best_order=best_order, at_least=grid.least_cost, finish=self._over)
+        found = tour(
+            leg,
+            [start, *between, goal],
+            self._map.grid,
+            best_order=best_order,
+            at_least=self._map.grid.least_cost,
+            finish=self._over,
+            deadline=deadline,
+        )
         return replace(found, plan=self._over(found.plan))
 
     def _over(self, plan: Plan) -> Plan:
@@ -222,7 +231,7 @@ class WindowedPlanner:
         def bands() -> Generator[Float2D, None, None]:
             nonlocal late
             for row, _, cost in self.costs.bands():
-                if late := time.monotonic() > query.deadline:
+                if late := query.deadline.passed:
                     return
                 yield cost
                 self._progress("connection", row + len(cost))
@@ -265,7 +274,7 @@ class CorridorCells:
                 f"wanted {wanted / 1e9:.2f} GB of memory for the {cells} cells under the corridor, got "
                 f"{room / 1e9:.2f} GB: plan in several legs"
             )
-        self.put(parts)
+        self.put(parts, query.deadline)
         work.stage_ends("read")
         found = astar(
             self._map.grid, query.start, query.goal, self._workspace, region=region, deadline=query.deadline
@@ -274,18 +283,19 @@ class CorridorCells:
         work.stage_ends("search")
         return found
 
-    def put(self, parts: Iterable[Rectangle]) -> None:
-        """Read rectangles, each inside one unit, as far as they are not known."""
+    def put(self, parts: Iterable[Rectangle], deadline: Deadline = NEVER) -> None:
+        """Read rectangles, each inside one unit, as far as they are not known; OutOfTimeError at the deadline."""
         unread = []
         for part in parts:
             unit = part[0] // self._unit[0], part[1] // self._unit[1]
             known = self._known.get(unit, part)
             whole = enclosing([part, known])
             if unit not in self._known or whole != known:
-                self._known[unit] = whole
                 unread.append(whole)
-        for (row, col, _, _), _, cost in self._costs.windows(unread):
-            self._map.grid.put(np.ascontiguousarray(cost), (row, col))
+        for part, _, cost in self._costs.windows(unread):
+            self._map.grid.put(np.ascontiguousarray(cost), part[:2])
+            self._known[part[0] // self._unit[0], part[1] // self._unit[1]] = part
+            deadline.check()
 
     def _under(self, region: Region) -> list[Rectangle]:
         """For each unit of the map the least rectangle that holds its cells in the region and beside it."""

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.corridor import surround
 from nnpp_edge.runtime.map.pyramid import Level
 from nnpp_edge.runtime.map.region import Region
@@ -36,7 +37,7 @@ class CoarseLevel:
         self._stamp = 0
 
     def search(
-        self, start: Cell, goal: Cell, region: Region | None, *, beyond: float, deadline: float = math.inf
+        self, start: Cell, goal: Cell, region: Region | None, *, beyond: float, deadline: Deadline = NEVER
     ) -> Search:
         """`astar` on this level, by its landmarks where all of it is searched, from a query's goal to its start.
 
@@ -85,7 +86,14 @@ class CoarseLevel:
         return self.landmarks
 
     def around(
-        self, found: Search, start: Cell, radius: int, band: float, finer: Level, finer_workspace: Workspace
+        self,
+        found: Search,
+        start: Cell,
+        radius: int,
+        band: float,
+        finer: Level,
+        finer_workspace: Workspace,
+        deadline: Deadline = NEVER,
     ) -> Region:
         """What the next finer level is to search, as a region of that level.
 
@@ -101,6 +109,8 @@ class CoarseLevel:
             So do those of cells on paths that cost at most 1 + `band` times as much.
         finer, finer_workspace
             The next finer level, and the memory of its search.
+        deadline : Deadline
+            When to give up with OutOfTimeError.
 
         Returns
         -------
@@ -114,5 +124,7 @@ class CoarseLevel:
         ahead = below.weights, below.stride, below.rows, below.cols, finer_workspace.meta
         links, node = self.level.links, grid.node(*start)
         edges = None if grid.directed is None else grid.directed.edges
-        surround(grid.packed, edges, links, node, searched, scratch, found.path, (radius, band), marks, ahead)
+        width = radius, band, deadline.at
+        surround(grid.packed, edges, links, node, searched, scratch, found.path, width, marks, ahead)
+        deadline.check()
         return Region(marks[0], *finer.quarters, self._stamp)

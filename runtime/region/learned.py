@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.pyramid import Level
@@ -65,7 +66,14 @@ class LearnedRegions:
             view.network.answer((0.0, 0.0), (1.0, 1.0))
 
     def regions(
-        self, start: Cell, goal: Cell, level: Level, number: int, workspace: Workspace, stopwatch: Stopwatch
+        self,
+        start: Cell,
+        goal: Cell,
+        level: Level,
+        number: int,
+        workspace: Workspace,
+        stopwatch: Stopwatch,
+        deadline: Deadline = NEVER,
     ) -> tuple[NetworkAnswer, Iterator[Region | None]]:
         """The network's answer, and regions of a level to search one after another until one suffices.
 
@@ -83,6 +91,9 @@ class LearnedRegions:
         stopwatch : Stopwatch
             The stages ``encode``, ``inference`` and ``threshold`` are timed by it, and ``load`` where the model's
             file had to be opened, or was just being opened by another thread.
+        deadline : Deadline
+            When to give up with OutOfTimeError. Neither loading nor running a network can be stopped; it is not run
+            where its fastest run so far took longer than there is time left.
 
         Raises
         ------
@@ -90,7 +101,9 @@ class LearnedRegions:
             The model cannot be loaded.
         """
         view = self._loaded_view(stopwatch)
-        places = view.show(start, goal)
+        places = view.show(start, goal, deadline)
+        deadline.check()
+        view.network.check_time(deadline)
         if view.network.in_parts:
             stopwatch.stage_ends("encode")
             probability = view.network.answer(*places)
@@ -99,11 +112,12 @@ class LearnedRegions:
             stopwatch.stage_ends("encode")
             probability = view.network.run()
         stopwatch.stage_ends("inference")
+        deadline.check()
         factor, finder, share = FACTOR**number, self._finder, view.network.metadata.region_factor
         lookup, touching = view.lookup_at(level.grid, number)
         cells = (start[0] // factor, start[1] // factor), (goal[0] // factor, goal[1] // factor)
         ends = Ends(*cells, view.block(start), view.block(goal))
-        td = finder.first(probability, level, workspace, lookup, ends, share, touching=touching)
+        td = finder.first(probability, level, workspace, lookup, ends, share, touching=touching, deadline=deadline)
         answer = NetworkAnswer(probability_of(td), Region(finder.at_td, *view.lookup, finder.stamp))
         stopwatch.stage_ends("threshold")
         return answer, self._widening(view, td, ends, lookup, bool(number), stopwatch)

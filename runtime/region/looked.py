@@ -5,12 +5,14 @@ and how dear that is. A link's price is what the way is expected to cost, more w
 """
 
 import functools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.links import price_links
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
@@ -24,6 +26,8 @@ NOT_LOOKED_AT = 1e5
 """Price of a link of which the network has not been asked."""
 _TILE = 16
 """Blocks to the side of a tile."""
+_LOOKED_AT_ONCE = 4 * _TILE**2
+"""Blocks that the network answers for between two looks at the clock."""
 _REACH = 3
 """Blocks from one to the farthest that the network's answer on it depends on."""
 _LENGTHS = np.array((1.0, 2.0**0.5, 1.0, 2.0**0.5), np.float32) * np.float32(FACTOR)
@@ -46,7 +50,11 @@ class LookedMap:
         self.shape = state.shape
         self._changes = state.log.reader()
         rows, cols = self._blocks = -(-state.shape[0] // FACTOR), -(-state.shape[1] // FACTOR)
-        self._links = Links.all_at(NOT_LOOKED_AT, state.shape)
+        self._links = Links.room_for(state.shape)
+        self._filled = 0
+        """Rows of blocks, with the border's, whose links have a price."""
+        self._changed: list[Rectangle] = []
+        """Rectangles of blocks to be looked at anew."""
         self.least = NOT_LOOKED_AT
         """No link that was looked at costs less for a cell's length."""
         self.looks = 0
@@ -58,20 +66,37 @@ class LookedMap:
         """All links of the map as it is now."""
         return self.links_within((0, 0, *self.shape))
 
-    def links_within(self, part: Rectangle) -> Links:
-        """The same, but that links outside a rectangle of cells may not have been looked at."""
+    def links_within(self, part: Rectangle, deadline: Deadline = NEVER) -> Links:
+        """The same, but that links outside a rectangle of cells may not have been looked at.
+
+        At the deadline OutOfTimeError: the next call goes on from there.
+        """
+        while self._filled < self._blocks[0] + 2:
+            deadline.check()
+            self._links.fill(NOT_LOOKED_AT, self._filled, self._filled + _TILE)
+            self._filled += _TILE
         for change in self._changes.read() if self._changes.behind else ():
             row, col, rows, cols = change.part
             row0, col0 = (max(n // FACTOR - _REACH - 1, 0) for n in (row, col))
             row1 = min(-(-(row + rows) // FACTOR) + _REACH + 1, self._blocks[0])
             col1 = min(-(-(col + cols) // FACTOR) + _REACH + 1, self._blocks[1])
-            self._look((row0, col0, row1 - row0, col1 - col0))
+            self._changed.append((row0, col0, row1 - row0, col1 - col0))
+        most = self._blocks[0] * self._blocks[1] if deadline.at == math.inf else _LOOKED_AT_ONCE
+        while self._changed:
+            deadline.check()
+            row, col, rows, cols = self._changed[-1]
+            tall = min(rows, max(most // cols, 1))
+            self._look((row, col, tall, cols))
+            self._changed[-1:] = [(row + tall, col, rows - tall, cols)] if tall < rows else []
         row, col, rows, cols = part
         side = FACTOR * _TILE
         tiles = slice(row // side, -(-(row + rows) // side)), slice(col // side, -(-(col + cols) // side))
         looked_at = self._looked_at[tiles]
         while not looked_at.all():
+            deadline.check()
             i, j, down, right = _first_rectangle(~looked_at)
+            right = min(right, max(most // _TILE**2, 1))
+            down = min(down, max(most // (_TILE**2 * right), 1))
             self._look_at_tiles(tiles[0].start + i, tiles[1].start + j, down, right)
             looked_at[i : i + down, j : j + right] = True
         return self._links

@@ -2,13 +2,13 @@
 
 import math
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, Rectangle, common
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.grid import Grid
@@ -18,7 +18,7 @@ from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, StepCost
 from nnpp_edge.runtime.network.encoding import Frame, Point, map_planes, mean_difference
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.stopwatch import Stopwatch
-from nnpp_edge.runtime.tuning import WINDOW_ROUNDING, WINDOW_SHARE
+from nnpp_edge.runtime.tuning import STRIPE_CELLS, WINDOW_ROUNDING, WINDOW_SHARE
 
 
 class MapView:
@@ -70,18 +70,21 @@ class MapView:
         """Share of the window that has changed since the network saw it: by its cells or, where measured, planes."""
         self._show_window((0, 0, *self._grid.shape))
 
-    def show(self, start: Cell, goal: Cell) -> tuple[Point, Point]:
-        """Show the network what a query between two cells needs of the map; where they lie, in network cells."""
+    def show(self, start: Cell, goal: Cell, deadline: Deadline = NEVER) -> tuple[Point, Point]:
+        """Show the network what a query between two cells needs of the map; where they lie, in network cells.
+
+        At the deadline OutOfTimeError: the next call goes on from there.
+        """
         self._count_changes()
         if (window := self._window_for(start, goal)) != self.window:
             self._show_window(window)
-        if self._drift and self._differs():
-            self.refresh()
+        if self._drift and self._differs(deadline):
+            self.refresh(deadline)
         return self._place(start), self._place(goal)
 
-    def refresh(self) -> None:
+    def refresh(self, deadline: Deadline = NEVER) -> None:
         """Show the network the window as it is now."""
-        self._average_changes()
+        self._average_changes(deadline)
         self.network.set_map(self.planes)
         self._shown[:] = self.planes
         self._drift = 0.0
@@ -121,7 +124,9 @@ class MapView:
         self._drift = math.inf
         self._counted.skip()
         self._averaged.skip()
-        self._average(None)
+        self.planes[:] = 1.0
+        self._stale = [(0, 0, rows, cols)]
+        """Rectangles of the window that the planes are not of."""
 
     def _count_changes(self) -> None:
         """Add what changed in the window to the drift."""
@@ -131,18 +136,23 @@ class MapView:
                 cells = self._grid.cells if change.rescaled else change.cells
                 self._drift += cells / (rows * cols)
 
-    def _differs(self) -> bool:
+    def _differs(self, deadline: Deadline) -> bool:
         """Whether the network should be shown the map again."""
         if 0.0 < self._unseen_change < self._drift < math.inf:  # some may have changed back
-            self._average_changes()
+            self._average_changes(deadline)
             rows, cols = self.frame.inner
             self._drift = mean_difference(self.planes, self._shown) * self.size**2 / (rows * cols)
         return self._drift > self._unseen_change
 
-    def _average_changes(self) -> None:
-        parts = [part for change in self._averaged.read() if (part := self._part_of_window(change))]
-        if parts:
-            self._average(parts)
+    def _average_changes(self, deadline: Deadline) -> None:
+        """Bring the planes up to date with the map."""
+        self._stale += [part for change in self._averaged.read() if (part := self._part_of_window(change))]
+        while self._stale:
+            deadline.check()
+            row, col, rows, cols = self._stale[-1]
+            tall = rows if deadline.at == math.inf else min(max(STRIPE_CELLS // cols, 1), rows)
+            self._average((row, col, tall, cols))
+            self._stale[-1:] = [(row + tall, col, rows - tall, cols)] if tall < rows else []
 
     def _part_of_window(self, change: Change) -> Rectangle | None:
         """The changed part in the window's own rows and columns; None outside it."""
@@ -152,16 +162,14 @@ class MapView:
         part = common(change.part, self.window)
         return part and (part[0] - row0, part[1] - col0, *part[2:])
 
-    def _average(self, parts: Sequence[Rectangle] | None) -> None:
-        """Bring the planes up to date with the map: these parts of the window, or all of it."""
-        grid, (row0, col0, rows, cols) = self._grid, self.window
+    def _average(self, part: Rectangle) -> None:
+        """Bring the planes up to date with a part of the window."""
+        grid, (row0, col0, _, _) = self._grid, self.window
         if grid.tiles is not None:
-            if parts is None:
-                self.planes[:] = 1.0
-            grid.tiles.planes(self.window, self.frame.inner, parts or [(0, 0, rows, cols)], self.planes)
+            grid.tiles.planes(self.window, self.frame.inner, [part], self.planes)
             return
         first = grid.weights[row0 * grid.stride + col0 :]
-        map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self.planes, parts)
+        map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self.planes, [part])
 
     def _window_for(self, start: Cell, goal: Cell) -> Rectangle:
         """What to show the network: a square around start and goal where it shows them finer than the whole map.

@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.kernels.threshold import (
     LEVELS,
+    TOO_LATE,
     adaptive_threshold,
     fill_region,
     first_regions,
@@ -93,6 +95,7 @@ class RegionFinder:
         factor: float,
         *,
         touching: bool = False,
+        deadline: Deadline = NEVER,
     ) -> int:
         """Take over an answer, find td, and number the blocks at it in `at_td` and at `factor` of it in `bitmap`.
 
@@ -112,6 +115,8 @@ class RegionFinder:
             In (0, 1].
         touching : bool
             Whether each step on the grid leads to the same block or one that touches it; saves time.
+        deadline : Deadline
+            When to give up with OutOfTimeError.
 
         Returns
         -------
@@ -125,11 +130,11 @@ class RegionFinder:
         scratch = self._levels, self._heads, self._following, self._done
         search, marks = (workspace.meta, workspace.next_stamp()), (self.stamp, self.at_td, self.bitmap)
         rule = touching, factor
-        return int(
-            first_regions(
-                probability, lookup, level.grid.packed, level.links, packed_ends, rule, scratch, search, marks
-            )
-        )
+        walked, until = (level.grid.packed, level.links), deadline.at
+        td = first_regions(probability, lookup, *walked, packed_ends, rule, scratch, search, marks, until)
+        if td == TOO_LATE:
+            raise OutOfTimeError
+        return int(td)
 
     def mark(self, threshold: int, start: Cell, goal: Cell, radius: int = 0) -> None:
         """Number the blocks at or above a threshold in `bitmap`; the number is `stamp`."""

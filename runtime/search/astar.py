@@ -8,7 +8,6 @@ is consistent as well.
 """
 
 import math
-import time
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.expansion import (
     BELOW,
@@ -41,7 +41,6 @@ from nnpp_edge.runtime.tuning import (
     BUCKET_WIDTH,
     BUCKET_WIDTH_BY_LANDMARKS,
     DIRECTED_BUCKET_WIDTH,
-    EXPANSIONS_BETWEEN_CHECKS,
 )
 
 _BETWEEN_LOOKS = 1 << 14
@@ -87,7 +86,7 @@ def astar(
     backwards: bool = False,
     beyond: float = 0.0,
     limit: int | None = None,
-    deadline: float = math.inf,
+    deadline: Deadline = NEVER,
 ) -> Search:
     """Cheapest path between two passable cells of a grid.
 
@@ -111,8 +110,8 @@ def astar(
         Settle also every cell on a path that costs less than 1 + `beyond` times the optimum.
     limit : int
         Give up with TIMEOUT after about so many expansions.
-    deadline : float
-        Reading of `time.monotonic` at which to give up with TIMEOUT.
+    deadline : Deadline
+        When to give up with TIMEOUT.
 
     Notes
     -----
@@ -128,21 +127,16 @@ def astar(
     hints = None if landmarks is None else landmarks.towards(last)
     poses, edges = grid.packed_poses, grid.packed_edges(backwards)
     allowed = None if region is None else tuple(region)
-    timed = deadline < math.inf
-    most = limit or (EXPANSIONS_BETWEEN_CHECKS if timed else _WITHOUT_END)
-    ws, begin = workspace, first
+    ws, begin, limits = workspace, first, (limit or _WITHOUT_END, deadline.at)
     ws.next_stamp()
     while True:
         code, length, expansions, refused = expand(
-            grid.packed, poses, edges, links, allowed, hints, (begin, last), rule, ws.packed, most
+            grid.packed, poses, edges, links, allowed, hints, (begin, last), rule, ws.packed, limits
         )
         begin = -1
-        if code == FULL:
-            ws.grow()
-        elif code != PAUSED or limit:
+        if code != FULL or deadline.passed:
             break
-        if timed and time.monotonic() > deadline:
-            break
+        ws.grow()
     if code == EXHAUSTED:
         return Search.without_path(Status.NO_PATH, expansions, refused)
     end = last if code == FOUND else int(ws.counts[BEST_NODE])
@@ -155,30 +149,42 @@ def astar(
     return Search(status, ws.path[length - 1 :: -1].copy(), expansions, refused)
 
 
-def settle_all(grid: Grid, source: Cell, workspace: Workspace, *, links: Links = None) -> None:
-    """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there."""
-    for _ in _settling(grid, source, workspace, links):
+def settle_all(
+    grid: Grid, source: Cell, workspace: Workspace, *, links: Links = None, deadline: Deadline = NEVER
+) -> None:
+    """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there.
+
+    OutOfTimeError where the deadline comes first.
+    """
+    for _ in _settling(grid, source, workspace, links, deadline=deadline):
         pass
 
 
 def _settling(
-    grid: Grid, source: Cell, workspace: Workspace, links: Links = None, most: int = _WITHOUT_END
+    grid: Grid,
+    source: Cell,
+    workspace: Workspace,
+    links: Links = None,
+    most: int = _WITHOUT_END,
+    deadline: Deadline = NEVER,
 ) -> Iterator[float]:
     """Search from a passable cell, so many expansions at a time: what a cell costs whose cost may yet fall, at least.
 
-    Inf in the end, when nothing is left.
+    Inf in the end, when nothing is left. OutOfTimeError at the deadline.
     """
     ws = workspace
     ws.next_stamp()
     rule = (0.0, 0.0, _bucket_width(grid), SUCCESSORS[_dominance(grid, links)], BELOW)
-    poses, edges = grid.packed_poses, grid.packed_edges()
+    poses, edges, limits = grid.packed_poses, grid.packed_edges(), (most, deadline.at)
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), FULL
     while code in (FULL, PAUSED):
         code, *_ = expand(
-            grid.packed, poses, edges, links, None, None, (begin, corner_of_border), rule, ws.packed, most
+            grid.packed, poses, edges, links, None, None, (begin, corner_of_border), rule, ws.packed, limits
         )
         begin = -1
+        if code in (FULL, PAUSED):
+            deadline.check()
         if code == FULL:
             ws.grow()
         yield math.inf if code == EXHAUSTED else ws.least_open
@@ -193,9 +199,11 @@ def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
 
 
 def costs_to_nearest(
-    grid: Grid, stops: Sequence[Cell], count: int, workspace: Workspace
+    grid: Grid, stops: Sequence[Cell], count: int, workspace: Workspace, deadline: Deadline = NEVER
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Costs of the cheapest paths from each of N passable cells, but the last, to so many of the others.
+
+    OutOfTimeError at the deadline.
 
     Returns
     -------
@@ -205,7 +213,7 @@ def costs_to_nearest(
     nodes = np.array([grid.node(*stop) for stop in stops])
     costs, known = np.zeros((len(stops), len(stops))), np.eye(len(stops), dtype=np.bool_)
     for at, stop in enumerate(stops[:-1]):
-        for within in _settling(grid, stop, workspace, most=_BETWEEN_LOOKS):
+        for within in _settling(grid, stop, workspace, most=_BETWEEN_LOOKS, deadline=deadline):
             reached = workspace.meta[2 * nodes + 1] >> STAMP_SHIFT == workspace.stamp
             settled = reached & (workspace.g[2 * nodes] <= within * BELOW)
             if settled.sum() > count:  # the cell itself is one of them

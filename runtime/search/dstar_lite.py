@@ -8,26 +8,27 @@ in float64, so the equalities and the order of keys that the algorithm's proof r
 """
 
 import math
-import time
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.dstar import (
     EXACT,
     SETTLED,
     SPARE_SLOTS,
-    clear,
+    STALE,
+    UNREAD,
+    begin,
     descend,
     expand,
     least_known,
     mend,
     octile,
-    read_map,
     read_rectangle,
-    read_region,
+    read_rows,
 )
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
@@ -36,11 +37,10 @@ from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
-from nnpp_edge.runtime.tuning import DSTAR_EXPANSIONS_BETWEEN_CHECKS, MOST_RATIO_FOR_DSTAR
+from nnpp_edge.runtime.tuning import MOST_RATIO_FOR_DSTAR
 
 UNITS = float(1 << 20)
 """Units in the cheapest straight step: a step is rounded by at most 2 of them."""
-_WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 
 
 def serves(grid: Grid) -> bool:
@@ -49,20 +49,20 @@ def serves(grid: Grid) -> bool:
 
 
 class DStarMemory:
-    """What one D* Lite search knows of each node, and its open list."""
+    """What one D* Lite search knows of each node that has been read, and its open list."""
 
     def __init__(self, nodes: int, headings: int = 1) -> None:
-        self.costs = np.full(headings * nodes, np.inf, np.float32)
+        self.costs = np.empty(headings * nodes, np.float32)
         """Weight of each node in units, whole numbers; inf where impassable or outside the region. By headings."""
-        self.walls = np.ones(nodes, np.uint8)
+        self.walls = np.empty(nodes, np.uint8)
         """Whether a node is impassable on the map itself, region or none: what corners are judged by."""
-        self.inside = np.zeros(nodes, np.uint8)
+        self.inside = np.empty(nodes, np.uint8)
         """Whether the region holds a node."""
         self.state = np.empty(2 * nodes, np.float64)
         """g of node n at 2n, rhs at 2n + 1."""
         self.position = np.empty(nodes, np.int32)
         """Where a node stands on the open list."""
-        self.firsts = np.full(nodes + SPARE_SLOTS, np.inf)
+        self.firsts = np.empty(nodes + SPARE_SLOTS)
         """First part of the key at each slot of the heap; inf where there is none."""
         self.seconds = np.zeros(nodes + SPARE_SLOTS)
         """Second part of it."""
@@ -87,6 +87,8 @@ class DStarLite:
         The map.
     goal : (row, col)
         A cell of the map.
+    region : Region
+        As for `set_region`, to begin with.
 
     Notes
     -----
@@ -95,20 +97,19 @@ class DStarLite:
     directed steps the price is that of the cheapest metre over all slopes, and never changes.
     """
 
-    def __init__(self, state: MapState, goal: Cell) -> None:
+    def __init__(self, state: MapState, goal: Cell, region: Region | None = None) -> None:
         self._grid = state.grid
         self._poses, self._directed = self._grid.packed_poses, self._grid.packed_edges()
-        if self._poses is None:
-            self._grid.complete()
         self._changes = state.log.reader()
         self._memory = DStarMemory(len(self._grid.weights), 1 if self._poses is None else len(HEADINGS))
         self._everywhere = Region.everywhere(*self._grid.shape)
-        self._region, self._blocks = self._everywhere, self._everywhere.blocks()
-        self._memory.inside[:] = 1
+        self._region = region or self._everywhere
+        self._blocks = self._region.blocks()
+        self._rows_left = np.full(self._grid.rows + 2, UNREAD, np.uint8)
         self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
         self._pending, self._size, self._km = 0, 0, 0.0
         self._edges: tuple[NDArray[np.float32], float] | None = None
-        self._restarts = 0
+        self._restarts, self._begun = 0, False
         self.set_goal(goal)
 
     def touch(self) -> None:
@@ -157,19 +158,17 @@ class DStarLite:
     def set_region(self, region: Region | None) -> None:
         """Search only there from now on; None for the whole map.
 
-        Start and goal count as inside. The bitmap is read now and may be changed afterwards.
+        Start and goal count as inside. The bitmap is copied now and may be changed afterwards.
         """
         self._read_changes()
         region = region or self._everywhere
         blocks = region.blocks()
-        rows_to_read = np.ones(len(blocks), np.bool_)
+        differs = np.ones(len(blocks), np.bool_)
         if region.shares_blocks(self._region):
-            rows_to_read = (blocks != self._blocks).any(axis=1)
+            differs = (blocks != self._blocks).any(axis=1)
         self._region, self._blocks = region, blocks
-        memory, lookup = self._memory, (region.row_block, region.col_block)
-        self._pending = read_region(
-            blocks, lookup, rows_to_read, self._source, self._poses, memory.known, memory.noted, self._pending
-        )
+        rows = self._rows_left[1:-1]
+        np.maximum(rows, np.where(differs[region.row_block], STALE, 0), out=rows, casting="unsafe")
 
     def reach(self) -> float:
         """How far changes reach: the share of the way, by cost, that lies between the start and the farthest of them.
@@ -182,6 +181,8 @@ class DStarLite:
             have to be mended.
         """
         self._read_changes()
+        if (self._rows_left == UNREAD).any():
+            return 0.0
         memory = self._memory
         nearest = least_known(memory.changed, self._pending, memory.inside, memory.state)
         whole = min(memory.state[2 * self._start : 2 * self._start + 2].tolist())
@@ -189,15 +190,43 @@ class DStarLite:
             return 0.0
         return float(min(max(1.0 - nearest / whole, 0.0), 1.0)) if 0.0 < whole < math.inf else 1.0
 
-    def plan(self, start: Cell, *, deadline: float = math.inf) -> Search:
+    def read(self, deadline: Deadline = NEVER) -> None:
+        """Read what is not yet read of the map, or as another region; at the deadline OutOfTimeError.
+
+        The next call goes on from there.
+        """
+        if not self._rows_left.any():
+            return
+        if self._poses is None:
+            self._grid.complete(deadline)
+        memory = self._memory
+        region = self._blocks, self._region.row_block, self._region.col_block
+        self._pending = read_rows(
+            self._rows_left,
+            region,
+            self._source,
+            self._poses,
+            memory.known,
+            memory.state,
+            memory.heap,
+            memory.noted,
+            self._pending,
+            deadline.at,
+        )
+        if self._rows_left.any():
+            raise OutOfTimeError
+        if not self._begun:
+            self._size, self._begun = begin(self._goal, memory.state, memory.heap), True
+
+    def plan(self, start: Cell, *, deadline: Deadline = NEVER) -> Search:
         """Cheapest path from `start` to the goal on the map as it is now.
 
         Parameters
         ----------
         start : (row, col)
             A cell of the map.
-        deadline : float
-            Reading of `time.monotonic` at which to give up with TIMEOUT. The next call goes on from there.
+        deadline : Deadline
+            When to give up with TIMEOUT. The next call goes on from there.
 
         Returns
         -------
@@ -208,6 +237,10 @@ class DStarLite:
         self.move_start(start)
         self._read_changes()
         expansions, memory = 0, self._memory
+        try:
+            self.read(deadline)
+        except OutOfTimeError:
+            return Search.without_path(Status.TIMEOUT)
         ends = memory.costs.reshape(-1, len(memory.inside))[:, [self._start, self._goal]]
         if np.isfinite(ends).any(0).all():
             for afresh in (False, True):
@@ -253,13 +286,11 @@ class DStarLite:
             straight, diagonal = (float(np.rint(scale * price)) for price in self._grid.prices)
             self._edges, self._prices = (self._directed, scale), (straight, min(diagonal, 2.0 * straight))
         memory = self._memory
-        memory.is_changed[:] = 0
+        memory.is_changed[memory.changed[: self._pending]] = 0
+        memory.firsts[-SPARE_SLOTS:] = np.inf
         self._changes.skip()
-        self._pending, self._km = 0, 0.0
-        read_map(self._grid.shape, self._source, self._poses, memory.known)
-        self._size = clear(
-            self._goal, memory.state, memory.position, memory.firsts, memory.seconds, memory.heap_nodes
-        )
+        self._pending, self._km, self._size, self._begun = 0, 0.0, 0, False
+        self._rows_left[:] = UNREAD
 
     def _set_prices(self) -> None:
         """Units, and the heuristic's prices in them, by the least weight that is reckoned with."""
@@ -304,26 +335,31 @@ class DStarLite:
     def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
         memory = self._memory
         self._pending = read_rectangle(
-            part, self._source, self._poses, self._edges, memory.known, memory.noted, self._pending
+            part,
+            self._rows_left,
+            self._source,
+            self._poses,
+            self._edges,
+            memory.known,
+            memory.noted,
+            self._pending,
         )
 
-    def _search(self, deadline: float) -> tuple[bool, int]:
+    def _search(self, deadline: Deadline) -> tuple[bool, int]:
         """Mend the search until the start is settled: whether it is, and the number of expansions."""
         memory = self._memory
         if self._km > 0.5 * EXACT:
             self._restart()
+        try:
+            self.read(deadline)
+        except OutOfTimeError:
+            return False, 0
         search, known = self._packed_search, (memory.terrain, self._edges, memory.state, memory.heap)
-        self._size = mend(self._pending, search, *known, self._size, memory.noted)
-        self._pending = 0
-        most = DSTAR_EXPANSIONS_BETWEEN_CHECKS if deadline < math.inf else _WITHOUT_END
-        expansions = 0
-        while True:
-            code, expanded, self._size = expand(search, *known, self._size, most)
-            expansions += expanded
-            if code == SETTLED:
-                return True, expansions
-            if time.monotonic() > deadline:
-                return False, expansions
+        self._pending, self._size = mend(self._pending, search, *known, self._size, memory.noted, deadline.at)
+        if self._pending:
+            return False, 0
+        code, expansions, self._size = expand(search, *known, self._size, deadline.at)
+        return code == SETTLED, expansions
 
     def _trace(self) -> NDArray[np.int32]:
         """The path; empty if following g does not lead to the goal, which only rounding can bring about."""

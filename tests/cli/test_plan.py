@@ -303,7 +303,7 @@ def test_comparing_sets_the_methods_beside_the_optimum(nnpp_edge, hills, tiny_mo
 
 def test_auto_says_what_it_picked(nnpp_edge, hills):
     told = json.loads(nnpp_edge("plan", hills, "--start", "5,5", "--goal", "20,20", "--json").out)
-    assert told["method"] == "astar" and told["reason"]
+    assert told["method"] == "astar" and told["choice"] and not told["reason"]
 
 
 def test_a_map_without_a_passable_cell_is_refused(nnpp_edge, tmp_path):
@@ -370,7 +370,9 @@ def test_of_several_goals_the_nearest_is_gone_to(nnpp_edge, hills, split):
 
 
 @pytest.mark.parametrize("method", ["astar", "corridor", "auto", "nnpp"])
-def test_the_network_is_loaded_while_the_map_is_read_where_it_will_be_asked(nnpp_edge, hills, monkeypatch, method):
+def test_the_network_is_loaded_where_it_will_be_asked_once_the_ends_are_on_the_map(
+    nnpp_edge, hills, monkeypatch, method
+):
     done = []
 
     def noted(name, function):
@@ -379,7 +381,9 @@ def test_the_network_is_loaded_while_the_map_is_read_where_it_will_be_asked(nnpp
     monkeypatch.setattr(loading, "begin_loading", noted("loading begins", loading.begin_loading))
     monkeypatch.setattr(dem_module, "read_dem", noted("the map is read", dem_module.read_dem))
     assert nnpp_edge("plan", hills, *ENDS, "--method", method).code == 0
-    assert done == (["loading begins"] if method == "nnpp" else []) + ["the map is read"]
+    assert done == ["the map is read"] + (["loading begins"] if method == "nnpp" else [])
+    nnpp_edge("plan", hills, "--start", "5,5", "--goal", "5,900", "--method", method).refused("lies outside the map")
+    assert done[-1] == "the map is read"
 
 
 def test_the_time_shown_tells_waiting_for_the_network_apart(nnpp_edge, hills, tiny_model, tmp_path, monkeypatch):

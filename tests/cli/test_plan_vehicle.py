@@ -164,7 +164,7 @@ def test_a_vehicle_stands_on_elevations_alone(nnpp_edge, place, words, told):
 def test_nnpp_says_that_its_network_does_not_serve_a_vehicle(nnpp_edge, place):
     ended = nnpp_edge("plan", "hill.npz", *ENDS, "--vehicle", "small-rover", "--method", "nnpp", "--json")
     assert (ended.code, ended.err.count("warning: nnpp goes by the price eq1")) == (0, 1)
-    assert "length in cells" in json.loads(ended.out)["reason"]
+    assert "length in cells" in json.loads(ended.out)["choice"]
     (place / "own.toml").write_text(GOOD)
     ended = nnpp_edge("plan", "hill.npz", *ENDS, "--vehicle", "own.toml", "--method", "nnpp", "--json")
     assert (ended.code, ended.err, json.loads(ended.out)["method"]) == (0, "", "nnpp")

@@ -73,7 +73,7 @@ warmup.exercise = lambda: lowered(3, 0.5)
 TOLD_OF_COMPILING = """
 from nnpp_edge.runtime.compiled import notice
 heard = []
-notice.tell = heard.append
+notice.tell, notice.AFTER_S = heard.append, 0.0
 from nnpp_edge.runtime.kernels.expansion import octile
 from nnpp_edge.runtime.region.threshold import lowered
 octile(1, 2, 3, 4, 1.0, 1.4)

@@ -41,6 +41,7 @@ SHARES = {
     "elevations": 1.5,
     "bodies": 1.5,
     "layers": 1.5,
+    "limits": 1.5,
     "projections": 0.5,
 }
 """Of the time, for each target."""

@@ -36,6 +36,7 @@ CASES = {
     "bodies": 30,
     "layers": 30,
     "projections": 100,
+    "limits": 12,
 }
 SEED = 1
 pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for omega")

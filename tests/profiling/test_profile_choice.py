@@ -62,8 +62,8 @@ def test_a_planner_goes_by_the_figures_and_says_so(save):
     planner = Planner(np.full((200, 240), 0.2, np.float32))
     near, far = planner.plan((0, 0), (0, 39)), planner.plan((0, 0), (40, 3))
     assert (near.method, far.method) == ("astar", "corridor")
-    assert near.reason == "measured on this machine 2026-05-04: astar soonest from 0 cells at 256²"
-    assert far.reason == "measured on this machine 2026-05-04: corridor soonest from 40 cells at 256²"
+    assert near.choice == "measured on this machine 2026-05-04: astar soonest from 0 cells at 256²"
+    assert far.choice == "measured on this machine 2026-05-04: corridor soonest from 40 cells at 256²"
 
 
 @pytest.mark.parametrize(("shape", "size"), [((10, 10), 256), ((500, 20), 256), ((20, 520), 1024), ((9999, 1), 1024)])

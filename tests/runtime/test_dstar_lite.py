@@ -1,10 +1,9 @@
-import time
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels import dstar as kernels
 from nnpp_edge.runtime.map.region import Region
@@ -172,7 +171,7 @@ def test_the_open_list_stays_in_order(kind):
         world = Changing(random_costs(rng, shape, step_cost, kind, 0.2), (15, 20), step_cost, corner_cutting=seed < 4)
         for _ in range(20):
             start = cells_of(rng, shape)
-            world.search.plan(start, deadline=time.monotonic())
+            world.search.plan(start, deadline=Deadline.within(0.0))
             world.plan(start)
             check_open_list(world.search)
             world.put(*random_patch(rng, world, kind, 0.2))
@@ -442,9 +441,9 @@ def test_another_goal_while_cells_became_cheaper_than_any_before(step_cost, goal
 
 def test_a_passed_deadline_is_reported_and_the_search_goes_on_from_there():
     world = Changing(np.random.default_rng(0).random((300, 300)), (299, 299))
-    found = world.search.plan((0, 0), deadline=time.monotonic())
+    found = world.search.plan((0, 0), deadline=Deadline.within(0.0))
     assert (found.status, len(found.path)) == (Status.TIMEOUT, 0)
-    assert world.search.plan((0, 0), deadline=time.monotonic()).status is Status.TIMEOUT
+    assert world.search.plan((0, 0), deadline=Deadline.within(0.0)).status is Status.TIMEOUT
     rest = world.plan((0, 0))
     whole = DStarLite(world.state, world.goal).plan((0, 0))
     assert rest.expansions + 2 * found.expansions == whole.expansions

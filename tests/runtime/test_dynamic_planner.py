@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError, Status
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -104,12 +105,12 @@ def test_auto_says_what_it_picked_and_why():
         seen.append(planner.replan())
         assert seen[-1].ok
     assert {plan.planner for plan in seen} == {DynamicMethod.CORRIDOR_DSTAR}
-    assert "near the start" in seen[-1].reason
+    assert "near the start" in seen[-1].choice
     assert seen[-1].expansions < first.expansions
     planner.move((350, 350))
     near = planner.replan()
     assert near.planner is DynamicMethod.ASTAR
-    assert "less than" in near.reason
+    assert "less than" in near.choice
     assert near.summary()["method"] == "astar"
 
 
@@ -137,17 +138,17 @@ def test_a_region_is_mended_or_searched_afresh_whichever_is_less_work(network, m
             if step:
                 each.update(at[0] + 4, at[1] + 4, np.full((4, 4), 0.9, np.float32))
         plans.append((planner.replan(), fresh.replan()))
-        said.append(plans[-1][0].reason.split(":")[0])
+        said.append(plans[-1][0].choice.split(":")[0])
         assert plans[-1][0].ok
         assert plans[-1][0].cost <= plans[-1][1].cost * (1 + 1e-5)
-        assert plans[-1][1].reason == ""
+        assert plans[-1][1].choice == ""
     # a first search by D* Lite takes longer than a fresh one: it is made once changes ahead of the robot, which it
     # would have dealt with in no time, make up for that; a change near the goal is searched afresh again
     assert said[:3] == ["searched afresh"] * 3
     assert plans[2][0].expansions == plans[2][1].expansions
     assert said[5:] == ["mended", "mended", "searched afresh", "searched afresh"]
     assert plans[6][0].expansions < 0.5 * plans[6][1].expansions
-    assert "times the work of a fresh search" in plans[-1][0].reason
+    assert "times the work of a fresh search" in plans[-1][0].choice
 
 
 def test_another_network_is_for_methods_that_ask_one(network, tmp_path):
@@ -201,9 +202,10 @@ def test_wrong_use_is_told():
 def test_a_region_that_is_mended_runs_out_of_time():
     cost = np.random.default_rng(0).random((700, 700)).astype(np.float32) * 0.9
     planner = MapPlanners(MapState(cost, StepModel.of("paper")), "edge").corridor_mended
-    for time_limit_s, status in ((0.0, Status.TIMEOUT), (60.0, Status.OK)):
-        found = planner.find(Query.within((5, 5), (690, 690), time_limit_s), Work())
-        assert found.search.status is status
+    ends = (5, 5), (690, 690)
+    with pytest.raises(OutOfTimeError):
+        planner.find(Query.of(*ends, Deadline.within(0.0)), Work())
+    assert planner.find(Query.of(*ends, Deadline.within(60.0)), Work()).search.status is Status.OK
 
 
 @pytest.mark.parametrize("method", ["astar", "dstar"])

@@ -80,7 +80,7 @@ def test_a_status_says_why(network, method, start, goal, status):
     if status.endswith(("OUTSIDE_MAP", "BLOCKED")):
         cell = f"start {start}" if status.startswith("START") else f"goal {goal}"
         reason = f"{cell} {'is impassable' if status.endswith('BLOCKED') else 'lies outside the map'}"
-        assert plan.reason == reason
+        assert (plan.choice, plan.reason) == ("", reason)
         if dynamic is not None:
             dynamic.move(start)
             assert dynamic.replan().reason == reason
@@ -139,8 +139,8 @@ def test_auto_says_which_it_picked_and_why(network):
     planner = Planner(np.random.default_rng(0).random((200, 200)).astype(np.float32) * 0.9, model=network)
     near, far = planner.plan((0, 0), (9, 9)), planner.plan((0, 0), (190, 190))
     assert (near.method, far.method) == ("astar", "corridor")
-    assert near.reason != far.reason
-    assert planner.plan((0, 0), (9, 9), method="astar").reason == ""
+    assert near.choice != far.choice and near.reason == far.reason == ""
+    assert planner.plan((0, 0), (9, 9), method="astar").choice == ""
 
 
 def test_near_goals_are_found_by_exact_search_unless_the_way_is_long(network):
@@ -156,7 +156,7 @@ def test_near_goals_are_found_by_exact_search_unless_the_way_is_long(network):
         assert picked.ok
         assert by_network.source in sources
         assert (by_network.method, picked.method) == methods
-        assert ("but the way is long" in picked.reason) == (picked.method == "corridor")
+        assert ("but the way is long" in picked.choice) == (picked.method == "corridor")
         assert (by_network.network_region is None) == (by_network.source == "map")
     assert picked.summary()["method"] == picked.planner == "corridor"
     always = Planner(cost, model=network, ask_from=0)

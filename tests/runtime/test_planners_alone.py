@@ -1,12 +1,12 @@
 """Each planner and each searcher, made alone on a map; where that says more, on a stand-in for its neighbour."""
 
 import math
-import time
 
 import numpy as np
 import pytest
 
 from nnpp_edge.runtime.cells import as_cell
+from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
@@ -20,7 +20,6 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender
 from nnpp_edge.runtime.region.learned import LearnedRegions, NetworkAnswer
-from nnpp_edge.runtime.search import astar as astar_module
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.tuning import CORRIDOR, LEARNED_CORRIDOR, REFINE_FROM, WIDENED_CORRIDOR
 from tests import oracles
@@ -105,7 +104,7 @@ def test_astar_gives_up_after_its_limit_or_its_deadline(state):
     with_landmarks.prepare(2, [QUERY.goal])
     assert with_landmarks.search(QUERY, Work(), None).status is Status.OK
     large = AStarSearcher(MapState(np.random.default_rng(0).random((600, 600)) * 0.9, StepModel.of("paper")))
-    late = Query((0, 0), (599, 599), deadline=time.monotonic())
+    late = Query((0, 0), (599, 599), deadline=Deadline.within(0.0))
     assert large.search(late, Work(), None).status is Status.TIMEOUT
 
 
@@ -200,7 +199,7 @@ def test_d_star_lite_over_the_whole_map_is_mended_and_takes_other_goals(state, c
     cost[4, 150] = 0.1
     state.update(4, 150, np.full((1, 1), 0.1))
     assert planner.find(other, works[2]).cost == pytest.approx(optimum(cost, other), rel=1e-5)
-    late = QUERY._replace(deadline=time.monotonic())
+    late = QUERY._replace(deadline=Deadline.within(0.0))
     assert planner.find(late, works[3]).search.status is Status.TIMEOUT
 
 
@@ -223,15 +222,14 @@ def test_a_descent_hands_its_searcher_a_corridor_around_the_coarse_path(state):
     np.testing.assert_array_equal(recording.regions[-1].mask(), first)
 
 
-def test_a_descent_without_a_way_is_none_and_without_time_a_timeout(state, monkeypatch):
+def test_a_descent_without_a_way_is_none_and_without_time_an_error(state):
     astar = AStarSearcher(state)
     descent, nowhere = CoarseToFine(state, astar.workspace), Recording(astar, [NO_WAY])
     assert descent.descend(QUERY, Work(), nowhere, 1, None, CORRIDOR) is None
-    with monkeypatch.context() as impatient:
-        impatient.setattr(astar_module, "EXPANSIONS_BETWEEN_CHECKS", 5)
-        recording, late = Recording(astar), QUERY._replace(deadline=time.monotonic())
-        found = descent.find(late, Work(), recording, 1, None, CORRIDOR, Source.REGION)
-        assert (found.search.status, len(found.search.path), recording.areas) == (Status.TIMEOUT, 0, [])
+    recording, late = Recording(astar), QUERY._replace(deadline=Deadline.within(0.0))
+    with pytest.raises(OutOfTimeError):
+        descent.find(late, Work(), recording, 1, None, CORRIDOR, Source.REGION)
+    assert recording.areas == []
     state.update(60, 0, np.full((1, 160), np.inf))
     recording = Recording(astar)
     assert descent.find(QUERY, Work(), recording, 1, None, CORRIDOR, Source.REGION) is None
@@ -290,7 +288,7 @@ class GivenRegions:
     def __init__(self, *regions):
         self.given, self.asked, self.taken = regions, [], 0
 
-    def regions(self, start, goal, level, number, workspace, stopwatch):
+    def regions(self, start, goal, level, number, workspace, stopwatch, deadline):
         self.asked.append((start, goal, level.grid.shape, number))
 
         def each():
@@ -391,7 +389,7 @@ def test_every_method_finds_a_path_that_costs_little_more_than_the_optimum(state
 
 def test_a_query_knows_its_distance_and_what_forbids_it(state):
     assert Query((3, 9), (7, 2)).apart == 7
-    assert Query.within((0, 0), (1, 1), 60.0).deadline > time.monotonic() + 30.0
+    assert Query.of((0, 0), (1, 1), Deadline.within(60.0)).deadline.left_s > 30.0
     state.update(9, 9, np.full((1, 1), np.inf))
     for start, goal, wanted in (
         ((4, 5), (110, 150), None),

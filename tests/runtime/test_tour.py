@@ -183,7 +183,7 @@ def test_a_leg_that_has_no_path_is_named(method, best_order):
     cost[:, 20] = np.inf
     found = Planner(cost).plan_via((1, 1), (30, 5), [(5, 5), (9, 30)], method=method, best_order=best_order)
     assert found.plan.status is Status.NO_PATH and not len(found.plan.path)
-    assert found.plan.reason == "leg 2 of 3, from (5, 5) to (9, 30)"
+    assert found.plan.reason == "leg 2 of 3, from (5, 5) to (9, 30): no path exists on the known map"
     assert found.plan.cost == math.inf and [leg.ok for leg in found.legs] == [True, False]
 
 

@@ -130,7 +130,7 @@ def test_auto_asks_the_network_for_a_vehicle_in_its_range_alone(cell_m, planned)
         warnings.simplefilter("error")
         plan = Planner.of_elevation(flat, cell_m, vehicle=vehicle).plan(start, goal)
     assert plan.ok and plan.planner == planned
-    assert ("length in cells" in plan.reason) == (planned == "corridor")
+    assert ("length in cells" in plan.choice) == (planned == "corridor")
     moving = DynamicPlanner.of_elevation(flat, cell_m, goal, vehicle=vehicle)
     moving.prepare()
     moving.move(start)
@@ -221,7 +221,7 @@ def test_how_much_slower_mending_is_decides_whether_it_is_done(monkeypatch, valu
         planner.update(14 + step, 14 + step, free(1, 1) * step)
         plan = planner.replan()
         assert plan.status is Status.OK
-        said.append(plan.reason.split(":")[0])
+        said.append(plan.choice.split(":")[0])
     assert set(said) == {wanted}
 
 

@@ -192,7 +192,7 @@ def test_a_corridor_without_a_path_is_widened_and_then_it_is_told_whether_there_
     planner = WindowedPlanner(ArrayWindows(heights), LIMITS)
     plan = planner.plan((10, 10), (290, 290))
     assert (plan.status, plan.source, len(plan.path)) == (Status.NO_PATH, Source.WIDENED, 0)
-    assert plan.lower_bound == 0.0 and not plan.reason
+    assert plan.lower_bound == 0.0 and plan.reason == "no path exists on the known map"
     # two ways into one coarse cell, of which it keeps the larger, and that leads nowhere
     heights[148:152] = np.nan
     heights[148:152, 100] = heights[148:151, 102:104] = 0.0

@@ -119,7 +119,7 @@ function figures({ figures: found, ok, unit, on_foot: onFoot, distance_m: distan
   const status = byId("status");
   status.textContent = ok ? `Path found by ${found.method}` : (STATUS[found.status] ?? found.status);
   status.classList.toggle("bad", !ok);
-  status.title = found.reason;
+  status.title = found.reason || found.choice;
   const rows = [];
   if (ok) {
     rows.push(["cost", `${number(found.cost)}${unit && ` ${unit}`}`], ["length", metres(distance.at(-1))]);

@@ -1,0 +1,50 @@
+"""The time by which a query must be answered: one deadline, which everything that works for the answer is given."""
+
+import math
+import time
+from dataclasses import dataclass
+
+from nnpp_edge.runtime.errors import InvalidQueryError
+
+
+class OutOfTimeError(Exception):
+    """The deadline of a query has passed. Planners catch it, and answer TIMEOUT."""
+
+
+@dataclass(frozen=True)
+class Deadline:
+    """When to give up."""
+
+    at: float = math.inf
+    """Reading of `time.monotonic`, which kernels are given, see `kernels.clock`; inf for never."""
+
+    @classmethod
+    def within(cls, seconds: float) -> "Deadline":
+        """So many seconds from now on; InvalidQueryError for a number below 0 or none."""
+        if not seconds >= 0.0:
+            raise InvalidQueryError(f"time_limit_s must be a number of at least 0, got {seconds}")
+        return cls(time.monotonic() + seconds)
+
+    @property
+    def left_s(self) -> float:
+        """Seconds until then; inf for ever."""
+        return self.at - time.monotonic() if self.at < math.inf else math.inf
+
+    @property
+    def passed(self) -> bool:
+        """Whether it is too late."""
+        return self.left_s <= 0.0
+
+    def check(self) -> None:
+        """OutOfTimeError if it is too late."""
+        if self.passed:
+            raise OutOfTimeError
+
+    def share(self, of_it: float) -> "Deadline":
+        """The time at which such a share of what is left will have passed."""
+        left = self.left_s
+        return self if left == math.inf else Deadline(self.at - (1.0 - of_it) * left)
+
+
+NEVER = Deadline()
+"""For whoever may take as long as it takes."""

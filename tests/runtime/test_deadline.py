@@ -1,0 +1,240 @@
+"""A query ends at its deadline, wherever it is by then, and the next one goes on. No test here reads a clock."""
+
+import math
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import DynamicPlanner, Planner, Status, Vehicle
+from nnpp_edge.runtime import bands as bands_module
+from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.prices import Price, PricedMap
+from nnpp_edge.runtime.map.pyramid import Pyramid
+from nnpp_edge.runtime.network.passage_model import VehicleNetwork
+from nnpp_edge.runtime.planners import choice
+from nnpp_edge.runtime.planners.choice import MapChoice
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
+from nnpp_edge.runtime.planners.tour import tour
+from nnpp_edge.terrain.synthetic import fractal
+
+ROVER = Vehicle(length_m=3.0, width_m=2.4, clearance_m=0.8)
+DISC = Vehicle(radius_m=1.3)
+SHAPE, ENDS = (192, 260), ((8, 8), (180, 250))
+FAR = Deadline(1e12)
+KINDS = ("costs", "point", "disc", "body", "tobler", "body-tobler")
+
+
+class Steps(Deadline):
+    """Passes at the call after so many that ask, and never for kernels."""
+
+    def __init__(self, calls):
+        super().__init__(FAR.at)
+        object.__setattr__(self, "left", [calls])
+
+    @property
+    def left_s(self):
+        self.left[0] -= 1
+        return math.inf if self.left[0] >= 0 else -1.0
+
+    def share(self, of_it):
+        return self
+
+
+def ground(seed=3):
+    return fractal(np.random.default_rng(seed), 260, 1.0, 3.0)[: SHAPE[0]].copy()
+
+
+def made(kind, method=None):
+    heights, vehicle = ground(), {"disc": DISC, "body": ROVER, "body-tobler": ROVER}.get(kind)
+    if kind == "costs":
+        cost = np.abs(heights) / np.abs(heights).max()
+        return Planner(cost) if method is None else DynamicPlanner(cost, ENDS[1], method)
+    given = {"vehicle": vehicle, "step_cost": "tobler" if kind.endswith("tobler") else "paper"}
+    if method is None:
+        return Planner.of_elevation(heights, 1.0, warn=False, **given)
+    return DynamicPlanner.of_elevation(heights, 1.0, ENDS[1], method=method, **given)
+
+
+def ask(planner, method, time_limit_s=math.inf):
+    if isinstance(planner, Planner):
+        return planner.plan(*ENDS, method=method, time_limit_s=time_limit_s)
+    planner.move(ENDS[0])
+    return planner.replan(time_limit_s=time_limit_s)
+
+
+def test_a_deadline_is_a_number_of_seconds_from_now_on():
+    assert NEVER.left_s == math.inf and not NEVER.passed and NEVER.share(0.5) is NEVER
+    late, soon = Deadline.within(0.0), Deadline.within(1e6)
+    assert late.passed and not soon.passed and Deadline.within(math.inf) == NEVER
+    assert 0.2e6 < soon.share(0.25).left_s < 0.3e6
+    soon.check()
+    with pytest.raises(OutOfTimeError):
+        late.check()
+    for wrong in (-1.0, math.nan):
+        with pytest.raises(InvalidQueryError, match="time_limit_s must be a number of at least 0"):
+            Deadline.within(wrong)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("method", [*Method, *DynamicMethod], ids=lambda method: f"{type(method).__name__}-{method}")
+def test_without_time_next_to_nothing_is_done(kind, method, monkeypatch):
+    asked = []
+    monkeypatch.setattr(bands_module, "STRIPE_CELLS", 4096)
+    monkeypatch.setattr(VehicleNetwork, "answers", lambda self, shown: asked.append(len(shown)))
+    planner = made(kind, None if isinstance(method, Method) else method)
+    checked, computed = planner.state.checked, planner.state.costs_computed
+    plan = ask(planner, method, 0.0)
+    assert plan.status is Status.TIMEOUT and plan.reason and not asked
+    assert plan.expansions <= 1100  # one look at the clock
+    assert planner.state.checked - checked <= 4 * 16 * SHAPE[1]  # a row of D* Lite's
+    assert planner.state.costs_computed - computed < 0.6 or kind in ("costs", "tobler")
+
+
+@pytest.mark.parametrize("kind", ["costs", "point", "body", "tobler"])
+@pytest.mark.parametrize("method", ["corridor", "nnpp", "astar"])
+def test_wherever_a_query_is_broken_off_the_next_one_finds_what_a_fresh_planner_does(kind, method, monkeypatch):
+    monkeypatch.setattr(bands_module, "STRIPE_CELLS", 4096)
+    wanted, steps = ask(made(kind), method), 0
+    while True:
+        planner = made(kind)
+        with monkeypatch.context() as hurried:
+            hurried.setattr(Deadline, "within", lambda seconds, steps=steps: Steps(steps))
+            hurried_plan = ask(planner, method)
+        plan = ask(planner, method)
+        np.testing.assert_array_equal(plan.path, wanted.path)
+        assert (plan.cost, plan.lower_bound) == (wanted.cost, wanted.lower_bound)
+        if hurried_plan.ok:
+            break
+        assert hurried_plan.status is Status.TIMEOUT
+        steps += 1 if steps < 4 else steps // 2
+    assert steps or method == "astar"
+
+
+@pytest.mark.parametrize("kind", ["costs", "point", "disc", "body", "tobler"])
+def test_dstar_reads_the_map_in_pieces_and_searches_on_where_it_was_broken_off(kind):
+    planner, tries, plan = made(kind, "dstar"), 0, None
+    rng = np.random.default_rng(0)
+    while plan is None or plan.status is Status.TIMEOUT:
+        plan, tries = ask(planner, None, 0.0), tries + 1
+        if tries % 50 == 1 and tries < 160:
+            row, col = (int(n) for n in rng.integers(20, 150, 2))
+            if kind == "costs":
+                planner.update(row, col, rng.random((9, 9)).astype(np.float32) * 0.9)
+            else:
+                planner.update_elevation(row, col, ground()[row : row + 9, col : col + 9] + rng.random((9, 9)) * 0.1)
+        assert tries < 1000
+    assert tries > SHAPE[0]  # a row each, at the least
+    best = DynamicPlanner.replan.__get__(planner)(method=None)
+    assert plan.ok and plan.cost == pytest.approx(best.cost)
+    planner.set_goal((100, 100))
+    assert ask(planner, None, 0.0).status is Status.TIMEOUT
+    assert ask(planner, None).ok
+
+
+def test_a_mended_regions_planner_answers_afresh_until_dstar_has_read_the_map():
+    planner = made("costs", "corridor-dstar")
+    plan = ask(planner, None, 60.0)
+    assert plan.ok
+    assert plan.cost == pytest.approx(ask(made("costs"), "corridor").cost)
+
+
+def test_the_networks_prices_are_asked_for_a_few_tiles_at_a_time(monkeypatch):
+    sizes, answers = [], VehicleNetwork.answers
+
+    def counted(self, shown):
+        sizes.append(shown.shape)
+        return answers(self, shown)
+
+    monkeypatch.setattr(VehicleNetwork, "answers", counted)
+    planner = made("body")
+    assert ask(planner, "nnpp", 1e9).ok
+    looks = len(sizes)
+    assert ask(made("body"), "nnpp").ok
+    assert looks > len(sizes) - looks >= 1  # on each core at the most one, of 48 × 65 blocks in all
+
+
+def test_a_tour_whose_time_is_up_keeps_the_order_given():
+    planned = []
+
+    def leg(begin, end):
+        planned.append((begin, end))
+        return planner.plan(begin, end, time_limit_s=0.0, method="astar")
+
+    planner = made("costs")
+    stops = [ENDS[0], (20, 200), (150, 20), (90, 90), ENDS[1]]
+    asked = []
+    found = tour(
+        leg,
+        stops,
+        planner.state.grid,
+        best_order=True,
+        nearest=lambda: asked.append(1),
+        deadline=Deadline.within(0.0),
+    )
+    assert found.order == (0, 1, 2) and found.plan.status is Status.TIMEOUT and not asked
+    assert planned == [(ENDS[0], (20, 200))]
+    whole = planner.plan_via(ENDS[0], ENDS[1], stops[1:-1], best_order=True, time_limit_s=0.0)
+    assert whole.plan.status is Status.TIMEOUT and len(whole.legs) == 1
+
+
+def test_the_best_order_is_not_looked_for_once_time_is_up(monkeypatch):
+    planner = made("costs")
+    via = [(20, 200), (150, 20), (90, 90)]
+    steps, found = 0, None
+    while found is None or found.plan.status is Status.TIMEOUT:
+        monkeypatch.setattr(Deadline, "within", lambda seconds, steps=steps: Steps(steps))
+        found = planner.plan_via(*ENDS, via, best_order=True, method="astar")
+        steps += 1
+        assert steps < 500
+    monkeypatch.undo()
+    assert found.order == (0, 1, 2) or found.order == planner.plan_via(*ENDS, via, best_order=True).order
+    assert math.isnan(found.given_cost) or found.plan.cost <= found.given_cost
+
+
+# Why a method, and why a status
+
+
+def test_the_method_is_not_told_by_a_network_that_is_not_asked(monkeypatch):
+    picks = MapChoice((0,), ((Method.NNPP, "nnpp is the fastest"),))
+    monkeypatch.setattr(choice, "choice_for_body", lambda shape: picks)
+    plan = ask(made("body-tobler"), "auto")
+    assert (plan.method, plan.reason) == (Method.CORRIDOR, "")
+    assert plan.choice == "the network prices steps alike both ways"
+    asked = ask(made("body"), "auto")
+    assert (asked.method, asked.choice) == (Method.NNPP, "nnpp is the fastest")
+
+
+def test_no_path_has_a_reason_of_its_own():
+    cost = np.full((300, 200), 0.3, np.float32)
+    cost[100] = 1.0
+    plan = Planner(cost).plan((5, 5), (290, 190))
+    assert (plan.status, plan.reason) == (Status.NO_PATH, "no path exists on the known map")
+    assert plan.choice and plan.choice != plan.reason
+    assert [plan.summary()[name] for name in ("choice", "reason")] == [plan.choice, plan.reason]
+    moving = DynamicPlanner(cost, (290, 190))
+    moving.move((5, 5))
+    for _ in range(2):
+        plan = moving.replan()
+        assert (plan.reason, plan.choice) == (
+            "no path exists on the known map",
+            "there is no earlier search to repair",
+        )
+    moving.update(100, 50, np.full((1, 3), 0.3, np.float32))
+    assert moving.replan().reason == ""
+    moving.update(0, 0, np.full((90, 200), 0.4, np.float32))
+    assert moving.replan().choice == "too much of the map has changed to repair the search"
+
+
+def test_a_price_of_nothing_does_not_grow_what_has_changed(monkeypatch):
+    heights = ground()
+    heights[60:64, 60:64] += 50.0
+    heights[150:154, 200:204] += 50.0
+    planner = Planner.of_elevation(heights, 1.0, warn=False, vehicle=ROVER, omega=0.0)
+    priced, changed = PricedMap(planner.state, Price.BODY_FIT), []
+    update = Pyramid.update
+    monkeypatch.setattr(Pyramid, "update", lambda self, part: changed.append(part) or update(self, part))
+    planner.update_elevation(100, 100, heights[100:103, 100:103] + 40.0)
+    assert priced.pyramid
+    (_, _, rows, cols) = changed[-1]
+    assert 0 < rows < 20 and 0 < cols < 20
