@@ -162,7 +162,7 @@ def test_a_cell_is_two_whole_numbers_wherever_it_is_asked_for(cell):
 def test_options_that_make_no_sense_are_refused():
     planner = Planner(PLAIN, step_cost="length")
     for call, words in (
-        (lambda: planner.update(1.7, 0, np.ones((2, 2))), "row must be a whole number"),
+        (lambda: planner.update(1.7, 0, np.ones((2, 2))), "whole number"),
         (lambda: planner.nearest((1, 1), [(2, 2)], count=0), "count must be at least 1, got 0"),
         (
             lambda: planner.plan((1, 1), (2, 2), time_limit_s=float("nan")),

@@ -7,7 +7,7 @@ import subprocess
 from contextlib import ExitStack
 
 import pytest
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from tests.view_cases import COMMAND, serving, write_ground
@@ -99,6 +99,10 @@ def test_nonsense_is_answered_in_a_line(server):
             answer = json.loads(connection.recv(timeout=20))
             assert answer["type"] == "problem" and "\n" not in answer["text"]
         assert ask(connection, type="move", end="goal", to=[80, 20])["ok"]
+        connection.send("x" * (1 << 17))
+        with pytest.raises(ConnectionClosed) as closed:
+            connection.recv(timeout=20)
+        assert closed.value.rcvd.code == 1009  # too big
 
 
 def test_a_taken_port_is_refused_in_a_line(nnpp_edge, tmp_path):

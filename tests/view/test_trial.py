@@ -14,6 +14,7 @@ from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, Status
 from nnpp_edge.terrain.dem import read_dem
 from nnpp_edge.view import layers
+from nnpp_edge.view import trial as trials
 from nnpp_edge.view.answers import Answerer
 from nnpp_edge.view.asked import Asked, changed
 from nnpp_edge.view.ground import Body, Ground, Reading
@@ -240,3 +241,42 @@ def test_a_plan_shows_itself_and_escapes_what_it_was_told():
     with pytest.raises(NnppEdgeError, match=r"background must be \(H, W\)"):
         plan.plot(background=np.zeros(5))
     pyplot.close("all")
+
+
+def test_an_obstacle_is_cut_to_the_map_and_there_are_at_most_so_many(ground, monkeypatch):
+    monkeypatch.setattr(trials, "MOST_OBSTACLES", 2)
+    trial = trial_of(ground, "plain")
+    height, width = ground.dem.shape
+    trial.paint((-5, -7, 8, 10))
+    trial.paint((height - 2, 30, 50, 4))
+    painted = ((0, 0, 3, 3), (height - 2, 30, 2, 4))
+    assert trial.asked.obstacles == painted
+    with pytest.raises(InvalidQueryError, match="at most 2 obstacles"):
+        trial.paint((20, 20, 2, 2))
+    trial.undo()
+    with pytest.raises(InvalidQueryError, match="must cover cells"):
+        trial.paint((0, width, 3, 3))
+    assert trial.asked.obstacles == painted[:1]
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"omega": 0.05},
+        {"slope_limit": 20.0},
+        {"roughness_limit": 0.05},
+        {"step_limit": 0.05},
+        {"hard_slope": 12.0},
+        {"hard_roughness": 0.3},
+        {"hard_step": 0.3},
+        {"step_cost": "tobler"},
+        {"corner_cutting": False},
+        {"body": "large-rover"},
+    ],
+    ids=lambda values: next(iter(values)),
+)
+def test_whatever_the_map_depends_on_is_asked_of_another_map(ground, values):
+    trial = trial_of(ground, method="astar")
+    assert trial.change(values)
+    assert trial.plan.cost == trial_of(ground, method="astar", **values).plan.cost
+    assert not trial.change({"method": "corridor"})
