@@ -80,23 +80,21 @@ def lonlat_corners(place: Place) -> Points:
 
 def gravity_of(place: Place) -> float | None:
     """m/s² on the body that a map's coordinate system lies on; None where it names none, or one that is not known."""
-    try:
-        ellipsoid = _system_of(place.georeference, place.source).ellipsoid
-    except InvalidQueryError:
+    if place.georeference is None or place.georeference.crs is None:
         return None
+    ellipsoid = _system_of(place.georeference, place.source).ellipsoid
     axis = ellipsoid.semi_major_metre if ellipsoid else 0.0
-    near = (gravity for radius, gravity in _GRAVITY.items() if abs(axis / radius - 1.0) < _SAME_BODY)
-    return next(near, None)
+    return next((g for radius, g in _GRAVITY.items() if abs(axis / radius - 1.0) < _SAME_BODY), None)
 
 
 def cell_on_ground(source: Path, place: Georeference, shape: tuple[int, ...], *, warn: bool) -> tuple[float, float]:
     """A cell's (size, width): metres of ground along a column and along a row at the middle of a map (H, W).
 
     Without a coordinate system, or with a local one, they are the transform's, in metres or in the system's unit.
-    To `warn` is a UserWarning where a projection's metre, or the ground elsewhere on the map, is off by too much.
+    To `warn` is a UserWarning where a projection's metre at the middle, or any length or slope, is off by too much.
 
-    Raises TerrainError for a transform that cannot be turned back, a system that PROJ does not know, latitudes beyond
-    the poles; MissingExtraError where pyproj is not installed.
+    Raises TerrainError for a transform that cannot be turned back and for latitudes beyond the poles,
+    InvalidQueryError for a system that PROJ does not know, MissingExtraError where pyproj is not installed.
     """
     a, b, _, d, e, _ = place.transform
     if not (math.isfinite(a * e - b * d) and a * e != b * d):
@@ -104,66 +102,56 @@ def cell_on_ground(source: Path, place: Georeference, shape: tuple[int, ...], *,
     drawn = np.array((math.hypot(b, e), math.hypot(a, d)))
     if place.crs is None:
         return drawn[0], drawn[1]
-    try:
-        system = _system_of(place, source)
-    except InvalidQueryError as error:
-        raise TerrainError(str(error)) from error
-    drawn *= system.axis_info[0].unit_conversion_factor if system.axis_info else 1.0
+    system = _system_of(place, source)
+    unit = system.axis_info[0].unit_conversion_factor if system.axis_info else 1.0
+    drawn *= unit * (system.ellipsoid.semi_major_metre if system.is_geographic and system.ellipsoid else 1.0)
     if not (system.is_geographic or system.is_projected):
         return drawn[0], drawn[1]
-    if system.is_geographic and system.ellipsoid:
-        drawn *= system.ellipsoid.semi_major_metre
     with np.errstate(all="ignore"):
-        middle, lengths = _lengths(system, place, shape, min(1.0, _MEASURED_M / drawn.max()))
-        scale = drawn / middle
-        down, right, falling, rising = lengths.T
-        skew = (falling**2 - rising**2) / (4.0 * down * right)  # the cosine between rows and columns
-        off = np.fmax.reduce(np.abs((*(lengths[:, :2] / middle - 1.0).T, skew)), axis=None)
-    if system.is_geographic and not np.isfinite(middle).all():
-        latitude = place.map_coordinates(shape[0] / 2 - 0.5, shape[1] / 2 - 0.5)[1]
-        latitude *= math.degrees(system.axis_info[0].unit_conversion_factor)
-        raise TerrainError(f"{source}: wanted latitudes within the poles, got {latitude:g}°")
-    said = f"{source}: {system.name}"
+        down, right, falling, rising = lengths = _lengths(system, place, shape, min(1.0, _MEASURED_M / drawn.max()))
+        middle = lengths[:2, 4]
+        (tall, wide), skew = drawn / middle, (falling**2 - rising**2) / (4.0 * down * right)  # cos(row, column)
+        off = np.fmax.reduce(np.abs((down / middle[0] - 1.0, right / middle[1] - 1.0, skew)), axis=None)
+    said, told = f"{source}: {system.name}", []
     if not np.isfinite(middle).all():
-        warnings.warn(
-            f"{said} has no place for the map's middle: its metres are taken for metres of ground", stacklevel=4
+        if system.is_geographic:
+            latitude = math.degrees(unit) * place.map_coordinates(shape[0] / 2 - 0.5, shape[1] / 2 - 0.5)[1]
+            raise TerrainError(f"{source}: wanted latitudes within the poles, got {latitude:g}°")
+        middle, off = drawn, 0.0
+        told.append(f"{said} has no place for the map's middle: its metres are taken for metres of ground")
+    elif system.is_projected and max(abs(tall - 1.0), abs(wide - 1.0)) > _SCALE_TOLD:
+        told.append(
+            f"{said} draws a metre of ground at the map's middle as {tall:.3f} m along columns and {wide:.3f} m "
+            f"along rows: cells are {middle[0]:.4g} × {middle[1]:.4g} m of ground"
         )
-        return drawn[0], drawn[1]
-    if warn and system.is_projected and (np.abs(scale - 1.0) > _SCALE_TOLD).any():
-        warnings.warn(
-            f"{said} draws a metre of ground at the map's middle as {scale[0]:.3f} m along columns and "
-            f"{scale[1]:.3f} m along rows: cells are {middle[0]:.4g} × {middle[1]:.4g} m of ground",
-            stacklevel=4,
-        )
-    if warn and off > _RIM_TOLD:
-        warnings.warn(
+    if off > _RIM_TOLD:
+        told.append(
             f"{said}: some lengths and slopes are up to {100.0 * off:.0f} % off, as the map's cells are skewed or "
-            "unlike those at its middle: cut out a smaller part, or reproject it",
-            stacklevel=4,
+            "unlike those at its middle: cut out a smaller part, or reproject it"
         )
+    for words in told if warn else ():
+        warnings.warn(words, stacklevel=4)
     size, width = (float(f"{length:.7g}") for length in middle)  # the rest is noise, by which no cell would be square
     return size, width
 
 
-def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: float) -> tuple[Metres, Metres]:
-    """Metres of ground along a column, a row and both diagonals of cells, (2,) at the middle, (9, 4) at the rim, too.
+def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: float) -> Metres:
+    """(4, 9) metres of ground along a column, a row and both diagonals of cells: at the rim, the fifth at the middle.
 
     They are measured on a `share` of a cell; NaN where the map leaves the globe.
     """
     globe, geod = system.geodetic_crs, system.get_geod()
     assert globe is not None and geod is not None  # of a projected or a geographic system
-    at = np.array([[(row, col) for col in (0.0, 0.5, 1.0)] for row in (0.0, 0.5, 1.0)]).reshape(9, 1, 2)
-    steps = 0.5 * share * np.array(((1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, -1.0)))
-    middles = at * (shape[0] - 1, shape[1] - 1)
+    radians = globe.axis_info[0].unit_conversion_factor
+    middles = np.array([[(row, col) for row in (0.0, 0.5, 1.0) for col in (0.0, 0.5, 1.0)]]) * (np.array(shape) - 1)
+    steps = 0.5 * share * np.array([[(1.0, 0.0)], [(0.0, 1.0)], [(1.0, 1.0)], [(1.0, -1.0)]])
     ends = []
-    for row, col in ((middles - steps).T, (middles + steps).T):
-        x, y = place.map_coordinates(row, col)
+    for points in (middles - steps, middles + steps):
+        x, y = place.map_coordinates(points[..., 0], points[..., 1])
         lon, lat = _transformer(system.to_wkt(), globe.to_wkt()).transform(x, y)
-        radians = globe.axis_info[0].unit_conversion_factor
-        lat = np.where(np.abs(lat * radians) <= 0.5 * math.pi, lat * radians, math.nan)
-        ends += [np.where(np.isfinite(lat), lon * radians, math.nan), lat]
-    lengths = np.asarray(geod.inv(ends[0], ends[1], ends[2], ends[3], radians=True)[2]).T / share
-    return lengths[4, :2], lengths
+        known = np.abs(lat * radians) <= 0.5 * math.pi
+        ends += [np.where(known, angles * radians, math.nan) for angles in (lon, lat)]
+    return np.asarray(geod.inv(ends[0], ends[1], ends[2], ends[3], radians=True)[2]) / share
 
 
 def _pyproj() -> ModuleType:

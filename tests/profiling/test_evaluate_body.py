@@ -274,7 +274,10 @@ def test_maps_without_any_path_are_not_asked_forever(rocky):
         (("--workload", "body-rocks30"), "N from 0 to 20 percent, got 'body-rocks30'"),
         (("--workload", "body-rocks"), "N from 0 to 20 percent, got 'body-rocks'"),
         (("--workload", "bodyrocks5"), "'bodyrocks5'"),
-        (("--workload", "body", "--vehicle-length", 500, "--max-tilt", 20), "wanted a map that the vehicle fits on"),
+        (
+            ("--workload", "body", "--vehicle-length", 200, "--vehicle-width", 9, "--max-tilt", 20),
+            "wanted a map that the vehicle fits on",
+        ),
         (("--workload", "body", "--rocks", 0.5), "--rocks"),
     ],
 )

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 import rasterio
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rasterio import Affine
 
@@ -498,6 +498,7 @@ def test_a_file_cut_short_is_refused(tmp_path, name, kept):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of odd systems
+@settings(deadline=None)  # a system is looked for in PROJ's tables
 @given(st.integers(0, 400), st.binary(min_size=1, max_size=8))
 def test_damage_anywhere_ends_in_a_map_or_in_a_clear_refusal(tmp_path_factory, at, damage):
     path = geotiff(tmp_path_factory.mktemp("damaged") / "x.tif", crs=UTM)
