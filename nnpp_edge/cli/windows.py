@@ -10,6 +10,7 @@ import click
 
 from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.cli.plan_answer import Answer, Near, Planned, WindowsRead, refuse_impassable, warn_if_not_square
+from nnpp_edge.cli.refusal import refuse_outside
 
 if TYPE_CHECKING:
     from nnpp_edge.cli.plan_request import Request
