@@ -16,15 +16,15 @@ from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.cli.plan_answer import (
     Answer,
     Compared,
+    Near,
     Planned,
     refuse_impassable,
-    refuse_outside,
     warn_if_not_square,
     warn_if_steep,
 )
 from nnpp_edge.cli.plan_files import Outputs, outputs
 from nnpp_edge.cli.plan_request import Ends, Request
-from nnpp_edge.cli.refusal import Near, refusal
+from nnpp_edge.cli.refusal import refusal, refuse_outside
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 from nnpp_edge.cli.windows import plan_by_windows, reads_by_windows
 from nnpp_edge.runtime.compiled.notice import told_if_slow

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from nnpp_edge.cli.plan_request import Ends
-    from nnpp_edge.cli.refusal import Near
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.runtime.planners.plan import Plan
@@ -72,6 +70,14 @@ class Compared:
         return [*ends, cost, gap, f"{self.time_ms:.2f}", speedup, str(self.plan.expansions)]
 
 
+class Near(NamedTuple):
+    """A part of a map, from its first cell on: what lies around a start or goal."""
+
+    origin: Cell
+    elevation: Float2D
+    cost: Float2D
+
+
 class Planned(NamedTuple):
     """An answer, and what to draw and to say of its map."""
 
@@ -91,21 +97,6 @@ def refuse_impassable(place: Place) -> NoReturn:
     if click.get_current_context().params["as_json"]:
         click.echo(json.dumps({"status": "INVALID_MAP"}))
     raise InvalidMapError(f"{place.source}: wanted a map to plan on, got {MapSize.of(place)}, all impassable")
-
-
-def refuse_outside(method: str, ends: Ends, place: Place) -> None:
-    """InvalidQueryError where the start, or every goal, lies outside the map; for programs, the status as well."""
-    from nnpp_edge.cli.refusal import outside
-    from nnpp_edge.runtime.errors import InvalidQueryError, Status
-    from nnpp_edge.runtime.planners.plan import Method, Plan
-
-    (rows, cols), start = place.shape, Status.START_OUTSIDE_MAP
-    for status, cells in ((start, [ends.start]), (Status.GOAL_OUTSIDE_MAP, ends.goals)):
-        if not any(0 <= row < rows and 0 <= col < cols for row, col in cells):
-            reason = outside("start" if status is start else "goal", cells[0], place)
-            if click.get_current_context().params["as_json"]:
-                click.echo(json.dumps(Plan(status, Method(method), reason=reason).summary()))
-            raise InvalidQueryError(reason)
 
 
 def warn_if_not_square(place: Place) -> None:

@@ -14,8 +14,8 @@ from nnpp_edge.cli.cost_summary import MapSize
 from nnpp_edge.cli.costmap import cost_of
 from nnpp_edge.cli.ends import End, Where
 from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.plan_answer import duration
-from nnpp_edge.cli.refusal import Near, refusal
+from nnpp_edge.cli.plan_answer import Near, duration
+from nnpp_edge.cli.refusal import refusal
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 
 if TYPE_CHECKING:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+import json
+from typing import TYPE_CHECKING
+
+import click
 
 if TYPE_CHECKING:
+    from nnpp_edge.cli.plan_answer import Near
+    from nnpp_edge.cli.plan_request import Ends
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.runtime.errors import Status
@@ -14,14 +19,6 @@ if TYPE_CHECKING:
 
 _LOOKED_AROUND = 64
 """Cells around an end that are tried for a place where the vehicle stands."""
-
-
-class Near(NamedTuple):
-    """A part of a map, from its first cell on: what lies around a start or goal."""
-
-    origin: Cell
-    elevation: Float2D
-    cost: Float2D
 
 
 def refusal(
@@ -46,6 +43,20 @@ def refusal(
         return f"{end} is impassable: {reason}; so is all around it"
     nearest = passable[((passable - at) ** 2).sum(axis=1).argmin()] + near.origin
     return f"{end} is impassable: {reason}; the nearest passable cell is {tuple(nearest.tolist())}"
+
+
+def refuse_outside(method: str, ends: Ends, place: Place) -> None:
+    """InvalidQueryError where the start, or every goal, lies outside the map; for programs, the status as well."""
+    from nnpp_edge.runtime.errors import InvalidQueryError, Status
+    from nnpp_edge.runtime.planners.plan import Method, Plan
+
+    (rows, cols), start = place.shape, Status.START_OUTSIDE_MAP
+    for status, cells in ((start, [ends.start]), (Status.GOAL_OUTSIDE_MAP, ends.goals)):
+        if not any(0 <= row < rows and 0 <= col < cols for row, col in cells):
+            reason = outside("start" if status is start else "goal", cells[0], place)
+            if click.get_current_context().params["as_json"]:
+                click.echo(json.dumps(Plan(status, Method(method), reason=reason).summary()))
+            raise InvalidQueryError(reason)
 
 
 def outside(end: str, cell: Cell, place: Place) -> str:

@@ -9,15 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.plan_answer import (
-    Answer,
-    Planned,
-    WindowsRead,
-    refuse_impassable,
-    refuse_outside,
-    warn_if_not_square,
-)
-from nnpp_edge.cli.refusal import Near
+from nnpp_edge.cli.plan_answer import Answer, Near, Planned, WindowsRead, refuse_impassable, warn_if_not_square
+from nnpp_edge.cli.refusal import refuse_outside
 
 if TYPE_CHECKING:
     from nnpp_edge.cli.plan_request import Request

@@ -146,8 +146,6 @@ class PathMessage:
     """No path costs less."""
     method: str = ""
     """Method that planned the path."""
-    choice: str = ""
-    """Why that method was picked, where there was a choice; for people."""
     reason: str = ""
     """Why the path was kept, or what failed; for people."""
     map_version: int = 0
@@ -160,6 +158,8 @@ class PathMessage:
     """As in `Plan`."""
     goal_moved: bool = False
     """No path leads to the goal that was asked for; this one leads as near to it as there is a way, to `goal`."""
+    choice: str = ""
+    """Why that method was picked, where there was a choice; for people."""
 
     def __post_init__(self) -> None:
         """A path with success, none without."""
