@@ -1,6 +1,5 @@
 """What several tests share: a tiny network, and the command line run in this process."""
 
-import os
 import sys
 import warnings
 from collections.abc import Callable
@@ -9,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-os.environ["NNPP_EDGE_CHOICE"] = ""  # what was measured on this machine decides nothing in tests
 
 LONGEST_FILES = (
     "test_warmup.py",

@@ -22,7 +22,6 @@ OUTSIDE = {  # page: the file that it shows
     "cards/edge.md": "nnpp_edge/models/edge.md",
     "cards/passage.md": "nnpp_edge/models/passage.md",
     "cards/paper.md": "nnpp_edge/models/paper.md",
-    "cards/paper-w16.md": "nnpp_edge/models/paper-w16.md",
     "samples.md": "nnpp_edge/terrain/samples/README.md",
     "contributing.md": "CONTRIBUTING.md",
     "changelog.md": "CHANGELOG.md",

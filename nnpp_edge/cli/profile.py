@@ -9,7 +9,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.profile_run import STDOUT, ProfileOptions
 
-_ONLY_WITH_PROFILE = ("vehicle", "html", "board_row", "trace", "start_up", "save_choice")
+_ONLY_WITH_PROFILE = ("vehicle", "html", "board_row", "trace", "start_up")
 _ONLY_WITH_PEERS = ("limit_s", "output")
 _PROFILE = "A shipped profile (paper, edge-2core, single-core, quick, rover) or a TOML file."
 _VEHICLE = (
@@ -25,7 +25,6 @@ _QUERIES = "For each workload and size, in place of the profile's; for --peers 5
 _SEED = "Of every random choice; by default the profile's, else 1."
 _BOARD_ROW = "Print this machine's row of docs/boards.md, for others to compare with, and nothing else."
 _START_UP = "Also measure import to first plan in new processes; takes a minute."
-_CHOICE = "Let the method `auto` go by the figures of this run from now on."
 _TOLERANCE = "Share by which a figure may become worse."
 _LIMIT = "With --peers: seconds; a planner that needs longer for a query is left out at that size (by default 5)."
 
@@ -44,7 +43,6 @@ _LIMIT = "With --peers: seconds; a planner that needs longer for a query is left
 @click.option("--board-row", is_flag=True, help=_BOARD_ROW)
 @options.trace
 @click.option("--start-up", is_flag=True, help=_START_UP)
-@click.option("--save-choice", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_CHOICE)
 @click.option("--limit", "limit_s", type=options.POSITIVE, help=_LIMIT)
 @click.option("-o", "--output", type=options.FOLDER, help="With --peers: folder for peers.json and peers.png.")
 @click.pass_context
@@ -61,7 +59,6 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
     \b
     nnpp-edge profile --profile quick
     nnpp-edge profile --profile edge-2core --terrain dem.tif --json report.json --html report.html
-    nnpp-edge profile --profile edge-2core --save-choice
     nnpp-edge profile compare before.json after.json
     nnpp-edge profile --peers --sizes 256,512,1024 -o bench
 

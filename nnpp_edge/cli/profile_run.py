@@ -9,7 +9,7 @@ import click
 from nnpp_edge.cli import options
 
 STDOUT = "-"
-"""Given for a file: print it, or for --save-choice, save it in its usual place."""
+"""Given for a file: print it."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,6 @@ class ProfileOptions:
     board_row: bool
     trace: Path | None
     start_up: bool
-    save_choice: str | None
     limit_s: float | None
     output: Path | None
 
@@ -57,17 +56,16 @@ def run_profile(name: str, given: ProfileOptions) -> int:
     from nnpp_edge.profiling.judge import EXIT_CODES
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile
-    from nnpp_edge.profiling.report import Watchers, choice_of, profile_machine
+    from nnpp_edge.profiling.report import Watchers, profile_machine
     from nnpp_edge.profiling.trace import Trace
     from nnpp_edge.progress import bar
     from nnpp_edge.terrain.vehicle_files import load_vehicle
 
-    choice = _choice_file(given.save_choice)
     profile = read_profile(name)
     others = (profile.networks.fp32, profile.load.vehicle)
     options.check_outputs(
         *(("--json", given.json_path), ("--html", given.html), ("--markdown", given.markdown_path)),
-        *(("--save-choice", choice), ("--trace", given.trace)),
+        ("--trace", given.trace),
         more_inputs=(*profile.load.terrain, profile.networks.int8, *filter(None, others)),
         make_folders=True,
     )
@@ -80,10 +78,6 @@ def run_profile(name: str, given: ProfileOptions) -> int:
     profile, dropped = overridden(profile, terrain=terrain, **changes)
     if profile.load.vehicle is not None:
         load_vehicle(profile.load.vehicle)  # before the run: it may be none
-    if choice is not None and profile.load.of_body == profile.load.workloads:
-        raise click.UsageError(
-            "auto chooses by a point's workloads: --save-choice needs soft or limitN in the profile"
-        )
     notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
     runs, trace = 1 + profile.contention.wanted, None if given.trace is None else Trace("nnpp-edge profile")
     with bar("profile", runs * queries_in(profile.load), quiet=True) as advance:
@@ -100,11 +94,7 @@ def run_profile(name: str, given: ProfileOptions) -> int:
         contents[given.markdown_path] = markdown.encode()
     if given.trace is not None and trace is not None:
         contents[given.trace] = trace.to_json()
-    if choice is not None:
-        contents[choice] = choice_of(report, profile.networks.int8).to_json().encode()
     write_all(contents)
-    if choice is not None:
-        click.echo(f"auto goes by this run from now on: {choice}", err=True)
     if given.board_row:
         printed = board_row(report)
     elif given.json_file == STDOUT:
@@ -113,16 +103,3 @@ def run_profile(name: str, given: ProfileOptions) -> int:
         printed = markdown if given.markdown_file == STDOUT else report_text(report)
     click.echo(printed.rstrip("\n"))
     return EXIT_CODES[report["verdict"]]
-
-
-def _choice_file(named: str | None) -> Path | None:
-    """Where to save what auto chooses by; None if that was not asked for."""
-    if named is None:
-        return None
-    if named != STDOUT:
-        return Path(named)
-    from nnpp_edge.runtime.planners.choice import choice_path
-
-    if (path := choice_path()) is None:
-        raise click.UsageError("there is no home folder for the figures: give --save-choice FILE")
-    return path

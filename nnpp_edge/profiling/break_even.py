@@ -6,17 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from nnpp_edge.profiling.report_format import BreakEven, ResultRow, RuleLine
+from nnpp_edge.profiling.report_format import BreakEven, ResultRow
 
 PAIRS = (("corridor", "astar"), ("nnpp", "astar"), ("nnpp", "corridor"))
 """Who might pay over whom."""
-CHOICES = ("astar", "corridor", "nnpp")
-"""What `auto` may choose from."""
 _BINS_PER_DOUBLING = 2
 _FEWEST = 3
 """Queries that a bin of distances must have; one with fewer is joined to another."""
-_CLEARLY = 0.95
-"""The choice changes where another method takes less than this share of the time."""
 
 Timed = Sequence[tuple[int, float]]
 """Distance in cells and time in milliseconds of each query."""
@@ -101,20 +97,3 @@ def _from_where(wins: Sequence[tuple[int, bool]]) -> int | None:
             break
         found = place
     return found
-
-
-def rules(results: Sequence[ResultRow]) -> list[RuleLine]:
-    """Which method is soonest done, by size and distance: ``size``, ``from`` (cells) and ``method``.
-
-    Methods that are nearly as fast do not take turns: another is chosen where it is clearly sooner done.
-    """
-    lines: list[RuleLine] = []
-    for size, bins in bins_by_size(results).items():
-        chosen = None
-        for each in bins:
-            known = [method for method in CHOICES if method in each.times_ms]
-            best = min(known, key=each.total)
-            if chosen is None or (best != chosen and each.total(best) < _CLEARLY * each.total(chosen)):
-                chosen = best
-                lines.append({"size": size, "from": each.first, "method": chosen})
-    return lines

@@ -4,7 +4,6 @@ import resource
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from pathlib import Path
 
 from nnpp_edge import __version__
 from nnpp_edge.profiling import break_even
@@ -30,8 +29,6 @@ from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.sensors import KernelSensors, SensorLog, sensor_facts, throttling
 from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.runtime.network.model_file import model_path
-from nnpp_edge.runtime.planners.choice import Choice, Rule
-from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.terrain.workloads import body_rocks
 
 SCHEMA = 1
@@ -103,7 +100,6 @@ def profile_machine(
         results=results,
         loop=loop,
         break_even=break_even.break_even(of_points or results),
-        rules=break_even.rules(of_points),
         disturbance=DisturbanceFacts(words=noise.words, halves=_halves(measured)),
         contention=contention,
         sensors=sensor_facts(sensors),
@@ -135,12 +131,6 @@ def summary(ending: str, lines: Sequence[BudgetLine], noise: str) -> str:
 
 def _place(line: BudgetLine) -> str:
     return "" if line["size"] is None else f"{line['workload']} {line['size']}²"
-
-
-def choice_of(report: Report, model: str) -> Choice:
-    """What `auto` chooses by from now on, from a report of a run with this int8 model."""
-    rules = tuple(Rule(line["size"], line["from"], Method(line["method"])) for line in report["rules"])
-    return Choice(report["made"][:10], report["environment"]["cpu"], Path(model).stem, rules)
 
 
 def _whole_run(

@@ -97,10 +97,6 @@ class BreakEven(TypedDict):
     distance_from: dict[str, int | None]
 
 
-RuleLine = TypedDict("RuleLine", {"size": int, "from": int, "method": str})
-"""Which method is soonest done from a distance on."""
-
-
 class HalfFacts(TypedDict):
     """What others took in one half of the run."""
 
@@ -179,7 +175,6 @@ class Report(TypedDict):
     results: list[ResultRow]
     loop: list[LoopRow]
     break_even: list[BreakEven]
-    rules: list[RuleLine]
     disturbance: DisturbanceFacts
     contention: ContentionFacts | None
     sensors: SensorFacts

@@ -88,7 +88,6 @@ START = ("--start", "5,5", "--goal", "50,50", "--method", "astar")
         ("profile", "--profile", "own.toml", "--json", "own.toml"),
         ("profile", "--profile", "own.toml", "--html", "hills.npz"),
         ("profile", "--profile", "quick", "--markdown", "hills.npz", "--terrain", "hills.npz"),
-        ("profile", "--profile", "quick", "--terrain", "hills.npz", "--save-choice", "hills.npz"),
         ("profile", "--peers", "--terrain", "peers.json", "-o", "."),
         ("simulate", "--map", "hills.npz", "--log", "hills.npz"),
         ("simulate", "--map", "plan.png", "--picture", "plan.png"),

@@ -11,7 +11,6 @@ import pytest
 from nnpp_edge.profiling import report as report_module
 from nnpp_edge.profiling.board import board_row
 from nnpp_edge.profiling.cold_start import ColdStart
-from nnpp_edge.runtime.planners import choice
 from tests.profiling.traces import check_trace, spans_of, within
 
 PROFILE = """
@@ -62,15 +61,6 @@ def profile(tmp_path, tiny_model, core, monkeypatch):
     return write
 
 
-@pytest.fixture
-def no_saved_choice(monkeypatch, tmp_path):
-    monkeypatch.delenv("NNPP_EDGE_CHOICE", raising=False)
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    choice.saved_choice.cache_clear()
-    yield
-    choice.saved_choice.cache_clear()
-
-
 KEYS = {
     "schema",
     "version",
@@ -82,7 +72,6 @@ KEYS = {
     "results",
     "loop",
     "break_even",
-    "rules",
     "disturbance",
     "contention",
     "sensors",
@@ -293,20 +282,6 @@ def test_an_unknown_profile_is_refused(nnpp_edge):
     nnpp_edge("profile", "--profile", "slow").refused("'slow'", "quick")
 
 
-def test_auto_goes_by_what_was_saved(nnpp_edge, profile, tmp_path, no_saved_choice):
-    ended = nnpp_edge("profile", "--profile", profile(), "--save-choice")
-    assert ended.code == 0, ended.err
-    path = tmp_path / "config" / "nnpp-edge" / "choice.json"
-    stored = json.loads(path.read_text())
-    assert stored["model"] == "tiny" and {rule["size"] for rule in stored["rules"]} == {64}
-    choice.saved_choice.cache_clear()
-    picked, reason = choice.choice_for((64, 64), "tiny").pick(0)
-    assert picked == stored["rules"][0]["method"]
-    assert reason.startswith(f"measured on this machine {stored['measured']}: {picked} soonest from 0 cells at 64²")
-    assert nnpp_edge("profile", "--profile", profile(), "--save-choice", tmp_path / "mine.json").code == 0
-    assert json.loads((tmp_path / "mine.json").read_text())["format"] == stored["format"]
-
-
 def changed(told, path, **changes):
     for row in told["results"]:
         if row["planner"] == "nnpp":
@@ -317,12 +292,6 @@ def changed(told, path, **changes):
                     row[key] = factor * row[key] if factor > 0 else 0.5
     path.write_text(json.dumps(told))
     return path
-
-
-def test_a_vehicles_workloads_alone_choose_nothing(nnpp_edge, profile, no_saved_choice):
-    file = profile(**{'["soft",_"limit20"]': '["body"]\nvehicle = "small-rover"'})
-    nnpp_edge("profile", "--profile", file, "--save-choice").refused("--save-choice needs soft or limitN")
-    assert not choice.choice_path().exists()
 
 
 def test_regressions_between_two_reports(nnpp_edge, profile, tmp_path):

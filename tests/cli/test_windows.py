@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import cv2
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 import rasterio
 import rasterio.shutil
 
-from nnpp_edge.benchmarks.large_map import cross, make_cog
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 SMALL = ("--memory", "100kB")
@@ -220,19 +218,3 @@ def test_ended_half_way_it_leaves_no_output(tmp_path, command, number):
     if number is signal.SIGKILL:  # then nobody can tidy up
         left = [name for name in left if not name.startswith(".")]
     assert left == []
-
-
-def test_the_benchmark_crosses_a_cog_with_overviews(tmp_path):
-    path = tmp_path / "ground.tif"
-    make_cog(path, 700, seed=2)
-    with rasterio.open(path) as dataset:
-        assert dataset.overviews(1) and dataset.shape == (700, 700) and dataset.block_shapes == [(512, 512)]
-        heights = dataset.read(1)
-    steps = np.abs(np.diff(heights, axis=0)).mean(axis=1)
-    assert steps[511] < steps.mean() + 4.0 * steps.std()  # no seam between tiles
-    began = time.monotonic()
-    crossed = cross(path, 700, "1MB")
-    assert crossed.status == "OK" and crossed.map_s > 0.0
-    assert 0.0 < crossed.peak_memory_gb < 2.0 and crossed.seconds <= time.monotonic() - began
-    assert crossed.cost > 0.0 and crossed.bound >= 1.0 and crossed.path_cells >= 650
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["ground.tif"]

@@ -52,7 +52,6 @@ class Command:
     """Further or damaged files, by their place in the folder."""
     links: dict[str, str] = field(default_factory=dict)
     """Symbolic links, by their place."""
-    env: dict[str, str] = field(default_factory=dict)
     needs: tuple[str, ...] = ()
     """Samples that no word names."""
     stdin: bytes = b""
@@ -67,7 +66,6 @@ class Command:
     def __repr__(self) -> str:
         """As a shell would have it, with what is special."""
         parts = [f"nnpp-edge {' '.join(map(_quoted, self.words))}"]
-        parts += [f"{name}={value}" for name, value in self.env.items()]
         parts += [f"{name} ({len(content)} bytes, damaged or made up)" for name, content in self.files.items()]
         parts += [f"{name} -> {target}" for name, target in self.links.items()]
         if self.streams != ("null", "pipe", "pipe"):
@@ -125,7 +123,7 @@ def prepare(command: Command, samples: Path, folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     for name in ("in", "out", "old", "odd", "home"):
         (folder / name).mkdir(parents=True)
-    named = re.findall(r"in/([\w.-]+)", " ".join([*command.words, *command.env.values(), *command.files]))
+    named = re.findall(r"in/([\w.-]+)", " ".join([*command.words, *command.files]))
     for name in sorted({name for name in (*named, *command.needs) if len(name) < 100}):
         if name.endswith(".toml") and (samples / "tiny.onnx").exists():
             shutil.copy(samples / "tiny.onnx", folder / "in" / "tiny.onnx")
@@ -168,7 +166,7 @@ def execute(command: Command, folder: Path, limits: Limits) -> Ended:
 
     def work() -> int:
         os.chdir(folder)
-        os.environ.update({name: str(value) for name, value in env.items()} | {"NNPP_EDGE_CHOICE": ""} | command.env)
+        os.environ.update({name: str(value) for name, value in env.items()})
         if command.unprivileged:
             drop_rights_over_files()
         sys.argv = ["nnpp-edge", *command.words]

@@ -35,7 +35,7 @@ PLAN = ("plan", "in/dem.npz", "--start", "2,2", "--goal", "20,28")
 
 def generate(rng: random.Random, samples: Path, heavy: bool = True) -> Command:
     """A command that reads one damaged file."""
-    kinds = {_dem: 6.0, _cost_map: 2.0, _recording: 2.0, _stdin: 2.0, _profile: 1.0, _choice: 1.0, _model_notes: 0.7}
+    kinds = {_dem: 6.0, _cost_map: 2.0, _recording: 2.0, _stdin: 2.0, _profile: 1.0, _model_notes: 0.7}
     if heavy:
         kinds |= {_report: 0.6, _data_set: 0.8, _checkpoint: 0.3}
     make = rng.choices(list(kinds), list(kinds.values()))[0]
@@ -259,14 +259,6 @@ def _profile(rng: random.Random, samples: Path) -> Command:
     of_run = ("run", "--map", "in/dem.npz", "--profile", "{f}", *_REPLAY)
     words = of_run if rng.random() < 0.8 else ("profile", "--profile", "{f}")
     return _reading(words, "in/own.toml", content, patient=words[0] == "profile")
-
-
-def _choice(rng: random.Random, samples: Path) -> Command:
-    content = mutated_json(rng, (samples / "choice.json").read_bytes())
-    place = rng.choices(("in/own.json", "odd/zero", "odd/loop", "in", "in/x" + "y" * 300), (12, 1, 1, 1, 1))[0]
-    files = {place: content} if place == "in/own.json" else {}
-    words = PLAN if rng.random() < 0.6 else ("run", "--map", "in/dem.npz", *_REPLAY)
-    return Command(words, files, env={"NNPP_EDGE_CHOICE": place}, needs=("dem.npz", "drive.jsonl"))
 
 
 def _model_notes(rng: random.Random, samples: Path) -> Command:

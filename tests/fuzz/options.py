@@ -89,7 +89,6 @@ _INPUTS = ("in/dem.npz", "in/dem.npy", "in/dem.tif", "in/dem.png", "in/dem.asc",
 _INPUTS += (
     "in/profile.toml",
     "in/tiny.onnx",
-    "in/choice.json",
     "in/dem.img",
     "in/sparse.tif",
     "in/bomb.npz",

@@ -121,7 +121,6 @@ def prepare(folder: Path, *, heavy: bool) -> Path:
     """Make the samples, and load all that the cases need; the folder of the samples. Leaves no thread behind."""
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
-    os.environ["NNPP_EDGE_CHOICE"] = ""
     samples = folder / "samples"
     _load(heavy)
     if not (samples / "made").exists():
@@ -176,7 +175,6 @@ def _make(samples: Path, folder: Path, heavy: bool) -> None:
     def run(*words: object) -> bool:
         def work() -> int:
             sys.argv = ["nnpp-edge", *map(str, words)]
-            os.environ["NNPP_EDGE_CHOICE"] = ""
             os.chdir(folder / "making")
             from nnpp_edge.cli.main import main
 

@@ -47,7 +47,7 @@ def heights(seed: int = 0, rows: int = ROWS, cols: int = COLS) -> np.ndarray:
 
 
 def make_light(folder: Path) -> None:
-    """All that needs no training: terrain, cost maps, recordings, profiles, choices, the smallest model."""
+    """All that needs no training: terrain, cost maps, recordings, profiles, the smallest model."""
     import cv2
     import rasterio
 
@@ -86,9 +86,6 @@ def make_light(folder: Path) -> None:
     (folder / "drive.jsonl").write_bytes(b"\n".join(lines) + b"\n")
     (folder / "messages.jsonl").write_bytes(b"\n".join(map(encode, inputs)) + b"\n")
     (folder / "profile.toml").write_text(PROFILE)
-    rules = [{"size": 32, "from": 0, "method": "astar"}, {"size": 32, "from": 8, "method": "corridor"}]
-    choice = {"format": "nnpp-edge-choice-1", "measured": "2024-01-01", "machine": "any", "model": "edge"}
-    (folder / "choice.json").write_text(json.dumps(choice | {"rules": rules}))
     write_tiny_model(folder / "tiny.onnx")
     (folder / "tiny.md").write_text("# tiny\n\nA model without weights.\n")
     row = {"workload": "soft", "size": 256, "method": "nnpp", "n": 2, "success_raw": 1.0, "success": 1.0}

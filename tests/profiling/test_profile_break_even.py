@@ -1,6 +1,6 @@
 import pytest
 
-from nnpp_edge.profiling.break_even import bins_by_size, break_even, rules
+from nnpp_edge.profiling.break_even import bins_by_size, break_even
 
 DISTANCES = [5, 6, 7, 8, 20, 21, 22, 23, 60, 61, 62, 63, 200, 201, 202]
 
@@ -57,22 +57,6 @@ def test_a_win_that_is_lost_again_does_not_count():
     assert found["corridor", "astar"]["distance_from"] == {"256": None}
 
 
-def test_the_rules_follow_the_soonest_and_do_not_take_turns():
-    told = rules(results(TIMES, (256, 2048)))
-    assert [(line["size"], line["method"]) for line in told] == [
-        (256, "astar"),
-        (256, "corridor"),
-        (2048, "corridor"),
-    ]
-    assert told[0]["from"] == told[2]["from"] == 0 and 20 < told[1]["from"] <= 60
-    nearly = TIMES | {"corridor": lambda size, distance: 0.97 * TIMES["astar"](size, distance)}
-    nearly["nnpp"] = nearly["astar"]
-    assert [line["method"] for line in rules(results(nearly))] == ["corridor"]
-    jumping = {"astar": lambda s, d: 1.0, "corridor": lambda s, d: 0.98 if d > 10 else 1.1}
-    assert [line["method"] for line in rules(results(jumping))] == ["astar"]
-
-
 @pytest.mark.parametrize("times", [{"astar": TIMES["astar"]}, {"astar": TIMES["astar"], "auto": TIMES["astar"]}])
 def test_planners_that_were_not_measured_are_left_out(times):
     assert break_even(results(times)) == []
-    assert [line["method"] for line in rules(results(times))] == ["astar"]

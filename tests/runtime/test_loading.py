@@ -232,8 +232,7 @@ def test_a_model_that_is_loaded_is_not_loaded_in_the_background(network):
         ("nosuch", 2000, 900, "edge", False),
     ],
 )
-def test_the_network_is_expected_where_plans_come_from_it(monkeypatch, method, side, apart, model, expected):
-    monkeypatch.setenv(choice.VARIABLE, "")
+def test_the_network_is_expected_where_plans_come_from_it(method, side, apart, model, expected):
     assert choice.expects_network(method, (side, side), model, apart) is expected
 
 

@@ -12,7 +12,6 @@ from nnpp_edge.profiling.compare import read_report
 from nnpp_edge.profiling.profile_file import ProfileError, read_profile
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, TerrainError
 from nnpp_edge.runtime.network.model_file import model_path
-from nnpp_edge.runtime.planners.choice import saved_choice
 from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
 from nnpp_edge.terrain.dem import read_dem
 
@@ -49,9 +48,6 @@ def test_no_kind_of_path_makes_a_reader_wait_or_fail_with_anything_but_one_line(
         with pytest.raises(kind) as caught:
             read(path)
         assert "\n" not in str(caught.value)
-    with pytest.warns(UserWarning, match="cannot be used") as warned:
-        saved_choice.__wrapped__(path)
-    assert "\n" not in str(warned[0].message)
 
 
 def test_a_folder_that_may_not_be_entered_is_told(tmp_path, monkeypatch):
@@ -95,14 +91,11 @@ def test_a_damaged_profile_is_one_line(tmp_path, content, words):
 
 
 @pytest.mark.parametrize("content", [b"[" * 100_000, b'{"a":' * 100_000, b"\xe4", b"", b"null", b"1" * 5000])
-def test_a_damaged_report_or_choice_is_one_line(tmp_path, content):
+def test_a_damaged_report_is_one_line(tmp_path, content):
     (tmp_path / "file.json").write_bytes(content)
     with pytest.raises(InvalidQueryError) as caught:
         read_report(tmp_path / "file.json")
     assert "\n" not in str(caught.value)
-    with pytest.warns(UserWarning, match="cannot be used") as warned:
-        assert saved_choice.__wrapped__(tmp_path / "file.json") is None
-    assert "\n" not in str(warned[0].message)
 
 
 def test_what_is_sound_is_parsed():

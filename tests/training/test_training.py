@@ -312,20 +312,3 @@ def test_the_presets_can_be_built():
 def test_a_spec_that_no_network_fits_is_refused(changes, word):
     with pytest.raises(ModelError, match=word):
         dataclasses.replace(SMALL, **changes)
-
-
-def test_ablations_train_each_variant_and_compare_them(dataset, tmp_path):
-    from click.testing import CliRunner
-
-    from nnpp_edge.training.ablations import main, variants
-
-    names = {variant.name for variant in variants(1)}
-    assert {"base", "width: half", "input: 128", "loss: focal"} <= names
-    words = [str(dataset), "--validation", str(dataset), "-o", str(tmp_path), "--steps", "1"]
-    ended = CliRunner().invoke(main, [*words, "--only", "base, loss: dice"], catch_exceptions=False)
-    assert ended.exit_code == 0
-    assert "loss: dice" in ended.output and "td × 0.25" in ended.output
-    found = json.loads((tmp_path / "ablations.json").read_text())
-    assert set(found) == {"base", "loss: dice"}
-    assert found["base"]["step"] == 1
-    assert CliRunner().invoke(main, [*words, "--only", "nothing"]).exit_code == 2
