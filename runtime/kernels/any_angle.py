@@ -7,7 +7,16 @@ weight at a place is bilinear in those of the four cells whose middles surround 
 left out, and the others' shares are raised to sum to 1. A cell's length costs `steps[0]` + 2 · `steps[2]` · weight:
 what a straight step on even ground does.
 
-A *leg* is the straight way between two way points.
+A *leg* is the straight way between two way points. It is clear where every cell that it touches is passable and, for
+a disc, where it keeps the disc's radius away from every obstacle. For that the kernels are given `room`, a tuple
+
+    costs      (rows · cols,) float32, a point's; what lies off the map is an obstacle
+    rows, cols of the map
+    ceiling    cost from which on a cell is an obstacle
+    radius     metres
+    sides      height and width of a cell, metres: two numbers
+
+which is `NO_DISC` for a point and a body.
 """
 
 import math
@@ -20,13 +29,25 @@ from nnpp_edge.runtime.kernels.tiles import open_there
 
 TOUCH = 1e-6
 """Cells: a leg that comes so near to a cell touches it."""
+_GAUSS = (
+    (-0.906179845938664, 0.2369268850561891),
+    (-0.5384693101056831, 0.4786286704993665),
+    (0.0, 0.5688888888888889),
+    (0.5384693101056831, 0.4786286704993665),
+    (0.906179845938664, 0.2369268850561891),
+)
+NO_DISC = np.empty(0, np.float32), 0, 0, np.inf, 0.0, 1.0, 1.0
+_ROUNDING = 1.0 - 1e-7
+"""Share of the radius that is kept away."""
 
 
 @kernel
-def ground_of(grid):
-    """What the kernels below go by: (weights, stride, cost of a cell's length, what a weight adds to it, cutting)."""
+def ground_of(grid, room):
+    """What the kernels below go by: (weights, stride, cost of a cell's length, what a weight adds, cutting, room)."""
     weights, stride, steps, corner_cutting, _ = grid
-    return borrowed(weights), stride, steps[0], 2.0 * steps[2], corner_cutting
+    costs, rows, cols, ceiling, radius, height, width = room
+    around = borrowed(costs), rows, cols, ceiling, radius, height, width
+    return borrowed(weights), stride, steps[0], 2.0 * steps[2], corner_cutting, around
 
 
 @kernel
@@ -103,7 +124,59 @@ def _along_sides(ground, row, col, rows, cols):
 
 
 @kernel
+def _beside(row, col, to_row, to_col, height, width):
+    """Square of the metres from a leg to a cell's square; the leg's ends are in metres, from the square's middle."""
+    near = np.inf
+    for r, c in ((row, col), (to_row, to_col)):
+        down, right = max(abs(r) - height, 0.0), max(abs(c) - width, 0.0)
+        near = min(near, down * down + right * right)
+    rows, cols = to_row - row, to_col - col
+    length = rows * rows + cols * cols
+    sides = 0
+    for r, c in ((-height, -width), (-height, width), (height, width), (height, -width)):
+        across = (r - row) * cols - (c - col) * rows
+        sides += 1 if across > 0.0 else -1
+        share = ((r - row) * rows + (c - col) * cols) / length
+        if 0.0 < share < 1.0:
+            near = min(near, across * across / length)
+    overlaps = min(row, to_row) <= height and max(row, to_row) >= -height
+    overlaps = overlaps and min(col, to_col) <= width and max(col, to_col) >= -width
+    return 0.0 if overlaps and abs(sides) < 4 else near
+
+
+@kernel
+def _keeps_away(room, row, col, to_row, to_col):
+    """Whether a disc that follows a leg touches no obstacle: by the distance of the leg from each cell's square."""
+    costs, rows, cols, ceiling, radius, height, width = room
+    if radius == 0.0:
+        return True
+    up, left, least = radius / height + 0.5, radius / width + 0.5, (radius * _ROUNDING) ** 2
+    down, right = to_row - row, to_col - col
+    if down == 0.0 and right == 0.0:
+        down = TOUCH
+    for i in range(math.ceil(min(row, to_row) - up), math.floor(max(row, to_row) + up) + 1):
+        first, last = 0.0, 1.0  # the part of the leg that may be so near to this row
+        if down != 0.0:
+            one, two = (i - up - row) / down, (i + up - row) / down
+            first, last = max(min(one, two), 0.0), min(max(one, two), 1.0)
+        low, high = col + first * right, col + last * right
+        for j in range(math.ceil(min(low, high) - left), math.floor(max(low, high) + left) + 1):
+            if 0 <= i < rows and 0 <= j < cols and costs[np.uint64(i * cols + j)] < ceiling:
+                continue
+            begin = (row - i) * height, (col - j) * width
+            if _beside(*begin, begin[0] + down * height, begin[1] + right * width, 0.5 * height, 0.5 * width) < least:
+                return False
+    return True
+
+
+@kernel
 def is_clear(ground, row, col, to_row, to_col):
+    """Whether every cell that a leg touches is passable, and a disc that follows it touches no obstacle."""
+    return _is_passable_along(ground, row, col, to_row, to_col) and _keeps_away(ground[5], row, col, to_row, to_col)
+
+
+@kernel
+def _is_passable_along(ground, row, col, to_row, to_col):
     """Whether every cell that a leg touches is passable.
 
     Where corners may be cut, diagonal legs from the middle of a cell may lead through them, as the grid's steps do.
@@ -142,10 +215,22 @@ def is_clear(ground, row, col, to_row, to_col):
 
 
 @kernel
-def leg_cost(ground, row, col, to_row, to_col):
-    """The line integral along a clear leg, by Simpson's rule between the lines through the cells' middles.
+def _beside_obstacles(ground, row, col, rows, cols, at, end):
+    """The integral of the weight over a leg's share from `at` to `end`, where cells are left out of its means."""
+    total, half = 0.0, 0.25 * (end - at)
+    for k in range(2):
+        middle = at + half * (2 * k + 1)
+        for place, factor in _GAUSS:
+            share = middle + half * place
+            total += half * factor * weight_at(ground, row + share * rows, col + share * cols)
+    return total
 
-    It is exact where no impassable cell lies beside the leg.
+
+@kernel
+def leg_cost(ground, row, col, to_row, to_col):
+    """The line integral along a clear leg, between the lines through the cells' middles.
+
+    By Simpson's rule, which is exact; beside impassable cells by Gauss's with five points on each of two halves.
     """
     rows, cols = to_row - row, to_col - col
     length = math.sqrt(rows * rows + cols * cols)
@@ -161,8 +246,11 @@ def leg_cost(ground, row, col, to_row, to_col):
         end = min(next_row, next_col, 1.0)
         if end > at:
             middle, last = 0.5 * (at + end), weight_at(ground, row + end * rows, col + end * cols)
-            between = weight_at(ground, row + middle * rows, col + middle * cols)
-            total += (end - at) * (first + 4.0 * between + last) / 6.0
+            between = mean_of_four(ground[0], ground[1], row + middle * rows, col + middle * cols)
+            if between < np.inf:
+                total += (end - at) * (first + 4.0 * between + last) / 6.0
+            else:
+                total += _beside_obstacles(ground, row, col, rows, cols, at, end)
             first = last
         if next_row <= end:
             next_row += per_row
@@ -173,9 +261,9 @@ def leg_cost(ground, row, col, to_row, to_col):
 
 
 @kernel
-def line_cost(grid, points):
-    """The line integral along way points, (N, 2) float64; inf if a leg touches an impassable cell."""
-    ground, total = ground_of(grid), 0.0
+def line_cost(grid, room, points):
+    """The line integral along way points, (N, 2) float64; inf if a leg is not clear."""
+    ground, total = ground_of(grid, room), 0.0
     for k in range(len(points) - 1):
         if not is_clear(ground, points[k, 0], points[k, 1], points[k + 1, 0], points[k + 1, 1]):
             return np.inf
@@ -199,13 +287,13 @@ def _sampled_cost(ground, row, col, to_row, to_col, per_cell):
 
 
 @kernel
-def shortened(grid, points, every, most, penalty, per_cell):
+def shortened(grid, room, points, every, most, penalty, per_cell):
     """Way points without those that may be left out: the cheapest choice, each way point costing `penalty` more.
 
     Legs may skip `every`, twice, four times that many points and so on, up to `most`, between points whose numbers
     `every` divides, and lead from each point to the next.
     """
-    n, ground = len(points), ground_of(grid)
+    n, ground = len(points), ground_of(grid, room)
     costs, before = np.empty(n), np.empty(n, np.int64)
     costs[0], before[0] = 0.0, -1
     for k in range(1, n):

@@ -179,6 +179,7 @@ def pose_cost(under, row, col, ahead, sweep, contacts):
 def stands_along(body, points):
     """(4, N) how a body stands at places (N, 2), each left for the next, the last as it is arrived at.
 
+    Places lie as the check of their legs has them: each pose stands for half of the way to the next place.
     Gradients along and across of the plane of the wheels in the middle of their heights' ranges, nose and left side
     up positive; that of the greatest tilt; and the least clearance, all as for a leg's poses. NaN where unknown.
     """
@@ -193,7 +194,7 @@ def stands_along(body, points):
             metres = math.sqrt(down * down + right * right)
             if metres > 0.0:
                 ahead = down / metres, right / metres
-                sweep = 0.5 * metres / (POSES_PER_CELL * math.sqrt(rows * rows + cols * cols))
+                sweep = 0.5 * metres
         at = points[k, 0] * sides[0], points[k, 1] * sides[1]
         pitch, roll, _ = _stand_on_wheels(under, at, ahead, sweep, contacts)
         if pitch == np.inf:
@@ -256,6 +257,13 @@ def stands_on_leg(under, contacts, body, stride, ends):
 @kernel
 def _poses_along(rows, cols):
     return np.int64(math.ceil(POSES_PER_CELL * math.sqrt(rows * rows + cols * cols)))
+
+
+@kernel
+def places_on_leg(row, col, to_row, to_col):
+    """Into how many equal parts the check of a leg divides it: it stands at their ends."""
+    count = _steps_of_grid(row, col, to_row, to_col)
+    return count if count > 0 else max(_poses_along(to_row - row, to_col - col), 1)
 
 
 @kernel

@@ -11,11 +11,12 @@ import numpy as np
 from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.kernels.any_heading import body_leg_price, stands_on_leg, under_body
 from nnpp_edge.runtime.kernels.by_address import borrowed
+from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.pose_weights import body_weight_at, headings_of, known_weight
 
 
 @kernel
-def with_shortcuts(body, grid, path, skips, tolerance):
+def with_shortcuts(body, grid, path, skips, tolerance, until):
     """Cells of a body's path that the cheapest line along it turns at.
 
     Parameters
@@ -28,6 +29,8 @@ def with_shortcuts(body, grid, path, skips, tolerance):
         Cells of the path from one end of a leg to the other, 1 first.
     tolerance : float
         Cells of mean ground, whose cost a way point must save.
+    until : float
+        As everywhere. By then no more short cuts are looked for.
 
     Returns
     -------
@@ -36,7 +39,7 @@ def with_shortcuts(body, grid, path, skips, tolerance):
     float
         The line integral along them.
     """
-    legs = _prices(body, grid, path, skips)
+    legs = _prices(body, grid, path, skips, until)
     legs += tolerance * legs[1:, 0].mean()
     n, first = len(path), 1
     passed, costs, before = np.zeros(legs.shape, np.bool_), np.zeros(n), np.zeros(n, np.int64)
@@ -48,23 +51,23 @@ def with_shortcuts(body, grid, path, skips, tolerance):
         while k > 0:
             chosen = before[k]
             i = k - skips[chosen]
-            if not passed[k, chosen]:
+            if not passed[k, chosen] and not late(until):
                 ends = np.float64(path[i, 0]), np.float64(path[i, 1]), np.float64(path[k, 0]), np.float64(path[k, 1])
                 passed[k, chosen] = stands_on_leg(under, contacts, body, grid[1], ends)
-                if not passed[k, chosen]:
-                    legs[k, chosen], first = np.inf, k
+            if not passed[k, chosen]:
+                legs[k, chosen], first = np.inf, k
             k = i
     return _line_of(body, grid, path, skips, before)
 
 
 @kernel
-def _prices(body, grid, path, skips):
+def _prices(body, grid, path, skips, until):
     """(N, S) about what the legs to each cell cost, by one sample a cell; inf where the path is not so long."""
     codes, unit, stride, steps = borrowed(body[0][0]), body[0][1], grid[1], grid[2]
     legs = np.full((len(path), len(skips)), np.inf)
     for k in range(1, len(path)):
         for s in range(len(skips)):
-            if skips[s] > k:
+            if skips[s] > k or (s > 0 and late(until)):
                 break
             row, col = np.float64(path[k - skips[s], 0]), np.float64(path[k - skips[s], 1])
             rows, cols = path[k, 0] - row, path[k, 1] - col

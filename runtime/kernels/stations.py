@@ -23,6 +23,7 @@ from nnpp_edge.runtime.kernels.any_angle import (
     shortened,
     weight_at,
 )
+from nnpp_edge.runtime.kernels.clock import late
 
 BLOCKED = 1e200
 """What impassable places weigh where sums of weights may have factors of 0: more than any sum of others."""
@@ -34,12 +35,12 @@ them neighbours may differ; samples per cell; whether the way points are among t
 
 
 @kernel
-def freed(grid, path, stages, tolerance):
+def freed(grid, room, path, stages, tolerance, until):
     """Way points near a path of cells that cost less, by the line integral, than the path itself as a rule.
 
     Parameters
     ----------
-    grid
+    grid, room
         As everywhere.
     path : (N, 2) int32
         Cells, each a neighbour of the one before it.
@@ -47,6 +48,8 @@ def freed(grid, path, stages, tolerance):
         How stations are moved, one stage after another; see `SPACING` and the others.
     tolerance : float
         Cells of mean ground, whose cost a way point must save.
+    until : float
+        As everywhere. By then stations stay where they are.
 
     Returns
     -------
@@ -55,53 +58,55 @@ def freed(grid, path, stages, tolerance):
     float
         Their line integral; inf where no line was found all of whose legs are clear.
     """
-    points = _freed(grid, path, stages, tolerance, False)
-    cost = line_cost(grid, points)
+    points = _freed(grid, room, path, stages, tolerance, False, until)
+    cost = line_cost(grid, room, points)
     if cost == np.inf:
-        points = _freed(grid, path, stages, tolerance, True)
-        cost = line_cost(grid, points)
+        points = _freed(grid, room, path, stages, tolerance, True, until)
+        cost = line_cost(grid, room, points)
     return points, cost
 
 
 @kernel
-def _freed(grid, path, stages, tolerance, wary):
+def _freed(grid, room, path, stages, tolerance, wary, until):
     """As `freed`; every leg is checked as it is chosen where `wary`, else those near something impassable."""
     points, on_path = path.astype(np.float64), True
     for s in range(len(stages)):
         spacing, keeps = stages[s, SPACING], stages[s, KEEPS] > 0.0
         if keeps and on_path:
-            points, on_path = shortened(grid, points, 8, 32, 0.0, 1.0), False
+            points, on_path = shortened(grid, room, points, 8, 32, 0.0, 1.0), False
         stations = _with_stations(points, spacing) if keeps else _evenly(points, spacing)
         step, half, slope = stages[s, STEP], np.int64(stages[s, HALF]), np.int64(stages[s, SLOPE])
-        found = moved(grid, stations, step, half, slope, stages[s, SAMPLES], wary)
+        found = moved(grid, room, stations, step, half, slope, stages[s, SAMPLES], wary, until)
         if keeps or found is not stations:
             points, on_path = found, False
-    mean = line_cost(grid, points) / max(_length(points), 1e-12)
+    mean = line_cost(grid, room, points) / max(_length(points), 1e-12)
     before = 2 * len(points)
     while len(points) < 0.8 * before:
         before = len(points)
-        points = shortened(grid, points, 1, 2, tolerance * mean, 1.0)
-    return moved(grid, points, LAST_STEP, 1, 1, 1.5, wary)
+        points = shortened(grid, room, points, 1, 2, tolerance * mean, 1.0)
+    return moved(grid, room, points, LAST_STEP, 1, 1, 1.5, wary, until)
 
 
 @kernel
-def moved(grid, stations, step, half, slope, per_cell, wary):
+def moved(grid, room, stations, step, half, slope, per_cell, wary, until):
     """Stations moved across the path by multiples of `step`, `half` to each side at most: the cheapest choice.
 
     Neighbours are moved by amounts that differ by `slope` multiples at most. Legs are priced by about `per_cell`
     samples a cell. They are clear where a sample comes near something impassable, and all of them where `wary`. The
-    stations themselves where there is no such choice.
+    stations themselves where there is no such choice, or none by `until`.
     """
-    n, count, ground = len(stations), 2 * half + 1, ground_of(grid)
+    n, count, ground = len(stations), 2 * half + 1, ground_of(grid, room)
     rows, cols, sums = np.empty((n, count)), np.empty((n, count)), np.empty((3, count))
     costs, legs = np.full((n, count), np.inf), np.empty((2 * slope + 1, count))
     before = np.zeros((n, count), np.int64)
     _places(grid, stations, step, half, rows, cols)
     costs[0] = 0.0
     for k in range(1, n):
+        if late(until):
+            return stations
         down, right = stations[k, 0] - stations[k - 1, 0], stations[k, 1] - stations[k - 1, 1]
         samples = max(np.int64(0.5 * per_cell * math.sqrt(down * down + right * right) + 0.5), 1)
-        _sum_between(grid, rows, cols, k, samples, sums)
+        _sum_between(grid, ground, rows, cols, k, samples, sums)
         _leg_costs(ground, rows, cols, k, sums, samples, costs, legs)
         _choose(ground, rows, cols, k, legs, wary, sums[2], costs, before)
     j = costs[n - 1].argmin()
@@ -175,13 +180,13 @@ def _places(grid, stations, step, half, rows, cols):
 
 
 @kernel
-def _sum_between(grid, rows, cols, k, samples, sums):
+def _sum_between(grid, ground, rows, cols, k, samples, sums):
     """Write sums of weights along both halves of the way from each place of a station to the next one's.
 
     `samples` are taken of each half; what is impassable weighs `BLOCKED`. `sums[2]` says how many of them come near
     something impassable.
     """
-    ground, last = ground_of(grid), rows.shape[1] - 1
+    last = rows.shape[1] - 1
     low = min(rows[k - 1, 0], rows[k - 1, last], rows[k, 0], rows[k, last])
     high = max(rows[k - 1, 0], rows[k - 1, last], rows[k, 0], rows[k, last])
     left = min(cols[k - 1, 0], cols[k - 1, last], cols[k, 0], cols[k, last])

@@ -43,6 +43,17 @@ def attitudes(heights: Float2D, sides_m: tuple[float, float], vehicle: Vehicle, 
     """
     steps = np.diff(path, axis=0)
     steps = np.concatenate((steps, steps[-1:] if len(steps) else np.array([HEADINGS[0]])))[: len(path)]
+    return Attitudes(*attitudes_of(heights, sides_m, vehicle, path, steps))
+
+
+def attitudes_of(
+    heights: Float2D,
+    sides_m: tuple[float, float],
+    vehicle: Vehicle,
+    path: NDArray[np.int32],
+    steps: NDArray[np.int32],
+) -> NDArray[np.float64]:
+    """(4, N) as `attitudes`, of cells (N, 2) that are each left by a step (N, 2)."""
     found = np.full((4, len(path)), np.nan)
     margin = int(max(vehicle.reach_m + 2.0 * max(sides_m), 0.0) / min(sides_m)) + 3
     ground = np.pad(np.asarray(heights, np.float64), margin, constant_values=np.nan)
@@ -54,7 +65,7 @@ def attitudes(heights: Float2D, sides_m: tuple[float, float], vehicle: Vehicle, 
         sign = np.where(along[chosen], 1.0, -1.0)
         found[:, chosen] = _stand(ground, path[chosen] + margin, heading, sides_m, vehicle)
         found[:2, chosen] *= sign
-    return Attitudes(*found)
+    return found
 
 
 def _stand(

@@ -16,7 +16,7 @@ from nnpp_edge.runtime.map.along import Heights
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.slope_cost import SlopeCost
-from nnpp_edge.runtime.map.state import MapState, costs_told, new_heights
+from nnpp_edge.runtime.map.state import MapState, Room, costs_told, new_heights
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, update_cost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -125,6 +125,14 @@ class DiscState(MapState):
     def vehicle(self) -> Vehicle:
         """The disc."""
         return self._vehicle
+
+    @property
+    def room(self) -> Room:
+        """The disc's own."""
+        rows, cols = self._bare.shape
+        assert self._vehicle.radius_m is not None
+        ceiling = self.grid.model.costs[2]
+        return self._bare.reshape(-1), rows, cols, ceiling, self._vehicle.radius_m, *self._sides
 
     def update(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
         """As `MapState.update`, of a point's costs."""

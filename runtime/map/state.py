@@ -10,6 +10,7 @@ from nnpp_edge.runtime.arrays import Float2D, as_map
 from nnpp_edge.runtime.cells import Cell, Rectangle, patch_at
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.kernels.any_angle import NO_DISC
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Along, Heights, Line, crossings, heights_at
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
@@ -28,6 +29,7 @@ from nnpp_edge.runtime.terrain.traversability import (
 )
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
+Room = tuple[NDArray[np.float32], int, int, float, float, float, float]
 _PAPER = StepModel.of(StepCost.PAPER)
 
 
@@ -314,6 +316,11 @@ class MapState:
         )
 
     @property
+    def room(self) -> Room:
+        """What lines must keep away from, see `kernels.any_angle`."""
+        return NO_DISC
+
+    @property
     def has_heights(self) -> bool:
         """Whether the map was made from heights."""
         return self._ground() is not None
@@ -340,11 +347,14 @@ class MapState:
         """The vehicle's; None where any turn will do."""
         return None if self.vehicle is None else self.vehicle.turning_radius_m
 
-    def along(self, line: Line) -> Along | None:
-        """What lies under a line (N, 2) inside the map; None on a map of costs, whose heights are not known."""
+    def along(self, line: Line, at: Line | None = None) -> Along | None:
+        """What lies under a line (N, 2) inside the map; None on a map of costs, whose heights are not known.
+
+        It is told at places `at` (M, 2), by default where the line crosses rows and columns of cells' middles.
+        """
         if (ground := self._ground()) is None:
             return None
-        (heights, base, sides_m), places = ground, crossings(line)
+        (heights, base, sides_m), places = ground, crossings(line) if at is None else at
         cost = None if self._elevation is None else self._elevation.slope_cost
         walker = cost if isinstance(cost, SpeedCost) else None
         return Along(places, heights_at(heights, places) + base, sides_m, self.mobility, walker)

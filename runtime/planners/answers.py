@@ -67,7 +67,7 @@ class Answers:
     def plan(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
         """As `Planner.plan`; `work` has counted the time since it was called."""
         refining, deadline = self._refining(wishes), Deadline.within(wishes.time_limit_s)
-        return self._refined(self._found(start, goal, wishes, work, deadline), refining, wishes)
+        return self._refined(self._found(start, goal, wishes, work, deadline), refining, wishes, deadline)
 
     def nearest(self, start: Cell, goals: Sequence[Cell], count: int, wishes: Wishes) -> list[tuple[int, Plan]]:
         """As `Planner.nearest`."""
@@ -100,7 +100,7 @@ class Answers:
             at_least=self._grid.least_cost,
             nearest=nearest if wishes.method == Method.ASTAR else None,
             symmetric=self._grid.directed is None,
-            finish=lambda leg: self._refined(leg, refining, wishes),
+            finish=lambda leg: self._refined(leg, refining, wishes, deadline),
             deadline=deadline,
         )
         return replace(found, plan=found.plan.over(self._state))
@@ -153,9 +153,9 @@ class Answers:
     def _refining(self, wishes: Wishes) -> Refinement | None:
         return Refinement.named(wishes.refine, self._grid)
 
-    def _refined(self, plan: Plan, refining: Refinement | None, wishes: Wishes) -> Plan:
+    def _refined(self, plan: Plan, refining: Refinement | None, wishes: Wishes, deadline: Deadline) -> Plan:
         """The plan, freed from the grid if that is asked for."""
-        return plan if refining is None else self._refiner.refined(plan, wishes.turning_radius_m)
+        return plan if refining is None else self._refiner.refined(plan, wishes.turning_radius_m, deadline)
 
     def _price(self, price: str) -> Price:
         try:

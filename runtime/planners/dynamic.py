@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arguments import checked, shown
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
+from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.slope_cost import Mobility
@@ -350,7 +350,7 @@ class DynamicPlanner:
         if plan.ok:
             self._path.set(plan)
             self._chooser.answered()
-        return self._refined(plan)
+        return self._refined(plan, query.deadline)
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -358,10 +358,10 @@ class DynamicPlanner:
         """A plan whose path can be walked on the map as it is now, such as what is left of the standing one, with its
         way points where the planner was made with `refine`, and with the numbers along it.
         """
-        return plan.over(self._state) if self._refinement is None else self._refined(plan)
+        return plan.over(self._state) if self._refinement is None else self._refined(plan, NEVER)
 
-    def _refined(self, plan: Plan) -> Plan:
-        return plan if self._refinement is None else self._refiner.refined(plan)
+    def _refined(self, plan: Plan, deadline: Deadline) -> Plan:
+        return plan if self._refinement is None else self._refiner.refined(plan, deadline=deadline)
 
     @property
     def _only_whole_map(self) -> bool:

@@ -15,6 +15,7 @@ A body's path, whose poses the search has checked, gets short cuts between its c
 each checked pose by pose at its true heading: to move stations would take as long as the search itself.
 """
 
+import itertools
 import math
 from dataclasses import replace
 from enum import StrEnum
@@ -23,12 +24,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.any_angle import corners, line_cost
-from nnpp_edge.runtime.kernels.any_heading import body_line_cost, stands_along
+from nnpp_edge.runtime.kernels.any_heading import body_line_cost, places_on_leg, stands_along
 from nnpp_edge.runtime.kernels.shortcuts import with_shortcuts
 from nnpp_edge.runtime.kernels.stations import freed
-from nnpp_edge.runtime.map.attitude import Attitudes
+from nnpp_edge.runtime.map.attitude import Attitudes, attitudes_of
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.turns import Points, sharpest, with_arcs
@@ -36,12 +38,13 @@ from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import ANY_ANGLE, SHORTCUTS, WAY_POINT_SAVES
 
-_ROUNDER = 1.02
-"""Radius of the arcs that are laid, over that asked for: way points on an arc turn a little sharper than it does."""
+_ROUNDER = (1.02, 1.1, 1.3)
+"""Radii of the arcs that are laid, over that asked for: way points on an arc turn a little sharper than it does."""
 _COARSER = (1.0, 8.0, 64.0)
 """Multiples of what a way point must save, tried one after another where turns are too sharp."""
 _FAR_STAGES = 2
 """Stages that are left out, one after another, while no line is found that costs less than the path."""
+_ON_GRID = 1e-6
 
 
 class Refinement(StrEnum):
@@ -86,8 +89,10 @@ class Refiner:
         self._state, self._grid = state, state.grid
         self._body = None if state.grid.poses is None else BodyLines(state.grid)
 
-    def refined(self, plan: Plan, turning_radius_m: float | None = None) -> Plan:
+    def refined(self, plan: Plan, turning_radius_m: float | None = None, deadline: Deadline = NEVER) -> Plan:
         """The plan with way points, where it has a path; the time that this takes is its stage ``refine``.
+
+        From the deadline on nothing better is looked for: the line may then be the grid's path.
 
         Parameters
         ----------
@@ -105,8 +110,8 @@ class Refiner:
         if not plan.ok:
             return plan
         watch = Stopwatch()
-        line = self.line_along(plan.path, radius)
-        along = None if line is None else self._state.along(line.points)
+        line = self.line_along(plan.path, radius, deadline)
+        along = None if line is None else self._state.along(line.points, self._places(line.points))
         watch.stage_ends("refine")
         took = watch.timings_ms["refine"]
         timings = {**plan.timings_ms, "refine": took, "total": plan.timings_ms.get("total", 0.0) + took}
@@ -116,36 +121,48 @@ class Refiner:
             return Plan(status, plan.method, source, planner=plan.planner, reason=reason, timings_ms=timings)
         return replace(plan, waypoints=line.points, line_cost=line.cost, along=along, timings_ms=timings)
 
-    def line_along(self, path: NDArray[np.int32], radius: float = 0.0) -> Line | None:
+    def _places(self, points: Points) -> Points | None:
+        """The places of a body's line that were checked, which are those to tell of; None for a point's."""
+        return None if self._body is None or len(points) < 2 else self._body.checked_places(points)
+
+    def line_along(self, path: NDArray[np.int32], radius: float = 0.0, deadline: Deadline = NEVER) -> Line | None:
         """A line near a path of cells that costs no more, with no turn sharper than `radius` cells; None without."""
         if len(path) < 2:
             return Line(path.astype(np.float64), 0.0)
         for coarser in _COARSER if radius else (1.0,):
-            line = self._freed(path, WAY_POINT_SAVES * coarser)
-            if not radius or sharpest(line.points) * radius <= 1.0:
+            line = self._freed(path, WAY_POINT_SAVES * coarser, deadline)
+            if not radius or self._turns(line.points, radius):
                 return line
-            rounded = with_arcs(line.points, _ROUNDER * radius)
-            if rounded is not None and math.isfinite(cost := self.cost(rounded)):
-                return Line(rounded, cost)
+            for rounder in _ROUNDER:
+                rounded = with_arcs(line.points, rounder * radius)
+                if rounded is not None and self._turns(rounded, radius) and math.isfinite(cost := self.cost(rounded)):
+                    return Line(rounded, cost)
         return None
 
     def cost(self, points: Points) -> float:
         """The line integral along way points; inf where it leads through what is impassable."""
         if self._body is not None:
             return self._body.cost(points)
-        return float(line_cost(self._grid.packed, points))
+        return float(line_cost(self._grid.packed, self._state.room, points))
 
-    def _freed(self, path: NDArray[np.int32], saves: float) -> Line:
+    def _turns(self, points: Points, radius: float) -> bool:
+        """Whether no turn is sharper than a radius, in cells; on cells that are not square, in metres too."""
+        (dy, dx), least = self._state.sides_m or (1.0, 1.0), min(self._state.sides_m or (1.0,))
+        return sharpest(points * (dy / least, dx / least)) * radius <= 1.0
+
+    def _freed(self, path: NDArray[np.int32], saves: float, deadline: Deadline) -> Line:
         """The cheaper of what is found and the path itself."""
         own = corners(path)
         on_grid = Line(own, self.cost(own))
         if self._body is not None:
-            line = self._body.freed(path, saves)
+            line = self._body.freed(path, saves, deadline)
             return line if line.cost <= on_grid.cost else on_grid
         for first in range(_FAR_STAGES + 1):  # where far moves lead astray, nearer ones may not
-            line = Line(*freed(self._grid.packed, path, ANY_ANGLE[first:], saves))
+            line = Line(*freed(self._grid.packed, self._state.room, path, ANY_ANGLE[first:], saves, deadline.at))
             if line.cost < on_grid.cost:
                 return line
+            if deadline.passed:
+                break
         return on_grid
 
     def _radius(self, turning_radius_m: float | None) -> float:
@@ -176,12 +193,33 @@ class BodyLines:
         """As `Refiner.cost`."""
         return float(body_line_cost(self.body, self._grid.packed, points))
 
-    def freed(self, path: NDArray[np.int32], saves: float) -> Line:
-        """The path with the short cuts that the body can follow."""
-        return Line(*with_shortcuts(self.body, self._grid.packed, path, SHORTCUTS, saves))
+    def freed(self, path: NDArray[np.int32], saves: float, deadline: Deadline = NEVER) -> Line:
+        """The path with the short cuts that the body can follow, and that are found by the deadline."""
+        return Line(*with_shortcuts(self.body, self._grid.packed, path, SHORTCUTS, saves, deadline.at))
+
+    def checked_places(self, points: Points) -> Points:
+        """(M, 2) the way points (N, 2), and the places between them at which the check of their legs stands."""
+        counts = [places_on_leg(*begin, *end) for begin, end in itertools.pairwise(points)]
+        legs = [
+            begin + np.arange(count)[:, None] / count * (end - begin)
+            for count, (begin, end) in zip(counts, itertools.pairwise(points), strict=True)
+        ]
+        return np.concatenate([*legs, points[-1:]])
 
     def attitudes(self, points: Points) -> Attitudes:
-        """How the body stands at places (N, 2), each left for the next, as the check of a leg sees it; needs two."""
+        """How the body stands at checked places (N, 2), each left for the next, the last as it is arrived at.
+
+        As the check sees it: on steps of the grid the search's, elsewhere that of legs. Needs two places.
+        """
         found = stands_along(self.body, points)
         found[:3] = np.degrees(np.arctan(found[:3]))
+        cells = np.rint(points)
+        steps = np.diff(cells, axis=0)
+        on_grid = np.abs(np.diff(points, axis=0) - steps).max(1) < _ON_GRID
+        on_grid &= (np.abs(steps).max(1) == 1.0) & (np.abs(points[:-1] - cells[:-1]).max(1) < _ON_GRID)
+        steps, on_grid = np.concatenate((steps, steps[-1:])), np.append(on_grid, on_grid[-1:])
+        poses, tiles = self._grid.poses, self._grid.tiles
+        if on_grid.any() and poses is not None and tiles is not None:
+            there, ways = cells[on_grid].astype(np.int32), steps[on_grid].astype(np.int32)
+            found[:, on_grid] = attitudes_of(tiles.heights, poses.sides_m, poses.vehicle, there, ways)
         return Attitudes(*found)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Status, Vehicle
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.kernels.any_angle import is_clear, line_cost
+from nnpp_edge.runtime.kernels.any_angle import NO_DISC, is_clear, line_cost
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -137,10 +137,10 @@ def test_the_integral_is_that_of_a_bilinear_density(seed, step_cost):
     cost[rng.random(cost.shape) < 0.1] = np.inf
     grid = Grid.of(cost, StepModel.of(step_cost))
     points = rng.random((4, 2)) * (11.0, 14.0)
-    found = line_cost(grid.packed, points)
+    found = line_cost(grid.packed, NO_DISC, points)
     assert math.isinf(found) == bool([c for c in crossed(points, True) if not np.isfinite(cost[c])])
     if math.isfinite(found):
-        assert found == pytest.approx(dense_cost(cost, points, step_cost), rel=2e-3)
+        assert found == pytest.approx(dense_cost(cost, points, step_cost, 20_000), rel=1e-5)
 
 
 def test_a_straight_step_costs_by_the_integral_what_it_costs_by_the_grid():
@@ -151,7 +151,9 @@ def test_a_straight_step_costs_by_the_integral_what_it_costs_by_the_grid():
     steps = planner.state.grid.model
     by_length = Grid.of(1.0 + 2.0 * steps.scale * cost, StepModel.of("length"))
     both = np.array([[0.0, 0.0], [1.0, 1.0]])
-    assert line_cost(by_length.packed, both) == pytest.approx(line_cost(planner.state.grid.packed, both), rel=1e-6)
+    assert line_cost(by_length.packed, NO_DISC, both) == pytest.approx(
+        line_cost(planner.state.grid.packed, NO_DISC, both), rel=1e-6
+    )
 
 
 def test_on_even_ground_the_line_is_straight():
@@ -182,7 +184,7 @@ def test_a_leg_is_clear_where_every_cell_that_it_touches_is_passable(begin, end,
     for corner_cutting, wanted in ((True, cutting), (False, without)):
         grid = Grid.of(cost, StepModel.of("paper"), corner_cutting)
         weights, stride, steps, cuts, _ = grid.packed
-        ground = weights, stride, steps[0], 2.0 * steps[2], cuts
+        ground = weights, stride, steps[0], 2.0 * steps[2], cuts, NO_DISC
         assert is_clear(ground, *begin, *end) is wanted
 
 
