@@ -58,19 +58,35 @@ def is_real(value: object) -> bool:
 
 
 def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callable[..., object]:
-    @functools.cache
-    def kinds() -> dict[str, Kind | None]:
-        """Of the parameters, in order; at the first call, when all that annotations name is there."""
+    named: dict[str, Kind] = {}
+    places: list[tuple[int, str]] = []
+
+    def look() -> None:
+        """Fill these at the first call, when all that annotations name is there."""
         hints = get_type_hints(entry)
-        return {name: _kind(hints.get(name)) for name in inspect.signature(entry).parameters}
+        for place, name in enumerate(inspect.signature(entry).parameters):
+            if (kind := _kind(hints.get(name))) is not None:
+                named[name] = kind
+                places.append((place, name))
+        places.append((1 << 30, ""))
+
+    def check(name: str, value: object) -> None:
+        if not (kind := named[name]).accepts(value):
+            raise error(f"{name} must be {kind.words}, got {shown(value)}")
 
     @functools.wraps(entry)
     def call(*args: object, **given: object) -> object:
-        by_name = kinds()
-        for name, value in (*zip(by_name, args, strict=False), *given.items()):
-            kind = by_name.get(name)
-            if kind is not None and type(value) not in kind.exact and not kind.accepts(value):
-                raise error(f"{name} must be {kind.words}, got {shown(value)}")
+        if not places:
+            look()
+        count = len(args)
+        for place, name in places:
+            if place >= count:
+                break
+            if type(value := args[place]) not in named[name].exact:
+                check(name, value)
+        for name, value in given.items():
+            if name in named and type(value) not in named[name].exact:
+                check(name, value)
         return entry(*args, **given)
 
     return call
