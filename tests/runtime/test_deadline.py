@@ -11,11 +11,15 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.prices import Price, PricedMap
 from nnpp_edge.runtime.map.pyramid import Pyramid
-from nnpp_edge.runtime.network.passage_model import VehicleNetwork
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.network.passage_model import VehicleNetwork, passage_model
+from nnpp_edge.runtime.planners import answers as answers_module
 from nnpp_edge.runtime.planners import choice
 from nnpp_edge.runtime.planners.choice import MapChoice
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
 from nnpp_edge.runtime.planners.tour import tour
+from nnpp_edge.runtime.region.looked import LookedMap
+from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.terrain.synthetic import fractal
 
 ROVER = Vehicle(length_m=3.0, width_m=2.4, clearance_m=0.8)
@@ -238,3 +242,51 @@ def test_a_price_of_nothing_does_not_grow_what_has_changed(monkeypatch):
     assert priced.pyramid
     (_, _, rows, cols) = changed[-1]
     assert 0 < rows < 20 and 0 < cols < 20
+
+
+# Who asks
+
+
+def test_coarse_levels_are_made_in_stripes_and_are_those_made_at_once(monkeypatch):
+    monkeypatch.setattr(bands_module, "STRIPE_CELLS", 4096)
+    grid, late, tries = made("costs").state.grid, Deadline(0.0), 1
+    pyramid, whole = Pyramid(grid, later=True), Pyramid(grid)
+    while True:
+        try:
+            pyramid.finish(late)
+            break
+        except OutOfTimeError:
+            tries += 1
+    assert tries > 10
+    for level, other in zip(pyramid.levels[1:], whole.levels[1:], strict=True):
+        np.testing.assert_array_equal(level.grid.weights, other.grid.weights)
+        np.testing.assert_array_equal(level.links, other.links)
+
+
+def test_the_network_of_a_body_looks_at_a_few_tiles_between_two_looks_at_the_clock():
+    looked = LookedMap(made("body").state, passage_model())
+    looked.links_within((0, 0, 4, 4))
+    assert looked.looks == 1
+    with pytest.raises(OutOfTimeError):
+        looked.links_within((0, 0, *SHAPE), Deadline(0.0))
+    assert looked.looks == 1
+    looked.links_within((0, 0, *SHAPE), FAR)
+    assert looked.looks >= 4  # 15 tiles are left
+
+
+def test_a_network_is_neither_shown_a_map_nor_run_without_time(tiny_model):
+    state, network = made("costs").state, NetworkModel(tiny_model)
+    with pytest.raises(OutOfTimeError):
+        MapView(state, network).show(*ENDS, Deadline(0.0))
+    network.run()
+    network.set_map(np.zeros((2, network.metadata.input_size, network.metadata.input_size), np.float32))
+    network.check_time(NEVER)
+    with pytest.raises(OutOfTimeError):
+        network.check_time(Deadline.within(1e-9))
+
+
+def test_a_tours_deadline_is_that_of_the_costs_between_its_places(monkeypatch):
+    given, real = [], answers_module.costs_to_nearest
+    monkeypatch.setattr(answers_module, "costs_to_nearest", lambda *words: given.append(words[-1]) or real(*words))
+    made("costs").plan_via(*ENDS, [(20, 200), (150, 20)], best_order=True, method="astar", time_limit_s=1e6)
+    assert [type(each) for each in given] == [Deadline] and given[0].left_s < 1e6
