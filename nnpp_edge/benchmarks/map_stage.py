@@ -1,12 +1,12 @@
 """From elevations to costs, coarse levels and a first path: what each stage takes, beside a copy of the elevations.
 
-``python -m nnpp_edge.benchmarks.map_stage --sizes 256,1024`` prints medians in milliseconds as JSON. The stages take
+``python -m nnpp_edge.benchmarks.map_stage --size 256 --size 1024`` prints medians in milliseconds as JSON. The stages take
 turns. Memory that is freed stays with the process: start it with ``MALLOC_MMAP_THRESHOLD_=33554432`` and
 ``MALLOC_TRIM_THRESHOLD_=2147483648``, or arrays that the system has to hand out anew cost microseconds a page.
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +14,6 @@ import click
 import numpy as np
 
 from nnpp_edge.benchmarks.dynamic_scene import run_alone
-from nnpp_edge.cli import options
 from nnpp_edge.profiling.harness import Harness
 from nnpp_edge.profiling.suites import Case, TerrainFiles, cases_from, source_of
 from nnpp_edge.runtime.cells import Endpoints
@@ -32,7 +31,7 @@ METHODS = ("astar", "corridor", "nnpp")
 
 
 def stages(case: Case, model: NetworkModel) -> dict[str, Callable[[Endpoints], object]]:
-    """The stages on one map, each a function of the query; what they make is given back, to be freed off the clock."""
+    """The stages on one map, as functions of the query; what they make is freed off the clock."""
     ground = case.ground
     assert ground is not None
     dem, sides = ground.elevation, (ground.cell_size_m, ground.cell_width_m)
@@ -88,21 +87,22 @@ def measure(case: Case, model: NetworkModel, repetitions: int) -> dict[str, floa
 
 
 @click.command()
-@options.terrain_files("; else synthetic")
-@click.option("--sizes", type=options.Numbers(), default="256,512,1024,2048", show_default=True)
-@click.option("--repetitions", type=options.COUNT, default=15, show_default=True)
+@click.option("--terrain", multiple=True, type=click.Path(path_type=Path), help="Elevation file; else synthetic.")
+@click.option("--rescale", type=float, help="Rescale the terrain to cells of so many metres, slopes kept.")
+@click.option("--cell-size", type=float, help="Side of a cell in metres, where the files do not say.")
+@click.option("--size", "sizes", type=click.IntRange(64), multiple=True, default=(256, 512, 1024, 2048))
+@click.option("--repetitions", type=click.IntRange(1), default=15, show_default=True)
 @click.option("--model", default="edge", show_default=True, help="Shipped model or file.")
 def main(
     terrain: tuple[Path, ...],
-    cell_size: float | None,
     rescale: float | None,
-    allow_vrt: bool,
-    sizes: Sequence[int],
+    cell_size: float | None,
+    sizes: tuple[int, ...],
     repetitions: int,
     model: str,
 ) -> None:
     """Print the figures as JSON: for each size the terrain, and milliseconds by stage."""
-    dems, network = TerrainFiles(terrain, rescale, cell_size, allow_vrt).read(), NetworkModel(model)
+    dems, network = TerrainFiles(terrain, rescale, cell_size).read(), NetworkModel(model)
     rows = [
         {"size": size, "terrain": source_of(dems, size)}
         | measure(next(cases_from(dems, SOFT, size, 1)), network, repetitions)

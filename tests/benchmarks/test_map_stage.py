@@ -6,7 +6,7 @@ from nnpp_edge.benchmarks import map_stage
 
 
 def test_every_stage_is_timed_at_every_size(tiny_model):
-    words = ["--sizes", "64,96", "--repetitions", "2", "--model", str(tiny_model)]
+    words = ["--size", "64", "--size", "96", "--repetitions", "2", "--model", str(tiny_model)]
     ended = CliRunner().invoke(map_stage.main, words, catch_exceptions=False)
     rows = json.loads(ended.stdout)
     assert [(row.pop("size"), row.pop("terrain")) for row in rows] == [(64, "synthetic"), (96, "synthetic")]
