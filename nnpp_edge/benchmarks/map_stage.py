@@ -1,6 +1,6 @@
 """From elevations to costs, coarse levels and a first path: what each stage takes, beside a copy of the elevations.
 
-``python -m nnpp_edge.benchmarks.map_stage --size 256 --size 1024`` prints medians in milliseconds as JSON. The stages take
+``python -m nnpp_edge.benchmarks.map_stage --size 256 --size 512`` prints medians in milliseconds as JSON. Stages take
 turns. Memory that is freed stays with the process: start it with ``MALLOC_MMAP_THRESHOLD_=33554432`` and
 ``MALLOC_TRIM_THRESHOLD_=2147483648``, or arrays that the system has to hand out anew cost microseconds a page.
 """

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 _WORKLOADS = "soft, limit20, limit15 or any limitN; with a vehicle body, body-rocks10 or any body-rocksN."
 _PRICES = (
-    "By which the corridor of a vehicle prices blocks: eq1, body-fit, sampled, network; or controls: "
-    "network-shuffled, body-fit-links, straight.  [default: eq1]"
+    "By which the corridor of a vehicle prices blocks: eq1, network; or controls: "
+    "network-shuffled, straight.  [default: eq1]"
 )
 _WIDTHS = "Of a vehicle's corridors, in times of each price's own; a row for each.  [default: 1]"
 _PER_MAP = "Of a vehicle's queries, so many are answered by one planner; rows for each.  [default: 1]"

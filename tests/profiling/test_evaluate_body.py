@@ -5,7 +5,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.corridors import Control, CorridorAlone, body_fit_links, straight_links, wider
+from nnpp_edge.profiling.corridors import Control, CorridorAlone, wider
 from nnpp_edge.profiling.evaluate import evaluate
 from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.profiling.rivals import exact_and_priced
@@ -53,10 +53,10 @@ def judged(nnpp_edge, terrain, rover):
 
 
 def test_every_price_makes_a_row_of_the_corridor(judged):
-    ended = judged("--workload", "body,body-rocks5,soft", "--prices", "eq1,body-fit,sampled", "--json")
+    ended = judged("--workload", "body,body-rocks5,soft", "--prices", "eq1,network", "--json")
     assert ended.code == 0, ended.err
     rows = json.loads(ended.out)
-    of_body = [("astar", None), ("corridor", "eq1"), ("corridor", "body-fit"), ("corridor", "sampled")]
+    of_body = [("astar", None), ("corridor", "eq1"), ("corridor", "network")]
     named = [(row["workload"], row["method"], row["price"]) for row in rows]
     assert named == [
         *(("body", *each) for each in of_body),
@@ -82,17 +82,17 @@ def test_every_price_makes_a_row_of_the_corridor(judged):
 
 
 def test_the_table_says_what_was_checked(judged):
-    ended = judged("--workload", "body", "--prices", "eq1,sampled", "--markdown")
+    ended = judged("--workload", "body", "--prices", "eq1,straight", "--markdown")
     assert ended.code == 0, ended.err
-    assert "poses checked" in ended.out and "| sampled |" in ended.out
+    assert "poses checked" in ended.out and "| straight |" in ended.out
     assert "speed-up" not in ended.out  # a table of points, of which there are none
 
 
 def test_a_planner_that_checks_all_poses_first_is_the_control_on_a_fresh_map(judged):
-    ended = judged("--workload", "body", "--prices", "body-fit", "--fresh-map", "--json")
+    ended = judged("--workload", "body", "--prices", "network", "--fresh-map", "--json")
     assert ended.code == 0, ended.err
     rows = {(row["method"], row["price"]): row for row in json.loads(ended.out)}
-    pairs = [("astar", None), ("corridor", "body-fit"), ("corridor-narrow", None)]
+    pairs = [("astar", None), ("corridor", "network"), ("corridor-narrow", None)]
     assert list(rows) == [(name + end, price) for name, price in pairs for end in ("", "-eager")]
     for name, price in pairs:
         lazy, eager = rows[name, price], rows[f"{name}-eager", price]
@@ -104,24 +104,24 @@ def test_a_planner_that_checks_all_poses_first_is_the_control_on_a_fresh_map(jud
 
 def test_counts_are_those_of_planners_that_have_checked_nothing(rocky):
     """Each query by a planner of its own; the cost is that of an exact search of all poses."""
-    rivals = exact_and_priced(["corridor"], [Price.EQ1, Price.BODY_FIT])
+    rivals = exact_and_priced(["corridor"], [Price.EQ1, Price.NETWORK])
     rows = evaluate([rocky], rivals, 10, repeats=1)
-    assert list(rows) == ["astar", "corridor:eq1", "corridor:body-fit"]
+    assert list(rows) == ["astar", "corridor:eq1", "corridor:network"]
     ground, optima, own = rocky.ground, {}, {}
     every = ground.planner(lazy=False)
     for query in rocky.queries:
         optima[query] = every.plan(*query, method="astar")
-        own[query] = ground.planner().plan(*query, method="corridor", price="body-fit")
+        own[query] = ground.planner().plan(*query, method="corridor", price="network")
     solvable = [query for query in rocky.queries if optima[query].ok]
     assert (rows["astar"]["n"], rows["astar"]["unsolvable"]) == (len(solvable), 10 - len(solvable))
-    row = rows["corridor:body-fit"]
+    row = rows["corridor:network"]
     assert row["checks_mean"] == pytest.approx(np.mean([own[query].checks for query in solvable]))
     gaps = [own[query].cost / optima[query].cost - 1.0 for query in solvable]
     assert row["gap_mean"] == pytest.approx(np.mean(gaps), abs=1e-6)
 
 
 def test_controls_and_widths_make_rows_beside_the_network(judged):
-    controls = "network,network-shuffled,body-fit-links,straight"
+    controls = "network,network-shuffled,straight"
     ended = judged("--workload", "body-rocks5", "--prices", controls, "--widths", "0.5,1", "--json")
     assert ended.code == 0, ended.err
     rows = json.loads(ended.out)
@@ -200,17 +200,6 @@ def test_a_corridor_that_is_wider_has_radii_by_the_root():
     assert wider(CorridorWidth(6, 0.03, 0.3, 4, 0.2), 4.0) == CorridorWidth(12, 0.12, 1.2, 8, 0.8)
 
 
-def test_links_by_body_fit_are_dearer_where_it_is_rough_and_never_cheaper_than_their_length():
-    heights = np.zeros((64, 61), np.float32)
-    heights[:, 30:38] += np.random.default_rng(0).random((64, 8), np.float32)
-    ground = Ground(heights, CELL_M, CELL_M, Traversability(), ROVER)
-    state = ground.state()
-    prices, lengths = body_fit_links(state), straight_links((64, 61))
-    assert prices.shape == lengths.shape == (4, 16, 16)
-    assert np.isfinite(prices).all() and (prices >= lengths).all()
-    assert prices[2, 8, 8] > 2.0 * prices[2, 8, 1]
-
-
 def test_the_vehicle_stands_on_starts_and_goals_and_rocks_lie_on_the_crops(terrain, rocky):
     costs = pose_costs(rocky.ground.elevation, CELL_M, ROVER)
     for start, goal in rocky.queries:
@@ -274,7 +263,7 @@ def test_maps_without_any_path_are_not_asked_forever(rocky):
         (("--workload", "body-rocks30"), "N from 0 to 20 percent, got 'body-rocks30'"),
         (("--workload", "body-rocks"), "N from 0 to 20 percent, got 'body-rocks'"),
         (("--workload", "bodyrocks5"), "'bodyrocks5'"),
-        (("--workload", "body", "--vehicle-length", 500, "--max-tilt", 20), "wanted a map that the vehicle fits on"),
+        (("--workload", "body", "--vehicle-length", 200, "--max-tilt", 20), "wanted a map that the vehicle fits on"),
         (("--workload", "body", "--rocks", 0.5), "--rocks"),
     ],
 )
