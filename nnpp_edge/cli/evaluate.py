@@ -20,10 +20,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.prices import Price
 
 _WORKLOADS = "soft, limit20, limit15 or any limitN; with a vehicle body, body-rocks10 or any body-rocksN."
-_PRICES = (
-    "By which the corridor of a vehicle prices blocks: eq1, network; or controls: "
-    "network-shuffled, straight.  [default: eq1]"
-)
+_PRICES = "By which the corridor of a vehicle prices blocks: eq1, network; or the control straight.  [default: eq1]"
 _WIDTHS = "Of a vehicle's corridors, in times of each price's own; a row for each.  [default: 1]"
 _PER_MAP = "Of a vehicle's queries, so many are answered by one planner; rows for each.  [default: 1]"
 _ROCKS = "Share of the ground under rocks, 0 to 0.2, where the workload does not say."

@@ -26,8 +26,6 @@ from nnpp_edge.runtime.tuning import WIDENED_CORRIDOR, CorridorWidth
 class Control(StrEnum):
     """Prices of links that show what the network's are owed to: searched and corrected alike, of the same widths."""
 
-    NETWORK_SHUFFLED = "network-shuffled"
-    """The network with the weights of each of its convolutions in another order."""
     STRAIGHT = "straight"
     """All alike by their length: what lies between start and goal."""
 
@@ -47,7 +45,7 @@ class CorridorAlone:
     times : float
         Times as wide as the price's own corridors, see `wider`; below 1 the first one alone.
     passage : PassageModel
-        Whose prices ``network`` and ``network-shuffled`` are, instead of the shipped network's.
+        Whose prices ``network`` are, instead of the shipped network's.
     """
 
     def __init__(
@@ -82,9 +80,8 @@ class CorridorAlone:
 
     def _descent(self) -> CoarseToFine | LinkDescent:
         state, memory = self._state, self._planners.astar.workspace
-        if self._price in (Price.NETWORK, Control.NETWORK_SHUFFLED):
-            shuffled = self._price is Control.NETWORK_SHUFFLED
-            return LinkDescent(LookedMap(state, self._passage or passage_model(shuffled=shuffled)), memory)
+        if self._price is Price.NETWORK:
+            return LinkDescent(LookedMap(state, self._passage or passage_model()), memory)
         if isinstance(self._price, Price):
             return self._planners.descent(self._price)
         return LinkDescent(MadeLinks(state, straight_links(state.shape)), memory)

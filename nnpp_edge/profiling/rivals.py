@@ -15,7 +15,7 @@ from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.network.passage_model import PassageModel, passage_model
+from nnpp_edge.runtime.network.passage_model import PassageModel
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, CorridorWidth
@@ -153,14 +153,12 @@ def exact_and_priced(
     found = [RivalPlanner(EXACT, Method.ASTAR)]
     for method in dict.fromkeys(methods):
         if method == Method.NNPP:
-            found += [
-                RivalPlanner(name, Method.NNPP, passage=each) for name, each in _passages(method, models, False)
-            ]
+            found += [RivalPlanner(name, Method.NNPP, passage=each) for name, each in _passages(method, models)]
         elif method == Method.CORRIDOR:
             for price, times in product(dict.fromkeys(prices), dict.fromkeys(widths)):
                 named: list[tuple[str, PassageModel | None]] = [(method, None)]
-                if price in (Price.NETWORK, Control.NETWORK_SHUFFLED):
-                    named = _passages(method, models, price is Control.NETWORK_SHUFFLED)
+                if price is Price.NETWORK:
+                    named = _passages(method, models)
                 found += [
                     RivalPlanner(name, Method.CORRIDOR, price=price, times=times, passage=passage)
                     for name, passage in named
@@ -170,16 +168,12 @@ def exact_and_priced(
     return found
 
 
-def _passages(method: str, models: Sequence[str], shuffled: bool) -> list[tuple[str, PassageModel | None]]:
-    """Names of rivals, and their passage networks; None for the shipped one as it is."""
-    found: list[tuple[str, PassageModel | None]] = []
-    for at, model in enumerate(models):
-        name = f"{method}:{Path(model).stem}" if at else method
-        if model == SHIPPED:
-            found.append((name, passage_model(shuffled=True) if shuffled else None))
-        else:
-            found.append((name, PassageModel(model, shuffled=shuffled)))
-    return found
+def _passages(method: str, models: Sequence[str]) -> list[tuple[str, PassageModel | None]]:
+    """Names of rivals, and their passage networks; None for the shipped one."""
+    names = [f"{method}:{Path(model).stem}" if at else method for at, model in enumerate(models)]
+    return [
+        (name, None if model == SHIPPED else PassageModel(model)) for name, model in zip(names, models, strict=True)
+    ]
 
 
 def narrow_corridor() -> RivalPlanner:
