@@ -210,5 +210,5 @@ def test_evaluate_refuses_a_vehicle_or_rocks_that_make_no_sense(nnpp_edge, place
     ],
 )
 def test_profile_refuses_a_vehicle_that_makes_no_sense(nnpp_edge, place, given, words):
-    nnpp_edge("profile", *given, *(() if "--peers" in given else ("--html", "a.html"))).refused(words)
-    assert not (place / "a.html").exists()
+    nnpp_edge("profile", *given, *(() if "--peers" in given else ("-o", "out"))).refused(words)
+    assert not list(place.glob("out/*"))
