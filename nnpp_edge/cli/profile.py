@@ -16,7 +16,7 @@ _VEHICLE = (
     "Whose the workloads body and body-rocksN are, in place of the profile's: a shipped vehicle or a TOML file."
 )
 _OUTPUT = (
-    "Folder for report.json, report.md, report.html, board-row.md (the machine's row of docs/boards.md) and trace.json "
+    "Folder for report.json, report.md, report.html, board-row.md (a row for docs/boards.md) and trace.json "
     "(what ran when, for ui.perfetto.dev); with --peers for peers.json, peers.md and peers.png."
 )
 _SIZES = (
