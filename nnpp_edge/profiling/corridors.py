@@ -42,8 +42,6 @@ class CorridorAlone:
     first : CorridorWidth
         Of the first corridor, instead of the price's own. Of the learned region's width it shows what is owed to the
         network, and what to narrow corridors alone.
-    times : float
-        Times as wide as the price's own corridors, see `wider`; below 1 the first one alone.
     passage : PassageModel
         Whose prices ``network`` are, instead of the shipped network's.
     """
@@ -54,13 +52,11 @@ class CorridorAlone:
         price: Price | Control = Price.EQ1,
         *,
         first: CorridorWidth | None = None,
-        times: float = 1.0,
         passage: PassageModel | None = None,
     ) -> None:
         self._state, self._price, self._passage = state, price, passage
         self._planners = MapPlanners(state, "edge")
-        own = self._planners.widths(price if isinstance(price, Price) else Price.NETWORK)
-        self._widths = wider(own[0], times), wider(own[1], max(times, 1.0))
+        self._widths = self._planners.widths(price if isinstance(price, Price) else Price.NETWORK)
         if first is not None:
             self._widths = first, WIDENED_CORRIDOR
         self._corridor: CorridorPlanner | None = None
@@ -99,15 +95,6 @@ class MadeLinks:
     def links_within(self, part: Rectangle) -> Links:
         """All of them."""
         return self._links
-
-
-def wider(width: CorridorWidth, times: float) -> CorridorWidth:
-    """A corridor whose bands are so many times as wide, and its radii by the root of that.
-
-    Where all costs alike, a path that costs a share b more than the straight one strays from it by the root of b.
-    """
-    radius, coarse_radius = (round(math.sqrt(times) * each) for each in (width.radius, width.coarse_radius))
-    return CorridorWidth(radius, times * width.band, times * width.nearby, coarse_radius, times * width.coarse_band)
 
 
 def straight_links(shape: Cell) -> NDArray[np.float32]:
