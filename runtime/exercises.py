@@ -109,7 +109,6 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
         planner.plan(start, goal, method=method, refine="any-angle")
         planner.plan(start, goal, method=method, time_limit_s=60.0)
     BodyLines(planner.state.grid).attitudes(np.array((start, goal), np.float64))
-    planner.plan(start, goal, method="corridor", price="sampled")
     planner.prepare(landmarks=1, goals=[goal])
     for method in ("astar", "corridor"):
         planner.plan(start, goal, method=method)

@@ -20,11 +20,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.prices import Price
 
 _WORKLOADS = "soft, limit20, limit15 or any limitN; with a vehicle body, body-rocks10 or any body-rocksN."
-_PRICES = (
-    "By which the corridor of a vehicle prices blocks: eq1, body-fit, sampled, network; or controls: "
-    "network-shuffled, body-fit-links, straight.  [default: eq1]"
-)
-_WIDTHS = "Of a vehicle's corridors, in times of each price's own; a row for each.  [default: 1]"
+_PRICES = "By which the corridor of a vehicle prices blocks: eq1, network; or the control straight.  [default: eq1]"
 _PER_MAP = "Of a vehicle's queries, so many are answered by one planner; rows for each.  [default: 1]"
 _ROCKS = "Share of the ground under rocks, 0 to 0.2, where the workload does not say."
 _MODEL = "Shipped model or file for nnpp, of a vehicle a passage network; several are set beside each other."
@@ -48,7 +44,6 @@ _MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
 @vehicle_options
 @options.step_cost
 @click.option("--prices", type=options.Names(), help=_PRICES)
-@click.option("--widths", type=options.Multiples(), help=_WIDTHS)
 @click.option("--queries-per-map", "per_map", type=options.Counts(), help=_PER_MAP)
 @click.option("--rocks", type=options.Real(0.0, 0.2), default=0.0, help=_ROCKS)
 @click.option("--repeats", type=options.COUNT, default=3, help=_REPEATS)
@@ -74,7 +69,6 @@ def command(
     vehicle: VehicleOptions,
     step_cost: str,
     prices: tuple[str, ...] | None,
-    widths: tuple[float, ...] | None,
     per_map: tuple[int, ...] | None,
     rocks: float,
     repeats: int,
@@ -127,7 +121,7 @@ def command(
         raise click.UsageError("--step-cost needs elevations, a data set holds cost maps: give --terrain")
     if directed:
         slope_cost_of(step_cost, vehicle.mobility())  # refused now
-    of_vehicle = {"--vehicle": body, "--prices": prices, "--widths": widths, "--queries-per-map": per_map}
+    of_vehicle = {"--vehicle": body, "--prices": prices, "--queries-per-map": per_map}
     bodies = _body_workloads(workloads, [name for name, value in of_vehicle.items() if value is not None])
     points = [name for name in workloads if name not in bodies]
     if points and bodies and models != (SHIPPED,):
@@ -140,7 +134,7 @@ def command(
     networks = {Path(name).stem: NetworkModel(name) for name in needed}
     control = [narrow_corridor()] if fresh_map else []
     of_point = exact_and(methods, networks) + control
-    of_body = exact_and_priced(methods, of_each, widths or (1.0,), models) + control if bodies else []
+    of_body = exact_and_priced(methods, of_each, models) + control if bodies else []
     dems = suites.TerrainFiles(files, rescale, cell_size, allow_vrt).read()
     suites.check_sizes(dems, sizes)
     mobility = vehicle.mobility(*dems[:1]) if directed else None

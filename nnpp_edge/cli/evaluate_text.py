@@ -38,7 +38,6 @@ BODY_COLUMNS = {
     "size": "size",
     "method": "method",
     "price": "price",
-    "width": "width",
     "queries_per_map": "queries\na map",
     "n": "n",
     "unsolvable": "without\na path",
@@ -63,10 +62,7 @@ _GAPS = {"gap_mean", "gap_p99", "fresh_gap_mean", "fresh_gap_p99"}
 
 def label(row: Mapping[str, str | float | None]) -> str:
     """A planner's name in a picture."""
-    named = [row["method"]] if row["price"] is None else [row["method"], row["price"]]
-    if row["width"] not in (None, 1.0):
-        named.append(f"× {row['width']:g}")
-    return ", ".join(map(str, named))
+    return str(row["method"]) if row["price"] is None else f"{row['method']}, {row['price']}"
 
 
 def table(rows: Sequence[dict[str, str | float | None]], columns: Mapping[str, str], markdown: bool = False) -> str:

@@ -141,12 +141,6 @@ def _count(word: str) -> int:
     return count
 
 
-def _multiple(word: str) -> float:
-    if not 0.0 < (times := float(word)) <= LARGEST:
-        raise ValueError
-    return times
-
-
 def _cores(word: str) -> tuple[int, ...]:
     cores = tuple(map(int, word.split(",")))
     if not set(cores) <= os.sched_getaffinity(0):
@@ -172,7 +166,6 @@ def Cores() -> Parsed:
 Cell = functools.partial(Parsed, "R,C", "ROW,COL as two whole numbers", _cell)
 Names = functools.partial(Parsed, "NAME,…", "names joined by commas", _joined(str.strip))
 Counts = functools.partial(Parsed, "N,…", "whole numbers of at least 1, joined by commas", _joined(_count))
-Multiples = functools.partial(Parsed, "N,…", "numbers above 0, joined by commas", _joined(_multiple))
 Sizes = functools.partial(
     Parsed, "N|RxC,…", f"sides of 2 to {LARGEST_SIDE} cells, or ROWSxCOLS, joined by commas", _joined(_size)
 )

@@ -85,7 +85,7 @@ _BYTES_PER_CELL = 24
 @vehicle_options.vehicle
 @click.option(
     "--price",
-    type=click.Choice(["eq1", "body-fit", "sampled", "network"]),
+    type=click.Choice(["eq1", "network"]),
     help="By what blocks of cells are priced before a vehicle's poses are checked.  [default: eq1; nnpp: network]",
 )
 @options.memory

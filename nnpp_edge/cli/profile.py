@@ -7,23 +7,24 @@ from pathlib import Path
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.profile_run import STDOUT, ProfileOptions
+from nnpp_edge.cli.profile_run import ProfileOptions
 
-_ONLY_WITH_PROFILE = ("vehicle", "html", "board_row", "trace", "start_up")
-_ONLY_WITH_PEERS = ("limit_s", "output")
+_ONLY_WITH_PROFILE = ("vehicle", "start_up")
+_ONLY_WITH_PEERS = ("limit_s",)
 _PROFILE = "A shipped profile (paper, edge-2core, single-core, quick, rover) or a TOML file."
 _VEHICLE = (
     "Whose the workloads body and body-rocksN are, in place of the profile's: a shipped vehicle or a TOML file."
 )
-_JSON = "The report as JSON: to a file, or printed."
-_MARKDOWN = "The report, with --peers its tables, as Markdown: to a file, or printed."
+_OUTPUT = (
+    "Folder for report.json, report.md, report.html, board-row.md (a row for docs/boards.md) and trace.json "
+    "(what ran when, for ui.perfetto.dev); with --peers for peers.json, peers.md and peers.png."
+)
 _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain where no file is "
     "large enough."
 )
 _QUERIES = "For each workload and size, in place of the profile's; for --peers 50."
 _SEED = "Of every random choice; by default the profile's, else 1."
-_BOARD_ROW = "Print this machine's row of docs/boards.md, for others to compare with, and nothing else."
 _START_UP = "Also measure import to first plan in new processes; takes a minute."
 _TOLERANCE = "Share by which a figure may become worse."
 _LIMIT = "With --peers: seconds; a planner that needs longer for a query is left out at that size (by default 5)."
@@ -37,14 +38,11 @@ _LIMIT = "With --peers: seconds; a planner that needs longer for a query is left
 @click.option("--sizes", type=options.Numbers(), help=_SIZES)
 @click.option("--queries", type=options.COUNT, help=_QUERIES)
 @click.option("--seed", type=options.SEED, help=_SEED)
-@click.option("--json", "json_file", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_JSON)
-@click.option("--markdown", "markdown_file", is_flag=False, flag_value=STDOUT, metavar="[FILE]", help=_MARKDOWN)
-@click.option("--html", type=options.NEW_FILE, help="The report as one self-contained page.")
-@click.option("--board-row", is_flag=True, help=_BOARD_ROW)
-@options.trace
+@options.as_json
+@click.option("--markdown", is_flag=True, help="Print the report, with --peers its table, as Markdown.")
 @click.option("--start-up", is_flag=True, help=_START_UP)
 @click.option("--limit", "limit_s", type=options.POSITIVE, help=_LIMIT)
-@click.option("-o", "--output", type=options.FOLDER, help="With --peers: folder for peers.json and peers.png.")
+@click.option("-o", "--output", type=options.FOLDER, help=_OUTPUT)
 @click.pass_context
 def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **given: object) -> None:
     """Measure the planners on this machine against the budgets of a profile.
@@ -58,8 +56,8 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
 
     \b
     nnpp-edge profile --profile quick
-    nnpp-edge profile --profile edge-2core --terrain dem.tif --json report.json --html report.html
-    nnpp-edge profile compare before.json after.json
+    nnpp-edge profile --profile edge-2core --terrain dem.tif -o report
+    nnpp-edge profile compare before/report.json after/report.json
     nnpp-edge profile --peers --sizes 256,512,1024 -o bench
 
     With --peers a step costs its length times the mean weight of its two cells, the weight being 1 + 5.61 T; gaps
@@ -75,16 +73,8 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
         raise click.UsageError(
             "give either --profile (paper, edge-2core, single-core, quick, rover or a file) or --peers"
         )
-    printed = {"--json": given["json_file"] == STDOUT, "--markdown": given["markdown_file"] == STDOUT}
-    if (
-        len(
-            both := [
-                name for name, is_printed in {**printed, "--board-row": given["board_row"]}.items() if is_printed
-            ]
-        )
-        > 1
-    ):
-        raise click.UsageError(f"{' and '.join(both)} cannot all be printed: name files for the others")
+    if given["as_json"] and given["markdown"]:
+        raise click.UsageError("give one of --json and --markdown")
     for name in _ONLY_WITH_PROFILE if peers else _ONLY_WITH_PEERS:
         if given[name]:
             option = next(p.opts[-1] for p in ctx.command.params if p.name == name)
@@ -106,12 +96,12 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
 @click.option("--tolerance", type=options.NOT_NEGATIVE, default=0.1, help=_TOLERANCE)
 @options.as_json
 def compare_command(before: Path, after: Path, tolerance: float, as_json: bool) -> None:
-    """Look for regressions between two reports written with --json.
+    """Look for regressions between two reports, report.json of -o.
 
     Exit code 1 when a figure is worse by more than the tolerance, 3 when only figures of a disturbed run are.
 
     \b
-    nnpp-edge profile compare before.json after.json --tolerance 0.1
+    nnpp-edge profile compare before/report.json after/report.json --tolerance 0.1
     """
     from nnpp_edge.cli.profile_text import comparison_text
     from nnpp_edge.profiling.compare import NOISY, WORSE, compare, read_report

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.profile_run import STDOUT, ProfileOptions
+from nnpp_edge.cli.profile_run import ProfileOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.benchmarks.peers import PeerRow
@@ -42,24 +42,19 @@ def run_peers(given: ProfileOptions) -> None:
     if not 16 <= min(sizes) <= max(sizes) <= options.LARGEST_SIDE or len(set(sizes)) < len(sizes):
         words = ",".join(map(str, sizes))
         raise click.UsageError(f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}")
-    json_file, picture = (given.output and given.output / name for name in ("peers.json", "peers.png"))
-    outputs = (("--json", given.json_path), ("--output", json_file), ("--output", picture))
-    options.check_outputs(*outputs, ("--markdown", given.markdown_path), make_folders=True)
+    written = [] if given.output is None else [given.output / f"peers.{end}" for end in ("json", "md", "png")]
+    options.check_outputs(*(("--output", path) for path in written), make_folders=True)
     terrain = TerrainFiles.or_sample(given.terrain, given.rescale, given.cell_size, given.allow_vrt)
     with bar("profile", queries * len(sizes)) as advance:
         rows, missing = run(sizes, queries, terrain, seed=seed, limit_s=limit_s, progress=advance)
     facts = {"queries": queries, "seed": seed, "limit_s": limit_s, "left_out": missing, "rows": rows}
     content = json.dumps(facts, indent=1)
-    contents = {path: content.encode() for path in (given.json_path, json_file) if path is not None}
-    if given.markdown_path is not None:
-        contents[given.markdown_path] = (peers_text(rows, missing, markdown=True) + "\n").encode()
-    if picture is not None:
+    if written:
         from nnpp_edge.viz.figures import times_by_size
 
-        contents[picture] = times_by_size(rows)
-    write_all(contents)
-    text = peers_text(rows, missing, markdown=given.markdown_file == STDOUT)
-    click.echo(content if given.json_file == STDOUT else text)
+        table = f"{peers_text(rows, missing, markdown=True)}\n"
+        write_all(dict(zip(written, (content.encode(), table.encode(), times_by_size(rows)), strict=True)))
+    click.echo(content if given.as_json else peers_text(rows, missing, markdown=given.markdown))
 
 
 def peers_text(rows: Sequence["PeerRow"], missing: Sequence[str], *, markdown: bool = False) -> str:

@@ -51,7 +51,7 @@ def read_report(path: Path) -> Report:
     try:
         report = parse(read_text(path))
     except (OSError, ValueError) as error:
-        raise InvalidQueryError(f"{path}: wanted a report of nnpp-edge profile --json ({reason(error)})") from error
+        raise InvalidQueryError(f"{path}: wanted a report of nnpp-edge profile ({reason(error)})") from error
     schema = report.get("schema") if isinstance(report, dict) else None
     if schema != SCHEMA or not isinstance(report.get("results"), list):
         raise InvalidQueryError(f"{path}: wanted a report of nnpp-edge profile of schema {SCHEMA}, got {schema!r}")

@@ -6,7 +6,6 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.prices import Price
@@ -23,18 +22,10 @@ from nnpp_edge.runtime.region.looked import LookedMap
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 from nnpp_edge.runtime.tuning import WIDENED_CORRIDOR, CorridorWidth
 
-_NO_WAY, _DOUBT = 100.0, 2
-"""What a link between blocks without a passable cell costs more, in cells' lengths, and to what power the share of
-impassable cells is taken first: the best of those that were tried for `body_fit_links`."""
-
 
 class Control(StrEnum):
     """Prices of links that show what the network's are owed to: searched and corrected alike, of the same widths."""
 
-    NETWORK_SHUFFLED = "network-shuffled"
-    """The network with the weights of each of its convolutions in another order."""
-    BODY_FIT_LINKS = "body-fit-links"
-    """The price ``body-fit`` of the blocks at both ends."""
     STRAIGHT = "straight"
     """All alike by their length: what lies between start and goal."""
 
@@ -51,10 +42,8 @@ class CorridorAlone:
     first : CorridorWidth
         Of the first corridor, instead of the price's own. Of the learned region's width it shows what is owed to the
         network, and what to narrow corridors alone.
-    times : float
-        Times as wide as the price's own corridors, see `wider`; below 1 the first one alone.
     passage : PassageModel
-        Whose prices ``network`` and ``network-shuffled`` are, instead of the shipped network's.
+        Whose prices ``network`` are, instead of the shipped network's.
     """
 
     def __init__(
@@ -63,13 +52,11 @@ class CorridorAlone:
         price: Price | Control = Price.EQ1,
         *,
         first: CorridorWidth | None = None,
-        times: float = 1.0,
         passage: PassageModel | None = None,
     ) -> None:
         self._state, self._price, self._passage = state, price, passage
         self._planners = MapPlanners(state, "edge")
-        own = self._planners.widths(price if isinstance(price, Price) else Price.NETWORK)
-        self._widths = wider(own[0], times), wider(own[1], max(times, 1.0))
+        self._widths = self._planners.widths(price if isinstance(price, Price) else Price.NETWORK)
         if first is not None:
             self._widths = first, WIDENED_CORRIDOR
         self._corridor: CorridorPlanner | None = None
@@ -89,13 +76,11 @@ class CorridorAlone:
 
     def _descent(self) -> CoarseToFine | LinkDescent:
         state, memory = self._state, self._planners.astar.workspace
-        if self._price in (Price.NETWORK, Control.NETWORK_SHUFFLED):
-            shuffled = self._price is Control.NETWORK_SHUFFLED
-            return LinkDescent(LookedMap(state, self._passage or passage_model(shuffled=shuffled)), memory)
+        if self._price is Price.NETWORK:
+            return LinkDescent(LookedMap(state, self._passage or passage_model()), memory)
         if isinstance(self._price, Price):
             return self._planners.descent(self._price)
-        prices = straight_links(state.shape) if self._price is Control.STRAIGHT else body_fit_links(state)
-        return LinkDescent(MadeLinks(state, prices), memory)
+        return LinkDescent(MadeLinks(state, straight_links(state.shape)), memory)
 
 
 class MadeLinks:
@@ -112,51 +97,7 @@ class MadeLinks:
         return self._links
 
 
-def wider(width: CorridorWidth, times: float) -> CorridorWidth:
-    """A corridor whose bands are so many times as wide, and its radii by the root of that.
-
-    Where all costs alike, a path that costs a share b more than the straight one strays from it by the root of b.
-    """
-    radius, coarse_radius = (round(math.sqrt(times) * each) for each in (width.radius, width.coarse_radius))
-    return CorridorWidth(radius, times * width.band, times * width.nearby, coarse_radius, times * width.coarse_band)
-
-
 def straight_links(shape: Cell) -> NDArray[np.float32]:
     """(4, R, C) prices of links on a map of this shape: their lengths in cells."""
     lengths = np.array([FACTOR * math.hypot(*heading) for heading in HEADINGS], np.float32)
     return np.tile(lengths[:, None, None], (1, *(math.ceil(n / FACTOR) for n in shape)))
-
-
-def body_fit_links(state: MapState) -> NDArray[np.float32]:
-    """(4, R, C) prices of links by `body_fit` of the blocks that they join.
-
-    Notes
-    -----
-    A block is as dear as the mean of its cells that count as passable, and the chance of passage is their share, at
-    the worse end.
-    """
-    from nnpp_edge.runtime.map.body_fit import body_fit  # OpenCV takes a tenth of a second to load
-
-    poses, tiles = state.grid.poses, state.grid.tiles
-    assert poses is not None and tiles is not None
-    blocks = _by_block(body_fit(tiles.heights, poses.vehicle, poses.sides_m))
-    passable = np.isfinite(blocks)
-    chance = passable.mean(-1, dtype=np.float32)
-    mean = np.where(passable, blocks, np.float32(0.0)).sum(-1) / np.maximum(passable.sum(-1), 1)
-    dear = np.where(chance > 0.0, mean, np.float32(1.0))
-    prices, (rows, cols) = straight_links(state.shape), chance.shape
-    for heading, (down, right) in enumerate(HEADINGS):
-        one = slice(max(-down, 0), rows - max(down, 0)), slice(0, cols - right)
-        other = slice(max(down, 0), rows - max(-down, 0)), slice(right, cols)
-        worse = np.minimum(chance[one], chance[other])
-        prices[heading][one] *= np.float32(1.0) + np.float32(state.grid.model.scale) * (dear[one] + dear[other])
-        prices[heading][one] += np.float32(_NO_WAY) * (np.float32(1.0) - worse) ** _DOUBT
-    return prices
-
-
-def _by_block(cost: Float2D) -> NDArray[np.float32]:
-    """(R, C, 16): the cells of each block; inf for those that it has beyond the map's edge."""
-    rows, cols = (math.ceil(n / FACTOR) for n in cost.shape)
-    whole = np.full((rows * FACTOR, cols * FACTOR), np.inf, np.float32)
-    whole[: cost.shape[0], : cost.shape[1]] = cost
-    return whole.reshape(rows, FACTOR, cols, FACTOR).transpose(0, 2, 1, 3).reshape(rows, cols, FACTOR * FACTOR)

@@ -203,7 +203,7 @@ class _Counts:
                 fresh = self._on_fresh.get(key)
                 if not lazy and fresh is None:
                     continue
-                rows[key] = {"method": rival.name + EAGER * (not lazy), "price": rival.price, "width": rival.times}
+                rows[key] = {"method": rival.name + EAGER * (not lazy), "price": rival.price}
                 rows[key] |= {"queries_per_map": self._per_map if self._has_body else None}
                 rows[key] |= {**answers.figures(), "unsolvable": self.unsolvable}
                 if self._has_body:

@@ -1,4 +1,4 @@
-"""The report of `nnpp-edge profile --json` and the comparison of two, key by key. Meanings are in docs/profile.md."""
+"""The report of `nnpp-edge profile` and the comparison of two, key by key. Meanings are in docs/profile.md."""
 
 from typing import TypedDict
 

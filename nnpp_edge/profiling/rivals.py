@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Protocol
 
@@ -15,7 +14,7 @@ from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.network.passage_model import PassageModel, passage_model
+from nnpp_edge.runtime.network.passage_model import PassageModel
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, CorridorWidth
@@ -51,16 +50,13 @@ class RivalPlanner:
     """Of the first corridor, instead of the usual one."""
     price: Price | Control | None = None
     """On a vehicle's map; None for the method's usual one."""
-    times: float | None = None
-    """Of a vehicle's corridor by a price: times as wide as that price's own."""
     passage: PassageModel | None = None
     """Whose prices a vehicle's links have; None for the shipped network's."""
 
     @property
     def key(self) -> str:
-        """Its name, and its price and width where it has one: no other rival's."""
-        name = self.name if self.price is None else f"{self.name}:{self.price}"
-        return name if self.times in (None, 1.0) else f"{name}:{self.times:g}"
+        """Its name, and its price where it has one: no other rival's."""
+        return self.name if self.price is None else f"{self.name}:{self.price}"
 
     def plan(self, planner: FindsPlans, query: Endpoints, *, keep_regions: bool = False) -> Plan:
         """What a planner of the rival's own answers."""
@@ -76,11 +72,10 @@ class RivalPlanner:
 
     def planner_of(self, ground: Ground, *, lazy: bool) -> FindsPlans:
         """A planner of its own for elevations."""
-        times, passage = self.times or 1.0, self.passage
-        if self.width is not None or passage is not None or isinstance(self.price, Control) or times != 1.0:
+        passage = self.passage
+        if self.width is not None or passage is not None or isinstance(self.price, Control):
             price = self.price or (Price.EQ1 if passage is None else Price.NETWORK)
-            state = ground.state(lazy=lazy)
-            return CorridorAlone(state, price, first=self.width, times=times, passage=passage)
+            return CorridorAlone(ground.state(lazy=lazy), price, first=self.width, passage=passage)
         return ground.planner(self.model or "edge", lazy=lazy)
 
 
@@ -142,10 +137,9 @@ def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> lis
 def exact_and_priced(
     methods: Iterable[str],
     prices: Iterable[Price | Control],
-    widths: Iterable[float] = (1.0,),
     models: Sequence[str] = (SHIPPED,),
 ) -> list[RivalPlanner]:
-    """Exact A*, and a rival of a vehicle for each other method; for ``corridor`` one for each price and width.
+    """Exact A*, and a rival of a vehicle for each other method; for ``corridor`` one for each price.
 
     ``nnpp`` and the network's prices are of each of these models; the first one's has the method's name, any other's
     ``METHOD:NAME``. ModelError where a model that is needed is no passage network.
@@ -153,33 +147,26 @@ def exact_and_priced(
     found = [RivalPlanner(EXACT, Method.ASTAR)]
     for method in dict.fromkeys(methods):
         if method == Method.NNPP:
-            found += [
-                RivalPlanner(name, Method.NNPP, passage=each) for name, each in _passages(method, models, False)
-            ]
+            found += [RivalPlanner(name, Method.NNPP, passage=each) for name, each in _passages(method, models)]
         elif method == Method.CORRIDOR:
-            for price, times in product(dict.fromkeys(prices), dict.fromkeys(widths)):
+            for price in dict.fromkeys(prices):
                 named: list[tuple[str, PassageModel | None]] = [(method, None)]
-                if price in (Price.NETWORK, Control.NETWORK_SHUFFLED):
-                    named = _passages(method, models, price is Control.NETWORK_SHUFFLED)
+                if price is Price.NETWORK:
+                    named = _passages(method, models)
                 found += [
-                    RivalPlanner(name, Method.CORRIDOR, price=price, times=times, passage=passage)
-                    for name, passage in named
+                    RivalPlanner(name, Method.CORRIDOR, price=price, passage=passage) for name, passage in named
                 ]
         elif method != EXACT:
             found.append(RivalPlanner(method, Method(method)))
     return found
 
 
-def _passages(method: str, models: Sequence[str], shuffled: bool) -> list[tuple[str, PassageModel | None]]:
-    """Names of rivals, and their passage networks; None for the shipped one as it is."""
-    found: list[tuple[str, PassageModel | None]] = []
-    for at, model in enumerate(models):
-        name = f"{method}:{Path(model).stem}" if at else method
-        if model == SHIPPED:
-            found.append((name, passage_model(shuffled=True) if shuffled else None))
-        else:
-            found.append((name, PassageModel(model, shuffled=shuffled)))
-    return found
+def _passages(method: str, models: Sequence[str]) -> list[tuple[str, PassageModel | None]]:
+    """Names of rivals, and their passage networks; None for the shipped one."""
+    names = [f"{method}:{Path(model).stem}" if at else method for at, model in enumerate(models)]
+    return [
+        (name, None if model == SHIPPED else PassageModel(model)) for name, model in zip(names, models, strict=True)
+    ]
 
 
 def narrow_corridor() -> RivalPlanner:

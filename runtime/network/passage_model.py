@@ -64,8 +64,6 @@ class PassageModel:
     ----------
     model : str or Path
         Name of a shipped model, or a file.
-    shuffled : bool
-        Whether the weights of each convolution are put in another order: a control, whose prices mean nothing.
 
     Raises
     ------
@@ -73,18 +71,16 @@ class PassageModel:
         The file cannot be read.
     """
 
-    def __init__(self, model: str | Path = DEFAULT, *, shuffled: bool = False) -> None:
+    def __init__(self, model: str | Path = DEFAULT) -> None:
         self._path = model_path(model)
         self._content = read_passage(self._path)
-        if shuffled:
-            self._content = _shuffled(self._content)
         self._lock = threading.Lock()
         self._of = functools.lru_cache(KEPT)(self._opened)
 
     def of(self, vehicle: Vehicle, sides_m: tuple[float, float]) -> VehicleNetwork:
         """The vehicle's network on cells of this height and width; InvalidMapError outside the trained range."""
         if problem := unsuited(vehicle, sides_m):
-            raise InvalidMapError(f"price='network' {problem}: wanted another price, such as 'body-fit'")
+            raise InvalidMapError(f"price='network' {problem}: wanted another price, such as 'eq1'")
         with self._lock:
             return self._of(tuple(shown_numbers(vehicle_numbers(vehicle, sides_m)).tolist()))
 
@@ -93,9 +89,9 @@ class PassageModel:
 
 
 @functools.cache
-def passage_model(*, shuffled: bool = False) -> PassageModel:
+def passage_model() -> PassageModel:
     """The shipped one."""
-    return PassageModel(shuffled=shuffled)
+    return PassageModel()
 
 
 def with_vehicle(content: bytes, numbers: NDArray[np.float32], path: Path) -> bytes:
@@ -107,24 +103,3 @@ def with_vehicle(content: bytes, numbers: NDArray[np.float32], path: Path) -> by
         raise ModelError(f"{path}: wanted a passage network, got a file without one place for a vehicle's numbers")
     at += len(before)
     return content[:at] + np.ascontiguousarray(numbers, "<f4").tobytes() + content[at + size :]
-
-
-def _shuffled(content: bytes) -> bytes:
-    """The same file with the weights of each convolution's kernels in another order."""
-    rng = np.random.default_rng(0)
-    for i in range(8):
-        name = f"kernels{i}".encode()
-        at = content.find(b"\x42" + bytes([len(name)]) + name + b"\x4a")
-        if at < 0:
-            break
-        at += len(name) + 3
-        size = shift = 0
-        while True:
-            byte, at = content[at], at + 1
-            size |= (byte & 127) << shift
-            shift += 7
-            if byte < 128:
-                break
-        weights = rng.permutation(np.frombuffer(content, "<f4", size // 4, at))
-        content = content[:at] + weights.tobytes() + content[at + size :]
-    return content

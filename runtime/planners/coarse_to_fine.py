@@ -4,7 +4,6 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import OutOfTimeError
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
-from nnpp_edge.runtime.map.prices import PricedMap
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.streamed import StreamedMap
@@ -23,13 +22,13 @@ class CoarseToFine:
 
     Parameters
     ----------
-    state : MapState, PricedMap or StreamedMap
+    state : MapState or StreamedMap
         The map.
     finest : Workspace
         Memory of the searches at full resolution, which are made by whoever is given to `descend`.
     """
 
-    def __init__(self, state: MapState | PricedMap | StreamedMap, finest: Workspace) -> None:
+    def __init__(self, state: MapState | StreamedMap, finest: Workspace) -> None:
         self._state, self._finest = state, finest
         self._levels = state.pyramid.levels
         self._coarse = [CoarseLevel(level) for level in self._levels[1:]]

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.map.prices import Price, PricedMap
+from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.passage import unsuited
@@ -114,9 +114,7 @@ class MapPlanners:
         """Searches of the coarse levels of a price, or of its links."""
         if price is Price.EQ1:
             return self.coarse_to_fine
-        if price is Price.NETWORK:
-            return LinkDescent(LookedMap(self.state, self._passage), self.astar.workspace)
-        return CoarseToFine(PricedMap(self.state, price), self.astar.workspace)
+        return LinkDescent(LookedMap(self.state, self._passage), self.astar.workspace)
 
     def widths(self, price: Price) -> tuple[CorridorWidth, CorridorWidth]:
         """Of the first corridor by a price, and of the wider one."""

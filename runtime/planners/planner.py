@@ -389,8 +389,8 @@ class Planner:
         keep_regions : bool
             Whether the plan says in what region it was found; copied after the clock has stopped.
         price : str
-            With a vehicle's body, by what ``corridor`` and ``nnpp`` price blocks before any pose is checked: ``eq1``,
-            ``body-fit``, ``sampled`` or ``network``, see `map.prices`. By default ``network`` for ``nnpp``, where the
+            With a vehicle's body, by what ``corridor`` and ``nnpp`` price blocks before any pose is checked: ``eq1``
+            or ``network``, see `map.prices`. By default ``network`` for ``nnpp``, where the
             vehicle is in the network's range (else a warning says so, once), and ``eq1`` for ``corridor``.
         refine : str
             ``any-angle``: free the path from the grid, see `planners.refine`. The plan gains `waypoints` and

@@ -85,9 +85,7 @@ START = ("--start", "5,5", "--goal", "50,50", "--method", "astar")
         ("evaluate", "--dataset", "set", "--plot", "set/dataset.json"),
         ("export", "hills.npz", "-o", "hills.npz"),
         ("quantize", "hills.npz", "--dataset", "set", "-o", "link.npz"),
-        ("profile", "--profile", "own.toml", "--json", "own.toml"),
-        ("profile", "--profile", "own.toml", "--html", "hills.npz"),
-        ("profile", "--profile", "quick", "--markdown", "hills.npz", "--terrain", "hills.npz"),
+        ("profile", "--profile", "report.json", "-o", "."),
         ("profile", "--peers", "--terrain", "peers.json", "-o", "."),
         ("simulate", "--map", "hills.npz", "--log", "hills.npz"),
         ("simulate", "--map", "plan.png", "--picture", "plan.png"),
@@ -104,7 +102,8 @@ def test_an_output_never_replaces_an_input(nnpp_edge, hills, words):
     Path("set").mkdir()
     for name in ("plan.png", "peers.json", "set/dataset.json"):
         Path(name).write_text("input")
-    Path("own.toml").write_text("[workload]\nterrain = 'hills.npz'\n")
+    for name in ("own.toml", "report.json"):
+        Path(name).write_text("[workload]\nterrain = 'hills.npz'\n")
     before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
     nnpp_edge(*words).refused("would replace", "which is read")
     assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
@@ -121,7 +120,6 @@ def test_an_output_never_replaces_an_input(nnpp_edge, hills, words):
         (("plan", "hills.npz", *START, "-o", "out"), "out/plan.json: could not be written (it is a folder)"),
         (("plan", "hills.npz", *START, "-o", "x" * 300), "File name too long"),
         (("plan", "hills.npz", *START, "-o", "loop"), "symbolic links"),
-        (("profile", "--profile", "quick", "--json", "a", "--html", "a"), "name the same file"),
     ],
     ids=lambda words: " ".join(map(str, words))[:60] if isinstance(words, tuple) else None,
 )
@@ -149,7 +147,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_any_work(nnpp_edge, 
         (("evaluate", "--synthetic", "--sizes", "999999999"), "sides of 2 to 32768 cells"),
         (
             ("profile", "compare", "none.json", "none.json"),
-            "none.json: wanted a report of nnpp-edge profile --json (no such file)",
+            "none.json: wanted a report of nnpp-edge profile (no such file)",
         ),
         (("simulate", "--seed", "-1"), "--seed"),
     ],

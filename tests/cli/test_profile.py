@@ -87,7 +87,7 @@ KEYS = {
 def test_a_report_in_every_form(nnpp_edge, profile, tmp_path):
     files = [tmp_path / "out" / name for name in ("report.json", "report.html")]
     before = os.sched_getaffinity(0)
-    ended = nnpp_edge("profile", "--profile", profile(), "--json", files[0], "--html", files[1])
+    ended = nnpp_edge("profile", "--profile", profile(), "-o", tmp_path / "out")
     assert ended.code == 0, ended.err
     assert os.sched_getaffinity(0) == before
     for words in ("speed-up", "inference", "corridor pays over astar", "all budgets met: 5 of 5 pass"):
@@ -102,36 +102,27 @@ def test_a_report_in_every_form(nnpp_edge, profile, tmp_path):
     assert page.count("<svg") == 5 and page.count("data:image/png;base64,") == 3
     assert "<script" not in page and 'src="http' not in page and "@import" not in page
     assert "#010203" not in page and "currentColor" in page
-    assert not (tmp_path / "out" / ".report.json").exists() and len(list((tmp_path / "out").iterdir())) == 2
+    assert not (tmp_path / "out" / ".report.json").exists() and len(list((tmp_path / "out").iterdir())) == 5
 
 
 def test_a_row_for_the_table_of_boards_a_trace_and_the_same_beside_other_work(nnpp_edge, profile, tmp_path, core):
     contention = f"[contention]\nthreads = 1\ncores = [{core}]\n[stability]"
     changes = {"[stability]": contention, '["soft",_"limit20"]': '["soft"]'}
-    outputs = (
-        "--board-row",
-        "--json",
-        tmp_path / "r.json",
-        "--trace",
-        tmp_path / "t.json",
-        "--html",
-        tmp_path / "r.html",
-    )
-    ended = nnpp_edge("profile", "--profile", profile(**changes), *outputs)
+    ended = nnpp_edge("profile", "--profile", profile(**changes), "-o", tmp_path)
     assert ended.code == 0, ended.err
-    told = json.loads((tmp_path / "r.json").read_text())
-    (row,) = ended.out.splitlines()
+    told = json.loads((tmp_path / "report.json").read_text())
+    *_, row = (tmp_path / "board-row.md").read_text().splitlines()
     assert row == board_row(told) and row.startswith(f"| {told['made'][:10]} | ")
     assert told["contention"]["beside"] == "1 busy thread"
     rows = told["contention"]["rows"]
     assert [each["planner"] for each in rows] == [each["planner"] for each in told["results"]]
     assert rows[0]["idle_ms"] == told["results"][0]["time_ms"]
     assert max(half["waited_share"] for half in told["contention"]["halves"]) > 0.2
-    assert "Beside other work" in (tmp_path / "r.html").read_text()
+    assert "Beside other work" in (tmp_path / "report.html").read_text()
     described = Path(__file__).parents[2].joinpath("docs", "profile.md").read_text()
     for key in set(told["contention"]) | set(rows[0]) | set(told["sensors"]):
         assert f"`{key}`" in described, key
-    spans = check_trace((tmp_path / "t.json").read_bytes())
+    spans = check_trace((tmp_path / "trace.json").read_bytes())
     on_map = spans_of(spans, "soft 64², half ")
     inside = [each for whole in on_map for each in within(spans, whole)]
     calls = [each for each in inside if each["name"] == "nnpp"]
@@ -154,9 +145,10 @@ ARRIVALS = """
 
 def test_the_clock_starts_at_the_elevations(nnpp_edge, profile, tmp_path):
     changes = {"]\n[device]": f"{ARRIVALS}[loop]\nrate_hz = 200.0\n[device]"}
-    ended = nnpp_edge("profile", "--profile", profile(**changes), "--json", tmp_path / "r.json", "--markdown")
+    ended = nnpp_edge("profile", "--profile", profile(**changes), "-o", tmp_path, "--markdown")
     assert ended.code == 1, ended.err
-    told = json.loads((tmp_path / "r.json").read_text())
+    told = json.loads((tmp_path / "report.json").read_text())
+    assert (tmp_path / "report.md").read_text() == ended.out
     lines = [(line["name"], line["planner"], line["workload"], line["verdict"]) for line in told["budgets"][-5:]]
     assert lines == [
         ("first path", "nnpp", "soft", "pass"),
@@ -176,7 +168,7 @@ def test_the_clock_starts_at_the_elevations(nnpp_edge, profile, tmp_path):
     assert "## The onboard loop: from a patch's arrival to the checked path\n\n| workload |" in ended.out
     older = told | {"results": [{k: v for k, v in r.items() if k != "map_ms"} for r in told["results"]]}
     (tmp_path / "older.json").write_text(json.dumps(older))
-    assert nnpp_edge("profile", "compare", tmp_path / "older.json", tmp_path / "r.json").code == 0
+    assert nnpp_edge("profile", "compare", tmp_path / "older.json", tmp_path / "report.json").code == 0
 
 
 def test_json_may_be_printed(nnpp_edge, profile):
@@ -264,11 +256,9 @@ def test_a_bad_profile_ends_in_one_line(nnpp_edge, profile, changes, words):
     [
         ["--profile", "quick", "--peers"],
         ["--profile", "quick", "--limit", 3],
-        ["--peers", "--html", "a.html"],
+        ["--peers", "--vehicle", "small-rover"],
         ["--peers", "--start-up"],
         ["--profile", "quick", "--json", "--markdown"],
-        ["--profile", "quick", "--board-row", "--markdown"],
-        ["--peers", "--trace", "t.json"],
         ["--queries", 5, "compare", "a.json", "b.json"],
         [],
     ],
@@ -295,8 +285,8 @@ def changed(told, path, **changes):
 
 
 def test_regressions_between_two_reports(nnpp_edge, profile, tmp_path):
-    first = tmp_path / "first.json"
-    assert nnpp_edge("profile", "--profile", profile(), "--json", first).code == 0
+    first = tmp_path / "report.json"
+    assert nnpp_edge("profile", "--profile", profile(), "-o", tmp_path).code == 0
     read = lambda: json.loads(first.read_text())  # noqa: E731
     same = nnpp_edge("profile", "compare", first, first)
     assert same.code == 0 and same.out.startswith("0 of ")

@@ -110,7 +110,7 @@ def make_heavy(folder: Path, run: "object") -> list[str]:
     train += ["--input-size", 64, "--batch", 2, "--validate-every", 0]
     export = ["export", folder / "trained" / "checkpoint.pt", "-o", folder / "edge64.onnx"]
     small = ["dataset", "-o", folder / "set32", "--maps", 2, "--size", 32, "--points", 2, "--workers", 1]
-    report = ["profile", "--profile", folder / "profile.toml", "--json", folder / "report.json"]
+    report = ["profile", "--profile", folder / "profile.toml", "-o", folder]
     return [words[0] for words in (data, train, export, small, report) if not run(*words)]
 
 

@@ -5,16 +5,13 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.corridors import Control, CorridorAlone, body_fit_links, straight_links, wider
+from nnpp_edge.profiling.corridors import Control, CorridorAlone
 from nnpp_edge.profiling.evaluate import evaluate
-from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.profiling.rivals import exact_and_priced
 from nnpp_edge.profiling.suites import TerrainFiles, synthetic_cases, terrain_cases
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.prices import Price
-from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.runtime.tuning import BODY_CORRIDOR, CorridorWidth
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import body_rocks, workload
 
@@ -53,10 +50,10 @@ def judged(nnpp_edge, terrain, rover):
 
 
 def test_every_price_makes_a_row_of_the_corridor(judged):
-    ended = judged("--workload", "body,body-rocks5,soft", "--prices", "eq1,body-fit,sampled", "--json")
+    ended = judged("--workload", "body,body-rocks5,soft", "--prices", "eq1,network", "--json")
     assert ended.code == 0, ended.err
     rows = json.loads(ended.out)
-    of_body = [("astar", None), ("corridor", "eq1"), ("corridor", "body-fit"), ("corridor", "sampled")]
+    of_body = [("astar", None), ("corridor", "eq1"), ("corridor", "network")]
     named = [(row["workload"], row["method"], row["price"]) for row in rows]
     assert named == [
         *(("body", *each) for each in of_body),
@@ -82,17 +79,17 @@ def test_every_price_makes_a_row_of_the_corridor(judged):
 
 
 def test_the_table_says_what_was_checked(judged):
-    ended = judged("--workload", "body", "--prices", "eq1,sampled", "--markdown")
+    ended = judged("--workload", "body", "--prices", "eq1,straight", "--markdown")
     assert ended.code == 0, ended.err
-    assert "poses checked" in ended.out and "| sampled |" in ended.out
+    assert "poses checked" in ended.out and "| straight |" in ended.out
     assert "speed-up" not in ended.out  # a table of points, of which there are none
 
 
 def test_a_planner_that_checks_all_poses_first_is_the_control_on_a_fresh_map(judged):
-    ended = judged("--workload", "body", "--prices", "body-fit", "--fresh-map", "--json")
+    ended = judged("--workload", "body", "--prices", "network", "--fresh-map", "--json")
     assert ended.code == 0, ended.err
     rows = {(row["method"], row["price"]): row for row in json.loads(ended.out)}
-    pairs = [("astar", None), ("corridor", "body-fit"), ("corridor-narrow", None)]
+    pairs = [("astar", None), ("corridor", "network"), ("corridor-narrow", None)]
     assert list(rows) == [(name + end, price) for name, price in pairs for end in ("", "-eager")]
     for name, price in pairs:
         lazy, eager = rows[name, price], rows[f"{name}-eager", price]
@@ -104,29 +101,29 @@ def test_a_planner_that_checks_all_poses_first_is_the_control_on_a_fresh_map(jud
 
 def test_counts_are_those_of_planners_that_have_checked_nothing(rocky):
     """Each query by a planner of its own; the cost is that of an exact search of all poses."""
-    rivals = exact_and_priced(["corridor"], [Price.EQ1, Price.BODY_FIT])
+    rivals = exact_and_priced(["corridor"], [Price.EQ1, Price.NETWORK])
     rows = evaluate([rocky], rivals, 10, repeats=1)
-    assert list(rows) == ["astar", "corridor:eq1", "corridor:body-fit"]
+    assert list(rows) == ["astar", "corridor:eq1", "corridor:network"]
     ground, optima, own = rocky.ground, {}, {}
     every = ground.planner(lazy=False)
     for query in rocky.queries:
         optima[query] = every.plan(*query, method="astar")
-        own[query] = ground.planner().plan(*query, method="corridor", price="body-fit")
+        own[query] = ground.planner().plan(*query, method="corridor", price="network")
     solvable = [query for query in rocky.queries if optima[query].ok]
     assert (rows["astar"]["n"], rows["astar"]["unsolvable"]) == (len(solvable), 10 - len(solvable))
-    row = rows["corridor:body-fit"]
+    row = rows["corridor:network"]
     assert row["checks_mean"] == pytest.approx(np.mean([own[query].checks for query in solvable]))
     gaps = [own[query].cost / optima[query].cost - 1.0 for query in solvable]
     assert row["gap_mean"] == pytest.approx(np.mean(gaps), abs=1e-6)
 
 
-def test_controls_and_widths_make_rows_beside_the_network(judged):
-    controls = "network,network-shuffled,body-fit-links,straight"
-    ended = judged("--workload", "body-rocks5", "--prices", controls, "--widths", "0.5,1", "--json")
+def test_a_control_makes_a_row_beside_the_network(judged):
+    controls = "network,straight"
+    ended = judged("--workload", "body-rocks5", "--prices", controls, "--json")
     assert ended.code == 0, ended.err
     rows = json.loads(ended.out)
-    named = [(row["price"], row["width"]) for row in rows]
-    assert named == [(None, None), *((price, width) for price in controls.split(",") for width in (0.5, 1.0))]
+    named = [row["price"] for row in rows]
+    assert named == [None, *controls.split(",")]
     for row in rows:
         assert (row["n"], row["success"], row["queries_per_map"]) == (4, 1.0, 1)
         assert row["gap_mean"] >= -1e-5
@@ -181,34 +178,6 @@ def test_the_corridor_alone_is_the_planners(rocky, price):
         if isinstance(price, Price):
             other = rocky.ground.planner().plan(*query, method="corridor", price=price)
             np.testing.assert_array_equal(plan.path, other.path)
-
-
-@pytest.mark.parametrize("price", ["eq1", "network", "straight"])
-def test_a_corridor_of_other_width_searches_another_share(price):
-    ground = Ground(np.zeros((128, 128), np.float32), CELL_M, CELL_M, Traversability(), ROVER)
-    chosen, areas = (Control if price == "straight" else Price)(price), []
-    for times in (0.25, 1.0, 16.0):
-        corridor = CorridorAlone(ground.state(), chosen, times=times)
-        plan = corridor.plan((64, 20), (64, 108), method="corridor", keep_regions=True)
-        assert plan.source == "region"
-        areas.append(plan.region.area())
-    assert areas[0] < areas[1] < areas[2]
-
-
-def test_a_corridor_that_is_wider_has_radii_by_the_root():
-    assert wider(BODY_CORRIDOR, 1.0) == BODY_CORRIDOR
-    assert wider(CorridorWidth(6, 0.03, 0.3, 4, 0.2), 4.0) == CorridorWidth(12, 0.12, 1.2, 8, 0.8)
-
-
-def test_links_by_body_fit_are_dearer_where_it_is_rough_and_never_cheaper_than_their_length():
-    heights = np.zeros((64, 61), np.float32)
-    heights[:, 30:38] += np.random.default_rng(0).random((64, 8), np.float32)
-    ground = Ground(heights, CELL_M, CELL_M, Traversability(), ROVER)
-    state = ground.state()
-    prices, lengths = body_fit_links(state), straight_links((64, 61))
-    assert prices.shape == lengths.shape == (4, 16, 16)
-    assert np.isfinite(prices).all() and (prices >= lengths).all()
-    assert prices[2, 8, 8] > 2.0 * prices[2, 8, 1]
 
 
 def test_the_vehicle_stands_on_starts_and_goals_and_rocks_lie_on_the_crops(terrain, rocky):
@@ -269,7 +238,6 @@ def test_maps_without_any_path_are_not_asked_forever(rocky):
         (("--workload", "body", "--methods", "nnpp", "--model", "paper"), "wanted a passage network"),
         (("--workload", "body,soft", "--model", "paper"), "--model is a point's or a vehicle's"),
         (("--workload", "body", "--prices", "network", "--vehicle-length", 9), "length in cells"),
-        (("--workload", "body", "--widths", "0"), "numbers above 0"),
         (("--workload", "body", "--queries-per-map", "0,1"), "whole numbers of at least 1"),
         (("--workload", "body-rocks30"), "N from 0 to 20 percent, got 'body-rocks30'"),
         (("--workload", "body-rocks"), "N from 0 to 20 percent, got 'body-rocks'"),
@@ -288,7 +256,6 @@ def test_wrong_use_is_one_line(judged, words, complaint):
 def test_a_vehicle_needs_its_workload_and_elevations_and_the_other_way_round(nnpp_edge, terrain, rover, tmp_path):
     nnpp_edge("evaluate", terrain, "--workload", "body-rocks5").refused("--workload body-rocks5", "--vehicle")
     nnpp_edge("evaluate", terrain, "--vehicle", rover).refused("for the workloads body and body-rocksN")
-    nnpp_edge("evaluate", terrain, "--widths", "1,2").refused("--widths is for the workloads body and body-rocksN")
     nnpp_edge("evaluate", terrain, "--queries-per-map", "10").refused("--queries-per-map is for the workloads")
     nnpp_edge("evaluate", terrain, "--vehicle", "unicycle", "--workload", "body").refused("unicycle")
     (tmp_path / "set").mkdir()

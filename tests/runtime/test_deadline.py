@@ -9,13 +9,11 @@ from nnpp_edge.runtime import DynamicPlanner, Planner, Status, Vehicle
 from nnpp_edge.runtime import bands as bands_module
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.prices import Price, PricedMap
 from nnpp_edge.runtime.map.pyramid import Pyramid
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.passage_model import VehicleNetwork, passage_model
 from nnpp_edge.runtime.planners import answers as answers_module
-from nnpp_edge.runtime.planners import choice
-from nnpp_edge.runtime.planners.choice import MapChoice
+from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
 from nnpp_edge.runtime.planners.tour import tour
 from nnpp_edge.runtime.region.looked import LookedMap
@@ -200,8 +198,7 @@ def test_the_best_order_is_not_looked_for_once_time_is_up(monkeypatch):
 
 
 def test_the_method_is_not_told_by_a_network_that_is_not_asked(monkeypatch):
-    picks = MapChoice((0,), ((Method.NNPP, "nnpp is the fastest"),))
-    monkeypatch.setattr(choice, "choice_for_body", lambda shape: picks)
+    monkeypatch.setattr(MethodChooser, "pick", lambda self, apart: (Method.NNPP, "nnpp is the fastest"))
     plan = ask(made("body-tobler"), "auto")
     assert (plan.method, plan.reason) == (Method.CORRIDOR, "")
     assert plan.choice == "the network prices steps alike both ways"
@@ -228,20 +225,6 @@ def test_no_path_has_a_reason_of_its_own():
     assert moving.replan().reason == ""
     moving.update(0, 0, np.full((90, 200), 0.4, np.float32))
     assert moving.replan().choice == "too much of the map has changed to repair the search"
-
-
-def test_a_price_of_nothing_does_not_grow_what_has_changed(monkeypatch):
-    heights = ground()
-    heights[60:64, 60:64] += 50.0
-    heights[150:154, 200:204] += 50.0
-    planner = Planner.of_elevation(heights, 1.0, warn=False, vehicle=ROVER, omega=0.0)
-    priced, changed = PricedMap(planner.state, Price.BODY_FIT), []
-    update = Pyramid.update
-    monkeypatch.setattr(Pyramid, "update", lambda self, part: changed.append(part) or update(self, part))
-    planner.update_elevation(100, 100, heights[100:103, 100:103] + 40.0)
-    assert priced.pyramid
-    (_, _, rows, cols) = changed[-1]
-    assert 0 < rows < 20 and 0 < cols < 20
 
 
 # Who asks
