@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeVar, Union, cast, get_args, get_origin, get_t
 
 import numpy as np
 
-from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.errors import NnppEdgeError, shown
 
 F = TypeVar("F", bound=Callable[..., object])
 _LARGEST = 1 << 63
@@ -42,14 +42,6 @@ def checked(error: type[NnppEdgeError]) -> Callable[[F], F]:
         return cast(F, _guarded(entry, error))
 
     return of
-
-
-def shown(value: object) -> str:
-    """A value for the end of a message: one line, and not a long one."""
-    try:
-        return " ".join(repr(value).split())[:80]
-    except Exception:  # a whole number of 5,000 digits, say
-        return f"a {type(value).__name__}"
 
 
 def is_real(value: object) -> bool:

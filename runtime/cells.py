@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from nnpp_edge.runtime.arguments import shown
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
 
 Cell = tuple[int, int]
 """(row, col)."""

@@ -72,3 +72,11 @@ class Status(StrEnum):
     UNKNOWN = "UNKNOWN"
     """Of the loop: every way of planning raised an error. Of `WindowedPlanner`: no path was found, and it is not
     known that there is none."""
+
+
+def shown(value: object) -> str:
+    """A value for the end of a message: one line, and not a long one."""
+    try:
+        return " ".join(repr(value).split())[:80]
+    except Exception:  # a whole number of 5,000 digits, say
+        return f"a {type(value).__name__}"

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.files import write_whole
 from nnpp_edge.ros.occupancy import BODY_TOUCHES, IMPASSABLE, UNKNOWN, as_cost, as_occupancy
-from nnpp_edge.runtime.arguments import checked, is_real, shown
+from nnpp_edge.runtime.arguments import checked, is_real
 from nnpp_edge.runtime.arrays import as_map
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
 from nnpp_edge.runtime.loop.messages import MapPatch
 
 _SAME = 1e-3

@@ -8,10 +8,9 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arguments import shown
 from nnpp_edge.runtime.arrays import as_map, headings_along
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status
+from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status, shown
 
 
 class InvalidMessageError(NnppEdgeError, ValueError):

@@ -14,11 +14,11 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arguments import checked, shown
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.map.state import MapState

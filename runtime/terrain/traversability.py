@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nnpp_edge.runtime.arguments import checked, shown
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Rectangle
-from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.errors import InvalidMapError, shown
 from nnpp_edge.runtime.kernels.traversability import count_saturated, fill_terms, fill_weights
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
 

@@ -73,10 +73,10 @@ def test_turns_are_no_sharper_than_the_vehicle_s(nnpp_edge, ground):
     words = ("plan", ground, *ENDS, "--radius", "1", "--refine", "any-angle", "--json", "--turning-radius")
     told = json.loads(nnpp_edge(*words, "8").out)
     assert 0.0 < told["sharpest_curvature_per_m"] <= 1.0 / 8.0
-    ended = nnpp_edge(*words, "99")
+    ended = nnpp_edge(*("4" if word == "1" else word for word in words), "390")
     refused = json.loads(ended.out)
     assert ended.code == 1 and refused["status"] == "NO_PATH" and "line" not in refused
-    assert "no line that turns with a radius of 99 m" in refused["reason"]
+    assert "no line that turns with a radius of 390 m" in refused["reason"]
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ def test_every_dynamic_methods_bound_holds_while_the_map_changes(network, method
             planner.update(0, 0, cost)
             plan, query = planner.replan(keep_regions=True), ((start[0] + at, start[1]), goal)
             refused = refused_by(plan, cost, *query, step_cost, corner_cutting)
-            if plan.region is not None and plan.reason.startswith("mended"):
+            if plan.region is not None and plan.choice.startswith("mended"):
                 refused = planner.state.grid.least_cost(*query)  # D* Lite does not say what it refused
             check(plan, oracles.dijkstra(cost, query[0], step_cost, corner_cutting)[goal], refused)
             row, col = rng.integers(10, 50, 2)
@@ -144,7 +144,7 @@ def test_the_bound_of_a_mended_path_is_what_a_path_costs_at_the_least():
     for _ in range(8):
         planner.move(at)
         plan = planner.replan()
-        if plan.reason.startswith("mended") and plan.source is Source.REGION:
+        if plan.choice.startswith("mended") and plan.source is Source.REGION:
             pair = 2.0 * float(cost.min())
             prices = (length + 255 * 0.011 * pair for length in (1.0, math.sqrt(2.0)))
             assert plan.lower_bound == pytest.approx(oracles.octile(cost.shape, goal, *prices)[at], rel=CLOSE)
