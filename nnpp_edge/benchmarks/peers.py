@@ -10,18 +10,19 @@ others, which know no terrain, get their weights from our `traversability_cost`,
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import islice
-from typing import TypedDict
+from typing import TypedDict, cast
 
 import numpy as np
 
 from nnpp_edge import __version__
 from nnpp_edge.benchmarks.peer_planners import CellPath, PeerPlanner, Search, Weights, peer_planners, weights_of
+from nnpp_edge.profiling.contest import Row, Summary, gap, mean, quantile, summarised
 from nnpp_edge.profiling.ground import Ground
-from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.harness import Harness, Record
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, cases_from, source_of
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.exercises import exercise
@@ -73,43 +74,18 @@ def path_cost(weights: Weights, path: CellPath) -> float:
     return float(np.sum(np.hypot(*steps.T) * 0.5 * (along[1:] + along[:-1])))
 
 
-@dataclass
-class _Answers:
-    """What one planner did at one size."""
-
-    time_ms: list[float] = field(default_factory=list)
-    over_exact: list[float] = field(default_factory=list)
-    """Its time over exact A*'s, query by query."""
-    map_ms: list[float] = field(default_factory=list)
-    once_ms: list[float] = field(default_factory=list)
-    elevation_ms: list[float] = field(default_factory=list)
-    gaps: list[float] = field(default_factory=list)
-    failed: int = 0
-    note: str = ""
-    """Why it was left out."""
-
-    def figures(self, planner: PeerPlanner) -> PeerFigures:
-        def of(values: list[float], figure: Callable[[list[float]], np.floating]) -> float | None:
-            return float(figure(values)) if self.time_ms and values else None
-
-        same = not self.failed and bool(self.gaps) and max(map(abs, self.gaps)) <= SAME_OPTIMUM
-        return PeerFigures(
-            planner=planner.name,
-            version=__version__ if planner.package == "nnpp-edge" else version(planner.package),
-            objective=planner.objective,
-            n=len(self.time_ms),
-            failed=self.failed,
-            time_ms_median=of(self.time_ms, np.median),
-            time_ms_p95=of(self.time_ms, lambda values: np.quantile(values, 0.95)),
-            times_astar_median=of(self.over_exact, np.median),
-            map_ms_median=of(self.map_ms, np.median),
-            once_ms_median=of(self.once_ms, np.median),
-            elevation_ms_median=of(self.elevation_ms, np.median),
-            gap_mean=of(self.gaps, np.mean),
-            gap_max=of(self.gaps, np.max),
-            same_optimum=same if self.time_ms else None,
-            note=self.note or ("" if self.time_ms else "no query had a path"),
-        )
+_FIGURES: Summary = {
+    "n": lambda columns: len(columns["time_ms"]),
+    "failed": lambda columns: int(sum(columns["failed"])),
+    "time_ms_median": quantile("time_ms", 0.5),
+    "time_ms_p95": quantile("time_ms", 0.95),
+    "times_astar_median": quantile("times_astar", 0.5),
+    "map_ms_median": quantile("map_ms", 0.5),
+    "once_ms_median": quantile("once_ms", 0.5),
+    "elevation_ms_median": quantile("elevation_ms", 0.5),
+    "gap_mean": mean("gap"),
+    "gap_max": quantile("gap", 1.0),
+}
 
 
 @dataclass
@@ -119,10 +95,30 @@ class _Comparison:
     planners: Sequence[PeerPlanner]
     limit_s: float
     harness: Harness
-    answers: dict[str, _Answers] = field(init=False)
+    rows: list[Row] = field(default_factory=list)
+    notes: dict[str, str] = field(default_factory=dict)
+    """Why a planner was left out."""
 
-    def __post_init__(self) -> None:
-        self.answers = {planner.name: _Answers() for planner in self.planners}
+    def figures(self, planner: PeerPlanner) -> PeerFigures:
+        """All that a planner did."""
+        rows = [row for row in self.rows if row.rival == planner.name]
+        answered = any("time_ms" in row.figures for row in rows)
+        gaps = [abs(row.figures["gap"]) for row in rows if "gap" in row.figures]
+        same = bool(gaps) and max(gaps) <= SAME_OPTIMUM and not any(row.figures.get("failed") for row in rows)
+        facts = {
+            "planner": planner.name,
+            "version": __version__ if planner.package == "nnpp-edge" else version(planner.package),
+            "objective": planner.objective,
+            **summarised(rows if answered else (), _FIGURES),
+            "same_optimum": same if answered else None,
+            "note": self.notes.get(planner.name) or ("" if answered else "no query had a path"),
+        }
+        return cast(PeerFigures, facts)
+
+    def add(self, records: Mapping[str, Record[Endpoints, CellPath | None]], figure: str) -> None:
+        """Count the time of a query as this figure, of every planner."""
+        for name, record in records.items():
+            self.rows.append(Row(name, record.case, {figure: 1e3 * record.median_s}))
 
     def on_map(self, case: Case, queries: int, progress: Callable[[], None]) -> None:
         """Have every planner answer at most so many queries on one map."""
@@ -136,13 +132,11 @@ class _Comparison:
             query, exact_s = records[REFERENCE].case, records[REFERENCE].median_s
             optimum = path_cost(weights, exact)
             for name, record in records.items():
-                answers, path = self.answers[name], record.results[0]
-                answers.time_ms.append(1e3 * record.median_s)
-                answers.over_exact.append(record.median_s / exact_s)
-                if path is None or tuple(path[0]) != query[0] or tuple(path[-1]) != query[1]:
-                    answers.failed += 1
-                else:
-                    answers.gaps.append(path_cost(weights, path) / optimum - 1.0 if optimum else 0.0)
+                path, found = record.results[0], {"time_ms": 1e3 * record.median_s}
+                found |= {"times_astar": record.median_s / exact_s, "failed": True}
+                if path is not None and (tuple(path[0]), tuple(path[-1])) == query:
+                    found |= {"failed": False, "gap": gap(path_cost(weights, path), optimum)}
+                self.rows.append(Row(name, query, found))
             answered.append(query)
             progress()
             if len(answered) == queries:
@@ -157,25 +151,23 @@ class _Comparison:
         once = {name: _once(planner, weights) for name, planner in planners.items()}
         arriving = {name: _arriving(planner, ground) for name, planner in planners.items() if ground is not None}
         for records in self.harness.measure(once, queries, warm_up=queries[:1]):
-            for name, record in records.items():
-                self.answers[name].once_ms.append(1e3 * record.median_s)
+            self.add(records, "once_ms")
         for records in self.harness.measure(arriving, queries, warm_up=queries[:1]):
-            for name, record in records.items():
-                self.answers[name].elevation_ms.append(1e3 * record.median_s)
+            self.add(records, "elevation_ms")
 
     def _prepared(self, weights: Weights, first: Endpoints) -> dict[str, Callable[[Endpoints], CellPath | None]]:
         """Every planner that is within the limit, ready for a map: compiled, allocated, its network shown the map."""
         found: dict[str, Callable[[Endpoints], CellPath | None]] = {}
         for planner in self.planners:
-            answers = self.answers[planner.name]
-            if answers.note:
+            if planner.name in self.notes:
                 continue
             map_s, search = self.harness.timed(lambda planner=planner: planner.prepare(weights))  # type: ignore[misc]
-            answers.map_ms.append(1e3 * map_s)
             search(*first)
             seconds, _ = self.harness.timed(lambda search=search: search(*first))  # type: ignore[misc]
-            if seconds > self.limit_s and planner.name != REFERENCE and not answers.time_ms:
-                answers.note = f"left out: {seconds:.1f} s a query, over the limit of {self.limit_s:g} s"
+            tried = any(row.rival == planner.name for row in self.rows)
+            self.rows.append(Row(planner.name, first, {"map_ms": 1e3 * map_s}))
+            if seconds > self.limit_s and planner.name != REFERENCE and not tried:
+                self.notes[planner.name] = f"left out: {seconds:.1f} s a query, over the limit of {self.limit_s:g} s"
             else:
                 found[planner.name] = _of_query(search)
         return found
@@ -218,7 +210,7 @@ def compare(
     for name, seconds in (expected_s or {}).items():
         if seconds > limit_s and name != REFERENCE:
             note = f"left out: about {seconds:.1f} s a query, over the limit of {limit_s:g} s"
-            comparison.answers[name].note = note
+            comparison.notes[name] = note
     done = 0
 
     def one_done() -> None:
@@ -230,7 +222,7 @@ def compare(
         comparison.on_map(case, queries - done, one_done)
         if done == queries:
             break
-    return {planner.name: comparison.answers[planner.name].figures(planner) for planner in planners}
+    return {planner.name: comparison.figures(planner) for planner in planners}
 
 
 def run(

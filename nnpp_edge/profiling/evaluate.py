@@ -3,11 +3,12 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, product
 
 import numpy as np
 
-from nnpp_edge.profiling.answers import Answers, Figures, FreshAnswers
+from nnpp_edge.profiling.answers import ANSWERS, OF_BODY, ON_FRESH_MAP, answer, search
+from nnpp_edge.profiling.contest import Figures, Row, summarised
 from nnpp_edge.profiling.harness import Harness, Record
 from nnpp_edge.profiling.rivals import EXACT, FindsPlans, Forgetting, FreshMap, Queries, RivalPlanner
 from nnpp_edge.profiling.suites import Case
@@ -15,6 +16,7 @@ from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 
 Plans = tuple[Plan, ...]
 Records = Mapping[str, Record[Queries, Plans]]
@@ -164,53 +166,51 @@ class _OnMap:
 
 
 class _Counts:
-    """What the rivals did so far, on all maps."""
+    """Rows of what the rivals did so far, on all maps."""
 
     def __init__(self, rivals: Sequence[RivalPlanner]) -> None:
         self._rivals = rivals
-        self._answers = {rival.key: Answers() for rival in rivals}
-        self._on_fresh: dict[str, FreshAnswers] = {}
-        self._has_body, self._per_map = False, 1
+        self._standing: dict[str, list[Row]] = {rival.key: [] for rival in rivals}
+        self._fresh: dict[str, list[Row]] = {}
+        self._has_body, self._per_map, self._poses = False, 1, 0
         self.unsolvable = 0
 
     def add(self, on_map: _OnMap, queries: Queries, records: Records) -> None:
         """Count what was measured on queries that share a planner."""
         self._has_body, self._per_map = on_map.has_body, len(queries)
-        cells, exact_s = on_map.case.cost.size, on_map.own_s(EXACT, records)
+        cells, exact_ms = on_map.case.cost.size, 1e3 * on_map.own_s(EXACT, records)
+        self._poses = len(HEADINGS) * cells
         exact = [on_map.exact[query] for query in queries]
         for rival in self._rivals:
-            answers, seconds = self._answers[rival.key], on_map.own_s(rival.key, records)
-            for plan, optimum in zip(on_map.plans(rival, queries), exact, strict=True):
-                answers.add(plan, seconds, optimum, exact_s, cells)
-            look_ms = on_map.look_ms(rival.key, records)
-            answers.look_ms += [] if look_ms is None else [look_ms]
+            key = rival.key
+            time_ms, look_ms = 1e3 * on_map.own_s(key, records), on_map.look_ms(key, records)
+            for at, (plan, optimum) in enumerate(zip(on_map.plans(rival, queries), exact, strict=True)):
+                found = answer(plan, time_ms, optimum.cost, exact_ms) | search(plan, optimum, cells)
+                looked = {} if look_ms is None or at else {"look_ms": look_ms}
+                self._standing[key].append(Row(key, queries[at], found | looked))
         eager = records.get(_FRESH + EXACT + EAGER)
         eager_ms = None if eager is None else 1e3 * eager.median_s / len(queries)
         for name in on_map.fresh:
-            arrived = self._on_fresh.setdefault(name.removeprefix(_FRESH), FreshAnswers())
-            for plan, optimum in zip(records[name].results[0], exact, strict=True):
-                arrived.add(plan, records[name].median_s / len(queries), eager_ms, optimum.cost)
+            key, time_ms = name.removeprefix(_FRESH), 1e3 * records[name].median_s / len(queries)
+            for query, plan, optimum in zip(queries, records[name].results[0], exact, strict=True):
+                row = Row(key, query, answer(plan, time_ms, optimum.cost, eager_ms))
+                self._fresh.setdefault(key, []).append(row)
 
     def rows(self) -> dict[str, Figures]:
         """By the rivals' keys; none where nothing was counted."""
-        rows: dict[str, Figures] = {}
-        for rival in self._rivals:
-            answers = self._answers[rival.key]
-            if not answers.time_ms:
+        found: dict[str, Figures] = {}
+        for rival, lazy in product(self._rivals, (True, False)):
+            key, answers = _key(rival, lazy), self._standing[rival.key]
+            if not answers or not (lazy or key in self._fresh):
                 continue
-            for lazy in (True, False):
-                key = _key(rival, lazy)
-                fresh = self._on_fresh.get(key)
-                if not lazy and fresh is None:
-                    continue
-                rows[key] = {"method": rival.name + EAGER * (not lazy), "price": rival.price}
-                rows[key] |= {"queries_per_map": self._per_map if self._has_body else None}
-                rows[key] |= {**answers.figures(), "unsolvable": self.unsolvable}
-                if self._has_body:
-                    rows[key] |= answers.body_figures(eager=not lazy)
-                if fresh is not None:
-                    rows[key] |= fresh.figures()
-        return rows
+            row: Figures = {"method": rival.name + EAGER * (not lazy), "price": rival.price}
+            row |= {"queries_per_map": self._per_map if self._has_body else None}
+            row |= {**summarised(answers, ANSWERS), "unsolvable": self.unsolvable}
+            if self._has_body:
+                row |= summarised(answers, OF_BODY)
+                row |= {} if lazy else {"checks_mean": self._poses, "checks_share_mean": 1.0}
+            found[key] = row | (summarised(self._fresh[key], ON_FRESH_MAP) if key in self._fresh else {})
+        return found
 
 
 def _key(rival: RivalPlanner, lazy: bool) -> str:

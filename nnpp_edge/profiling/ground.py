@@ -8,12 +8,11 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.map.ground import Ground as RobotsGround
 from nnpp_edge.runtime.map.poses import pose_costs
-from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
+from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost
+from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 Patch = tuple[int, int, Float2D]
@@ -48,24 +47,11 @@ class Ground:
             poses = pose_costs(self.elevation, size, self.vehicle, cell_width_m=width, traversability=self.limits)
             best: Float2D = poses.min(0)
             return best
-        return traversability_cost(
-            self.elevation, self.cell_size_m, self.limits, cell_width_m=self.cell_width_m, warn=False
-        )
+        return self.robot().costs()
 
     def planner(self, model: str | NetworkModel = "edge", *, lazy: bool = True) -> Planner:
-        """`Planner.of_elevation`."""
-        return Planner.of_elevation(
-            self.elevation,
-            self.cell_size_m,
-            self.limits,
-            cell_width_m=self.cell_width_m,
-            lazy=lazy,
-            model=model,
-            warn=False,
-            vehicle=self.vehicle,
-            step_cost=self.step_cost,
-            mobility=self.mobility,
-        )
+        """A planner of its own."""
+        return Planner.on(self.robot(), model=model, lazy=lazy)
 
     @property
     def is_directed(self) -> bool:
@@ -74,16 +60,18 @@ class Ground:
 
     def state(self, *, lazy: bool = True) -> MapState:
         """The map alone."""
-        sides = sides_of(self.cell_size_m, self.cell_width_m)
-        model, slopes = StepModel.of("paper"), slope_cost_of(self.step_cost, self.mobility)
-        return MapState.of_elevation(
-            self.elevation, sides, self.limits, model, lazy=lazy, vehicle=self.vehicle, slope_cost=slopes
-        )
+        return self.robot().state(lazy=lazy)
 
     def robot(self) -> RobotsGround:
-        """The robot and its first map, of an onboard loop."""
+        """The same for the runtime."""
         return RobotsGround.of_elevation(
-            self.elevation, self.cell_size_m, self.limits, cell_width_m=self.cell_width_m, vehicle=self.vehicle
+            self.elevation,
+            self.cell_size_m,
+            self.limits,
+            cell_width_m=self.cell_width_m,
+            vehicle=self.vehicle,
+            step_cost=self.step_cost,
+            mobility=self.mobility,
         )
 
     def with_hill(self, cell: Cell) -> Patch:
