@@ -1,4 +1,4 @@
-"""What the examples share: their arguments, how ground, paths and ends are drawn, a large file. Nothing here plans."""
+"""What the examples share: arguments, how ground, paths and ends are drawn, a large file. Nothing here plans."""
 
 import argparse
 import sys

@@ -41,6 +41,7 @@ SHARES = {
     "elevations": 1.5,
     "bodies": 1.5,
     "layers": 1.5,
+    "lines": 1.0,
     "limits": 1.5,
     "projections": 0.5,
 }

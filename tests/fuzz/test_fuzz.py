@@ -35,6 +35,7 @@ CASES = {
     "elevations": 60,
     "bodies": 30,
     "layers": 30,
+    "lines": 30,
     "projections": 100,
     "limits": 12,
 }

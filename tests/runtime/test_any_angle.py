@@ -1,6 +1,7 @@
 """Paths freed from the grid: what they cost, and what they keep clear of."""
 
 import math
+import random
 from fractions import Fraction
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Status, Vehicle
+from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.any_angle import NO_DISC, is_clear, line_cost
 from nnpp_edge.runtime.map.grid import Grid
@@ -16,6 +18,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.map.turns import curvatures, sharpest, turns_rad, with_arcs
 from nnpp_edge.runtime.planners.refine import Refiner
+from tests.fuzz import lines
 from tests.strategies import cases
 
 
@@ -265,3 +268,24 @@ def test_the_state_of_a_disc_knows_its_turns():
 if __name__ == "__main__":  # python -m tests.runtime.test_any_angle: 5,000 maps
     paths = [check_walled(seed, seed % 3 == 0, ("paper", "length")[seed % 2]) for seed in range(5000)]
     print(f"{sum(paths)} of {len(paths)} maps had a path; no line met an impassable cell")
+
+
+def test_lines_keep_away_from_obstacles_stand_where_they_are_told_of_turn_and_cost_as_they_should():
+    for seed in range(60):
+        case = lines.generate(random.Random(seed))
+        assert (problem := lines.check(case)) is None, problem
+
+
+def test_at_the_deadline_the_line_is_what_was_found():
+    cost = np.random.default_rng(0).random((80, 90)).astype(np.float32) * np.float32(0.9)
+    planner = Planner(cost)
+    plan = planner.plan((3, 4), (74, 81), method="astar")
+    refiner = Refiner(planner.state)
+    late, whole = refiner.refined(plan, deadline=Deadline(0.0)), refiner.refined(plan)
+    assert whole.line_cost < late.line_cost <= refiner.cost(plan.path.astype(np.float64)) * (1.0 + 1e-12)
+    heights = np.cumsum(np.random.default_rng(0).normal(0.0, 0.02, (60, 60)), axis=1).astype(np.float32)
+    body = Planner.of_elevation(heights, 0.5, vehicle=Vehicle(length_m=1.2, width_m=0.8, clearance_m=0.3), warn=False)
+    plan = body.plan((6, 6), (50, 40), method="astar")
+    refiner = Refiner(body.state)
+    late, whole = refiner.refined(plan, deadline=Deadline(0.0)), refiner.refined(plan)
+    assert whole.line_cost < late.line_cost < np.inf

@@ -1,0 +1,151 @@
+"""Lines off the grid, of points, discs and bodies: their distance to obstacles, how a body stands, cost and turns."""
+
+import math
+import random
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nnpp_edge.runtime import Ground, Planner, Vehicle
+from nnpp_edge.runtime.map.turns import curvatures
+from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.refine import BodyLines
+from tests.fuzz.commands import Problem
+
+NAME = "lines"
+SAMPLES = 16
+"""Places a cell's length at which a line is looked at."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A map, a vehicle, and the ends of a line."""
+
+    kind: str
+    cost: np.ndarray
+    heights: np.ndarray
+    sides: tuple[float, float]
+    vehicle: Vehicle | None
+    turning_m: float | None
+    ends: tuple[tuple[int, int], ...]
+
+    def __repr__(self) -> str:
+        """Without the arrays, which the seed decides."""
+        facts = {name: value for name, value in vars(self).items() if name not in ("cost", "heights")}
+        return f"{facts} {self.cost.shape}"
+
+    def planner(self) -> Planner:
+        """Of heights for a body, else of costs."""
+        size, width = self.sides
+        if self.kind == "body":
+            return Planner.of_elevation(self.heights, size, cell_width_m=width, vehicle=self.vehicle, warn=False)
+        return Planner.on(Ground(self.cost, cell_size_m=size, cell_width_m=width, vehicle=self.vehicle))
+
+
+def generate(rng: random.Random) -> Case:
+    """A case of a map of 20 to 60 cells a side, with obstacles or rocks."""
+    numbers, kind = np.random.default_rng(rng.getrandbits(32)), rng.choice(("point", "disc", "disc", "body"))
+    rows, cols = numbers.integers(20, 60, 2).tolist()
+    size = rng.choice((0.5, 1.0))
+    sides = rng.choice(((size, size), (size, size), (size, 0.8 * size)))
+    cost = numbers.random((rows, cols)).astype(np.float32) * rng.choice((0.9, 0.2))
+    heights = 0.02 * np.cumsum(numbers.normal(size=(rows, cols)), axis=1)
+    for _ in range(rng.randrange(2, 16)):
+        row, col = numbers.integers(0, (rows, cols)).tolist()
+        high, wide = numbers.integers(1, 4, 2).tolist()
+        cost[row : row + high, col : col + wide] = np.inf
+        heights[row : row + high, col : col + wide] += size * rng.uniform(0.1, 0.6)
+    vehicle = None
+    if kind == "disc":
+        vehicle = Vehicle(radius_m=size * rng.uniform(0.3, 2.2))
+    if kind == "body":
+        length = size * rng.uniform(1.5, 4.0)
+        vehicle = Vehicle(length, length * rng.uniform(0.5, 1.0), size * rng.uniform(0.15, 0.5), max_tilt_deg=25.0)
+    turning = size * rng.uniform(1.0, 12.0) if kind != "point" and rng.random() < 0.4 else None
+    ends = tuple((int(row), int(col)) for row, col in numbers.integers(3, (rows - 3, cols - 3), (16, 2)))
+    return Case(kind, cost, heights.astype(np.float32), sides, vehicle, turning, ends)
+
+
+def check(case: Case) -> Problem | None:
+    """What is wrong with the lines between the ends of a case."""
+    planner = case.planner()
+    for start, goal in zip(case.ends[::2], case.ends[1::2], strict=True):
+        plan = planner.plan(start, goal, refine="any-angle", turning_radius_m=case.turning_m)
+        if not plan.ok or plan.waypoints is None or len(plan.waypoints) < 2:
+            continue
+        if problem := _turns(plan, case) or _OF_KIND[case.kind](plan, case, planner):
+            return Problem(problem, f"{start} to {goal}\n{case!r}\n{plan.waypoints.tolist()}")
+    return None
+
+
+def dense(points: np.ndarray, per_cell: float = SAMPLES) -> np.ndarray:
+    """Places along way points."""
+    legs = []
+    for begin, end in zip(points[:-1], points[1:], strict=True):
+        count = max(int(per_cell * math.hypot(*(end - begin))), 1)
+        legs.append(begin + (np.arange(count) / count)[:, None] * (end - begin))
+    return np.concatenate([*legs, points[-1:]])
+
+
+def distance_m(places: np.ndarray, blocked: np.ndarray, sides: tuple[float, float]) -> float:
+    """From the nearest of places to a blocked cell's square, or to what lies off the map."""
+    rows, cols = np.nonzero(np.pad(blocked, 1, constant_values=True))
+    down = np.maximum(np.abs(places[:, :1] - (rows - 1)) - 0.5, 0.0) * sides[0]
+    along = np.maximum(np.abs(places[:, 1:] - (cols - 1)) - 0.5, 0.0) * sides[1]
+    return float(np.hypot(down, along).min())
+
+
+def _turns(plan: Plan, case: Case) -> str:
+    if case.turning_m is None or plan.waypoints is None:
+        return ""
+    sharpest = float(curvatures(plan.waypoints * case.sides).max(initial=0.0))
+    return f"turns sharper than {case.turning_m}" if sharpest * case.turning_m > 1.0 + 1e-6 else ""
+
+
+def _of_point(plan: Plan, case: Case, planner: Planner) -> str:
+    """Its cost, by very many samples of the bilinear density."""
+    density = np.where(case.cost < 1.0, 1.0 + 2.0 * 255 * 0.011 * case.cost, 0.0).astype(np.float64)
+    values, known, total = np.pad(density, 2), np.pad((case.cost < 1.0).astype(float), 2), 0.0
+    for begin, end in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True):  # type: ignore[index]
+        length = math.hypot(*(end - begin))
+        count = max(int(2000 * length), 1)
+        at = begin + ((np.arange(count) + 0.5) / count)[:, None] * (end - begin)
+        low = np.floor(at).astype(int)
+        down, right = (at - low).T
+        sums, shares = np.zeros(count), np.zeros(count)
+        for i, share_i in ((0, 1.0 - down), (1, down)):
+            for j, share_j in ((0, 1.0 - right), (1, right)):
+                there = low[:, 0] + i + 2, low[:, 1] + j + 2
+                sums += share_i * share_j * values[there]
+                shares += share_i * share_j * known[there]
+        total += length * float(np.mean(sums / shares))
+    return "" if abs(total - plan.line_cost) <= 2e-3 * total else f"costs {plan.line_cost}, and by samples {total}"
+
+
+def _of_disc(plan: Plan, case: Case, planner: Planner) -> str:
+    assert case.vehicle is not None and case.vehicle.radius_m is not None
+    near = distance_m(dense(plan.waypoints), ~(case.cost < 1.0), case.sides)  # type: ignore[arg-type]
+    return f"a disc of {case.vehicle.radius_m} comes within {near}" if near < case.vehicle.radius_m * 0.99999 else ""
+
+
+def _of_body(plan: Plan, case: Case, planner: Planner) -> str:
+    """How it stands at the places that are told of."""
+    assert plan.along is not None and case.vehicle is not None
+    stands = BodyLines(planner.state.grid).attitudes(plan.along.points)
+    pitch, roll, tilt = case.vehicle.tilts_deg
+    limits: dict[str, Any] = {"clear": stands.clearance_m >= -1e-5, "tilted": stands.tilt_deg <= tilt + 1e-3}
+    limits |= {"pitched": np.abs(stands.pitch_deg) <= pitch + 1e-3, "rolled": np.abs(stands.roll_deg) <= roll + 1e-3}
+    failed = [name for name, holds in limits.items() if not holds.all()]
+    missed = distance_to(plan.along.points, plan.waypoints) if plan.waypoints is not None else 0.0
+    if missed > 1e-6:
+        return f"a way point lies {missed} from all places that are told of"
+    return f"not {failed[0]} where it is told of" if failed else ""
+
+
+def distance_to(places: np.ndarray, points: np.ndarray) -> float:
+    """From the farthest of points to the nearest place, cells."""
+    return float(np.hypot(*(points[:, None] - places[None]).transpose(2, 0, 1)).min(1).max())
+
+
+_OF_KIND = {"point": _of_point, "disc": _of_disc, "body": _of_body}
