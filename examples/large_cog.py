@@ -13,38 +13,11 @@ import resource
 import time
 from pathlib import Path
 
-import numpy as np
-import rasterio
-import rasterio.shutil
-from drawing import ends, line, panels, run, save
+from drawing import ends, large_ground, line, panels, run, save
 
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.terrain.dem_windows import open_dem
-from nnpp_edge.terrain.synthetic import fractal
 from nnpp_edge.terrain.workloads import workload
-
-TILE = 512
-
-
-def make_cog(path: Path, side: int) -> None:
-    """Write a square cloud-optimised GeoTIFF of cells of 1 m, tile by tile: it is never all in memory."""
-    ground = fractal(np.random.default_rng(1), TILE, 1.0, 8.0)
-    plain = path.with_suffix(".plain.tif")
-    kind = {"width": side, "height": side, "count": 1, "dtype": "float32", "nodata": np.nan, "crs": "EPSG:32615"}
-    tiles = {"tiled": True, "blockxsize": TILE, "blockysize": TILE, "BIGTIFF": "YES"}
-    place = rasterio.Affine(1, 0, 400_000, 0, -1, 5_000_000)
-    with rasterio.open(plain, "w", driver="GTiff", transform=place, **kind, **tiles) as dataset:
-        for row in range(0, side, TILE):
-            for col in range(0, side, TILE):
-                high, wide = min(TILE, side - row), min(TILE, side - col)
-                hills = np.add.outer(
-                    np.sin(np.arange(row, row + high) / 300), np.sin(np.arange(col, col + wide) / 500)
-                )
-                tile = ground[:: 1 - row // TILE % 2 * 2, :: 1 - col // TILE % 2 * 2][:high, :wide]
-                window = ((row, row + high), (col, col + wide))
-                dataset.write((tile + 30.0 * hills).astype(np.float32), 1, window=window)
-    rasterio.shutil.copy(plain, path, driver="COG", COMPRESS="DEFLATE", PREDICTOR="YES", BLOCKSIZE=TILE)
-    plain.unlink()
 
 
 def main(folder: Path, small: bool = False) -> Path:
@@ -52,7 +25,7 @@ def main(folder: Path, small: bool = False) -> Path:
     side = 1024 if small else 20_000
     cog = folder / f"ground-{side}.tif"
     if not cog.exists():
-        make_cog(cog, side)
+        large_ground(cog, side)
     start, goal = (side // 50, side // 50), (side - side // 50, side - side // 50)
 
     began = time.perf_counter()
