@@ -1,4 +1,4 @@
-"""What the examples share: arguments, how ground, paths and ends are drawn, a large file. Nothing here plans."""
+"""What the examples share: their arguments, and how ground, paths and ends are drawn. Nothing here plans."""
 
 import argparse
 import sys
@@ -6,17 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import rasterio
-import rasterio.shutil
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.synthetic import fractal
 from nnpp_edge.viz.picture import hillshade
 
 OUT = Path(__file__).parent / "out"
-TILE = 512
+_TILE = 512
+"""Cells a side of the pieces in which a large file is made."""
 
 
 def run(example: Callable[[Path, bool], Path]) -> None:
@@ -62,22 +60,27 @@ def save(figure: Figure, folder: Path, name: str) -> Path:
     return folder / f"{name}.png"
 
 
-def make_cog(path: Path, side: int) -> None:
+def large_ground(path: Path, side: int) -> None:
     """Write a square cloud-optimised GeoTIFF of cells of 1 m, tile by tile: it is never all in memory."""
-    ground = fractal(np.random.default_rng(1), TILE, 1.0, 8.0)
+    import rasterio
+    import rasterio.shutil
+
+    from nnpp_edge.terrain.synthetic import fractal
+
+    ground = fractal(np.random.default_rng(1), _TILE, 1.0, 8.0)
     plain = path.with_suffix(".plain.tif")
     kind = {"width": side, "height": side, "count": 1, "dtype": "float32", "nodata": np.nan, "crs": "EPSG:32615"}
-    tiles = {"tiled": True, "blockxsize": TILE, "blockysize": TILE, "BIGTIFF": "YES"}
+    tiles = {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE, "BIGTIFF": "YES"}
     place = rasterio.Affine(1, 0, 400_000, 0, -1, 5_000_000)
     with rasterio.open(plain, "w", driver="GTiff", transform=place, **kind, **tiles) as dataset:
-        for row in range(0, side, TILE):
-            for col in range(0, side, TILE):
-                high, wide = min(TILE, side - row), min(TILE, side - col)
+        for row in range(0, side, _TILE):
+            for col in range(0, side, _TILE):
+                high, wide = min(_TILE, side - row), min(_TILE, side - col)
                 hills = np.add.outer(
                     np.sin(np.arange(row, row + high) / 300), np.sin(np.arange(col, col + wide) / 500)
                 )
-                tile = ground[:: 1 - row // TILE % 2 * 2, :: 1 - col // TILE % 2 * 2][:high, :wide]
+                tile = ground[:: 1 - row // _TILE % 2 * 2, :: 1 - col // _TILE % 2 * 2][:high, :wide]
                 window = ((row, row + high), (col, col + wide))
                 dataset.write((tile + 30.0 * hills).astype(np.float32), 1, window=window)
-    rasterio.shutil.copy(plain, path, driver="COG", COMPRESS="DEFLATE", PREDICTOR="YES", BLOCKSIZE=TILE)
+    rasterio.shutil.copy(plain, path, driver="COG", COMPRESS="DEFLATE", PREDICTOR="YES", BLOCKSIZE=_TILE)
     plain.unlink()

@@ -13,7 +13,7 @@ import resource
 import time
 from pathlib import Path
 
-from drawing import ends, line, make_cog, panels, run, save
+from drawing import ends, large_ground, line, panels, run, save
 
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.terrain.dem_windows import open_dem
@@ -25,7 +25,7 @@ def main(folder: Path, small: bool = False) -> Path:
     side = 1024 if small else 20_000
     cog = folder / f"ground-{side}.tif"
     if not cog.exists():
-        make_cog(cog, side)
+        large_ground(cog, side)
     start, goal = (side // 50, side // 50), (side - side // 50, side - side // 50)
 
     began = time.perf_counter()

@@ -283,7 +283,7 @@ def test_at_the_deadline_the_line_is_what_was_found():
     refiner = Refiner(planner.state)
     late, whole = refiner.refined(plan, deadline=Deadline(0.0)), refiner.refined(plan)
     assert whole.line_cost < late.line_cost <= refiner.cost(plan.path.astype(np.float64)) * (1.0 + 1e-12)
-    heights = np.cumsum(np.random.default_rng(0).normal(0.0, 0.02, (60, 60)), axis=1).astype(np.float32)
+    heights = np.cumsum(np.random.default_rng(0).normal(0.0, 0.005, (60, 60)), axis=1).astype(np.float32)
     body = Planner.of_elevation(heights, 0.5, vehicle=Vehicle(length_m=1.2, width_m=0.8, clearance_m=0.3), warn=False)
     plan = body.plan((6, 6), (50, 40), method="astar")
     refiner = Refiner(body.state)
