@@ -14,13 +14,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import islice
-from typing import TypedDict, cast
 
 import numpy as np
 
 from nnpp_edge import __version__
 from nnpp_edge.benchmarks.peer_planners import CellPath, PeerPlanner, Search, Weights, peer_planners, weights_of
-from nnpp_edge.profiling.contest import Row, Summary, gap, mean, quantile, summarised
+from nnpp_edge.profiling.contest import Figures, Row, Summary, gap, mean, quantile, summarised
 from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.profiling.harness import Harness, Record
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, cases_from, source_of
@@ -33,36 +32,6 @@ _FRESH_QUERIES = 3
 """Of a map, that are also asked with nothing kept: some libraries take many times longer to set up than to search."""
 SAME_OPTIMUM = 1e-4
 """Costs that differ by no more than this share count as the same."""
-
-
-class PeerFigures(TypedDict):
-    """What one planner did at one size; None for what was not measured."""
-
-    planner: str
-    version: str
-    objective: str
-    n: int
-    failed: int
-    """Queries that exact A* answered and this one did not."""
-    time_ms_median: float | None
-    time_ms_p95: float | None
-    times_astar_median: float | None
-    map_ms_median: float | None
-    once_ms_median: float | None
-    """From weights to one path."""
-    elevation_ms_median: float | None
-    """From elevations to one path."""
-    gap_mean: float | None
-    gap_max: float | None
-    same_optimum: bool | None
-    note: str
-
-
-class PeerRow(PeerFigures):
-    """The same, with the size and where the maps come from."""
-
-    size: int
-    terrain: str
 
 
 def path_cost(weights: Weights, path: CellPath) -> float:
@@ -99,13 +68,13 @@ class _Comparison:
     notes: dict[str, str] = field(default_factory=dict)
     """Why a planner was left out."""
 
-    def figures(self, planner: PeerPlanner) -> PeerFigures:
+    def figures(self, planner: PeerPlanner) -> Figures:
         """All that a planner did."""
         rows = [row for row in self.rows if row.rival == planner.name]
         answered = any("time_ms" in row.figures for row in rows)
         gaps = [abs(row.figures["gap"]) for row in rows if "gap" in row.figures]
         same = bool(gaps) and max(gaps) <= SAME_OPTIMUM and not any(row.figures.get("failed") for row in rows)
-        facts = {
+        facts: Figures = {
             "planner": planner.name,
             "version": __version__ if planner.package == "nnpp-edge" else version(planner.package),
             "objective": planner.objective,
@@ -113,7 +82,7 @@ class _Comparison:
             "same_optimum": same if answered else None,
             "note": self.notes.get(planner.name) or ("" if answered else "no query had a path"),
         }
-        return cast(PeerFigures, facts)
+        return facts
 
     def add(self, records: Mapping[str, Record[Endpoints, CellPath | None]], figure: str) -> None:
         """Count the time of a query as this figure, of every planner."""
@@ -194,7 +163,7 @@ def compare(
     expected_s: dict[str, float] | None = None,
     harness: Harness | None = None,
     progress: Callable[[int], None] = lambda done: None,
-) -> dict[str, PeerFigures]:
+) -> dict[str, Figures]:
     """Have every planner answer the same queries on maps of one size, in turns: a row of figures for each.
 
     Our exact A*, `REFERENCE`, must be among them; queries that it finds no path for are passed over. A planner that
@@ -233,7 +202,7 @@ def run(
     seed: int = 1,
     limit_s: float = 5.0,
     progress: Callable[[int], None] = lambda done: None,
-) -> tuple[list[PeerRow], list[str]]:
+) -> tuple[list[Figures], list[str]]:
     """The comparison at every size: rows of figures, and the packages that are not installed.
 
     Sizes that no terrain file is large enough for are run on synthetic terrain, and say so.
@@ -241,7 +210,7 @@ def run(
     planners, missing = peer_planners()
     exercise()
     dems = terrain.read()
-    rows: list[PeerRow] = []
+    rows: list[Figures] = []
     known: dict[str, tuple[int, float]] = {}
     """The last size that a planner was measured at, or thought too slow for, and seconds a query."""
     for at, size in enumerate(sorted(sizes)):
@@ -254,9 +223,9 @@ def run(
 
         figures = compare(planners, cases, queries, limit_s=limit_s, expected_s=expected, progress=of_size)
         for name, row in figures.items():
-            if row["time_ms_median"] is not None:
-                known[name] = (size, 1e-3 * row["time_ms_median"])
+            if isinstance(median_ms := row["time_ms_median"], float):
+                known[name] = (size, 1e-3 * median_ms)
             elif row["note"]:
                 known.setdefault(name, (size, 2.0 * limit_s))
-        rows += [PeerRow(size=size, terrain=source_of(dems, size), **row) for row in figures.values()]
+        rows += [{"size": size, "terrain": source_of(dems, size), **row} for row in figures.values()]
     return rows, missing

@@ -10,7 +10,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.profile_run import ProfileOptions
 
 if TYPE_CHECKING:
-    from nnpp_edge.benchmarks.peers import PeerRow
+    from nnpp_edge.profiling.contest import Figures
 
 _COLUMNS = {
     "size": "size",
@@ -57,7 +57,7 @@ def run_peers(given: ProfileOptions) -> None:
     click.echo(content if given.as_json else peers_text(rows, missing, markdown=given.markdown))
 
 
-def peers_text(rows: Sequence["PeerRow"], missing: Sequence[str], *, markdown: bool = False) -> str:
+def peers_text(rows: Sequence["Figures"], missing: Sequence[str], *, markdown: bool = False) -> str:
     """The rows for people: the table, what each planner minimises, and who was left out."""
     from nnpp_edge.progress import markdown_table, render_table
 

@@ -4,7 +4,7 @@ import io
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,16 +80,8 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
     _save(figure, path)
 
 
-class SizeTime(TypedDict):
-    """Of a row of `nnpp-edge profile --peers`, what the picture shows."""
-
-    planner: str
-    size: int
-    time_ms_median: float | None
-
-
-def times_by_size(rows: Sequence[SizeTime]) -> bytes:
-    """A PNG: median time of a query of each planner against the side of the map, both axes logarithmic."""
+def times_by_size(rows: Sequence[dict[str, Any]]) -> bytes:
+    """A PNG: median time of a query of each planner against the side of the map, of `profile --peers`'s rows."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 5.5), layout="constrained")

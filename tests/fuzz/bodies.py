@@ -127,10 +127,10 @@ def _step(rng: random.Random, numbers: np.random.Generator, dem: np.ndarray, veh
     return "plan", (anywhere, ends, rng.choice(METHODS), rng.choice((math.inf, 0.0, 0.05)))
 
 
-def check(case: Case, folder: Path | None = None) -> Problem | None:
+def check(case: Case, samples: Path | None = None) -> Problem | None:
     """Do all steps with a planner that checks poses where it looks and with one that checks all; compare them."""
     with sizes(case):
-        return _check(case, folder)
+        return _check(case, samples)
 
 
 def _check(case: Case, folder: Path | None) -> Problem | None:

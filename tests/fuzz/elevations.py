@@ -119,10 +119,10 @@ def sizes(case: Case) -> Iterator[None]:
         yield
 
 
-def check(case: Case, folder: Path | None = None) -> Problem | None:
+def check(case: Case, samples: Path | None = None) -> Problem | None:
     """Do all steps with both planners, and compare them with each other and with Dijkstra."""
     with sizes(case):
-        return _check(case, folder)
+        return _check(case, samples)
 
 
 def _check(case: Case, folder: Path | None) -> Problem | None:

@@ -68,7 +68,7 @@ def generate(rng: random.Random, most_side: int = 4096) -> Case:
     )
 
 
-def check(case: Case, folder: Path | None = None) -> Problem | None:
+def check(case: Case, samples: Path | None = None) -> Problem | None:
     """Do it until no answer was late, a few times at the most; what was late in every try is a finding."""
     _warm(case)
     for _ in range(TRIES):

@@ -323,9 +323,9 @@ class Driver:
         return None
 
 
-def check(case: Case, folder: Path | None = None) -> Problem | None:
+def check(case: Case, samples: Path | None = None) -> Problem | None:
     """Do all steps; in the end ask once more by each exact method."""
-    driver = Driver(case, folder)
+    driver = Driver(case, samples)
     last = [("plan", (name, math.inf, 0.0)) for name in ({case.method, *case.also} if case.method else ("astar",))]
     for step in (*case.steps, *last):
         try:

@@ -112,7 +112,7 @@ def _costs(rng: random.Random, numbers: np.random.Generator, rows: int, cols: in
     return kind, share
 
 
-def check(case: Case, folder: Path | None = None, planner_type: type = Planner) -> Problem | None:
+def check(case: Case, samples: Path | None = None, planner_type: type = Planner) -> Problem | None:
     """Plan, and compare with Dijkstra in float64."""
     seen = seen_by_planner(case.cost, case.step_cost)
     given = np.ma.filled(np.ma.asarray(case.cost, np.float64), np.inf)  # some are beyond what a float32 holds
@@ -126,7 +126,7 @@ def check(case: Case, folder: Path | None = None, planner_type: type = Planner) 
             step_cost=case.step_cost,
             omega=case.omega,
             corner_cutting=case.corner_cutting,
-            model=small_model(folder),
+            model=small_model(samples),
             ask_from=0,
         )
         if case.landmarks:
