@@ -29,7 +29,7 @@ KERNEL_IMPORTS = (
     "nnpp_edge.runtime.kernels",
     "nnpp_edge.runtime.errors",
 )
-MOST_SOURCE_LINES = 48_000
+MOST_SOURCE_LINES = 47_950
 """What there is (docs/decisions.md, "The code"). To be lowered with it."""
 MOST_PARAMETERS = 10
 MORE_PARAMETERS: dict[str, float] = {}
