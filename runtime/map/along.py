@@ -79,8 +79,11 @@ class Along:
         mobility: Mobility = _ON_FOOT,
         like: "Along | None" = None,
     ) -> "Along":
-        """A line over a map of heights (H, W), metres, NaN where unknown; the walker is another line's."""
-        places = crossings(line)
+        """A line over a map of heights (H, W), metres, NaN where unknown.
+
+        Places and walker are those of the same line over another map, where one is given.
+        """
+        places = crossings(line) if like is None else like.places
         return cls(places, heights_at(heights, places), sides_m, mobility, like.walker if like else None)
 
     def back(self) -> "Along":

@@ -103,7 +103,7 @@ class Answers:
             finish=lambda leg: self._refined(leg, refining, wishes, deadline),
             deadline=deadline,
         )
-        return replace(found, plan=found.plan.over(self._state))
+        return replace(found, plan=found.plan.over(self._state, self._refiner.places(found.plan.waypoints)))
 
     def reach(self, start: Cell, within: float) -> Float2D:
         """As `Planner.reach`."""

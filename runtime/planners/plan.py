@@ -172,9 +172,9 @@ class Plan:
         """(N, 2) what is driven: way points (row, col) where the path was freed from the grid, else its cells."""
         return self.path if self.waypoints is None else self.waypoints
 
-    def over(self, state: MapState) -> "Plan":
-        """The same plan with what lies below it on this map."""
-        along = state.along(self.line)
+    def over(self, state: MapState, at: Line | None = None) -> "Plan":
+        """The same plan with what lies below it on this map, at places (M, 2) of its line; as `MapState.along`."""
+        along = state.along(self.line, at)
         return self if along is None else replace(self, along=along)
 
     @property

@@ -111,7 +111,7 @@ class Refiner:
             return plan
         watch = Stopwatch()
         line = self.line_along(plan.path, radius, deadline)
-        along = None if line is None else self._state.along(line.points, self._places(line.points))
+        along = None if line is None else self._state.along(line.points, self.places(line.points))
         watch.stage_ends("refine")
         took = watch.timings_ms["refine"]
         timings = {**plan.timings_ms, "refine": took, "total": plan.timings_ms.get("total", 0.0) + took}
@@ -121,9 +121,9 @@ class Refiner:
             return Plan(status, plan.method, source, planner=plan.planner, reason=reason, timings_ms=timings)
         return replace(plan, waypoints=line.points, line_cost=line.cost, along=along, timings_ms=timings)
 
-    def _places(self, points: Points) -> Points | None:
-        """The places of a body's line that were checked, which are those to tell of; None for a point's."""
-        return None if self._body is None or len(points) < 2 else self._body.checked_places(points)
+    def places(self, points: Points | None) -> Points | None:
+        """The places of a body's line that were checked, which are those to tell of; None for a point, or no line."""
+        return None if self._body is None or points is None or len(points) < 2 else self._body.checked_places(points)
 
     def line_along(self, path: NDArray[np.int32], radius: float = 0.0, deadline: Deadline = NEVER) -> Line | None:
         """A line near a path of cells that costs no more, with no turn sharper than `radius` cells; None without."""
