@@ -354,7 +354,6 @@ class Planner:
         wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
         return self._answers.nearest(start, goals, count, wishes)
 
-    @checked(InvalidQueryError)
     def plan(
         self,
         start: Cell,
@@ -414,12 +413,27 @@ class Planner:
         ModelError
             ``nnpp`` was asked for and the model cannot be loaded.
         """
-        work = Work()
-        wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
-        return self._plan_in_turn(start, goal, wishes, work)
+        work = Work()  # the looks at the arguments count
+        return self._plan_in_turn(
+            work, start, goal, method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m
+        )
 
+    @checked(InvalidQueryError)
     @one_at_a_time
-    def _plan_in_turn(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
+    def _plan_in_turn(
+        self,
+        work: Work,
+        start: Cell,
+        goal: Cell,
+        method: str,
+        epsilon: float,
+        time_limit_s: float,
+        keep_regions: bool,
+        price: str | None,
+        refine: str | None,
+        turning_radius_m: float | None,
+    ) -> Plan:
+        wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
         return self._answers.plan(start, goal, wishes, work)
 
     @checked(InvalidQueryError)
