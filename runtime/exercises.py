@@ -96,7 +96,8 @@ def _exercise_elevations(heights: Float2D, network: NetworkModel) -> None:
     for lazy in (True, False):
         planner = Planner.of_elevation(heights, 1.0, limits, lazy=lazy, model=network, ask_from=0, warn=False)
         for method in ("astar", "corridor", "nnpp"):
-            planner.plan((1, 2), (140, 20), method=method)
+            path = planner.plan((1, 2), (140, 20), method=method).path
+        planner.state.grid.walk(path, 0, np.empty(len(path)))
         planner.update_elevation(3, 4, heights[:5, :6].copy())
         planner.update_elevation(0, 0, heights)
     connected([cost], ((0, 0), (1, 1)))

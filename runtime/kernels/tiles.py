@@ -142,6 +142,16 @@ def open_tile(tiles, i, j):
     state[i, j] |= wanted
 
 
+@kernel
+def open_along(tiles, path):
+    """As `open_tile`, of all tiles in which cells of a path (N, 2) inside the map lie."""
+    state, wanted, down, right, _, _ = tiles
+    for n in range(len(path)):
+        i, j = path[n, 0] >> down, path[n, 1] >> right
+        if not state[i, j] & wanted:
+            open_tile(tiles, i, j)
+
+
 def open_there(tiles, i, j):
     """`open_tile`, for other kernels to call; `address_of_open_tile` must have been asked for."""
     open_tile(tiles, i, j)

@@ -27,6 +27,7 @@ from nnpp_edge.runtime.kernels.tiles import (
     address_of_open_tile,
     compute_rows,
     link_rows,
+    open_along,
     open_tile,
     sample_planes,
     write_layer,
@@ -151,10 +152,7 @@ class Tiles:
 
     def open_along(self, path: NDArray[np.int32]) -> None:
         """As `open_at`, of the cells of a path (N, 2) inside the map."""
-        i, j = path[:, 0] // self._sides[0], path[:, 1] // self._sides[1]
-        while (shut := self.state[i, j] & SURROUNDED == 0).any():
-            first = int(shut.argmax())
-            open_tile(self.packed(), i[first], j[first])
+        open_along(self.packed(), path)
 
     def complete(self, deadline: Deadline = NEVER) -> None:
         """Compute all that is not there yet, on all cores where that pays.

@@ -28,6 +28,8 @@ _TILE = 16
 """Blocks to the side of a tile."""
 _LOOKED_AT_ONCE = 4 * _TILE**2
 """Blocks that the network answers for between two looks at the clock."""
+_FILLED_AT_ONCE = 2**15
+"""Blocks whose links get a price between two looks at the clock."""
 _REACH = 3
 """Blocks from one to the farthest that the network's answer on it depends on."""
 _LENGTHS = np.array((1.0, 2.0**0.5, 1.0, 2.0**0.5), np.float32) * np.float32(FACTOR)
@@ -73,8 +75,9 @@ class LookedMap:
         """
         while self._filled < self._blocks[0] + 2:
             deadline.check()
-            self._links.fill(NOT_LOOKED_AT, self._filled, self._filled + _TILE)
-            self._filled += _TILE
+            last = self._filled + max(_FILLED_AT_ONCE // self._links.stride, 1)
+            self._links.fill(NOT_LOOKED_AT, self._filled, last)
+            self._filled = last
         for change in self._changes.read() if self._changes.behind else ():
             row, col, rows, cols = change.part
             row0, col0 = (max(n // FACTOR - _REACH - 1, 0) for n in (row, col))
