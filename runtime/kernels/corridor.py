@@ -4,7 +4,7 @@ import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.kernels.clock import late
-from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPEN_BIT, ROW_STEP, STAMP_SHIFT
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPEN_BIT, OPPOSITE, ROW_STEP, STAMP_SHIFT
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.tiles import open_there
 
@@ -134,6 +134,62 @@ def surround(grid, edges, links, start, found, scratch, path, width, marks, fine
         _flood(grid, edges, links, start, found, (1.0 + band) * g[2 * start], scratch, marks, until)
     _mark(path, radius, stamp, bitmap)  # last: the flood goes by the numbers that it wrote
     return _read_ahead(path, finer)
+
+
+@kernel
+def _was_reached(meta, stamp, shape, row, col):
+    """Whether a search came to any cell of the finest level below a cell of the next."""
+    rows, cols = shape
+    for i in range(FACTOR * row, min(FACTOR * row + FACTOR, rows)):
+        for j in range(FACTOR * col, min(FACTOR * col + FACTOR, cols)):
+            if meta[2 * ((i + 1) * (cols + 2) + j + 1) + 1] >> STAMP_SHIFT == stamp:
+                return True
+    return False
+
+
+@kernel
+def close_dead_ends(links, marks, reached, came, closed):
+    """Close the links between cells of a region that a search of the map came to and those that it did not.
+
+    Returns how many links were closed.
+
+    Parameters
+    ----------
+    links : (nodes,) uint8
+        Of the first coarse level; changed.
+    marks : (bitmap, stamp)
+        The region, in quarters of its cells: (2 rows, 2 cols) int32, and the number within it.
+    reached : (meta, stamp, shape)
+        What the search left, see `search.workspace`; its number; the map's rows and columns.
+    came : (nodes,) int8
+        Scratch.
+    closed : (nodes,) uint8
+        The bits that were taken from `links` are added.
+    """
+    bitmap, mark = marks
+    meta, stamp, shape = reached
+    rows, cols = bitmap.shape[0] // 2, bitmap.shape[1] // 2
+    stride, count = cols + 2, 0
+    came[:] = 0
+    for i in range(rows):
+        for j in range(cols):
+            quarters = np.int64(bitmap[2 * i, 2 * j] == mark) + np.int64(bitmap[2 * i, 2 * j + 1] == mark)
+            quarters += np.int64(bitmap[2 * i + 1, 2 * j] == mark) + np.int64(bitmap[2 * i + 1, 2 * j + 1] == mark)
+            if quarters and _was_reached(meta, stamp, shape, i, j):
+                came[(i + 1) * stride + j + 1] = 2
+            elif quarters == 4:  # into the rest of another there may be a way
+                came[(i + 1) * stride + j + 1] = 1
+    for i in range(rows):
+        for node in range((i + 1) * stride + 1, (i + 1) * stride + 1 + cols):
+            if came[node] == 2:
+                for k in range(8):
+                    there = node + ROW_STEP[k] * stride + COL_STEP[k]
+                    if came[there] == 1 and (links[node] >> k) & 1:
+                        count += 1
+                        for at, bit in ((node, np.uint8(1 << k)), (there, np.uint8(1 << OPPOSITE[k]))):
+                            closed[at] |= links[at] & bit
+                            links[at] &= ~bit
+    return count
 
 
 @kernel
