@@ -43,22 +43,12 @@ def command(
     """
     options.check_outputs(("--output", output))
 
-    import msgspec
-
     from nnpp_edge.export.parity import parity
-    from nnpp_edge.export.passage_to_onnx import write_passage
     from nnpp_edge.export.to_onnx import dataset_facts, export_network
     from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
-    from nnpp_edge.terrain.dataset import read_any_recipe, read_recipe, read_samples
+    from nnpp_edge.terrain.dataset import read_recipe, read_samples
     from nnpp_edge.training.checkpoint import load_checkpoint
-    from nnpp_edge.training.passage import is_passage_checkpoint, load_passage_checkpoint
 
-    if is_passage_checkpoint(checkpoint):
-        state = load_passage_checkpoint(checkpoint)
-        facts = state.facts() | ({"dataset": msgspec.structs.asdict(read_any_recipe(dataset))} if dataset else {})
-        write_passage(state.trained(), output, name=name or output.stem, training=facts)
-        click.echo(json.dumps({"path": str(output), "steps": state.step}) if as_json else str(output))
-        return
     recipe = read_recipe(dataset) if dataset else None
     saved = load_checkpoint(checkpoint)
     samples = read_samples(dataset, most_maps=64, size=saved.spec.input_size) if dataset else None

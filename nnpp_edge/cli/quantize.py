@@ -45,15 +45,8 @@ def command(
     """
     options.check_outputs(("--output", output))
 
-    from nnpp_edge.calibrate.passage import quantize_passage
     from nnpp_edge.calibrate.quantize import AUTO, quantize
-    from nnpp_edge.terrain.dataset import has_poses
 
-    if has_poses(dataset):
-        validation = settings.get("validation")
-        made = quantize_passage(model, dataset, output, validation)
-        click.echo(made.to_json() if as_json else made.render())
-        return
     left_float = AUTO if exclude == (AUTO,) else exclude
     report = quantize(model, dataset, output, exclude=left_float, reduce_range=not full_range, **settings)
     click.echo(report.to_json() if as_json else render(report))

@@ -61,10 +61,6 @@ PRESETS = {
     "edge": Spec("edge", input_size=64),
     "nnpp-w16": Spec("nnpp", options={"width": 16}),
     "nnpp": Spec("nnpp", options={"width": 64}),
-    "nnpp-stdc2": Spec("nnpp", options={"width": 64, "depth": (4, 5, 3)}),
 }
 """``edge`` runs its encoder once for each map and a small head for each query. ``nnpp`` is the paper's network at
-full width, ``nnpp-w16`` the same at a quarter of it, ``nnpp-stdc2`` the same with the deeper backbone."""
-
-PASSAGE_OPTIONS: dict[str, int | Sequence[int]] = {"widths": (32, 32, 32), "kernels": (3, 3, 3), "mixtures": 4}
-"""Of `PassageNet`, which is told a vehicle instead of start and goal, and needs no `Spec`."""
+full width, ``nnpp-w16`` the same at a quarter of it."""
