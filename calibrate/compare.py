@@ -1,22 +1,14 @@
 """An int8 model against the fp32 model that it was made from: speed, agreement, and what a search makes of it."""
 
 import time
-from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-import onnx
-import onnxruntime as ort
 from numpy.typing import NDArray
 
-from nnpp_edge.calibrate.calibration_set import feed, probabilities
-from nnpp_edge.files import temporary_folder
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.kernels.threshold import quantise
-from nnpp_edge.runtime.network.encoding import Frame
+from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.training.validation import Judgement, Validator
 
@@ -26,6 +18,10 @@ GAP_LIMIT = 0.003
 """What it may add to the mean gap (0.3 percentage points)."""
 SUCCESS_LIMIT = 0.01
 """What it may take from the share of queries with a path inside the region."""
+DIFFERENCE_LIMIT = 0.005
+"""Mean difference of the probabilities from which on it is another network: about one of the region's 256 levels."""
+HELD_OUT_SHARE = 4
+"""Of a data set's maps, one in this many is held out to judge on."""
 
 
 @dataclass(frozen=True)
@@ -37,24 +33,76 @@ class Latency:
 
 
 @dataclass(frozen=True)
-class Agreement:
-    """How two models' probabilities differ, over held-out queries."""
+class Comparison:
+    """Two models on the same held-out queries."""
 
     queries: int
     mean_difference: float
     """Of the probabilities."""
     max_difference: float
-    same_side: float
-    """Share of the blocks that lie on the same side of the threshold that the fp32 probabilities set."""
-
-
-@dataclass(frozen=True)
-class Searches:
-    """What searches in the regions of two models come to."""
-
-    queries: int
     fp32: Judgement
+    """What searches in its regions come to, at the model's factor on the threshold."""
     int8: Judgement
+    fp32_latency: Latency
+    int8_latency: Latency
+
+    @property
+    def speed_up(self) -> float:
+        """Ratio of the medians."""
+        return self.fp32_latency.median_ms / self.int8_latency.median_ms
+
+    def recommendation(self) -> str:
+        """One plain sentence that begins with ``int8`` or ``keep fp32``."""
+        keep = f"keep fp32: on this machine int8 is {self.speed_up:.2f} times as fast"
+        if self.speed_up < WORTH_IT:
+            return f"{keep}, and {WORTH_IT} is wanted."
+        more, fewer = self.int8.gap - self.fp32.gap, self.fp32.success - self.int8.success
+        if not more <= GAP_LIMIT:
+            return (
+                f"{keep}, but the cost gap grows by {100 * more:.2f} points, and {100 * GAP_LIMIT:.1f} are allowed."
+            )
+        if fewer > SUCCESS_LIMIT:
+            return (
+                f"{keep}, but finds a path inside its region on {100 * fewer:.1f} % fewer of the queries, "
+                f"and {100 * SUCCESS_LIMIT:.0f} % is allowed."
+            )
+        if self.mean_difference > DIFFERENCE_LIMIT:
+            return (
+                f"{keep}, but its probabilities differ by {self.mean_difference:.4f} on average, and "
+                f"{DIFFERENCE_LIMIT} is allowed: leave nodes float (--exclude)."
+            )
+        return (
+            f"int8: {self.speed_up:.2f} times as fast on this machine, "
+            f"and the cost gap changes by {100 * more:+.2f} points."
+        )
+
+
+def compare(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int, rounds: int) -> Comparison:
+    """Compare two models on at most `most` of the queries, and time each `rounds` times."""
+    m = fp32.metadata
+    validator = Validator(samples, Spec(m.architecture, m.input_size, m.sigma, encoding=m.encoding), m.omega, most)
+    queries = samples.pick(validator.index)
+    p, q = (probabilities(model, queries) for model in (fp32, int8))
+    (one,), (other,) = (validator.judge_probabilities(each, (m.region_factor,)) for each in (p, q))
+    difference = np.abs(p - q)
+    figures = float(difference.mean()), float(difference.max())
+    return Comparison(len(queries), *figures, one, other, *latencies(fp32, int8, queries, rounds))
+
+
+def feed(model: NetworkModel, samples: Samples, query: int) -> None:
+    """Write a query and its map into a network's inputs, as the runtime does."""
+    planes, start, goal = samples.query(query)
+    model.set_map(planes)
+    model.set_query(start, goal)
+
+
+def probabilities(model: NetworkModel, samples: Samples) -> NDArray[np.float32]:
+    """(Q, B, B) of all the queries."""
+    out = np.empty((len(samples), model.metadata.blocks, model.metadata.blocks), np.float32)
+    for query in range(len(samples)):
+        feed(model, samples, query)
+        out[query] = model.run()
+    return out
 
 
 def latencies(one: NetworkModel, other: NetworkModel, samples: Samples, rounds: int) -> tuple[Latency, Latency]:
@@ -72,57 +120,21 @@ def latencies(one: NetworkModel, other: NetworkModel, samples: Samples, rounds: 
     return a, b
 
 
-def agreement(fp32: NDArray[np.float32], int8: NDArray[np.float32], samples: Samples, factor: float) -> Agreement:
-    """Compare probabilities (Q, B, B) for the queries of `samples`, at `factor` times the adaptive threshold."""
-    blocks = fp32.shape[-1]
-    finder, levels = RegionFinder(blocks), np.empty((blocks, blocks), np.uint8)
-    size = samples.planes.shape[-1]
-    lookup = Frame(size, size, size).lookup(blocks)[0]
-    same = []
-    for query in range(len(samples)):
-        (r0, c0), (r1, c1) = (lookup[np.rint(p[query]).astype(int)].tolist() for p in (samples.start, samples.goal))
-        finder.read(fp32[query])
-        threshold = lowered(finder.threshold((r0, c0), (r1, c1)), factor)
-        quantise(int8[query], levels)
-        same.append(((finder.levels >= threshold) == (levels >= threshold)).mean())
-    difference = np.abs(fp32 - int8)
-    return Agreement(len(samples), float(difference.mean()), float(difference.max()), float(np.mean(same)))
+def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:
+    """Queries to calibrate on and queries to judge on, of different maps; DataSetError where all are on one map."""
+    maps = np.random.default_rng([seed, 0]).permutation(np.unique(samples.map_index))
+    if len(maps) < 2:
+        raise DataSetError(f"wanted queries on at least two maps, got {len(maps)}")
+    held_out = np.isin(samples.map_index, maps[: -(-len(maps) // HELD_OUT_SHARE)])
+    return samples.pick(~held_out), samples.pick(held_out)
 
 
-def judge_both(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int) -> Searches:
-    """Search at most `most` of the queries in either's region, at the model's factor on the threshold."""
-    m = fp32.metadata
-    spec = Spec(m.architecture, m.input_size, m.sigma, encoding=m.encoding)
-    validator = Validator(samples, spec, m.omega, most)
-    queries = samples.pick(validator.index)
-    found = (probabilities(model, queries) for model in (fp32, int8))
-    a, b = (validator.judge_probabilities(p, (m.region_factor,))[0] for p in found)
-    return Searches(len(queries), a, b)
-
-
-def operators_left(path: Path) -> Counter[str]:
-    """Kinds of nodes after onnxruntime's optimisation on this machine, and how many of each."""
-    with temporary_folder() as folder:
-        options = ort.SessionOptions()
-        options.log_severity_level = 4
-        options.optimized_model_filepath = str(folder / "optimised.onnx")
-        ort.InferenceSession(str(path), options, ["CPUExecutionProvider"])
-        graph = onnx.load(options.optimized_model_filepath).graph
-    return Counter(node.op_type for node in graph.node)
-
-
-def recommend(fp32: Latency, int8: Latency, searches: Searches) -> str:
-    """One plain sentence that begins with ``int8`` or ``keep fp32``."""
-    ratio = fp32.median_ms / int8.median_ms
-    keep = f"keep fp32: on this machine int8 is {ratio:.2f} times as fast"
-    if ratio < WORTH_IT:
-        return f"{keep}, and {WORTH_IT} is wanted."
-    more, fewer = searches.int8.gap - searches.fp32.gap, searches.fp32.success - searches.int8.success
-    if not more <= GAP_LIMIT:
-        return f"{keep}, but the cost gap grows by {100 * more:.2f} points, and {100 * GAP_LIMIT:.1f} are allowed."
-    if fewer > SUCCESS_LIMIT:
-        return (
-            f"{keep}, but finds a path inside its region on {100 * fewer:.1f} % fewer of the queries, "
-            f"and {100 * SUCCESS_LIMIT:.0f} % is allowed."
-        )
-    return f"int8: {ratio:.2f} times as fast on this machine, and the cost gap changes by {100 * more:+.2f} points."
+def spread(samples: Samples, count: int, seed: int) -> Samples:
+    """At most `count` queries at random, from as many maps as there are: each map gives one, then a second, …"""
+    order = np.random.default_rng([seed, 1]).permutation(len(samples))
+    maps = samples.map_index[order]
+    turn = np.empty(len(order), np.int64)  # how many queries of the same map come before
+    by_map = np.argsort(maps, kind="stable")
+    _, first, counts = np.unique(maps[by_map], return_index=True, return_counts=True)
+    turn[by_map] = np.arange(len(order)) - np.repeat(first, counts)
+    return samples.pick(order[np.argsort(turn, kind="stable")[:count]])

@@ -1,41 +1,31 @@
-"""An int8 model from an fp32 one, and whether it pays on this machine."""
+"""An int8 model made from an fp32 model, and measured against it."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import onnx
 import onnxruntime as ort
+from numpy.typing import NDArray
+from onnxruntime import quantization
+from onnxruntime.quantization import QuantType
 
 from nnpp_edge import __version__
-from nnpp_edge.calibrate.calibration_set import probabilities, split, spread
-from nnpp_edge.calibrate.compare import (
-    Agreement,
-    Latency,
-    Searches,
-    agreement,
-    judge_both,
-    latencies,
-    operators_left,
-    recommend,
-)
-from nnpp_edge.calibrate.quantizer import METHODS, Quantizer, with_facts
-from nnpp_edge.calibrate.sensitivity import exclude_worst, node_errors
+from nnpp_edge.calibrate.compare import Comparison, compare, feed, split, spread
+from nnpp_edge.export.to_onnx import nodes_leading_to, quiet
 from nnpp_edge.files import temporary_folder, write_whole
-from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
-from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, OutputError
+from nnpp_edge.runtime.network.inference import METADATA_KEY, NetworkModel
 from nnpp_edge.terrain.dataset import Samples, read_recipe, read_samples
 
-AUTO = "auto"
-TARGET = 0.005
-"""Mean difference of the probabilities that ``exclude="auto"`` aims for: about one of the region's 256 levels."""
+OPERATORS = ("Conv", "Relu", "Add", "Resize", "Concat", "AveragePool", "MaxPool")
+"""Kinds of nodes that have an int8 kernel on CPUs, so that their QDQ pairs disappear."""
 HELD_OUT = 256
-"""Queries to judge on, at most, by agreement and by search."""
+"""Queries to judge on, at most."""
 ROUNDS = 300
 """Timed runs of each model."""
-_FEW = 16
-"""Queries to rank the nodes on."""
 
 
 @dataclass(frozen=True)
@@ -45,28 +35,14 @@ class QuantizeReport:
     source: str
     output: str
     samples: int
-    method: str
-    reduce_range: bool
+    """Queries that it was calibrated on."""
     excluded: tuple[str, ...]
-    """Convolutions left float, except those of the head."""
+    """Nodes left float, beside those of the head."""
     quantised: int
     """Convolutions in int8."""
     fp32_bytes: int
     int8_bytes: int
-    fp32_latency: Latency
-    int8_latency: Latency
-    speed_up: float
-    """Ratio of the medians."""
-    agreement: Agreement
-    qdq_left: int
-    """QuantizeLinear and DequantizeLinear nodes after onnxruntime's optimisation on this machine."""
-    operators: dict[str, int]
-    """All nodes after it, by kind."""
-    region_factor: float
-    searches: Searches
-    """Over held-out queries."""
-    node_snr_db: dict[str, float]
-    """Signal-to-noise ratio when one node alone is int8, the worst first; empty if it was not needed."""
+    compared: Comparison
     recommendation: str
 
     def to_json(self) -> str:
@@ -81,10 +57,7 @@ def quantize(
     *,
     validation: Path | None = None,
     samples: int = 200,
-    method: str = "minmax",
-    exclude: Sequence[str] | str = AUTO,
-    reduce_range: bool = True,
-    rank: bool = False,
+    exclude: Sequence[str] = (),
     seed: int = 1,
     rounds: int = ROUNDS,
 ) -> QuantizeReport:
@@ -102,15 +75,8 @@ def quantize(
         Data set to judge on; without, a quarter of `dataset`'s maps is held out.
     samples : int
         Queries to calibrate on, each from another map while there are maps.
-    method : str
-        ``minmax``, ``percentile`` (99.999) or ``entropy``: how ranges are chosen.
-    exclude : names or ``auto``
-        Nodes to leave float. ``auto`` leaves the worst ones float until the mean difference of the
-        probabilities is at most `TARGET`; usually that is none.
-    reduce_range : bool
-        Weights of 7 bits, right on every CPU. 8 bits are for those with VNNI or on ARM.
-    rank : bool
-        Tell how sensitive each node is even if ``auto`` does not need to know.
+    exclude : names
+        Nodes to leave float, as those of the head are in any case.
     seed, rounds : int
         Of the choice of queries; timed runs of each model.
 
@@ -121,84 +87,124 @@ def quantize(
     DataSetError
         A data set is none, or its maps have another size.
     InvalidQueryError
-        There is no such method, or `output` is the model itself.
+        `output` is the model itself.
     OutputError
         The file cannot be written.
 
     Notes
     -----
-    The defaults are measured ones. The edge network on a CPU with AVX2 and without VNNI, mean and largest
-    difference of the probabilities and time over that of fp32:
+    The head (the last convolution and what does not lead to it) stays float: it costs next to nothing, and its
+    error would be that of the probabilities. The rest are measured choices. The edge network on a CPU with AVX2 and
+    without VNNI, mean and largest difference of the probabilities and time over that of fp32:
 
-    - as it is: 0.0008, 0.07, 0.62
-    - weights of 8 bits, which saturate there: 0.0014, 0.17, 0.62
+    - as it is, uint8 activations, int8 weights of 7 bits by channel, ranges by min and max: 0.0008, 0.07, 0.62
+    - weights of 8 bits, whose sums of products saturate there: 0.0014, 0.17, 0.62
     - a scale for each tensor in place of each channel: 0.0029, 0.26, 0.61
     - uint8 weights: 0.0007, 0.05, 0.80
     - int8 activations, which leave 79 QDQ nodes behind: 0.0008, 0.07, 1.03
 
-    Percentile and entropy come to the same mean; their largest difference is 1.3 and 1.7 times that of minmax.
+    Ranges by percentile and by entropy come to the same mean; their largest difference is 1.3 and 1.7 times as large.
     """
-    if method not in METHODS:
-        raise InvalidQueryError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     if not output.parent.is_dir():
         raise OutputError(f"{output}: its folder does not exist")
     fp32 = NetworkModel(model)
-    fp32_bytes = fp32.path.stat().st_size
+    size = fp32.metadata.input_size
+    if fp32.metadata.precision != "fp32":
+        raise ModelError(f"{fp32.path}: wanted an fp32 model, got one of {fp32.metadata.precision}")
     if output.resolve() == fp32.path.resolve():
         raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
-    calibration, held_out = _queries(dataset, validation, samples, seed, fp32.metadata.input_size)
+    pool = read_samples(dataset, most_maps=2 * samples, size=size)
+    pool, held_out = (pool, read_samples(validation, size=size)) if validation else split(pool, seed)
+    calibration = spread(pool, samples, seed)
+    facts: dict[str, object] = {
+        "samples": len(calibration),
+        "method": "minmax",
+        "seed": seed,
+        "dataset_seed": read_recipe(dataset).seed,
+        "reduce_range": True,
+        "excluded": list(exclude),
+        "versions": {"nnpp_edge": __version__, "onnxruntime": ort.__version__, "onnx": onnx.__version__},
+    }
     with temporary_folder() as folder:
-        quantizer = Quantizer(fp32, folder)
-        quantizer.calibrate(calibration, method)
-        few = spread(calibration, _FEW, seed)
-        ranking = node_errors(quantizer, few, reduce_range=reduce_range) if rank else {}
-        if exclude == AUTO:
-            excluded, ranking = exclude_worst(quantizer, few, TARGET, reduce_range=reduce_range, errors=ranking)
-        else:
-            excluded = (exclude,) if isinstance(exclude, str) else tuple(exclude)
-        facts: dict[str, object] = {
-            "samples": len(calibration),
-            "method": method,
-            "seed": seed,
-            "dataset_seed": read_recipe(dataset).seed,
-            "reduce_range": reduce_range,
-            "excluded": list(excluded),
-            "versions": {"nnpp_edge": __version__, "onnxruntime": ort.__version__, "onnx": onnx.__version__},
-        }
-        path = quantizer.build("int8", exclude=excluded, reduce_range=reduce_range, facts=facts)
-        int8 = NetworkModel(path)
-        some = spread(held_out, HELD_OUT, seed)
-        agreed = agreement(probabilities(fp32, some), probabilities(int8, some), some, fp32.metadata.region_factor)
-        searches = judge_both(fp32, int8, held_out, HELD_OUT)
-        fp32_latency, int8_latency = latencies(fp32, int8, some, rounds)
-        left = operators_left(path)
-        content = with_facts(path, {"agreement": asdict(agreed)})
-        write_whole(output, content)
+        made, quantised = quantised_graph(fp32, calibration, folder, exclude)
+        path = folder / "int8.onnx"
+        path.write_bytes(_with_facts(made, fp32, facts))
+        compared = compare(fp32, NetworkModel(path), held_out, HELD_OUT, rounds)
+    figures = {name: getattr(compared, name) for name in ("queries", "mean_difference", "max_difference")}
+    content = _with_facts(made, fp32, facts | {"agreement": figures})
+    write_whole(output, content)
     return QuantizeReport(
         source=str(fp32.path),
         output=str(output),
         samples=len(calibration),
-        method=method,
-        reduce_range=reduce_range,
-        excluded=excluded,
-        quantised=sum(count for kind, count in left.items() if kind in ("QLinearConv", "ConvInteger")),
-        fp32_bytes=fp32_bytes,
+        excluded=tuple(exclude),
+        quantised=quantised,
+        fp32_bytes=fp32.path.stat().st_size,
         int8_bytes=len(content),
-        fp32_latency=fp32_latency,
-        int8_latency=int8_latency,
-        speed_up=fp32_latency.median_ms / int8_latency.median_ms,
-        agreement=agreed,
-        qdq_left=left["QuantizeLinear"] + left["DequantizeLinear"],
-        operators=dict(left.most_common()),
-        region_factor=fp32.metadata.region_factor,
-        searches=searches,
-        node_snr_db=ranking,
-        recommendation=recommend(fp32_latency, int8_latency, searches),
+        compared=compared,
+        recommendation=compared.recommendation(),
     )
 
 
-def _queries(dataset: Path, validation: Path | None, count: int, seed: int, size: int) -> tuple[Samples, Samples]:
-    """Queries to calibrate on and queries to judge on, from different maps."""
-    pool = read_samples(dataset, most_maps=2 * count, size=size)
-    calibration, held_out = (pool, read_samples(validation, size=size)) if validation else split(pool, seed)
-    return spread(calibration, count, seed), held_out
+def quantised_graph(
+    fp32: NetworkModel, samples: Samples, folder: Path, exclude: Sequence[str] = ()
+) -> tuple[onnx.ModelProto, int]:
+    """A model's int8 variant, calibrated on all of `samples`, and the number of convolutions in int8.
+
+    The `folder` is for the files in between. ModelError where `exclude` names a node that is not there.
+    """
+    prepared, target = folder / "prepared.onnx", folder / "quantised.onnx"
+    with quiet():
+        try:
+            quantization.quant_pre_process(fp32.path, prepared)
+        except Exception:  # it cannot follow ReduceMax over axes given as an input; plain inference can
+            quantization.quant_pre_process(fp32.path, prepared, skip_symbolic_shape=True)
+        graph = onnx.load(prepared).graph
+        convolutions = [node for node in graph.node if node.op_type == "Conv"]
+        if not convolutions:
+            raise ModelError(f"{fp32.path}: wanted a network with convolutions, got one without")
+        before_head = nodes_leading_to(convolutions[-1].input, graph)
+        chosen = [node.name for node in convolutions if node.name in before_head]
+        if unknown := set(exclude) - {node.name for node in graph.node}:
+            raise ModelError(f"wanted nodes out of {', '.join(chosen)}, got {', '.join(sorted(unknown))}")
+        quantization.quantize_static(
+            prepared,
+            target,
+            _Reader(fp32, samples),
+            op_types_to_quantize=list(OPERATORS),
+            per_channel=True,
+            reduce_range=True,
+            activation_type=QuantType.QUInt8,
+            weight_type=QuantType.QInt8,
+            nodes_to_exclude=[*(node.name for node in graph.node if node.name not in before_head), *exclude],
+        )
+    made = onnx.load(target)
+    made.graph.node.sort(key=lambda node: node.op_type == "If")  # onnxruntime's sort overlooks what branches read
+    return made, len(set(chosen) - set(exclude))
+
+
+class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
+    """Inputs of a network for all queries of `samples`, one at a time; `model` lays them out but does not run."""
+
+    def __init__(self, model: NetworkModel, samples: Samples) -> None:
+        self.model, self.samples, self.queries = model, samples, iter(range(len(samples)))
+
+    def get_next(self) -> dict[str, NDArray[np.generic]] | None:
+        """The next query's inputs by name; None at the end."""
+        for query in self.queries:
+            feed(self.model, self.samples, query)
+            return {name: array.copy() for name, array in self.model.inputs.items()}
+        return None
+
+
+def _with_facts(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, object]) -> bytes:
+    """The file: our metadata with facts on the calibration, no operator sets but those in use, and checked."""
+    training = fp32.metadata.training | {"calibration": dict(facts)}
+    metadata = replace(fp32.metadata, precision="int8", training=training)
+    onnx.helper.set_model_props(model, {METADATA_KEY: metadata.to_json()})
+    used = {node.domain for node in model.graph.node}
+    versions = [o for o in model.opset_import if o.domain in used or (o.domain == "ai.onnx" and "" in used)]
+    del model.opset_import[:]
+    model.opset_import.extend(versions)
+    onnx.checker.check_model(model, full_check=True)
+    return bytes(model.SerializeToString())

@@ -30,14 +30,10 @@ class Parity:
 
 @torch.no_grad()
 def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n: int = 32, seed: int = 1) -> Parity:
-    """Compare a network in torch with its ONNX file as the runtime runs it, over whole queries.
+    """Compare a network in torch with its ONNX file as the runtime runs it, over `n` whole queries.
 
-    Compares `n` queries: some of the `samples`, chosen by `seed`, or random maps and ends without samples.
-
-    Notes
-    -----
-    The ONNX side goes through `NetworkModel`: how the runtime lays out the map, encodes the query and reads
-    the output is compared too.
+    They are some of the `samples`, or random maps and ends without samples. The ONNX side goes through
+    `NetworkModel`: how the runtime lays out the map, encodes the query and reads the output is compared too.
     """
     network.eval()
     model = NetworkModel(onnx_path)

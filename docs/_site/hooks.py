@@ -20,7 +20,6 @@ ROOT = Path(__file__).parent.parent.parent
 OPTIONAL = {"view.md", "boards.md", "contributing.md", "changelog.md"}
 OUTSIDE = {  # page: the file that it shows
     "cards/edge.md": "nnpp_edge/models/edge.md",
-    "cards/passage.md": "nnpp_edge/models/passage.md",
     "cards/paper.md": "nnpp_edge/models/paper.md",
     "samples.md": "nnpp_edge/terrain/samples/README.md",
     "contributing.md": "CONTRIBUTING.md",

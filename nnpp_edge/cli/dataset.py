@@ -10,15 +10,12 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.vehicle_options import VehicleOptions, vehicle
 
 _POINTS = "On a map; pairs far enough apart are queries."
 _SHARDS = "Make every N-th shard from the K-th on; the union is the whole set."
 _SIZE = "Side of the network's input, or a multiple of it: 64 for edge, 256 for nnpp."
 _PAPERS_MAPS = "Maps as the paper's: its cost without hard limits, cells of 20 m, none averaged or with a margin."
 _OWN_CELLS = "Leave the terrain's cells and heights as they are; else it is rescaled to cells of 1 to 20 m."
-_POSES = "For passage networks: poses of a vehicle, or of many, in place of queries; maps of 128 cells at most."
-_POSES_SIDE = 128
 _LEAVE = "Leave out this share of each file, a stripe at the end of its longer side, for --held-out."
 _HELD_OUT = "Use nothing but that stripe, to validate on."
 
@@ -50,14 +47,11 @@ _PART = options.Parsed("K/N", "K/N, such as 2/8", _part)
 @click.option("--held-out", is_flag=True, help=_HELD_OUT)
 @click.option("--own-cell-size", is_flag=True, help=_OWN_CELLS)
 @click.option("--papers-maps", is_flag=True, help=_PAPERS_MAPS)
-@click.option("--poses", is_flag=True, help=_POSES)
-@vehicle
 @options.terrain
 @options.omega
 @click.option("--shard", "part", type=_PART, default="1/1", help=_SHARDS)
 @click.option("--workers", type=options.COUNT, help="Processes; by default one a core.")
 @click.option("--scheduler", metavar="ADDRESS", help="Of a Dask scheduler (tcp://10.0.0.5:8786) to make the shards.")
-@click.option("--picture", type=options.NEW_FILE, help="Sheet of random samples; by default DIR/samples.png.")
 @options.seed
 @options.as_json
 def command(
@@ -69,12 +63,9 @@ def command(
     held_out: bool,
     own_cell_size: bool,
     papers_maps: bool,
-    poses: bool,
-    vehicle: VehicleOptions,
     part: tuple[int, int],
     workers: int | None,
     scheduler: str | None,
-    picture: Path | None,
     seed: int,
     as_json: bool,
     **recipe_fields: Any,
@@ -92,45 +83,30 @@ def command(
     """
     if workers and scheduler:
         raise click.UsageError("--workers counts processes on this machine; leave it out with --scheduler")
-    if papers_maps and (poses or own_cell_size or terrain.rescale or terrain.limits_given):
+    if papers_maps and (own_cell_size or terrain.rescale or terrain.limits_given):
         raise click.UsageError(
-            "--papers-maps decides cells and limits: leave out --poses, --own-cell-size, --rescale and limits"
+            "--papers-maps decides cells and limits: leave out --own-cell-size, --rescale and limits"
         )
     if own_cell_size and (terrain.rescale or not terrain_files):
         raise click.UsageError("--own-cell-size goes with TERRAIN files, and without --rescale")
     if held_out and not validation_share:
         raise click.UsageError("--held-out uses what --validation-share leaves out: give that, too")
-    options.check_outputs(("--picture", picture))
     from nnpp_edge.progress import bar
     from nnpp_edge.terrain.cluster import shards_on_cluster
     from nnpp_edge.terrain.dataset import make_dataset, read_samples
-    from nnpp_edge.terrain.passage import PassageRecipe
     from nnpp_edge.terrain.shards import Recipe
     from nnpp_edge.viz.figures import sample_sheet
 
     stripe = (1.0 - validation_share, 1.0) if held_out else (0.0, 1.0 - validation_share)
-    if poses:
-        made = PassageRecipe(
-            tuple(map(str, terrain_files)),
-            size=min(size, _POSES_SIDE),
-            maps=recipe_fields["maps"],
-            seed=seed,
-            stripe=stripe,
-            **_of_vehicle(vehicle, terrain),
-        )
-    recipe = (
-        made
-        if poses
-        else Recipe(
-            tuple(map(str, terrain_files)),
-            size=size,
-            blocks=size // 4,
-            seed=seed,
-            stripe=stripe,
-            **(_PAPERS_RECIPE if papers_maps else {}),
-            **_of_terrain(terrain, own_cell_size),
-            **recipe_fields,
-        )
+    recipe = Recipe(
+        tuple(map(str, terrain_files)),
+        size=size,
+        blocks=size // 4,
+        seed=seed,
+        stripe=stripe,
+        **(_PAPERS_RECIPE if papers_maps else {}),
+        **_of_terrain(terrain, own_cell_size),
+        **recipe_fields,
     )
     make = partial(shards_on_cluster, scheduler) if scheduler else None
     with bar("shards", recipe.shards) as advance:
@@ -139,11 +115,7 @@ def command(
             advance(done)
 
         counts = make_dataset(recipe, output, workers=workers, part=part, make=make, progress=report)
-    picture = picture or output / "samples.png"
-    if poses:
-        text = f"{output}: {counts['shards']} of {counts['of']} shards, {counts['maps']} maps"
-        click.echo(json.dumps(counts | {"folder": str(output)}) if as_json else text)
-        return
+    picture = output / "samples.png"
     if counts["shards"]:
         sample_sheet(read_samples(output, most_maps=256), picture, seed=seed)
     if as_json:
@@ -153,22 +125,6 @@ def command(
             f"{output}: {counts['shards']} of {counts['of']} shards, {counts['maps']} maps, "
             f"{counts['queries']} queries; a sheet of samples is in {picture}"
         )
-
-
-def _of_vehicle(options_: VehicleOptions, terrain: TerrainOptions) -> dict[str, Any]:
-    """The fields of a recipe with poses for how terrain is read, and for the only vehicle, if there is one."""
-    fields: dict[str, Any] = {
-        "cell_size_m": terrain.cell_size,
-        "vertical_scale": terrain.vertical_scale,
-        "allow_vrt": terrain.allow_vrt,
-    }
-    if (body := options_.make()) is not None:
-        cell_m = terrain.rescale or terrain.cell_size
-        if cell_m is None:
-            raise click.UsageError("a vehicle stands on cells of some size: give --cell-size or --rescale too")
-        given = {name: value for name, value in asdict(body).items() if value not in (None, False)}
-        fields |= {"vehicle": given, "vehicle_cell_m": cell_m}
-    return fields
 
 
 def _of_terrain(terrain: TerrainOptions, own_cell_size: bool) -> dict[str, Any]:

@@ -3,15 +3,10 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from nnpp_edge.cli import options
-
-if TYPE_CHECKING:
-    from nnpp_edge.export.parity import Parity
-    from nnpp_edge.export.to_onnx import ExportReport
 
 _FACTOR = "Factor on the adaptive threshold that planners are to use with this model."
 _DATASET = "What it was trained on, for the metadata and to compare torch and ONNX on."
@@ -43,27 +38,17 @@ def command(
     """
     options.check_outputs(("--output", output))
 
-    import msgspec
-
     from nnpp_edge.export.parity import parity
-    from nnpp_edge.export.passage_to_onnx import write_passage
     from nnpp_edge.export.to_onnx import dataset_facts, export_network
     from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
-    from nnpp_edge.terrain.dataset import read_any_recipe, read_recipe, read_samples
+    from nnpp_edge.terrain.dataset import read_recipe, read_samples
     from nnpp_edge.training.checkpoint import load_checkpoint
-    from nnpp_edge.training.passage import is_passage_checkpoint, load_passage_checkpoint
 
-    if is_passage_checkpoint(checkpoint):
-        state = load_passage_checkpoint(checkpoint)
-        facts = state.facts() | ({"dataset": msgspec.structs.asdict(read_any_recipe(dataset))} if dataset else {})
-        write_passage(state.trained(), output, name=name or output.stem, training=facts)
-        click.echo(json.dumps({"path": str(output), "steps": state.step}) if as_json else str(output))
-        return
     recipe = read_recipe(dataset) if dataset else None
     saved = load_checkpoint(checkpoint)
     samples = read_samples(dataset, most_maps=64, size=saved.spec.input_size) if dataset else None
     network = saved.trained()
-    report = export_network(
+    made = export_network(
         network,
         output,
         name=name or output.stem,
@@ -75,23 +60,14 @@ def command(
     )
     compared = parity(network, output, samples)
     if as_json:
-        click.echo(json.dumps(json.loads(report.to_json()) | {"parity": dataclasses.asdict(compared)}))
+        click.echo(json.dumps(dataclasses.asdict(made) | {"parity": dataclasses.asdict(compared)}))
     else:
-        click.echo(render(report, compared))
+        queries = "queries of the data set" if compared.inputs == "dataset" else "random queries"
+        click.echo(
+            f"{made.path}: {made.size_bytes / 1e6:.2f} MB, opset {made.opset}, {made.nodes} nodes, "
+            f"{made.macs / 1e6:.0f} million multiply-accumulates\n"
+            f"  parity {'passed' if compared.passed else 'FAILED'}: largest difference {compared.max_difference:.1e} "
+            f"of {compared.limit:.0e} allowed, over {compared.queries} {queries}"
+        )
     if not compared.passed:
         click.get_current_context().exit(1)
-
-
-def render(report: "ExportReport", compared: "Parity") -> str:
-    """What was written and how it compares, as lines of text."""
-    kinds = ", ".join(f"{count} {kind}" for kind, count in report.operators.items())
-    shapes = ", ".join(f"{name} {'×'.join(map(str, shape))}" for name, shape in report.inputs.items())
-    queries = "queries of the data set" if compared.inputs == "dataset" else "random queries"
-    return (
-        f"{report.path}: {report.size_bytes / 1e6:.2f} MB, opset {report.opset}, "
-        f"{report.macs / 1e6:.0f} million multiply-accumulates\n"
-        f"  inputs  {shapes}; output {'×'.join(map(str, report.output))}\n"
-        f"  nodes   {report.nodes}: {kinds}\n"
-        f"  parity  {'passed' if compared.passed else 'FAILED'}: largest difference {compared.max_difference:.1e} "
-        f"of {compared.limit:.0e} allowed, over {compared.queries} {queries}"
-    )

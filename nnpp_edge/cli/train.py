@@ -5,15 +5,11 @@ import json
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.model.registry import ENCODINGS, PRESETS
-
-if TYPE_CHECKING:
-    from nnpp_edge.training.checkpoint import TrainSettings
 
 _PARTS = 1000
 """Of the training, for the progress bar."""
@@ -24,7 +20,7 @@ _STEPS = "Most steps, if its epochs do not end the training before; the number t
 _TIME_LIMIT = "Minutes, about: the speed of the first 200 steps decides the number of steps."
 _SMALL = "Keep the mean weights alone, in 16 bits; a resumed run warms up a new optimiser."
 _PRECISION = "Of the convolutions; auto: bfloat16 on a GPU. bfloat16 is twice as quick on a CPU with AMX."
-_THREADS = "Of torch on the CPU; by default one for passage networks, which gain nothing from more, else one a core."
+_THREADS = "Of torch on the CPU; by default one a core."
 _TARGET = click.Choice(["near", "path"])
 
 
@@ -55,7 +51,6 @@ _TARGET = click.Choice(["near", "path"])
 @click.option("--weight-decay", type=options.NOT_NEGATIVE, default=1e-4)
 @click.option("--target", type=_TARGET, default="near", help="Nearness to the optimum, or the paper's single path.")
 @click.option("--softness", type=options.POSITIVE, default=0.02, help="Excess at which nearness is 1/e.")
-@click.option("--loss", type=click.Choice(["bce", "focal", "dice"]), default="bce")
 @click.option("--time-limit", type=options.POSITIVE, help=_TIME_LIMIT)
 @click.option("--validate-every", type=options.NOT_NEGATIVE, default=5.0, help="Minutes.")
 @click.option("--small-checkpoints", is_flag=True, help=_SMALL)
@@ -99,17 +94,13 @@ def command(
     import torch
 
     from nnpp_edge.progress import bar
-    from nnpp_edge.terrain.dataset import has_poses, read_recipe, read_samples
+    from nnpp_edge.terrain.dataset import read_recipe, read_samples
     from nnpp_edge.training.train import Progress, TrainSettings, train
     from nnpp_edge.viz.figures import training_curves
 
-    of_poses = has_poses(dataset)
-    if threads or of_poses:
-        torch.set_num_threads(threads or 1)
+    if threads:
+        torch.set_num_threads(threads)
     settings |= {"time_limit_s": 60.0 * (time_limit or math.inf), "validate_every_s": 60.0 * validate_every}
-    if of_poses:
-        _train_passage(dataset, validation, output, msgspec.convert(settings, TrainSettings), begin_with, as_json)
-        return
     preset = PRESETS[architecture]
     spec = dataclasses.replace(
         preset, sigma=sigma, input_size=input_size or preset.input_size, encoding=encoding or preset.encoding
@@ -148,28 +139,3 @@ def command(
             f"  region at td × {factor}: gap {100 * last[key]:.2f} %, found {100 * last['success@' + factor]:.1f} %, "
             f"{100 * last['region_share@' + factor]:.1f} % of the map, MM {last['mm@' + factor]:.3f}"
         )
-
-
-def _train_passage(
-    dataset: Path, validation: Path, output: Path, settings: "TrainSettings", begin_with: Path | None, as_json: bool
-) -> None:
-    """Train a passage network, and print how it does on the validation set."""
-    from nnpp_edge.model.registry import PASSAGE_OPTIONS
-    from nnpp_edge.progress import bar
-    from nnpp_edge.training.passage import FIGURES, train_passage
-    from nnpp_edge.training.passage_batches import PassageMaps
-
-    with bar("train", _PARTS) as advance:
-
-        def report(step: int, loss: float, share: float) -> None:
-            advance(int(_PARTS * share))
-
-        maps = PassageMaps(dataset), PassageMaps(validation)
-        checkpoint = train_passage(PASSAGE_OPTIONS, settings, *maps, output, begin_with=begin_with, report=report)
-    history = json.loads((output / "history.json").read_text())
-    if as_json:
-        click.echo(json.dumps({"checkpoint": str(checkpoint), "history": history}))
-        return
-    last = history[-1]
-    click.echo(f"{checkpoint}: {last['step']:.0f} steps in {last['spent_s'] / 60:.0f} min, loss {last['loss']:.4f}")
-    click.echo("  on validation: " + ", ".join(f"{name} {last[name]:.4f}" for name in FIGURES))

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from nnpp_edge.model.blocks import ConvBNReLU
+from nnpp_edge.model.nnpp import PRIOR_LOGIT, ConvBNReLU
 from nnpp_edge.model.registry import OUTPUT_STRIDES
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.encoding import BETWEEN_CHANNELS, END_CHANNELS
@@ -23,7 +23,6 @@ QUERY_STRIDE = 8
 OUTPUT_SHUFFLE = QUERY_STRIDE // OUTPUT_STRIDES["edge"]
 """The output has 2 × 2 blocks to a pixel, as channels."""
 SIZE_STEP = 64
-PRIOR_LOGIT = -2.0
 
 assert ANSWERS == OUTPUT_SHUFFLE**2
 
@@ -39,16 +38,8 @@ class EdgeNet(nn.Module):
         Channels of the encoder at 1/8, 1/16, 1/32 and 1/64 resolution.
     stem : int
         Channels after the encoder's first convolution.
-    depth : four ints
-        Residual blocks after each of the encoder's three reductions, and on the way up at 1/16 (0 or 1; 0 leaves one
-        convolution there).
     relation, hidden
         Of the `Head`.
-
-    Raises
-    ------
-    ModelError
-        A size, width or depth that the network cannot be built with.
 
     Notes
     -----
@@ -62,14 +53,13 @@ class EdgeNet(nn.Module):
         input_size: int = 64,
         widths: tuple[int, ...] = (32, 64, 64, 64),
         stem: int = 32,
-        depth: tuple[int, ...] = (0, 1, 0, 0),
         relation: int = 32,
         hidden: tuple[int, ...] = (32, 16),
     ) -> None:
         super().__init__()
         if input_size < SIZE_STEP or input_size % SIZE_STEP:
             raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {input_size}")
-        self.encoder = Encoder(widths, stem, depth, relation)
+        self.encoder = Encoder(widths, stem, relation)
         self.head = Head(relation, hidden)
         for module in self.modules():
             if isinstance(module, nn.Conv2d | nn.Linear):
@@ -99,13 +89,11 @@ class EdgeNet(nn.Module):
 class Encoder(nn.Module):
     """The map's two descriptions of each place: as one to pass through, and as an end of a path."""
 
-    def __init__(self, widths: tuple[int, ...], stem: int, depth: tuple[int, ...], relation: int) -> None:
+    def __init__(self, widths: tuple[int, ...], stem: int, relation: int) -> None:
         super().__init__()
-        if stem < 1:
-            raise ModelError(f"stem must be a positive number of channels, got {stem}")
         self.stem = ConvBNReLU(MAP_CHANNELS * UNSHUFFLE**2, stem, stride=2)
         self.widen = ConvBNReLU(stem, widths[0])
-        self.pyramid = FeaturePyramid(widths, depth)
+        self.pyramid = FeaturePyramid(*widths)
         self.describe = nn.Conv2d(widths[0], 2 * relation, 1)
 
     def forward(self, planes: Tensor) -> Tensor:
@@ -154,25 +142,16 @@ class Head(nn.Module):
 
 
 class FeaturePyramid(nn.Module):
-    """Down from 1/8 resolution to 1/64, and up again; `widths` and `depth` as for `EdgeNet`."""
+    """Down from 1/8 resolution to 1/64, and up again, with so many channels: (N, C, S/8, S/8) to the same."""
 
-    def __init__(self, widths: tuple[int, ...], depth: tuple[int, ...]) -> None:
+    def __init__(self, at8: int, at16: int, at32: int, at64: int) -> None:
         super().__init__()
-        if len(widths) != 4 or min(widths) < 1:
-            raise ModelError(f"widths must be four positive numbers of channels, got {widths}")
-        if len(depth) != 4 or min(depth) < 0 or depth[3] > 1:
-            raise ModelError(f"depth must be four numbers of at least 0, the last 0 or 1, got {depth}")
-        w8, w16, w32, w64 = widths
-        d16, d32, d64, up16 = depth
-        self.down16 = _down(w8, w16, d16)
-        self.down32 = _down(w16, w32, d32)
-        self.down64 = _down(w32, w64, d64)
-        self.up32 = Up(w64, w32, residual=False)
-        self.up16 = Up(w32, w16, residual=bool(up16))
-        self.up8 = Up(w16, w8, residual=False)
+        self.down16 = nn.Sequential(ConvBNReLU(at8, at16, stride=2))
+        self.down32 = nn.Sequential(ConvBNReLU(at16, at32, stride=2), Residual(at32))
+        self.down64 = nn.Sequential(ConvBNReLU(at32, at64, stride=2))
+        self.up32, self.up16, self.up8 = Up(at64, at32), Up(at32, at16), Up(at16, at8)
 
     def forward(self, at8: Tensor) -> Tensor:
-        """(N, W, S/8, S/8) to the same."""
         at16 = self.down16(at8)
         at32 = self.down32(at16)
         at32 = self.up32(self.down64(at32), at32)
@@ -189,25 +168,19 @@ class Residual(nn.Module):
         self.second = ConvBNReLU(channels, channels, relu=False)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Apply the block."""
         return functional.relu(x + self.second(self.first(x)))
 
 
 class Up(nn.Module):
     """Double the side of `deep` and add it to `shallow`, then convolve."""
 
-    def __init__(self, deep: int, shallow: int, residual: bool) -> None:
+    def __init__(self, deep: int, shallow: int) -> None:
         super().__init__()
         self.match = ConvBNReLU(deep, shallow, 1)
-        self.merge = Residual(shallow) if residual else ConvBNReLU(shallow, shallow)
+        self.merge = ConvBNReLU(shallow, shallow)
 
     def forward(self, deep: Tensor, shallow: Tensor) -> Tensor:
         """(N, D, H, W) and (N, C, 2H, 2W) to (N, C, 2H, 2W)."""
         doubled = functional.interpolate(self.match(deep), scale_factor=2, mode="nearest")
         merged: Tensor = self.merge(shallow + doubled)
         return merged
-
-
-def _down(inputs: int, outputs: int, residuals: int) -> nn.Sequential:
-    """Half the side, then so many residual blocks."""
-    return nn.Sequential(ConvBNReLU(inputs, outputs, stride=2), *(Residual(outputs) for _ in range(residuals)))

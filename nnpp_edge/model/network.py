@@ -1,5 +1,6 @@
-"""A network of any architecture behind one interface, and the query as it is shown it."""
+"""A network of any architecture behind one interface, the query as it is shown it, and what it costs."""
 
+import copy
 import math
 from collections.abc import Callable, Sequence
 
@@ -66,3 +67,24 @@ def encode(spec: Spec, start: Sequence[float], goal: Sequence[float]) -> NDArray
         else:
             plane[:] = np.hypot(axis[:, None] - row, axis - col) / (math.sqrt(2.0) * size)
     return out
+
+
+def count_macs(model: nn.Module, inputs: tuple[Tensor, ...]) -> int:
+    """Multiply-accumulates of the Conv2d and Linear layers in one forward pass over the whole batch of `inputs`.
+
+    Biases, normalisation (it folds), additions and pooling are left out. The model is copied and stays as it is.
+    """
+    counted = 0
+
+    def count(layer: nn.Module, _: object, output: Tensor) -> None:
+        nonlocal counted
+        assert isinstance(layer, nn.Conv2d | nn.Linear)
+        counted += output.numel() * layer.weight[0].numel()
+
+    copied = copy.deepcopy(model).eval()
+    for module in copied.modules():
+        if isinstance(module, nn.Conv2d | nn.Linear):
+            module.register_forward_hook(count)
+    with torch.no_grad():
+        copied(*inputs)
+    return counted

@@ -1,86 +1,89 @@
-"""The paper's network: a cost map, a start and a goal in; where the optimal path may pass, out."""
+"""The paper's network: a cost map, a start and a goal in; where the optimal path may pass, out.
 
-from collections.abc import Sequence
+NNPP (arXiv 2308.04792v3, section Network Structure), built from STDC (arXiv 2104.13188, "Rethinking BiSeNet for
+real-time semantic segmentation") and PP-LiteSeg (arXiv 2204.02681). The paper gives no channel counts; the decoder's
+are PP-LiteSeg-T's at full width.
+"""
 
+from itertools import pairwise
+
+import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
-from nnpp_edge.model.sppm import SCALES, SPPM
-from nnpp_edge.model.stdc import STDC
-from nnpp_edge.model.uafm import UAFM
 from nnpp_edge.runtime.errors import ModelError
 
 INPUT_CHANNELS = 3
+SCALES = (1, 2, 4)
 SIZE_STEP = 32 * max(SCALES)
 PRIOR_LOGIT = -2.0
+"""Of an untrained network: a path covers few cells, and the many empty ones should not rule the first steps."""
+
+
+class Conv2d(nn.Conv2d):
+    """torch's, which computes one that is strided and depthwise in float32 on a CPU.
+
+    oneDNN has no fast gradient of it in bfloat16: three took half of a training step of the paper's network.
+    """
+
+    def forward(self, input: Tensor) -> Tensor:
+        if self.groups == 1 or self.stride == (1, 1) or not torch.is_autocast_enabled("cpu"):
+            return super().forward(input)
+        with torch.autocast("cpu", enabled=False):
+            return super().forward(input.float())
+
+
+class ConvBNReLU(nn.Sequential):
+    """Convolution without bias, batch normalisation, ReLU (or not); padded so that stride 1 keeps the size.
+
+    The normalisation carries the bias and folds into the convolution on export: one node of an int8 graph.
+    """
+
+    def __init__(
+        self, inputs: int, outputs: int, kernel: int = 3, stride: int = 1, *, groups: int = 1, relu: bool = True
+    ) -> None:
+        convolution = Conv2d(inputs, outputs, kernel, stride, kernel // 2, groups=groups, bias=False)
+        super().__init__(convolution, nn.BatchNorm2d(outputs), *([nn.ReLU(inplace=True)] if relu else []))
 
 
 class NNPP(nn.Module):
-    """STDC encoder, simple pyramid pooling, a decoder of two attention fusions, a classifier of one channel.
+    """STDC1 encoder, simple pyramid pooling, a decoder of two attention fusions, a classifier of one channel.
 
     Parameters
     ----------
     input_size : int
         Side S of the input; a multiple of 128 (1/32 of it is pooled to 4×4).
     width : int
-        Channels after the encoder's second stage; even. 64 is the paper's full width.
-    depth : three ints
-        STDC modules in stages 3, 4 and 5: (2, 2, 2) is STDC1, (4, 5, 3) is STDC2.
-    decoder_channels : three ints, optional
-        Channels of the decoder at 1/32, 1/16 and 1/8 resolution. By default width × (2, 1, 1/2), which at
-        full width is PP-LiteSeg-T's 128, 64, 32.
-
-    Raises
-    ------
-    ModelError
-        A size, width, depth or decoder that the network cannot be built with.
+        Channels after the encoder's second stage; a multiple of 2. 64 is the paper's full width.
 
     Notes
     -----
-    NNPP (arXiv 2308.04792v3, section Network Structure), built from STDC (arXiv 2104.13188) and PP-LiteSeg
-    (arXiv 2204.02681). The paper gives no channel counts; the decoder's are PP-LiteSeg's.
-
-    We depart in the resolution of the output: the output is at 1/8, where the decoder ends, and
-    nothing enlarges it. A region is wider than a cell, and whoever reads it looks up its cell in the
-    small map. Pooling and enlarging are of fixed size: see `SPPM` and `UAFM`.
+    The output is at 1/8, where the decoder ends, and nothing enlarges it: a region is wider than a cell, and whoever
+    reads it looks up its cell in the small map. Averages and features are repeated to full size (nearest) where
+    PP-LiteSeg interpolates: the 3×3 convolutions smooth the seams, and int8 values stay as they are.
     """
 
-    def __init__(
-        self,
-        input_size: int = 256,
-        width: int = 64,
-        depth: Sequence[int] = (2, 2, 2),
-        decoder_channels: Sequence[int] | None = None,
-    ) -> None:
+    def __init__(self, input_size: int = 256, width: int = 64) -> None:
         super().__init__()
         if input_size < SIZE_STEP or input_size % SIZE_STEP:
             raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {input_size}")
-        self.backbone = STDC(width, depth, INPUT_CHANNELS)
-        if decoder_channels is None:
-            decoder_channels = (2 * width, width, width // 2)
-        if len(decoder_channels) != 3 or min(decoder_channels) < 1:
-            raise ModelError(f"decoder_channels must be three positive numbers, got {decoder_channels}")
-        at32, at16, at8 = decoder_channels
+        if width < 2 or width % 2:
+            raise ModelError(f"width must be a positive even number, got {width}")
         self.input_size = input_size
-        stage3, stage4, stage5 = self.backbone.out_channels
-        self.context = SPPM(stage5, at32, input_size // 32)
-        self.fuse4 = UAFM(at32, stage4, at16)
-        self.fuse3 = UAFM(at16, stage3, at8)
-        self.classifier = nn.Conv2d(at8, 1, 3, padding=1)
-        _initialise(self)
+        self.backbone = STDC(width)
+        self.context = SPPM(16 * width, 2 * width, input_size // 32)
+        self.fuse4 = UAFM(2 * width, 8 * width, width)
+        self.fuse3 = UAFM(width, 4 * width, width // 2)
+        self.classifier = nn.Conv2d(width // 2, 1, 3, padding=1)
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d):
+                nn.init.kaiming_normal_(module.weight, mode="fan_in", nonlinearity="relu")
+        nn.init.normal_(self.classifier.weight, std=0.01)
+        assert self.classifier.bias is not None
+        nn.init.constant_(self.classifier.bias, PRIOR_LOGIT)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Logits of the probability that the optimal path passes.
-
-        Parameters
-        ----------
-        x : (N, 3, S, S) float32
-            cost, start_map and goal_map, each in [0, 1].
-
-        Returns
-        -------
-        (N, 1, S/8, S/8) float32
-            Logits. The sigmoid belongs to the loss while training and to the exported graph afterwards.
-        """
+        """Logits (N, 1, S/8, S/8) for (N, 3, S, S): cost, start_map and goal_map, each in [0, 1]."""
         if x.shape[1:] != (INPUT_CHANNELS, self.input_size, self.input_size):
             wanted = f"(N, {INPUT_CHANNELS}, {self.input_size}, {self.input_size})"
             raise ModelError(f"input must be {wanted}, got {tuple(x.shape)}")
@@ -90,15 +93,113 @@ class NNPP(nn.Module):
         return logits
 
 
-def _initialise(network: NNPP) -> None:
-    """Kaiming for the convolutions; a classifier that starts at a low probability everywhere.
+class STDC(nn.Module):
+    """Short-term dense concatenation: five stages, each halves the resolution (STDC, Table 2, no classifier).
 
-    A path covers few cells: starting near their share (sigmoid(-2) = 0.12) keeps the many empty cells from
-    ruling the first steps.
+    Stages 1 to 5 have width × (1/2, 1, 4, 8, 16) channels, stages 3 to 5 two modules each.
     """
-    for module in network.modules():
-        if isinstance(module, nn.Conv2d):
-            nn.init.kaiming_normal_(module.weight, mode="fan_in", nonlinearity="relu")
-    nn.init.normal_(network.classifier.weight, std=0.01)
-    assert network.classifier.bias is not None
-    nn.init.constant_(network.classifier.bias, PRIOR_LOGIT)
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.stage1 = ConvBNReLU(INPUT_CHANNELS, width // 2, 3, stride=2)
+        self.stage2 = ConvBNReLU(width // 2, width, 3, stride=2)
+        self.stage3 = self._stage(width, 4 * width)
+        self.stage4 = self._stage(4 * width, 8 * width)
+        self.stage5 = self._stage(8 * width, 16 * width)
+
+    @staticmethod
+    def _stage(inputs: int, outputs: int) -> nn.Sequential:
+        return nn.Sequential(STDCModule(inputs, outputs, stride=2), STDCModule(outputs, outputs))
+
+    def forward(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Features of stages 3, 4 and 5 for (N, 3, H, W): at 1/8, 1/16 and 1/32 of H and W."""
+        stage3 = self.stage3(self.stage2(self.stage1(x)))
+        stage4 = self.stage4(stage3)
+        return stage3, stage4, self.stage5(stage4)
+
+
+class STDCModule(nn.Module):
+    """Four convolutions in a row, 1/2, 1/4, 1/8 and 1/8 of `outputs` wide, concatenated (STDC, Fig. 3 b and c).
+
+    The first is 1×1 and stays at full resolution; at stride 2 a depthwise 3×3 takes it down for the second one, and
+    an average over 3×3 for the concatenation.
+    """
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
+        super().__init__()
+        widths = [outputs // part for part in (2, 4, 8, 8)]
+        self.first = ConvBNReLU(inputs, widths[0], 1)
+        self.shortcut: nn.Module = nn.Identity()
+        self.down: nn.Module = nn.Identity()
+        if stride == 2:
+            self.shortcut = nn.AvgPool2d(3, stride=2, padding=1)
+            self.down = ConvBNReLU(widths[0], widths[0], 3, stride=2, groups=widths[0], relu=False)
+        self.rest = nn.ModuleList(ConvBNReLU(wider, narrower, 3) for wider, narrower in pairwise(widths))
+
+    def forward(self, x: Tensor) -> Tensor:
+        first = self.first(x)
+        outputs = [self.shortcut(first)]
+        x = self.down(first)
+        for convolution in self.rest:
+            x = convolution(x)
+            outputs.append(x)
+        return torch.cat(outputs, dim=1)
+
+
+class SPPM(nn.Module):
+    """Simple pyramid pooling: averages over 1×1, 2×2 and 4×4 parts of the map, projected, repeated and summed.
+
+    (N, inputs, size, size) to (N, outputs, size, size). The pyramid pooling of PSPNet with three scales in place of
+    four, and no concatenation with the input; the sum and the convolution after it are PP-LiteSeg's (section 3.3).
+    Both pool adaptively: fixed kernels give the same figures, and export to ONNX. While training, the 1×1 branch has
+    one value per map to normalise over: it needs a batch of two or more.
+    """
+
+    def __init__(self, inputs: int, outputs: int, size: int) -> None:
+        super().__init__()
+        self.factors = tuple(size // scale for scale in SCALES)
+        self.pools = nn.ModuleList(nn.AvgPool2d(factor) for factor in self.factors)
+        self.branches = nn.ModuleList(ConvBNReLU(inputs, outputs, 1) for _ in SCALES)
+        self.out = ConvBNReLU(outputs, outputs, 3)
+
+    def forward(self, x: Tensor) -> Tensor:
+        whole, *parts = (
+            functional.interpolate(branch(pool(x)), scale_factor=float(factor), mode="nearest")
+            for pool, branch, factor in zip(self.pools, self.branches, self.factors, strict=True)
+        )
+        for part in parts:
+            whole = whole + part
+        pooled: Tensor = self.out(whole)
+        return pooled
+
+
+class UAFM(nn.Module):
+    """Unified attention fusion (PP-LiteSeg, section 3.2): coarse features come up by two, fused with the encoder's.
+
+    high (N, high, H, W) and low (N, low, 2H, 2W) to (N, outputs, 2H, 2W).
+    """
+
+    def __init__(self, high: int, low: int, outputs: int) -> None:
+        super().__init__()
+        self.reduce = ConvBNReLU(low, high, 3)
+        self.attention = SpatialAttention()
+        self.out = ConvBNReLU(high, outputs, 3)
+
+    def forward(self, high: Tensor, low: Tensor) -> Tensor:
+        up = functional.interpolate(high, scale_factor=2.0, mode="nearest")
+        low = self.reduce(low)
+        fused: Tensor = self.out(low + self.attention(up, low) * (up - low))  # alpha · up + (1 - alpha) · low
+        return fused
+
+
+class SpatialAttention(nn.Module):
+    """Weight (N, 1, H, W) in [0, 1] of the coarse features, from the mean and maximum over channels of both."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.hidden = ConvBNReLU(4, 2, 3)
+        self.weight = ConvBNReLU(2, 1, 3, relu=False)
+
+    def forward(self, up: Tensor, low: Tensor) -> Tensor:
+        statistics = [y for x in (up, low) for y in (x.mean(dim=1, keepdim=True), x.amax(dim=1, keepdim=True))]
+        return torch.sigmoid(self.weight(self.hidden(torch.cat(statistics, dim=1))))

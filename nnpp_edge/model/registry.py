@@ -15,13 +15,10 @@ ENCODINGS = {"edge": ("ends",), "nnpp": ("gaussian", "euclidean", "pixel")}
 OUTPUT_STRIDES = {"edge": 4, "nnpp": 8}
 """Cells of the input to the side of a block of the output."""
 
-FORMER_NAMES = {"split": "edge"}
-"""Names of architectures in older checkpoints and model files, each with today's name."""
-
 
 def architecture_name(stored: str) -> str:
-    """Today's name of an architecture that a file names."""
-    return FORMER_NAMES.get(stored, stored)
+    """Today's name of an architecture that an older checkpoint or model file names."""
+    return {"split": "edge"}.get(stored, stored)
 
 
 @dataclass(frozen=True)
@@ -41,12 +38,11 @@ class Spec:
     def __post_init__(self) -> None:
         """Fill in the defaults and check."""
         name = architecture_name(self.architecture)
-        known = ENCODINGS.get(name)
-        if known is None:
+        if name not in ENCODINGS:
             raise ModelError(f"architecture must be one of {', '.join(ENCODINGS)}, got {self.architecture!r}")
-        encoding = self.encoding or known[0]
-        if encoding not in known:
-            raise ModelError(f"encoding of {name} must be one of {', '.join(known)}, got {encoding!r}")
+        encoding = self.encoding or ENCODINGS[name][0]
+        if encoding not in ENCODINGS[name]:
+            raise ModelError(f"encoding of {name} must be one of {', '.join(ENCODINGS[name])}, got {encoding!r}")
         options = {key: tuple(v) if isinstance(v, Sequence) else v for key, v in self.options.items()}
         for key, value in {"architecture": name, "encoding": encoding, "options": options}.items():
             object.__setattr__(self, key, value)
@@ -61,10 +57,5 @@ PRESETS = {
     "edge": Spec("edge", input_size=64),
     "nnpp-w16": Spec("nnpp", options={"width": 16}),
     "nnpp": Spec("nnpp", options={"width": 64}),
-    "nnpp-stdc2": Spec("nnpp", options={"width": 64, "depth": (4, 5, 3)}),
 }
-"""``edge`` runs its encoder once for each map and a small head for each query. ``nnpp`` is the paper's network at
-full width, ``nnpp-w16`` the same at a quarter of it, ``nnpp-stdc2`` the same with the deeper backbone."""
-
-PASSAGE_OPTIONS: dict[str, int | Sequence[int]] = {"widths": (32, 32, 32), "kernels": (3, 3, 3), "mixtures": 4}
-"""Of `PassageNet`, which is told a vehicle instead of start and goal, and needs no `Spec`."""
+"""``edge`` runs its encoder once for each map and a small head for each query; ``nnpp`` is the paper's network."""

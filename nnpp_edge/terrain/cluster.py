@@ -12,7 +12,6 @@ from nnpp_edge import __version__
 from nnpp_edge.runtime.errors import NnppEdgeError, optional_module
 from nnpp_edge.terrain.dataset import Shards
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.passage import PassageRecipe
 from nnpp_edge.terrain.shards import Recipe, shard_content
 
 WORKER_WAIT_S = 60.0
@@ -23,9 +22,7 @@ class ClusterError(NnppEdgeError, ConnectionError):
     """A Dask cluster that cannot be reached, or whose workers cannot make a data set."""
 
 
-def shards_on_cluster(
-    address: str, recipe: Recipe | PassageRecipe, tiles: Sequence[Dem], indices: Sequence[int]
-) -> Shards:
+def shards_on_cluster(address: str, recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int]) -> Shards:
     """Make shards on the workers of a Dask cluster, and bring them here.
 
     Parameters
@@ -90,7 +87,7 @@ def _receive(tiles: Sequence[Dem]) -> Sequence[Dem]:
     return tiles
 
 
-def _make(version: str, recipe: Recipe | PassageRecipe, tiles: Sequence[Dem], index: int) -> bytes:
+def _make(version: str, recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
     """One shard's file, compressed; refused on a worker of another version, which might draw other samples."""
     if version != __version__:
         raise ClusterError(f"wanted workers with nnpp-edge {version}, got one with {__version__}")

@@ -18,11 +18,17 @@ if TYPE_CHECKING:
 
 Points = npt.NDArray[np.float64]
 """(N, 2) x and y, or longitude and latitude in degrees."""
-Metres = npt.NDArray[np.float64]
 WGS84 = "EPSG:4326"
-_GRAVITY = {6_378_137.0: 9.80665, 1_737_400.0: 1.62, 3_396_190.0: 3.71, 2_440_530.0: 3.70, 6_051_800.0: 8.87}
-_GRAVITY |= {482_000.0: 0.28, 2_575_000.0: 1.35}
-"""m/s² by the semi-major axis of the Earth, the Moon, Mars, Mercury, Venus, Ceres and Titan."""
+_GRAVITY = {
+    6_378_137.0: 9.80665,  # the Earth
+    1_737_400.0: 1.62,  # the Moon
+    3_396_190.0: 3.71,  # Mars
+    2_440_530.0: 3.70,  # Mercury
+    6_051_800.0: 8.87,  # Venus
+    482_000.0: 0.28,  # Ceres
+    2_575_000.0: 1.35,  # Titan
+}
+"""m/s² by the semi-major axis of a body."""
 _SAME_BODY = 0.007
 """Share by which radii of a body differ: Mars has 3,376.2 km at its poles."""
 _MEASURED_M = 100.0
@@ -37,23 +43,17 @@ def lonlat_on_map(place: Place, points: Points) -> Points:
     Raises InvalidQueryError where the map has no coordinate system, or a point no place in it.
     """
     own = _system_of(place.georeference, place.source)
-    try:
-        return _moved(points, _pyproj().CRS.from_user_input(WGS84), own)
-    except InvalidQueryError:
-        if own.geodetic_crs is None or not _other_body(own):
-            raise
-    return _moved(points, own.geodetic_crs, own)
+    return _moved(points, _lonlat_system(own), own)
 
 
-def on_map(place: Place, points: Points, crs: str, source: str) -> tuple[Points, str]:
-    """Map coordinates of points in a layer's system, and a word on it where that is not the map's; `source` has them.
+def lonlat_corners(place: Place) -> Points:
+    """(4, 2) longitudes and latitudes of the middles of a map's corner cells, as `lonlat_on_map` takes them.
 
-    Raises InvalidQueryError where the map has no coordinate system, or a point no place in it.
+    Raises InvalidQueryError where the map has no coordinate system, or a corner no place on the globe.
     """
-    own, theirs = _system_of(place.georeference, place.source), _pyproj().CRS.from_user_input(crs)
-    if own.equals(theirs, ignore_axis_order=True):
-        return points, ""
-    return _moved(points, theirs, own), f"{source}: reprojected from {theirs.name} to {own.name}"
+    own, (rows, cols) = _system_of(place.georeference, place.source), place.shape
+    corners = np.array([place.map_coordinates(row, col) for row in (0, rows - 1) for col in (0, cols - 1)])
+    return _moved(corners, own, _lonlat_system(own))
 
 
 def lonlat_of(place: Place, points: Points) -> Points:
@@ -67,15 +67,15 @@ def lonlat_of(place: Place, points: Points) -> Points:
     return _moved(points, own, _pyproj().CRS.from_user_input(WGS84))
 
 
-def lonlat_corners(place: Place) -> Points:
-    """(4, 2) longitudes and latitudes of the middles of a map's corner cells, as `lonlat_on_map` takes them.
+def on_map(place: Place, points: Points, crs: str, source: str) -> tuple[Points, str]:
+    """Map coordinates of points in a layer's system, and a word on it where that is not the map's; `source` has them.
 
-    Raises InvalidQueryError where the map has no coordinate system, or a corner no place on the globe.
+    Raises InvalidQueryError where the map has no coordinate system, or a point no place in it.
     """
-    own, (rows, cols) = _system_of(place.georeference, place.source), place.shape
-    corners = np.array([place.map_coordinates(row, col) for row in (0, rows - 1) for col in (0, cols - 1)])
-    geodetic = own.geodetic_crs if _other_body(own) else None
-    return _moved(corners, own, geodetic or _pyproj().CRS.from_user_input(WGS84))
+    own, theirs = _system_of(place.georeference, place.source), _pyproj().CRS.from_user_input(crs)
+    if own.equals(theirs, ignore_axis_order=True):
+        return points, ""
+    return _moved(points, theirs, own), f"{source}: reprojected from {theirs.name} to {own.name}"
 
 
 def gravity_of(place: Place) -> float | None:
@@ -135,7 +135,7 @@ def cell_on_ground(source: Path, place: Georeference, shape: tuple[int, ...], *,
     return size, width
 
 
-def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: float) -> Metres:
+def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: float) -> Points:
     """(4, 9) metres of ground along a column, a row and both diagonals of cells: at the rim, the fifth at the middle.
 
     They are measured on a `share` of a cell; NaN where the map leaves the globe.
@@ -151,7 +151,7 @@ def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: 
         lon, lat = _transformer(system.to_wkt(), globe.to_wkt()).transform(x, y)
         known = np.abs(lat * radians) <= 0.5 * math.pi
         ends += [np.where(known, angles * radians, math.nan) for angles in (lon, lat)]
-    return np.asarray(geod.inv(ends[0], ends[1], ends[2], ends[3], radians=True)[2]) / share
+    return np.asarray(geod.inv(*ends, radians=True)[2]) / share
 
 
 def _pyproj() -> ModuleType:
@@ -170,6 +170,12 @@ def _system_of(place: Georeference | None, source: Path) -> "CRS":
     return found
 
 
+def _lonlat_system(own: "CRS") -> "CRS":
+    """In which a map's longitudes and latitudes are given: WGS 84 on the Earth, elsewhere the system's own globe."""
+    wgs84: CRS = _pyproj().CRS.from_user_input(WGS84)
+    return own.geodetic_crs or wgs84 if _other_body(own) else wgs84
+
+
 def _other_body(system: "CRS") -> bool:
     """Whether a system is another body's than the Earth: then there is no way from WGS 84."""
     try:
@@ -181,10 +187,9 @@ def _other_body(system: "CRS") -> bool:
 
 def _moved(points: Points, begin: "CRS", end: "CRS") -> Points:
     """The same points in another system; InvalidQueryError where there is no way, or one has no place there."""
-    pyproj = _pyproj()
     try:
         transformer = _transformer(begin.to_wkt(), end.to_wkt())
-    except pyproj.exceptions.ProjError:
+    except _pyproj().exceptions.ProjError:
         raise InvalidQueryError(f"there is no way from {begin.name} to {end.name}: they are of two bodies") from None
     found = np.column_stack(transformer.transform(*points.T))
     if len(lost := np.flatnonzero(~np.isfinite(found).all(1))):

@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.passage import PassageRecipe, check_passage_shard
 from nnpp_edge.terrain.shards import Recipe, left_out, read_terrain, shard_content
 
-FORMAT, PASSAGE_FORMAT = "nnpp-edge-dataset-1", "nnpp-edge-passage-1"
-"""Of data sets with queries, and of those with the poses of vehicles."""
+FORMAT = "nnpp-edge-dataset-1"
 RECIPE_FILE = "dataset.json"
 
 Shards = Generator[tuple[int, bytes], None, None]
@@ -87,12 +85,12 @@ class Samples:
 
 
 def make_dataset(
-    recipe: Recipe | PassageRecipe,
+    recipe: Recipe,
     folder: Path,
     *,
     workers: int | None = None,
     part: tuple[int, int] = (1, 1),
-    make: Callable[[Recipe | PassageRecipe, Sequence[Dem], Sequence[int]], Shards] | None = None,
+    make: Callable[[Recipe, Sequence[Dem], Sequence[int]], Shards] | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, int]:
     """Write what is missing of a data set.
@@ -133,7 +131,7 @@ def make_dataset(
     wanted = [i for i in range(recipe.shards) if i % n == k - 1]
     missing = [i for i in wanted if not _shard_path(folder, i).exists()]
     tiles = read_terrain(recipe) if missing else []
-    if isinstance(recipe, Recipe) and (sides := left_out(recipe, tiles)):
+    if sides := left_out(recipe, tiles):
         names = " and ".join(f"{side}²" for side in sides)
         warnings.warn(f"the terrain has no room for maps of {names} cells: they are left out", stacklevel=2)
     make_folder(folder)
@@ -149,25 +147,20 @@ def make_dataset(
 
 def describe(folder: Path) -> dict[str, int]:
     """The counts that `make_dataset` returns, of what a data set's folder holds."""
-    recipe = read_any_recipe(folder)
+    recipe = read_recipe(folder)
     shards = maps = queries = 0
     for shard in read_shards(folder, recipe):
-        queried = isinstance(recipe, Recipe)
-        shards, maps = shards + 1, maps + len(shard["planes" if queried else "heights"])
-        queries += len(shard["map_index"]) if queried else 0
+        shards, maps, queries = shards + 1, maps + len(shard["planes"]), queries + len(shard["map_index"])
     return {"shards": shards, "of": recipe.shards, "maps": maps, "queries": queries}
 
 
-def read_shards(folder: Path, recipe: Recipe | PassageRecipe) -> Iterator[Arrays]:
+def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
     """The arrays of each shard in the folder, by name; DataSetError for one that is damaged or of another recipe."""
     for path in sorted(folder.glob("shard-*.npz")):
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
                 shard = {name: content[name] for name in content.files}
-            if isinstance(recipe, Recipe):
-                _check_shard(shard, recipe)
-            else:
-                check_passage_shard(shard, recipe)
+            _check_shard(shard, recipe)
         except Exception as error:  # NumPy meets bad bytes with nearly every kind there is
             reason = " ".join(str(error).split()) or type(error).__name__
             raise DataSetError(
@@ -199,32 +192,16 @@ def _check_shard(shard: Arrays, recipe: Recipe) -> None:
 
 
 def read_recipe(folder: Path) -> Recipe:
-    """The recipe in the folder of a data set with queries; DataSetError if there is none."""
-    recipe = read_any_recipe(folder)
-    if not isinstance(recipe, Recipe):
-        raise DataSetError(f"{folder}: wanted a data set of format {FORMAT}, got one for passage networks")
-    return recipe
-
-
-def read_any_recipe(folder: Path) -> Recipe | PassageRecipe:
     """The recipe in a data set's folder; DataSetError if there is none."""
     try:
         stored = msgspec.json.decode((folder / RECIPE_FILE).read_bytes(), type=dict[str, object])
-        kind = stored.pop("format", None)
-        if kind == PASSAGE_FORMAT:
-            return msgspec.convert(stored, PassageRecipe)
-        if kind != FORMAT:
+        if stored.pop("format", None) != FORMAT:
             raise DataSetError(f"{folder}: wanted a data set of format {FORMAT}")
         return msgspec.convert(stored, Recipe)
     except (OSError, RecursionError, ValueError, msgspec.MsgspecError) as error:
         if isinstance(error, DataSetError):
             raise
         raise DataSetError(f"{folder}: wanted a data set's folder with {RECIPE_FILE}, got {error}") from error
-
-
-def has_poses(folder: Path) -> bool:
-    """Whether a folder holds a data set for passage networks; DataSetError if it holds none at all."""
-    return isinstance(read_any_recipe(folder), PassageRecipe)
 
 
 def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None = None) -> Samples:
@@ -254,14 +231,13 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
     return Samples.of({name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
-def _claim(recipe: Recipe | PassageRecipe, folder: Path) -> None:
+def _claim(recipe: Recipe, folder: Path) -> None:
     """Write the recipe into the folder, or check that the one there is the same: one without shards is replaced."""
     path = folder / RECIPE_FILE
     if not path.exists() or not any(folder.glob("shard-*.npz")):
-        kind = FORMAT if isinstance(recipe, Recipe) else PASSAGE_FORMAT
-        stored = {"format": kind, **msgspec.structs.asdict(recipe)}
+        stored = {"format": FORMAT, **msgspec.structs.asdict(recipe)}
         write_whole(path, msgspec.json.format(msgspec.json.encode(stored), indent=1))
-    elif read_any_recipe(folder) != recipe:
+    elif read_recipe(folder) != recipe:
         raise DataSetError(f"{folder}: holds a data set made by another recipe; give another folder")
 
 
@@ -269,13 +245,11 @@ def _shard_path(folder: Path, index: int) -> Path:
     return folder / f"shard-{index:05d}.npz"
 
 
-_recipe: Recipe | PassageRecipe
+_recipe: Recipe
 _tiles: Sequence[Dem]
 
 
-def _shards_here(
-    recipe: Recipe | PassageRecipe, tiles: Sequence[Dem], indices: Sequence[int], workers: int | None
-) -> Shards:
+def _shards_here(recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int], workers: int | None) -> Shards:
     """Number and content of each shard as it is done, by processes on this machine."""
     context = multiprocessing.get_context("spawn")
     workers = workers or len(os.sched_getaffinity(0))
@@ -291,7 +265,7 @@ def _shards_here(
             pool.shutdown(cancel_futures=True)
 
 
-def _start_worker(recipe: Recipe | PassageRecipe, tiles: Sequence[Dem]) -> None:
+def _start_worker(recipe: Recipe, tiles: Sequence[Dem]) -> None:
     global _recipe, _tiles
     _recipe, _tiles = recipe, tiles
 

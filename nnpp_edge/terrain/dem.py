@@ -1,10 +1,11 @@
 """Digital elevation models: read from the files that space agencies and surveyors publish, and written back.
 
-GeoTIFF, PDS3 (`.img`, `.lbl`), ESRI ASCII grid and others (`gdal_files`) go through rasterio, which only these need;
-NumPy arrays and 16-bit PNGs do not.
+Rasters (`gdal_files.FORMATS`) go through rasterio; NumPy arrays need none.
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,16 +14,16 @@ import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.arrays import Float2D, unmasked
+from nnpp_edge.runtime.arrays import unmasked
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, TerrainError
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
-from nnpp_edge.terrain.array_files import read_arrays, read_png
+from nnpp_edge.terrain.array_files import read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
 from nnpp_edge.terrain.georeference import Georeference, Place
-from nnpp_edge.terrain.heights import Window, check_grid, metres
+from nnpp_edge.terrain.heights import Window, check_grid, known_heights, metres
 from nnpp_edge.terrain.rasters import geotiff_bytes, read_raster
 
-_FARTHEST_M = 1e9
+ARRAY_ENDINGS = (".npy", ".npz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +76,9 @@ class Dem(Place):
         """
         check_option("cell size", cell_size_m)
         factor = cell_size_m / self.cell_size_m
-        elevation = metres(self.elevation, factor, 0.0)
+        width = self.cell_width_m * factor
         return replace(
-            self, elevation=elevation, cell_size_m=float(cell_size_m), cell_width_m=self.cell_width_m * factor
+            self, elevation=metres(self.elevation, factor), cell_size_m=float(cell_size_m), cell_width_m=width
         )
 
 
@@ -89,7 +90,7 @@ def read_dem(
     *,
     allow_vrt: bool = False,
 ) -> Dem:
-    """Read an elevation map; the ending `.npy`, `.npz` or `.png` decides, all else is GDAL's.
+    """Read an elevation map; `.npy` and `.npz` are told by their ending, all else is GDAL's.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ def read_dem(
         A raster of one band in one of `gdal_files.FORMATS` (for a PDS3 `.img` with a `.lbl` beside it, the label is
         opened), whatever its name; files and addresses that it names elsewhere are not opened;
         a 2-D `.npy`; an `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D array, and perhaps
-        `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`; a grey 16-bit PNG.
+        `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`.
     cell_size_m : float, optional
         Side of a cell, north-south. Wins over the file's; the ratio of width to height is kept.
     vertical_scale : float, optional
@@ -134,22 +135,23 @@ def read_dem(
     that sphere and keep float32's precision.
     """
     path = Path(path)
-    check_option("cell size", cell_size_m)
-    check_option("vertical scale", vertical_scale)
-    if (problem := problem_with_file(path)) is not None:
-        raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
-    gdal = partial(read_raster, allow_vrt=allow_vrt)
-    read = {".npy": read_arrays, ".npz": read_arrays, ".png": read_png}.get(path.suffix.lower(), gdal)
-    with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
+    arrays = path.suffix.lower() in ARRAY_ENDINGS
+    read = read_arrays if arrays else partial(read_raster, allow_vrt=allow_vrt)
+    with checked_file(path, cell_size_m, vertical_scale):
         elevation, cell, georeference = read(path, vertical_scale, window)
     sides = cell_sides(path, elevation.shape, cell, georeference, cell_size_m)
     return Dem(known_heights(elevation), *sides, georeference, path)
 
 
-def known_heights(elevation: Float2D) -> Float2D:
-    """The same array, with NaN for infinities and for heights beyond 1e9 m."""
-    elevation[~(np.abs(elevation) < _FARTHEST_M)] = np.nan
-    return elevation
+@contextmanager
+def checked_file(path: Path, cell_size_m: float | None, vertical_scale: float | None) -> Iterator[None]:
+    """Refuse options that make no sense and what is no file; whatever is raised meanwhile becomes a TerrainError."""
+    check_option("cell size", cell_size_m)
+    check_option("vertical scale", vertical_scale)
+    if (problem := problem_with_file(path)) is not None:
+        raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
+    with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
+        yield
 
 
 def cell_sides(

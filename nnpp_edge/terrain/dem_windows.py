@@ -9,13 +9,13 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
-from nnpp_edge.terrain.dem import cell_sides, check_option, known_heights
+from nnpp_edge.terrain.dem import ARRAY_ENDINGS, cell_sides, checked_file
 from nnpp_edge.terrain.georeference import Georeference, Place
-from nnpp_edge.terrain.heights import metres
+from nnpp_edge.terrain.heights import known_heights, metres
 from nnpp_edge.terrain.rasters import Raster, opened_raster
 
-_WHOLE_FILES = (".npy", ".npz", ".png")
-"""Endings of files that rasterio does not read."""
+_STREAMS = {"AAIGrid": "as text", "PNG": "as one stream"}
+"""Drivers whose files can only be read from the beginning on."""
 _MOST_BLOCK_BYTES = 1 << 28
 """Of the blocks of a row of them, which are in memory at once."""
 
@@ -49,15 +49,14 @@ class DemWindows(Place):
         """(rows, cols) float32 heights of a rectangle, as `read_dem` gives them; TerrainError for a broken file."""
         with refused_as(TerrainError, f"{self.source}: cells {part} could not be read"):
             heights = known_heights(self.raster.heights(part))
-        return heights if self.scale == 1.0 else metres(heights, self.scale, 0.0)
+        return heights if self.scale == 1.0 else metres(heights, self.scale)
 
 
 def size_of(path: Path, *, allow_vrt: bool = False) -> tuple[int, int] | None:
     """Rows and columns of a raster, by its header; None for a file that only `read_dem` reads, or none at all."""
-    if path.suffix.lower() in _WHOLE_FILES or problem_with_file(path) is not None:
+    if path.suffix.lower() in (*ARRAY_ENDINGS, ".png") or problem_with_file(path) is not None:
         return None
-    refused = refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read")
-    with refused, opened_raster(path, None, allow_vrt) as raster:
+    with checked_file(path, None, None), opened_raster(path, None, allow_vrt) as raster:
         return raster.shape
 
 
@@ -85,27 +84,18 @@ def open_dem(
         As `read_dem`, but for cells that are broken, which `DemWindows.read` meets; or the raster is stored in blocks
         too large to be read one at a time.
     """
-    check_option("cell size", cell_size_m)
-    check_option("vertical scale", vertical_scale)
     path = Path(path)
-    if (problem := problem_with_file(path)) is not None:
-        raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
     with ExitStack() as stack:
-        with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
+        with checked_file(path, cell_size_m, vertical_scale):
             raster = stack.enter_context(opened_raster(path, vertical_scale, allow_vrt, by_windows=True))
-            _check_blocks(path, raster)
+            row_of_blocks = raster.block[0] * max(raster.shape[1], raster.block[1]) * raster.dtype.itemsize
+            if raster.driver in _STREAMS or row_of_blocks > _MOST_BLOCK_BYTES:
+                stored = _STREAMS.get(raster.driver, "in blocks of {} × {} cells".format(*raster.block))
+                raise TerrainError(
+                    f"{path}: wanted a raster that can be read by windows, got one stored {stored}: "
+                    "make it tiled with gdal_translate -of COG"
+                )
             georeference = raster.place((0, 0, *raster.shape))
         size, width = cell_sides(path, raster.shape, None, georeference, cell_size_m)
         factor = 1.0 if rescale_m is None else rescale_m / size
         yield DemWindows(size * factor, width * factor, georeference, path, raster, factor)
-
-
-def _check_blocks(path: Path, raster: Raster) -> None:
-    """Refuse what can only be read as a whole, or nearly so."""
-    wanted = raster.block[0] * max(raster.shape[1], raster.block[1]) * raster.dtype.itemsize
-    if raster.driver == "AAIGrid" or wanted > _MOST_BLOCK_BYTES:
-        stored = "as text" if raster.driver == "AAIGrid" else "in blocks of {} × {} cells".format(*raster.block)
-        raise TerrainError(
-            f"{path}: wanted a raster that can be read by windows, got one stored {stored}: "
-            "make it tiled with gdal_translate -of COG"
-        )

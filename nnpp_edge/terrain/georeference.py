@@ -1,7 +1,7 @@
 """Where the cells of a map lie: from cells to map coordinates and back."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
@@ -40,6 +40,11 @@ class Georeference:
             raise InvalidQueryError(f"map coordinates must be finite and near the map, got ({x:g}, {y:g})")
         return math.floor(row), math.floor(col)
 
+    def of_part(self, row0: int, col0: int) -> "Georeference":
+        """The georeference of the part of the map that begins with this cell."""
+        a, b, c, d, e, f = self.transform
+        return replace(self, transform=(a, b, a * col0 + b * row0 + c, d, e, d * col0 + e * row0 + f))
+
 
 class Place:
     """Where a map lies, and how large its cells are: what maps in memory and maps read by windows share."""
@@ -73,7 +78,6 @@ class Place:
         return self._located().cell_of(x, y)
 
     def _located(self) -> Georeference:
-        """The georeference, or the error that it lacks."""
         if self.georeference is None:
             raise InvalidQueryError(f"{self.source}: map coordinates need a georeference, the file has none")
         return self.georeference

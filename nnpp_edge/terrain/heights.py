@@ -1,4 +1,4 @@
-"""What every reader of an elevation map shares: which part is read, and its heights in metres."""
+"""Elevations as every reader of a map makes them: which part is read, whether it fits into memory, metres."""
 
 import math
 from pathlib import Path
@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.terrain.georeference import Georeference
 
 Window = tuple[int, int, int, int]
 """A part of a map: row0, col0, rows, cols."""
-Reading = tuple[npt.NDArray[np.float32], tuple[float, float] | None, Georeference | None]
-"""What a reader returns: (H, W) heights in metres, a cell's (size, width) in metres and the map's place, if known."""
-
-
+Reading = tuple[Float2D, tuple[float, float] | None, Georeference | None]
+"""(H, W) heights in metres, a cell's (size, width) in metres and the map's place, if known."""
 _BYTES_PER_CELL = 20
 """That reading takes beside the stored values: a float64 copy, the float32 map, masks."""
+_FARTHEST_M = 1e9
 
 
 def check_room(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], more_bytes: int = 0) -> None:
@@ -35,7 +35,7 @@ def check_room(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], 
         )
 
 
-def metres(values: npt.NDArray[np.generic], scale: float, offset: float) -> npt.NDArray[np.float32]:
+def metres(values: npt.NDArray[np.generic], scale: float, offset: float = 0.0) -> Float2D:
     """A fresh float32 array of scale * values + offset, worked out in float64."""
     with np.errstate(over="ignore", invalid="ignore"):
         if scale == 1.0 and offset == 0.0:
@@ -44,6 +44,12 @@ def metres(values: npt.NDArray[np.generic], scale: float, offset: float) -> npt.
         scaled *= scale
         scaled += offset
         return np.ascontiguousarray(scaled, np.float32)
+
+
+def known_heights(elevation: Float2D) -> Float2D:
+    """The same array, with NaN for infinities and for heights beyond 1e9 m."""
+    elevation[~(np.abs(elevation) < _FARTHEST_M)] = np.nan
+    return elevation
 
 
 def checked_window(path: Path, shape: tuple[int, ...], window: Window | None) -> Window:

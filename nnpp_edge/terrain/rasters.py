@@ -1,7 +1,8 @@
-"""Elevation maps in GDAL's rasters: GeoTIFF, PDS3 (`.img`, `.lbl`), ESRI ASCII grid and others, by rasterio."""
+"""Elevation maps in rasters (GeoTIFF, PDS3, ESRI ASCII grid, 16-bit PNG and others), read and written by rasterio."""
 
 import json
 import math
+import os
 import re
 import sys
 import warnings
@@ -15,63 +16,126 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import numpy.typing as npt
 
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
+from nnpp_edge.runtime.tuning import THREADS_FROM
 from nnpp_edge.terrain.gdal_files import FORMATS, NO_NETWORK, openable
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.heights import Reading, Window, check_room, checked_window, metres
-from nnpp_edge.terrain.tiff_blocks import DeflateBlocks
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
 
-_METRES_PER_UNIT = dict.fromkeys(("ft", "foot", "feet"), 0.3048)
-_METRES_PER_UNIT |= dict.fromkeys(("us survey foot", "us_survey_foot", "us-ft", "ftus"), 1200 / 3937)
-_METRES_PER_UNIT |= dict.fromkeys(("km", "kilometer", "kilometre", "kilometers", "kilometres"), 1000.0)
+_METRES_PER_UNIT = {
+    **dict.fromkeys(("ft", "foot", "feet"), 0.3048),
+    **dict.fromkeys(("us survey foot", "us_survey_foot", "us-ft", "ftus"), 1200 / 3937),
+    **dict.fromkeys(("km", "kilometer", "kilometre", "kilometers", "kilometres"), 1000.0),
+}
 _ASCII_HEADER = re.compile(r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+", re.IGNORECASE | re.MULTILINE)
 _HIGHEST_OFFSET_M = 1e5
 _TILE = 512
 """Cells to the side of a tile of a raster that is written as a stream."""
 _LEAST_CACHE_BYTES = 1 << 26
 """Of blocks that GDAL keeps for a raster read by windows; by itself it would keep a twentieth of the memory."""
+_FEW_BLOCKS = 8
+"""That are not worth threads."""
 
 
 class Raster:
     """The heights in an open file of one of `FORMATS`; `opened_raster` makes one."""
 
     def __init__(self, path: Path, dataset: "DatasetReader", vertical_scale: float | None) -> None:
-        self._path, self._dataset = path, dataset
+        self.path, self.dataset = path, dataset
         self.shape: tuple[int, int] = dataset.shape
         """Rows and columns."""
         self.block: tuple[int, int] = dataset.block_shapes[0]
         """Rows and columns of a block, which is read as one."""
         self.dtype, self.driver = np.dtype(dataset.dtypes[0]), dataset.driver
-        self._blocks = DeflateBlocks(path, dataset)
-        unit = vertical_scale or _metres_per_unit(dataset)
+        if self.driver == "PNG":
+            if dataset.count != 1 or self.dtype != np.uint16:
+                raise TerrainError(f"{path}: wanted a grey 16-bit PNG, got {dataset.count} × {self.dtype}")
+            if vertical_scale is None:
+                raise TerrainError(f"{path}: no unit of height in a PNG; give metres per level with --vertical-scale")
+        if dataset.count != 1:
+            raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
+        if dataset.dtypes[0].startswith("complex"):
+            raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
+        image, self._compressed = _pds_label(dataset)
+        name = dataset.units[0] or image.get("UNIT", "")  # GDAL passes over the unit in a PDS3 label
+        unit = vertical_scale or _METRES_PER_UNIT.get(str(name).lower(), 1.0)
         offset = dataset.offsets[0] * unit
-        self._offset = 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
-        self._scale = dataset.scales[0] * unit
+        self._scale, self._offset = dataset.scales[0] * unit, 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
+        structure = dataset.tags(ns="IMAGE_STRUCTURE")
+        self._deflated = self.driver == "GTiff" and structure.get("COMPRESSION") == "DEFLATE"
+        self._right: set[tuple[int, int]] = set()
+        """Blocks whose checksums are right."""
 
-    def check_whole(self) -> None:
-        """TerrainError for a file cut short where GDAL would fill in zeros and say nothing."""
-        _check_whole(self._path, self._dataset)
-
-    def heights(self, part: Window) -> npt.NDArray[np.float32]:
+    def heights(self, part: Window) -> Float2D:
         """Metres in a window (row0, col0, rows, cols), NaN where unknown; TerrainError where a block is damaged."""
         row0, col0, rows, cols = part
         window = ((row0, row0 + rows), (col0, col0 + cols))
-        self._blocks.check(part)
-        heights = metres(self._dataset.read(1, window=window), self._scale, self._offset)
-        heights[self._dataset.read_masks(1, window=window) == 0] = np.nan
+        if self._deflated:
+            self._check_blocks(part)
+        heights = metres(self.dataset.read(1, window=window), self._scale, self._offset)
+        heights[self.dataset.read_masks(1, window=window) == 0] = np.nan
         return heights
 
     def place(self, part: Window) -> Georeference | None:
         """The georeference of a window; None where the file has no transform."""
-        if self._dataset.transform.is_identity:  # how rasterio says that
+        if self.dataset.transform.is_identity:  # how rasterio says that
             return None
-        row0, col0, *_ = part
-        a, b, c, d, e, f = self._dataset.transform[:6]
-        crs = self._dataset.crs.to_wkt() if self._dataset.crs else None
-        return Georeference(crs, (a, b, a * col0 + b * row0 + c, d, e, d * col0 + e * row0 + f))
+        a, b, c, d, e, f = self.dataset.transform[:6]
+        crs = self.dataset.crs.to_wkt() if self.dataset.crs else None
+        return Georeference(crs, (a, b, c, d, e, f)).of_part(*part[:2])
+
+    def check_whole(self) -> None:
+        """TerrainError for a file cut short where GDAL would fill in zeros and say nothing."""
+        cells = math.prod(self.shape)
+        if self.driver == "AAIGrid":
+            text = _ASCII_HEADER.sub("", self.path.read_text("latin-1"))
+            got = np.fromstring(text, dtype=np.float32, sep=" ").size
+            if got < cells:
+                raise TerrainError(f"{self.path}: wanted {cells} heights, got {got} before the end or a word")
+        elif self.driver == "EHdr" or (self.driver == "PDS" and not self._compressed):
+            files = self.dataset.files if self.driver == "PDS" else [self.path]
+            wanted, bytes_ = cells * self.dtype.itemsize, sum(Path(name).stat().st_size for name in files)
+            if bytes_ < wanted:
+                raise TerrainError(f"{self.path}: wanted {wanted} bytes of heights, got {bytes_} with the label")
+
+    def _check_blocks(self, part: Window) -> None:
+        """TerrainError where a deflated block under a window is damaged; each block is checked once.
+
+        libtiff gives up on a stream when the block is full, before the checksum at the stream's end: it takes many a
+        damaged one for whole ground. To decompress the streams here takes as long as reading them (24 ns a cell).
+        """
+        row, col, rows, cols = part
+        high, wide = self.block
+        across = range(col // wide, -(-(col + cols) // wide))
+        blocks = {(i, j) for i in range(row // high, -(-(row + rows) // high)) for j in across} - self._right
+        places = []
+        for i, j in sorted(blocks):
+            at, size = (
+                self.dataset.get_tag_item(f"BLOCK_{what}_{j}_{i}", "TIFF", bidx=1) for what in ("OFFSET", "SIZE")
+            )
+            if at and size:  # else the block was left out
+                places.append((int(at), int(size)))
+
+        def check(first: int, last: int) -> None:
+            with self.path.open("rb") as file:
+                for at, size in places[first:last]:
+                    try:
+                        zlib.decompress(os.pread(file.fileno(), size, at))
+                    except zlib.error as error:
+                        raise TerrainError(
+                            f"{self.path}: wanted whole blocks, got a damaged one at byte {at}"
+                        ) from error
+
+        if len(places) > _FEW_BLOCKS:
+            in_bands(check, len(places), THREADS_FROM)
+        else:
+            check(0, len(places))
+        self._right |= blocks
 
 
 @contextmanager
@@ -92,10 +156,6 @@ def opened_raster(
     with _quiet(rasterio), _opened(rasterio, path, opened, driver=drivers, **options) as dataset:
         if any(Path(name).parent != opened.parent for name in dataset.files):
             raise TerrainError(f"{path}: wanted a raster whose files lie in its own folder, got {dataset.files}")
-        if dataset.count != 1:
-            raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
-        if dataset.dtypes[0].startswith("complex"):
-            raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
         raster = Raster(path, dataset, vertical_scale)
         if not by_windows:
             yield raster
@@ -134,28 +194,23 @@ def geotiff_bytes(name: str, values: npt.NDArray[np.generic], place: Georeferenc
 @contextmanager
 def geotiff_stream(
     path: Path, shape: tuple[int, int], place: Georeference | None
-) -> Iterator[Callable[[int, npt.NDArray[np.float32]], None]]:
+) -> Iterator[Callable[[int, Float2D], None]]:
     """A tiled GeoTIFF to be written by bands of rows: a function that takes a band's first row and its values.
 
     At the end it is read again: GDAL may meet a full disk in silence. OutputError where it is not what was written;
     rasterio's errors, and MissingExtraError, as they come.
     """
     rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
-    tiles = {
-        "tiled": True,
-        "blockxsize": _TILE,
-        "blockysize": _TILE,
-        "BIGTIFF": "IF_SAFER",
-        "NUM_THREADS": "ALL_CPUS",
-    }
+    tiles = {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE}
+    options = {"BIGTIFF": "IF_SAFER", "NUM_THREADS": "ALL_CPUS"}
     written: list[tuple[int, int, int]] = []
 
-    def write(row: int, values: npt.NDArray[np.float32]) -> None:
+    def write(row: int, values: Float2D) -> None:
         dataset.write(values, 1, window=((row, row + len(values)), (0, shape[1])))
         written.append((row, len(values), zlib.crc32(values.tobytes())))
 
     with _quiet(rasterio):
-        with rasterio.open(path, "w", **_geotiff(rasterio, shape, place), **tiles) as dataset:
+        with rasterio.open(path, "w", **_geotiff(rasterio, shape, place), **tiles, **options) as dataset:
             yield write
         with rasterio.open(path) as back:
             for row, rows, checksum in written:
@@ -170,33 +225,11 @@ def _geotiff(rasterio: ModuleType, shape: tuple[int, ...], place: Georeference |
     return {"driver": "GTiff", "compress": "deflate", "predictor": 3, "nodata": math.nan, **size, **where}
 
 
-def _metres_per_unit(dataset: "DatasetReader") -> float:
-    """Metres in the unit of height that the band names; GDAL passes over the one in a PDS3 label."""
-    name = dataset.units[0] or _pds_label(dataset)[0].get("UNIT", "")
-    return _METRES_PER_UNIT.get(str(name).lower(), 1.0)
-
-
-def _check_whole(path: Path, dataset: "DatasetReader") -> None:
-    """Refuse a file cut short where GDAL would fill in zeros and say nothing: ASCII grids, PDS3 images, .bil."""
-    cells = dataset.width * dataset.height
-    if dataset.driver == "AAIGrid":
-        numbers = np.fromstring(_ASCII_HEADER.sub("", path.read_text("latin-1")), dtype=np.float32, sep=" ")
-        if numbers.size < cells:
-            raise TerrainError(f"{path}: wanted {cells} heights, got {numbers.size} before the end or a word")
-    if dataset.driver == "EHdr" or (dataset.driver == "PDS" and not _pds_label(dataset)[1]):
-        wanted = cells * np.dtype(dataset.dtypes[0]).itemsize
-        files = dataset.files if dataset.driver == "PDS" else [path]
-        got = sum(Path(name).stat().st_size for name in files)
-        if got < wanted:
-            raise TerrainError(f"{path}: wanted {wanted} bytes of heights, got {got} with the label")
-
-
 def _pds_label(dataset: "DatasetReader") -> tuple[dict[str, object], bool]:
     """The image object of a PDS3 label, empty for other files, and whether the image is compressed."""
     tags = dataset.tags(ns="json:PDS")
     label = json.loads(":".join(*tags.items())) if tags else {}  # rasterio cuts the JSON at its first colon
-    image = label.get("UNCOMPRESSED_FILE", label).get("IMAGE", {})
-    return image, "COMPRESSED_FILE" in label
+    return label.get("UNCOMPRESSED_FILE", label).get("IMAGE", {}), "COMPRESSED_FILE" in label
 
 
 def _opened(rasterio: ModuleType, path: Path, opened: Path, **options: object) -> "DatasetReader":

@@ -18,7 +18,6 @@ from nnpp_edge.runtime.network.encoding import Frame, map_planes
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.labels import label_queries, random_points
-from nnpp_edge.terrain.passage import PassageRecipe, make_passage_shard
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import SOFT, workload
 
@@ -112,7 +111,7 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return math.ceil(self.maps / self.maps_per_shard)
 
 
-def read_terrain(recipe: Recipe | PassageRecipe) -> list[Dem]:
+def read_terrain(recipe: Recipe) -> list[Dem]:
     """The parts of the recipe's elevation files that it uses.
 
     Raises TerrainError for one that cannot be read, DataSetError for one that is too small for the recipe's size.
@@ -148,17 +147,13 @@ def _stripe(dem: Dem, stripe: tuple[float, float]) -> Dem:
     return replace(dem, elevation=np.ascontiguousarray(elevation), georeference=None)
 
 
-def shard_content(recipe: Recipe | PassageRecipe, tiles: Sequence[Dem], index: int) -> bytes:
+def shard_content(recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
     """The file of shard number `index` (.npz), which recipe, terrain and number alone determine."""
     maps = min(recipe.maps_per_shard, recipe.maps - index * recipe.maps_per_shard)
     content = io.BytesIO()
     key = [recipe.seed, index] if recipe.stripe[0] == 0.0 else [recipe.seed, index, 1]  # else synthetic maps repeat
     rng = np.random.default_rng(key)
-    if isinstance(recipe, PassageRecipe):
-        arrays = make_passage_shard(recipe, tiles, rng, maps)
-    else:
-        arrays = make_shard(recipe, tiles, rng, maps)
-    np.savez(content, **arrays)  # type: ignore[arg-type]  # numpy's stub takes `allow_pickle` for one of them
+    np.savez(content, **make_shard(recipe, tiles, rng, maps))  # type: ignore[arg-type]  # numpy's stub takes `allow_pickle` for one of them
     return content.getvalue()
 
 

@@ -3,7 +3,7 @@
 import os
 from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
 import numpy as np
@@ -41,11 +41,11 @@ class Batches:
     def __init__(
         self, samples: Samples, spec: Spec, settings: TrainSettings, *, rank: int = 0, world: int = 1
     ) -> None:
-        label_blocks = samples.excess.shape[-1]
-        if label_blocks % spec.blocks or samples.planes.shape[-1] != spec.input_size:
+        label_blocks, side = samples.excess.shape[-1], samples.planes.shape[-1]
+        if label_blocks % spec.blocks or side != spec.input_size:
             raise DataSetError(
                 f"the network wants maps of {spec.input_size} and labels of a multiple of {spec.blocks} "
-                f"blocks, got {samples.planes.shape[-1]} and {label_blocks}"
+                f"blocks, got {side} and {label_blocks}"
             )
         if len(samples) < settings.batch:
             raise DataSetError(f"wanted at least {settings.batch} queries for one batch, got {len(samples)}")
@@ -72,18 +72,18 @@ class Batches:
 
         threads = max(2, len(os.sched_getaffinity(0)))
         with ThreadPoolExecutor(threads) as pool:
-            ahead = deque(pool.submit(make, at) for at in range(skip, min(skip + threads + 1, len(self))))
+            ahead: deque[Future[Batch]] = deque()
             for at in range(skip, len(self)):
+                if len(ahead) > threads:
+                    yield ahead.popleft().result()
+                ahead.append(pool.submit(make, at))
+            while ahead:
                 yield ahead.popleft().result()
-                if at + threads + 1 < len(self):
-                    ahead.append(pool.submit(make, at + threads + 1))
 
     def _make(self, queries: NDArray[np.int64], swapped: list[bool], turns: list[Turn]) -> Batch:
         """The batch of `queries`; those `swapped` go from goal to start, and each is turned and mirrored."""
-        s = self.samples
-        targets = self._targets(queries)
-        planes = s.planes[s.map_index[queries]]
-        encoded = []
+        s, encoded = self.samples, []
+        planes, targets = s.planes[s.map_index[queries]], self._targets(queries)
         for at, (query, swap, turn) in enumerate(zip(queries, swapped, turns, strict=True)):
             ends = [_turned_point(end, turn, planes.shape[-1]) for end in (s.start[query], s.goal[query])]
             encoded.append(encode(self.spec, *(ends[::-1] if swap else ends)))
@@ -103,14 +103,13 @@ class Batches:
 
 def _turned(array: NDArray[A], turn: Turn) -> NDArray[A]:
     """(…, S, S) after so many quarter turns, then mirrored or not."""
-    quarters, mirrored = turn
-    one = np.rot90(array, quarters, axes=(-2, -1))
-    return one[..., ::-1] if mirrored else one
+    one = np.rot90(array, turn[0], axes=(-2, -1))
+    return one[..., ::-1] if turn[1] else one
 
 
 def _turned_point(point: NDArray[np.float32], turn: Turn, size: int) -> tuple[float, float]:
     """Where a point of an array of this size comes to lie by `_turned`."""
-    row, col = float(point[0]), float(point[1])
+    row, col = point.tolist()
     for _ in range(turn[0]):
         row, col = size - 1 - col, row
     return row, size - 1 - col if turn[1] else col

@@ -36,8 +36,6 @@ class TrainSettings:
     warmup_steps: int = 200
     target: str = "near"
     softness: float = 0.02
-    loss: str = "bce"
-    """One of `LOSSES`."""
     seed: int = 1
     time_limit_s: float = math.inf
     """About how long the training takes, over all resumed runs: after the warm-up its speed decides the steps."""
@@ -72,13 +70,13 @@ class Checkpoint:
     average: State
     optimiser: dict[str, object]
     origin: dict[str, object] = field(default_factory=dict)
-    """What else the weights come from: ``torch`` (its version), ``threads``, ``begun_with`` (the `facts` of the run
-    whose weights this one began with), ``resumed_with_other_settings``, ``resumed_without_optimiser``."""
+    """Where else the weights come from: ``torch`` (its version), ``threads``, ``loss``, ``begun_with`` (`facts` of
+    the run whose weights this one began with), ``resumed_with_other_settings``, ``resumed_without_optimiser``."""
 
     def facts(self) -> dict[str, object]:
         """What decided the weights, for a model's metadata."""
         progress, settings = self.progress, self.settings
-        names = ("batch", "learning_rate", "weight_decay", "warmup_steps", "target", "softness", "loss", "seed")
+        names = ("batch", "learning_rate", "weight_decay", "warmup_steps", "target", "softness", "seed")
         done = {"steps": progress.step, "epochs": progress.epoch, "seconds": round(progress.spent_s, 1)}
         asked = {name: getattr(settings, name) for name in (*names, "average_decay", "precision")}
         return done | asked | {"input_size": self.spec.input_size} | self.origin

@@ -1,7 +1,6 @@
 """The processes that share one training: this one alone, or those that torchrun started."""
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -19,8 +18,7 @@ class Processes:
     @classmethod
     def join(cls) -> "Processes":
         """As torchrun's environment variables say: NCCL between GPUs, Gloo between CPUs."""
-        world = int(os.environ.get("WORLD_SIZE", "1"))
-        cuda = torch.cuda.is_available()
+        world, cuda = int(os.environ.get("WORLD_SIZE", "1")), torch.cuda.is_available()
         device = torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0"))) if cuda else torch.device("cpu")
         if world == 1:
             return cls(0, 1, device)
@@ -41,19 +39,17 @@ class Processes:
 
     def of_the_first(self, value: float) -> float:
         """The first process's value, so that all of them decide alike."""
-        return self._shared(value, lambda shared: distributed.broadcast(shared, 0))
+        shared = torch.tensor(value, dtype=torch.float64, device=self.device)
+        if self.world > 1:
+            distributed.broadcast(shared, 0)
+        return shared.item()
 
     def mean(self, value: float) -> float:
         """Mean over the processes."""
-        return self._shared(value, distributed.all_reduce) / self.world
-
-    def _shared(self, value: float, share: Callable[[torch.Tensor], object]) -> float:
-        """What becomes of a value when all processes share it so."""
-        if self.world == 1:
-            return value
-        tensor = torch.tensor([value], dtype=torch.float64, device=self.device)
-        share(tensor)
-        return float(tensor.item())
+        shared = torch.tensor(value, dtype=torch.float64, device=self.device)
+        if self.world > 1:
+            distributed.all_reduce(shared)
+        return shared.item() / self.world
 
     def leave(self) -> None:
         """Wait for the others and end the group."""

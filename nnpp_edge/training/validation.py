@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -19,6 +19,9 @@ from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.dataset import Samples
+
+FACTORS = (1.0, 0.5, 0.25)
+"""On the adaptive threshold, that a training is judged at."""
 
 
 @dataclass(frozen=True)
@@ -55,19 +58,20 @@ class Validator:
         self.lookup = Frame(size, size, spec.input_size).lookup(spec.blocks)
         self.optima = [self._search(q, None) for q in self.index]
 
-    def _grid(self, query: int) -> Grid:
-        planes = self.samples.planes[self.samples.map_index[query]]
-        cost = np.minimum(planes[0].astype(np.float32), 254.0) / 255.0
-        cost[planes[1] == 255] = np.inf
-        return Grid.of(cost, self.model)
-
     def _endpoints(self, query: int) -> Endpoints:
         """Start and goal, as cells of the data set's map."""
-        return _cell(self.samples.start[query]), _cell(self.samples.goal[query])
+        (r0, c0), (r1, c1) = (
+            np.rint(place[query].astype(np.float64)).astype(int).tolist()
+            for place in (self.samples.start, self.samples.goal)
+        )
+        return (r0, c0), (r1, c1)
 
     def _search(self, query: int, region: Region | None) -> tuple[float, int]:
         """Cost and number of cells of the cheapest path; inf if there is none."""
-        grid = self._grid(query)
+        planes = self.samples.planes[self.samples.map_index[query]]
+        cost = np.minimum(planes[0].astype(np.float32), 254.0) / 255.0
+        cost[planes[1] == 255] = np.inf
+        grid = Grid.of(cost, self.model)
         found = astar(grid, *self._endpoints(query), self.workspace, region=region)
         return path_costs(grid, found.path)[0], len(found.path)
 
@@ -84,38 +88,26 @@ class Validator:
             parts.append(torch.sigmoid(network(planes, query).float()).cpu().numpy())
         return np.concatenate(parts)
 
-    def judge(self, network: Network, factors: Sequence[float] = (1.0, 0.5, 0.25)) -> list[Judgement]:
-        """Search every validation query inside the region, for each factor on td."""
-        return self.judge_probabilities(self.probabilities(network), factors)
+    def judge(self, network: Network) -> list[Judgement]:
+        """Search every validation query inside the region, for each of `FACTORS`."""
+        return self.judge_probabilities(self.probabilities(network), FACTORS)
 
-    def judge_probabilities(
-        self, probabilities: NDArray[np.float32], factors: Sequence[float] = (1.0, 0.5, 0.25)
-    ) -> list[Judgement]:
+    def judge_probabilities(self, probabilities: NDArray[np.float32], factors: Sequence[float]) -> list[Judgement]:
         """The same for probabilities (Q, B, B) that were computed elsewhere, in the order of `index`."""
+        rows, cols = self.lookup
         out = []
         for factor in factors:
-            gaps, shares, mms, found = [], [], [], 0
-            for at, query in enumerate(self.index):
-                start, goal = self._endpoints(query)
-                a, b = ((int(self.lookup[0][r]), int(self.lookup[1][c])) for r, c in (start, goal))
-                self.finder.read(probabilities[at])
-                threshold = lowered(self.finder.threshold(a, b), factor)
-                self.finder.mark(threshold, a, b)
+            gaps, shares, mms = [], [], []
+            for query, probability, (optimum, cells) in zip(self.index, probabilities, self.optima, strict=True):
+                a, b = ((int(rows[row]), int(cols[col])) for row, col in self._endpoints(query))
+                self.finder.read(probability)
+                self.finder.mark(lowered(self.finder.threshold(a, b), factor), a, b)
                 region = self.finder.region(self.lookup)
                 cost, _ = self._search(query, region)
-                optimum, cells = self.optima[at]
                 if cost < float("inf"):
-                    found += 1
                     gaps.append(cost / optimum - 1.0)
-                area = region.area()
-                shares.append(area / self.samples.planes.shape[-1] ** 2)
-                mms.append(cells / area)
-            gap = float(np.mean(gaps or [float("inf")]))
-            success = found / len(self.index)
-            out.append(Judgement(factor, success, gap, float(np.mean(shares)), float(np.mean(mms))))
+                shares.append(region.area() / self.samples.planes.shape[-1] ** 2)
+                mms.append(cells / region.area())
+            means = (float(np.mean(figures)) for figures in (gaps or [float("inf")], shares, mms))
+            out.append(Judgement(factor, len(gaps) / len(self.index), *means))
         return out
-
-
-def _cell(place: NDArray[np.float32]) -> Cell:
-    """The cell nearest to a place, (row, col)."""
-    return round(float(place[0])), round(float(place[1]))

@@ -88,7 +88,6 @@ def test_a_size_that_no_network_has_is_refused(nnpp_edge, dem, tmp_path, size):
         (("--held-out",), "--validation-share"),
         (("--own-cell-size", "--rescale", 2), "--own-cell-size"),
         (("--papers-maps", "--workload", "soft"), "--papers-maps"),
-        (("--papers-maps", "--poses"), "--papers-maps"),
         (("--workload", "limit20", "--hard-slope", 20), "leave out --hard-slope"),
         (("--hard-step", -1), "-1.0 is not in the range 0.0<x"),
         (("--omega", "nan"), "wanted a finite number, got nan"),

@@ -42,7 +42,7 @@ def test_the_list_names_every_shipped_model(nnpp_edge):
             m.precision,
             architecture_name(m.architecture),
             f"{found.size_bytes / 1e6:.2f}",
-            getattr(m, "encoding", "passage"),
+            m.encoding,
             found.sha256[:8],
         ):
             assert word in rows[found.name]
@@ -98,8 +98,7 @@ def commands_that_make(name):
     return found
 
 
-PASSAGE = "passage"
-MADE = [name for name in SHIPPED if not name.endswith("-fp32") and name != PASSAGE]
+MADE = [name for name in SHIPPED if not name.endswith("-fp32")]
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -142,20 +141,6 @@ def test_a_card_agrees_with_its_files_metadata(name):
         said += [f"in {stage['seconds'] / 60:.0f} minutes"] if "seconds" in stage else []
         for words in said:
             assert words in card["training"]
-
-
-def test_card_and_commands_of_the_passage_network_agree_with_its_file():
-    training, card = read_model_file(PASSAGE).metadata.training, card_rows(PASSAGE)
-    text = (MODELS.parents[1] / "docs" / "models.md").read_text().replace("\\\n    ", "")
-    made = f"dataset train/*.tif -o data/poses --poses --maps {training['dataset']['maps']} --seed"
-    assert f"{made} {training['dataset']['seed']}" in text
-    for stage in stages(training):
-        settings = f"--batch {stage['batch']} --learning-rate {stage['learning_rate']:g} --steps {stage['steps']}"
-        assert settings in text
-        assert f"{stage['steps']:,} steps" in card["training"]
-    assert f"{training['dataset']['maps']:,} maps" in card["trained on"]
-    megabytes = (MODELS / f"{PASSAGE}.onnx").stat().st_size / 1e6
-    assert f"`{PASSAGE}.onnx` (int8, {megabytes:.2f} MB" in card["files"]
 
 
 def test_what_lies_beside_a_model_is_shipped():

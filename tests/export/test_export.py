@@ -185,7 +185,7 @@ def test_parity_refuses_maps_of_another_size(exported):
 
 
 def test_metadata_comes_back_from_the_file(exported):
-    network, file, report = exported
+    network, file, _ = exported
     m, spec = NetworkModel(file).metadata, network.spec
     assert (m.name, m.architecture, m.precision, m.version) == ("small", spec.architecture, "fp32", __version__)
     assert (m.input_size, m.blocks, m.encoding) == (spec.input_size, spec.blocks, spec.encoding)
@@ -196,18 +196,14 @@ def test_metadata_comes_back_from_the_file(exported):
     assert m.training["steps"] == 7
     assert m.training["seconds"] == 1.5
     assert m.training["of"] == "us"
-    assert report.metadata == json.loads(m.to_json())
 
 
 def test_the_report_tells_what_is_in_the_file(exported):
-    network, file, report = exported
+    _, file, report = exported
     model = onnx.load(file)
     assert report.opset == 18 == model.opset_import[0].version
-    assert report.size_bytes == file.stat().st_size
-    assert report.nodes == len(model.graph.node) == sum(report.operators.values())
-    assert report.output == ((1, 1, 16, 16) if network.spec.architecture == "nnpp" else (1, 4, 8, 8))
+    assert (report.size_bytes, report.nodes) == (file.stat().st_size, len(model.graph.node))
     assert report.macs > 10_000
-    assert json.loads(report.to_json())["inputs"] == {name: list(shape) for name, shape in report.inputs.items()}
 
 
 def test_the_file_is_whole_folded_and_free_of_local_paths(exported):
@@ -271,22 +267,12 @@ def test_a_data_set_is_told_without_its_folders():
 
 
 def test_the_command_reports_and_ends_well(nnpp_edge, tmp_path):
-    path = checkpoint(tmp_path / "checkpoint.pt", lived_in(EDGE))
-    told = nnpp_edge("export", path, "-o", tmp_path / "lunar.onnx")
-    assert told.code == 0
-    assert "opset 18" in told.out
-    assert "parity  passed" in told.out
-    assert told.err == ""
-    asked = nnpp_edge("export", path, "-o", tmp_path / "lunar.onnx", "--region-factor", 0.25, "--json")
-    found = json.loads(asked.out)
-    assert found["metadata"]["name"] == "lunar"
-    assert found["metadata"]["region_factor"] == 0.25
-    assert found["parity"]["passed"]
-    assert METADATA_KEY in {p.key for p in onnx.load(tmp_path / "lunar.onnx").metadata_props}
-
-
-def test_the_command_refuses_what_is_no_checkpoint(nnpp_edge, tmp_path):
-    told = nnpp_edge("export", tmp_path / "none.pt", "-o", tmp_path / "out.onnx")
-    assert told.code == 2
-    assert told.err.startswith("error: ")
-    assert "wanted a checkpoint" in told.err
+    path, file = checkpoint(tmp_path / "checkpoint.pt", lived_in(EDGE)), tmp_path / "lunar.onnx"
+    told = nnpp_edge("export", path, "-o", file)
+    assert (told.code, told.err) == (0, "")
+    assert "opset 18" in told.out and "parity passed" in told.out
+    found = json.loads(nnpp_edge("export", path, "-o", file, "--region-factor", 0.25, "--json").out)
+    assert found["parity"]["passed"] and found["size_bytes"] == file.stat().st_size
+    metadata = NetworkModel(file).metadata
+    assert (metadata.name, metadata.region_factor) == ("lunar", 0.25)
+    nnpp_edge("export", tmp_path / "none.pt", "-o", tmp_path / "out.onnx").refused("wanted a checkpoint")

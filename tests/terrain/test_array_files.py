@@ -85,13 +85,7 @@ def test_however_a_file_is_damaged_it_is_read_or_refused_in_one_line(good, capfd
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(
-    ("field", "words"),
-    [
-        ("flag_bits", "encrypted"),
-        ("compress_type", "compression"),
-    ],
-)
+@pytest.mark.parametrize(("field", "words"), [("flag_bits", "encrypted"), ("compress_type", "compression")])
 def test_archives_that_zip_cannot_open_are_refused(tmp_path, field, words):
     archive(tmp_path / "map.npz", cost=header((2, 2)) + bytes(16))
     damaged = bytearray((tmp_path / "map.npz").read_bytes())
@@ -106,26 +100,19 @@ def test_archives_that_zip_cannot_open_are_refused(tmp_path, field, words):
         read_cost_map(tmp_path / "map.npz")
 
 
-@pytest.mark.parametrize("size", [np.nan, -1.0, 0.0, np.inf, [1.0, 2.0], "two", None, True, 1j])
-def test_a_cell_size_that_is_no_length_is_refused(tmp_path, size):
-    np.savez(tmp_path / "cost.npz", cost=COST, cell_size_m=size)
-    with pytest.raises(TerrainError, match="cell_size_m must be one number above 0"):
-        read_cost_map(tmp_path / "cost.npz")
-
-
-@pytest.mark.parametrize(
-    "cost", [COST[0], COST[None], np.array("costs"), np.array([[{}]]), np.empty((0, 5)), COST + 1j]
-)
-def test_costs_that_are_no_map_are_refused(tmp_path, cost):
-    np.savez(tmp_path / "cost.npz", cost=cost)
-    with pytest.raises(TerrainError, match=r"wanted an \(H, W\) array of costs"):
-        read_cost_map(tmp_path / "cost.npz")
-
-
 @pytest.mark.filterwarnings("error")
-def test_costs_beyond_float32_are_impassable(tmp_path):
-    np.savez(tmp_path / "cost.npz", cost=np.array([[1e300, 0.5]]))
-    np.testing.assert_array_equal(read_cost_map(tmp_path / "cost.npz")[0], [[np.inf, 0.5]])
+def test_costs_that_are_no_map_are_refused(tmp_path):
+    path = tmp_path / "cost.npz"
+    for size in (np.nan, -1.0, 0.0, np.inf, [1.0, 2.0], "two", None, True, 1j):
+        np.savez(path, cost=COST, cell_size_m=size)
+        with pytest.raises(TerrainError, match="cell_size_m must be one number above 0"):
+            read_cost_map(path)
+    for cost in (COST[0], COST[None], np.array("costs"), np.array([[{}]]), np.empty((0, 5)), COST + 1j):
+        np.savez(path, cost=cost)
+        with pytest.raises(TerrainError, match=r"wanted an \(H, W\) array of costs"):
+            read_cost_map(path)
+    np.savez(path, cost=np.array([[1e300, 0.5]]))
+    np.testing.assert_array_equal(read_cost_map(path)[0], [[np.inf, 0.5]])
 
 
 @pytest.mark.parametrize("sides", [(20_000, 2_000_000), (2**62, 1), (-5, 3), (10**30, 10**30)])
@@ -173,7 +160,7 @@ def test_a_png_whose_checksums_are_right_and_whose_lines_are_not_is_refused_sile
     body = zlib.compress(lines * 40)
     content = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
     (tmp_path / "dem.png").write_bytes(content)
-    with pytest.raises(TerrainError, match="not a whole PNG"):
+    with pytest.raises(TerrainError, match="cannot be read"):
         read_dem(tmp_path / "dem.png", cell_size_m=1.0, vertical_scale=1.0)
     sys.stderr.flush()
     assert capfd.readouterr() == ("", "")

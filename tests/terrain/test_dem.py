@@ -82,15 +82,22 @@ def test_a_metric_geotiff_keeps_its_heights_and_cells(tmp_path):
     assert rasterio.CRS.from_wkt(dem.georeference.crs) == rasterio.CRS.from_string(UTM)
 
 
-def test_cells_that_are_not_square_keep_both_sides(tmp_path):
-    dem = read_dem(geotiff(tmp_path / "wide.tif", transform=Affine(3, 0, 0, 0, -2, 0)))
-    assert (dem.cell_size_m, dem.cell_width_m) == (2.0, 3.0)
+def test_cells_that_are_not_square_keep_both_sides_and_a_given_size_wins(tmp_path):
+    path = geotiff(tmp_path / "wide.tif", transform=Affine(3, 0, 0, 0, -2, 0))
+    dem, given = read_dem(path), read_dem(path, cell_size_m=10)
+    assert (dem.cell_size_m, dem.cell_width_m, dem.georeference.crs) == (2.0, 3.0, None)
+    assert (given.cell_size_m, given.cell_width_m) == (10.0, 15.0)
+    np.testing.assert_array_equal(given.elevation, HEIGHTS)
 
 
 def test_feet_become_metres(tmp_path):
     dem = read_dem(geotiff(tmp_path / "feet.tif", crs="EPSG:2263", transform=Affine(10, 0, 1e6, 0, -10, 2e5)))
-    assert dem.cell_size_m == pytest.approx(10 * 1200 / 3937, rel=1e-5)
-    assert dem.cell_width_m == pytest.approx(10 * 1200 / 3937, rel=1e-5)
+    assert (dem.cell_size_m, dem.cell_width_m) == pytest.approx(2 * (10 * 1200 / 3937,), rel=1e-5)
+    site = rasterio.CRS.from_wkt('LOCAL_CS["site",UNIT["foot",0.3048]]')
+    assert read_dem(geotiff(tmp_path / "site.tif", crs=site)).cell_size_m == pytest.approx(5 * 0.3048)
+    path = geotiff(tmp_path / "heights.tif", crs=UTM, units=["ft"])
+    np.testing.assert_allclose(read_dem(path).elevation, HEIGHTS * 0.3048, rtol=1e-6)
+    np.testing.assert_allclose(read_dem(path, vertical_scale=2.0).elevation, HEIGHTS * 2, rtol=1e-6)
 
 
 def test_degrees_become_metres_on_the_body_they_lie_on(tmp_path):
@@ -99,16 +106,12 @@ def test_degrees_become_metres_on_the_body_they_lie_on(tmp_path):
     dem = read_dem(geotiff(tmp_path / "moon.tif", crs=MOON_DEGREES, transform=transform))
     side = 2 * math.pi * MOON_RADIUS_M / 360 * step
     assert dem.cell_size_m == pytest.approx(side, rel=1e-6)
-    assert dem.cell_size_m == pytest.approx(118.45, abs=0.01)
     assert dem.cell_width_m == pytest.approx(side * math.cos(math.radians(top - 3 * step)), rel=1e-6)
-
-
-@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:4979"])
-def test_degrees_on_earth_are_measured_on_its_ellipsoid(tmp_path, crs):
-    transform = Affine(0.001, 0, 10, 0, -0.001, 0.003)
-    dem = read_dem(geotiff(tmp_path / "earth.tif", crs=crs, transform=transform))
-    assert dem.cell_width_m == pytest.approx(6378137.0 * math.radians(0.001))
-    assert dem.cell_size_m == pytest.approx(6335439.3 * math.radians(0.001))  # the meridian is rounder there
+    for crs in ("EPSG:4326", "EPSG:4979"):
+        transform = Affine(0.001, 0, 10, 0, -0.001, 0.003)
+        dem = read_dem(geotiff(tmp_path / "earth.tif", crs=crs, transform=transform))
+        assert dem.cell_width_m == pytest.approx(6378137.0 * math.radians(0.001))
+        assert dem.cell_size_m == pytest.approx(6335439.3 * math.radians(0.001))  # the meridian is rounder there
 
 
 def test_an_ellipsoid_in_feet_is_measured_in_metres(tmp_path):
@@ -142,16 +145,6 @@ def test_a_turned_map_keeps_its_cells(tmp_path_factory, angle, width, height):
     assert dem.cell_width_m == pytest.approx(width)
 
 
-def test_a_transform_without_a_system_is_in_metres(tmp_path):
-    dem = read_dem(geotiff(tmp_path / "local.tif", transform=Affine(0.25, 0, 0, 0, -0.25, 0)))
-    assert (dem.cell_size_m, dem.georeference.crs) == (0.25, None)
-
-
-def test_a_local_system_in_feet_becomes_metres(tmp_path):
-    crs = rasterio.CRS.from_wkt('LOCAL_CS["site",UNIT["foot",0.3048]]')
-    assert read_dem(geotiff(tmp_path / "site.tif", crs=crs)).cell_size_m == pytest.approx(5 * 0.3048)
-
-
 def test_nodata_masks_infinities_and_fill_values_become_nan(tmp_path):
     heights = HEIGHTS.copy()
     heights[0, :4] = -9999, np.inf, np.nan, -3.4028227e38
@@ -180,23 +173,16 @@ def test_an_offset_as_large_as_a_body_is_left_out_and_no_detail_is_lost(tmp_path
     np.testing.assert_array_equal(read_dem(path).elevation, stored)
 
 
-def test_heights_in_feet_become_metres_unless_told_otherwise(tmp_path):
-    path = geotiff(tmp_path / "feet.tif", crs=UTM, units=["ft"])
-    np.testing.assert_allclose(read_dem(path).elevation, HEIGHTS * 0.3048, rtol=1e-6)
-    np.testing.assert_allclose(read_dem(path, vertical_scale=2.0).elevation, HEIGHTS * 2, rtol=1e-6)
-
-
-def test_more_than_one_band_is_refused(tmp_path):
-    path = geotiff(tmp_path / "colour.tif", np.zeros((3, 4, 4), np.uint8), crs=UTM)
-    refused(path, "wanted one band of elevation, got 3 bands")
-
-
-def test_complex_numbers_are_refused(tmp_path):
-    refused(geotiff(tmp_path / "sar.tif", HEIGHTS.astype(np.complex64), crs=UTM), "complex64")
-
-
-def test_a_map_without_a_known_height_is_refused(tmp_path):
-    refused(geotiff(tmp_path / "void.tif", np.full((3, 3), -1, np.int16), nodata=-1), "no cell with a known")
+def test_what_is_no_map_of_heights_is_refused(tmp_path):
+    for heights, words, profile in (
+        (np.zeros((3, 4, 4), np.uint8), "wanted one band of elevation, got 3 bands", {"crs": UTM}),
+        (HEIGHTS.astype(np.complex64), "complex64", {"crs": UTM}),
+        (np.full((3, 3), -1, np.int16), "no cell with a known", {"nodata": -1}),
+        (HEIGHTS, "turned back", {"crs": UTM, "transform": Affine(1, 2, 0, 2, 4, 0)}),
+        (HEIGHTS, "wanted latitudes within the poles, got 147°",
+         {"crs": "EPSG:4326", "transform": Affine(1, 0, 0, 0, -1, 150)}),
+    ):  # fmt: skip
+        refused(geotiff(tmp_path / "map.tif", heights, **profile), words)
 
 
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
@@ -205,22 +191,6 @@ def test_without_a_cell_size_the_user_is_asked_for_one(tmp_path):
     refused(path, "no cell size in the file; give it with --cell-size METRES")
     dem = read_dem(path, cell_size_m=2.5)
     assert (dem.cell_size_m, dem.cell_width_m, dem.georeference) == (2.5, 2.5, None)
-
-
-def test_a_given_cell_size_wins_and_keeps_the_shape_of_the_cells(tmp_path):
-    path = geotiff(tmp_path / "wide.tif", transform=Affine(3, 0, 0, 0, -2, 0))
-    dem = read_dem(path, cell_size_m=10)
-    assert (dem.cell_size_m, dem.cell_width_m) == (10.0, 15.0)
-    np.testing.assert_array_equal(dem.elevation, HEIGHTS)
-
-
-def test_cells_that_fold_onto_a_line_are_refused(tmp_path):
-    refused(geotiff(tmp_path / "line.tif", crs=UTM, transform=Affine(1, 2, 0, 2, 4, 0)), "turned back")
-
-
-def test_latitudes_beyond_the_pole_are_refused(tmp_path):
-    path = geotiff(tmp_path / "far.tif", crs="EPSG:4326", transform=Affine(1, 0, 0, 0, -1, 150))
-    refused(path, "wanted latitudes within the poles, got 147°")
 
 
 def test_reading_says_nothing_on_the_side(tmp_path, capfd, recwarn):
@@ -355,12 +325,6 @@ def test_a_pds3_image_is_read_through_the_label_beside_it(detached):
         assert dem.source == path
 
 
-def test_a_pds3_image_in_kilometres_becomes_metres(detached):
-    _, label, heights = detached
-    label.write_bytes(label.read_bytes().replace(b"METER", b"KILOMETER").replace(b"1737400", b"1737.4"))
-    np.testing.assert_allclose(read_dem(label).elevation, heights * 1000, rtol=1e-6)
-
-
 def test_a_pds3_image_cut_short_is_refused_and_not_filled_with_zeros(detached):
     image, label, _ = detached
     heights = np.tile(np.fromfile(image, "<i2"), 64)  # much larger than the label
@@ -383,28 +347,25 @@ def test_a_pds3_image_that_its_label_calls_compressed_is_read(detached):
     assert np.nanmax(read_dem(label).elevation) == pytest.approx(1000 * float(stored.max()))
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.int16, ">f4", np.float16])
-def test_an_array_file_is_read_with_the_cell_size_given(tmp_path, dtype):
-    heights = np.asfortranarray(HEIGHTS.astype(dtype))
-    np.save(tmp_path / "map.npy", heights)
-    refused(tmp_path / "map.npy", "--cell-size")
-    dem = read_dem(tmp_path / "map.npy", cell_size_m=0.5, vertical_scale=2)
-    np.testing.assert_array_equal(dem.elevation, 2 * heights.astype(np.float32))
-    for elevation in (dem.elevation, read_dem(tmp_path / "map.npy", cell_size_m=0.5).elevation):
-        assert elevation.dtype == np.float32 and elevation.flags.c_contiguous
-    assert (dem.cell_size_m, dem.georeference) == (0.5, None)
+def test_an_array_file_is_read_with_the_cell_size_given(tmp_path):
+    for dtype in (np.float64, np.int16, ">f4", np.float16):
+        heights = np.asfortranarray(HEIGHTS.astype(dtype))
+        np.save(tmp_path / "map.npy", heights)
+        refused(tmp_path / "map.npy", "--cell-size")
+        dem = read_dem(tmp_path / "map.npy", cell_size_m=0.5, vertical_scale=2)
+        np.testing.assert_array_equal(dem.elevation, 2 * heights.astype(np.float32))
+        for elevation in (dem.elevation, read_dem(tmp_path / "map.npy", cell_size_m=0.5).elevation):
+            assert elevation.dtype == np.float32 and elevation.flags.c_contiguous
+        assert (dem.cell_size_m, dem.georeference) == (0.5, None)
 
 
-@pytest.mark.parametrize("name", ["elevation_m", "elevation", "dem", "anything"])
-@pytest.mark.parametrize("size", ["cell_size_m", "cell_m"])
-def test_an_archive_holds_heights_and_cell_size_under_several_names(tmp_path, name, size):
-    np.savez(tmp_path / "map.npz", **{name: HEIGHTS, size: 3.0, "note": np.arange(3)})
-    dem = read_dem(tmp_path / "map.npz")
-    np.testing.assert_array_equal(dem.elevation, HEIGHTS)
-    assert (dem.cell_size_m, dem.cell_width_m) == (3.0, 3.0)
-
-
-def test_an_archives_cell_width_is_used(tmp_path):
+def test_an_archive_holds_heights_and_cell_size_under_several_names(tmp_path):
+    for name in ("elevation_m", "elevation", "dem", "anything"):
+        for size in ("cell_size_m", "cell_m"):
+            np.savez(tmp_path / "map.npz", **{name: HEIGHTS, size: 3.0, "note": np.arange(3)})
+            dem = read_dem(tmp_path / "map.npz")
+            np.testing.assert_array_equal(dem.elevation, HEIGHTS)
+            assert (dem.cell_size_m, dem.cell_width_m) == (3.0, 3.0)
     np.savez(tmp_path / "map.npz", dem=HEIGHTS, other=HEIGHTS * 2, cell_size_m=4, cell_width_m=[2.0])
     dem = read_dem(tmp_path / "map.npz")
     np.testing.assert_array_equal(dem.elevation, HEIGHTS)
@@ -412,9 +373,9 @@ def test_an_archives_cell_width_is_used(tmp_path):
     assert read_dem(tmp_path / "map.npz", cell_size_m=10).cell_width_m == 5.0
 
 
-@pytest.mark.parametrize(
-    ("arrays", "word"),
-    [
+def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path):
+    place = "transform must be 6 numbers (a, b, c, d, e, f)"
+    for arrays, word in (
         ({"a": HEIGHTS, "b": HEIGHTS}, "got a, b"),
         ({}, "got nothing"),
         ({"dem": HEIGHTS[None]}, "(1, 6, 9)"),
@@ -423,65 +384,50 @@ def test_an_archives_cell_width_is_used(tmp_path):
         ({"dem": HEIGHTS, "cell_m": "5 m"}, "cell_m must be one number above 0"),
         ({"dem": HEIGHTS, "cell_width_m": 2.0}, "cell_size_m beside"),
         ({"dem": np.array([[{}]])}, "object"),
-    ],
-)
-def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path, arrays, word):
-    np.savez(tmp_path / "map.npz", **arrays)
-    refused(tmp_path / "map.npz", word)
+        *(({"dem": HEIGHTS, "cell_m": 1.0, "transform": transform}, place)
+          for transform in (np.zeros(6), np.arange(5.0), [1, 2, 3, 4, 5, np.nan], np.array(["a"] * 6))),
+    ):  # fmt: skip
+        np.savez(tmp_path / "map.npz", **arrays)
+        refused(tmp_path / "map.npz", word)
 
 
-@pytest.mark.parametrize(
-    "array",
-    [
-        HEIGHTS[0],
-        np.zeros((0, 4)),
-        HEIGHTS.astype(complex),
-        np.zeros((3, 3), bool),
-        np.full((3, 3), "1"),
-        np.full((3, 3), np.nan),
-        np.array([[None, 1.0]]),
-    ],
-)
-def test_an_array_that_is_no_elevation_map_is_refused(tmp_path, array):
-    np.save(tmp_path / "map.npy", array)
-    refused(tmp_path / "map.npy", cell_size_m=1)
+def test_an_array_that_is_no_elevation_map_is_refused(tmp_path):
+    for array in (
+        HEIGHTS[0], np.zeros((0, 4)), HEIGHTS.astype(complex), np.zeros((3, 3), bool), np.full((3, 3), "1"),
+        np.full((3, 3), np.nan), np.array([[None, 1.0]]),
+    ):  # fmt: skip
+        np.save(tmp_path / "map.npy", array)
+        refused(tmp_path / "map.npy", cell_size_m=1)
 
 
-def test_a_16_bit_png_becomes_metres(tmp_path):
-    levels = np.array([[0, 1], [40000, 65535]], np.uint16)
-    cv2.imwrite(str(tmp_path / "grey.png"), levels)
-    refused(tmp_path / "grey.png", "--vertical-scale", cell_size_m=1)
-    refused(tmp_path / "grey.png", "--cell-size", vertical_scale=0.5)
-    dem = read_dem(tmp_path / "grey.png", cell_size_m=1, vertical_scale=0.5)
+def test_a_16_bit_png_becomes_metres_and_another_picture_is_refused(tmp_path):
+    path, levels = tmp_path / "grey.png", np.array([[0, 1], [40000, 65535]], np.uint16)
+    cv2.imwrite(str(path), levels)
+    refused(path, "--vertical-scale", cell_size_m=1)
+    refused(path, "--cell-size", vertical_scale=0.5)
+    dem = read_dem(path, cell_size_m=1, vertical_scale=0.5)
     np.testing.assert_array_equal(dem.elevation, levels * np.float32(0.5))
-
-
-@pytest.mark.parametrize(
-    ("image", "got"),
-    [
-        (np.zeros((4, 4), np.uint8), "got 1 channel of 8 bits"),
-        (np.zeros((4, 4, 3), np.uint8), "got 3 channels of 8 bits"),
-        (np.zeros((4, 4, 3), np.uint16), "got 3 channels of 16 bits"),
-    ],
-)
-def test_a_png_that_is_not_16_bit_grey_is_refused(tmp_path, image, got):
-    cv2.imwrite(str(tmp_path / "picture.png"), image)
-    refused(tmp_path / "picture.png", "wanted a grey 16-bit PNG", got, cell_size_m=1)
+    for shape, kind in (((4, 4), "uint8"), ((4, 4, 3), "uint8"), ((4, 4, 3), "uint16")):
+        cv2.imwrite(str(path), np.zeros(shape, kind))
+        refused(path, "wanted a grey 16-bit PNG", f"got {shape[2] if shape[2:] else 1} × {kind}", cell_size_m=1)
 
 
 # Files that are no terrain at all
 
 
-@pytest.mark.parametrize("name", ["x.tif", "x.asc", "x.img", "x.lbl", "x.npy", "x.npz", "x.png", "x"])
-@pytest.mark.parametrize("content", [b"", b"Dear reader,\nthere is no terrain here.\n", b"\x00\xff" * 300])
-def test_what_is_no_terrain_is_refused(tmp_path, name, content):
-    (tmp_path / name).write_bytes(content)
-    refused(tmp_path / name, "wanted", cell_size_m=1, vertical_scale=1)
+def test_what_is_no_terrain_is_refused(tmp_path):
+    for name in ("x.tif", "x.asc", "x.img", "x.lbl", "x.npy", "x.npz", "x.png", "x"):
+        for content in (b"", b"Dear reader,\nthere is no terrain here.\n", b"\x00\xff" * 300):
+            (tmp_path / name).write_bytes(content)
+            refused(tmp_path / name, "wanted", cell_size_m=1, vertical_scale=1)
+    refused(tmp_path / "none.tif", "(no such file)")
+    refused(tmp_path, "(a folder)")
+    (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n")
+    refused(tmp_path / "drive.mcap", "wanted an elevation map, got a recording of messages", "nnpp_edge.ros.maps")
 
 
 @pytest.mark.parametrize("name", ["x.tif", "x.npy", "x.npz", "x.png"])
-@pytest.mark.parametrize("kept", [0.2, 0.5, 0.95])
-def test_a_file_cut_short_is_refused(tmp_path, name, kept):
+def test_a_file_cut_short_is_refused(tmp_path, name):
     path, heights = tmp_path / name, np.random.default_rng(3).integers(0, 60000, (80, 80)).astype(np.uint16)
     if path.suffix == ".png":
         cv2.imwrite(str(path), heights)
@@ -493,8 +439,9 @@ def test_a_file_cut_short_is_refused(tmp_path, name, kept):
         np.savez_compressed(path, dem=heights)
     read_dem(path, cell_size_m=1, vertical_scale=1)
     content = path.read_bytes()
-    path.write_bytes(content[: int(kept * len(content))])
-    refused(path, "wanted", cell_size_m=1, vertical_scale=1)
+    for kept in (0.2, 0.5, 0.95):
+        path.write_bytes(content[: int(kept * len(content))])
+        refused(path, "wanted", cell_size_m=1, vertical_scale=1)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of odd systems
@@ -521,18 +468,13 @@ def test_the_refusal_gives_the_first_cause(tmp_path):
     assert "See previous exception" not in str(caught.value)
 
 
-def test_a_missing_file_and_a_folder_are_refused(tmp_path):
-    refused(tmp_path / "none.tif", "(no such file)")
-    refused(tmp_path, "(a folder)")
-
-
-@pytest.mark.parametrize("value", [0, -1, math.nan, math.inf])
-def test_options_that_make_no_sense_are_refused(tmp_path, value):
+def test_options_that_make_no_sense_are_refused(tmp_path):
     path = geotiff(tmp_path / "hills.tif", crs=UTM)
-    with pytest.raises(InvalidQueryError, match=r"cell size must be above 0"):
-        read_dem(path, cell_size_m=value)
-    with pytest.raises(InvalidQueryError, match=r"vertical scale must be above 0"):
-        read_dem(path, vertical_scale=value)
+    for value in (0, -1, math.nan, math.inf):
+        with pytest.raises(InvalidQueryError, match=r"cell size must be above 0"):
+            read_dem(path, cell_size_m=value)
+        with pytest.raises(InvalidQueryError, match=r"vertical scale must be above 0"):
+            read_dem(path, vertical_scale=value)
 
 
 def test_without_rasterio_the_extra_is_named_and_arrays_still_read(tmp_path, monkeypatch):
@@ -562,14 +504,6 @@ def test_rescaling_keeps_every_slope(cell_size_m):
         np.testing.assert_allclose(grown_slope, slope, atol=1e-5)
 
 
-def test_rescaling_leaves_the_original_alone_and_wants_a_size():
-    dem = dem_of()
-    dem.rescaled(50.0)
-    np.testing.assert_array_equal(dem.elevation, HEIGHTS)
-    with pytest.raises(InvalidQueryError):
-        dem.rescaled(0.0)
-
-
 @given(
     st.integers(-50, 5000),
     st.integers(-50, 5000),
@@ -593,20 +527,19 @@ def test_map_coordinates_need_a_georeference_and_finite_numbers():
         dem_of(georeference=Georeference(None, (1, 0, 0, 0, -1, 0))).cell_of(math.nan, 0)
 
 
-@pytest.mark.parametrize(
-    ("elevation", "size", "width"),
-    [
+def test_a_map_that_breaks_its_own_terms_cannot_be_made():
+    with pytest.raises(InvalidQueryError):
+        dem_of().rescaled(0.0)
+    for elevation, size, width in (
         (HEIGHTS.astype(float), 1.0, 1.0),
         (HEIGHTS[0], 1.0, 1.0),
         (HEIGHTS[:0], 1.0, 1.0),
         (np.full((2, 2), np.nan, np.float32), 1.0, 1.0),
         (HEIGHTS, 0.0, 1.0),
         (HEIGHTS, 1.0, math.inf),
-    ],
-)
-def test_a_map_that_breaks_its_own_terms_cannot_be_made(elevation, size, width):
-    with pytest.raises(TerrainError, match=r"^made.tif: "):
-        Dem(elevation, size, width, None, Path("made.tif"))
+    ):
+        with pytest.raises(TerrainError, match=r"^made.tif: "):
+            Dem(elevation, size, width, None, Path("made.tif"))
 
 
 def test_masked_cells_are_unknown_in_a_map_and_in_a_file(tmp_path):
@@ -655,11 +588,20 @@ def test_infinite_costs_and_masks_are_written_as_they_are(tmp_path, recwarn):
     refused(path, "--cell-size")
 
 
-@pytest.mark.parametrize("array", [HEIGHTS[1:], HEIGHTS[None], HEIGHTS.astype(complex), np.full((6, 9), "x")])
-def test_an_array_that_does_not_fit_is_not_written(tmp_path, array):
-    with pytest.raises(OutputError, match=r"out.tif: wanted a \(6, 9\) array of numbers, got"):
-        write_raster(tmp_path / "out.tif", array, dem_of())
+def test_what_cannot_be_written_is_one_error_and_nothing_is(tmp_path):
+    for array in (HEIGHTS[1:], HEIGHTS[None], HEIGHTS.astype(complex), np.full((6, 9), "x")):
+        with pytest.raises(OutputError, match=r"out.tif: wanted a \(6, 9\) array of numbers, got"):
+            write_raster(tmp_path / "out.tif", array, dem_of())
+    unknown = dem_of(georeference=Georeference("no such system", (1, 0, 0, 0, -1, 0)))
+    with pytest.raises(OutputError, match=r"could not be written"):
+        write_raster(tmp_path / "out.tif", HEIGHTS, unknown)
     assert list(tmp_path.iterdir()) == []
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    for path in (tmp_path / "none" / "out.tif", tmp_path / "file" / "out.tif", tmp_path / "folder"):
+        with pytest.raises(OutputError, match=re.escape(f"{path}: could not be written")):
+            write_raster(path, HEIGHTS, dem_of())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
@@ -675,30 +617,3 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypat
     assert "\n" not in str(caught.value)
     assert path.read_bytes() == b"what stood here"
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_place_that_cannot_be_written_is_one_error(tmp_path):
-    (tmp_path / "file").write_text("")
-    (tmp_path / "folder").mkdir()
-    for path in (tmp_path / "none" / "out.tif", tmp_path / "file" / "out.tif", tmp_path / "folder"):
-        with pytest.raises(OutputError, match=re.escape(f"{path}: could not be written")):
-            write_raster(path, HEIGHTS, dem_of())
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
-
-
-def test_a_system_that_nobody_knows_is_an_output_error(tmp_path):
-    dem = dem_of(georeference=Georeference("no such system", (1, 0, 0, 0, -1, 0)))
-    with pytest.raises(OutputError, match=r"could not be written"):
-        write_raster(tmp_path / "out.tif", HEIGHTS, dem)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("transform", [np.zeros(6), np.arange(5.0), [1, 2, 3, 4, 5, np.nan], np.array(["a"] * 6)])
-def test_a_transform_that_places_no_cells_is_refused(tmp_path, transform):
-    np.savez(tmp_path / "dem.npz", elevation_m=HEIGHTS, cell_size_m=1.0, transform=transform)
-    refused(tmp_path / "dem.npz", "transform must be 6 numbers (a, b, c, d, e, f)")
-
-
-def test_a_recording_is_refused_with_the_way_to_a_map_of_it(tmp_path):
-    (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n")
-    refused(tmp_path / "drive.mcap", "wanted an elevation map, got a recording of messages", "nnpp_edge.ros.maps")
