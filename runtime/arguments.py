@@ -36,8 +36,8 @@ def checked(error: type[NnppEdgeError]) -> Callable[[F], F]:
     """Decorator: a call whose arguments are not of the annotated kinds raises this error, in one line."""
 
     def of(entry: F) -> F:
-        if isinstance(entry, type):
-            entry.__init__ = _guarded(entry.__init__, error)  # type: ignore[misc]  # a dataclass has made it
+        if isinstance(entry, type) and not issubclass(entry, tuple):
+            entry.__init__ = _guarded(entry.__init__, error)  # type: ignore[method-assign, assignment]  # a dataclass has made it
             return entry
         return cast(F, _guarded(entry, error))
 

@@ -26,7 +26,6 @@ from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.refine import BodyLines
 from nnpp_edge.runtime.region.corridor import CoarseLevel
-from nnpp_edge.runtime.region.links import Links, LinkSearch
 from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.search.connection import connected
@@ -66,7 +65,6 @@ def parts() -> list[Callable[[], None]]:
         *(partial(_exercise_elevations, heights, network) for heights in (dem, _read_only(dem))),
         partial(_exercise_body, dem, network),
         partial(_exercise_directed, dem, network),
-        partial(_exercise_passage, dem),
         partial(_exercise_network, network),
         *(partial(_exercise_planner, shape, "paper", True, network) for shape in warmup_shapes()),
         *(
@@ -156,21 +154,6 @@ def _exercise_directed(dem: Float2D, network: NetworkModel) -> None:
         moving.standing()
         moving.replan()
         MapPlanners(moving.state, network).corridor_mended.find(Query(start, goal), Work())
-
-
-def _exercise_passage(dem: Float2D) -> None:
-    vehicle, (start, goal) = Vehicle(3.5, 2.2, 1.2, max_tilt_deg=35.0, unknown_passes=True), ((8, 5), (140, 18))
-    dem = np.float32(0.2) * dem  # gentle enough for the vehicle to stand at both ends
-    for heights in (dem, _read_only(dem)):
-        planner = Planner.of_elevation(heights, 1.0, vehicle=vehicle, warn=False)
-        planner.plan(start, goal, method="corridor", price="network")
-        planner.update_elevation(3, 4, dem[:5, :6].copy())
-        planner.plan(start, goal, method="corridor", price="network")
-    links = Links.of(np.full((4, 38, 6), 5.0, np.float32))
-    search, memory = LinkSearch(dem.shape), Workspace((150 + 2) * (24 + 2))
-    region, _ = search.around(links, (start, goal), 0.1, 1)
-    memory.next_stamp()
-    search.around_again(search.without_dead_ends(links, region, memory), (start, goal), 0.1, 1)
 
 
 def warmup_shapes() -> list[tuple[int, int]]:

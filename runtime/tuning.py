@@ -40,8 +40,6 @@ THREADS_FROM = 200_000
 """Cells from which on a map is computed by a thread a core: to start one takes as long as some ten thousand cells."""
 STRIPE_CELLS = 1 << 18
 """Cells of a map that are made ready between two looks at the clock: about half a millisecond."""
-LOOK_THREADS_FROM = 65_536
-"""The same of a passage network's look, cells: at 256² two threads take a tenth less time, at 1024² half as long."""
 TILE_ROWS, TILE_COLS = 32, 64
 """Cells of the pieces in which a map of heights is computed: powers of two. In smaller ones rows are too short for
 the compiler's loops; of larger ones a search looks at a small part."""
@@ -98,21 +96,15 @@ WIDENED_CORRIDOR = CorridorWidth(8, 0.02, nearby=0.12, coarse_radius=2, coarse_b
 """Where the first held no path, or not one good enough."""
 LEARNED_CORRIDOR = CorridorWidth(1, 0.0005, nearby=0.08, coarse_radius=2, coarse_band=0.02)
 """Inside a learned region, which is searched for speed: mean gap 0.28 to 0.31 %."""
-BODY_CORRIDOR = CorridorWidth(6, 0.03, nearby=0.3, coarse_radius=6, coarse_band=0.2)
-"""For a vehicle, whose poses coarse levels can only guess: 0.86 to 0.92 hold a path on lunar train tiles with up to a
-tenth of the ground under rocks, mean gap 0.6 to 1.1 % (docs/decisions.md)."""
-WIDENED_BODY_CORRIDOR = CorridorWidth(12, 0.1, nearby=0.4, coarse_radius=8, coarse_band=0.4)
+BODY_WEIGHT = 4.0
+"""For a vehicle, whose poses coarse levels can only guess, means count so many times there: where cells are dear on
+average, poses fail."""
+BODY_CORRIDOR = CorridorWidth(2, 0.15, nearby=0.0, coarse_radius=6, coarse_band=0.2)
+"""For a vehicle: mean gap 0.0 to 0.2 % with up to a tenth of the ground under rocks (docs/decisions.md)."""
+WIDENED_BODY_CORRIDOR = CorridorWidth(4, 0.3, nearby=0.0, coarse_radius=8, coarse_band=0.4)
 """Where the first held no path for a vehicle, or not one good enough."""
-NETWORK_CORRIDOR = CorridorWidth(1, 0.03, nearby=0.0, coarse_radius=0, coarse_band=0.0)
-"""For a vehicle, by the links that a network has priced: mean gap 0.2 % (docs/decisions.md)."""
-WIDENED_NETWORK_CORRIDOR = CorridorWidth(2, 0.06, nearby=0.0, coarse_radius=0, coarse_band=0.0)
-"""Where the first held no path, or not one good enough."""
-MOST_CORRECTIONS = 3
-"""Regions without a path whose links are corrected before the whole map is searched: of 108 queries with 0 to 10 %
-under rocks, 11 held a path at the second, 6 at the third and 2 later on, when the whole map had been sooner done."""
-LOOK_MARGIN, LEAST_LOOK_MARGIN = 0.15, 32
-"""A network that prices links looks at the rectangle of start and goal first, and so far around it: a share of their
-distance, and cells more."""
+MOST_CORRECTIONS = 6
+"""Regions of a vehicle's without a path after which links are corrected, before a wider one is searched."""
 REFINE_FROM = MapSize(192)
 """Cells of a map's longer side from which on a learned region is searched coarsely first."""
 WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1
@@ -149,8 +141,6 @@ BRIEF_EXPANSIONS = 1024
 """Expansions that A* may take for a near goal, and twice the square of the distance more."""
 LARGE_MAP, FAR = MapSize(1536), 512
 """Size of a map, and cells to the goal, from which on the learned region is clearly the fastest."""
-LARGE_MAP_FOR_BODY, FAR_FOR_BODY = MapSize(768), 384
-"""The same for a vehicle with a body, whose corridor goes by the passage network's prices then."""
 
 # Planning on a map that changes
 

@@ -15,15 +15,12 @@ from nnpp_edge.cli.vehicle_options import VehicleOptions
 from nnpp_edge.cli.vehicle_options import vehicle as vehicle_options
 
 if TYPE_CHECKING:
-    from nnpp_edge.profiling.corridors import Control
     from nnpp_edge.profiling.suites import Case, Size
-    from nnpp_edge.runtime.map.prices import Price
 
 _WORKLOADS = "soft, limit20, limit15 or any limitN; with a vehicle body, body-rocks10 or any body-rocksN."
-_PRICES = "By which the corridor of a vehicle prices blocks: eq1, network; or the control straight.  [default: eq1]"
 _PER_MAP = "Of a vehicle's queries, so many are answered by one planner; rows for each.  [default: 1]"
 _ROCKS = "Share of the ground under rocks, 0 to 0.2, where the workload does not say."
-_MODEL = "Shipped model or file for nnpp, of a vehicle a passage network; several are set beside each other."
+_MODEL = "Shipped model or file for nnpp of a point; several are set beside each other."
 _REPEATS = "Times each planner answers each query; its median time counts."
 _FRESH_MAP = "Also from elevations to the path on a map that has just arrived, lazily and eagerly."
 _MARKDOWN = "Print the tables as Markdown."
@@ -43,7 +40,6 @@ _MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
 @click.option("--model", "models", type=options.ModelName(), multiple=True, default=("edge",), help=_MODEL)
 @vehicle_options
 @options.step_cost
-@click.option("--prices", type=options.Names(), help=_PRICES)
 @click.option("--queries-per-map", "per_map", type=options.Counts(), help=_PER_MAP)
 @click.option("--rocks", type=options.Real(0.0, 0.2), default=0.0, help=_ROCKS)
 @click.option("--repeats", type=options.COUNT, default=3, help=_REPEATS)
@@ -68,7 +64,6 @@ def command(
     models: tuple[str, ...],
     vehicle: VehicleOptions,
     step_cost: str,
-    prices: tuple[str, ...] | None,
     per_map: tuple[int, ...] | None,
     rocks: float,
     repeats: int,
@@ -94,11 +89,11 @@ def command(
     \b
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --workload soft,limit15 --sizes 256,512
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --sizes 256,512,1024,2048 --fresh-map --markdown
-    nnpp-edge evaluate --terrain dem.tif --vehicle small-rover --workload body,body-rocks10 --prices eq1,network
+    nnpp-edge evaluate --terrain dem.tif --vehicle small-rover --workload body,body-rocks10
     """
     from nnpp_edge.profiling import suites
     from nnpp_edge.profiling.evaluate import EAGER, evaluate
-    from nnpp_edge.profiling.rivals import SHIPPED, exact_and, exact_and_priced, narrow_corridor
+    from nnpp_edge.profiling.rivals import exact_and, narrow_corridor
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.map.slope_cost import slope_cost_of
     from nnpp_edge.runtime.network.inference import NetworkModel
@@ -121,20 +116,17 @@ def command(
         raise click.UsageError("--step-cost needs elevations, a data set holds cost maps: give --terrain")
     if directed:
         slope_cost_of(step_cost, vehicle.mobility())  # refused now
-    of_vehicle = {"--vehicle": body, "--prices": prices, "--queries-per-map": per_map}
+    of_vehicle = {"--vehicle": body, "--queries-per-map": per_map}
     bodies = _body_workloads(workloads, [name for name, value in of_vehicle.items() if value is not None])
     points = [name for name in workloads if name not in bodies]
-    if points and bodies and models != (SHIPPED,):
-        raise click.UsageError("--model is a point's or a vehicle's: judge their workloads one after the other")
     if dataset is not None and (bodies or rocks):
         raise click.UsageError("vehicles and rocks need elevations, a data set holds cost maps: give --terrain")
-    of_each = _prices(prices)
     options.check_outputs(("--plot", plot))
     needed = models if points and {Method.NNPP, Method.AUTO} & set(methods) else ()
     networks = {Path(name).stem: NetworkModel(name) for name in needed}
     control = [narrow_corridor()] if fresh_map else []
     of_point = exact_and(methods, networks) + control
-    of_body = exact_and_priced(methods, of_each, models) + control if bodies else []
+    of_body = exact_and([name for name in methods if name != Method.NNPP], {}) + control
     dems = suites.TerrainFiles(files, rescale, cell_size, allow_vrt).read()
     suites.check_sizes(dems, sizes)
     mobility = vehicle.mobility(*dems[:1]) if directed else None
@@ -203,14 +195,3 @@ def _body_workloads(names: Sequence[str], given: Sequence[str]) -> list[str]:
     if not found and given:
         raise click.UsageError(f"{given[0]} is for the workloads body and body-rocksN")
     return found
-
-
-def _prices(names: tuple[str, ...] | None) -> "list[Price | Control]":
-    """The prices and controls of these names; by default that of a point."""
-    from nnpp_edge.profiling.corridors import Control
-    from nnpp_edge.runtime.map.prices import Price
-
-    if unknown := set(names or ()) - {*Price, *Control}:
-        known = ", ".join((*Price, *Control))
-        raise click.UsageError(f"--prices must be of {known}, got {', '.join(sorted(unknown))}")
-    return [Control(name) if name in set(Control) else Price(name) for name in names or (Price.EQ1,)]

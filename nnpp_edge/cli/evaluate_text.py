@@ -37,7 +37,6 @@ BODY_COLUMNS = {
     "workload": "workload",
     "size": "size",
     "method": "method",
-    "price": "price",
     "queries_per_map": "queries\na map",
     "n": "n",
     "unsolvable": "without\na path",
@@ -62,7 +61,7 @@ _GAPS = {"gap_mean", "gap_p99", "fresh_gap_mean", "fresh_gap_p99"}
 
 def label(row: Mapping[str, str | float | None]) -> str:
     """A planner's name in a picture."""
-    return str(row["method"]) if row["price"] is None else f"{row['method']}, {row['price']}"
+    return str(row["method"])
 
 
 def table(rows: Sequence[dict[str, str | float | None]], columns: Mapping[str, str], markdown: bool = False) -> str:

@@ -83,11 +83,6 @@ _BYTES_PER_CELL = 24
 @click.option("--compare", is_flag=True, help="Plan with exact A* and the corridor planner too.")
 @click.option("--hillshade", is_flag=True, help="Draw the relief in place of the cost.")
 @vehicle_options.vehicle
-@click.option(
-    "--price",
-    type=click.Choice(["eq1", "network"]),
-    help="By what blocks of cells are priced before a vehicle's poses are checked.  [default: eq1; nnpp: network]",
-)
 @options.memory
 @options.as_json
 @outputs
@@ -127,8 +122,6 @@ def command(
 
     vehicle.check_turns(request.refine)
     limits, body = terrain.limits(), vehicle.make()
-    if "price" in options.given_options() and not has_body(body):
-        raise click.UsageError("--price is for a vehicle with a body: give --vehicle too")
     options.check_outputs(*outputs.paths, more_inputs=request.files, make_folders=True)
     directed = request.step_cost != "paper"
     bytes_per_cell = _BYTES_PER_CELL + (_BYTES_PER_POSED_CELL if body else 0) + DIRECTED_BYTES_PER_CELL * directed
@@ -246,7 +239,6 @@ def find(
 
         exercise()
     within: PlanOptions = {
-        "price": request.price,
         "refine": request.refine,
         "epsilon": inf if request.epsilon is None else request.epsilon,
         "time_limit_s": request.time_limit or inf,

@@ -39,7 +39,6 @@ class Request:
     time_limit: float | None
     landmarks: int
     compare: bool
-    price: str | None
     step_cost: str
     refine: str | None = None
 

@@ -114,10 +114,10 @@ class _OnMap:
         }
         """On a map that has just arrived."""
         self._standing = (
-            {} if self.has_body else {rival.key: rival.planner(case.cost, case.ground) for rival in rivals}
+            {} if self.has_body else {rival.name: rival.planner(case.cost, case.ground) for rival in rivals}
         )
         self.calls: dict[str, Callable[[Queries], Plans]] = {
-            rival.key: _answering(rival, self._standing[rival.key]) for rival in rivals if self._standing
+            rival.name: _answering(rival, self._standing[rival.name]) for rival in rivals if self._standing
         }
         self.calls |= self.fresh
         self.exact: dict[Endpoints, Plan] = {}
@@ -142,7 +142,7 @@ class _OnMap:
 
     def plans(self, rival: RivalPlanner, queries: Queries) -> Plans:
         """The rival's plans with their regions, of a planner that has checked no pose before."""
-        planner = self._planner(rival.key)
+        planner = self._planner(rival.name)
         return tuple([rival.plan(planner, query, keep_regions=True) for query in queries])
 
     def own_s(self, key: str, records: Records) -> float:
@@ -170,7 +170,7 @@ class _Counts:
 
     def __init__(self, rivals: Sequence[RivalPlanner]) -> None:
         self._rivals = rivals
-        self._standing: dict[str, list[Row]] = {rival.key: [] for rival in rivals}
+        self._standing: dict[str, list[Row]] = {rival.name: [] for rival in rivals}
         self._fresh: dict[str, list[Row]] = {}
         self._has_body, self._per_map, self._poses = False, 1, 0
         self.unsolvable = 0
@@ -182,7 +182,7 @@ class _Counts:
         self._poses = len(HEADINGS) * cells
         exact = [on_map.exact[query] for query in queries]
         for rival in self._rivals:
-            key = rival.key
+            key = rival.name
             time_ms, look_ms = 1e3 * on_map.own_s(key, records), on_map.look_ms(key, records)
             for at, (plan, optimum) in enumerate(zip(on_map.plans(rival, queries), exact, strict=True)):
                 found = answer(plan, time_ms, optimum.cost, exact_ms) | search(plan, optimum, cells)
@@ -200,10 +200,10 @@ class _Counts:
         """By the rivals' keys; none where nothing was counted."""
         found: dict[str, Figures] = {}
         for rival, lazy in product(self._rivals, (True, False)):
-            key, answers = _key(rival, lazy), self._standing[rival.key]
+            key, answers = _key(rival, lazy), self._standing[rival.name]
             if not answers or not (lazy or key in self._fresh):
                 continue
-            row: Figures = {"method": rival.name + EAGER * (not lazy), "price": rival.price}
+            row: Figures = {"method": rival.name + EAGER * (not lazy)}
             row |= {"queries_per_map": self._per_map if self._has_body else None}
             row |= {**summarised(answers, ANSWERS), "unsolvable": self.unsolvable}
             if self._has_body:
@@ -214,7 +214,7 @@ class _Counts:
 
 
 def _key(rival: RivalPlanner, lazy: bool) -> str:
-    return rival.key + EAGER * (not lazy)
+    return rival.name + EAGER * (not lazy)
 
 
 def _answering(rival: RivalPlanner, planner: FindsPlans) -> Callable[[Queries], Plans]:

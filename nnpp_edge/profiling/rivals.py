@@ -1,28 +1,25 @@
 """Planners that are measured beside each other, under the names that reports give them."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
-from nnpp_edge.profiling.corridors import Control, CorridorAlone
 from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.profiling.harness import Observer
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
-from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.network.passage_model import PassageModel
+from nnpp_edge.runtime.planners.corridor import CorridorPlanner
+from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, CorridorWidth
+from nnpp_edge.runtime.planners.query import Query, Work
+from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, WIDENED_CORRIDOR, CorridorWidth
 
 EXACT = "astar"
 """The rival that all others are compared with."""
-SHIPPED = "edge"
-"""The model that stands for the shipped networks."""
 Queries = tuple[Endpoints, ...]
 """Starts and goals that one planner answers one after the other."""
 FIRST_SOURCES = (Source.MAP, Source.REGION)
@@ -32,10 +29,32 @@ FIRST_SOURCES = (Source.MAP, Source.REGION)
 class FindsPlans(Protocol):
     """`Planner`, as far as rivals need it."""
 
-    def plan(
-        self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False, price: str | None = None
-    ) -> Plan:
+    def plan(self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False) -> Plan:
         """As `Planner.plan`."""
+
+
+class CorridorAlone:
+    """The corridor planner on a map of its own, whose first corridor has another width.
+
+    Of the learned region's width it shows what is owed to the network, and what to narrow corridors alone.
+    """
+
+    def __init__(self, state: MapState, first: CorridorWidth) -> None:
+        self._state, self._first = state, first
+        self._planners = MapPlanners(state, "edge")
+        self._corridor: CorridorPlanner | None = None
+
+    def plan(self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False) -> Plan:
+        """As `Planner.plan`; there is but one method. The first plan makes what it needs."""
+        work, checked, planners = Work(), self._state.checked, self._planners
+        if self._corridor is None:
+            widths = self._first, WIDENED_CORRIDOR
+            self._corridor = CorridorPlanner(planners.coarse_to_fine, planners.astar, planners.exact, widths)
+        found = self._corridor.find(Query(start, goal), work)
+        computed, checks = self._state.costs_computed, self._state.checked - checked
+        return found.plan(
+            Method.CORRIDOR, work, planner=method, keep_regions=keep_regions, costs_computed=computed, checks=checks
+        )
 
 
 @dataclass(frozen=True)
@@ -48,34 +67,23 @@ class RivalPlanner:
     """None: the default model, loaded only if it is needed."""
     width: CorridorWidth | None = None
     """Of the first corridor, instead of the usual one."""
-    price: Price | Control | None = None
-    """On a vehicle's map; None for the method's usual one."""
-    passage: PassageModel | None = None
-    """Whose prices a vehicle's links have; None for the shipped network's."""
-
-    @property
-    def key(self) -> str:
-        """Its name, and its price where it has one: no other rival's."""
-        return self.name if self.price is None else f"{self.name}:{self.price}"
 
     def plan(self, planner: FindsPlans, query: Endpoints, *, keep_regions: bool = False) -> Plan:
         """What a planner of the rival's own answers."""
-        return planner.plan(*query, method=self.method, keep_regions=keep_regions, price=self.price)
+        return planner.plan(*query, method=self.method, keep_regions=keep_regions)
 
     def planner(self, cost: Float2D, ground: Ground | None = None) -> FindsPlans:
         """A planner of its own for a map; `ground` is what it was made from, by which directed steps cost."""
         if ground is not None and ground.is_directed:
             return self.planner_of(ground, lazy=False)
         if self.width is not None:
-            return CorridorAlone(MapState(cost, StepModel.of("paper")), first=self.width)
+            return CorridorAlone(MapState(cost, StepModel.of("paper")), self.width)
         return Planner(cost, model=self.model or "edge")
 
     def planner_of(self, ground: Ground, *, lazy: bool) -> FindsPlans:
         """A planner of its own for elevations."""
-        passage = self.passage
-        if self.width is not None or passage is not None or isinstance(self.price, Control):
-            price = self.price or (Price.EQ1 if passage is None else Price.NETWORK)
-            return CorridorAlone(ground.state(lazy=lazy), price, first=self.width, passage=passage)
+        if self.width is not None:
+            return CorridorAlone(ground.state(lazy=lazy), self.width)
         return ground.planner(self.model or "edge", lazy=lazy)
 
 
@@ -132,41 +140,6 @@ def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> lis
         elif method != EXACT:
             found.append(RivalPlanner(method, Method(method), next(iter(models.values()), None)))
     return found
-
-
-def exact_and_priced(
-    methods: Iterable[str],
-    prices: Iterable[Price | Control],
-    models: Sequence[str] = (SHIPPED,),
-) -> list[RivalPlanner]:
-    """Exact A*, and a rival of a vehicle for each other method; for ``corridor`` one for each price.
-
-    ``nnpp`` and the network's prices are of each of these models; the first one's has the method's name, any other's
-    ``METHOD:NAME``. ModelError where a model that is needed is no passage network.
-    """
-    found = [RivalPlanner(EXACT, Method.ASTAR)]
-    for method in dict.fromkeys(methods):
-        if method == Method.NNPP:
-            found += [RivalPlanner(name, Method.NNPP, passage=each) for name, each in _passages(method, models)]
-        elif method == Method.CORRIDOR:
-            for price in dict.fromkeys(prices):
-                named: list[tuple[str, PassageModel | None]] = [(method, None)]
-                if price is Price.NETWORK:
-                    named = _passages(method, models)
-                found += [
-                    RivalPlanner(name, Method.CORRIDOR, price=price, passage=passage) for name, passage in named
-                ]
-        elif method != EXACT:
-            found.append(RivalPlanner(method, Method(method)))
-    return found
-
-
-def _passages(method: str, models: Sequence[str]) -> list[tuple[str, PassageModel | None]]:
-    """Names of rivals, and their passage networks; None for the shipped one."""
-    names = [f"{method}:{Path(model).stem}" if at else method for at, model in enumerate(models)]
-    return [
-        (name, None if model == SHIPPED else PassageModel(model)) for name, model in zip(names, models, strict=True)
-    ]
 
 
 def narrow_corridor() -> RivalPlanner:

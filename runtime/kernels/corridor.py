@@ -161,8 +161,8 @@ def close_dead_ends(links, marks, reached, came, closed):
         The region, in quarters of its cells: (2 rows, 2 cols) int32, and the number within it.
     reached : (meta, stamp, shape)
         What the search left, see `search.workspace`; its number; the map's rows and columns.
-    came : (nodes,) int8
-        Scratch.
+    came : (nodes,) uint8
+        Scratch, all 0.
     closed : (nodes,) uint8
         The bits that were taken from `links` are added.
     """
@@ -170,7 +170,6 @@ def close_dead_ends(links, marks, reached, came, closed):
     meta, stamp, shape = reached
     rows, cols = bitmap.shape[0] // 2, bitmap.shape[1] // 2
     stride, count = cols + 2, 0
-    came[:] = 0
     for i in range(rows):
         for j in range(cols):
             quarters = np.int64(bitmap[2 * i, 2 * j] == mark) + np.int64(bitmap[2 * i, 2 * j + 1] == mark)
@@ -189,6 +188,7 @@ def close_dead_ends(links, marks, reached, came, closed):
                         for at, bit in ((node, np.uint8(1 << k)), (there, np.uint8(1 << OPPOSITE[k]))):
                             closed[at] |= links[at] & bit
                             links[at] &= ~bit
+    came[:] = 0
     return count
 
 

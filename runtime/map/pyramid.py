@@ -26,7 +26,7 @@ from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.map.step_cost import StepCost
-from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM
+from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, BODY_WEIGHT
 
 
 class Level:
@@ -62,17 +62,18 @@ class Pyramid:
 
     def __init__(self, grid: Grid, *, later: bool = False) -> None:
         self.levels, shapes = [Level(grid)], coarse_shapes(grid.rows, grid.cols)
+        model = grid.model if grid.poses is None else grid.model.weighing(BODY_WEIGHT)
         self._left: Iterator[None] = iter(())
         """Pools a stripe at each step."""
         if grid.tiles is None:
             for rows, cols in shapes:
                 nodes = (rows + 2) * (cols + 2)
                 pieces, links = np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)
-                self.levels.append(Level(Grid(rows, cols, grid.model), pieces, links))
+                self.levels.append(Level(Grid(rows, cols, model), pieces, links))
         else:
             parts = grid.tiles.add_levels(shapes)
             for number, (weights, pieces, links) in enumerate(parts, 1):
-                coarse = Grid(*shapes[number - 1], grid.model, weights=weights)
+                coarse = Grid(*shapes[number - 1], model, weights=weights)
                 coarse.compute_by(grid.tiles, number)
                 self.levels.append(Level(coarse, pieces, links))
         if isinstance(grid.directed, DirectedSteps):

@@ -6,7 +6,7 @@ import json
 import math
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from importlib.resources import files
 from pathlib import Path
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 METADATA_KEY = "nnpp_edge"
 FORMAT = "nnpp-edge-model-1"
-PASSAGE = "passage"
-"""The architecture whose metadata are `PassageMetadata`."""
 FIGURES_FORMAT = "nnpp-edge-figures-1"
 FIGURE_NAMES = (
     *("workload", "size", "method", "n", "success_raw", "success", "gap_mean", "gap_p99"),
@@ -120,48 +118,6 @@ class ModelMetadata:
         return found
 
 
-@dataclass(frozen=True)
-class PassageMetadata:
-    """What a passage network says of itself (`network.passage`)."""
-
-    name: str
-    ranges: dict[str, tuple[float, float]]
-    """Of a vehicle's numbers that it was trained for; those of `NUMBERS`."""
-    precision: str = "fp32"
-    training: dict[str, object] = field(default_factory=dict)
-    version: str = ""
-    architecture: str = PASSAGE
-    format: str = FORMAT
-
-    def facts(self) -> dict[str, object]:
-        """All of it, as it stands in the file."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
-
-    def to_json(self) -> str:
-        """One line of JSON."""
-        return json.dumps(self.facts())
-
-    @classmethod
-    def from_json(cls, text: str | bytes | None, source: str) -> "PassageMetadata":
-        """Read and check; ModelError names `source`, what was wanted and what came."""
-        wanted = f"{source}: wanted a passage network"
-        try:
-            stored = json.loads(text or "{}")
-            if not isinstance(stored, dict) or (stored.get("format"), stored.get("architecture")) != (
-                FORMAT,
-                PASSAGE,
-            ):
-                raise ModelError(f"{wanted}, got a model of another kind")
-            found = msgspec.convert(stored, cls)
-        except (ValueError, RecursionError, msgspec.ValidationError) as error:
-            if isinstance(error, ModelError):
-                raise
-            raise ModelError(f"{wanted}, got metadata that cannot be read: {error}") from error
-        if _depth(found.training) > _DEEPEST:
-            raise ModelError(f"{wanted}, got metadata nested too deep")
-        return found
-
-
 def _depth(value: object) -> int:
     """How many lists and objects lie inside one another."""
     depth, level = 0, [value]
@@ -201,7 +157,7 @@ class ModelFile:
     path: Path
     size_bytes: int
     sha256: str
-    metadata: ModelMetadata | PassageMetadata
+    metadata: ModelMetadata
     inputs: dict[str, tuple[int | str, ...]]
     """Shape of each; a dimension that is not fixed has its name, or ``?``."""
     outputs: dict[str, tuple[int | str, ...]]
@@ -253,20 +209,6 @@ def read_metadata(path: Path) -> ModelMetadata:
 def _metadata_in(content: bytes, path: Path) -> ModelMetadata:
     text = checked_metadata(content, str(path)).get(METADATA_KEY.encode())
     return ModelMetadata.from_json(text, str(path))
-
-
-def _any_metadata_in(content: bytes, path: Path) -> ModelMetadata | PassageMetadata:
-    text = checked_metadata(content, str(path)).get(METADATA_KEY.encode(), b"")
-    with suppress(ModelError):
-        return PassageMetadata.from_json(text, str(path))
-    return ModelMetadata.from_json(text, str(path))
-
-
-def read_passage(path: Path) -> bytes:
-    """The file of a passage network; ModelError where it is none, or `checked_metadata` refuses it."""
-    content = _bytes(path)
-    PassageMetadata.from_json(checked_metadata(content, str(path)).get(METADATA_KEY.encode()), str(path))
-    return content
 
 
 def open_session(path: Path, options: "SessionOptions | None" = None) -> "InferenceSession":
@@ -329,7 +271,7 @@ def read_model_file(model: str | Path = "edge") -> ModelFile:
     path = model_path(model)
     content = _bytes(path)
     sha256 = hashlib.sha256(content).hexdigest()
-    metadata = _any_metadata_in(content, path)
+    metadata = _metadata_in(content, path)
     session = open_session(path)
     with model_errors(path, "got one whose texts cannot be read"):
         facts = session.get_modelmeta()

@@ -1,11 +1,9 @@
 """Answers to queries on a standing map: the method, the search, the line off the grid, the numbers along it."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,29 +11,16 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.map_planners import MapPlanners
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
-from nnpp_edge.runtime.planners.query import Found, Query, Work, in_words, problem_with, told
+from nnpp_edge.runtime.planners.query import Found, Query, Wishes, Work, in_words, problem_with, told
 from nnpp_edge.runtime.planners.refine import Refinement, Refiner
 from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import cost_field, costs_to_nearest
 from nnpp_edge.runtime.tuning import NEAREST_STOPS
-
-
-class Wishes(NamedTuple):
-    """How a query is to be answered, as `Planner.plan` says."""
-
-    method: str = Method.AUTO
-    epsilon: float = math.inf
-    time_limit_s: float = math.inf
-    keep_regions: bool = False
-    price: str | None = None
-    refine: str | None = None
-    turning_radius_m: float | None = None
 
 
 class Answers:
@@ -121,14 +106,8 @@ class Answers:
         query = Query.of(start, goal, deadline, wishes.epsilon)
         planners, auto = self.planners, wishes.method == Method.AUTO
         chosen, choice = self._chooser.choose(wishes.method, query)
-        named = None if wishes.price is None else self._price(wishes.price)
         if problem := problem_with(self._grid, query.start, query.goal):
             return Plan(problem, chosen, planner=chosen, reason=told(problem, query))
-        if named is Price.NETWORK:
-            _ = planners.passage_network  # refused now, whatever the method, if it cannot be asked
-        if auto and chosen is Method.NNPP and (against := planners.against_network):
-            chosen, choice = Method.CORRIDOR, against
-        price, why = planners.usual_price(chosen) if named is None else (named, "")
         checked = self._state.checked
         found: Found | None = None
         try:
@@ -136,14 +115,14 @@ class Answers:
                 found = planners.exact.find_briefly(query, work)
                 if found is None:
                     chosen, choice = Method.CORRIDOR, f"{choice}, but the way is long"
-            found = found or planners.planner(chosen, price, deadline).find(query, work)
+            found = found or planners.planner(chosen, deadline).find(query, work)
         except OutOfTimeError:
             found = Found.too_late(Source.REGION)
         return found.plan(
             chosen,
             work,
             planner=chosen,
-            choice="; ".join(filter(None, (choice, why))),
+            choice=choice,
             keep_regions=wishes.keep_regions,
             costs_computed=self._state.costs_computed,
             checks=self._state.checked - checked,
@@ -156,14 +135,3 @@ class Answers:
     def _refined(self, plan: Plan, refining: Refinement | None, wishes: Wishes, deadline: Deadline) -> Plan:
         """The plan, freed from the grid if that is asked for."""
         return plan if refining is None else self._refiner.refined(plan, wishes.turning_radius_m, deadline)
-
-    def _price(self, price: str) -> Price:
-        try:
-            wanted = Price(price)
-        except ValueError:
-            raise InvalidQueryError(f"price must be one of {', '.join(Price)}, got {price!r}") from None
-        if wanted is not Price.EQ1 and self._grid.poses is None:
-            raise InvalidQueryError(f"price={price!r} is a vehicle's: wanted a planner of elevations with a vehicle")
-        if wanted is not Price.EQ1 and self._grid.directed is not None:
-            raise InvalidQueryError(f"price={price!r} prices steps alike both ways: wanted step_cost='paper'")
-        return wanted

@@ -6,10 +6,10 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.runtime.planners.query import Query
-from nnpp_edge.runtime.tuning import FAR, FAR_FOR_BODY, LARGE_MAP, LARGE_MAP_FOR_BODY, NEAR
+from nnpp_edge.runtime.tuning import FAR, LARGE_MAP, NEAR
 
 _MEASURED = "edge"
-"""The network that the figures of a point are of; those of a body are of the passage network."""
+"""The network that the figures are of."""
 
 
 class MethodChooser:
@@ -34,6 +34,11 @@ class MethodChooser:
             wanted = Method(method)
         except ValueError:
             raise InvalidQueryError(f"method must be one of {', '.join(Method)}, got {method!r}") from None
+        if wanted is Method.NNPP and self._has_body:
+            return (
+                wanted,
+                "no network is asked for a vehicle's body: the corridor is as fast, closer to optimal",
+            )
         return (wanted, "") if wanted is not Method.AUTO else self.pick(query.apart)
 
     def pick(self, apart: int) -> tuple[Method, str]:
@@ -42,14 +47,13 @@ class MethodChooser:
             return Method.ASTAR, f"the goal is less than {NEAR} cells away"
         side = max(self._shape)
         if self._has_body:
-            if side >= LARGE_MAP_FOR_BODY and apart >= FAR_FOR_BODY:
-                reason = f"by the shipped figures the fastest for a body from {FAR_FOR_BODY} cells on a large map"
-                return Method.NNPP, reason
-            saved = "by the shipped figures running the network takes as long as the checks that it saves"
-            return Method.CORRIDOR, saved
+            return (
+                Method.CORRIDOR,
+                "for a body as fast as exact search on small maps, faster on large ones",
+            )
         if side >= LARGE_MAP and apart >= FAR and _name(self._model) == _MEASURED:
-            return Method.NNPP, f"by the shipped figures the fastest from {FAR} cells on a large map"
-        return Method.CORRIDOR, "by the shipped figures about as fast as the learned region, and closer to optimal"
+            return Method.NNPP, f"the fastest from {FAR} cells on, on a large map"
+        return Method.CORRIDOR, "as fast as the learned region, closer to optimal"
 
 
 def expects_network(method: str, shape: tuple[int, ...], model: str | Path | NetworkModel, apart: int) -> bool:

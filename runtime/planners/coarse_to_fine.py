@@ -10,11 +10,11 @@ from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
-from nnpp_edge.runtime.planners.searchers import Searcher
+from nnpp_edge.runtime.planners.searchers import AStarSearcher, Searcher
 from nnpp_edge.runtime.region.corridor import CoarseLevel
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import CELLS_APART, CorridorWidth
+from nnpp_edge.runtime.tuning import CELLS_APART, MOST_CORRECTIONS, CorridorWidth
 
 
 class CoarseToFine:
@@ -26,12 +26,21 @@ class CoarseToFine:
         The map.
     finest : Workspace
         Memory of the searches at full resolution, which are made by whoever is given to `descend`.
+
+    Notes
+    -----
+    Coarse levels can only guess where a vehicle's poses pass. A region without a path shows, at the price of many
+    checks, where they do not: links from what its search reached to what it did not are closed, and the first coarse
+    level is searched again. Poses that have been checked cost nothing the second time.
     """
 
     def __init__(self, state: MapState | StreamedMap, finest: Workspace) -> None:
         self._state, self._finest = state, finest
         self._levels = state.pyramid.levels
         self._coarse = [CoarseLevel(level) for level in self._levels[1:]]
+        self._corrects = state.grid.poses is not None
+        self._last: Region | None = None
+        """Where the last descent let the map itself be searched."""
 
     @property
     def coarse_levels(self) -> list[CoarseLevel]:
@@ -44,7 +53,7 @@ class CoarseToFine:
 
     def top_for(self, query: Query) -> int:
         """The level to begin at: where start and goal are close, a finer one than the coarsest."""
-        number = len(self._coarse)
+        number = 1 if self._corrects else len(self._coarse)
         while number > 1 and query.apart < CELLS_APART * FACTOR**number:
             number -= 1
         return number
@@ -87,6 +96,7 @@ class CoarseToFine:
             coarse.invest()
             work.stage_ends("coarse")
         assert region is not None
+        self._last = region
         found = searcher.search(query, work, region)
         return None if found.status is Status.NO_PATH else (found, region)
 
@@ -100,9 +110,24 @@ class CoarseToFine:
         width: CorridorWidth,
         source: Source,
     ) -> Found | None:
-        """As `descend`; what was found, or None where there is no way."""
-        descent = self.descend(query, work, searcher, top, region, width)
-        return None if descent is None else Found.of(self._state.grid, descent[0], source, descent[1], work)
+        """As `descend`; what was found, or None where there is no way.
+
+        A vehicle's links are corrected meanwhile, as often as it pays.
+        """
+        coarse, self._last = self._coarse[0], None
+        try:
+            for left in reversed(range(MOST_CORRECTIONS if self._corrects else 1)):
+                descent = self.descend(query, work, searcher, top, region, width)
+                if descent is not None:
+                    return Found.of(self._state.grid, descent[0], source, descent[1], work)
+                if not left or self._last is None or not isinstance(searcher, AStarSearcher):
+                    break
+                if not coarse.close_dead_ends(self._last, self._finest, self._state.shape):
+                    break
+                work.stage_ends("coarse")
+            return None
+        finally:
+            coarse.open_dead_ends()
 
     def touch(self) -> None:
         """Have the system back all arrays with memory now."""

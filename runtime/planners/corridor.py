@@ -2,7 +2,6 @@
 
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.exact import ExactPlanner
-from nnpp_edge.runtime.planners.link_descent import LinkDescent
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import Searcher
@@ -14,7 +13,7 @@ class CorridorPlanner:
 
     Parameters
     ----------
-    coarse_to_fine : CoarseToFine or LinkDescent
+    coarse_to_fine : CoarseToFine
         Searches the coarse levels.
     searcher : Searcher
         Searches the corridor at full resolution.
@@ -26,7 +25,7 @@ class CorridorPlanner:
 
     def __init__(
         self,
-        coarse_to_fine: CoarseToFine | LinkDescent,
+        coarse_to_fine: CoarseToFine,
         searcher: Searcher,
         exact: ExactPlanner,
         widths: tuple[CorridorWidth, CorridorWidth] = (CORRIDOR, WIDENED_CORRIDOR),

@@ -288,9 +288,7 @@ class DynamicPlanner:
         self._planners.coarse_to_fine.touch()
         if any(method.mends_regions for method in self.methods):
             self._planners.mender.prepare(self._goal)
-        far = Query((0, 0), self.shape)
-        picked = DynamicMethod.AUTO in self.methods and self._planners.network_pays(far)
-        if picked or any(method.base is Method.NNPP for method in self.methods):
+        if any(method.base is Method.NNPP for method in self.methods):
             self._planners.prepare_network()
 
     @checked(InvalidQueryError)

@@ -40,9 +40,6 @@ class DynamicChooser:
             return found, DynamicMethod.ASTAR, f"the goal is less than {NEAR} cells away"
         if why_afresh := self._against_mending(query):
             self._drift = 1.0
-            if self._planners.network_pays(query):
-                reason = f"{why_afresh}; on a large map the network saves a body many checks"
-                return self._planners.by_network.find(query, work), DynamicMethod.NNPP, reason
             return self._planners.corridor.find(query, work), DynamicMethod.CORRIDOR, why_afresh
         reason = "little of the map has changed, and near the start"
         if self._planners.mender.knows_region(query.goal):

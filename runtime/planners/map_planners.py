@@ -1,44 +1,27 @@
 """The planners of one map: each is made when first needed, and what several need is shared."""
 
-import functools
-import warnings
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
 from nnpp_edge.runtime.deadline import NEVER, Deadline
-from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.network.passage import unsuited
-from nnpp_edge.runtime.network.passage_model import PassageModel, VehicleNetwork, passage_model
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.corridor import CorridorPlanner
 from nnpp_edge.runtime.planners.exact import ExactPlanner, MendingExactPlanner
 from nnpp_edge.runtime.planners.learned import LearnedPlanner
-from nnpp_edge.runtime.planners.link_descent import LinkDescent
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender, Searcher
 from nnpp_edge.runtime.region.learned import LearnedRegions
-from nnpp_edge.runtime.region.looked import LookedMap
 from nnpp_edge.runtime.tuning import (
     BODY_CORRIDOR,
     CORRIDOR,
-    FAR_FOR_BODY,
-    LARGE_MAP_FOR_BODY,
-    LEARNED_CORRIDOR,
     NEAR,
-    NETWORK_CORRIDOR,
     WIDENED_BODY_CORRIDOR,
     WIDENED_CORRIDOR,
-    WIDENED_NETWORK_CORRIDOR,
-    CorridorWidth,
 )
-
-_SHIPPED = "edge"
-"""The name that stands for the shipped networks, for a point's regions and for a vehicle's prices."""
 
 
 class FindsPaths(Protocol):
@@ -56,8 +39,7 @@ class MapPlanners:
     state : MapState
         The map.
     model : str, Path or NetworkModel
-        The network, loaded when first needed. On a map of poses ``network`` prices ask the passage network of a name
-        or a file, and the shipped one for ``edge`` and for a network that is loaded.
+        The network, loaded when first needed.
     network_from : int
         As for `LearnedPlanner`.
     unseen_change : float
@@ -75,63 +57,26 @@ class MapPlanners:
         self.state, self._network_from = state, network_from
         self._model, self._unseen_change = model, unseen_change
         self.astar = AStarSearcher(state)
-        self._by_price: dict[Price, CorridorPlanner] = {}
         self.has_poses = state.grid.poses is not None
         """Whether a vehicle's poses are searched."""
-        self._learned_width = BODY_CORRIDOR if self.has_poses else LEARNED_CORRIDOR
         self.exact = ExactPlanner(self.astar)
 
-    def planner(self, method: Method, price: Price = Price.EQ1, deadline: Deadline = NEVER) -> FindsPaths:
-        """The planner of a method that is not ``auto``; a corridor's, and with poses ``nnpp``'s, by a price.
+    def planner(self, method: Method, deadline: Deadline = NEVER) -> FindsPaths:
+        """The planner of a method that is not ``auto``; on a map of poses ``nnpp`` is ``corridor``.
 
         OutOfTimeError where the coarse levels that it needs are not made by the deadline.
         """
         if method is Method.ASTAR:
             return self.exact
-        if price is Price.EQ1:
-            self.state.pyramid_by(deadline)
-        if method is Method.NNPP and not self.has_poses:
-            return self.learned
-        if price is Price.EQ1:
-            return self.corridor
-        if price not in self._by_price:
-            parts = self.descent(price), self.astar, self.exact, self.widths(price)
-            self._by_price[price] = CorridorPlanner(*parts)
-        return self._by_price[price]
-
-    def usual_price(self, method: Method) -> tuple[Price, str]:
-        """What a method prices blocks by where no price is named, and the reason where that is not the network's."""
-        if method is not Method.NNPP or not self.has_poses:
-            return Price.EQ1, ""
-        if not self.against_network:
-            return Price.NETWORK, ""
-        problem = f"nnpp goes by the price {Price.EQ1}: {self.against_network}"
-        if self.state.grid.directed is None:
-            warn_once(problem)
-        return Price.EQ1, problem
-
-    def descent(self, price: Price) -> CoarseToFine | LinkDescent:
-        """Searches of the coarse levels of a price, or of its links."""
-        if price is Price.EQ1:
-            return self.coarse_to_fine
-        return LinkDescent(LookedMap(self.state, self._passage), self.astar.workspace)
-
-    def widths(self, price: Price) -> tuple[CorridorWidth, CorridorWidth]:
-        """Of the first corridor by a price, and of the wider one."""
-        if not self.has_poses:
-            return CORRIDOR, WIDENED_CORRIDOR
-        if price is Price.NETWORK:
-            return NETWORK_CORRIDOR, WIDENED_NETWORK_CORRIDOR
-        return BODY_CORRIDOR, WIDENED_BODY_CORRIDOR
+        self.state.pyramid_by(deadline)
+        return self.learned if method is Method.NNPP and not self.has_poses else self.corridor
 
     def prepare_network(self) -> None:
-        """Load the network of ``nnpp`` now, and show it the map, but a vehicle's, which looks where a query needs it.
+        """Load the network of ``nnpp`` now, and show it the map; ModelError if it cannot be loaded.
 
-        ModelError if it cannot be loaded.
+        With poses, where none is asked, nothing.
         """
-        if self.has_poses:
-            _ = self.by_network
-        else:
+        if not self.has_poses:
             self.learned.prepare()
 
     def dynamic(self, method: DynamicMethod, deadline: Deadline = NEVER) -> FindsPaths:
@@ -140,80 +85,20 @@ class MapPlanners:
             return self.exact_mending
         if method is DynamicMethod.CORRIDOR_DSTAR:
             return self.corridor_mending
-        if self.has_poses and method.base is Method.NNPP:  # which corrects prices by what A* has come to
-            return self.by_network
-        learned = method is DynamicMethod.NNPP_DSTAR
-        return self.learned_mending if learned else self.planner(method.base, deadline=deadline)
+        learned = method is DynamicMethod.NNPP_DSTAR and not self.has_poses
+        return self.learned_mending if learned else self.planner(method.base, deadline)
 
-    @property
-    def by_network(self) -> FindsPaths:
-        """``nnpp`` on a map of poses."""
-        return self.planner(Method.NNPP, self.usual_price(Method.NNPP)[0])
-
-    def use_model(self, model: str | Path | NetworkModel) -> str | Path | NetworkModel:
-        """Ask this network from now on, once it has been loaded and tried; ModelError, and the old one stays.
-
-        What is to be asked by whoever comes next is returned. With poses a name or a file is a passage network's, and
-        InvalidMapError says that the vehicle is not in its range.
-        """
-        if self.has_poses:
-            return self._use_passage(model)
+    def use_model(self, model: str | Path | NetworkModel) -> NetworkModel:
+        """Ask this network from now on, once it has been loaded and tried; ModelError, and the old one stays."""
         if not isinstance(model, NetworkModel):
             model = NetworkModel(model)
             model.run()
         self.regions.use_model(model)
         return model
 
-    def _use_passage(self, model: str | Path | NetworkModel) -> str | Path | NetworkModel:
-        poses = self.state.grid.poses
-        assert poses is not None
-        passage = _passage_of(model)
-        passage.of(poses.vehicle, poses.sides_m)
-        self._model = model
-        self._by_price.pop(Price.NETWORK, None)
-        for made in ("passage_network", "_passage", "against_network"):
-            self.__dict__.pop(made, None)
-        self._passage = passage
-        return model
-
     def make_coarse_levels(self) -> None:
         """Pool the map now, so that the first plan does not wait for it."""
         _ = self.coarse_to_fine
-
-    @cached_property
-    def passage_network(self) -> VehicleNetwork:
-        """The network that prices the map's links; InvalidMapError outside its range, ModelError without its file."""
-        poses = self.state.grid.poses
-        assert poses is not None
-        return self._passage.of(poses.vehicle, poses.sides_m)
-
-    @cached_property
-    def _passage(self) -> PassageModel:
-        return _passage_of(self._model)
-
-    def network_pays(self, query: Query) -> bool:
-        """Whether by the network's prices a vehicle's path is soonest found: on a large map, to a far goal."""
-        if not self.has_poses or self.against_network:
-            return False
-        return max(self.state.shape) >= LARGE_MAP_FOR_BODY and query.apart >= FAR_FOR_BODY
-
-    @cached_property
-    def against_network(self) -> str:
-        """Why no network prices links where nobody has named a price; empty if one does, or would for a body."""
-        poses = self.state.grid.poses
-        if poses is None:
-            return ""
-        if self.state.grid.directed is not None:
-            return "the network prices steps alike both ways"
-        problem = unsuited(poses.vehicle, poses.sides_m)
-        if problem:
-            problem = f"the network {problem}"
-        elif self._model == _SHIPPED:  # one that the user has named is missed with an error
-            try:
-                passage_model()
-            except ModelError as error:
-                problem = str(error)
-        return problem
 
     @cached_property
     def regions(self) -> LearnedRegions:
@@ -261,20 +146,9 @@ class MapPlanners:
         return MendingExactPlanner(self.state, self.exact)
 
     def _corridor(self, searcher: Searcher) -> CorridorPlanner:
-        return CorridorPlanner(self.coarse_to_fine, searcher, self.exact, self.widths(Price.EQ1))
+        widths = (BODY_CORRIDOR, WIDENED_BODY_CORRIDOR) if self.has_poses else (CORRIDOR, WIDENED_CORRIDOR)
+        return CorridorPlanner(self.coarse_to_fine, searcher, self.exact, widths)
 
     def _learned(self, searcher: Searcher) -> LearnedPlanner:
         parts = self.state, self.regions, self.coarse_to_fine, searcher, self.exact
-        return LearnedPlanner(*parts, network_from=self._network_from, width=self._learned_width)
-
-
-def _passage_of(model: str | Path | NetworkModel) -> PassageModel:
-    if isinstance(model, NetworkModel) or model == _SHIPPED:
-        return passage_model()
-    return PassageModel(model)
-
-
-@functools.cache
-def warn_once(problem: str) -> None:
-    """Warn of something, the first time that it is said in a process."""
-    warnings.warn(problem, stacklevel=9)
+        return LearnedPlanner(*parts, network_from=self._network_from)

@@ -43,7 +43,7 @@ class DynamicMethod(StrEnum):
     CORRIDOR_DSTAR = "corridor-dstar"
     """The corridor of the present start, and inside it D* Lite, or A* where that is expected to be less work."""
     NNPP = "nnpp"
-    """The network's region of the present start, and A* in it; with a body the corridor by the network's prices."""
+    """The network's region of the present start, and A* in it; with a body the corridor."""
     NNPP_DSTAR = "nnpp-dstar"
     """The network's region of the present start, and inside it the same; with a body as ``nnpp``."""
 

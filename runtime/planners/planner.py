@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Unpack
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
@@ -14,9 +15,9 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.answers import Answers, Wishes
-from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.planners.query import Work
+from nnpp_edge.runtime.planners.answers import Answers
+from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.query import PlanOptions, Wishes, Work, options_of
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -43,8 +44,7 @@ class Planner:
         Whether a diagonal step may pass beside an impassable cell.
     model : str, Path or NetworkModel
         The network for ``nnpp``: a shipped model's name, a file, or one already loaded, which planners may share.
-        It is loaded when first needed. With a vehicle's body it is a passage network's file, and ``edge`` and
-        networks that are loaded stand for the shipped one.
+        It is loaded when first needed.
     ask_from : int
         Cells between start and goal from which on ``nnpp`` asks the network. Nearer goals A* has mostly found before
         it has answered, and is tried first.
@@ -318,13 +318,7 @@ class Planner:
         goals: Sequence[Cell],
         *,
         count: int = 1,
-        method: str = Method.AUTO,
-        epsilon: float = math.inf,
-        time_limit_s: float = math.inf,
-        keep_regions: bool = False,
-        price: str | None = None,
-        refine: str | None = None,
-        turning_radius_m: float | None = None,
+        **options: Unpack[PlanOptions],
     ) -> list[tuple[int, Plan]]:
         """Paths to the goals that cost least to reach, cheapest first.
 
@@ -336,7 +330,7 @@ class Planner:
             At least one.
         count : int
             How many are wanted.
-        method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m
+        **options : PlanOptions
             As for `plan`; the time is each goal's own. Only exact methods are certain to know the order of goals that
             are nearly as near.
 
@@ -351,52 +345,17 @@ class Planner:
         InvalidQueryError
             There is no goal, or as `plan`.
         """
-        wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
-        return self._answers.nearest(start, goals, count, wishes)
+        return self._answers.nearest(start, goals, count, options_of(**options))
 
-    def plan(
-        self,
-        start: Cell,
-        goal: Cell,
-        *,
-        method: str = Method.AUTO,
-        epsilon: float = math.inf,
-        time_limit_s: float = math.inf,
-        keep_regions: bool = False,
-        price: str | None = None,
-        refine: str | None = None,
-        turning_radius_m: float | None = None,
-    ) -> Plan:
+    def plan(self, start: Cell, goal: Cell, **options: Unpack[PlanOptions]) -> Plan:
         """A path from start to goal.
 
         Parameters
         ----------
         start, goal : (row, col)
             Cells.
-        method : str
-            ``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the network's
-            region; goals nearer than `ask_from` by A*, where the way is not long; with a vehicle's body the corridor
-            by the network's prices. ``auto``: one of them, by the figures in docs/decisions.md; the plan says which
-            and why.
-        epsilon : float
-            Keep widening until the path is certain to cost at most (1 + epsilon) times the optimum; 0 gives
-            the optimum itself. By default the first path found is taken.
-        time_limit_s : float
-            After this the status is TIMEOUT, with the path as far as a search of the map had come. What has been
-            made ready of the map by then is kept, so that the next query comes further. Neither loading a network nor
-            running it can be stopped: a run is not begun where its fastest so far took longer than is left.
-        keep_regions : bool
-            Whether the plan says in what region it was found; copied after the clock has stopped.
-        price : str
-            With a vehicle's body, by what ``corridor`` and ``nnpp`` price blocks before any pose is checked: ``eq1``
-            or ``network``, see `map.prices`. By default ``network`` for ``nnpp``, where the
-            vehicle is in the network's range (else a warning says so, once), and ``eq1`` for ``corridor``.
-        refine : str
-            ``any-angle``: free the path from the grid, see `planners.refine`. The plan gains `waypoints` and
-            `line_cost`; its path and cost stay the grid's.
-        turning_radius_m : float
-            With `refine`: no turn at a way point is to be sharper; by default the vehicle's. Where no such line is
-            found, the answer is NO_PATH, and the reason says so.
+        **options : PlanOptions
+            By which method, how good, until when, and whether freed from the grid.
 
         Returns
         -------
@@ -408,32 +367,14 @@ class Planner:
         ------
         InvalidQueryError
             Start or goal are not two integers, or there is no such method.
-        InvalidMapError
-            ``price="network"``, and the vehicle is not in the network's range.
         ModelError
             ``nnpp`` was asked for and the model cannot be loaded.
         """
         work = Work()  # the looks at the arguments count
-        return self._plan_in_turn(
-            work, start, goal, method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m
-        )
+        return self._plan_in_turn(start, goal, options_of(**options), work)
 
-    @checked(InvalidQueryError)
     @one_at_a_time
-    def _plan_in_turn(
-        self,
-        work: Work,
-        start: Cell,
-        goal: Cell,
-        method: str,
-        epsilon: float,
-        time_limit_s: float,
-        keep_regions: bool,
-        price: str | None,
-        refine: str | None,
-        turning_radius_m: float | None,
-    ) -> Plan:
-        wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
+    def _plan_in_turn(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
         return self._answers.plan(start, goal, wishes, work)
 
     @checked(InvalidQueryError)
@@ -445,13 +386,7 @@ class Planner:
         via: Sequence[Cell],
         *,
         best_order: bool = False,
-        method: str = Method.AUTO,
-        epsilon: float = math.inf,
-        time_limit_s: float = math.inf,
-        keep_regions: bool = False,
-        price: str | None = None,
-        refine: str | None = None,
-        turning_radius_m: float | None = None,
+        **options: Unpack[PlanOptions],
     ) -> Tour:
         """A path from start to goal by way of other cells.
 
@@ -464,10 +399,9 @@ class Planner:
         best_order : bool
             Visit them in the order that costs least instead, by the plans between each two; with ``astar`` these are
             the cheapest paths. At most 12.
-        method, epsilon, keep_regions, price, refine, turning_radius_m
-            As for `plan`, of each leg.
-        time_limit_s : float
-            As for `plan`, of the whole tour. Where it is up before the best order is known, the order given stays.
+        **options : PlanOptions
+            As for `plan`, of each leg; the time is that of the whole tour. Where it is up before the best order is
+            known, the order given stays.
 
         Returns
         -------
@@ -479,8 +413,7 @@ class Planner:
         InvalidQueryError
             A place between lies outside the map or is impassable, too many are to be ordered, or as `plan`.
         """
-        wishes = Wishes(method, epsilon, time_limit_s, keep_regions, price, refine, turning_radius_m)
-        return self._answers.via(start, goal, via, best_order, wishes)
+        return self._answers.via(start, goal, via, best_order, options_of(**options))
 
     @checked(InvalidQueryError)
     @one_at_a_time

@@ -1,10 +1,12 @@
 """What a planner is asked, and what its searches find on the way to a plan."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, TypedDict
 
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
@@ -47,15 +49,42 @@ _REASONS = {
 
 
 class PlanOptions(TypedDict, total=False):
-    """Options of `Planner.plan`."""
+    """How a query is to be answered: the options of `Planner.plan`, `plan_via` and `nearest`."""
 
     method: str
+    """``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the network's region;
+    goals nearer than `ask_from` by A*, where the way is not long; with a vehicle's body the corridor. ``auto``, the
+    default: one of them, by the figures in docs/decisions.md; the plan says which and why."""
     epsilon: float
+    """Keep widening until the path is certain to cost at most (1 + epsilon) times the optimum; 0 gives the optimum
+    itself. By default the first path found is taken."""
     time_limit_s: float
+    """After this the status is TIMEOUT, with the path as far as a search of the map had come; inf by default. What
+    has been made ready of the map by then is kept, so that the next query comes further. Neither loading a network
+    nor running it can be stopped: a run is not begun where its fastest so far took longer than is left."""
     keep_regions: bool
-    price: str | None
+    """Whether the plan says in what region it was found; copied after the clock has stopped."""
     refine: str | None
+    """``any-angle``: free the path from the grid, see `planners.refine`. The plan gains `waypoints` and `line_cost`;
+    its path and cost stay the grid's."""
     turning_radius_m: float | None
+    """With `refine`: no turn at a way point is to be sharper; by default the vehicle's. Where no such line is found,
+    the answer is NO_PATH, and the reason says so."""
+
+
+class Wishes(NamedTuple):
+    """`PlanOptions`, all of them."""
+
+    method: str = Method.AUTO
+    epsilon: float = math.inf
+    time_limit_s: float = math.inf
+    keep_regions: bool = False
+    refine: str | None = None
+    turning_radius_m: float | None = None
+
+
+options_of: Callable[..., Wishes] = checked(InvalidQueryError)(Wishes)
+"""From keywords; InvalidQueryError for a value of another kind."""
 
 
 class PlannerOptions(TypedDict, total=False):

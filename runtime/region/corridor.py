@@ -3,10 +3,11 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
-from nnpp_edge.runtime.kernels.corridor import surround
+from nnpp_edge.runtime.kernels.corridor import close_dead_ends, surround
 from nnpp_edge.runtime.map.pyramid import Level
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.search.astar import Search, astar
@@ -35,6 +36,8 @@ class CoarseLevel:
         self._queue = np.empty(1 << (nodes - 1).bit_length(), np.int32)
         self._bitmaps = np.zeros((2, 2 * grid.rows, 2 * grid.cols), np.int32)
         self._stamp = 0
+        self._closed: NDArray[np.uint8] | None = None
+        """Links that `close_dead_ends` has closed, as bits."""
 
     def search(
         self, start: Cell, goal: Cell, region: Region | None, *, beyond: float, deadline: Deadline = NEVER
@@ -72,7 +75,7 @@ class CoarseLevel:
 
     def invest(self) -> None:
         """Set another landmark if enough work has been spent without; what the last search found is overwritten."""
-        if self._spent < LANDMARK_PATIENCE * self.grid.cells:
+        if self._closed is not None or self._spent < LANDMARK_PATIENCE * self.grid.cells:
             return
         count = len(self.landmarks.cells) if self.landmarks else 0
         landmarks = self.set_landmarks(count + 1)
@@ -84,6 +87,22 @@ class CoarseLevel:
         self.landmarks = self.landmarks or Landmarks(self.grid, self.workspace, links=self.level.links)
         self.landmarks.spread(count)
         return self.landmarks
+
+    def close_dead_ends(self, region: Region, searched: Workspace, shape: Cell) -> bool:
+        """Close the links that a search of a region of the map, of this shape, did not get across; whether any were.
+
+        `searched` is that search's memory. `open_dead_ends` opens them again: no more has changed until then.
+        """
+        if self._closed is None:
+            self._closed = np.zeros(len(self._queued), np.uint8)
+        marks, reached = (region.bitmap, region.stamp), (searched.meta, searched.stamp, shape)
+        return bool(close_dead_ends(self.level.links, marks, reached, self._queued, self._closed))
+
+    def open_dead_ends(self) -> None:
+        """Open again what was closed."""
+        if self._closed is not None and self.level.links is not None:
+            self.level.links |= self._closed
+            self._closed = None
 
     def around(
         self,
