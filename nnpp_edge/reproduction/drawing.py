@@ -1,7 +1,7 @@
 """What the experiments' pictures share: charts of rows, maps with regions and paths, and an animated episode."""
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -185,38 +185,24 @@ def animate(views: Sequence[View], stride: int, cells_a_frame: int) -> bytes:
     """
     from matplotlib.animation import FuncAnimation, PillowWriter
 
+    way, scenes = np.empty((0, 2), np.int32), list[tuple[int, Cells]]()
+    for at, view in enumerate(views):
+        part = view.optimum if at + 1 == len(views) else view.optimum[: stride + 1]
+        ends = [*[1] * _PAUSE, *range(1 + cells_a_frame, len(part), cells_a_frame), *[len(part)] * _PAUSE]
+        scenes += [(at, np.concatenate([way, part[:end]])) for end in ends]
+        way = np.concatenate([way, part])
     figure = new_figure(4.6, 4.8)
     axes = figure.subplots()
 
-    def draw(scene: tuple[int, Cells, bool]) -> None:
-        at, way, changed = scene
+    def draw(scene: tuple[int, Cells]) -> None:
+        at, way = scene
         axes.clear()
-        if changed:
-            draw_map(axes, views[at].cost, f"{frame(at)}: the map has changed", views[at - 1].region)
-            draw_path(axes, views[at - 1].optimum[stride:], "optimal path")
-            _outline(axes, views[at].patches)
-            draw_ends(axes, views[at].optimum[0], views[at].optimum[-1])
-        else:
-            draw_view(axes, views[at], f"{frame(at)}: {'planned anew' if at else 'planned'}")
+        draw_view(axes, views[at], f"{frame(at)}: {'the map has changed' if at else 'planned'}")
+        _outline(axes, views[at].patches)
         draw_path(axes, way, "driven")
-        axes.plot(way[-1:, 1], way[-1:, 0], "o", color="white", markeredgecolor="black", zorder=6)
+        axes.plot(way[-1:, 1], way[-1:, 0], "o", color="white", mec="black", zorder=6)
 
     with temporary_folder() as folder:
-        scenes = list(_scenes(views, stride, cells_a_frame))
         film = FuncAnimation(figure, draw, scenes, init_func=lambda: None)
         film.save(folder / "episode.gif", PillowWriter(fps=_FPS), dpi=100)
         return (folder / "episode.gif").read_bytes()
-
-
-def _scenes(views: Sequence[View], stride: int, cells_a_frame: int) -> Iterator[tuple[int, Cells, bool]]:
-    """Picture after picture: the plan, the way so far, and whether the map has just changed."""
-    way = np.empty((0, 2), np.int32)
-    for at, view in enumerate(views):
-        if at:
-            yield from [(at, way, True)] * _PAUSE
-        part = view.optimum if at + 1 == len(views) else view.optimum[: stride + 1]
-        yield from [(at, np.concatenate([way, part[:1]]), False)] * _PAUSE
-        for end in [*range(cells_a_frame, len(part), cells_a_frame), len(part)]:
-            yield at, np.concatenate([way, part[:end]]), False
-        way = np.concatenate([way, part])
-    yield from [(len(views) - 1, way, False)] * _PAUSE

@@ -1,7 +1,7 @@
 """Tables 3 and 4, Fig. 16: episodes on a map that changes, for the paper's plain methods and our dynamic planners."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import islice
 
@@ -29,7 +29,7 @@ from nnpp_edge.reproduction.planners import (
     shown,
 )
 from nnpp_edge.reproduction.regions import CORRIDOR, NETWORK, Networks, corridor_region
-from nnpp_edge.reproduction.rows import Column, Columns, Row, Rows, number, seconds, table, times
+from nnpp_edge.reproduction.rows import Columns, Groups, Row, Rows, number, seconds, table, times
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.region import Region
@@ -47,13 +47,6 @@ OURS_OF |= {DSTAR_NN: (PLAIN_DSTAR_NN, "nnpp-dstar")}
 _CONTROLS_NOTE = (
     "a *corridor* in place of the network's region: for the plain methods the blocks nearest to the path over the "
     "map averaged to blocks, as many as the network's region; for ours `corridor` and `corridor-dstar`"
-)
-_TIMES_NOTE = (
-    "The plain methods are the paper's, in plain Python: A* builds a graph for each plan; D* (D* Lite) builds it for "
-    "the first plan, and repairs graph and search afterwards, on the whole map or as its region changes. Ours are "
-    "compiled: `dstar` is D* Lite over the whole map, `nnpp-dstar` in the network's region, where it searches afresh "
-    "if a repair would be more work. Speed-ups are over the method of the same kind, summed over the plans. Times of "
-    "ours hold the map's update and the whole plan; what the first map alone decides is made before the clock starts."
 )
 
 
@@ -122,10 +115,7 @@ def _repaired(here: OneMap, dstars: dict[str, PlainDStar], harness: Harness) -> 
 @experiment(
     "Table 3 and Fig. 16",
     "Planning anew as the map changes, plan by plan",
-    size=128,
-    repeats=1,
-    episodes=3,
-    cells_a_frame=11,
+    {"size": 128, "repeats": 1, "episodes": 3, "cells_a_frame": 11},
 )
 def table3(
     context: Context, *, size: int = 256, episodes: int = 12, repeats: int = 5, cells_a_frame: int = 3
@@ -138,26 +128,9 @@ def table3(
     rows = drive(episode, context.networks, repeats)
     context.progress(0.6)
     views = drawing.view_episode(episode, context.networks.paper)
-    context.note(
-        _TIMES_NOTE,
-        f"A map of {size}²; the robot follows the optimal path for {stride} cells, then rectangles of cost 1 appear "
-        "on what is left of it, move on or vanish. All planners answer the same plans. CC of a frame is that of the "
-        "path planned there, from the robot to the goal; *all* is their sum, as in the paper's table. *Mended* counts"
-        " the plans after the first that repaired a search from before. The animation shows the same episode.",
-        "The paper's table gives D* 2.58 s in all; its frames sum to 2.68 s, which is compared with here.",
-    )
     groups = {(frame(int(at)),): of for (at,), of in rows.by("plan").items()} | {("all",): rows}
     theirs = {(f"paper's {frame(int(at))}",): of for (at,), of in paper.TABLE_3.by("plan").items()}
-    theirs[("paper's, all",)] = paper.TABLE_3
-    names = {ours: (theirs, ours) for theirs, pair in OURS_OF.items() for ours in pair}
-    columns = {name: {shown(each): _time_and_cc(*names.get(each, (each,))) for each in planners}
-               for name, planners in (("plain", PLAIN_PLANNERS), ("ours", COMPILED))}  # fmt: skip
-    summary = f"""### The paper's methods, plain Python: AT, CC
-
-{table("frame", groups | theirs, columns["plain"])}
-### Ours: AT, CC
-
-{table("frame", groups, columns["ours"])}
+    summary = f"""{_side_by_side("frame", groups, theirs | {("paper's, all",): paper.TABLE_3})}
 ### Mended
 
 {table("planner", {(shown(str(name)),): of for (name,), of in rows.by("planner").items()}, {"plans": _mended})}"""
@@ -178,14 +151,25 @@ def table3(
     return Result(samples, summary, rows, found, figure, named, _CONTROLS_NOTE, film)
 
 
-def _time_and_cc(*names: str) -> Column:
+def _side_by_side(keys: str, ours: Groups, theirs: Groups) -> str:
+    """Two tables, AT and CC of each planner: the plain ones with the paper's figures below, and ours."""
+    names = {mine: (theirs, mine) for theirs, pair in OURS_OF.items() for mine in pair}
+    plain, compiled = (
+        {shown(each): partial(_time_and_cc, names.get(each, (each,))) for each in planners}
+        for planners in (PLAIN_PLANNERS, COMPILED)
+    )
+    return f"""### The paper's methods, plain Python: AT, CC
+
+{table(keys, {**ours, **theirs}, plain)}
+### Ours: AT, CC
+
+{table(keys, ours, compiled)}"""
+
+
+def _time_and_cc(names: Sequence[str], rows: Rows) -> str:
     """Summed time and CC of these planners' answers."""
-
-    def column(rows: Rows) -> str:
-        of = rows.of(*names)
-        return f"{seconds(sum(of.all('time_s')))}, {sum(of.all('cc')):.2f}" if of else "–"
-
-    return column
+    of = rows.of(*names)
+    return f"{seconds(sum(of.all('time_s')))}, {number(sum(of.all('cc')) or math.nan, '.2f')}" if of else "–"
 
 
 def _later(rows: Rows) -> Rows:
@@ -226,7 +210,7 @@ _COMPARED += [(slow, DSTAR_NN, scene) for scene in (DYNAMIC, NEAR) for slow in (
 """The paper's methods whose times are compared, and in which scene."""
 
 
-@experiment("Table 4", "Five maps, standing still and changing", size=128, repeats=1, maps=2)
+@experiment("Table 4", "Five maps, standing still and changing", {"size": 128, "maps": 2, "repeats": 1})
 def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5) -> Result:
     """Two episodes on each of some maps, by all planners: changes anywhere, and near the robot."""
     size, rows = context.one_size(size), Rows()
@@ -235,16 +219,6 @@ def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5
             rows += [{"scene": scene, "map": at, **row} for row in drive(episode, context.networks, repeats)]
             context.progress((near * maps + at) / (2 * maps))
     rows = Rows([{**row, "scene": STATIC} for row in rows.of(scene=DYNAMIC, plan=0)] + rows)
-    context.note(
-        _TIMES_NOTE,
-        f"Maps of {size}². *Static* is an episode's first plan (-s in the paper); *dynamic* all its plans (-d), one "
-        f"every {stride_on(size)} cells, in the paper's scene, where rectangles appear anywhere on the way; *near "
-        f"the robot* all plans, one every {NEAR_STRIDE} cells, where smaller rectangles appear near the robot alone. "
-        "*Mended* counts the plans after an episode's first for which a search from before was repaired.",
-        "CC of an episode is the sum over its plans, each of the path from the robot to the goal, as Table 3 adds "
-        "it up; the paper does not say what its Table 4 adds up (its CC grows less from -s to -d than in its Table"
-        " 3), so only shares are compared.",
-    )
     ours = {(f"map {at}", scene): of for (scene, at), of in rows.by("scene", "map").items()}
     theirs = {(f"paper's map {at}", scene): of for (scene, at), of in paper.TABLE_4.by("scene", "map").items()}
     more: Columns = {
@@ -253,15 +227,10 @@ def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5
         "over A* of its kind": lambda of: times(_over_astar(rows, of)),
         "mended": _mended,
     }
-    summary = f"""### The paper's methods, plain Python
-
-{table("map | scene", ours | theirs, _four(0))}
-### Ours
-
-{table("map | scene", ours, _four(1))}
+    summary = f"""{_side_by_side("map | scene", ours, theirs)}
 ### All methods, summed over the maps
 
-{planner_table(rows, "scene", "network | success | CC increase", context.networks, more)}"""
+{planner_table(rows, "scene", "network | success | CC increase | MM", context.networks, more)}"""
     samples = f"{maps} maps, an episode of each scene on each; ours the median of {repeats} lives"
     found, named = table4_findings(rows), context.networks.named
     figure = drawing.new_figure(12.0, 4.6)
@@ -290,28 +259,6 @@ def _gain(rows: Rows, slow: str, fast: str, scene: str, kind: int = -1) -> float
 def _over_astar(rows: Rows, of: Rows) -> float:
     name = str(of[0]["planner"])
     return rows.of(scene=of[0]["scene"]).speedup(PLAIN if name.startswith("plain") else "astar", name)
-
-
-def _four(kind: int) -> Columns:
-    """Columns of the paper's four methods by our plain (0) or compiled (1) ones, and by the paper's own rows."""
-
-    def of_method(theirs: str, figure: Column) -> Column:
-        return lambda of: figure(own) if (own := of.of(theirs, OURS_OF[theirs][kind])) else "–"
-
-    def gain(slow: str, fast: str) -> Column:
-        ours = OURS_OF[slow][kind], OURS_OF[fast][kind]
-        return lambda of: times(of.speedup(*(ours if of.of(ours[0]) else (slow, fast))))
-
-    return {
-        **{f"{_short(each)}: AT": of_method(each, lambda of: seconds(sum(of.all("time_s")))) for each in OURS_OF},
-        "A*NN over A*": gain(ASTAR, ASTAR_NN),
-        "D*NN over D*": gain(DSTAR, DSTAR_NN),
-        **{
-            f"CC of {_short(each)}": of_method(each, lambda of: number(sum(of.all("cc")), ".2f"))
-            for each in (ASTAR, ASTAR_NN, DSTAR_NN)
-        },
-        "MM of A*NN": of_method(ASTAR_NN, lambda of: number(of.mean("mm"), ".3f")),
-    }
 
 
 def table4_findings(rows: Rows) -> list[Finding]:

@@ -2,8 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -33,17 +32,10 @@ KINDS = {"E": "euclidean", "pixel": "pixel"}
 """The Euclidean distance; a single pixel (`nnpp_edge.model.registry.ENCODINGS`)."""
 
 
-@experiment(
-    "Fig. 13",
-    "Encodings of start and goal",
-    asks_networks=False,
-    steps=3,
-    batch=8,
-    maps=6,
-    validation_maps=4,
-    threads=1,
-    encodings=("G: 1/4", "G: 1/16", "pixel"),
-)
+_QUICK = {"steps": 3, "batch": 8, "maps": 6, "validation_maps": 4, "encodings": ("G: 1/4", "G: 1/16", "pixel")}
+
+
+@experiment("Fig. 13", "Encodings of start and goal", quick=_QUICK, asks_networks=False)
 def fig13(
     context: Context,
     *,
@@ -51,54 +43,38 @@ def fig13(
     batch: int = 32,
     maps: int = 1536,
     validation_maps: int = 96,
-    repeats: int = 1,
     encodings: Sequence[str] = (*SIGMAS, *KINDS),
-    threads: int | None = None,
 ) -> Result:
-    """Train the paper's small network for so many steps with each encoding, and search in the regions that it names.
-
-    `repeats` trainings of each begin with different seeds; `threads` are torch's, whose own choice is the default.
-    """
+    """Train the paper's small network for so many steps with each encoding, and search in the regions it names."""
     from nnpp_edge.model.registry import PRESETS
     from nnpp_edge.training.train import TrainSettings, train
 
     training, validation = make_samples(context, maps, validation_maps)
     if len(training) < batch:
         raise DataSetError(f"wanted at least {batch} training queries for one batch, got {len(training)}")
-    rows, turns = Rows(), [(label, turn) for label in encodings for turn in range(repeats)]
-    for at, (label, turn) in enumerate(turns):
+    settings = TrainSettings(
+        epochs=steps,
+        steps=steps,
+        batch=batch,
+        seed=context.seed,
+        average_decay=0.99,
+        target="path",
+        warmup_steps=max(1, min(100, steps // 10)),
+        validate_every_s=math.inf,
+    )
+    rows = Rows()
+    for at, label in enumerate(encodings):
         kind, sigma = KINDS.get(label, "gaussian"), SIGMAS.get(label, paper.BEST_SIGMA)
         spec = replace(PRESETS["nnpp-w16"], input_size=_SIDE, encoding=kind, sigma=sigma)
-        settings = TrainSettings(
-            epochs=steps,
-            steps=steps,
-            batch=batch,
-            target="path",
-            seed=context.seed + turn,
-            warmup_steps=max(1, min(100, steps // 10)),
-            validate_every_s=math.inf,
-            average_decay=0.99,
-        )
-        folder = context.work / f"{list(encodings).index(label)}-{turn}"
 
         def report(of_training: "Progress", loss: float, share: float, at: int = at) -> None:
-            context.progress((at + share) / len(turns))
+            context.progress((at + share) / len(encodings))
 
-        with _threads(threads):
-            train(spec, settings, training, validation, folder, omega=PAPER_OMEGA, report=report)
+        folder = context.work / str(at)
+        train(spec, settings, training, validation, folder, omega=PAPER_OMEGA, report=report)
         last = json.loads((folder / "history.json").read_text())[-1]
         figures = {name: last[f"{name}@1"] for name in ("mm", "gap", "success", "region_share")}
-        rows.append(
-            {"encoding": label, "training": turn, "steps": int(last["step"]), **figures, "loss": last["loss"]}
-        )
-    ground = "a data set's maps" if context.dataset else "crops of the terrain, validation's from its held-out side"
-    context.note(
-        f"`nnpp-w16` is the paper's network at a quarter of its width. Maps and searches have {_SIDE}² cells, "
-        f"regions {_BLOCKS} × {_BLOCKS} blocks: half the paper's resolution. Queries are on {ground}. The target is"
-        " the paper's single path. Figures are for the region at td.",
-        "The paper trains for 150 epochs of 100 000 maps at full width, and gives this figure as a picture alone; of "
-        "it the text says only what the findings quote. A short training tells which encoding is learned soonest.",
-    )
+        rows.append({"encoding": label, "steps": int(last["step"]), **figures, "loss": last["loss"]})
     columns: Columns = {
         "MM": lambda of: f"{of.mean('mm'):.3f}",
         "gap": lambda of: percent(of.mean("gap"), 2),
@@ -117,7 +93,7 @@ def fig13(
         drawing.tidy(axes, title)
     figure.suptitle("Blue: σ = 1/4 of the map's side, the paper's best", fontsize="small")
     return Result(
-        f"{len(training)} training and {len(validation)} validation queries, {repeats} training(s) each",
+        f"{len(training)} training and {len(validation)} validation queries",
         table("encoding", rows.by("encoding"), columns),
         rows,
         encoding_findings(rows),
@@ -125,19 +101,6 @@ def fig13(
         f"`nnpp-w16` at {_SIDE}², trained here with each encoding: {rows[0]['steps']} steps of {batch} queries",
         "none: the encodings are compared with each other",
     )
-
-
-@contextmanager
-def _threads(count: int | None) -> Iterator[None]:
-    """Let torch use so many threads meanwhile."""
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(count or before)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def make_samples(context: Context, maps: int, validation_maps: int) -> tuple[Samples, Samples]:

@@ -27,7 +27,10 @@ Floats = NDArray[np.float64]
 
 
 @experiment(
-    "Table 1", "Building the graph against searching it", asks_networks=False, sizes=(64, 128, 256), maps=1, repeats=1
+    "Table 1",
+    "Building the graph against searching it",
+    {"sizes": (64, 128, 256), "maps": 1, "repeats": 1},
+    asks_networks=False,
 )
 def table1(
     context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), maps: int = 5, repeats: int = 5
@@ -40,11 +43,6 @@ def table1(
             rows += [{"map": at, "size": size} | row for row in _timed(*_scaled(case.cost, query, size), repeats)]
             done += size**2
             context.progress(done / (maps * sum(side**2 for side in sizes)))
-    context.note(
-        f"Means; {maps} of our maps, {largest}² each, averaged down to the other resolutions with start and "
-        "goal; the paper's is one map. `astar`, our exact A*, builds no graph: in its place stands the taking over of "
-        "the map into padded weights, once for all queries on a map."
-    )
     everything = Rows([*(row for row in paper.TABLE_1 if row["size"] in sizes), *rows])
     plain_s = {size: of.mean("time_s") for (size,), of in rows.of(PLAIN).by("size").items()}
     more = {
@@ -124,7 +122,7 @@ def table1_findings(rows: Rows) -> list[Finding]:
     return found
 
 
-@experiment("Fig. 6", "Paths at three weights ω", asks_networks=False, size=128)
+@experiment("Fig. 6", "Paths at three weights ω", {"size": 128}, asks_networks=False)
 def fig6(context: Context, *, size: int = 256, omegas: Sequence[float] = (0.0, 0.01, 0.05)) -> Result:
     """One map and one query, and the optimal path at three weights ω, per grey level."""
     size = context.one_size(size)
@@ -138,7 +136,6 @@ def fig6(context: Context, *, size: int = 256, omegas: Sequence[float] = (0.0, 0
         drawing.draw_map(axes, case.cost, f"ω = {omega:g}: {length:.0f} cells, CC {cc:.1f}")
         drawing.draw_path(axes, path, "optimal path")
         drawing.draw_ends(axes, *query)
-    context.note(f"A map of {size}², start and goal fixed. The paper gives this figure as a picture alone.")
     lengths, ccs = rows.all("length"), rows.all("cc")
     ours = f"length {lengths[0]:.1f} → {lengths[-1]:.1f} cells, CC {ccs[0]:.2f} → {ccs[-1]:.2f}"
     curved = all(np.diff(lengths) >= -1e-6) and all(np.diff(ccs) <= 1e-6)
@@ -153,7 +150,7 @@ def _length_and_cc(grid: Grid, path: NDArray[np.int32], cost: Float2D) -> tuple[
     return path_costs(grid, path)[1], float(cost[tuple(path.T)].sum(dtype=np.float64))
 
 
-@experiment("Fig. 7", "The weight ω of the traversability cost", asks_networks=False, maps=8, fine=25, coarse=5)
+@experiment("Fig. 7", "The weight ω of the traversability cost", {"maps": 8, "fine": 25}, asks_networks=False)
 def fig7(
     context: Context, *, maps: int = paper.OMEGA_MAPS, size: int = 256, fine: int = 50, coarse: int = 30
 ) -> Result:
@@ -168,12 +165,6 @@ def fig7(
             length, cc = _length_and_cc(grid, found.path, case.cost)
             rows.append({"map": at, "omega": omega, "length": length, "cc": cc, "time_s": time_s})
         context.progress(at / maps)
-    context.note(
-        f"{maps} maps of {size}², one query each, {len(omegas)} values of ω from 0 to {omegas[-1]:g}. The paper does "
-        "not say how LEN and CC are normalised, and the best ω depends on it. By range: each is brought to [0, 1] on "
-        "each map over the sweep, as in the picture. By greatest: each is divided by its greatest value.",
-        "ω is per grey level of the cost map, T times 255: with T in [0, 1] it is 255 times as large.",
-    )
     lengths, ccs = (np.array(rows.all(name)).reshape(maps, -1) for name in ("length", "cc"))
     typical_s = np.median(np.reshape(rows.all("time_s"), (maps, -1)), axis=0)
     best = {"by range": best_omegas(omegas, by_range(lengths), by_range(ccs))}

@@ -125,7 +125,7 @@ class Experiment:
 
 
 def experiment(
-    where: str, title: str, *, asks_networks: bool = True, **quick: object
+    where: str, title: str, quick: Mapping[str, object], *, asks_networks: bool = True
 ) -> Callable[[Callable[..., Result]], Experiment]:
     """Make a function an `Experiment`; `quick` are the settings of a smoke run."""
     return lambda run: Experiment(where, title, run, quick, asks_networks)

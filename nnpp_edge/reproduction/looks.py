@@ -30,7 +30,7 @@ _MAPS = 40
 """Tried for one on which the goals can be reached and the obstacles leave a way."""
 
 
-@experiment("Fig. 8", "Regions at several thresholds", size=128)
+@experiment("Fig. 8", "Regions at several thresholds", {"size": 128})
 def fig8(
     context: Context, *, size: int = 256, above: Sequence[float] = (0.6, 0.3), below: Sequence[float] = (1.0, 0.5)
 ) -> Result:
@@ -56,10 +56,6 @@ def fig8(
         rows.append({"td": threshold, "share": float(region.mean()), "ends": joined})
         drawing.draw_map(axes, case.cost, f"td = {threshold:.3g}: {joined}", region)
         drawing.draw_ends(axes, *query)
-    context.note(
-        f"A map of {size}². Thresholds are the adaptive one, td = {td:.3g}, and others around it; the paper gives "
-        "this figure as a picture alone. *Connected*: start and goal lie in one piece, blocks that touch being one."
-    )
     columns: Columns = {
         "network": lambda of: name,
         "region, of the map": lambda of: percent(of.mean("share")),
@@ -78,7 +74,7 @@ def fig8(
     return Result("1 map, one query", summary, rows, findings, figure, named, CONTROLS_NOTE)
 
 
-@experiment("Fig. 14 and 15", "Other goals, and obstacles that move", size=128, goals=3)
+@experiment("Fig. 14 and 15", "Other goals, and obstacles that move", {"size": 128, "goals": 3})
 def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
     """One map: several goals from one start, then obstacles that move on the way to the first of them."""
     size, name = context.one_size(size), f"`{context.networks.paper.metadata.name}`"
@@ -88,12 +84,6 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
             break
     else:
         raise InvalidQueryError(f"none of {_MAPS} maps of {size} × {size} cells has ways around moving obstacles")
-    context.note(
-        f"One map of {size}², by the paper's method alone. Above, the network's region at td for several goals from"
-        " one start (Fig. 14); below, for a start and a goal that stay while two obstacles of cost 1 move, the "
-        "upper one to the left and the lower one to the right (Fig. 15). The paper shows a Martian map, without "
-        "figures."
-    )
     parts = {
         "goals": {f"goal {n}": (case.cost, each) for n, each in enumerate(ends, 1)},
         "obstacles": {frame(at): (cost, goal) for at, cost in enumerate(moving)},

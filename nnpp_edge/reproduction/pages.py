@@ -1,33 +1,12 @@
 """What is kept of an experiment, and its pages: its own, and the index that says what agrees with the paper."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import msgspec
 
 from nnpp_edge.progress import markdown_table
 from nnpp_edge.reproduction.findings import Finding, Verdict, findings_table
-
-
-class FileFacts(msgspec.Struct, omit_defaults=True):
-    """A file by name and content, never by its place."""
-
-    name: str
-    sha256: str
-    cell_size_m: float | None = None
-    """Of a terrain file."""
-
-
-class MadeWith(msgspec.Struct):
-    """All that decides the figures, except the machine."""
-
-    version: str
-    quick: bool
-    seed: int
-    terrain: list[FileFacts]
-    networks: dict[str, FileFacts]
-    """Of the paper's method, and of ours."""
-    dataset: FileFacts | None
-    settings: dict[str, object]
 
 
 class Stored(msgspec.Struct):
@@ -39,7 +18,8 @@ class Stored(msgspec.Struct):
     title: str
     machine: str
     load: float
-    made_with: MadeWith
+    made_with: dict[str, Any]
+    """All that decides the figures, except the machine."""
     about: dict[str, str]
     """Networks, samples and controls."""
     findings: list[Finding]
@@ -57,7 +37,7 @@ _HEADS = {
 
 def experiment_page(facts: Stored) -> str:
     """Markdown of one experiment: picture, ours beside the paper's, findings, how it was made."""
-    name, settings = facts.name, msgspec.json.encode(facts.made_with.settings).decode()
+    name, settings = facts.name, msgspec.json.encode(facts.made_with["settings"]).decode()
     animation = f"![{facts.title}, animated]({name}.gif)\n\n" if facts.animated else ""
     findings = f"## Findings\n\n{findings_table(facts.findings)}"
     return f"""# {facts.where}: {facts.title}
@@ -79,7 +59,8 @@ def index_page(stored: Sequence[Stored]) -> str:
         "# The paper's experiments, repeated",
         "NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain with this toolkit, each beside the "
         "paper's figures. This page and all that it links to are written by `nnpp-edge reproduce`; the verdicts "
-        "follow from the measured figures by the rules named beside them.",
+        "follow from the measured figures by the rules named beside them. How the paper was read, and what is counted: "
+        "`docs/reproduce.md`.",
     ]
     if not stored:
         return "\n\n".join([*parts, "No experiment has been run yet."]) + "\n"
@@ -123,7 +104,7 @@ def _counts(stored: Sequence[Stored]) -> str:
 
 
 def _quick_warning(stored: Sequence[Stored]) -> str:
-    quick = [facts.where for facts in stored if facts.made_with.quick]
+    quick = [facts.where for facts in stored if facts.made_with["quick"]]
     if not quick:
         return ""
     subject = "This is" if len(stored) == len(quick) else f"{', '.join(quick)}:"
@@ -133,9 +114,9 @@ def _quick_warning(stored: Sequence[Stored]) -> str:
 def _making(facts: Stored) -> str:
     """What experiments of one run have in common."""
     made = facts.made_with
-    terrain = ", ".join(f"`{t.name}` (cells of {t.cell_size_m:g} m)" for t in made.terrain)
-    files = [f"{whose} `{file.name}` (SHA-256 {file.sha256[:12]}…)" for whose, file in made.networks.items()]
-    data = f"\n- data set for training: `{made.dataset.name}`" if made.dataset else ""
+    terrain = ", ".join(f"`{t['name']}` (cells of {t['cell_size_m']:g} m)" for t in made["terrain"])
+    files = [f"{whose} `{file['name']}` (SHA-256 {file['sha256'][:12]}…)" for whose, file in made["networks"].items()]
+    data = f"\n- data set for training: `{made['dataset']['name']}`" if made["dataset"] else ""
     return f"""- machine: {facts.machine}
-- nnpp-edge {made.version}, seed {made.seed}, networks: {", ".join(files) or "none handed in"}
+- nnpp-edge {made["version"]}, seed {made["seed"]}, networks: {", ".join(files) or "none handed in"}
 - terrain: {terrain}{data}"""

@@ -21,6 +21,7 @@ from nnpp_edge.reproduction.regions import (
     band_region,
     best_path,
     corridor_region,
+    shuffled,
 )
 from nnpp_edge.reproduction.rows import Columns, Row, Rows, number, percent, seconds, spread, table
 from nnpp_edge.runtime.arrays import Float2D
@@ -63,7 +64,7 @@ class OneMap:
     def __init__(self, cost: Float2D, query: Endpoints, networks: Networks) -> None:
         self.cost, self.query, self.networks = cost, query, networks
         self.maker, self.grid = PaperRegions(cost, networks.paper), Grid.of(cost, StepModel.of("paper"))
-        self.regions = all_regions(self.maker, query, networks.shuffled)
+        self.regions = all_regions(self.maker, query)
         self.optimum = best_path(self.grid, query)
         self._least_cost, _, self._exact_cc = path_costs(self.grid, self.optimum)
 
@@ -93,7 +94,7 @@ class OneMap:
             NETWORK: self.maker.find,
             CORRIDOR: partial(corridor_region, self.grid, like=self.regions[NETWORK]),
             BAND: partial(band_region, self.grid, like=self.regions[NETWORK]),
-            SHUFFLED: PaperRegions(self.cost, self.networks.shuffled).find,
+            SHUFFLED: PaperRegions(self.cost, shuffled(self.networks.paper)).find,
         }
         ours = Planner(self.cost, model=self.networks.ours, ask_from=0)
         calls: dict[str, Callable[[Endpoints], Plan | list[Cell] | None]] = {PLAIN: self._plain}
@@ -131,7 +132,7 @@ def answers(cost: Float2D, query: Endpoints, networks: Networks, repeats: int, h
     Success, MM and share of ``nnpp`` are those of its network's own region.
     """
     here = OneMap(cost, query, networks)
-    own_regions = all_regions(PaperRegions(cost, networks.ours), query, networks.ours_shuffled)
+    own_regions = all_regions(PaperRegions(cost, networks.ours), query)
     own = here.searched(OWN, own_regions)
     if not repeats:
         return [here.row(PLAIN, here.optimum), *here.searched(PLAIN_KINDS, here.regions), *own]
@@ -166,4 +167,6 @@ def planner_table(rows: Rows, place: str, names: str, networks: Networks, more: 
         "region, of the map": lambda of: percent(of.mean("share")),
     }
     groups = {(label.format(at), shown(str(name))): of for (at, name), of in rows.by(place, "planner").items()}
-    return table(f"{place} | planner", groups, {name: columns[name] for name in names.split(" | ")} | (more or {}))
+    return table(
+        f"{place} | planner", groups, {name: columns[name] for name in names.split(" | ")} | dict(more or {})
+    )

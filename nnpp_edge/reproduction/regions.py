@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,16 +44,6 @@ class Networks:
     """Of the paper's method, A* in the region at td."""
     ours: NetworkModel
     """Of this toolkit's ``nnpp``."""
-
-    @functools.cached_property
-    def shuffled(self) -> NetworkModel:
-        """`paper` with shuffled weights."""
-        return shuffled(self.paper)
-
-    @functools.cached_property
-    def ours_shuffled(self) -> NetworkModel:
-        """`ours` with shuffled weights."""
-        return shuffled(self.ours)
 
     @property
     def named(self) -> str:
@@ -141,14 +132,14 @@ def _nearest_blocks(line: Sequence[Cell], like: Region) -> Region:
     return Region(bitmap, like.row_block, like.col_block)
 
 
-def all_regions(maker: PaperRegions, query: Endpoints, shuffled: NetworkModel) -> dict[str, Region]:
+def all_regions(maker: PaperRegions, query: Endpoints) -> dict[str, Region]:
     """The network's region by the paper's rule, and those of the controls, by the names in `CONTROLS`."""
     region = maker.find(query)
     return {
         NETWORK: region,
         CORRIDOR: corridor_region(maker.grid, query, region),
         BAND: band_region(maker.grid, query, region),
-        SHUFFLED: PaperRegions(maker.cost, shuffled).find(query),
+        SHUFFLED: PaperRegions(maker.cost, shuffled(maker.model)).find(query),
     }
 
 
@@ -157,13 +148,18 @@ def best_path(grid: Grid, query: Endpoints, region: Region | None = None) -> NDA
     return astar(grid, *query, Workspace(len(grid.weights)), region=region).path
 
 
-def shuffled(model: NetworkModel, seed: int = 1) -> NetworkModel:
-    """The network with the weights of each layer in a random order, the same for the same seed."""
+def shuffled(model: NetworkModel) -> NetworkModel:
+    """The network with the weights of each layer in a random order, always the same one."""
+    return _shuffled(model.path)
+
+
+@functools.cache
+def _shuffled(network_file: Path) -> NetworkModel:
     import onnx
     from onnx import numpy_helper
 
-    network = onnx.load(model.path)
-    rng = np.random.default_rng(seed)
+    network = onnx.load(network_file)
+    rng = np.random.default_rng(1)
     for weights in network.graph.initializer:
         if len(weights.dims) == 4:
             values = numpy_helper.to_array(weights)

@@ -16,15 +16,13 @@ import numpy as np
 
 from nnpp_edge.progress import markdown_table
 
-Value = Any
-"""Text or a number."""
-Row = dict[str, Value]
+Row = dict[str, Any]
 
 
 class Rows(list[Row]):
     """Rows, and figures of them."""
 
-    def of(self, *planners: str, **values: Value) -> "Rows":
+    def of(self, *planners: str, **values: Any) -> "Rows":
         """The rows of these planners, by default of all, that have these values."""
         return Rows(
             row
@@ -32,9 +30,9 @@ class Rows(list[Row]):
             if (not planners or row.get("planner") in planners) and all(row.get(k) == v for k, v in values.items())
         )
 
-    def by(self, *names: str) -> "dict[tuple[Value, ...], Rows]":
+    def by(self, *names: str) -> "dict[tuple[Any, ...], Rows]":
         """The rows by what they have under these names, in the order of their coming."""
-        groups: dict[tuple[Value, ...], Rows] = {}
+        groups: dict[tuple[Any, ...], Rows] = {}
         for row in self:
             groups.setdefault(tuple(row[name] for name in names), Rows()).append(row)
         return groups
@@ -83,12 +81,13 @@ class Rows(list[Row]):
         return out.getvalue()
 
 
-Column = Callable[[Rows], str]
-Columns = dict[str, Column]
+Columns = Mapping[str, Callable[[Rows], str]]
 """Columns of a table: what each shows of the rows behind a line."""
+Groups = Mapping[tuple[Any, ...], Rows]
+"""The rows behind each line of a table, by what begins the line."""
 
 
-def table(keys: str, groups: Mapping[tuple[Any, ...], Rows], columns: Columns) -> str:
+def table(keys: str, groups: Groups, columns: Columns) -> str:
     """A Markdown table for people, a line for each group; `keys` name the columns of a group's key, with bars."""
     lines = [[*map(str, key), *(column(of) for column in columns.values())] for key, of in groups.items()]
     return markdown_table([*keys.split(" | "), *columns], lines) + "\n"

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -18,7 +19,7 @@ from nnpp_edge.reproduction.drawing import png
 from nnpp_edge.reproduction.experiment import Context, Result
 from nnpp_edge.reproduction.experiments import EXPERIMENTS
 from nnpp_edge.reproduction.findings import Finding
-from nnpp_edge.reproduction.pages import FileFacts, MadeWith, Stored, experiment_page, index_page
+from nnpp_edge.reproduction.pages import Stored, experiment_page, index_page
 from nnpp_edge.reproduction.regions import Networks
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, OutputError
 from nnpp_edge.runtime.exercises import exercise
@@ -84,9 +85,7 @@ def reproduce(
     for name in request.names:
         experiment = EXPERIMENTS[name]
         settings = experiment.settings(quick=request.quick, steps=request.steps, queries=request.queries)
-        made_with = msgspec.structs.replace(
-            common, settings=settings, networks=common.networks if experiment.asks_networks else {}
-        )
+        made_with = common | {"settings": settings} | ({} if experiment.asks_networks else {"networks": {}})
         made_as_json = msgspec.json.encode(made_with)
         stored = read_experiment(request.output / name)
         if stored is not None and msgspec.json.encode(stored.made_with) == made_as_json and not request.again:
@@ -126,7 +125,7 @@ def _in_thousandths(advance: Callable[[int], None]) -> Callable[[float], None]:
     return lambda share: advance(int(1000 * share))
 
 
-def _made_with(request: Request, cell_sizes_m: list[float]) -> MadeWith:
+def _made_with(request: Request, cell_sizes_m: list[float]) -> dict[str, Any]:
     """All that decides the figures, except the settings: names and contents of files, never their places."""
     models, dataset = [read_model_file(model) for model in request.models], None
     if request.dataset is not None:
@@ -134,16 +133,17 @@ def _made_with(request: Request, cell_sizes_m: list[float]) -> MadeWith:
             recipe = (request.dataset / "dataset.json").read_bytes()
         except OSError as error:
             raise DataSetError(f"{request.dataset}: wanted a data set's folder with dataset.json") from error
-        dataset = FileFacts(request.dataset.name, _digest(recipe))
+        dataset = {"name": request.dataset.name, "sha256": _digest(recipe)}
     terrain = [
-        FileFacts(path.name, _digest(path.read_bytes()), side)
+        {"name": path.name, "sha256": _digest(path.read_bytes()), "cell_size_m": side}
         for path, side in zip(request.terrain.paths, cell_sizes_m, strict=True)
     ]
     networks = {
-        whose: FileFacts(model.name, model.sha256)
+        whose: {"name": model.name, "sha256": model.sha256}
         for whose, model in zip(("the paper's method", "ours"), models, strict=True)
     }
-    return MadeWith(__version__, request.quick, request.seed, terrain, networks, dataset, {})
+    facts = {"version": __version__, "quick": request.quick, "seed": request.seed}
+    return facts | {"terrain": terrain, "networks": networks, "dataset": dataset}
 
 
 def _digest(content: bytes) -> str:

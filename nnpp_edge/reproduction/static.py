@@ -51,7 +51,7 @@ def contest(
     return rows
 
 
-@experiment("Table 2", "A* against A* in the network's region", maps=8, queries=4, repeats=2)
+@experiment("Table 2", "A* against A* in the network's region", {"maps": 8, "queries": 4, "repeats": 2})
 def table2(
     context: Context,
     *,
@@ -63,19 +63,10 @@ def table2(
     """All planners against the clock on some of the maps, the regions of both networks on all."""
     sizes = context.fitting(sizes)
     rows = contest(context, sizes, maps, repeats=repeats, timed=queries)
-    context.note(
-        "Start and goal are at least 0.35 of the map's side apart. Times are of the whole job. What depends on the"
-        " map alone (our padded weights, pyramid and the network's view of the map) is made before our planners' "
-        "clock starts, while the plain ones average the map, run the network and build their graph for each query.",
-        "`plain A*NN` is the paper's method as it stands: the network's region at the adaptive threshold td, a "
-        "graph of that region alone, a search in it; the network runs once, nothing is widened. Success, CC and MM "
-        "are of that region, over all maps. `nnpp` is this toolkit's: a wider region, narrowed from coarse to fine, "
-        "searched by the compiled A*; below stands its network's own region before all that, by the paper's rule.",
-    )
     theirs = Rows(row for row in paper.TABLE_2 if row["size"] in sizes)
     names = "network | AT | CC | CC increase | success | MM | region, of the map"
     over_plain: Columns = {"over plain A*": lambda of: times(_gain(rows, of, PLAIN))}
-    over_both: Columns = over_plain | {"over `astar`": lambda of: times(_gain(rows, of, "astar"))}
+    over_both: Columns = {**over_plain, "over `astar`": lambda of: times(_gain(rows, of, "astar"))}
     plain, ours = Rows([*theirs, *rows.of(*PLAIN_PLANNERS)]).sorted("size"), rows.of(*OURS, *OWN.values())
     summary = f"""### The paper's method
 
@@ -151,19 +142,15 @@ def _growth(rows: Rows, claim: str) -> Iterator[Finding]:
         yield judge(f"{claim} ({label})", theirs or "yes", ours, gains[large] > gains[small], rule, as_well)
 
 
-@experiment("Fig. 9", "Time and ModelMetric against the map's size", sizes=(64, 128, 256), queries=4, repeats=2)
+@experiment(
+    "Fig. 9", "Time and ModelMetric against the map's size", {"sizes": (64, 128, 256), "queries": 4, "repeats": 2}
+)
 def fig9(
     context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), queries: int = 30, repeats: int = 3
 ) -> Result:
     """Random queries on random maps of each size, all planners on each."""
     sizes = context.fitting(sizes)
     rows = contest(context, sizes, queries, repeats=repeats).of(*PLANNERS)
-    context.note(
-        "Crops of the terrain at its own resolution (the paper scales its maps). A network sees every map averaged"
-        " to its own input size; inference is that of the paper's method, once a query.",
-        "MM of `plain A*NN` and of `nnpp` is that of their network's own region at td, by the paper's rule; that of "
-        "`corridor` is of the cells which the search at full resolution was given.",
-    )
     theirs = [row for row in (*paper.TABLE_1, *paper.TABLE_2.of(paper.ASTAR_NN)) if row["size"] in sizes]
     everything = Rows([*theirs, *rows]).sorted("size")
     more: Columns = {"inference": lambda of: seconds(of.mean("inference_s"))}
@@ -209,15 +196,11 @@ def fig9_findings(rows: Rows) -> list[Finding]:
     return found
 
 
-@experiment("Fig. 11", "Time against the length of the path", queries=10, repeats=2)
+@experiment("Fig. 11", "Time against the length of the path", {"queries": 10, "repeats": 2})
 def fig11(context: Context, *, size: int = 256, queries: int = 300, repeats: int = 3) -> Result:
     """Random queries, near ones among them, each put to all planners."""
     size = context.one_size(size)
     rows = contest(context, (size,), queries, repeats=repeats, least_distance=0.05).of(*PLANNERS)
-    context.note(
-        f"Maps of {size}², start and goal at least 0.05 of the side apart. The paper gives this figure as a picture"
-        " alone. Lines are fitted by least squares."
-    )
     columns: Columns = {
         "network": lambda of: network_of(str(of[0]["planner"]), context.networks),
         "fitted time for 50 cells": lambda of: seconds(_fit(of)[1] + 50 * _fit(of)[0]),
@@ -274,16 +257,11 @@ def _slopes(rows: Rows, slow: str, fast: str) -> Iterator[Finding]:
     yield judge(claim, "yes", ours, wins >= 0.9, "on at least 90 %", as_well)
 
 
-@experiment("Fig. 12 and Table 4, static", "Regions and paths on five maps", repeats=2)
+@experiment("Fig. 12 and Table 4, static", "Regions and paths on five maps", {"repeats": 2})
 def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5) -> Result:
     """One query on each of five maps: drawn, and answered by all planners."""
     size = context.one_size(size)
     rows = contest(context, (size,), maps, repeats=repeats).of(*PLANNERS)
-    context.note(
-        "Cyan: above, the network's region at the adaptive threshold td, in which the paper searches; below, the "
-        "cells that this toolkit's search at full resolution is given. The whiter, the higher the traversability "
-        "cost. The paper's maps are other ones: only orders of magnitude can be compared."
-    )
     theirs = paper.TABLE_4.of(scene=paper.STATIC)
     names = "network | AT | CC | CC increase | MM"
     summary = planner_table(Rows([*rows, *theirs]), "map", names, context.networks)
