@@ -204,5 +204,5 @@ def animate(views: Sequence[View], stride: int, cells_a_frame: int) -> bytes:
 
     with temporary_folder() as folder:
         film = FuncAnimation(figure, draw, scenes, init_func=lambda: None)
-        film.save(folder / "episode.gif", PillowWriter(fps=_FPS), dpi=100)
+        film.save(folder / "episode.gif", PillowWriter(fps=_FPS), dpi=80)
         return (folder / "episode.gif").read_bytes()
