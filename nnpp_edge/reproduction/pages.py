@@ -59,8 +59,8 @@ def index_page(stored: Sequence[Stored]) -> str:
         "# The paper's experiments, repeated",
         "NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain with this toolkit, each beside the "
         "paper's figures. This page and all that it links to are written by `nnpp-edge reproduce`; the verdicts "
-        "follow from the measured figures by the rules named beside them. How the paper was read, and what is counted: "
-        "`docs/reproduce.md`.",
+        "follow from the measured figures by the rules named beside them. How the paper "
+        "was read, and what is counted: `docs/reproduce.md`.",
     ]
     if not stored:
         return "\n\n".join([*parts, "No experiment has been run yet."]) + "\n"
