@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.benchmarks.dynamic_episode import Episode, Patch
-from nnpp_edge.files import temporary_folder
 from nnpp_edge.reproduction.regions import PaperRegions, best_path
 from nnpp_edge.reproduction.rows import Rows
 from nnpp_edge.runtime.arrays import Float2D
@@ -36,8 +35,8 @@ COLOURS = {
 """Of the planners, told apart by the colour-blind too (Okabe and Ito); grey for others."""
 _OPTIMUM, _PATH, _BEFORE, _CHANGED, _DRIVEN = "#e0218a", "#ffe100", "#b8b8b8", "#ff3b1f", "#ff9e3d"
 _CYAN, _TINT = np.array([0.0, 0.9, 1.0]), 0.45
-_FPS, _PAUSE = 11, 12
-"""Of the animation: pictures a second, and pictures for which a new plan is shown."""
+_PAUSE_MS, _STEP_MS = 1100, 90
+"""For which a picture of the animation is shown: of a new plan, and of a robot on its way."""
 
 
 def new_figure(width: float, height: float) -> "Figure":
@@ -183,26 +182,26 @@ def animate(views: Sequence[View], stride: int, cells_a_frame: int) -> bytes:
 
     The robot drives `stride` cells between two plans, and `cells_a_frame` from one picture to the next.
     """
-    from matplotlib.animation import FuncAnimation, PillowWriter
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
 
-    way, scenes = np.empty((0, 2), np.int32), list[tuple[int, Cells]]()
+    figure, shots, durations_ms, way = new_figure(4.6, 4.8), [], list[int](), np.empty((0, 2), np.int32)
+    canvas, axes = FigureCanvasAgg(figure), figure.subplots()
     for at, view in enumerate(views):
         part = view.optimum if at + 1 == len(views) else view.optimum[: stride + 1]
-        ends = [*[1] * _PAUSE, *range(1 + cells_a_frame, len(part), cells_a_frame), *[len(part)] * _PAUSE]
-        scenes += [(at, np.concatenate([way, part[:end]])) for end in ends]
+        for end in [1, *range(1 + cells_a_frame, len(part), cells_a_frame), len(part)]:
+            axes.clear()
+            draw_view(axes, view, f"{frame(at)}: {'the map has changed' if at else 'planned'}")
+            _outline(axes, view.patches)
+            draw_path(axes, np.concatenate([way, part[:end]]), "driven")
+            axes.plot(part[end - 1, 1], part[end - 1, 0], "o", color="white", mec="black", zorder=6)
+            canvas.draw()  # type: ignore[no-untyped-call]
+            shots.append(np.array(canvas.buffer_rgba())[..., :3])  # type: ignore[no-untyped-call]
+            durations_ms.append(_PAUSE_MS if end in (1, len(part)) else _STEP_MS)
         way = np.concatenate([way, part])
-    figure = new_figure(4.6, 4.8)
-    axes = figure.subplots()
-
-    def draw(scene: tuple[int, Cells]) -> None:
-        at, way = scene
-        axes.clear()
-        draw_view(axes, views[at], f"{frame(at)}: {'the map has changed' if at else 'planned'}")
-        _outline(axes, views[at].patches)
-        draw_path(axes, way, "driven")
-        axes.plot(way[-1:, 1], way[-1:, 0], "o", color="white", mec="black", zorder=6)
-
-    with temporary_folder() as folder:
-        film = FuncAnimation(figure, draw, scenes, init_func=lambda: None)
-        film.save(folder / "episode.gif", PillowWriter(fps=_FPS), dpi=80)
-        return (folder / "episode.gif").read_bytes()
+    # one palette for all: only what moves differs from picture to picture, and only that is stored
+    palette = Image.fromarray(np.concatenate(shots[:: max(len(shots) // 8, 1)])).quantize()
+    first, *rest = (Image.fromarray(shot).quantize(palette=palette, dither=Image.Dither.NONE) for shot in shots)
+    content = io.BytesIO()
+    first.save(content, format="GIF", save_all=True, append_images=rest, duration=durations_ms, loop=0)
+    return content.getvalue()

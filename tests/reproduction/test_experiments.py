@@ -139,14 +139,8 @@ def test_every_page_of_a_network_names_it_and_has_controls(made):
         text = (made[0] / name / f"{name}.md").read_text()
         assert "`tiny`" in text and "corridor" in text, name
         lines = text.partition("## Findings")[0].splitlines()
-        named = [
-            line
-            for line in lines
-            if line.startswith("|")
-            and "frame" not in line
-            and "map | scene" not in line
-            and ("| plain A*NN |" in line or "| `nnpp` |" in line)
-        ]
+        named = [line for line in lines if "| plain A*NN |" in line or "| `nnpp` |" in line]
+        named = [line for line in named if not line.startswith("| map | scene")]
         assert all("`tiny`" in line for line in named), name
 
 
@@ -332,7 +326,7 @@ def test_an_episode_is_driven_by_all_and_animated(tiny_model):
         frames = [np.asarray(frame.convert("RGB"), int) for frame in ImageSequence.Iterator(gif)]
         assert gif.info["loop"] == 0
     assert len(frames) >= 2 * len(views) - 1
-    assert np.median([np.abs(b - a).max() for a, b in zip(frames, frames[1:], strict=False)]) > 40
+    assert all(np.abs(b - a).max() > 40 for a, b in zip(frames, frames[1:], strict=False))
 
 
 def test_an_animation_that_is_missing_is_noticed(made, tmp_path):
