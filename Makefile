@@ -1,8 +1,8 @@
 # make demo: the onboard package alone, in an environment of its own, a plan over real lunar terrain, and a rover's among rocks.
 # make check: lint, spelling, types, import contract and the fast tests; a few minutes, once the kernels are compiled.
 # make test: the same with all tests.
-# make bench: our planners beside other libraries' grid search, the stages from elevations to a first path, what a
-# region's search costs, and how long the first plan takes.
+# make bench: our planners beside other libraries' grid search, the stages from elevations to a first path, and how long
+# the first plan takes.
 # make coverage: what the fast tests reach, in the terminal and as build/coverage.xml; compiled kernels are not seen.
 # make wheel, make try-wheel, make try-oldest: the wheel; it alone in a bare environment, which plans and measures there,
 # with the newest and with the oldest packages that it takes (.ci/oldest.txt). PYTHON=python3.12 tries another Python.
@@ -72,7 +72,6 @@ $(DEV)/ready-to-bench: $(DEV)/ready
 bench: $(DEV)/ready-to-bench
 	$(DEV)/bin/nnpp-edge profile --peers --sizes 256,512,1024,2048,4096 -o build/bench
 	$(DEV)/bin/python -m nnpp_edge.benchmarks.map_stage
-	$(DEV)/bin/python -m nnpp_edge.benchmarks.region_search
 	$(DEV)/bin/python -m nnpp_edge.profiling.cold_start
 
 wheel:

@@ -65,15 +65,15 @@ def command(
 
     from nnpp_edge.profiling.suites import TerrainFiles
     from nnpp_edge.progress import bar
-    from nnpp_edge.reproduction.experiment import NAMES
+    from nnpp_edge.reproduction.experiments import EXPERIMENTS
     from nnpp_edge.reproduction.runner import Request, reproduce
 
-    if unknown := [name for name in experiments if name not in NAMES]:
-        raise click.UsageError(f"wanted EXPERIMENT of {', '.join(NAMES)}, got {', '.join(unknown)}")
+    if unknown := [name for name in experiments if name not in EXPERIMENTS]:
+        raise click.UsageError(f"wanted EXPERIMENT of {', '.join(EXPERIMENTS)}, got {', '.join(unknown)}")
     if len(models) > 2:
         raise click.UsageError(f"wanted at most two of --model, the paper's and ours, got {len(models)}")
     both = (models[0], models[-1]) if models else ("paper", "edge")
-    names = [name for name in NAMES if not experiments or name in experiments]
+    names = [name for name in EXPERIMENTS if not experiments or name in experiments]
     files = TerrainFiles.or_sample(terrain, rescale, cell_size, allow_vrt)
     request = Request(names, files, output, seed, both, quick, steps, queries, dataset, again)
     outcomes: list[ExperimentOutcome] = []
@@ -92,10 +92,8 @@ def command(
 
 def _line(outcome: "ExperimentOutcome", output: Path) -> str:
     """What became of an experiment, in a line."""
-    from nnpp_edge.reproduction.report import Verdict
+    from nnpp_edge.reproduction.findings import Verdict
 
-    if outcome.how == "missing":
-        return f"{outcome.name}: not in this version of the toolkit"
     verdicts = [finding.verdict for finding in outcome.findings]
     counts = ", ".join(f"{verdicts.count(v)} {v}" for v in Verdict if v in verdicts)
     kept = ", complete already (--again runs it anew)" if outcome.how == "skipped" else ""

@@ -1,7 +1,6 @@
 """A* as the paper had it: an explicit graph of the map, built anew for each query, then a search with `heapq`.
 
-Plain Python, on purpose: it is the yardstick of the paper's speed-ups, and serves nothing else here. The
-planners of this toolkit build no graph.
+Plain Python, on purpose: it is the yardstick of the paper's speed-ups. The planners of this toolkit build no graph.
 """
 
 import heapq
@@ -22,6 +21,8 @@ class Graph:
 
     stride: int
     """Longer than a row of the map by one, so that no node has a neighbour across the map's edge."""
+    weights: dict[int, float]
+    """Of each node, what its cell adds to a step to or from it."""
     edges: dict[int, list[tuple[int, float]]]
     """For each node its neighbours, and what the step to each costs."""
 
@@ -33,8 +34,26 @@ class Graph:
         """The cell of a node."""
         return divmod(node, self.stride)
 
+    def moves(self) -> tuple[tuple[int, float], ...]:
+        """The steps to the eight neighbours of a node, and their lengths."""
+        straight, s = (-self.stride, self.stride, -1, 1), self.stride
+        return tuple((move, 1.0 if move in straight else SQRT2) for move in (*straight, -s - 1, -s + 1, s - 1, s + 1))
 
-def build_graph(cost: Float2D, inside: NDArray[np.bool_] | None = None, omega: float = PAPER_OMEGA) -> Graph:
+    def connect(self, node: int, moves: tuple[tuple[int, float], ...]) -> None:
+        """Set a node's edges by the weights: a step costs L + 255·ω·(T_i + T_j) (Eq. 2 and 4)."""
+        own, weights = self.weights[node], self.weights
+        self.edges[node] = [
+            (node + move, length + own + weights[node + move]) for move, length in moves if node + move in weights
+        ]
+
+
+def weights_of(cost: Float2D, inside: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+    """(H, W) 255·ω·T at the paper's ω; inf where impassable, and outside a region if one is given."""
+    passable = cost < 1.0 if inside is None else (cost < 1.0) & inside
+    return np.where(passable, cost.astype(np.float64) * (GREY_LEVELS * PAPER_OMEGA), np.inf)
+
+
+def build_graph(cost: Float2D, inside: NDArray[np.bool_] | None = None) -> Graph:
     """The graph of a cost map: a node for each passable cell, an edge to each passable neighbour.
 
     Parameters
@@ -43,28 +62,18 @@ def build_graph(cost: Float2D, inside: NDArray[np.bool_] | None = None, omega: f
         Traversability cost T in [0, 1]; impassable from 1 up, or NaN.
     inside : (H, W) bool, optional
         The heuristic region: the graph of its cells alone is built, as in Fig. 10.
-    omega : float
-        Weight of the traversability cost per grey level.
 
     Notes
     -----
-    NNPP (arXiv 2308.04792v3), Eq. 2 and 4: a step costs L + 255·ω·(T_i + T_j).
+    NNPP (arXiv 2308.04792v3), Eq. 2 and 4, at the paper's weight ω.
     """
-    passable = cost < 1.0
-    stride = cost.shape[1] + 1
-    rows, cols = np.nonzero(passable if inside is None else passable & inside)
-    weights = cost[rows, cols].astype(np.float64) * (GREY_LEVELS * omega)
-    weight = dict(zip((rows * stride + cols).tolist(), weights.tolist(), strict=True))
-    straight, diagonal = (-stride, stride, -1, 1), (-stride - 1, -stride + 1, stride - 1, stride + 1)
-    moves = [*((move, 1.0) for move in straight), *((move, SQRT2) for move in diagonal)]
-    edges: dict[int, list[tuple[int, float]]] = {}
-    for node, own in weight.items():
-        edges[node] = []
-        for move, length in moves:
-            neighbour = node + move
-            if neighbour in weight:
-                edges[node].append((neighbour, length + own + weight[neighbour]))
-    return Graph(stride, edges)
+    weights, stride = weights_of(cost, inside), cost.shape[1] + 1
+    rows, cols = np.nonzero(np.isfinite(weights))
+    graph = Graph(stride, dict(zip((rows * stride + cols).tolist(), weights[rows, cols].tolist(), strict=True)), {})
+    moves = graph.moves()
+    for node in graph.weights:
+        graph.connect(node, moves)
+    return graph
 
 
 def search(graph: Graph, start: Cell, goal: Cell) -> list[Cell] | None:
@@ -73,29 +82,21 @@ def search(graph: Graph, start: Cell, goal: Cell) -> list[Cell] | None:
     The heuristic is the Euclidean distance, as in the paper.
     """
     first, last = graph.node(start), graph.node(goal)
-    reached = {first: 0.0}
-    parent: dict[int, int] = {}
-    closed: set[int] = set()
+    reached, parent, closed = {first: 0.0}, dict[int, int](), set[int]()
     open_list = [(math.dist(start, goal), first)]
     while open_list:
         _, node = heapq.heappop(open_list)
         if node == last:
-            return _trace(graph, parent, last)
+            nodes = [node]
+            while nodes[-1] in parent:
+                nodes.append(parent[nodes[-1]])
+            return [graph.cell(node) for node in reversed(nodes)]
         if node in closed:
             continue
         closed.add(node)
         for neighbour, step in graph.edges[node]:
             g = reached[node] + step
             if g < reached.get(neighbour, math.inf):
-                reached[neighbour] = g
-                parent[neighbour] = node
-                h = math.dist(graph.cell(neighbour), goal)
-                heapq.heappush(open_list, (g + h, neighbour))
+                reached[neighbour], parent[neighbour] = g, node
+                heapq.heappush(open_list, (g + math.dist(graph.cell(neighbour), goal), neighbour))
     return None
-
-
-def _trace(graph: Graph, parent: dict[int, int], last: int) -> list[Cell]:
-    nodes = [last]
-    while nodes[-1] in parent:
-        nodes.append(parent[nodes[-1]])
-    return [graph.cell(node) for node in reversed(nodes)]

@@ -1,20 +1,17 @@
-"""D* as the paper has it beside A*: an explicit graph of the map, mended as the map changes, in plain Python.
+"""D* as the paper has it beside A*: an explicit graph of the map, repaired as the map changes, in plain Python.
 
-Plain Python, on purpose, as `plain_astar` is: it is the yardstick of the paper's speed-ups of D*NN. The variant is
-D* Lite (Koenig and Likhachev 2002), which finds the same paths as D*.
+The variant is D* Lite (Koenig and Likhachev 2002), which finds the same paths as D*.
 """
 
 import heapq
 import math
-from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.reproduction.plain_astar import build_graph
+from nnpp_edge.reproduction.plain_astar import build_graph, weights_of
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA, SQRT2
 
 Key = tuple[float, float]
 _ROUNDING = 1e-9
@@ -32,22 +29,12 @@ class PlainDStar:
         Passable cells.
     inside : (H, W) bool, optional
         The heuristic region: the graph of its cells alone is built.
-    omega : float
-        Weight of the traversability cost per grey level.
     """
 
-    def __init__(
-        self,
-        cost: Float2D,
-        start: Cell,
-        goal: Cell,
-        inside: NDArray[np.bool_] | None = None,
-        omega: float = PAPER_OMEGA,
-    ) -> None:
-        self._graph, self._factor = build_graph(cost, inside, omega), GREY_LEVELS * omega
-        self._weights = self._weights_of(cost, inside)
-        self._start, self._goal = self._graph.node(start), self._graph.node(goal)
-        self._last, self._km = self._start, 0.0
+    def __init__(self, cost: Float2D, start: Cell, goal: Cell, inside: NDArray[np.bool_] | None = None) -> None:
+        self._graph, self._weights = build_graph(cost, inside), weights_of(cost, inside)
+        self._moves = self._graph.moves()
+        self._start, self._goal, self._km = self._graph.node(start), self._graph.node(goal), 0.0
         self._g: dict[int, float] = {}
         self._rhs = {self._goal: 0.0}
         self._keys: dict[int, Key] = {}
@@ -58,21 +45,26 @@ class PlainDStar:
 
     def move(self, start: Cell) -> None:
         """Plan from here on."""
-        self._start = self._graph.node(start)
-        self._km += self._distance(self._last, self._start)
-        self._last = self._start
+        before, self._start = self._start, self._graph.node(start)
+        self._km += self._distance(before, self._start)
 
     def change(self, cost: Float2D, inside: NDArray[np.bool_] | None = None) -> int:
         """The map, or the region, is another one from now on; the number of cells that have changed."""
-        weights = self._weights_of(cost, inside)
-        rows, cols = np.nonzero(~((weights == self._weights) | (np.isinf(weights) & np.isinf(self._weights))))
+        graph, weights = self._graph, weights_of(cost, inside)
+        rows, cols = np.nonzero(weights != self._weights)
+        changed = dict(zip((rows * graph.stride + cols).tolist(), weights[rows, cols].tolist(), strict=True))
         self._weights = weights
-        changed = (rows * self._graph.stride + cols).tolist()
-        affected = {node + move for node in changed for move in (0, *self._moves())}
+        for node, weight in changed.items():
+            graph.weights.pop(node, None)
+            if math.isfinite(weight):
+                graph.weights[node] = weight
+        affected = {node + move for node in changed for move, _ in ((0, 0.0), *self._moves)}
         for node in affected:
-            self._set_edges(node)
+            graph.edges.pop(node, None)
+            if node in graph.weights:
+                graph.connect(node, self._moves)
         for node in affected:
-            self._look_ahead(node)
+            self._update(node)
         return len(changed)
 
     def plan(self) -> list[Cell] | None:
@@ -88,7 +80,7 @@ class PlainDStar:
         return [self._graph.cell(node) for node in path]
 
     def _search(self) -> None:
-        """Expand until the start is as near to the goal as it can be known to be."""
+        """Expand until the start's distance to the goal is known."""
         g, rhs, edges = self._g, self._rhs, self._graph.edges
         while self._heap:
             old, node = self._heap[0]
@@ -111,19 +103,18 @@ class PlainDStar:
                         self._queue(there)
             else:
                 g[node] = math.inf
-                self._look_ahead(node)
-                for there, _ in edges.get(node, ()):
-                    self._look_ahead(there)
+                for there in (node, *(there for there, _ in edges.get(node, ()))):
+                    self._update(there)
 
-    def _look_ahead(self, node: int) -> None:
-        """What a node's neighbours say of its distance to the goal."""
+    def _update(self, node: int) -> None:
+        """Compute a node's one-step lookahead `rhs` from its neighbours."""
         if node != self._goal:
-            steps: Iterable[tuple[int, float]] = self._graph.edges.get(node, ())
+            steps = self._graph.edges.get(node, ())
             self._rhs[node] = min((step + self._g.get(there, math.inf) for there, step in steps), default=math.inf)
         self._queue(node)
 
     def _queue(self, node: int) -> None:
-        """Put a node on the open list, under its key now, or take it off where the two distances agree."""
+        """Put a node on the open list under its key now, or take it off where `g` and `rhs` agree."""
         if self._g.get(node, math.inf) == self._rhs.get(node, math.inf):
             self._keys.pop(node, None)
         elif self._keys.get(node) != (key := self._key(node)):
@@ -136,28 +127,3 @@ class PlainDStar:
 
     def _distance(self, a: int, b: int) -> float:
         return math.dist(self._graph.cell(a), self._graph.cell(b))
-
-    def _moves(self) -> tuple[int, ...]:
-        stride = self._graph.stride
-        return -stride, stride, -1, 1, -stride - 1, -stride + 1, stride - 1, stride + 1
-
-    def _set_edges(self, node: int) -> None:
-        """The edges of a node, anew."""
-        if math.isinf(own := self._weight(node)):
-            self._graph.edges.pop(node, None)
-            return
-        edges = []
-        for at, move in enumerate(self._moves()):
-            if not math.isinf(weight := self._weight(node + move)):
-                edges.append((node + move, (1.0 if at < 4 else SQRT2) + own + weight))
-        self._graph.edges[node] = edges
-
-    def _weight(self, node: int) -> float:
-        """What a cell adds to a step to or from it; inf outside the graph."""
-        row, col = self._graph.cell(node)
-        rows, cols = self._weights.shape
-        return float(self._weights[row, col]) if 0 <= row < rows and col < cols else math.inf
-
-    def _weights_of(self, cost: Float2D, inside: NDArray[np.bool_] | None) -> NDArray[np.float64]:
-        passable = (cost < 1.0) if inside is None else (cost < 1.0) & inside
-        return np.where(passable, cost.astype(np.float64) * self._factor, np.inf)

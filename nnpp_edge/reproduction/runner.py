@@ -1,33 +1,32 @@
 """Running experiments into a folder: each is written whole or not at all, and not run again without need."""
 
 import hashlib
-import json
 import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import Any
+
+import msgspec
 
 from nnpp_edge import __version__
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.profiling.machine import environment
 from nnpp_edge.profiling.suites import TerrainFiles
-from nnpp_edge.reproduction.experiment import NAMES, Context, Experiment, OnProgress, find_experiment
-from nnpp_edge.reproduction.index import FileFacts, MadeWith, Stored, experiment_page, findings_of, index_page
+from nnpp_edge.reproduction.drawing import png
+from nnpp_edge.reproduction.experiment import Context, Result
+from nnpp_edge.reproduction.experiments import EXPERIMENTS
+from nnpp_edge.reproduction.findings import Finding
+from nnpp_edge.reproduction.pages import Stored, experiment_page, index_page
 from nnpp_edge.reproduction.regions import Networks
-from nnpp_edge.reproduction.report import Finding, Result
-from nnpp_edge.runtime.errors import DataSetError, OutputError
+from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, OutputError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
 FORMAT = "nnpp-edge-reproduction-2"
-_WORK = ".work"
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class Request:
     """Which experiments to run, on what, and where to."""
 
     names: Sequence[str]
-    """Of `NAMES`."""
+    """Of `EXPERIMENTS`."""
     terrain: TerrainFiles
     output: Path
     seed: int = 1
@@ -45,7 +44,7 @@ class Request:
     steps: int | None = None
     """Training steps for each encoding of Fig. 13, where not the settings' own."""
     queries: int | None = None
-    """Queries, where not the settings' own."""
+    """Timed queries, where not the settings' own."""
     dataset: Path | None = None
     again: bool = False
     """Run what is complete, too."""
@@ -57,7 +56,7 @@ class ExperimentOutcome:
 
     name: str
     how: str
-    """``done``, ``skipped`` (complete already) or ``missing`` (not in this version)."""
+    """``done`` or ``skipped`` (complete already)."""
     findings: Sequence[Finding] = ()
 
 
@@ -77,87 +76,74 @@ def reproduce(
     OutputError
         The folder cannot be written to.
     """
-    wanted = [(name, find_experiment(name)) for name in request.names]
+    if unknown := set(request.names) - set(EXPERIMENTS):
+        raise InvalidQueryError(f"experiment must be one of {', '.join(EXPERIMENTS)}, got {', '.join(unknown)}")
     dems = request.terrain.read()
     networks = Networks(*map(NetworkModel, request.models))
     common = _made_with(request, [dem.cell_size_m for dem in dems])
     make_folder(request.output)
-    for name, experiment in wanted:
-        if experiment is None:
-            yield ExperimentOutcome(name, "missing")
-            continue
-        settings = _settings(experiment, request)
-        facts_of_it = {"settings": asdict(settings)} | ({} if experiment.asks_networks else {"networks": {}})
-        made_with: MadeWith = json.loads(json.dumps(common | facts_of_it))
+    for name in request.names:
+        experiment = EXPERIMENTS[name]
+        settings = experiment.settings(quick=request.quick, steps=request.steps, queries=request.queries)
+        made_with = common | {"settings": settings} | ({} if experiment.asks_networks else {"networks": {}})
+        made_as_json = msgspec.json.encode(made_with)
         stored = read_experiment(request.output / name)
-        if stored is not None and stored["made_with"] == made_with and not request.again:
-            yield ExperimentOutcome(name, "skipped", findings_of(stored))
+        if stored is not None and msgspec.json.encode(stored.made_with) == made_as_json and not request.again:
+            yield ExperimentOutcome(name, "skipped", stored.findings)
             continue
-        work = request.output / _WORK / f"{name}-{_digest(json.dumps(made_with, sort_keys=True).encode())[:12]}"
-        context = Context(dems, request.seed, networks, work, request.dataset)
-        machine, load = _machine()
+        work = request.output / ".work" / f"{name}-{_digest(made_as_json)[:12]}"
+        cores = sorted(os.sched_getaffinity(0))
+        machine = environment(cores)
         exercise()  # no kernel is compiled or loaded while the clock runs
         with bar(name, 1000) as advance:
-            result = experiment.run(context, settings, _in_thousandths(advance))
+            context = Context(dems, request.seed, networks, work, request.dataset, _in_thousandths(advance))
+            result = experiment.run(context, **settings)
         facts = Stored(
             format=FORMAT,
             name=name,
             where=experiment.where,
             title=experiment.title,
-            machine=machine,
-            load=load,
+            machine=f"{machine['cpu']}, {len(cores)} core(s)",
+            load=machine["load_average"][0],
             made_with=made_with,
-            about=asdict(result.about),
-            findings=[asdict(finding) for finding in result.findings],
-            notes=list(result.notes),
+            about={"networks": result.networks, "samples": result.samples, "controls": result.controls},
+            findings=list(result.findings),
+            notes=context.notes,
             animated=result.animation is not None,
-            summary=result.summary.markdown(),
+            summary=result.summary,
         )
         _store(request.output / name, facts, result)
         shutil.rmtree(work, ignore_errors=True)
-        _remove_if_empty(request.output / _WORK)
+        if work.parent.is_dir() and not any(work.parent.iterdir()):
+            work.parent.rmdir()
         write_index(request.output)
         yield ExperimentOutcome(name, "done", result.findings)
     write_index(request.output)
 
 
-def _in_thousandths(advance: Callable[[int], None]) -> OnProgress:
+def _in_thousandths(advance: Callable[[int], None]) -> Callable[[float], None]:
     return lambda share: advance(int(1000 * share))
 
 
-def _settings(experiment: "Experiment[DataclassInstance]", request: Request) -> "DataclassInstance":
-    settings = experiment.quick if request.quick else experiment.full
-    for name in ("steps", "queries"):
-        if getattr(request, name) is not None and hasattr(settings, name):
-            settings = replace(settings, **{name: getattr(request, name)})
-    return settings
-
-
-def _made_with(request: Request, cell_sizes_m: list[float]) -> MadeWith:
-    """All that decides the figures, but the settings: names and contents of files, never their places."""
+def _made_with(request: Request, cell_sizes_m: list[float]) -> dict[str, Any]:
+    """All that decides the figures, except the settings: names and contents of files, never their places."""
     models, dataset = [read_model_file(model) for model in request.models], None
     if request.dataset is not None:
         try:
             recipe = (request.dataset / "dataset.json").read_bytes()
         except OSError as error:
             raise DataSetError(f"{request.dataset}: wanted a data set's folder with dataset.json") from error
-        dataset = FileFacts(name=request.dataset.name, sha256=_digest(recipe))
+        dataset = {"name": request.dataset.name, "sha256": _digest(recipe)}
     terrain = [
-        FileFacts(name=path.name, sha256=_digest(path.read_bytes()), cell_size_m=side)
+        {"name": path.name, "sha256": _digest(path.read_bytes()), "cell_size_m": side}
         for path, side in zip(request.terrain.paths, cell_sizes_m, strict=True)
     ]
-    return MadeWith(
-        version=__version__,
-        quick=request.quick,
-        seed=request.seed,
-        terrain=terrain,
-        networks={
-            whose: FileFacts(name=model.name, sha256=model.sha256)
-            for whose, model in zip(("the paper's method", "ours"), models, strict=True)
-        },
-        dataset=dataset,
-        settings={},
-    )
+    networks = {
+        whose: {"name": model.name, "sha256": model.sha256}
+        for whose, model in zip(("the paper's method", "ours"), models, strict=True)
+    }
+    facts = {"version": __version__, "quick": request.quick, "seed": request.seed}
+    return facts | {"terrain": terrain, "networks": networks, "dataset": dataset}
 
 
 def _digest(content: bytes) -> str:
@@ -166,22 +152,19 @@ def _digest(content: bytes) -> str:
 
 def _store(folder: Path, facts: Stored, result: Result) -> None:
     """Write an experiment's folder beside its place, then put it there."""
-    name = folder.name
-    fresh, old = folder.with_name(f".{name}.new"), folder.with_name(f".{name}.old")
+    fresh, old = folder.with_name(f".{folder.name}.new"), folder.with_name(f".{folder.name}.old")
     files = {
-        f"{name}.csv": result.data.csv().encode(),
-        f"{name}.md": experiment_page(facts).encode(),
-        f"{name}.png": result.picture,
-        f"{name}.json": json.dumps(facts, indent=1, ensure_ascii=False).encode(),
-    }
-    if result.animation is not None:
-        files[f"{name}.gif"] = result.animation
+        "csv": result.rows.csv().encode(),
+        "md": experiment_page(facts).encode(),
+        "png": png(result.picture),
+        "json": msgspec.json.format(msgspec.json.encode(facts), indent=1),
+    } | ({} if result.animation is None else {"gif": result.animation})
     try:
         for path in (fresh, old):
             shutil.rmtree(path, ignore_errors=True)
         fresh.mkdir()
-        for file, content in files.items():
-            write_whole(fresh / file, content)
+        for ending, content in files.items():
+            write_whole(fresh / f"{folder.name}.{ending}", content)
         if folder.exists():
             folder.replace(old)
         fresh.replace(folder)
@@ -192,32 +175,16 @@ def _store(folder: Path, facts: Stored, result: Result) -> None:
 
 def read_experiment(folder: Path) -> Stored | None:
     """What NAME.json in a finished experiment's folder holds; None where it is missing or not whole."""
-    name = folder.name
     try:
-        stored = json.loads((folder / f"{name}.json").read_text())
-    except (OSError, ValueError):
+        stored = msgspec.json.decode((folder / f"{folder.name}.json").read_bytes(), type=Stored)
+    except (OSError, msgspec.DecodeError):
         return None
-    if not isinstance(stored, dict) or stored.get("format") != FORMAT:
-        return None
-    endings = ("csv", "md", "png", "gif") if stored.get("animated") else ("csv", "md", "png")
-    whole = all((folder / f"{name}.{ending}").is_file() for ending in endings)
-    return cast(Stored, stored) if whole else None
+    endings = ("csv", "md", "png", "gif") if stored.animated else ("csv", "md", "png")
+    whole = all((folder / f"{folder.name}.{ending}").is_file() for ending in endings)
+    return stored if whole and stored.format == FORMAT else None
 
 
 def write_index(output: Path) -> None:
     """Write README.md of a folder from the experiments that it holds."""
-    stored = [found for name in NAMES if (found := read_experiment(output / name)) is not None]
-    missing = [name for name in NAMES if find_experiment(name) is None]
-    write_whole(output / "README.md", index_page(stored, missing).encode())
-
-
-def _remove_if_empty(folder: Path) -> None:
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()
-
-
-def _machine() -> tuple[str, float]:
-    """The processor's name with the number of cores this process may use, and how busy the machine is."""
-    cores = sorted(os.sched_getaffinity(0))
-    found = environment(cores)
-    return f"{found['cpu']}, {len(cores)} core(s)", found["load_average"][0]
+    stored = [found for name in EXPERIMENTS if (found := read_experiment(output / name)) is not None]
+    write_whole(output / "README.md", index_page(stored).encode())

@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
+from nnpp_edge.reproduction.planners import OneMap
 from nnpp_edge.reproduction.regions import (
     BAND,
     CONTROLS,
     CORRIDOR,
     NETWORK,
-    SHUFFLED,
+    Networks,
     PaperRegions,
     all_regions,
-    compare_regions,
-    region_means,
     shuffled,
 )
+from nnpp_edge.reproduction.rows import Rows
 from nnpp_edge.runtime import NetworkModel
 
 QUERY = ((5, 8), (118, 110))
@@ -21,16 +21,6 @@ QUERY = ((5, 8), (118, 110))
 @pytest.fixture
 def cost():
     return np.random.default_rng(3).uniform(0.0, 0.8, (128, 128)).astype(np.float32)
-
-
-def test_the_papers_region_is_all_at_the_greatest_threshold_that_joins_start_and_goal(tiny_model, cost):
-    maker = PaperRegions(cost, NetworkModel(tiny_model))
-    region, stages = maker.find(QUERY)
-    assert set(stages) == {"view", "inference", "threshold"} and min(stages.values()) > 0.0
-    levels = maker.finder.levels.astype(int)
-    lowest = levels[region.blocks()[:-1, :-1]].min()
-    assert (region.blocks()[:-1, :-1] == (levels >= lowest)).all()
-    assert joined(levels >= lowest, maker) and not joined(levels > lowest, maker)
 
 
 def joined(blocks, maker):
@@ -46,28 +36,37 @@ def joined(blocks, maker):
     return ends[1] in reached
 
 
+def test_the_papers_region_is_all_at_the_greatest_threshold_that_joins_start_and_goal(tiny_model, cost):
+    maker = PaperRegions(cost, NetworkModel(tiny_model))
+    region = maker.find(QUERY)
+    levels = maker.finder.levels.astype(int)
+    lowest = levels[region.blocks()[:-1, :-1]].min()
+    assert maker.inference_s > 0.0 and lowest >= maker.td
+    assert (region.blocks()[:-1, :-1] == (levels >= lowest)).all()
+    assert joined(levels >= lowest, maker) and not joined(levels > lowest, maker)
+
+
 def test_controls_are_as_large_as_the_networks_region_and_join_start_and_goal(tiny_model, cost):
     model = NetworkModel(tiny_model)
     maker = PaperRegions(cost, model)
-    regions = all_regions(maker, QUERY, model)
+    regions = all_regions(maker, QUERY)
     assert set(regions) == {NETWORK, *CONTROLS}
     for name in (CORRIDOR, BAND):
         assert regions[name].area() == regions[NETWORK].area()
         assert joined(regions[name].blocks()[:-1, :-1], maker)
-    found = compare_regions(cost, QUERY, model, model)
-    assert all(each.found and each.excess >= -1e-6 for each in found.values())
-    assert found[NETWORK] == found[SHUFFLED], "the same network"
+    here = OneMap(cost, QUERY, Networks(model, model))
+    found = here.searched({kind: kind for kind in regions}, regions)
+    assert all(row["found"] and row["excess"] >= -1e-6 for row in found)
 
 
 def test_the_corridor_goes_round_what_the_straight_band_runs_into(tiny_model):
     cost = np.full((128, 128), 0.1, np.float32)
     cost[48:80, :112] = 1.0
-    model, query = NetworkModel(tiny_model), ((10, 20), (118, 20))
-    found = compare_regions(cost, query, model, model)
-    assert found[CORRIDOR].found and not found[BAND].found
-    means = {name: region_means([each, each]) for name, each in found.items()}
-    assert (means[CORRIDOR].success, means[BAND].success, means[BAND].queries) == (1.0, 0.0, 2)
-    assert means[BAND].cc == means[BAND].cc_increase == float("inf")
+    model = NetworkModel(tiny_model)
+    here = OneMap(cost, ((10, 20), (118, 20)), Networks(model, model))
+    found = Rows(here.searched({CORRIDOR: CORRIDOR, BAND: BAND}, here.regions))
+    assert found.of(CORRIDOR).all("found") == [1.0] and found.of(BAND).all("found") == [0.0]
+    assert np.isnan(found.increase(BAND)) and found.increase(CORRIDOR) >= 0.0
 
 
 def test_a_shuffled_network_is_another_one_and_always_the_same():

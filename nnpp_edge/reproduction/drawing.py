@@ -1,0 +1,207 @@
+"""What the experiments' pictures share: charts of rows, maps with regions and paths, and an animated episode."""
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.benchmarks.dynamic_episode import Episode, Patch
+from nnpp_edge.reproduction.regions import PaperRegions, best_path
+from nnpp_edge.reproduction.rows import Rows
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.network.inference import NetworkModel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Cells = NDArray[np.int32]
+"""(N, 2) cells (row, col)."""
+PAPER, PLAIN, OURS = "#7f7f7f", "#d55e00", "#0072b2"
+COLOURS = {
+    "plain A*": PLAIN,
+    "plain A*NN": OURS,
+    "astar": "#e69f00",
+    "corridor": "#009e73",
+    "nnpp": "#56b4e9",
+    "inference": "#cc79a7",
+    "plain A*, corridor": "#444444",
+    "plain A*, straight band": "#888888",
+    "plain A*, shuffled weights": "#bbbbbb",
+}
+"""Of the planners, told apart by the colour-blind too (Okabe and Ito); grey for others."""
+_OPTIMUM, _PATH, _BEFORE, _CHANGED, _DRIVEN = "#e0218a", "#ffe100", "#b8b8b8", "#ff3b1f", "#ff9e3d"
+_CYAN, _TINT = np.array([0.0, 0.9, 1.0]), 0.45
+_PAUSE_MS, _STEP_MS = 1100, 90
+"""For which a picture of the animation is shown: of a new plan, and of a robot on its way."""
+
+
+def new_figure(width: float, height: float) -> "Figure":
+    """An empty figure, so many inches wide and high."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def png(figure: "Figure") -> bytes:
+    """The figure as PNG."""
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=130)
+    return content.getvalue()
+
+
+def tidy(axes: "Axes", title: str, x: str = "", y: str = "") -> None:
+    """Title, labels and a light grid."""
+    axes.set_title(title, fontsize="medium")
+    axes.set(xlabel=x, ylabel=y, axisbelow=True)
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def lines(axes: "Axes", rows: Rows, x: str, y: str, styles: Mapping[str, str]) -> None:
+    """Means of the planners' figures `y` against `x`, in these styles of matplotlib, with a legend below."""
+    for name, style in styles.items():
+        by_x = sorted((float(at), of.mean(y)) for (at,), of in rows.of(name).by(x).items() if of.all(y))
+        axes.plot(*zip(*by_x, strict=True), style, color=COLOURS.get(name, PAPER), label=name)
+    axes.set_xscale("log", base=2)
+    sizes = sorted(set(rows.all(x)))
+    axes.set_xticks(sizes, [f"{size:.0f}²" for size in sizes])
+    axes.minorticks_off()
+    axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=3, frameon=False)
+
+
+def bars(axes: "Axes", heights: Mapping[str, float], form: str, title: str, unit: str) -> None:
+    """A horizontal bar for each name, with its number, in the colour of the planner of that name."""
+    drawn = axes.barh(list(heights), list(heights.values()), color=[COLOURS.get(name, PAPER) for name in heights])
+    axes.bar_label(drawn, fmt=form, padding=3, fontsize="small")
+    axes.margins(x=0.2)
+    axes.invert_yaxis()
+    tidy(axes, title, unit)
+
+
+class View(NamedTuple):
+    """A plan by the paper's method: map, region and paths."""
+
+    cost: Float2D
+    region: NDArray[np.bool_]
+    """The network's, at the adaptive threshold td, by the paper's rule; or another planner's."""
+    path: Cells
+    """In the region; empty where it holds none."""
+    optimum: Cells
+    """The optimal path, which the robot follows."""
+    patches: tuple[Patch, ...] = ()
+    """What has changed since the plan before."""
+
+
+def view_plan(cost: Float2D, query: Endpoints, model: NetworkModel, patches: tuple[Patch, ...] = ()) -> View:
+    """A query by the paper's method with this network."""
+    maker = PaperRegions(cost, model)
+    region = maker.find(query)
+    return View(cost, region.mask(), best_path(maker.grid, query, region), best_path(maker.grid, query), patches)
+
+
+def view_episode(episode: Episode, model: NetworkModel) -> list[View]:
+    """Every plan of an episode."""
+    return [
+        view_plan(episode.map_at(at), (step.start, episode.goal), model, step.patches)
+        for at, step in enumerate(episode.steps)
+    ]
+
+
+def frame(at: int) -> str:
+    """A plan's name in the paper."""
+    return ("T", "T + Δt")[at] if at < 2 else f"T + {at}Δt"
+
+
+def draw_map(axes: "Axes", cost: Float2D, title: str, region: NDArray[np.bool_] | None = None) -> None:
+    """A cost map in grey, the whiter the dearer, brown where impassable, and cyan inside a region."""
+    passable = (cost < 1.0)[..., None]
+    picture = np.where(passable, np.where(passable[..., 0], cost, 0.0)[..., None], [0.38, 0.17, 0.13])
+    tint = _TINT * passable * (np.zeros_like(passable) if region is None else region[..., None])
+    axes.imshow(np.clip(picture * (1.0 - tint) + _CYAN * tint, 0.0, 1.0), interpolation="nearest")
+    axes.set_title(title, fontsize="small")
+    axes.set(xticks=[], yticks=[])
+
+
+def draw_path(axes: "Axes", path: Cells, label: str) -> None:
+    """A path on a map, of a kind that the legend names."""
+    colour, width, style = {
+        "optimal path": (_OPTIMUM, 3.0, "-"),
+        "path in the region": (_PATH, 1.2, "-"),
+        "path before": (_BEFORE, 1.2, ":"),
+        "driven": (_DRIVEN, 2.2, "-"),
+    }[label]
+    axes.plot(path[:, 1], path[:, 0], style, color=colour, linewidth=width, label=label)
+
+
+def draw_ends(axes: "Axes", start: Cell | Cells, goal: Cell | Cells) -> None:
+    """Start and goal on a map, above all paths."""
+    axes.plot(start[1], start[0], "s", color="gold", mec="black", markersize=6, label="start", zorder=5)
+    axes.plot(goal[1], goal[0], "*", color="red", mec="black", markersize=11, label="goal", zorder=5)
+
+
+def draw_view(axes: "Axes", view: View, title: str, *, before: View | None = None) -> None:
+    """A plan; and the path before, where that is another, with what has changed since."""
+    draw_map(axes, view.cost, title, view.region)
+    if before is not None:
+        draw_path(axes, before.optimum, "path before")
+        _outline(axes, view.patches)
+    draw_path(axes, view.optimum, "optimal path")
+    draw_path(axes, view.path, "path in the region")
+    draw_ends(axes, view.optimum[0], view.optimum[-1])
+
+
+def _outline(axes: "Axes", patches: Sequence[Patch]) -> None:
+    from matplotlib.patches import Rectangle
+
+    for at, (row, col, patch) in enumerate(patches):
+        box = Rectangle((col - 0.5, row - 0.5), patch.shape[1], patch.shape[0], fill=False, ec=_CHANGED, lw=1.3)
+        box.set(zorder=4, label="_" * bool(at) + "changed")
+        axes.add_patch(box)
+
+
+def map_legend(figure: "Figure", axes: "Axes") -> None:
+    """A legend below the figure: what was drawn on `axes`, and regions."""
+    from matplotlib.patches import Patch as Filled
+
+    handles, labels = axes.get_legend_handles_labels()
+    handles.append(Filled(facecolor=tuple(np.full(3, 0.35) * (1.0 - _TINT) + _TINT * _CYAN)))
+    figure.legend(handles, [*labels, "region"], loc="outside lower center", ncols=4, fontsize="small", frameon=False)
+
+
+def driven(views: Sequence[View], stride: int) -> Cells:
+    """The robot's way: so many cells of each path, and the last one to its end."""
+    return np.concatenate([*(view.optimum[:stride] for view in views[:-1]), views[-1].optimum])
+
+
+def animate(views: Sequence[View], stride: int, cells_a_frame: int) -> bytes:
+    """The episode as a GIF: the map changes, the path is planned anew, the robot drives on.
+
+    The robot drives `stride` cells between two plans, and `cells_a_frame` from one picture to the next.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    figure, shots, durations_ms, way = new_figure(4.6, 4.8), [], list[int](), np.empty((0, 2), np.int32)
+    canvas, axes = FigureCanvasAgg(figure), figure.subplots()
+    for at, view in enumerate(views):
+        part = view.optimum if at + 1 == len(views) else view.optimum[: stride + 1]
+        for end in [1, *range(1 + cells_a_frame, len(part), cells_a_frame), len(part)]:
+            axes.clear()
+            draw_view(axes, view, f"{frame(at)}: {'the map has changed' if at else 'planned'}")
+            _outline(axes, view.patches)
+            draw_path(axes, np.concatenate([way, part[:end]]), "driven")
+            axes.plot(part[end - 1, 1], part[end - 1, 0], "o", color="white", mec="black", zorder=6)
+            canvas.draw()  # type: ignore[no-untyped-call]
+            shots.append(np.array(canvas.buffer_rgba())[..., :3])  # type: ignore[no-untyped-call]
+            durations_ms.append(_PAUSE_MS if end in (1, len(part)) else _STEP_MS)
+        way = np.concatenate([way, part])
+    # one palette for all: only what moves differs from picture to picture, and only that is stored
+    palette = Image.fromarray(np.concatenate(shots[:: max(len(shots) // 8, 1)])).quantize()
+    first, *rest = (Image.fromarray(shot).quantize(palette=palette, dither=Image.Dither.NONE) for shot in shots)
+    content = io.BytesIO()
+    first.save(content, format="GIF", save_all=True, append_images=rest, duration=durations_ms, loop=0)
+    return content.getvalue()

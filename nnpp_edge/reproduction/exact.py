@@ -1,0 +1,261 @@
+"""Table 1, Fig. 6 and 7: what needs no network, the building of A*'s graph and the weight ω."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.reproduction import drawing, paper
+from nnpp_edge.reproduction.experiment import Context, Result, experiment
+from nnpp_edge.reproduction.findings import Finding, judge
+from nnpp_edge.reproduction.plain_astar import build_graph, search
+from nnpp_edge.reproduction.planners import PLAIN, planner_table
+from nnpp_edge.reproduction.regions import best_path
+from nnpp_edge.reproduction.rows import Row, Rows, number, percent, seconds, table, times
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Endpoints
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.planners.plan import path_costs
+from nnpp_edge.runtime.search.astar import astar
+from nnpp_edge.runtime.search.workspace import Workspace
+
+Floats = NDArray[np.float64]
+
+
+@experiment(
+    "Table 1",
+    "Building the graph against searching it",
+    {"sizes": (64, 128, 256), "maps": 1, "repeats": 1},
+    asks_networks=False,
+)
+def table1(
+    context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), maps: int = 5, repeats: int = 5
+) -> Result:
+    """Average maps of the greatest size down to the others, start and goal with them, and time both A*."""
+    sizes, rows = context.fitting(sizes), Rows()
+    largest, done = max(sizes), 0
+    for at, (case, query) in enumerate(context.maps(largest, maps), 1):
+        for size in sizes:
+            rows += [{"map": at, "size": size} | row for row in _timed(*_scaled(case.cost, query, size), repeats)]
+            done += size**2
+            context.progress(done / (maps * sum(side**2 for side in sizes)))
+    everything = Rows([*(row for row in paper.TABLE_1 if row["size"] in sizes), *rows])
+    plain_s = {size: of.mean("time_s") for (size,), of in rows.of(PLAIN).by("size").items()}
+    more = {
+        "graph, or map": lambda of: seconds(of.mean("graph_s")),
+        "search": lambda of: seconds(of.mean("search_s")),
+        "graph's share": lambda of: percent(of.mean("graph_s") / of.mean("time_s")),
+        "path": lambda of: number(of.mean("path_cells"), ".0f"),
+        "plain A* over it": lambda of: times(plain_s[of[0]["size"]] / of.mean("time_s")),
+    }
+    summary = planner_table(everything.sorted("size"), "size", "AT", context.networks, more)
+    figure = drawing.new_figure(11.5, 5.0)
+    left, right = figure.subplots(1, 2)
+    styles = {paper.ASTAR: "o--", PLAIN: "o-", "astar": "^-"}
+    drawing.lines(left, everything, "size", "time_s", styles)
+    left.set_yscale("log")
+    drawing.tidy(left, "Mean time of a query, the graph or the map included", "map", "seconds")
+    shares = Rows(row | {"share": 100.0 * float(row["graph_s"]) / float(row["time_s"])} for row in everything)
+    drawing.lines(right, shares, "size", "share", styles)
+    drawing.tidy(right, "Share of the time that building the graph takes", "map", "%")
+    samples = f"{maps} maps, one query each; our exact A* the median of {repeats}"
+    return Result(samples, summary, rows, table1_findings(rows), figure)
+
+
+def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
+    """A map of `size` cells a side, each the mean of the passable cells that it covers, and the query on it."""
+    factor = len(cost) // size
+    if factor * size != len(cost):
+        raise InvalidQueryError(f"wanted sizes that divide {len(cost)}, got {size}")
+    cells = cost.reshape(size, factor, size, factor).astype(np.float64)
+    count = (cells < 1.0).sum(axis=(1, 3))
+    total = np.where(cells < 1.0, cells, 0.0).sum(axis=(1, 3))
+    small = np.where(count, total / np.maximum(count, 1), np.inf).astype(np.float32)
+    (a, b), (c, d) = query
+    return small, ((a // factor, b // factor), (c // factor, d // factor))
+
+
+def _timed(cost: Float2D, query: Endpoints, repeats: int) -> list[Row]:
+    """Plain A*, and our exact A*: the median of its repeats."""
+    harness, workspace = Harness(), Workspace((len(cost) + 2) ** 2)
+    graph_s, graph = harness.timed(lambda: build_graph(cost))
+    search_s, path = harness.timed(lambda: search(graph, *query))
+    assert path is not None  # a cell is impassable only if all that it covers is
+    ours_s = []
+    for _ in range(repeats):
+        grid_s, grid = harness.timed(lambda: Grid.of(cost, StepModel.of("paper")))
+        astar_s, _ = harness.timed(lambda grid=grid: astar(grid, *query, workspace))  # type: ignore[misc]
+        ours_s.append((grid_s, astar_s))
+    times_s = {PLAIN: (graph_s, search_s), "astar": np.median(ours_s, axis=0).tolist()}
+    return [
+        {"planner": name, "graph_s": graph_s, "search_s": search_s, "time_s": graph_s + search_s}
+        | {"path_cells": len(path)}
+        for name, (graph_s, search_s) in times_s.items()
+    ]
+
+
+def table1_findings(rows: Rows) -> list[Finding]:
+    """Of the rows of all sizes."""
+    plain = rows.of(PLAIN)
+    shares = [of.mean("graph_s") / of.mean("time_s") for of in plain.by("size").values()]
+    lowest, highest = min(shares), max(shares)
+    ours = f"{' to '.join(dict.fromkeys((percent(lowest, 0), percent(highest, 0))))} (plain A*)"
+    near = max(abs(share - paper.GRAPH_SHARE) for share in shares) <= 0.1
+    about, greater = "the graph takes about 85 % of A*'s time", "the graph takes the greater part of A*'s time"
+    found = [
+        judge(about, percent(paper.GRAPH_SHARE, 0), ours, near, "within 10 points at every size"),
+        judge(greater, "84 to 89 %", ours, lowest > 0.5, "over a half at every size"),
+    ]
+    small, large = min(plain.all("size")), max(plain.all("size"))
+    if small < large:
+        cells = (large / small) ** 2
+        theirs, grown = (
+            of.of(size=large).mean("time_s") / of.of(size=small).mean("time_s") for of in (paper.TABLE_1, plain)
+        )
+        claim = f"time grows with the number of cells ({cells:.0f}× from {small:.0f}² to {large:.0f}²)"
+        near, rule = 0.5 * cells <= grown <= 2.0 * cells, "within a factor of 2 of the cells'"
+        found.append(judge(claim, times(theirs), f"{grown:.0f}× (plain A*)", near, rule))
+    return found
+
+
+@experiment("Fig. 6", "Paths at three weights ω", {"size": 128}, asks_networks=False)
+def fig6(context: Context, *, size: int = 256, omegas: Sequence[float] = (0.0, 0.01, 0.05)) -> Result:
+    """One map and one query, and the optimal path at three weights ω, per grey level."""
+    size = context.one_size(size)
+    ((case, query),) = context.maps(size, 1)
+    rows, figure = Rows(), drawing.new_figure(3.4 * len(omegas), 3.8)
+    for axes, omega in zip(figure.subplots(1, len(omegas)), omegas, strict=True):
+        grid = Grid.of(case.cost, StepModel.of("paper", omega))
+        path = best_path(grid, query)
+        length, cc = _length_and_cc(grid, path, case.cost)
+        rows.append({"omega": omega, "length": length, "cc": cc})
+        drawing.draw_map(axes, case.cost, f"ω = {omega:g}: {length:.0f} cells, CC {cc:.1f}")
+        drawing.draw_path(axes, path, "optimal path")
+        drawing.draw_ends(axes, *query)
+    lengths, ccs = rows.all("length"), rows.all("cc")
+    ours = f"length {lengths[0]:.1f} → {lengths[-1]:.1f} cells, CC {ccs[0]:.2f} → {ccs[-1]:.2f}"
+    curved = all(np.diff(lengths) >= -1e-6) and all(np.diff(ccs) <= 1e-6)
+    claim = "the greater ω, the more the path turns aside for cheaper ground"
+    finding = judge(claim, "yes (picture)", ours, curved, "length never falls, CC never rises")
+    columns = {"length, cells": lambda of: f"{of.mean('length'):.2f}", "CC": lambda of: f"{of.mean('cc'):.3f}"}
+    return Result("1 map, one query", table("ω", rows.by("omega"), columns), rows, [finding], figure)
+
+
+def _length_and_cc(grid: Grid, path: NDArray[np.int32], cost: Float2D) -> tuple[float, float]:
+    """Of a path: cells, a diagonal step counting √2, and the sum of the map's costs, which no grid at ω = 0 knows."""
+    return path_costs(grid, path)[1], float(cost[tuple(path.T)].sum(dtype=np.float64))
+
+
+@experiment("Fig. 7", "The weight ω of the traversability cost", {"maps": 8, "fine": 25}, asks_networks=False)
+def fig7(
+    context: Context, *, maps: int = paper.OMEGA_MAPS, size: int = 256, fine: int = 50, coarse: int = 30
+) -> Result:
+    """Sweep ω on many maps by exact A*: `fine` values up to 0.05, `coarse` ones from there to 0.2, and 0."""
+    size = context.one_size(size)
+    omegas = np.r_[np.linspace(0.0, 0.05, fine + 1), np.linspace(0.05, paper.OMEGA_MOST, coarse + 1)[1:]]
+    rows, harness, workspace = Rows(), Harness(), Workspace((size + 2) ** 2)
+    for at, (case, query) in enumerate(context.maps(size, maps), 1):
+        for omega in omegas.tolist():
+            grid = Grid.of(case.cost, StepModel.of("paper", omega))
+            time_s, found = harness.timed(partial(astar, grid, *query, workspace))
+            length, cc = _length_and_cc(grid, found.path, case.cost)
+            rows.append({"map": at, "omega": omega, "length": length, "cc": cc, "time_s": time_s})
+        context.progress(at / maps)
+    lengths, ccs = (np.array(rows.all(name)).reshape(maps, -1) for name in ("length", "cc"))
+    typical_s = np.median(np.reshape(rows.all("time_s"), (maps, -1)), axis=0)
+    best = {"by range": best_omegas(omegas, by_range(lengths), by_range(ccs))}
+    best["by greatest"] = best_omegas(omegas, by_greatest(lengths), by_greatest(ccs))
+    both = {(f"ours, {label}",): Rows({"omega": omega} for omega in of.tolist()) for label, of in best.items()}
+    columns = {
+        "best ω, mean ± deviation": lambda of: _spread(of.all("omega")) if of else _THEIRS,
+        "quartiles": lambda of: (
+            ", ".join(f"{x:.4f}" for x in np.quantile(of.all("omega"), (0.25, 0.5, 0.75))) if of else "–"
+        ),
+    }
+    summary = table("LEN and CC normalised", {("paper",): Rows(), **both}, columns)
+    lengths, ccs = by_range(lengths), by_range(ccs)
+    figure = drawing.new_figure(13, 4.2)
+    left, middle, right = figure.subplots(1, 3)
+    for axes, curves, title in (
+        (left, {"LEN": lengths, "CC": ccs}, "Normalised by range; mean ± deviation"),
+        (
+            middle,
+            {
+                "LEN + CC": lengths + ccs,
+                "time of exact A*, median, over its longest": typical_s[None] / typical_s.max(),
+            },
+            "",
+        ),
+    ):
+        for label, values in curves.items():
+            average, deviation = values.mean(0), values.std(0) * (axes is left)
+            axes.plot(omegas, average, label=label)
+            axes.fill_between(omegas, average - deviation, average + deviation, alpha=0.18, linewidth=0)
+        axes.axvline(paper.OMEGA, color=drawing.PAPER, linestyle="--", label="paper's ω")
+        drawing.tidy(axes, title, "ω per grey level")
+        axes.legend(fontsize="small")
+    right.hist(list(best.values()), 20, label=[f"{label}: {_spread(of)}" for label, of in best.items()])
+    least, most = paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION
+    right.axvspan(least, most, color=drawing.PAPER, alpha=0.25, label=f"paper: {_THEIRS}")
+    drawing.tidy(right, f"Best ω of {maps} maps", "ω per grey level", "maps")
+    right.legend(fontsize="small")
+    findings = fig7_findings(omegas, lengths.mean(0), ccs.mean(0), typical_s, best)
+    samples = f"{maps} maps, one query each, {len(omegas)} values of ω"
+    return Result(samples, summary, rows.averaged("omega"), findings, figure)
+
+
+_THEIRS = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
+
+
+def by_range(values: Floats) -> Floats:
+    """(M, N) brought to [0, 1] on each of M maps: least to 0, greatest to 1."""
+    least = values.min(axis=1, keepdims=True)
+    return by_greatest(values - least)
+
+
+def by_greatest(values: Floats) -> Floats:
+    """(M, N) divided by the greatest of each map."""
+    unit: Floats = values / np.maximum(values.max(axis=1, keepdims=True), 1e-12)
+    return unit
+
+
+def best_omegas(omegas: Floats, length: Floats, cc: Floats) -> Floats:
+    """(M,) the ω of each map at which LEN + CC is least; the middle one where several are."""
+    least = [np.flatnonzero(row <= row.min() + 1e-9) for row in length + cc]
+    return np.array([omegas[each[len(each) // 2]] for each in least])
+
+
+def _spread(values: Sequence[float] | Floats) -> str:
+    return f"{np.mean(values):.4f} ± {np.std(values):.4f}"
+
+
+def fig7_findings(
+    omegas: Floats, length: Floats, cc: Floats, typical_s: Floats, best: dict[str, Floats]
+) -> list[Finding]:
+    """Of the mean length and CC, by range, and the median time at each ω, and each map's best one."""
+    found = []
+    for label, of in best.items():
+        claim, rule = (
+            f"best ω per grey level, LEN and CC normalised {label}",
+            "our mean lies within the paper's deviation",
+        )
+        near = abs(float(of.mean()) - paper.OMEGA) <= paper.OMEGA_DEVIATION
+        found.append(judge(claim, _THEIRS, _spread(of), near, rule))
+    least, quarter = int(np.argmin(length + cc)), 0.25 * paper.OMEGA_MOST
+    ours, rule = f"ω = {omegas[least]:.3f} on the mean", "neither the first nor the last ω"
+    claim = "some ω between the ends makes LEN + CC least"
+    found.append(judge(claim, "yes", ours, 0 < least < len(omegas) - 1, rule))
+    ours = f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}"
+    monotone = bool((np.diff(length) > -0.02).all() and (np.diff(cc) < 0.02).all())
+    rule = "no step of the means goes the other way by over 0.02"
+    found.append(judge("the greater ω, the longer the path and the smaller its CC", "yes", ours, monotone, rule))
+    settled = typical_s[omegas >= quarter]
+    first, knee, last = typical_s[0], typical_s[omegas <= paper.OMEGA][-3:].mean(), settled.mean()
+    ours = f"{1e3 * first:.2f} ms at 0, {1e3 * knee:.2f} ms at {paper.OMEGA}, {1e3 * last:.2f} ms from {quarter:g} on"
+    agrees = bool(knee > 1.2 * first and np.ptp(settled) <= 0.35 * last)
+    rule = f"up by a fifth or more at ω = {paper.OMEGA}; beyond a quarter of the sweep within 35 %"
+    return [*found, judge("planning time rises at first and then stays", "yes", ours, agrees, rule)]

@@ -1,0 +1,119 @@
+"""Tidy rows, the paper's and ours alike: a dict for each answer, and figures and tables of many of them.
+
+``planner`` names who answered, other text and numbers say to what (``size``, ``map``), and the rest is measured:
+``time_s``; ``found`` (in the first region that was searched, 1 or 0); ``cc`` of the path beside ``exact_cc``, that of
+the optimal one; ``mm``, cells of the optimal path over those of the region searched (Eq. 6); ``share`` of the map's
+cells that belong to that. What was not measured, or is none without a path, is left out.
+"""
+
+import csv
+import io
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from nnpp_edge.progress import markdown_table
+
+Row = dict[str, Any]
+
+
+class Rows(list[Row]):
+    """Rows, and figures of them."""
+
+    def of(self, *planners: str, **values: Any) -> "Rows":
+        """The rows of these planners, by default of all, that have these values."""
+        return Rows(
+            row
+            for row in self
+            if (not planners or row.get("planner") in planners) and all(row.get(k) == v for k, v in values.items())
+        )
+
+    def by(self, *names: str) -> "dict[tuple[Any, ...], Rows]":
+        """The rows by what they have under these names, in the order of their coming."""
+        groups: dict[tuple[Any, ...], Rows] = {}
+        for row in self:
+            groups.setdefault(tuple(row[name] for name in names), Rows()).append(row)
+        return groups
+
+    def sorted(self, name: str) -> "Rows":
+        """The rows by the number under a name, else in the order of their coming."""
+        return Rows(sorted(self, key=lambda row: float(row[name])))
+
+    def all(self, name: str) -> list[float]:
+        """The numbers under a name, of the rows that have it."""
+        return [float(row[name]) for row in self if name in row]
+
+    def mean(self, name: str) -> float:
+        """Mean of the numbers under a name; NaN where there are none."""
+        return float(np.mean(found)) if (found := self.all(name)) else math.nan
+
+    def speedup(self, slower: str, faster: str) -> float:
+        """Summed time of one planner over that of another on as many queries."""
+        fast = sum(self.of(faster).all("time_s"))
+        return sum(self.of(slower).all("time_s")) / fast if fast else math.nan
+
+    def increase(self, *planners: str) -> float:
+        """By what share the summed CC of these planners' paths lies above the optimal ones'; NaN without a path."""
+        solved = Rows(row for row in self.of(*planners) if "cc" in row)
+        cc, exact = sum(solved.all("cc")), sum(solved.all("exact_cc"))
+        if not solved:
+            return math.nan
+        return cc / exact - 1.0 if exact else (0.0 if cc == 0.0 else math.inf)
+
+    def averaged(self, *names: str) -> "Rows":
+        """A row for each group by these names: how many it has, the means, and the deviations as ``NAME_sd``."""
+        out = Rows()
+        for key, group in self.by(*names).items():
+            out.append(dict(zip(names, key, strict=True)) | {"n": len(group)})
+            for name in dict.fromkeys(name for row in group for name in row if name not in names):
+                if not isinstance(group[0].get(name), str):
+                    out[-1] |= {name: group.mean(name), f"{name}_sd": float(np.std(group.all(name)))}
+        return out
+
+    def csv(self) -> str:
+        """Comma-separated values for programs, floats in full; what a row lacks, inf and NaN are left empty."""
+        out, names = io.StringIO(), list(dict.fromkeys(name for row in self for name in row))
+        writer = csv.DictWriter(out, names, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({k: v for k, v in row.items() if isinstance(v, str) or math.isfinite(v)} for row in self)
+        return out.getvalue()
+
+
+Columns = Mapping[str, Callable[[Rows], str]]
+"""Columns of a table: what each shows of the rows behind a line."""
+Groups = Mapping[tuple[Any, ...], Rows]
+"""The rows behind each line of a table, by what begins the line."""
+
+
+def table(keys: str, groups: Groups, columns: Columns) -> str:
+    """A Markdown table for people, a line for each group; `keys` name the columns of a group's key, with bars."""
+    lines = [[*map(str, key), *(column(of) for column in columns.values())] for key, of in groups.items()]
+    return markdown_table([*keys.split(" | "), *columns], lines) + "\n"
+
+
+def number(value: float, form: str) -> str:
+    """A number as text, a dash where there is none."""
+    return format(value, form) if math.isfinite(value) else "–"
+
+
+def seconds(value: float) -> str:
+    """A time with its unit, three digits."""
+    return f"{number(value, '.3g')} s" if value >= 1.0 else f"{number(1e3 * value, '.3g')} ms"
+
+
+def times(ratio: float) -> str:
+    """How many times as fast."""
+    return f"{ratio:{'.0f' if ratio >= 100.0 else '.3g'}}×" if math.isfinite(ratio) else "–"
+
+
+def percent(share: float, digits: int = 1) -> str:
+    """A share as so many per cent, never as -0."""
+    return f"{round(100.0 * share, digits) + 0.0:.{digits}f} %" if math.isfinite(share) else "–"
+
+
+def spread(rows: Rows, name: str) -> str:
+    """Mean and standard deviation."""
+    found = rows.all(name)
+    return f"{np.mean(found):.3f} ± {np.std(found):.3f}" if found else "–"

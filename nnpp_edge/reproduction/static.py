@@ -1,0 +1,301 @@
+"""Table 2, Fig. 9, 11 and 12: the paper's method, its controls and our planners on random queries of random maps."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.suites import LEAST_DISTANCE
+from nnpp_edge.reproduction import drawing, paper
+from nnpp_edge.reproduction.experiment import Context, Result, experiment
+from nnpp_edge.reproduction.findings import Finding, controls_in, judge, judge_increase, judge_speedup
+from nnpp_edge.reproduction.planners import (
+    OURS,
+    OWN,
+    PLAIN,
+    PLAIN_NN,
+    PLAIN_PLANNERS,
+    PLANNERS,
+    answers,
+    network_of,
+    planner_table,
+    shown,
+)
+from nnpp_edge.reproduction.regions import CONTROLS_NOTE
+from nnpp_edge.reproduction.rows import Columns, Rows, percent, seconds, table, times
+from nnpp_edge.runtime.planners.planner import Planner
+
+_THEIRS = (paper.ASTAR, paper.ASTAR_NN)
+_PAIRS = {(PLAIN, PLAIN_NN): "A*NN over A*, both plain", ("astar", "nnpp"): "`nnpp` over our own exact A*"}
+"""Whose gain is compared with the paper's."""
+
+
+def contest(
+    context: Context,
+    sizes: Sequence[int],
+    maps: int,
+    *,
+    repeats: int,
+    timed: int | None = None,
+    least_distance: float = LEAST_DISTANCE,
+) -> Rows:
+    """All planners on so many random maps a size, one query each; the first `timed` of them against the clock."""
+    harness, rows, done = Harness(), Rows(), 0
+    for size in sizes:
+        for at, (case, query) in enumerate(context.maps(size, maps, least_distance), 1):
+            clock = repeats if timed is None or at <= timed else 0
+            found = answers(case.cost, query, context.networks, clock, harness)
+            rows += [{"size": size, "map": at, **row} for row in found]
+            done += size**2
+            context.progress(done / (maps * sum(side**2 for side in sizes)))
+    return rows
+
+
+@experiment("Table 2", "A* against A* in the network's region", {"maps": 8, "queries": 4, "repeats": 2})
+def table2(
+    context: Context,
+    *,
+    sizes: Sequence[int] = (256, 512),
+    maps: int = paper.VALIDATION_MAPS,
+    queries: int = 200,
+    repeats: int = 3,
+) -> Result:
+    """All planners against the clock on some of the maps, the regions of both networks on all."""
+    sizes = context.fitting(sizes)
+    rows = contest(context, sizes, maps, repeats=repeats, timed=queries)
+    theirs = Rows(row for row in paper.TABLE_2 if row["size"] in sizes)
+    names = "network | AT | CC | CC increase | success | MM | region, of the map"
+    over_plain: Columns = {"over plain A*": lambda of: times(_gain(rows, of, PLAIN))}
+    over_both: Columns = {**over_plain, "over `astar`": lambda of: times(_gain(rows, of, "astar"))}
+    plain, ours = Rows([*theirs, *rows.of(*PLAIN_PLANNERS)]).sorted("size"), rows.of(*OURS, *OWN.values())
+    summary = f"""### The paper's method
+
+{planner_table(plain, "size", names, context.networks, over_plain)}
+### Ours
+
+{planner_table(ours, "size", names, context.networks, over_both)}"""
+    figure = drawing.new_figure(11, 4.4 * len(sizes))
+    for size, (left, right) in zip(sizes, figure.subplots(len(sizes), 2, squeeze=False), strict=True):
+        by_name = Rows([*theirs, *rows.of(*PLANNERS)]).of(size=size).by("planner")
+        times_s = {str(name): of.mean("time_s") for (name,), of in by_name.items()}
+        increases = {str(name): 100.0 * of.increase() for (name,), of in by_name.items()}
+        drawing.bars(left, times_s, "%.3g", f"{size}²: mean time of a query", "seconds")
+        left.set_xscale("log")
+        drawing.bars(right, increases, "%.2f", f"{size}²: CC above that of exact A*", "%")
+    samples = f"{maps} maps a size, one query each; times over {queries} of them, ours the median of {repeats}"
+    data, named = rows.averaged("size", "planner"), context.networks.named
+    return Result(samples, summary, data, table2_findings(rows), figure, named, CONTROLS_NOTE)
+
+
+def _gain(rows: Rows, of: Rows, slow: str) -> float:
+    """How many times as fast as the slow planner, or as the paper's A*, the one behind a table's line is."""
+    size, is_theirs = of[0]["size"], of[0]["planner"] in _THEIRS
+    slow_s = paper.TABLE_2.of(paper.ASTAR, size=size) if is_theirs else rows.of(slow, size=size)
+    return slow_s.mean("time_s") / of.mean("time_s")
+
+
+def table2_findings(rows: Rows) -> list[Finding]:
+    """Of the rows of all sizes."""
+    found = list[Finding]()
+    for (size,), of in rows.by("size").items():
+        theirs = paper.TABLE_2.of(size=size)
+        for pair, label in _PAIRS.items():
+            if theirs:
+                gain, more = theirs.speedup(*_THEIRS), theirs.increase(paper.ASTAR_NN)
+                found.append(judge_speedup(f"{size}²: speed-up of {label}", gain, of, pair, near=True))
+                found.append(judge_increase(f"{size}²: CC increase of {label}", more, of, pair[1]))
+        if theirs:
+            known, own = theirs.of(paper.ASTAR_NN).mean("found"), of.of(PLAIN_NN).mean("found")
+            as_well = {
+                kind: of.of(name).mean("found") >= known - 0.01 for kind, name in controls_in(of, PLAIN_NN).items()
+            }
+            claim, texts, near = (
+                f"{size}²: success of A*NN in its first region",
+                (percent(known), percent(own)),
+                abs(own - known) <= 0.01,
+            )
+            found.append(judge(claim, *texts, near, "within one point", as_well, better=own > known))
+        fastest = min(OURS, key=lambda name, of=of: of.of(name).mean("time_s"))  # type: ignore[misc]
+        claim, rule = (
+            f"{size}²: the network's region is the fastest way to plan",
+            "`nnpp` has the least mean time of ours",
+        )
+        found.append(judge(claim, "A*NN", f"`{fastest}`", fastest == "nnpp", rule))
+    return [*found, *_growth(rows, "the network gains more on larger maps")]
+
+
+def _growth(rows: Rows, claim: str) -> Iterator[Finding]:
+    """Whether the network gains more on larger maps."""
+    by_size = {size: of for (size,), of in rows.by("size").items()}
+    small, *_, large = [*by_size, *by_size]
+    if small == large:
+        return
+    known = [f"{of.speedup(*_THEIRS):.1f}×" for size in (small, large) if (of := paper.TABLE_2.of(size=size))]
+    for pair, label in _PAIRS.items():
+        gains = {size: of.speedup(*pair) for size, of in by_size.items()}
+        as_well = {
+            kind: by_size[large].speedup(pair[0], name) > by_size[small].speedup(pair[0], name)
+            for kind, name in controls_in(rows, pair[1]).items()
+        }
+        ours, theirs = ", ".join(f"{size}² {gain:.2f}×" for size, gain in gains.items()), " → ".join(known)
+        rule = f"more at {large}² than at {small}²"
+        yield judge(f"{claim} ({label})", theirs or "yes", ours, gains[large] > gains[small], rule, as_well)
+
+
+@experiment(
+    "Fig. 9", "Time and ModelMetric against the map's size", {"sizes": (64, 128, 256), "queries": 4, "repeats": 2}
+)
+def fig9(
+    context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), queries: int = 30, repeats: int = 3
+) -> Result:
+    """Random queries on random maps of each size, all planners on each."""
+    sizes = context.fitting(sizes)
+    rows = contest(context, sizes, queries, repeats=repeats).of(*PLANNERS)
+    theirs = [row for row in (*paper.TABLE_1, *paper.TABLE_2.of(paper.ASTAR_NN)) if row["size"] in sizes]
+    everything = Rows([*theirs, *rows]).sorted("size")
+    more: Columns = {"inference": lambda of: seconds(of.mean("inference_s"))}
+    summary = planner_table(everything, "size", "network | AT | CC increase | success | MM", context.networks, more)
+    figure = drawing.new_figure(11.5, 5.3)
+    left, right = figure.subplots(1, 2)
+    looks = [{**row, "planner": "inference", "time_s": row["inference_s"]} for row in rows.of(PLAIN_NN)]
+    styles = {paper.ASTAR: "o--", paper.ASTAR_NN: "s:", **dict.fromkeys(PLANNERS, "o-"), "inference": "x-"}
+    drawing.lines(left, Rows([*everything, *looks]), "size", "time_s", styles)
+    left.set_yscale("log")
+    drawing.tidy(left, "Mean time of a query", "map", "seconds")
+    drawing.lines(right, rows, "size", "mm", dict.fromkeys((PLAIN_NN, "corridor", "nnpp"), "o-"))
+    drawing.tidy(right, "Mean MM", "map", "path's cells / region's cells")
+    samples = f"{queries} maps a size, one query each; ours the median of {repeats}"
+    data, named = rows.averaged("size", "planner"), context.networks.named
+    return Result(samples, summary, data, fig9_findings(rows), figure, named, CONTROLS_NOTE)
+
+
+def fig9_findings(rows: Rows) -> list[Finding]:
+    """Of the rows of all sizes."""
+    inference = [of.mean("inference_s") for of in rows.by("size").values()]
+    average, least, greatest = float(np.mean(inference)), min(inference), max(inference)
+    claim, theirs = (
+        "inference takes the same time whatever the map's size",
+        f"{1e3 * paper.INFERENCE_S:.0f} ms throughout",
+    )
+    ours, steady = f"{1e3 * least:.2f} to {1e3 * greatest:.2f} ms", greatest - least <= 0.3 * average
+    found = [judge(claim, theirs, ours, steady, "the means within 30 % of their mean")]
+    claim, theirs = "inference keeps up 17 frames a second on a CPU", f"{1.0 / paper.INFERENCE_S:.0f} a second"
+    fast = average <= paper.INFERENCE_S
+    found.append(judge(claim, theirs, f"{1.0 / average:.0f} a second", fast, "at least the paper's"))
+    found += _growth(rows, "the larger the map, the more the network gains")
+    small, large = min(rows.all("size")), max(rows.all("size"))
+    if small < large:
+        names = {"": PLAIN_NN, **controls_in(rows, PLAIN_NN)}
+        falls = {
+            kind: rows.of(name, size=large).mean("mm") < rows.of(name, size=small).mean("mm")
+            for kind, name in names.items()
+        }
+        ours = ", ".join(f"{size:.0f}² {rows.of(PLAIN_NN, size=size).mean('mm'):.3f}" for size in (small, large))
+        rule = f"less at {large:.0f}² than at {small:.0f}², plain A*NN"
+        found.append(judge("MM falls as the map grows", "yes", ours, falls.pop(""), rule, falls))
+    return found
+
+
+@experiment("Fig. 11", "Time against the length of the path", {"queries": 10, "repeats": 2})
+def fig11(context: Context, *, size: int = 256, queries: int = 300, repeats: int = 3) -> Result:
+    """Random queries, near ones among them, each put to all planners."""
+    size = context.one_size(size)
+    rows = contest(context, (size,), queries, repeats=repeats, least_distance=0.05).of(*PLANNERS)
+    columns: Columns = {
+        "network": lambda of: network_of(str(of[0]["planner"]), context.networks),
+        "fitted time for 50 cells": lambda of: seconds(_fit(of)[1] + 50 * _fit(of)[0]),
+        "for 200 cells": lambda of: seconds(_fit(of)[1] + 200 * _fit(of)[0]),
+        "correlation": lambda of: f"{_fit(of)[2]:.2f}",
+        "faster than plain A*": lambda of: percent(_wins(of, rows.of(PLAIN)), 0),
+        "faster than our exact A*": lambda of: percent(_wins(of, rows.of("astar")), 0),
+    }
+    groups = {(shown(str(name)),): of for (name,), of in rows.by("planner").items()}
+    figure = drawing.new_figure(11.5, 4.6)
+    panels = {"Plain Python, a graph for each query": PLAIN_PLANNERS[:3], "This toolkit's planners": OURS}
+    for axes, (title, names) in zip(figure.subplots(1, 2), panels.items(), strict=True):
+        for name in names:
+            cells, (slope, offset, _) = np.array(rows.of(name).all("path_cells")), _fit(rows.of(name))
+            color = drawing.COLOURS[name]
+            axes.scatter(cells, 1e3 * np.array(rows.of(name).all("time_s")), s=12, alpha=0.6, color=color)
+            axes.plot(cells, 1e3 * (offset + slope * cells), color=color, label=name)
+        drawing.tidy(axes, title, "cells of the optimal path", "time of a query, ms")
+        axes.legend(fontsize="small")
+    findings = [each for pair in _PAIRS for each in _slopes(rows, *pair)]
+    samples = f"{queries} maps, one query each; ours the median of {repeats}"
+    summary, named = table("planner", groups, columns), context.networks.named
+    return Result(samples, summary, rows, findings, figure, named, CONTROLS_NOTE)
+
+
+def _fit(rows: Rows) -> tuple[float, float, float]:
+    """Seconds a cell of the path, seconds for none, and the correlation, of a line through one planner's times."""
+    cells, times_s = (np.array(rows.all(name)) for name in ("path_cells", "time_s"))
+    if len(set(cells)) < 2:
+        return 0.0, float(times_s.mean()), 0.0
+    slope, offset = np.polyfit(cells, times_s, 1)
+    return float(slope), float(offset), float(np.corrcoef(cells, times_s)[0, 1])
+
+
+def _wins(fast: Rows, slow: Rows) -> float:
+    """Share of the queries that one planner answers faster than another."""
+    return float((np.array(fast.all("time_s")) < slow.all("time_s")).mean())
+
+
+def _slopes(rows: Rows, slow: str, fast: str) -> Iterator[Finding]:
+    """Two planners, by the lines through their times."""
+    (slope_s, _, correlation), (fast_s, *_) = _fit(rows.of(slow)), _fit(rows.of(fast))
+    wins, controls = _wins(rows.of(fast), rows.of(slow)), controls_in(rows, fast)
+    own, grows = f"{1e6 * slope_s:.3g} µs a cell, r = {correlation:.2f}", slope_s > 0.0 and correlation > 0.3
+    yield judge(f"time grows with the path's length ({slow})", "yes", own, grows, "correlation above 0.3")
+    claim, ours = f"it grows more slowly with the network ({fast} against {slow})", f"{1e6 * fast_s:.3g} µs a cell"
+    as_well = {kind: _fit(rows.of(name))[0] < slope_s for kind, name in controls.items()}
+    yield judge(claim, "yes", ours, fast_s < slope_s, "a smaller slope", as_well)
+    claim, ours = (
+        f"the network's way is much the faster ({fast} against {slow})",
+        f"faster on {percent(wins, 0)} of the queries",
+    )
+    as_well = {kind: _wins(rows.of(name), rows.of(slow)) >= 0.9 for kind, name in controls.items()}
+    yield judge(claim, "yes", ours, wins >= 0.9, "on at least 90 %", as_well)
+
+
+@experiment("Fig. 12 and Table 4, static", "Regions and paths on five maps", {"repeats": 2})
+def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5) -> Result:
+    """One query on each of five maps: drawn, and answered by all planners."""
+    size = context.one_size(size)
+    rows = contest(context, (size,), maps, repeats=repeats).of(*PLANNERS)
+    theirs = paper.TABLE_4.of(scene=paper.STATIC)
+    names = "network | AT | CC | CC increase | MM"
+    summary = planner_table(Rows([*rows, *theirs]), "map", names, context.networks)
+    figure = drawing.new_figure(2.6 * maps, 5.9)
+    grid = figure.subplots(2, maps, squeeze=False)
+    for at, (case, query) in enumerate(context.maps(size, maps), 1):
+        view = drawing.view_plan(case.cost, query, context.networks.paper)
+        planner = Planner(case.cost, model=context.networks.ours, ask_from=0)
+        plan = planner.plan(*query, method="nnpp", keep_regions=True)
+        searched = np.ones(case.cost.shape, bool) if plan.region is None else plan.region.mask()
+        views = {PLAIN_NN: view, "nnpp": view._replace(region=searched, path=plan.path)}
+        for axes, (name, each) in zip(grid[:, at - 1], views.items(), strict=True):
+            own = rows.of(name, map=at)
+            title = (
+                f"{name}, map {at}: MM {own.mean('mm'):.3f},\ncost {percent(own.mean('excess'), 2)} above the optimum"
+            )
+            drawing.draw_view(axes, each, title)
+    drawing.map_legend(figure, grid[1, 0])
+    samples = f"{maps} maps, one query each; ours the median of {repeats}"
+    return Result(samples, summary, rows, fig12_findings(rows), figure, context.networks.named, CONTROLS_NOTE)
+
+
+def fig12_findings(rows: Rows) -> list[Finding]:
+    """Of the rows of all maps, beside the static rows of Table 4."""
+    theirs, label, own = paper.TABLE_4.of(scene=paper.STATIC), _PAIRS[PLAIN, PLAIN_NN], rows.of(PLAIN_NN)
+    mms, known, most = own.all("mm"), theirs.all("mm"), own.increase() + 0.01
+    near = {
+        kind: of for kind, name in controls_in(rows, PLAIN_NN).items() if (of := rows.of(name)).increase() <= most
+    }
+    texts = (f"{min(known):.2f} to {max(known):.2f}", f"{min(mms):.3f} to {max(mms):.3f}")
+    agrees, rule = min(known) <= own.mean("mm") <= max(known), "our mean lies within the paper's range"
+    as_well, better = {kind: of.mean("mm") >= min(known) for kind, of in near.items()}, own.mean("mm") > max(known)
+    return [
+        judge_speedup(f"speed-up of {label}", theirs.speedup(*_THEIRS), rows, (PLAIN, PLAIN_NN), near=True),
+        judge("MM of the network's region at td", *texts, agrees, rule, as_well, better=better),
+        judge_increase(f"CC increase of {label}", theirs.increase(paper.ASTAR_NN), rows, PLAIN_NN),
+    ]
