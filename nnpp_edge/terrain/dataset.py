@@ -105,7 +105,7 @@ def make_dataset(
         Make only every n-th shard, from the k-th on; the union over k = 1…n is the whole set.
     make : callable, optional
         Makes shards elsewhere (`nnpp_edge.terrain.cluster`): from the recipe, the terrain and the numbers of the
-        missing shards, yields each one's number and content as it is done. By default processes on this machine do.
+        missing shards, yields each one's number and content as it is done.
     progress : callable
         Called with how many shards of how many are done.
 
@@ -136,22 +136,17 @@ def make_dataset(
         warnings.warn(f"the terrain has no room for maps of {names} cells: they are left out", stacklevel=2)
     make_folder(folder)
     _claim(recipe, folder)
-    progress(len(wanted) - len(missing), len(wanted))
+    done = len(wanted) - len(missing)
+    progress(done, len(wanted))
     made = make(recipe, tiles, missing) if make else _shards_here(recipe, tiles, missing, workers)
     with closing(made):
-        for done, (index, content) in enumerate(made, len(wanted) - len(missing) + 1):
+        for index, content in made:
             write_whole(_shard_path(folder, index), content)
+            done += 1
             progress(done, len(wanted))
-    return describe(folder)
-
-
-def describe(folder: Path) -> dict[str, int]:
-    """The counts that `make_dataset` returns, of what a data set's folder holds."""
-    recipe = read_recipe(folder)
-    shards = maps = queries = 0
-    for shard in read_shards(folder, recipe):
-        shards, maps, queries = shards + 1, maps + len(shard["planes"]), queries + len(shard["map_index"])
-    return {"shards": shards, "of": recipe.shards, "maps": maps, "queries": queries}
+    counts = [(len(shard["planes"]), len(shard["map_index"])) for shard in read_shards(folder, recipe)]
+    maps, queries = (sum(each) for each in zip(*counts, strict=True)) if counts else (0, 0)
+    return {"shards": len(counts), "of": recipe.shards, "maps": maps, "queries": queries}
 
 
 def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
@@ -208,11 +203,7 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
     """All samples of a data set (or of its first shards, up to `most_maps`).
 
     Maps that are larger than the network's input, of side `size`, by a whole factor are averaged down to it.
-
-    Raises
-    ------
-    DataSetError
-        It cannot be read, or has no maps of that size.
+    DataSetError where the set cannot be read, or has no maps of that size.
     """
     recipe = read_recipe(folder)
     if recipe.size % (size or recipe.size):

@@ -164,18 +164,17 @@ def make_shard(
 
     DataSetError where `BARREN_MAPS` in a row have no query.
     """
-    poolings_that_fit = [(p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)]
-    barren = 0
-    planes: list[NDArray[np.uint8]] = []
-    names, poolings = [], []
-    index, start, goal, excess, on_path = [], [], [], [], []
-    while len(planes) < maps:
-        name = _pick(rng, recipe.workloads)
-        pooling = _pick(rng, poolings_that_fit)
+    poolings = [(p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)]
+    barren, blocks = 0, recipe.blocks
+    made: list[tuple[NDArray[np.uint8], str, int]] = []
+    queries: list[tuple[object, ...]] = []
+    while len(made) < maps:
+        name, pooling = _pick(rng, recipe.workloads), _pick(rng, poolings)
         cost, measured = _random_cost(recipe, tiles, rng, name, recipe.size * pooling)
+        side = len(cost)
         points = random_points(rng, cost, recipe.points_per_map)
-        least = recipe.least_distance * cost.shape[0]
-        labelled = label_queries(cost, points, least, recipe.blocks, recipe.omega)
+        least = recipe.least_distance * side
+        labelled = label_queries(cost, points, least, blocks, recipe.omega)
         if not labelled:
             barren += 1
             if barren == BARREN_MAPS:
@@ -185,22 +184,19 @@ def make_shard(
             continue
         if measured or not tiles:
             barren = 0
-        frame = Frame(cost.shape[0], cost.shape[1], recipe.size)
+        frame = Frame(side, side, recipe.size)
         for label in labelled:
-            crossed = np.zeros((recipe.blocks, recipe.blocks), bool)
-            crossed[tuple((label.path * recipe.blocks // cost.shape[0]).T)] = True
-            index.append(len(planes))
-            start.append(frame.place(label.start))
-            goal.append(frame.place(label.goal))
-            excess.append(label.excess)
-            on_path.append(np.packbits(crossed, axis=-1))
-        planes.append(_seen_by_network(cost, frame, recipe.omega))
-        names.append(name)
-        poolings.append(pooling)
+            crossed = np.zeros((blocks, blocks), bool)
+            crossed[tuple((label.path * blocks // side).T)] = True
+            ends = frame.place(label.start), frame.place(label.goal)
+            queries.append((len(made), *ends, label.excess, np.packbits(crossed, axis=-1)))
+        made.append((_seen_by_network(cost, frame, recipe.omega), name, pooling))
+    planes, names, pooled = zip(*made, strict=True)
+    index, start, goal, excess, on_path = zip(*queries, strict=True)
     return {
         "planes": np.stack(planes),
         "workload": np.array(names),
-        "pooling": np.array(poolings, np.int32),
+        "pooling": np.array(pooled, np.int32),
         "map_index": np.array(index, np.int32),
         "start": np.array(start, np.float32),
         "goal": np.array(goal, np.float32),
