@@ -60,29 +60,23 @@ def export_network(
     opset: int = OPSET,
     training: Mapping[str, object] | None = None,
 ) -> ExportReport:
-    """Write a network as ONNX, whole or not at all.
+    """Write a network as ONNX, whole or not at all; its norms' running statistics are what is written.
 
     Parameters
     ----------
-    network : Network
-        In evaluation mode or not: its norms' running statistics are what is written.
+    name, training
+        For the metadata.
     region_factor : float
         Factor on the adaptive threshold that the runtime is to use, in (0, 1].
     omega : float
         Weight of the traversability cost per grey level that the labels were made with.
     limits : Traversability, optional
         Of the cost maps that it was trained on; by default the paper's.
-    opset : int
-        At least 18.
-    name, training
-        For the metadata.
 
     Raises
     ------
-    ModelError
-        A number is out of range.
-    OutputError
-        The file cannot be written.
+    ModelError, OutputError
+        A number is out of range; the file cannot be written.
     """
     spec, body = network.spec, network.body
     of_edge = isinstance(body, EdgeNet)

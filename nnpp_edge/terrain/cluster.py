@@ -23,32 +23,17 @@ class ClusterError(NnppEdgeError, ConnectionError):
 
 
 def shards_on_cluster(address: str, recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int]) -> Shards:
-    """Make shards on the workers of a Dask cluster, and bring them here.
+    """Make shards on the workers of a Dask cluster, and bring them here: numbers and contents, in the order done.
 
-    Parameters
-    ----------
-    address : str
-        Of the scheduler, such as ``tcp://10.0.0.5:8786``. TLS and timeouts are as Dask's configuration says.
-    recipe, tiles
-        What to make, and its terrain; the workers need no file system shared with this machine.
-    indices : sequence of int
-        Numbers of the wanted shards. Without any, no connection is made.
-
-    Yields
-    ------
-    (int, bytes)
-        A shard's number and its file's content, in the order in which they are done.
+    The `address` is the scheduler's, such as ``tcp://10.0.0.5:8786``; TLS and timeouts are as Dask's configuration
+    says. The workers need no file system shared with this machine. Without indices no connection is made.
 
     Raises
     ------
-    ClusterError
+    ClusterError, MissingExtraError, DataSetError
         The address makes no sense, no scheduler answers there, no worker came within `WORKER_WAIT_S`, the
         scheduler was lost, workers died under the same shard several times (Dask's `allowed-failures`), or
-        the workers have another version of nnpp-edge.
-    MissingExtraError
-        distributed is not installed.
-    DataSetError
-        As for shards made here.
+        the workers have another version of nnpp-edge; distributed is not installed; as for shards made here.
 
     Notes
     -----

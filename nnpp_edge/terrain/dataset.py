@@ -99,13 +99,11 @@ def make_dataset(
     ----------
     folder : Path
         Made if need be. A folder with shards of another recipe is refused; shards that are there are kept.
-    workers : int
-        Processes on this machine; by default one a core.
     part : (k, n)
         Make only every n-th shard, from the k-th on; the union over k = 1…n is the whole set.
     make : callable, optional
         Makes shards elsewhere (`nnpp_edge.terrain.cluster`): from the recipe, the terrain and the numbers of the
-        missing shards, yields each one's number and content as it is done.
+        missing shards, yields each one's number and content as it is done. Else `workers` processes do, one a core.
     progress : callable
         Called with how many shards of how many are done.
 
@@ -116,14 +114,10 @@ def make_dataset(
 
     Raises
     ------
-    DataSetError
+    DataSetError, TerrainError, OutputError
         The folder holds shards of another recipe or damaged ones, `part` makes no sense, a terrain file is too small
-        or has no two cells to plan between, or a process died. What the terrain lacks is noticed before anything is
-        written.
-    TerrainError
-        A terrain file cannot be read.
-    OutputError
-        The folder cannot be written to.
+        or has no two cells to plan between (noticed before anything is written), or a process died; a terrain file
+        cannot be read; the folder cannot be written to.
     """
     k, n = part
     if not 1 <= k <= n:
