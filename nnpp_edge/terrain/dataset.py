@@ -23,7 +23,7 @@ FORMAT = "nnpp-edge-dataset-1"
 RECIPE_FILE = "dataset.json"
 
 Shards = Generator[tuple[int, bytes], None, None]
-"""Numbers and contents of shards, in the order in which they are done."""
+"""Numbers and contents of shards, in the order done."""
 Query = tuple[NDArray[np.float32], tuple[float, float], tuple[float, float]]
 """Planes (2, S, S) in [0, 1]; start and goal, (row, col) in network cells."""
 Arrays = dict[str, NDArray[np.generic]]
@@ -161,19 +161,20 @@ def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
 def _check_shard(shard: Arrays, recipe: Recipe) -> None:
     """KeyError or ValueError where a shard's arrays are not those that the recipe makes."""
     maps, queries, side, blocks = len(shard["planes"]), len(shard["map_index"]), recipe.size, recipe.blocks
-    wanted = {
-        "planes": ((maps, 2, side, side), "u1"),
-        "workload": ((maps,), shard["workload"].dtype if shard["workload"].dtype.kind == "U" else "U1"),
-        "pooling": ((maps,), "i4"),
-        "map_index": ((queries,), "i4"),
-        "start": ((queries, 2), "f4"),
-        "goal": ((queries, 2), "f4"),
-        "excess": ((queries, blocks, blocks), "u1"),
-        "on_path": ((queries, blocks, blocks // 8), "u1"),
-    }
-    for name, (shape, dtype) in wanted.items():
-        if shard[name].shape != shape or shard[name].dtype != np.dtype(dtype):
-            raise ValueError(f"{name} is {shard[name].shape} {shard[name].dtype}, not {shape} {np.dtype(dtype)}")
+    for name, dtype, *shape in (
+        ("planes", "u1", maps, 2, side, side),
+        ("workload", "U", maps),
+        ("pooling", "i4", maps),
+        ("map_index", "i4", queries),
+        ("start", "f4", queries, 2),
+        ("goal", "f4", queries, 2),
+        ("excess", "u1", queries, blocks, blocks),
+        ("on_path", "u1", queries, blocks, blocks // 8),
+    ):
+        got = shard[name]
+        fits = got.dtype.kind == "U" if dtype == "U" else got.dtype == np.dtype(dtype)
+        if got.shape != tuple(shape) or not fits:
+            raise ValueError(f"{name} is {got.shape} {got.dtype}, not {tuple(shape)} {dtype}")
     ends = np.stack([shard["start"], shard["goal"]]).astype(np.float32)
     numbers = shard["map_index"].astype(np.int32)
     if not (queries and set(numbers.tolist()) <= set(range(maps)) and ((ends > -1) & (ends < side)).all()):
