@@ -67,29 +67,20 @@ def quantize(
     ----------
     model : Path
         In fp32, from `nnpp-edge export`; or the name of a shipped model.
-    dataset : Path
-        Data set to calibrate on.
     output : Path
         The int8 file; written last, whole or not at all, whatever the recommendation.
-    validation : Path, optional
-        Data set to judge on; without, a quarter of `dataset`'s maps is held out.
-    samples : int
-        Queries to calibrate on, each from another map while there are maps.
+    dataset, validation : Path
+        Data set to calibrate on, and one to judge on; without that, a quarter of `dataset`'s maps is held out.
+    samples, rounds : int
+        Queries to calibrate on, each from another map while there are maps; timed runs of each model.
     exclude : names
         Nodes to leave float, as those of the head are in any case.
-    seed, rounds : int
-        Of the choice of queries; timed runs of each model.
 
     Raises
     ------
-    ModelError
-        The model is none of ours, is int8 already, or has no node of a name in `exclude`.
-    DataSetError
-        A data set is none, or its maps have another size.
-    InvalidQueryError
-        `output` is the model itself.
-    OutputError
-        The file cannot be written.
+    ModelError, DataSetError, InvalidQueryError, OutputError
+        The model is none of ours, is int8 already, or has no node of a name in `exclude`; a data set is none, or its
+        maps have another size; `output` is the model itself; the file cannot be written.
 
     Notes
     -----

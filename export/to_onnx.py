@@ -18,7 +18,6 @@ import onnx
 import torch
 from onnx import TensorProto, helper
 from torch import Tensor, nn
-from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from nnpp_edge import __version__
 from nnpp_edge.files import write_whole
@@ -26,7 +25,6 @@ from nnpp_edge.model import edge
 from nnpp_edge.model.edge import EdgeNet
 from nnpp_edge.model.network import Network, count_macs
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.network.inference import ASK, HEAD, METADATA_KEY, OUTPUT, PLACES, ModelMetadata
@@ -40,11 +38,10 @@ M = TypeVar("M", onnx.NodeProto, onnx.TensorProto, onnx.ValueInfoProto)
 
 @dataclass(frozen=True)
 class ExportReport:
-    """What was written: the file, its opset, its number of nodes, and the multiply-accumulates of one query."""
+    """What was written: the file, its number of nodes, and the multiply-accumulates of one query."""
 
     path: str
     size_bytes: int
-    opset: int
     nodes: int
     macs: int
 
@@ -57,32 +54,25 @@ def export_network(
     region_factor: float = 0.5,
     omega: float = PAPER_OMEGA,
     limits: Traversability | None = None,
-    opset: int = OPSET,
     training: Mapping[str, object] | None = None,
 ) -> ExportReport:
-    """Write a network as ONNX, whole or not at all.
+    """Write a network as ONNX, whole or not at all; its norms' running statistics are what is written.
 
     Parameters
     ----------
-    network : Network
-        In evaluation mode or not: its norms' running statistics are what is written.
+    name, training
+        For the metadata.
     region_factor : float
         Factor on the adaptive threshold that the runtime is to use, in (0, 1].
     omega : float
         Weight of the traversability cost per grey level that the labels were made with.
     limits : Traversability, optional
         Of the cost maps that it was trained on; by default the paper's.
-    opset : int
-        At least 18.
-    name, training
-        For the metadata.
 
     Raises
     ------
-    ModelError
-        A number is out of range.
-    OutputError
-        The file cannot be written.
+    ModelError, OutputError
+        A number is out of range; the file cannot be written.
     """
     spec, body = network.spec, network.body
     of_edge = isinstance(body, EdgeNet)
@@ -104,21 +94,18 @@ def export_network(
         version=__version__,
     )
     ModelMetadata.from_json(facts.to_json(), str(output))  # what the runtime would refuse is not written
-    model = to_onnx(network, opset)
+    model = to_onnx(network)
     helper.set_model_props(model, {METADATA_KEY: facts.to_json()})
     onnx.checker.check_model(model, full_check=True)
     content = model.SerializeToString()
     write_whole(output, content)
-    written = next(o.version for o in model.opset_import if o.domain in ("", "ai.onnx"))
     macs = count_macs(body, tuple(example_inputs(spec).values()))
-    return ExportReport(str(output), len(content), written, len(model.graph.node), macs)
+    return ExportReport(str(output), len(content), len(model.graph.node), macs)
 
 
-def to_onnx(network: Network, opset: int = OPSET) -> onnx.ModelProto:
-    """The network's graph for one query: norms folded, fixed shapes, a sigmoid at the end."""
-    if opset < OPSET:
-        raise ModelError(f"opset must be at least {OPSET}, got {opset}")
-    inputs, body = example_inputs(network.spec), fold_norms(network)
+def to_onnx(network: Network) -> onnx.ModelProto:
+    """The network's graph for one query: norms folded (by torch's exporter), fixed shapes, a sigmoid at the end."""
+    inputs, body = example_inputs(network.spec), copy.deepcopy(network.body).eval()
     with_head = isinstance(body, EdgeNet)
     with quiet():
         program = torch.onnx.export(
@@ -126,7 +113,7 @@ def to_onnx(network: Network, opset: int = OPSET) -> onnx.ModelProto:
             tuple(inputs.values()),
             input_names=list(inputs),
             output_names=[OUTPUT, PLACES, HEAD] if with_head else [OUTPUT],
-            opset_version=opset,
+            opset_version=OPSET,
             dynamo=True,
             external_data=False,
             verbose=False,
@@ -150,18 +137,6 @@ def quiet() -> Iterator[None]:
             yield
     finally:
         logging.disable(before)
-
-
-def fold_norms(network: Network) -> nn.Module:
-    """A copy of the network's body in which each batch norm that follows a convolution is part of it."""
-    body = copy.deepcopy(network.body).eval()
-    for module in body.modules():
-        if isinstance(module, nn.Sequential):
-            for i in range(len(module) - 1):
-                conv, norm = module[i], module[i + 1]
-                if isinstance(conv, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
-                    module[i], module[i + 1] = fuse_conv_bn_eval(conv, norm), nn.Identity()
-    return body
 
 
 def example_inputs(spec: Spec) -> dict[str, Tensor]:

@@ -18,7 +18,6 @@ _DATASET = "What it was trained on, for the metadata and to compare torch and ON
 @click.option("--name", help="Of the model, in its metadata; by default the output's name.")
 @click.option("--region-factor", type=options.Real(0.0, 1.0, min_open=True), default=0.5, help=_FACTOR)
 @click.option("--dataset", type=options.FOLDER, help=_DATASET)
-@click.option("--opset", type=click.IntRange(18, 25), default=18)
 @options.as_json
 def command(
     checkpoint: Path,
@@ -26,7 +25,6 @@ def command(
     name: str | None,
     region_factor: float,
     dataset: Path | None,
-    opset: int,
     as_json: bool,
 ) -> None:
     """Write CHECKPOINT as an ONNX model, and compare its probabilities with torch's.
@@ -55,7 +53,6 @@ def command(
         region_factor=region_factor,
         omega=recipe.omega if recipe else PAPER_OMEGA,
         limits=recipe.common_limits if recipe else None,
-        opset=opset,
         training=saved.facts() | ({"dataset": dataset_facts(recipe)} if recipe else {}),
     )
     compared = parity(network, output, samples)
@@ -64,7 +61,7 @@ def command(
     else:
         queries = "queries of the data set" if compared.inputs == "dataset" else "random queries"
         click.echo(
-            f"{made.path}: {made.size_bytes / 1e6:.2f} MB, opset {made.opset}, {made.nodes} nodes, "
+            f"{made.path}: {made.size_bytes / 1e6:.2f} MB, {made.nodes} nodes, "
             f"{made.macs / 1e6:.0f} million multiply-accumulates\n"
             f"  parity {'passed' if compared.passed else 'FAILED'}: largest difference {compared.max_difference:.1e} "
             f"of {compared.limit:.0e} allowed, over {compared.queries} {queries}"

@@ -13,50 +13,39 @@ from nnpp_edge.model.registry import ENCODINGS, PRESETS
 
 _PARTS = 1000
 """Of the training, for the progress bar."""
-
-_PRESET = click.Choice(list(PRESETS))
 _ENCODING = click.Choice([name for names in ENCODINGS.values() for name in names])
+_SIDE = click.IntRange(64, options.LARGEST_SIDE)
+_SIGMA = options.Real(0.0, 1.0, min_open=True)
 _STEPS = "Most steps, if its epochs do not end the training before; the number that a time limit came to repeats it."
 _TIME_LIMIT = "Minutes, about: the speed of the first 200 steps decides the number of steps."
 _SMALL = "Keep the mean weights alone, in 16 bits; a resumed run warms up a new optimiser."
-_PRECISION = "Of the convolutions; auto: bfloat16 on a GPU. bfloat16 is twice as quick on a CPU with AMX."
-_THREADS = "Of torch on the CPU; by default one a core."
-_TARGET = click.Choice(["near", "path"])
+_PRECISION = "Of the convolutions; auto: bfloat16 on a GPU. bfloat16 is twice as fast on a CPU with AMX."
 
 
 @click.command(name="train")
 @click.argument("dataset", type=options.FOLDER)
 @click.option("--validation", type=options.FOLDER, required=True, help="Data set of other terrain.")
 @click.option("-o", "--output", type=options.FOLDER, required=True, help="Folder of the run; resumed if begun.")
-@click.option(
-    "--architecture", type=_PRESET, default="edge", help="nnpp is the paper's full width, nnpp-w16 a quarter."
-)
-@click.option(
-    "--input-size",
-    type=click.IntRange(64, options.LARGEST_SIDE),
-    help="Side of the network's map, if not the preset's.",
-)
+@click.option("--architecture", type=click.Choice(list(PRESETS)), default="edge", help="nnpp is the paper's.")
+@click.option("--input-size", type=_SIDE, help="Side of the network's map, if not the preset's.")
 @click.option("--encoding", type=_ENCODING, help="How start and goal are shown, if not the preset's way.")
-@click.option(
-    "--sigma",
-    type=options.Real(0.0, 1.0, min_open=True),
-    default=0.25,
-    help="Of the Gaussians, as a share of the map's side.",
-)
+@click.option("--sigma", type=_SIGMA, default=0.25, help="Of the Gaussians, as a share of the map's side.")
 @click.option("--begin-with", type=options.PATH, help="Checkpoint of another run whose weights to begin with.")
 @click.option("--epochs", type=options.COUNT, default=150)
 @click.option("--steps", type=options.COUNT, help=_STEPS)
 @click.option("--batch", type=options.COUNT, default=32, help="Over all processes.")
 @click.option("--learning-rate", type=options.POSITIVE, default=1e-3)
 @click.option("--weight-decay", type=options.NOT_NEGATIVE, default=1e-4)
-@click.option("--target", type=_TARGET, default="near", help="Nearness to the optimum, or the paper's single path.")
+@click.option(
+    "--target", type=click.Choice(["near", "path"]), default="near", help="Nearness to the optimum, or the best path."
+)
 @click.option("--softness", type=options.POSITIVE, default=0.02, help="Excess at which nearness is 1/e.")
 @click.option("--time-limit", type=options.POSITIVE, help=_TIME_LIMIT)
 @click.option("--validate-every", type=options.NOT_NEGATIVE, default=5.0, help="Minutes.")
 @click.option("--small-checkpoints", is_flag=True, help=_SMALL)
 @click.option("--pause-after", type=options.POSITIVE, help="Minutes; the same command goes on.")
 @click.option("--precision", type=click.Choice(["auto", "float32", "bfloat16"]), default="auto", help=_PRECISION)
-@click.option("--threads", type=options.COUNT, help=_THREADS)
+@click.option("--threads", type=options.COUNT, help="Of torch on the CPU; by default one a core.")
 @options.seed
 @options.as_json
 def command(
@@ -102,21 +91,19 @@ def command(
         torch.set_num_threads(threads)
     settings |= {"time_limit_s": 60.0 * (time_limit or math.inf), "validate_every_s": 60.0 * validate_every}
     preset = PRESETS[architecture]
-    spec = dataclasses.replace(
-        preset, sigma=sigma, input_size=input_size or preset.input_size, encoding=encoding or preset.encoding
-    )
+    size = input_size or preset.input_size
+    spec = dataclasses.replace(preset, sigma=sigma, input_size=size, encoding=encoding or preset.encoding)
     first = int(os.environ.get("RANK", "0")) == 0
     with bar("train", _PARTS) if first else nullcontext(lambda done: None) as advance:
 
         def report(progress: Progress, mean_loss: float, share: float) -> None:
             advance(int(_PARTS * share))
 
-        samples, held_out = read_samples(dataset, size=spec.input_size), read_samples(validation)
         checkpoint = train(
             spec,
             msgspec.convert(settings, TrainSettings),
-            samples,
-            held_out,
+            read_samples(dataset, size=size),
+            read_samples(validation),
             output,
             omega=read_recipe(dataset).omega,
             begin_with=begin_with,
@@ -133,9 +120,9 @@ def command(
         return
     last = history[-1]
     click.echo(f"{checkpoint}: {last['step']:.0f} steps in {last['spent_s'] / 60:.0f} min, loss {last['loss']:.4f}")
-    for key in sorted(k for k in last if k.startswith("gap@")):
-        factor = key.partition("@")[2]
+    for factor in sorted(key.partition("@")[2] for key in last if key.startswith("gap@")):
+        gap, success, share, mm = (last[f"{name}@{factor}"] for name in ("gap", "success", "region_share", "mm"))
         click.echo(
-            f"  region at td × {factor}: gap {100 * last[key]:.2f} %, found {100 * last['success@' + factor]:.1f} %, "
-            f"{100 * last['region_share@' + factor]:.1f} % of the map, MM {last['mm@' + factor]:.3f}"
+            f"  region at td × {factor}: gap {100 * gap:.2f} %, found {100 * success:.1f} %, "
+            f"{100 * share:.1f} % of the map, MM {mm:.3f}"
         )

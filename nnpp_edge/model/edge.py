@@ -30,16 +30,8 @@ assert ANSWERS == OUTPUT_SHUFFLE**2
 class EdgeNet(nn.Module):
     """An encoder of the map and a head for each query.
 
-    Parameters
-    ----------
-    input_size : int
-        Side S of the map; a multiple of 64.
-    widths : four ints
-        Channels of the encoder at 1/8, 1/16, 1/32 and 1/64 resolution.
-    stem : int
-        Channels after the encoder's first convolution.
-    relation, hidden
-        Of the `Head`.
+    `input_size` is the map's side S, a multiple of 64; `widths` are the encoder's channels at 1/8, 1/16, 1/32 and
+    1/64 resolution, `stem` those after its first convolution; `relation` and `hidden` are the `Head`'s.
 
     Notes
     -----
@@ -68,19 +60,10 @@ class EdgeNet(nn.Module):
         nn.init.constant_(self.head.answer.bias, PRIOR_LOGIT)
 
     def forward(self, planes: Tensor, query: Tensor) -> Tensor:
-        """Logits of the probability that a nearly optimal path passes.
+        """Logits (N, 4, S/8, S/8) of the probability that a nearly optimal path passes.
 
-        Parameters
-        ----------
-        planes : (N, 32, S/4, S/4) float
-            The map's two planes, in [0, 1], 4 × 4 cells to a pixel (`torch.pixel_unshuffle`).
-        query : (N, 15, S/8, S/8) float
-            Start and goal (`encode_ends` of the runtime).
-
-        Returns
-        -------
-        (N, 4, S/8, S/8) float
-            Four blocks of a quarter's resolution to a pixel (`torch.pixel_shuffle` puts them in place).
+        For planes (N, 32, S/4, S/4) in [0, 1], 4 × 4 cells to a pixel (`torch.pixel_unshuffle`), and start and goal
+        (N, 15, S/8, S/8, `encode_ends` of the runtime). Four blocks to a pixel (`torch.pixel_shuffle`).
         """
         logits: Tensor = self.head(self.encoder(planes), query)
         return logits

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torch.utils.flop_counter import FlopCounterMode
 
 from nnpp_edge.model import edge
 from nnpp_edge.model.nnpp import NNPP
@@ -26,18 +27,10 @@ class Network(nn.Module):
         self.body = _BODIES[spec.architecture](spec.input_size, **spec.options)
 
     def forward(self, planes: Tensor, query: Tensor) -> Tensor:
-        """Logits on blocks × blocks.
+        """Logits (N, B, B) on blocks × blocks.
 
-        Parameters
-        ----------
-        planes : (N, 2, S, S) float
-            Mean cost and share of impassable cells, in [0, 1]; the paper's network is shown the first alone.
-        query : (N, C, E, E) float
-            Start and goal, from `encode`.
-
-        Returns
-        -------
-        (N, B, B) float
+        For planes (N, 2, S, S), mean cost and share of impassable cells in [0, 1] (the paper's network is shown the
+        first alone), and start and goal (N, C, E, E), from `encode`.
         """
         if self.spec.architecture == "nnpp":
             logits: Tensor = self.body(torch.cat((planes[:, :1], query), 1))
@@ -70,21 +63,7 @@ def encode(spec: Spec, start: Sequence[float], goal: Sequence[float]) -> NDArray
 
 
 def count_macs(model: nn.Module, inputs: tuple[Tensor, ...]) -> int:
-    """Multiply-accumulates of the Conv2d and Linear layers in one forward pass over the whole batch of `inputs`.
-
-    Biases, normalisation (it folds), additions and pooling are left out. The model is copied and stays as it is.
-    """
-    counted = 0
-
-    def count(layer: nn.Module, _: object, output: Tensor) -> None:
-        nonlocal counted
-        assert isinstance(layer, nn.Conv2d | nn.Linear)
-        counted += output.numel() * layer.weight[0].numel()
-
-    copied = copy.deepcopy(model).eval()
-    for module in copied.modules():
-        if isinstance(module, nn.Conv2d | nn.Linear):
-            module.register_forward_hook(count)
-    with torch.no_grad():
-        copied(*inputs)
-    return counted
+    """Multiply-accumulates of convolutions and matrix products in one forward pass over the whole batch."""
+    with torch.no_grad(), FlopCounterMode(display=False) as counter:
+        copy.deepcopy(model).eval()(*inputs)
+    return int(counter.get_total_flops()) // 2

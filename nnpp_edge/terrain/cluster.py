@@ -23,41 +23,23 @@ class ClusterError(NnppEdgeError, ConnectionError):
 
 
 def shards_on_cluster(address: str, recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int]) -> Shards:
-    """Make shards on the workers of a Dask cluster, and bring them here.
+    """Make shards on the workers of a Dask cluster, and bring them here: numbers and contents, in the order done.
 
-    Parameters
-    ----------
-    address : str
-        Of the scheduler, such as ``tcp://10.0.0.5:8786``. TLS and timeouts are as Dask's configuration says.
-    recipe : Recipe
-        What to make.
-    tiles : sequence of Dem
-        Its terrain; the workers need no file system shared with this machine.
-    indices : sequence of int
-        Numbers of the wanted shards. Without any, no connection is made.
-
-    Yields
-    ------
-    (int, bytes)
-        A shard's number and its file's content, in the order in which they are done.
+    The `address` is the scheduler's, such as ``tcp://10.0.0.5:8786``; TLS and timeouts are as Dask's configuration
+    says. The workers need no file system shared with this machine. Without indices no connection is made.
 
     Raises
     ------
-    ClusterError
+    ClusterError, MissingExtraError, DataSetError
         The address makes no sense, no scheduler answers there, no worker came within `WORKER_WAIT_S`, the
         scheduler was lost, workers died under the same shard several times (Dask's `allowed-failures`), or
-        the workers have another version of nnpp-edge.
-    MissingExtraError
-        distributed is not installed.
-    DataSetError
-        As for shards made here.
+        the workers have another version of nnpp-edge; distributed is not installed; as for shards made here.
 
     Notes
     -----
     The elevation arrays are an argument of one task, on which all shards depend: they leave this machine once,
-    workers pass them on to one another, and if every worker that has them dies, the scheduler hands them out
-    again. It keeps them in memory meanwhile, and they are no scattered data because those would be lost then.
-    Shards travel compressed.
+    workers pass them on, and the scheduler hands them out again where all who had them died (scattered data would be
+    lost). Shards travel compressed.
     """
     if not indices:
         return
@@ -70,7 +52,7 @@ def shards_on_cluster(address: str, recipe: Recipe, tiles: Sequence[Dem], indice
         dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}),
         distributed.Client(address, set_as_default=False) as client,
     ):
-        terrain = client.submit(_receive, tiles, pure=False)
+        terrain = client.submit(lambda received: received, tiles, pure=False)
         jobs = {client.submit(_make, __version__, recipe, terrain, i, pure=False): i for i in indices}
         try:
             client.wait_for_workers(1, timeout=WORKER_WAIT_S)
@@ -82,11 +64,6 @@ def shards_on_cluster(address: str, recipe: Recipe, tiles: Sequence[Dem], indice
             yield jobs.pop(job), content
 
 
-def _receive(tiles: Sequence[Dem]) -> Sequence[Dem]:
-    """Put the terrain into a worker's memory."""
-    return tiles
-
-
 def _make(version: str, recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
     """One shard's file, compressed; refused on a worker of another version, which might draw other samples."""
     if version != __version__:
@@ -95,11 +72,7 @@ def _make(version: str, recipe: Recipe, tiles: Sequence[Dem], index: int) -> byt
 
 
 async def _try(address: str, distributed: ModuleType) -> None:
-    """Connect, and hang up.
-
-    A `Client` that cannot connect is no way to find out: collected as garbage while another is being made, it waits
-    for a lock that the other holds.
-    """
+    """Connect, and hang up: a `Client` that cannot connect may, collected as garbage, wait for another's lock."""
     comm = await distributed.comm.connect(address)
     await comm.close()
 

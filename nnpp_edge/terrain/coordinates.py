@@ -151,7 +151,7 @@ def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: 
         lon, lat = _transformer(system.to_wkt(), globe.to_wkt()).transform(x, y)
         known = np.abs(lat * radians) <= 0.5 * math.pi
         ends += [np.where(known, angles * radians, math.nan) for angles in (lon, lat)]
-    return np.asarray(geod.inv(*ends, radians=True)[2]) / share
+    return np.asarray(geod.inv(ends[0], ends[1], ends[2], ends[3], radians=True)[2]) / share
 
 
 def _pyproj() -> ModuleType:

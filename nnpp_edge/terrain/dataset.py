@@ -23,7 +23,7 @@ FORMAT = "nnpp-edge-dataset-1"
 RECIPE_FILE = "dataset.json"
 
 Shards = Generator[tuple[int, bytes], None, None]
-"""Numbers and contents of shards, in the order in which they are done."""
+"""Numbers and contents of shards, in the order done."""
 Query = tuple[NDArray[np.float32], tuple[float, float], tuple[float, float]]
 """Planes (2, S, S) in [0, 1]; start and goal, (row, col) in network cells."""
 Arrays = dict[str, NDArray[np.generic]]
@@ -99,13 +99,11 @@ def make_dataset(
     ----------
     folder : Path
         Made if need be. A folder with shards of another recipe is refused; shards that are there are kept.
-    workers : int
-        Processes on this machine; by default one a core.
     part : (k, n)
         Make only every n-th shard, from the k-th on; the union over k = 1…n is the whole set.
     make : callable, optional
         Makes shards elsewhere (`nnpp_edge.terrain.cluster`): from the recipe, the terrain and the numbers of the
-        missing shards, yields each one's number and content as it is done. By default processes on this machine do.
+        missing shards, yields each one's number and content as it is done. Else `workers` processes do, one a core.
     progress : callable
         Called with how many shards of how many are done.
 
@@ -116,14 +114,10 @@ def make_dataset(
 
     Raises
     ------
-    DataSetError
+    DataSetError, TerrainError, OutputError
         The folder holds shards of another recipe or damaged ones, `part` makes no sense, a terrain file is too small
-        or has no two cells to plan between, or a process died. What the terrain lacks is noticed before anything is
-        written.
-    TerrainError
-        A terrain file cannot be read.
-    OutputError
-        The folder cannot be written to.
+        or has no two cells to plan between (noticed before anything is written), or a process died; a terrain file
+        cannot be read; the folder cannot be written to.
     """
     k, n = part
     if not 1 <= k <= n:
@@ -136,22 +130,17 @@ def make_dataset(
         warnings.warn(f"the terrain has no room for maps of {names} cells: they are left out", stacklevel=2)
     make_folder(folder)
     _claim(recipe, folder)
-    progress(len(wanted) - len(missing), len(wanted))
+    done = len(wanted) - len(missing)
+    progress(done, len(wanted))
     made = make(recipe, tiles, missing) if make else _shards_here(recipe, tiles, missing, workers)
     with closing(made):
-        for done, (index, content) in enumerate(made, len(wanted) - len(missing) + 1):
+        for index, content in made:
             write_whole(_shard_path(folder, index), content)
+            done += 1
             progress(done, len(wanted))
-    return describe(folder)
-
-
-def describe(folder: Path) -> dict[str, int]:
-    """The counts that `make_dataset` returns, of what a data set's folder holds."""
-    recipe = read_recipe(folder)
-    shards = maps = queries = 0
-    for shard in read_shards(folder, recipe):
-        shards, maps, queries = shards + 1, maps + len(shard["planes"]), queries + len(shard["map_index"])
-    return {"shards": shards, "of": recipe.shards, "maps": maps, "queries": queries}
+    counts = [(len(shard["planes"]), len(shard["map_index"])) for shard in read_shards(folder, recipe)]
+    maps, queries = (sum(each) for each in zip(*counts, strict=True)) if counts else (0, 0)
+    return {"shards": len(counts), "of": recipe.shards, "maps": maps, "queries": queries}
 
 
 def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
@@ -172,19 +161,20 @@ def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
 def _check_shard(shard: Arrays, recipe: Recipe) -> None:
     """KeyError or ValueError where a shard's arrays are not those that the recipe makes."""
     maps, queries, side, blocks = len(shard["planes"]), len(shard["map_index"]), recipe.size, recipe.blocks
-    wanted = {
-        "planes": ((maps, 2, side, side), "u1"),
-        "workload": ((maps,), shard["workload"].dtype if shard["workload"].dtype.kind == "U" else "U1"),
-        "pooling": ((maps,), "i4"),
-        "map_index": ((queries,), "i4"),
-        "start": ((queries, 2), "f4"),
-        "goal": ((queries, 2), "f4"),
-        "excess": ((queries, blocks, blocks), "u1"),
-        "on_path": ((queries, blocks, blocks // 8), "u1"),
-    }
-    for name, (shape, dtype) in wanted.items():
-        if shard[name].shape != shape or shard[name].dtype != np.dtype(dtype):
-            raise ValueError(f"{name} is {shard[name].shape} {shard[name].dtype}, not {shape} {np.dtype(dtype)}")
+    for name, dtype, *shape in (
+        ("planes", "u1", maps, 2, side, side),
+        ("workload", "U", maps),
+        ("pooling", "i4", maps),
+        ("map_index", "i4", queries),
+        ("start", "f4", queries, 2),
+        ("goal", "f4", queries, 2),
+        ("excess", "u1", queries, blocks, blocks),
+        ("on_path", "u1", queries, blocks, blocks // 8),
+    ):
+        got = shard[name]
+        fits = got.dtype.kind == "U" if dtype == "U" else got.dtype == np.dtype(dtype)
+        if got.shape != tuple(shape) or not fits:
+            raise ValueError(f"{name} is {got.shape} {got.dtype}, not {tuple(shape)} {dtype}")
     ends = np.stack([shard["start"], shard["goal"]]).astype(np.float32)
     numbers = shard["map_index"].astype(np.int32)
     if not (queries and set(numbers.tolist()) <= set(range(maps)) and ((ends > -1) & (ends < side)).all()):
@@ -208,11 +198,7 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
     """All samples of a data set (or of its first shards, up to `most_maps`).
 
     Maps that are larger than the network's input, of side `size`, by a whole factor are averaged down to it.
-
-    Raises
-    ------
-    DataSetError
-        It cannot be read, or has no maps of that size.
+    DataSetError where the set cannot be read, or has no maps of that size.
     """
     recipe = read_recipe(folder)
     if recipe.size % (size or recipe.size):

@@ -28,7 +28,7 @@ ARRAY_ENDINGS = (".npy", ".npz")
 
 @dataclass(frozen=True, eq=False)
 class Dem(Place):
-    """An elevation map and the size of its cells.
+    """An elevation map and the size of its cells; TerrainError for anything else than below.
 
     Attributes
     ----------
@@ -40,11 +40,6 @@ class Dem(Place):
         Where the cells lie, in the coordinates of the file.
     source : Path
         The file, for messages.
-
-    Raises
-    ------
-    TerrainError
-        Anything else than the above.
     """
 
     elevation: npt.NDArray[np.float32]
@@ -96,9 +91,9 @@ def read_dem(
     ----------
     path : Path or str
         A raster of one band in one of `gdal_files.FORMATS` (for a PDS3 `.img` with a `.lbl` beside it, the label is
-        opened), whatever its name; files and addresses that it names elsewhere are not opened;
-        a 2-D `.npy`; an `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D array, and perhaps
-        `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`.
+        opened), whatever its name; files and addresses that it names elsewhere are not opened; a 2-D `.npy`; an
+        `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D array, and perhaps `cell_size_m` (or `cell_m`),
+        `cell_width_m` and `transform`, as of `Georeference`.
     cell_size_m : float, optional
         Side of a cell, north-south. Wins over the file's; the ratio of width to height is kept.
     vertical_scale : float, optional
@@ -116,13 +111,9 @@ def read_dem(
 
     Raises
     ------
-    TerrainError
+    TerrainError, InvalidQueryError, MissingExtraError
         The file is missing, broken, not an elevation map, too large for the memory that is left, or lacks a cell size
-        that was not given.
-    InvalidQueryError
-        `cell_size_m`, `vertical_scale` or `window` makes no sense.
-    MissingExtraError
-        The format needs rasterio, which is not installed.
+        that was not given; an option makes no sense; the format needs rasterio, which is not installed.
 
     Notes
     -----
@@ -174,15 +165,9 @@ def cell_sides(
 def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
     """Write a map of `dem`'s cells as a float32 GeoTIFF (deflate, nodata NaN) with `dem`'s georeference.
 
-    The array holds numbers or bools; masked ones become NaN. The file is replaced in one step: a reader finds the old
-    file or the whole new one. Without a georeference of `dem` the file has none either.
-
-    Raises
-    ------
-    OutputError
-        The shape or type does not fit, or the file could not be written; what stood there is untouched.
-    MissingExtraError
-        rasterio is not installed.
+    The array holds numbers or bools; masked ones become NaN. A reader finds the old file or the whole new one.
+    OutputError where the shape or type does not fit, or the file could not be written: what stood there is untouched;
+    MissingExtraError where rasterio is not installed.
     """
     path = Path(path)
     write_whole(path, raster_bytes(path, array, dem))

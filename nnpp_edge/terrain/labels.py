@@ -56,14 +56,8 @@ def label_queries(
 ) -> list[Label]:
     """The labels of every pair of points that is at least so many cells apart and connected.
 
-    Parameters
-    ----------
-    cost : (S, S) float32
-        Traversability cost; `omega` is its weight per grey level.
-    points : (P, 2) int32
-        One cost field is computed for each.
-    blocks : int
-        The excess is given for blocks × blocks blocks of the map.
+    Of (H, W) costs on whose blocks × blocks blocks the excess is given; the points are (N, 2) cells, and one cost
+    field is computed for each.
     """
     grid = Grid.of(cost, StepModel.of("paper", omega))
     workspace = Workspace(len(grid.weights))

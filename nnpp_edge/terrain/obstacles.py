@@ -13,7 +13,6 @@ OBSTACLE = 1.0
 """Traversability cost of an obstacle: impassable (the paper's)."""
 CLEAR = 3
 """Cells around robot and goal that no obstacle covers."""
-
 _MOST = 12
 """Obstacles at a time, of single events."""
 _APPEARS, _DISAPPEARS = 0.4, 0.4
@@ -22,7 +21,6 @@ _ACROSS_THE_PATH = 0.5
 """Share of these obstacles that appear on the path ahead; the others appear anywhere."""
 _REACH = 2
 """Cells that they move at most, to each side."""
-
 PAPERS_SIDES = (1 / 20, 1 / 8)
 """Sides of an obstacle of the paper's scene, as shares of the map's."""
 _ON_PATH = (0.15, 0.85)
@@ -60,11 +58,9 @@ class Obstacles:
             blocks.append(block)
             return [block]
         at = int(rng.integers(len(blocks)))
-        old = blocks[at]
         if rng.random() < _DISAPPEARS:
-            del blocks[at]
-            return [old]
-        new = self._moved(old, _REACH, _REACH)
+            return [blocks.pop(at)]
+        old, new = blocks[at], self._moved(blocks[at], _REACH, _REACH)
         if new == old or self._near(new, robot, goal):
             return []
         blocks[at] = new
@@ -77,13 +73,9 @@ class Obstacles:
         """
         rng, kept = self._rng, []
         for block in self.blocks:
-            if apart(block, robot) > reach:
-                kept.append(block)
-                continue
-            fate = rng.random()
-            if fate < _VANISHES:
-                continue
-            kept.append(self._moved(block, block[2], block[3]) if fate < _VANISHES + _MOVES else block)
+            fate = 1.0 if apart(block, robot) > reach else rng.random()
+            if fate >= _VANISHES:
+                kept.append(self._moved(block, block[2], block[3]) if fate < _VANISHES + _MOVES else block)
         side = max(self.shape)
         rows, cols = (min(max(int(rng.uniform(*self._sides) * side), 2), n) for n in self.shape)
         ahead = min(len(path) - 1, reach)
@@ -110,8 +102,7 @@ class Obstacles:
 
     def _around(self, middle: NDArray[np.integer], rows: int, cols: int) -> Rectangle:
         """An obstacle of this size around a cell, moved inside the map."""
-        row, col = int(middle[0]) - rows // 2, int(middle[1]) - cols // 2
-        return self._inside(row, col, rows, cols)
+        return self._inside(int(middle[0]) - rows // 2, int(middle[1]) - cols // 2, rows, cols)
 
     def _moved(self, block: Rectangle, most_rows: int, most_cols: int) -> Rectangle:
         row, col, rows, cols = block

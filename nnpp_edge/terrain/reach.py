@@ -20,28 +20,18 @@ Polygon = list[list[tuple[float, float]]]
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """What can be reached within each of several costs.
-
-    Attributes
-    ----------
-    field : (H, W) float32
-        Cost of getting to each cell; inf where that is not possible, or costs more than the last level.
-    levels : tuple of float
-        Costs, ascending.
-    measure, unit : str
-        What the costs are, ``cost``, ``time`` or ``energy``, and in what unit.
-    dem : Dem
-        The map.
-    """
+    """The areas that can be reached within each of several costs; InvalidQueryError for levels that do not ascend."""
 
     field: Float2D
+    """(H, W) cost of getting to each cell; inf where that is not possible, or costs more than the last level."""
     levels: tuple[float, ...]
+    """Costs, ascending."""
     measure: str
+    """Of the costs: ``cost``, ``time`` or ``energy``."""
     unit: str
     dem: Dem
 
     def __post_init__(self) -> None:
-        """InvalidQueryError for levels that do not ascend."""
         if not self.levels or any(np.diff(self.levels) <= 0.0) or not all(map(math.isfinite, self.levels)):
             raise InvalidQueryError(f"levels must be ascending numbers, got {self.levels}")
 

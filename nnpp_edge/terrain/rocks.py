@@ -35,12 +35,11 @@ class Rocks(NamedTuple):
 def covered_share(cover: float, diameter_m: ArrayLike) -> NDArray[np.float64]:
     """Share of the ground that rocks of this diameter and more cover, where all rocks cover the share `cover`.
 
-    Notes
-    -----
     Golombek & Rapp, Size-frequency distributions of rocks on Mars and Earth analog sites, J. Geophys. Res. 102 (E2),
     1997: F_k(D) = k exp(-q(k) D), q(k) = 1.79 + 0.152 / k, with D in metres.
     """
-    _check_cover(cover)
+    if not 0.0 <= cover <= MOST_COVER:
+        raise InvalidQueryError(f"rocks must cover a share of the ground from 0 to {MOST_COVER}, got {cover}")
     diameters = np.asarray(diameter_m, np.float64)
     if cover == 0.0:
         return np.zeros_like(diameters)
@@ -80,7 +79,7 @@ def with_rocks(
     cell_width_m: float | None = None,
     diameters_m: tuple[float, float] | None = None,
 ) -> Float2D:
-    """An elevation map with rocks on it.
+    """An elevation map with rocks on it: a new (H, W) float32 array.
 
     A rock is half a ball that lies on the ground. It raises every cell that it touches by its greatest height over
     that cell, so that none is lost between cells' middles; where rocks overlap, the highest counts. So a rock smaller
@@ -90,8 +89,6 @@ def with_rocks(
     ----------
     dem : (H, W) array
         Elevation in metres; NaN where unknown, which it stays.
-    cell_size_m, cell_width_m : float
-        Height of a cell, and its width where that differs.
     cover : float
         Share of the ground under rocks of any size, from 0 to 0.2: the law's k. Those that are drawn cover
         `covered_share` of the least diameter less that of the greatest.
@@ -101,18 +98,11 @@ def with_rocks(
         Of the least and the greatest rock. By default the least is 0.2 m or half a cell, whichever is more, and the
         greatest 3 m.
 
-    Returns
-    -------
-    (H, W) float32
-        A new array.
-
     Raises
     ------
-    InvalidMapError
-        `dem` is no map of numbers, or the cells' sides are not positive.
-    InvalidQueryError
-        The share lies outside [0, 0.2], or the diameters are not positive and in order: also where cells are so large
-        that no rock is drawn by default.
+    InvalidMapError, InvalidQueryError
+        `dem` is no map of numbers, or the cells' sides are not positive; the share lies outside [0, 0.2], or the
+        diameters are not positive and in order: also where cells are so large that no rock is drawn by default.
     """
     heights, sides = as_map(dem, "dem"), sides_of(cell_size_m, cell_width_m)
     wanted = (max(_LEAST_M, _LEAST_CELLS * max(sides)), _GREATEST_M) if diameters_m is None else diameters_m
@@ -122,56 +112,41 @@ def with_rocks(
 def rock_heights(shape: tuple[int, int], sides_m: tuple[float, float], rocks: Rocks) -> Float2D:
     """(H, W) metres by which rocks raise the cells of a map."""
     out = np.zeros(shape, np.float32)
-    flat = out.reshape(-1)
-    first = np.ceil(rocks.places - 0.5 - 0.5 * rocks.diameters_m[:, None] / sides_m).astype(np.int64)
-    last = np.floor(rocks.places + 0.5 + 0.5 * rocks.diameters_m[:, None] / sides_m).astype(np.int64)
+    reach = 0.5 + 0.5 * rocks.diameters_m[:, None] / sides_m
+    first = np.ceil(rocks.places - reach).astype(np.int64)
+    last = np.floor(rocks.places + reach).astype(np.int64)
     windows, kinds = np.unique(last - first + 1, axis=0, return_inverse=True)
-    for kind, (rows, cols) in enumerate(windows.tolist()):
+    for kind, window in enumerate(windows.tolist()):
         same = np.flatnonzero(kinds.reshape(-1) == kind)
-        most = max(_AT_ONCE // (rows * cols), 1)
-        for some in (same[at : at + most] for at in range(0, len(same), most)):
-            index, height = _raised(Rocks(*(each[some] for each in rocks)), first[some], (rows, cols), shape, sides_m)
-            np.maximum.at(flat, index, height)
+        most = max(_AT_ONCE // math.prod(window), 1)
+        for at in range(0, len(same), most):
+            some = same[at : at + most]
+            _raise(out, Rocks(*(each[some] for each in rocks)), first[some], window, sides_m)
     return out
 
 
-def _raised(
-    rocks: Rocks,
-    first: NDArray[np.int64],
-    window: tuple[int, int],
-    shape: tuple[int, int],
-    sides_m: tuple[float, float],
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Cells that rocks touch, as indices into the map, and each rock's greatest height over each.
-
-    All lie in windows of one size, from their `first` cells on.
-    """
-    row = first[:, :1] + np.arange(window[0])
-    col = first[:, 1:] + np.arange(window[1])
+def _raise(
+    out: Float2D, rocks: Rocks, first: NDArray[np.int64], window: tuple[int, int], sides_m: tuple[float, float]
+) -> None:
+    """Raise the cells that rocks touch, all in windows of one size from their `first` cells on."""
+    (height, width), axes = out.shape, [first[:, axis, None] + np.arange(window[axis]) for axis in (0, 1)]
     down, across = (
         np.maximum(np.abs(cells - rocks.places[:, axis, None]) - 0.5, 0.0) * sides_m[axis]
-        for axis, cells in enumerate((row, col))
+        for axis, cells in enumerate(axes)
     )
+    row, col = axes[0][:, :, None], axes[1][:, None, :]
     rest = (0.5 * rocks.diameters_m)[:, None, None] ** 2 - down[:, :, None] ** 2 - across[:, None, :] ** 2
-    inside = ((row >= 0) & (row < shape[0]))[:, :, None] & ((col >= 0) & (col < shape[1]))[:, None, :]
-    touched = (rest > 0.0) & inside
-    index = row[:, :, None] * shape[1] + col[:, None, :]
-    return index[touched], (2.0 * HEIGHT * np.sqrt(rest[touched])).astype(np.float32)
+    touched = (rest > 0.0) & (row >= 0) & (row < height) & (col >= 0) & (col < width)
+    raised = (2.0 * HEIGHT * np.sqrt(rest[touched])).astype(np.float32)
+    np.maximum.at(out.reshape(-1), (row * width + col)[touched], raised)
 
 
 def _numbers(cover: float, least_m: float, greatest_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Diameters from the least to the greatest, and how many rocks a square metre has from the least up to each."""
-    _check_cover(cover)
     if not 0.0 < least_m < greatest_m < math.inf:
-        raise InvalidQueryError(
-            f"rocks' diameters must be positive and in order, metres, got {least_m:g} and {greatest_m:g}"
-        )
+        wanted = "rocks' diameters must be positive and in order, metres"
+        raise InvalidQueryError(f"{wanted}, got {least_m:g} and {greatest_m:g}")
     table = np.geomspace(least_m, greatest_m, _TABLE)
     shares = covered_share(cover, table)
     between = np.maximum(shares[:-1] - shares[1:], 0.0) / (0.25 * math.pi * table[:-1] * table[1:])
     return table, np.concatenate(((0.0,), np.cumsum(between)))
-
-
-def _check_cover(cover: float) -> None:
-    if not 0.0 <= cover <= MOST_COVER:
-        raise InvalidQueryError(f"rocks must cover a share of the ground from 0 to {MOST_COVER}, got {cover}")

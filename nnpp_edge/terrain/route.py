@@ -22,27 +22,17 @@ _EPSG = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A path over a DEM.
-
-    Attributes
-    ----------
-    line : (M, 2) int32 or float64
-        Row and column of what is driven, from start to goal: cells, or way points; M may be 0.
-    along : Along
-        The same with every place between way points at which something is known.
-    cost : (N,) float32
-        Of the cell at each of these.
-    dem : Place
-        The map that it leads over.
-    standing : mapping of str to (N,) float
-        How a vehicle stands on each cell: headings, angles and clearances by name; empty for a point.
-    """
+    """A path over a DEM."""
 
     line: Line
+    """(M, 2) row and column of what is driven, from start to goal: cells, or way points; M may be 0."""
     along: Along
+    """The same with every place between way points at which something is known."""
     cost: NDArray[np.float32]
+    """(N,) of the cell at each of these."""
     dem: Place
     standing: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """How a vehicle stands on each cell, (N,): headings, angles and clearances by name; empty for a point."""
 
     @classmethod
     def of(cls, line: Line, along: Along, cost: Float2D, dem: Place) -> "Route":
@@ -58,19 +48,15 @@ class Route:
     @property
     def worst(self) -> dict[str, float | None]:
         """The steepest that a body stands along the path, and its least clearance; empty for a point."""
-        names = {"steepest_pitch_deg": "pitch_deg", "steepest_roll_deg": "roll_deg", "steepest_tilt_deg": "tilt_deg"}
-        stands = self.standing
-        found = {name: float(np.abs(stands[own]).max()) for name, own in names.items() if own in stands}
-        if "clearance_m" in stands:
-            found["least_clearance_m"] = float(stands["clearance_m"].min())
-        return {name: round(number, 4) if math.isfinite(number) else None for name, number in found.items()}
+        angles = [name for name in ("pitch_deg", "roll_deg", "tilt_deg") if name in self.standing]
+        found = {f"steepest_{name}": _known(float(np.abs(self.standing[name]).max())) for name in angles}
+        if "clearance_m" in self.standing:
+            found["least_clearance_m"] = _known(float(self.standing["clearance_m"].min()))
+        return found
 
     def stands(self) -> dict[str, list[float | None]]:
         """`standing`, ready for JSON: None for what is not finite."""
-        return {
-            name: [round(number, 4) if math.isfinite(number) else None for number in numbers.tolist()]
-            for name, numbers in self.standing.items()
-        }
+        return {name: [_known(number) for number in numbers.tolist()] for name, numbers in self.standing.items()}
 
     def csv(self) -> bytes:
         """A line a cell, or a point along way points, under a header; with a vehicle, how it stands there too."""
@@ -79,12 +65,11 @@ class Route:
         if along.mobility.energy is not None:
             sums["energy_j"] = along.energy_j
         out.write(",".join(("row,col,x,y,elevation_m,cost", *sums, *self.standing)) + "\n")
-        columns = (along.points.tolist(), self._places(along.points).tolist(), along.heights_m, self.cost)
-        numbers = (*sums.values(), *self.standing.values())
-        for (row, col), (x, y), elevation, cost, *own in zip(*columns, *numbers, strict=True):
-            out.write(f"{row:.10g},{col:.10g},{x!r},{y!r},{elevation:.7g},{cost:.6g}")
-            out.write("".join(f",{number:.10g}" for number in own[: len(sums)]))
-            out.write("".join(f",{number:.6g}" for number in own[len(sums) :]) + "\n")
+        columns = (*along.points.T, *self._places(along.points).T, along.heights_m, self.cost)
+        formats = [".10g", ".10g", "", "", ".7g", ".6g", *(".10g" for _ in sums), *(".6g" for _ in self.standing)]
+        numbers = (*columns, *sums.values(), *self.standing.values())
+        for row in zip(*(column.tolist() for column in numbers), strict=True):
+            out.write(",".join(f"{number:{form}}" for number, form in zip(row, formats, strict=True)) + "\n")
         return out.getvalue().encode()
 
     def geojson(self, properties: dict[str, object]) -> bytes:
@@ -129,6 +114,11 @@ class Route:
     def _places(self, points: Line) -> NDArray[np.float64]:
         """(N, 2) x and y of points (row, col)."""
         return places_of(self.dem, points)
+
+
+def _known(number: float) -> float | None:
+    """Four decimals, or None for what is not finite."""
+    return round(number, 4) if math.isfinite(number) else None
 
 
 def places_of(dem: Place, points: Line) -> NDArray[np.float64]:

@@ -70,24 +70,22 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     allow_vrt: bool = False
 
     def __post_init__(self) -> None:
+        size, blocks, (start, end) = self.size, self.blocks, self.stripe
         counts = (self.maps, self.maps_per_shard, self.points_per_map - 1, *(pooling for pooling, _ in self.poolings))
         shares = (self.synthetic_share, self.obstacle_share, self.margin_share, self.least_distance)
         drawn = [[share for _, share in chances] for chances in (self.poolings, self.workloads)]
         lengths = (self.omega, *self.cell_sizes_m)
-        start, end = self.stripe
-        conditions = {
-            f"size must be a multiple of {_SIZE_STEP}, got {self.size}": self.size > 0 == self.size % _SIZE_STEP,
-            f"blocks must be a multiple of 8 that divides {self.size}, got {self.blocks}": (
-                self.blocks > 0 == self.blocks % 8 == self.size % self.blocks
-            ),
-            "numbers of maps and points must be above 0": min(counts) > 0 <= self.seed,
-            f"shares must lie in [0, 1], got {shares}": all(0.0 <= share <= 1.0 for share in shares),
-            f"shares must be above 0, got {drawn}": all(min(s, default=-1) >= 0 < sum(s) < math.inf for s in drawn),
-            f"ω and cell sizes must be above 0, got {lengths}": all(0.0 < length < math.inf for length in lengths),
-            f"a stripe must lie in [0, 1], got {self.stripe}": 0.0 <= start < end <= 1.0,
-            "synthetic terrain needs a cell size": bool(self.cell_sizes_m or self.terrain),
-        }
-        for wanted, met in conditions.items():
+        for met, wanted in (
+            (size > 0 == size % _SIZE_STEP, f"size must be a multiple of {_SIZE_STEP}, got {size}"),
+            (blocks > 0 == blocks % 8, f"blocks must be a multiple of 8, got {blocks}"),
+            (blocks > 0 == size % blocks, f"blocks must divide {size}, got {blocks}"),
+            (min(counts) > 0 <= self.seed, "numbers of maps and points must be above 0"),
+            (all(0.0 <= share <= 1.0 for share in shares), f"shares must lie in [0, 1], got {shares}"),
+            (all(min(s, default=-1) >= 0 < sum(s) < math.inf for s in drawn), f"shares must be above 0, got {drawn}"),
+            (all(0.0 < m < math.inf for m in lengths), f"ω and cell sizes must be above 0, got {lengths}"),
+            (0.0 <= start < end <= 1.0, f"a stripe must lie in [0, 1], got {self.stripe}"),
+            (bool(self.cell_sizes_m or self.terrain), "synthetic terrain needs a cell size"),
+        ):
             if not met:
                 raise DataSetError(wanted)
         for name, _ in self.workloads:
@@ -116,12 +114,11 @@ def read_terrain(recipe: Recipe) -> list[Dem]:
 
     Raises TerrainError for one that cannot be read, DataSetError for one that is too small for the recipe's size.
     """
-    given = recipe.cell_size_m, recipe.vertical_scale
-    tiles = [
-        _stripe(read_dem(Path(name), *given, allow_vrt=recipe.allow_vrt), recipe.stripe) for name in recipe.terrain
-    ]
-    for dem in tiles:
-        rows, cols = dem.elevation.shape
+    tiles = []
+    for name in recipe.terrain:
+        dem = read_dem(Path(name), recipe.cell_size_m, recipe.vertical_scale, allow_vrt=recipe.allow_vrt)
+        tiles.append(dem := _stripe(dem, recipe.stripe))
+        rows, cols = dem.shape
         if min(rows, cols) < recipe.size:
             fits = min(rows, cols) // _SIZE_STEP * _SIZE_STEP
             hint = f": --size {fits} is the largest that fits" if fits else ""
@@ -164,18 +161,17 @@ def make_shard(
 
     DataSetError where `BARREN_MAPS` in a row have no query.
     """
-    poolings_that_fit = [(p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)]
-    barren = 0
-    planes: list[NDArray[np.uint8]] = []
-    names, poolings = [], []
-    index, start, goal, excess, on_path = [], [], [], [], []
-    while len(planes) < maps:
-        name = _pick(rng, recipe.workloads)
-        pooling = _pick(rng, poolings_that_fit)
+    poolings = [(p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)]
+    barren, blocks = 0, recipe.blocks
+    made: list[tuple[NDArray[np.uint8], str, int]] = []
+    queries: list[tuple[object, ...]] = []
+    while len(made) < maps:
+        name, pooling = _pick(rng, recipe.workloads), _pick(rng, poolings)
         cost, measured = _random_cost(recipe, tiles, rng, name, recipe.size * pooling)
+        side = len(cost)
         points = random_points(rng, cost, recipe.points_per_map)
-        least = recipe.least_distance * cost.shape[0]
-        labelled = label_queries(cost, points, least, recipe.blocks, recipe.omega)
+        least = recipe.least_distance * side
+        labelled = label_queries(cost, points, least, blocks, recipe.omega)
         if not labelled:
             barren += 1
             if barren == BARREN_MAPS:
@@ -185,22 +181,19 @@ def make_shard(
             continue
         if measured or not tiles:
             barren = 0
-        frame = Frame(cost.shape[0], cost.shape[1], recipe.size)
+        frame = Frame(side, side, recipe.size)
         for label in labelled:
-            crossed = np.zeros((recipe.blocks, recipe.blocks), bool)
-            crossed[tuple((label.path * recipe.blocks // cost.shape[0]).T)] = True
-            index.append(len(planes))
-            start.append(frame.place(label.start))
-            goal.append(frame.place(label.goal))
-            excess.append(label.excess)
-            on_path.append(np.packbits(crossed, axis=-1))
-        planes.append(_seen_by_network(cost, frame, recipe.omega))
-        names.append(name)
-        poolings.append(pooling)
+            crossed = np.zeros((blocks, blocks), bool)
+            crossed[tuple((label.path * blocks // side).T)] = True
+            ends = frame.place(label.start), frame.place(label.goal)
+            queries.append((len(made), *ends, label.excess, np.packbits(crossed, axis=-1)))
+        made.append((_seen_by_network(cost, frame, recipe.omega), name, pooling))
+    planes, names, pooled = zip(*made, strict=True)
+    index, start, goal, excess, on_path = zip(*queries, strict=True)
     return {
         "planes": np.stack(planes),
         "workload": np.array(names),
-        "pooling": np.array(poolings, np.int32),
+        "pooling": np.array(pooled, np.int32),
         "map_index": np.array(index, np.int32),
         "start": np.array(start, np.float32),
         "goal": np.array(goal, np.float32),

@@ -25,7 +25,8 @@ _STARTS = (b"SQLite format 3\0", b"\0\0\x27\x0a", b"fgb\x03")
 """Of a GeoPackage, a Shapefile and a FlatGeobuf."""
 _GPX = re.compile(rb"(<\?xml[^>]*\?>)?\s*(<!--.*?-->\s*)*<gpx[\s>]", re.DOTALL)
 _GEOJSON_TYPES = ("FeatureCollection", "Feature", "Point", "MultiPoint", "GeometryCollection")
-_POINT, _MULTI_POINT = 1, 4
+_SHAPES = {2: "a line", 3: "a polygon", 5: "lines", 6: "polygons", 7: "a collection"}
+"""By their numbers in WKB; a point is 1, points are 4."""
 _HEAD_BYTES = 1 << 12
 
 
@@ -45,17 +46,14 @@ def points_of(name: str, place: Place) -> tuple[Points, str]:
 
     Raises
     ------
-    VectorFileError
-        There is no such file or layer, it is not one of `FORMATS`, or it holds other things than points, or none.
-    InvalidQueryError
-        The layer's coordinate system does not lead to the map's.
-    MissingExtraError
-        pyogrio or pyproj is not installed.
+    VectorFileError, InvalidQueryError, MissingExtraError
+        There is no such file or layer, it is not one of `FORMATS`, or it holds other things than points, or none; the
+        layer's coordinate system does not lead to the map's; pyogrio or pyproj is not installed.
     """
     path, layer = named_file(name)
     _check_plain(path)
-    pyogrio = _pyogrio(f"reading {path.name}")
-    with _quiet(), refused_as(VectorFileError, f"{path}: wanted {FORMATS} with a layer of points"):
+    refused = refused_as(VectorFileError, f"{path}: wanted {FORMATS} with a layer of points")
+    with _pyogrio(f"reading {path.name}") as pyogrio, refused:
         layer = layer or _only_layer(pyogrio, path)
         meta, _, shapes, _ = pyogrio.raw.read(path, layer=layer, columns=[])
     found = np.array([point for shape in shapes for point in _points(path, shape)]).reshape(-1, 2)
@@ -76,21 +74,17 @@ def named_file(name: str) -> tuple[Path, str | None]:
 
 
 def geopackage_bytes(
-    layer: str,
-    kind: str,
-    shapes: Sequence[bytes],
-    fields: Mapping[str, Sequence[object]],
-    place: Place,
+    layer: str, kind: str, shapes: Sequence[bytes], fields: Mapping[str, Sequence[object]], place: Place
 ) -> bytes:
     """A GeoPackage of one layer of shapes (WKB) of a kind (in OGR's words) with a value of each field for each.
 
     Its coordinates are the map's, in the map's system. MissingExtraError where pyogrio is not installed.
     """
-    pyogrio, out = _pyogrio("writing a GeoPackage"), io.BytesIO()
+    out = io.BytesIO()
     columns = [
         np.array(values, object if any(isinstance(v, str) for v in values) else None) for values in fields.values()
     ]
-    with _quiet():
+    with _pyogrio("writing a GeoPackage") as pyogrio:
         pyogrio.raw.write(
             out,
             np.array([*shapes, None], object)[:-1],
@@ -136,18 +130,14 @@ def gpx_bytes(
     return "\n".join([*out, "</trkseg></trk>", "</gpx>", ""]).encode()
 
 
-def _pyogrio(purpose: str) -> ModuleType:
+@contextmanager
+def _pyogrio(purpose: str) -> Iterator[ModuleType]:
+    """pyogrio without the network, and without GDAL's warnings: of a damaged file, which is refused, for instance."""
     pyogrio = optional_module("pyogrio", purpose, "vector")
     pyogrio.set_gdal_config_options(NO_NETWORK)
-    return pyogrio
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep GDAL's warnings from the user: of a damaged file, which is refused, or a map without a system."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        yield
+        yield pyogrio
 
 
 def _check_plain(path: Path) -> None:
@@ -165,21 +155,19 @@ def _check_plain(path: Path) -> None:
 
 def _only_layer(pyogrio: ModuleType, path: Path) -> str:
     """The one layer that holds points; VectorFileError where there is none, or there are several."""
-    layers = [str(layer) for layer, _ in pyogrio.list_layers(path)]
+    layers = {str(layer): str(kind or "") for layer, kind in pyogrio.list_layers(path)}
     if len(layers) == 1:
-        return layers[0]
-    kinds = {str(layer): str(kind or "") for layer, kind in pyogrio.list_layers(path)}
-    found = [layer for layer in layers if "Point" in kinds[layer] and _features(pyogrio, path, layer)]
+        return next(iter(layers))
+    count = {"force_feature_count": True}
+    found = [
+        name for name, kind in layers.items()
+        if "Point" in kind and pyogrio.read_info(path, layer=name, **count)["features"]
+    ]  # fmt: skip
     if len(found) != 1:
-        which = (
-            f"several: name one as {path.name}:LAYER ({', '.join(found)})" if found else f"none ({', '.join(layers)})"
-        )
+        several = f"several: name one as {path.name}:LAYER ({', '.join(found)})"
+        which = several if found else f"none ({', '.join(layers)})"
         raise VectorFileError(f"{path}: wanted one layer of points, got {which}")
     return found[0]
-
-
-def _features(pyogrio: ModuleType, path: Path, layer: str) -> int:
-    return int(pyogrio.read_info(path, layer=layer, force_feature_count=True)["features"])
 
 
 def _points(path: Path, shape: bytes | None) -> list[tuple[float, float]]:
@@ -189,11 +177,10 @@ def _points(path: Path, shape: bytes | None) -> list[tuple[float, float]]:
     order = "<" if shape[0] else ">"
     (kind,) = struct.unpack_from(order + "I", shape, 1)
     flat = (kind & 0xFFFFFFF) % 1000
-    if flat == _POINT:
+    if flat == 1:
         x, y = struct.unpack_from(order + "dd", shape, 5)
         return [(x, y)] if math.isfinite(x) else []
-    if flat == _MULTI_POINT:
+    if flat == 4:
         size = 21 + 8 * ((kind // 1000 in (1, 2)) + 2 * (kind // 1000 == 3) + bool(kind >> 31))
         return [each for at in range(9, len(shape), size) for each in _points(path, shape[at : at + size])]
-    names = {2: "a line", 3: "a polygon", 5: "lines", 6: "polygons", 7: "a collection"}
-    raise VectorFileError(f"{path}: wanted points, got {names.get(flat, 'another shape')}")
+    raise VectorFileError(f"{path}: wanted points, got {_SHAPES.get(flat, 'another shape')}")

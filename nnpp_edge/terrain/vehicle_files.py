@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from importlib.resources import files
 from inspect import signature
@@ -25,7 +25,7 @@ _KINDS = {
     "object": "a table",
     "object | null": "a table",
 }
-"""What is wanted, in msgspec's words and in ours."""
+"""Of values, in msgspec's words and in ours."""
 
 
 class VehicleError(InvalidQueryError):
@@ -40,10 +40,7 @@ def shipped_vehicles() -> list[str]:
 def load_vehicle(name: str | Path) -> Vehicle:
     """A shipped vehicle by its name, or one from a TOML file of `Vehicle`'s values.
 
-    Raises
-    ------
-    VehicleError
-        There is no such vehicle, or a value is missing, unknown, of the wrong type or out of range.
+    Raises VehicleError where there is none, or a value is missing, unknown, of the wrong type or out of range.
     """
     return vehicle_of(read_vehicle(name), Path(name).name)
 
@@ -51,12 +48,8 @@ def load_vehicle(name: str | Path) -> Vehicle:
 def load_mobility(name: str | Path, gravity_m_s2: float | None = None) -> Mobility:
     """How a vehicle gets up and down: the table ``[mobility]`` of its file, which may hold nothing else.
 
-    A gravity takes the place of the file's, such as `coordinates.gravity_of` a map.
-
-    Raises
-    ------
-    VehicleError
-        There is no such vehicle or no such table, or a value is missing, unknown, of the wrong type or out of range.
+    A gravity takes the place of the file's, such as `coordinates.gravity_of` a map. Raises VehicleError as
+    `load_vehicle`, and where there is no such table.
     """
     values = read_vehicle(name)
     if "mobility" not in values:
@@ -68,10 +61,10 @@ def load_mobility(name: str | Path, gravity_m_s2: float | None = None) -> Mobili
 def mobility_of(values: object, source: str) -> Mobility:
     """A mobility of the values of its table; VehicleError, which begins with `source`, says what was wrong."""
     tables = values if isinstance(values, dict) else {}
-    _refuse_unknown(tables, list(SLOPE_COSTS), f"{source}: mobility")
+    _refuse_unknown(tables, SLOPE_COSTS, f"{source}: mobility")
     for name, model in SLOPE_COSTS.items():
         if isinstance(table := tables.get(name), dict):
-            _refuse_unknown(table, list(signature(model).parameters), f"{source}: mobility.{name}")
+            _refuse_unknown(table, signature(model).parameters, f"{source}: mobility.{name}")
     try:
         return msgspec.convert(values, Mobility)
     except msgspec.ValidationError as error:
@@ -97,17 +90,16 @@ def vehicle_of(values: Mapping[str, object], source: str) -> Vehicle:
         mobility_of(values["mobility"], source)
     values = {name: value for name, value in values.items() if name != "mobility"}
     _refuse_unknown(values, [field.name for field in fields(Vehicle)], source)
-    if "radius_m" not in values:
-        for name in ("length_m", "width_m", "clearance_m"):
-            if name not in values:
-                raise VehicleError(f"{source}: {name} is missing")
+    for name in () if "radius_m" in values else ("length_m", "width_m", "clearance_m"):
+        if name not in values:
+            raise VehicleError(f"{source}: {name} is missing")
     try:
         return msgspec.convert(values, Vehicle)
     except msgspec.ValidationError as error:
         raise VehicleError(f"{source}: {_explained(str(error), values)}") from None
 
 
-def _refuse_unknown(values: Mapping[str, object], known: list[str], source: str) -> None:
+def _refuse_unknown(values: Mapping[str, object], known: Iterable[str], source: str) -> None:
     for name in values:
         if name not in known:
             raise VehicleError(f"{source}: {name} is unknown: wanted one of {', '.join(known)}")

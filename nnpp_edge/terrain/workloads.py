@@ -24,10 +24,7 @@ def workload(name: str, base: Traversability | None = None) -> Traversability:
         raise InvalidQueryError(
             f"workload {name!r} is a vehicle's: `nnpp-edge evaluate` and `profile` judge by it, no other command"
         )
-    try:
-        limit = float(name.removeprefix("limit")) if name.startswith("limit") else 0.0
-    except ValueError:
-        limit = 0.0
+    limit = _number(name, "limit")
     if not 0.0 < limit < 90.0:
         raise InvalidQueryError(f"workload must be 'soft' or 'limitN' with N in (0, 90) degrees, got {name!r}")
     return replace(base, slope_limit_deg=limit, hard_slope_deg=limit)
@@ -43,12 +40,17 @@ def body_rocks(name: str) -> float | None:
         return 0.0
     if not name.startswith(_ROCKS):
         return None
-    try:
-        share = float(name.removeprefix(_ROCKS)) / 100.0
-    except ValueError:
-        share = -1.0
+    share = _number(name, _ROCKS) / 100.0
     if not 0.0 <= share <= MOST_COVER:
         raise InvalidQueryError(
             f"workload must be 'body-rocksN' with N from 0 to {100 * MOST_COVER:g} percent, got {name!r}"
         )
     return share
+
+
+def _number(name: str, prefix: str) -> float:
+    """The number after a prefix; below 0 for another name."""
+    try:
+        return float(name.removeprefix(prefix)) if name.startswith(prefix) else -1.0
+    except ValueError:
+        return -1.0

@@ -26,16 +26,10 @@ A = TypeVar("A", bound=np.generic)
 class Batches:
     """Planes, encoded queries and targets, in a new random order each epoch.
 
-    Parameters
-    ----------
-    spec : Spec
-        What the network is fed with, and its number of blocks.
-    settings : TrainSettings
-        Its ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of the best path through a
-        block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in the paper.
-    rank, world : int
-        Every process draws the same order, symmetries and swaps, and takes every `world`-th query of each batch of
-        ``settings.batch``. So together they see the same samples as one process would.
+    The settings' ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of the best path
+    through a block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in the paper. Every process, `rank`
+    of `world`, draws the same order, symmetries and swaps, and takes every `world`-th query of each batch: together
+    they see the same samples as one process would.
     """
 
     def __init__(

@@ -5,20 +5,20 @@ import json
 import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TypeAlias
 
 import msgspec
 import torch
 from torch import Tensor
 
-from nnpp_edge.files import write_whole
+from nnpp_edge.files import write_all
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.reading import problem_with_file
 
 HISTORY = "history.json"
-State: TypeAlias = dict[str, Tensor]
+_DECIDING = ("batch", "learning_rate", "weight_decay", "warmup_steps", "target", "softness", "seed")
+State = dict[str, Tensor]
 """A network's parameters and buffers by name."""
 
 
@@ -75,10 +75,9 @@ class Checkpoint:
 
     def facts(self) -> dict[str, object]:
         """What decided the weights, for a model's metadata."""
-        progress, settings = self.progress, self.settings
-        names = ("batch", "learning_rate", "weight_decay", "warmup_steps", "target", "softness", "seed")
+        progress = self.progress
         done = {"steps": progress.step, "epochs": progress.epoch, "seconds": round(progress.spent_s, 1)}
-        asked = {name: getattr(settings, name) for name in (*names, "average_decay", "precision")}
+        asked = {name: getattr(self.settings, name) for name in (*_DECIDING, "average_decay", "precision")}
         return done | asked | {"input_size": self.spec.input_size} | self.origin
 
     def trained(self) -> Network:
@@ -89,13 +88,12 @@ class Checkpoint:
 
     def save(self, path: Path) -> None:
         """Write the checkpoint, and its history as JSON beside it; OutputError if that fails."""
-        plain = {"spec": asdict(self.spec), "settings": asdict(self.settings), "progress": asdict(self.progress)}
-        plain["origin"] = self.origin
-        weights = {"network": self.network, "average": self.average, "optimiser": self.optimiser}
+        plain = {name: asdict(getattr(self, name)) for name in ("spec", "settings", "progress")}
+        rest = {name: getattr(self, name) for name in ("origin", "network", "average", "optimiser")}
         content = io.BytesIO()
-        torch.save(plain | weights, content)
-        write_whole(path, content.getbuffer())
-        write_whole(path.with_name(HISTORY), json.dumps(self.progress.history, indent=1).encode())
+        torch.save(plain | rest, content)
+        history = json.dumps(self.progress.history, indent=1).encode()
+        write_all({path: content.getbuffer(), path.with_name(HISTORY): history})
 
 
 def in_16_bits(state: State) -> State:
@@ -109,8 +107,7 @@ def load_checkpoint(path: Path) -> Checkpoint:
     if (problem := problem_with_file(path)) is not None:
         raise ModelError(f"{wanted} ({problem})")
     try:
-        saved = torch.load(path, map_location="cpu", weights_only=True)
-        found = msgspec.convert(saved, Checkpoint)
+        found = msgspec.convert(torch.load(path, map_location="cpu", weights_only=True), Checkpoint)
         found.trained()
     except msgspec.ValidationError as error:
         raise ModelError(f"{wanted}, got {error}") from error

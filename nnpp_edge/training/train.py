@@ -49,16 +49,13 @@ def train(
 
     Parameters
     ----------
-    spec, settings
-        What to train, and how. A checkpoint of another spec is refused.
     folder : Path
         Gets ``checkpoint.pt`` (weights, running mean, optimiser, progress; loads with weights_only) and
         ``history.json``.
     omega : float
         Weight of the traversability cost per grey level, for validation's searches.
     begin_with : Path, optional
-        Checkpoint of another run whose averaged weights a new run begins with; its input may have been of
-        another size.
+        Checkpoint of another run whose averaged weights a new run begins with; its input may have another size.
     small_checkpoints : bool
         Save the running mean of the weights alone, convolutions in 16 bits: an eighth of the size. A resumed run goes
         on from the mean with a new optimiser, whose learning rate is warmed up again.
@@ -69,12 +66,9 @@ def train(
 
     Raises
     ------
-    InvalidQueryError
-        The batch cannot be shared out evenly over the processes.
-    ModelError
-        The folder's checkpoint is of another spec, or none of ours; or `begin_with` is of another network.
-    DataSetError
-        The training set does not fit the spec, or is smaller than a batch.
+    InvalidQueryError, ModelError, DataSetError
+        The batch cannot be shared out evenly over the processes; the folder's checkpoint is of another spec, or
+        `begin_with` of another network; the training set does not fit the spec, or is smaller than a batch.
 
     Notes
     -----
@@ -85,15 +79,24 @@ def train(
     if settings.batch % processes.world:
         raise InvalidQueryError(f"batch must be a multiple of the {processes.world} processes, got {settings.batch}")
     make_folder(folder)
-    run = _Run(spec, settings, loss, processes, folder / CHECKPOINT, begin_with, small_checkpoints)
+    path = folder / CHECKPOINT
+    run = _Run(spec, settings, loss, processes, path, begin_with)
     batches = Batches(training, spec, settings, rank=processes.rank, world=processes.world)
     validator = Validator(validation, spec, omega) if processes.first else None
     run.start(len(batches))
     progress = run.progress
     began = validated = time.monotonic()
 
+    def validate_and_save() -> None:
+        mean_loss = processes.mean(float(np.mean(run.losses))) if run.losses else None
+        run.losses.clear()
+        if validator is not None:
+            if mean_loss is not None:
+                progress.history.append(run.validated(validator, mean_loss))
+            run.checkpoint(small=small_checkpoints).save(path)
+
     def stops() -> bool:
-        return run.done() or processes.of_the_first(time.monotonic() - began) > pause_after_s
+        return run.done or processes.of_the_first(time.monotonic() - began) > pause_after_s
 
     while not stops() and progress.epoch < settings.epochs:
         for batch in batches.epoch(progress.epoch, progress.step_in_epoch):
@@ -101,64 +104,58 @@ def train(
                 break
             run.step(batch)
             if processes.first:
-                report(progress, float(np.mean(run.losses[-_RECENT:])), run.share_done())
+                report(progress, float(np.mean(run.losses[-_RECENT:])), run.share_done)
             if processes.of_the_first(time.monotonic() - validated) > settings.validate_every_s:
-                run.validate_and_save(validator)
+                validate_and_save()
                 validated = time.monotonic()
         else:
             progress.epoch += 1
             progress.step_in_epoch = 0
-    run.validate_and_save(validator)
+    validate_and_save()
     processes.leave()
-    return run.path
+    return path
 
 
 class _Run:
     """One process's part of a training run: the network, its running mean, the optimiser and the progress."""
 
     def __init__(
-        self,
-        spec: Spec,
-        settings: TrainSettings,
-        loss: Loss,
-        processes: Processes,
-        path: Path,
-        begin_with: Path | None,
-        small_checkpoints: bool,
+        self, spec: Spec, settings: TrainSettings, loss: Loss, processes: Processes, path: Path, other: Path | None
     ) -> None:
-        self.spec, self.settings, self.loss, self.processes, self.path = spec, settings, loss, processes, path
-        self.small_checkpoints = small_checkpoints
-        self.device = processes.device
+        self.spec, self.settings, self.loss, self.processes = spec, settings, loss, processes
+        self.device = device = processes.device
         torch.manual_seed(settings.seed)
-        self.network = Network(spec).to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.average = Network(spec).to(self.device)
+        self.network = Network(spec).to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.average = Network(spec).to(device)
         self.optimiser = torch.optim.AdamW(
             self.network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
-        self.progress = Progress()
-        precisions = ("bfloat16", "auto") if self.device.type == "cuda" else ("bfloat16",)
-        self.in_bfloat16 = settings.precision in precisions
+        self.in_bfloat16 = settings.precision in ({"cuda": "auto"}.get(device.type), "bfloat16")
         self.optimiser_since = 0
         """Step from which on the optimiser has learned."""
-        self.origin: dict[str, object] = {
-            "torch": str(torch.__version__),
-            "threads": torch.get_num_threads(),
-            "loss": getattr(loss, "__name__", type(loss).__name__),
-        }
         self.losses: list[float] = []
         """Of the steps since the last validation."""
-        if path.exists():
-            self._resume(load_checkpoint(path))
-        else:
-            if begin_with is not None:
-                self._take_weights(begin_with)
-            self.average.load_state_dict(self.network.state_dict())
+        self.progress = Progress()
+        named = getattr(loss, "__name__", type(loss).__name__)
+        self.origin: dict[str, object] = {
+            "torch": str(torch.__version__), "threads": torch.get_num_threads(), "loss": named
+        }  # fmt: skip
+        saved = load_checkpoint(path) if path.exists() else None
+        if saved is not None:
+            self._resume(saved, path)
+        elif other is not None:
+            theirs = load_checkpoint(other)
+            try:
+                self.network.load_state_dict(theirs.average)
+            except RuntimeError as error:
+                raise ModelError(f"{other}: wanted weights for {spec}, got those of {theirs.spec}") from error
+            self.origin["begun_with"] = theirs.facts()
+        self.average.load_state_dict(saved.average if saved else self.network.state_dict())
 
-    def _resume(self, saved: Checkpoint) -> None:
+    def _resume(self, saved: Checkpoint, path: Path) -> None:
         if saved.spec != self.spec:
-            raise ModelError(f"{self.path}: wanted a checkpoint of {self.spec}, got one of {saved.spec}")
+            raise ModelError(f"{path}: wanted a checkpoint of {self.spec}, got one of {saved.spec}")
         self.network.load_state_dict(saved.network)
-        self.average.load_state_dict(saved.average)
         self.progress, self.origin = saved.progress, saved.origin | self.origin
         if saved.optimiser:
             self.optimiser.load_state_dict(saved.optimiser)
@@ -168,14 +165,6 @@ class _Run:
             self.origin["resumed_with_other_settings"] = True
             self.progress.steps = None
 
-    def _take_weights(self, path: Path) -> None:
-        theirs = load_checkpoint(path)
-        try:
-            self.network.load_state_dict(theirs.average)
-        except RuntimeError as error:
-            raise ModelError(f"{path}: wanted weights for {self.spec}, got those of {theirs.spec}") from error
-        self.origin["begun_with"] = theirs.facts()
-
     def start(self, batches: int) -> None:
         """Start the clock of a run with so many batches to an epoch."""
         self.wrapped = self.processes.averaging_gradients(self.network)
@@ -184,16 +173,16 @@ class _Run:
             self.progress.steps = self.most
         self.started = time.monotonic() - self.progress.spent_s
 
+    @property
     def done(self) -> bool:
         """Whether the last step has been made."""
         return self.progress.steps is not None and self.progress.step >= self.progress.steps
 
+    @property
     def share_done(self) -> float:
         """Share of the training that is done, in steps, or in time while their number is not known."""
-        done, of = (self.progress.spent_s, self.settings.time_limit_s)
-        if self.progress.steps is not None:
-            done, of = self.progress.step, self.progress.steps
-        return min(done / of, 1.0)
+        p = self.progress
+        return min(p.spent_s / self.settings.time_limit_s if p.steps is None else p.step / p.steps, 1.0)
 
     def step(self, batch: Batch) -> None:
         """Learn from one batch."""
@@ -227,29 +216,20 @@ class _Run:
             return warmed
         return warmed * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * (step - warm) / (steps - warm))))
 
-    def validate_and_save(self, validator: Validator | None) -> None:
-        """Validate what was learned since the last time, and save. The first process alone has a validator."""
-        loss = self.processes.mean(float(np.mean(self.losses))) if self.losses else None
-        self.losses.clear()
-        if validator is None:
-            return
-        progress = self.progress
-        if loss is not None:
-            for theirs, ours in zip(self.network.buffers(), self.average.buffers(), strict=True):
-                ours.copy_(theirs)  # the batch norms' statistics
-            row = {
-                "step": progress.step,
-                "epoch": progress.epoch,
-                "spent_s": round(progress.spent_s, 1),
-                "loss": loss,
-            }
-            for judged in validator.judge(self.average):
-                row |= {
-                    f"{name}@{judged.factor:g}": value for name, value in asdict(judged).items() if name != "factor"
-                }
-            progress.history.append(row)
+    def validated(self, validator: Validator, loss: float) -> dict[str, float]:
+        """The history's row for the running mean, with this mean loss since the last one."""
+        for theirs, ours in zip(self.network.buffers(), self.average.buffers(), strict=True):
+            ours.copy_(theirs)  # the batch norms' statistics
+        p = self.progress
+        row: dict[str, float] = {"step": p.step, "epoch": p.epoch, "spent_s": round(p.spent_s, 1), "loss": loss}
+        for judged in validator.judge(self.average):
+            row |= {f"{name}@{judged.factor:g}": value for name, value in asdict(judged).items() if name != "factor"}
+        return row
+
+    def checkpoint(self, *, small: bool) -> Checkpoint:
+        """What is saved; of a small one the running mean alone."""
         states = self.network.state_dict(), self.average.state_dict(), self.optimiser.state_dict()
-        if self.small_checkpoints:
+        if small:
             mean = in_16_bits(self.average.state_dict())
             states = mean, mean, {}
-        Checkpoint(self.spec, self.settings, progress, *states, self.origin).save(self.path)
+        return Checkpoint(self.spec, self.settings, self.progress, *states, self.origin)

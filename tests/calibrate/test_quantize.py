@@ -21,7 +21,7 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.training.validation import Judgement, Validator
 from tests.networks import RECIPE, SMALL
 
-FIRST, SECOND = "encoder.stem.0/Conv", "encoder.widen.0/Conv"
+FIRST, SECOND = "encoder.stem.1/Conv", "encoder.widen.1/Conv"
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +169,7 @@ def test_what_cannot_be_quantised_is_refused_and_nothing_written(made, fp32, dat
     ):
         with pytest.raises(error, match=said):
             quantize(*words)
-    with pytest.raises(ModelError, match=r"wanted nodes out of encoder\.stem\.0/Conv, .*got nobody"):
+    with pytest.raises(ModelError, match=r"wanted nodes out of encoder\.stem\.1/Conv, .*got nobody"):
         quantize(fp32, dataset, output, samples=4, exclude=("nobody",))
     assert not list(tmp_path.iterdir())
 

@@ -14,7 +14,7 @@ from torch import nn
 
 from nnpp_edge import __version__
 from nnpp_edge.export.parity import parity
-from nnpp_edge.export.to_onnx import dataset_facts, export_network, fold_norms, to_onnx
+from nnpp_edge.export.to_onnx import dataset_facts, export_network
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, ModelError, OutputError
@@ -201,7 +201,7 @@ def test_metadata_comes_back_from_the_file(exported):
 def test_the_report_tells_what_is_in_the_file(exported):
     _, file, report = exported
     model = onnx.load(file)
-    assert report.opset == 18 == model.opset_import[0].version
+    assert model.opset_import[0].version == 18
     assert (report.size_bytes, report.nodes) == (file.stat().st_size, len(model.graph.node))
     assert report.macs > 10_000
 
@@ -214,25 +214,9 @@ def test_the_file_is_whole_folded_and_free_of_local_paths(exported):
     names = [node.name for node in model.graph.node]
     assert len(set(names)) == len(names)
     if network.spec.architecture == "edge":
-        assert {"encoder.stem.0/Conv", "encoder.describe/Conv", "head/If"} <= set(names)
+        assert {"encoder.stem.1/Conv", "encoder.describe/Conv", "head/If"} <= set(names)
         assert all(name.startswith(("encoder.", "head/")) for name in names)
     assert not re.search(rb"\.py\b", file.read_bytes())
-
-
-def test_folding_leaves_the_network_as_it_was(exported):
-    network = exported[0]
-    before = {name: value.clone() for name, value in network.state_dict().items()}
-    folded = fold_norms(network)
-    assert not any(isinstance(module, nn.BatchNorm2d) for module in folded.modules())
-    after = network.state_dict()
-    assert before.keys() == after.keys()
-    assert all(torch.equal(before[name], after[name]) for name in before)
-
-
-def test_a_newer_opset_is_read_back():
-    assert to_onnx(lived_in(EDGE), opset=20).opset_import[0].version == 20
-    with pytest.raises(ModelError, match="opset must be at least 18, got 17"):
-        to_onnx(lived_in(EDGE), opset=17)
 
 
 def test_what_is_no_checkpoint_is_refused_and_nothing_is_written(nnpp_edge, tmp_path):
@@ -270,7 +254,7 @@ def test_the_command_reports_and_ends_well(nnpp_edge, tmp_path):
     path, file = checkpoint(tmp_path / "checkpoint.pt", lived_in(EDGE)), tmp_path / "lunar.onnx"
     told = nnpp_edge("export", path, "-o", file)
     assert (told.code, told.err) == (0, "")
-    assert "opset 18" in told.out and "parity passed" in told.out
+    assert "parity passed" in told.out
     found = json.loads(nnpp_edge("export", path, "-o", file, "--region-factor", 0.25, "--json").out)
     assert found["parity"]["passed"] and found["size_bytes"] == file.stat().st_size
     metadata = NetworkModel(file).metadata
