@@ -1,89 +1,83 @@
 """Files of every format that the commands read, damaged or made up."""
 
 import io
+import itertools
 import json
 import random
 import struct
-from pathlib import Path
+import warnings
+import zlib
 
 import numpy as np
 
+from tests.fuzz.cases import Place
 from tests.fuzz.commands import Command
 from tests.fuzz.mutations import junk_value, mutated, mutated_json, mutated_toml
 from tests.fuzz.options import command_of, disturbed
 from tests.fuzz.samples import COLS, DEMS, ROWS, heights, npy, npz
 
-NAME = "files"
-_REPLAY = ("--input", "replay:in/drive.jsonl", "--fast", "--output", "none")
+PLAN = "plan in/dem.npz --start 2,2 --goal 20,28"
+MAP = "run --map in/dem.npz --method corridor"
+_REPLAY = "--input replay:in/drive.jsonl --fast --output none"
+_QUICK = "--queries 1 --methods astar --repeats 1"
 _OF_DEM = (
-    ("costmap", "{f}", "-o", "out/cost.npz", "--json"),
-    ("costmap", "{f}", "-o", "out/cost.tif"),
-    ("plan", "{f}", "--start", "2,2", "--goal", "20,28", "--method", "astar", "-o", "out/plan", "--json"),
-    ("plan", "{f}", "--start", "2,2", "--goal", "20,28", "--method", "corridor", "--workload", "limit20"),
-    ("run", "--map", "{f}", *_REPLAY),
-    ("simulate", "--map", "{f}", "--size", "16", "--ticks", "3", "--method", "astar", "--json"),
-    ("evaluate", "--terrain", "{f}", "--sizes", "16", "--queries", "1", "--methods", "astar", "--repeats", "1"),
+    "costmap {f} -o out/cost.npz --json",
+    "costmap {f} -o out/cost.tif",
+    "plan {f} --start 2,2 --goal 20,28 --method astar -o out/plan --json",
+    "plan {f} --start 2,2 --goal 20,28 --method corridor --workload limit20",
+    f"run --map {{f}} {_REPLAY}",
+    "simulate --map {f} --size 16 --ticks 3 --method astar --json",
+    f"evaluate --terrain {{f}} --sizes 16 {_QUICK}",
 )
 _OF_DEM_SELDOM = (
-    ("dataset", "{f}", "-o", "out/set", "--maps", "1", "--size", "32", "--workers", "1", "--points", "2"),
-    ("profile", "--profile", "in/profile.toml", "--terrain", "{f}", "--sizes", "16"),
+    "dataset {f} -o out/set --maps 1 --size 32 --workers 1 --points 2",
+    "profile --profile in/profile.toml --terrain {f} --sizes 16",
 )
-MAP = ("run", "--map", "in/dem.npz", "--method", "corridor")
-_ONE_STEP = ("--steps", "1", "--input-size", "64", "--batch", "2", "--validate-every", "0")
-PLAN = ("plan", "in/dem.npz", "--start", "2,2", "--goal", "20,28")
+_TRAIN = "train in/set --steps 1 --input-size 64 --batch 2 --validate-every 0"
 
 
-def generate(rng: random.Random, samples: Path, heavy: bool = True) -> Command:
+def generate(rng: random.Random, place: Place) -> Command:
     """A command that reads one damaged file."""
     kinds = {_dem: 6.0, _cost_map: 2.0, _recording: 2.0, _stdin: 2.0, _profile: 1.0, _model_notes: 0.7}
-    if heavy:
+    if place.heavy:
         kinds |= {_report: 0.6, _data_set: 0.8, _checkpoint: 0.3}
-    make = rng.choices(list(kinds), list(kinds.values()))[0]
-    return disturbed(rng, make(rng, samples))
+    return disturbed(rng, rng.choices(list(kinds), list(kinds.values()))[0](rng, place))
 
 
-def _reading(words: tuple[str, ...], name: str, content: bytes, **more: object) -> Command:
+def _reading(words: str, name: str, content: bytes, patient: bool = False) -> Command:
     """The command with the file in the place of ``{f}``."""
-    return Command(tuple(word.format(f=name) for word in words), {name: content}, needs=("drive.jsonl",), **more)  # type: ignore[arg-type]
+    return Command(tuple(words.format(f=name).split()), {name: content}, ("drive.jsonl",), patient=patient)
 
 
-def _dem(rng: random.Random, samples: Path) -> Command:
-    name = rng.choice(DEMS)
-    kind = rng.random()
+def _dem(rng: random.Random, place: Place) -> Command:
+    name, kind = rng.choice(DEMS), rng.random()
     if kind < 0.5:
-        others = tuple((samples / other).read_bytes()[:5000] for other in DEMS)
-        content = mutated(rng, (samples / name).read_bytes(), others)
+        others = tuple(place.sample(other)[:5000] for other in DEMS)
+        content = mutated(rng, place.sample(name), others)
     elif kind < 0.6:
-        content = (samples / rng.choice((*DEMS, "cost.npz", "tiny.onnx", "drive.jsonl", "bomb.npz"))).read_bytes()
+        content = place.sample(rng.choice((*DEMS, "cost.npz", "tiny.onnx", "drive.jsonl", "bomb.npz")))
     elif kind < 0.8:
-        name, content = "dem.npz" if rng.random() < 0.7 else "dem.npy", b""
-        content = _odd_archive(rng) if name.endswith("z") else _odd_array(rng)
+        name = rng.choice(("dem.npz", "dem.npz", "dem.npy"))
+        content = _odd_archive(rng) if name == "dem.npz" else _odd_array(rng)
     else:
-        name, content = _odd_raster(rng)
-        content = content or (samples / name).read_bytes()
+        name, content = rng.choice((_odd_text, _odd_asc, _odd_png, _sparse, _odd_tif, _odd_tif))(rng, place)
     words = rng.choice(_OF_DEM if rng.random() < 0.95 else _OF_DEM_SELDOM)
-    known = {parameter.name for parameter in command_of(words[0]).params}
-    if rng.random() < 0.5 and "cell_size" in known:
-        words += ("--cell-size", "2")
-    if name.endswith("png") and "vertical_scale" in known:
-        words += ("--vertical-scale", "0.01")
+    known = {parameter.name for parameter in command_of(words.split()[0]).params}
+    words += " --cell-size 2" * ("cell_size" in known and rng.random() < 0.5)
+    words += " --vertical-scale 0.01" * ("vertical_scale" in known and name.endswith("png"))
     return _reading(words, f"in/{name}", content)
 
 
-def _cost_map(rng: random.Random, samples: Path) -> Command:
+def _cost_map(rng: random.Random, place: Place) -> Command:
     kind = rng.random()
-    if kind < 0.5:
-        content = mutated(rng, (samples / "cost.npz").read_bytes())
-    elif kind < 0.55:
-        content = (samples / "bomb-cost.npz").read_bytes()
-    else:
-        content = _odd_archive(rng, "cost")
-    return _reading(("run", "--map", "{f}", *_REPLAY), "in/cost.npz", content)
+    content = place.sample("bomb-cost.npz") if kind < 0.05 else _odd_archive(rng, "cost")
+    content = mutated(rng, place.sample("cost.npz")) if kind > 0.5 else content
+    return _reading(f"run --map {{f}} {_REPLAY}", "in/cost.npz", content)
 
 
 def _odd_array(rng: random.Random) -> bytes:
     """A .npy whose header is whole but odd, or says more than there is."""
-    shapes = (
+    shapes = [
         (ROWS, COLS),
         (0, 5),
         (5, 0),
@@ -94,39 +88,21 @@ def _odd_array(rng: random.Random) -> bytes:
         (10**9, 10**9),
         (-1, 5),
         (2**40,),
-        (10**5, 10**5),
-    )
-    shapes += ("x", None, [24, 32], (24.0, 32), (True, 2), (2**63, 1), (65536, 8192))
-    descrs = (
-        "<f4",
-        ">f4",
-        "<f8",
-        "<f2",
-        "<f16",
-        "|b1",
-        "|i1",
-        "|u1",
-        "<i8",
-        ">u2",
-        "<c8",
-        "|O",
-        "|S4",
-        "<U4",
-        "<M8[s]",
-    )
-    descrs += ([("a", "<f4")], [("a", "<f4"), ("b", "<f4", (2,))], "junk", None, 5, "|V0", "<m8")
-    known = heights(rng.randrange(100)).astype("<f4")
-    data = rng.choice((known.tobytes(), known.tobytes()[: rng.randrange(3000)], b"", known.tobytes() * 3))
-    if rng.random() < 0.3:
-        values = np.float32(rng.choice((0.0, np.nan, np.inf, -np.inf, 1e-45, 3e38, -3e38, 1e9, 9.9e8)))
-        data = np.where(np.random.default_rng(rng.getrandbits(32)).random((ROWS, COLS)) < 0.5, known, values)
-        return npy("<f4", (ROWS, COLS), data.astype("<f4").tobytes())
-    if rng.random() < 0.1:
+        (10**5,) * 2,
+    ]
+    shapes += ["x", None, [24, 32], (24.0, 32), (True, 2), (2**63, 1), (65536, 8192), *[(ROWS, COLS)] * 10]
+    descrs: list[object] = str.split("<f4 >f4 <f8 <f2 <f16 |b1 |i1 |u1 <i8 >u2 <c8 |O |S4 <U4 <M8[s] junk |V0 <m8")
+    descrs += [[("a", "<f4")], [("a", "<f4"), ("b", "<f4", (2,))], None, 5]
+    known, kind = heights(rng.randrange(100)).astype("<f4"), rng.random()
+    if kind < 0.3:
+        value = np.float32(rng.choice((0.0, np.nan, np.inf, -np.inf, 1e-45, 3e38, -3e38, 1e9, 9.9e8)))
+        known[np.random.default_rng(rng.getrandbits(32)).random(known.shape) < 0.5] = value
+        return npy("<f4", (ROWS, COLS), known.tobytes())
+    if kind < 0.37:
         header = rng.choice((b"(" * 9000, b"{" * 300, b"{'descr': " + b"-" * 9000 + b"1}", b"\xff" * 50, b"[]", b"1"))
         return b"\x93NUMPY\x02\x00" + struct.pack("<I", len(header)) + header
-    fortran = rng.choice((False, True, None, 1))
-    shape = (ROWS, COLS) if rng.random() < 0.4 else rng.choice(shapes)
-    return npy(rng.choice(descrs), shape, data, fortran)
+    data = rng.choice((known.tobytes(), known.tobytes()[: rng.randrange(3000)], b"", known.tobytes() * 3))
+    return npy(rng.choice(descrs), rng.choice(shapes), data, rng.choice((False, True, None, 1)))
 
 
 def _odd_archive(rng: random.Random, only: str = "") -> bytes:
@@ -134,216 +110,168 @@ def _odd_archive(rng: random.Random, only: str = "") -> bytes:
     grids = (only,) if only else ("elevation_m", "elevation", "dem", "z", "elevation_m", "cost")
     arrays = {f"{rng.choice(grids)}.npy": _odd_array(rng)}
     if rng.random() < 0.6:
-        good = np.clip(np.abs(heights(rng.randrange(9))), 0.0, 0.9) if only else heights(rng.randrange(9))
+        good = heights(rng.randrange(9))
+        good = np.clip(np.abs(good), 0.0, 0.9) if only else good
         arrays = {f"{grids[0]}.npy": npy("<f4", (ROWS, COLS), good.astype("<f4").tobytes())}
     for name in ("cell_size_m", "cell_m", "cell_width_m"):
+        value = rng.choice((2.0, 2.0, 0.0, -1.0, float("nan"), float("inf"), 1e-320, 1e300, -0.0, 1e-9, 5e-324))
+        kinds = (*(npy("<f8", shape, struct.pack("<d", value)) for shape in ((), (1,))), _odd_array(rng))
         if rng.random() < 0.6:
-            value = rng.choice((2.0, 2.0, 0.0, -1.0, float("nan"), float("inf"), 1e-320, 1e300, -0.0, 1e-9, 5e-324))
-            kinds = (
-                npy("<f8", (), struct.pack("<d", value)),
-                npy("<f8", (1,), struct.pack("<d", value)),
-                _odd_array(rng),
-            )
             arrays[f"{name}.npy"] = rng.choices(kinds, (4, 1, 1))[0]
     if rng.random() < 0.1:
         arrays[rng.choice(("cell_size_m.npy", "x.txt", "../x.npy", "cell_size_m", "cost.npy"))] = rng.randbytes(30)
-    content = npz(arrays)
-    return content if rng.random() < 0.8 else mutated(rng, content)
+    return npz(arrays) if rng.random() < 0.8 else mutated(rng, npz(arrays))
 
 
-def _odd_raster(rng: random.Random) -> tuple[str, bytes]:
-    """A raster that a writer could have made, or a text that makes GDAL do something else."""
-    kind = rng.randrange(6)
-    if kind == 0:
-        vrt = (
-            '<VRTDataset rasterXSize="32" rasterYSize="24"><VRTRasterBand dataType="Float32" band="1"><SimpleSource>'
-        )
-        place = rng.choice(
-            ("/vsicurl/http://127.0.0.1:9/x.tif", "/etc/passwd", "../in/dem.tif", "/vsistdin/", "dem.tif")
-        )
-        vrt += f"<SourceFilename>{place}</SourceFilename></SimpleSource></VRTRasterBand></VRTDataset>"
-        wms = "<GDAL_WMS><Service name='TMS'><ServerUrl>http://127.0.0.1:9/${z}</ServerUrl></Service></GDAL_WMS>"
-        return rng.choice(("dem.tif", "dem.vrt", "dem.asc", "dem.xyz")), rng.choice((vrt, wms)).encode()
-    if kind == 1:
-        words = {
-            "ncols": "32",
-            "nrows": "24",
-            "xllcorner": "0",
-            "yllcorner": "0",
-            "cellsize": "2",
-            "NODATA_value": "-9999",
-        }
-        key = rng.choice(list(words))
-        words[key] = rng.choice(("0", "-1", "nan", "inf", "1e9", "1000000000", "1e400", "x", "", "31", "2147483648"))
-        body = " ".join(f"{z:.2f}" for z in np.nan_to_num(heights(0, 24, 32)).ravel())
-        return "dem.asc", ("\n".join(f"{k} {v}" for k, v in words.items()) + "\n" + body).encode()
-    if kind == 2:
-        head = struct.pack(
-            ">IIBBBBB", rng.choice((32, 2**31 - 1, 65535, 0)), rng.choice((24, 2**31 - 1, 0)), 16, 0, 0, 0, 0
-        )
-        import zlib
+def _odd_text(rng: random.Random, place: Place) -> tuple[str, bytes]:
+    """A text that makes GDAL read something else."""
+    files = ("/vsicurl/http://127.0.0.1:9/x.tif", "/etc/passwd", "../in/dem.tif", "/vsistdin/", "dem.tif")
+    band = f"<SimpleSource><SourceFilename>{rng.choice(files)}</SourceFilename></SimpleSource>"
+    band = f'<VRTRasterBand dataType="Float32" band="1">{band}</VRTRasterBand>'
+    vrt = f'<VRTDataset rasterXSize="32" rasterYSize="24">{band}</VRTDataset>'
+    wms = "<GDAL_WMS><Service name='TMS'><ServerUrl>http://127.0.0.1:9/${z}</ServerUrl></Service></GDAL_WMS>"
+    return rng.choice(("dem.tif", "dem.vrt", "dem.asc", "dem.xyz")), rng.choice((vrt, wms)).encode()
 
-        def chunk(name: bytes, data: bytes) -> bytes:
-            return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
 
-        rows = zlib.compress(bytes(24 * 65))
-        return "dem.png", b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
-    if kind == 3:
-        return "sparse.tif", b""  # the sample of that name
+def _odd_asc(rng: random.Random, place: Place) -> tuple[str, bytes]:
+    words = {
+        "ncols": "32",
+        "nrows": "24",
+        "xllcorner": "0",
+        "yllcorner": "0",
+        "cellsize": "2",
+        "NODATA_value": "-9999",
+    }
+    words[rng.choice(list(words))] = rng.choice(str.split("0 -1 nan inf 1e9 1000000000 1e400 x 31 2147483648"))
+    body = " ".join(f"{z:.2f}" for z in np.nan_to_num(heights(0, 24, 32)).ravel())
+    return "dem.asc", ("\n".join(f"{k} {v}" for k, v in words.items()) + "\n" + body).encode()
+
+
+def _odd_png(rng: random.Random, place: Place) -> tuple[str, bytes]:
+    """A head that promises more, or less, than there is."""
+    size = rng.choice((32, 2**31 - 1, 65535, 0)), rng.choice((24, 2**31 - 1, 0))
+    chunks = [(b"IHDR", struct.pack(">IIBBBBB", *size, 16, 0, 0, 0, 0))]
+    chunks += [(b"IDAT", zlib.compress(bytes(24 * 65))), (b"IEND", b"")]
+    parts = (
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        for name, data in chunks
+    )
+    return "dem.png", b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+def _sparse(rng: random.Random, place: Place) -> tuple[str, bytes]:
+    return "sparse.tif", place.sample("sparse.tif")
+
+
+def _odd_tif(rng: random.Random, place: Place) -> tuple[str, bytes]:
+    """A raster that a writer could have made."""
     import rasterio
 
-    dtype = rng.choice(("float32", "float64", "int16", "uint8", "int32", "complex64", "float32", "int8"))
-    size = rng.choice((COLS, COLS, 1, 500))
     numbers = (2.0, 2.0, 0.0, -2.0, float("nan"), float("inf"), 1e-300, 1e300)
-    place = rasterio.Affine(
-        rng.choice(numbers), rng.choice((0, 0, 1.0)), 0, rng.choice((0, 0, 2.0)), rng.choice(numbers), 9
-    )
-    kind_of = {"driver": "GTiff", "dtype": dtype, "count": rng.choice((1, 1, 1, 2, 5)), "height": ROWS, "width": size}
-    kind_of |= {"transform": place, "nodata": rng.choice((None, 0, None))}
+    sides, turns = [rng.choice(numbers) for _ in range(2)], [rng.choice((0, 0, 1.0)) for _ in range(2)]
+    dtype = rng.choice(("float32", "float64", "int16", "uint8", "int32", "complex64", "float32", "int8"))
+    kind = {"driver": "GTiff", "dtype": dtype, "count": rng.choice((1, 1, 1, 2, 5)), "height": ROWS}
+    kind |= {"width": rng.choice((COLS, COLS, 1, 500)), "nodata": rng.choice((None, 0, None))}
+    kind["transform"] = rasterio.Affine(sides[0], turns[0], 0, turns[1], sides[1], 9)
     if rng.random() < 0.5:
-        kind_of["crs"] = rng.choice(("EPSG:4326", "EPSG:32633", "EPSG:3857", "EPSG:4978"))
-    values = np.nan_to_num(np.resize(heights(), (kind_of["count"], ROWS, size))).astype(dtype)
-    import warnings
-
+        kind["crs"] = rng.choice(("EPSG:4326", "EPSG:32633", "EPSG:3857", "EPSG:4978"))
+    values = np.nan_to_num(np.resize(heights(), (kind["count"], ROWS, kind["width"]))).astype(dtype)
     with warnings.catch_warnings(), rasterio.MemoryFile() as memory:
         warnings.simplefilter("ignore")
-        with memory.open(**kind_of) as dataset:
+        with memory.open(**kind) as dataset:
             dataset.write(values)
         return "dem.tif", bytes(memory.read())
 
 
-def _recording(rng: random.Random, samples: Path) -> Command:
-    lines = (samples / "drive.jsonl").read_bytes().splitlines()
-    for _ in range(rng.choice((1, 2, 4))):
-        at = rng.randrange(len(lines))
-        lines[at] = (
-            rng.choice((mutated_json, mutated))(rng, lines[at]) if _is_json(lines[at]) else mutated(rng, lines[at])
-        )
+def _recording(rng: random.Random, place: Place) -> Command:
+    lines = place.sample("drive.jsonl").splitlines()
+    for at in rng.sample(range(len(lines)), rng.choice((1, 2, 4))):
+        lines[at] = rng.choice((mutated_json, mutated))(rng, lines[at])
     content = b"\n".join(lines) + rng.choice((b"\n", b"\n", b""))
-    if rng.random() < 0.1:
-        content = mutated(rng, content)
-    if rng.random() < 0.02:
-        content += b" " * (64 << 20)
-    words = (*MAP, "--input", "replay:{f}", "--fast", "--output", rng.choice(("none", "stdout")))
-    words += rng.choice(
-        ((), (), ("--record", "out/again.jsonl"), ("--log", "out/drive.mcap"), ("--metrics-file", "out/m"))
-    )
+    content = mutated(rng, content) if rng.random() < 0.1 else content
+    content += b" " * (64 << 20) * (rng.random() < 0.02)
+    words = f"{MAP} --input replay:{{f}} --fast --output {rng.choice(('none', 'stdout'))} "
+    words += rng.choice(("", "", "--record out/again.jsonl", "--log out/drive.mcap", "--metrics-file out/m"))
     return _reading(words, "in/played.jsonl", content)
 
 
-def _stdin(rng: random.Random, samples: Path) -> Command:
+def _stdin(rng: random.Random, place: Place) -> Command:
     from nnpp_edge.robot.transports.framing import framed
 
-    lines = (samples / "messages.jsonl").read_bytes().splitlines()
-    framing = rng.choice(("lines", "lines", "length"))
-    parts = []
-    for _ in range(rng.randrange(12)):
-        line = rng.choice(lines)
-        line = rng.choice((lambda r, x: x, mutated_json, mutated))(rng, line)
-        parts.append(framed(line, framing))
-    content = b"".join(parts)
+    lines, framing = place.sample("messages.jsonl").splitlines(), rng.choice(("lines", "lines", "length"))
+    changes = (lambda rng, line: line, mutated_json, mutated)
+    content = b"".join(framed(rng.choice(changes)(rng, rng.choice(lines)), framing) for _ in range(rng.randrange(12)))
     content = mutated(rng, content) if rng.random() < 0.3 else content
-    words = (
-        *MAP,
-        "--framing",
-        framing,
-        "--rate",
-        "200",
-        *rng.choice(((), ("--log", "out/x.mcap"), ("--record", "out/r"))),
-    )
-    return Command(words, stdin=content, streams=("pipe", "pipe", "pipe"))
+    words = f"{MAP} --framing {framing} --rate 200 " + rng.choice(("", "", "--log out/x.mcap --record out/r"))
+    return Command(tuple(words.split()), stdin=content, streams=("pipe", "pipe", "pipe"))
 
 
-def _profile(rng: random.Random, samples: Path) -> Command:
-    content = mutated_toml(rng, (samples / "profile.toml").read_bytes())
-    of_run = ("run", "--map", "in/dem.npz", "--profile", "{f}", *_REPLAY)
-    words = of_run if rng.random() < 0.8 else ("profile", "--profile", "{f}")
-    return _reading(words, "in/own.toml", content, patient=words[0] == "profile")
+def _profile(rng: random.Random, place: Place) -> Command:
+    content, measures = mutated_toml(rng, place.sample("profile.toml")), rng.random() < 0.2
+    words = "profile --profile {f}" if measures else f"run --map in/dem.npz --profile {{f}} {_REPLAY}"
+    return _reading(words, "in/own.toml", content, patient=measures)
 
 
-def _model_notes(rng: random.Random, samples: Path) -> Command:
-    model = (samples / "tiny.onnx").read_bytes()
-    figures, card = (samples / "tiny.json").read_bytes(), (samples / "tiny.md").read_bytes()
-    figures = mutated_json(rng, figures) if rng.random() < 0.8 else mutated(rng, figures)
-    card = mutated(rng, card) if rng.random() < 0.3 else card
-    words = rng.choice(
-        (("models", "in/own.onnx"), ("models", "in/own.onnx", "--json"), (*PLAN, "--model", "in/own.onnx"))
-    )
-    return Command(words, {"in/own.onnx": model, "in/own.json": figures, "in/own.md": card})
+def _model_notes(rng: random.Random, place: Place) -> Command:
+    files = {"in/own.onnx": place.sample("tiny.onnx"), "in/own.md": place.sample("tiny.md")}
+    files["in/own.json"] = rng.choice((mutated_json,) * 4 + (mutated,))(rng, place.sample("tiny.json"))
+    if rng.random() < 0.3:
+        files["in/own.md"] = mutated(rng, files["in/own.md"])
+    words = rng.choice(("models in/own.onnx", "models in/own.onnx --json", f"{PLAN} --model in/own.onnx"))
+    return Command(tuple(words.split()), files)
 
 
-def _report(rng: random.Random, samples: Path) -> Command:
-    content = (samples / "report.json").read_bytes()
-    content = mutated_json(rng, content) if rng.random() < 0.8 else mutated(rng, content)
-    files = ["in/own.json", "in/report.json"]
-    rng.shuffle(files)
-    return Command(("profile", "compare", *files), {"in/own.json": content})
+def _report(rng: random.Random, place: Place) -> Command:
+    content = rng.choice((mutated_json,) * 4 + (mutated,))(rng, place.sample("report.json"))
+    names = rng.choice(list(itertools.permutations(("in/own.json", "in/report.json"))))
+    return Command(("profile", "compare", *names), {"in/own.json": content})
 
 
-def _data_set(rng: random.Random, samples: Path) -> Command:
-    size = rng.choice(("set32", "set"))
-    shard = next((samples / size).glob("shard-*.npz")).name
-    name = rng.choice(("dataset.json", "dataset.json", shard))
-    content = (samples / size / name).read_bytes()
-    if name == "dataset.json":
-        content = mutated_json(rng, content) if rng.random() < 0.7 else mutated(rng, content)
-    elif rng.random() < 0.5:
-        with np.load(io.BytesIO(content)) as shards:
-            arrays = dict(shards)
-        key = rng.choice(list(arrays))
-        changes = (
-            lambda a: a[:0],
-            lambda a: a[:1],
-            lambda a: a.astype(np.float64) if a.dtype.kind in "iuf" else a[::-1],
-            lambda a: a.ravel(),
-            lambda a: a[None],
-        )
-        changes += (lambda a: np.full_like(a, 255) if a.dtype.kind in "iuf" else a, lambda a: np.array(5))
-        arrays[key] = rng.choice(changes)(arrays[key])
-        if rng.random() < 0.15:
-            del arrays[key]
-        made = io.BytesIO()
-        np.savez(made, **arrays)
-        content = made.getvalue()
-    else:
+def _data_set(rng: random.Random, place: Place) -> Command:
+    assert place.samples is not None
+    name = rng.choice(("set32", "set"))
+    shard = next((place.samples / name).glob("shard-*.npz")).name
+    file = rng.choice(("dataset.json", "dataset.json", shard))
+    content = place.sample(f"{name}/{file}")
+    if file == "dataset.json" and rng.random() < 0.7:
+        content = mutated_json(rng, content)
+    elif file == "dataset.json" or rng.random() < 0.5:
         content = mutated(rng, content)
+    else:
+        content = _odd_shard(rng, content)
     words = rng.choice(
         (
-            ("evaluate", "--dataset", f"in/{size}", "--queries", "1", "--methods", "astar", "--repeats", "1"),
-            (
-                "dataset",
-                "-o",
-                f"in/{size}",
-                "--maps",
-                "2",
-                "--size",
-                size[3:] or "64",
-                "--points",
-                "2",
-                "--workers",
-                "1",
-            ),
-            ("train", "in/set", "--validation", f"in/{size}", "-o", "out/run", *_ONE_STEP),
+            f"evaluate --dataset in/{name} {_QUICK}",
+            f"dataset -o in/{name} --maps 2 --size {name[3:] or '64'} --points 2 --workers 1",
+            f"{_TRAIN} --validation in/{name} -o out/run",
         )
     )
-    return Command(words, {f"in/{size}/{name}": content}, needs=("set", size))
+    return Command(tuple(words.split()), {f"in/{name}/{file}": content}, needs=("set", name))
 
 
-def _checkpoint(rng: random.Random, samples: Path) -> Command:
-    content = mutated(rng, (samples / "trained" / "checkpoint.pt").read_bytes())
-    train = ("train", "in/set", "--validation", "in/set", *_ONE_STEP)
-    if rng.random() < 0.4:
+def _odd_shard(rng: random.Random, content: bytes) -> bytes:
+    """A shard one of whose arrays is cut, of another type or shape, or missing."""
+    with np.load(io.BytesIO(content)) as shards:
+        arrays = dict(shards)
+    key = rng.choice(list(arrays))
+    array = arrays.pop(key)
+    numbers = array.dtype.kind in "iuf"
+    odd = [array[:0], array[:1], array.ravel(), array[None], np.array(5)]
+    odd += [array.astype(np.float64), np.full_like(array, 255)] if numbers else [array[::-1]]
+    if rng.random() < 0.85:
+        arrays[key] = rng.choice(odd)
+    made = io.BytesIO()
+    np.savez(made, **arrays)
+    return made.getvalue()
+
+
+def _checkpoint(rng: random.Random, place: Place) -> Command:
+    content, kind = mutated(rng, place.sample("trained/checkpoint.pt")), rng.random()
+    train = f"{_TRAIN} --validation in/set"
+    if kind < 0.4:
         return Command(("export", "in/own.pt", "-o", "out/net.onnx"), {"in/own.pt": content})
-    if rng.random() < 0.5:
-        return Command((*train, "-o", "out/run", "--begin-with", "in/own.pt"), {"in/own.pt": content})
+    if kind < 0.7:
+        return Command(tuple(f"{train} -o out/run --begin-with in/own.pt".split()), {"in/own.pt": content})
     history = json.dumps([{"step": junk_value(rng)}]).encode()
     files = {"in/trained/checkpoint.pt": content, "in/trained/history.json": history}
-    return Command((*train, "-o", "in/trained"), files, needs=("trained",))
-
-
-def _is_json(line: bytes) -> bool:
-    try:
-        json.loads(line)
-    except (ValueError, RecursionError):
-        return False
-    return True
+    return Command(tuple(f"{train} -o in/trained".split()), files, needs=("trained",))

@@ -2,17 +2,14 @@
 
 import random
 import time
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from nnpp_edge.runtime import DynamicPlanner, Plan, Planner, Status, Vehicle
+from nnpp_edge.runtime import DynamicPlanner, Planner, Status, Vehicle
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
 from nnpp_edge.terrain.synthetic import fractal
-from tests.fuzz.commands import Problem
+from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 
-NAME = "limits"
 SIDES = (256, 256, 512, 512, 1024, 1024, 2048, 4096)
 LATE_S, LATE_SHARE = 5e-3, 0.1
 """An answer may be so late, or so much of the limit, whichever is more."""
@@ -24,72 +21,58 @@ VEHICLES = {
     "body": Vehicle(length_m=3.0, width_m=2.4, clearance_m=0.6),
     "large body": Vehicle(length_m=8.0, width_m=5.0, clearance_m=1.5),
 }
-STEP_COSTS = ("paper", "paper", "paper", "tobler")
-SHARED: dict[str, object] = {}
+_WARM: set[str] = set()
 
 
-@dataclass(frozen=True)
-class Case:
-    """A map, who drives on it, and how much time there is for each of some queries."""
+def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 4096) -> Case:
+    """A map, who drives on it, and how much time there is for each of some queries.
 
-    side: int
-    seed: int
-    rough: float
-    vehicle: str
-    costs: bool
-    """Whether the map is of costs, not of elevations."""
-    step_cost: str
-    method: Method | DynamicMethod
-    ends: tuple[tuple[float, float], tuple[float, float]]
-    """Shares of the map's side."""
-    limits_ms: tuple[float, ...]
-    patch: int
-    """Side of the rectangle that changes before each query but the first; 0 for none."""
-
-
-def generate(rng: random.Random, most_side: int = 4096) -> Case:
-    """A case; large maps without what would not fit into the memory that a case has."""
+    Large maps come without what would not fit into the memory that a case has.
+    """
     side = rng.choice([each for each in SIDES if each <= most_side])
     vehicle = rng.choice(list(VEHICLES)) if side <= 1024 else rng.choice(("point", "disc"))
     costs = side > 2048 or (vehicle in ("point", "disc") and rng.random() < 0.5)
-    methods = [*Method, *DynamicMethod] if side <= 1024 else [*Method]
-    ends = (rng.uniform(0.02, 0.3), rng.random()), (rng.uniform(0.7, 0.98), rng.random())
+    step_cost = rng.choice(("paper", "paper", "paper", "tobler"))
+    cells = 4 + np.array(((rng.uniform(0.02, 0.3), rng.random()), (rng.uniform(0.7, 0.98), rng.random()))) * (
+        side - 8
+    )
     return Case(
-        side,
-        rng.getrandbits(16),
-        rng.choice((0.2, 0.5, 1.0)),
-        vehicle,
-        costs,
-        "paper" if costs or side > 1024 else rng.choice(STEP_COSTS),
-        rng.choice(methods),
-        ends,
-        tuple(rng.choice((1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)) for _ in range(rng.choice((1, 2, 4)))),
-        rng.choice((0, 0, 3, 40, side // 2)),
+        side=side,
+        seed=rng.getrandbits(16),
+        rough=rng.choice((0.2, 0.5, 1.0)),
+        vehicle=vehicle,
+        costs=costs,
+        step_cost="paper" if costs or side > 1024 else step_cost,
+        method=rng.choice([*Method, *DynamicMethod] if side <= 1024 else [*Method]),
+        ends=[tuple(cell) for cell in cells.astype(int).tolist()],
+        limits_ms=[rng.choice((1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)) for _ in range(rng.choice((1, 2, 4)))],
+        patch=rng.choice((0, 0, 3, 40, side // 2)),
     )
 
 
-def check(case: Case, samples: Path | None = None) -> Problem | None:
+def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     """Do it until no answer was late, a few times at the most; what was late in every try is a finding."""
-    _warm(case)
+    name = f"{case.method} {case.vehicle} {case.costs} {case.step_cost}"
+    if name not in _WARM:  # load what a process loads once: the network, and the kernels for such a case
+        _WARM.add(name)
+        ends = [(20, 20), (230, 230)]
+        _late(case.but(side=256, ends=ends, limits_ms=(60_000.0, 60_000.0), patch=3))
+    late = None
     for _ in range(TRIES):
-        late = _late(case)
-        if late is None:
+        if (late := _late(case)) is None:
             return None
     return Problem("late answer", f"{late}\n{case}")
 
 
 def _late(case: Case) -> str | None:
-    """Of what answer came late, and how."""
+    """Which answer came late, and how, or says what cannot be."""
     heights = _heights(case)
-    planner, dynamic = _planner(case, heights), isinstance(case.method, DynamicMethod)
-    start, goal = _ends(case)
-    if dynamic:
-        planner.move(start)
+    planner, (start, goal) = _planner(case, heights), case.ends
     for number, limit_ms in enumerate(case.limits_ms):
         if number and case.patch:
             _change(case, planner, heights, number)
         began, used = time.perf_counter(), time.process_time()
-        if dynamic:
+        if isinstance(planner, DynamicPlanner):
             plan = planner.replan(time_limit_s=1e-3 * limit_ms)
         else:
             plan = planner.plan(start, goal, method=case.method, time_limit_s=1e-3 * limit_ms)
@@ -97,15 +80,8 @@ def _late(case: Case) -> str | None:
         took = min(time.perf_counter() - began, time.process_time() - used)
         if took - 1e-3 * limit_ms > max(LATE_S, LATE_SHARE * 1e-3 * limit_ms):
             return f"query {number} of {limit_ms} ms took {1e3 * took:.1f} ms: {plan.status} {plan.timings_ms}"
-        if problem := _wrong(plan):
-            return problem
-    return None
-
-
-def _wrong(plan: Plan) -> str | None:
-    """What a plan says that cannot be."""
-    if plan.ok == bool(plan.reason) or (plan.status is Status.TIMEOUT and plan.ok):
-        return f"{plan.status} with the reason {plan.reason!r}"
+        if plan.ok == bool(plan.reason) or (plan.status is Status.TIMEOUT and plan.ok):
+            return f"{plan.status} with the reason {plan.reason!r}"
     return None
 
 
@@ -117,21 +93,20 @@ def _heights(case: Case) -> np.ndarray:
 
 def _planner(case: Case, heights: np.ndarray) -> Planner | DynamicPlanner:
     vehicle, dynamic = VEHICLES[case.vehicle], isinstance(case.method, DynamicMethod)
-    given = {"vehicle": vehicle}
+    start, goal = case.ends
+    planner: Planner | DynamicPlanner
     if case.costs:
         cost = np.clip(np.abs(heights) / np.abs(heights).max() * 1.2, 0.0, 1.0)
-        sized = given | {"cell_size_m": None if vehicle is None else 1.0}
-        return DynamicPlanner(cost, _ends(case)[1], case.method, **sized) if dynamic else Planner(cost, **sized)
-    given |= {"step_cost": case.step_cost}
-    if dynamic:
-        return DynamicPlanner.of_elevation(heights, 1.0, _ends(case)[1], method=case.method, **given)
-    return Planner.of_elevation(heights, 1.0, warn=False, **given)
-
-
-def _ends(case: Case) -> tuple[tuple[int, int], tuple[int, int]]:
-    (a, b), (c, d) = case.ends
-    most = case.side - 8
-    return (4 + int(a * most), 4 + int(b * most)), (4 + int(c * most), 4 + int(d * most))
+        sized = {"vehicle": vehicle, "cell_size_m": None if vehicle is None else 1.0}
+        planner = DynamicPlanner(cost, goal, case.method, **sized) if dynamic else Planner(cost, **sized)
+    elif dynamic:
+        robot = {"vehicle": vehicle, "step_cost": case.step_cost}
+        planner = DynamicPlanner.of_elevation(heights, 1.0, goal, method=case.method, **robot)
+    else:
+        planner = Planner.of_elevation(heights, 1.0, warn=False, vehicle=vehicle, step_cost=case.step_cost)
+    if isinstance(planner, DynamicPlanner):
+        planner.move(start)
+    return planner
 
 
 def _change(case: Case, planner: Planner | DynamicPlanner, heights: np.ndarray, number: int) -> None:
@@ -141,11 +116,3 @@ def _change(case: Case, planner: Planner | DynamicPlanner, heights: np.ndarray, 
         planner.update(at, at, np.full(part.shape, 0.3 + 0.1 * number, np.float32))
     else:
         planner.update_elevation(at, at, part)
-
-
-def _warm(case: Case) -> None:
-    """Load what a process loads once: the network, and the kernels for such a case."""
-    name = f"{case.method} {case.vehicle} {case.costs} {case.step_cost}"
-    if name not in SHARED:
-        small = Case(**(vars(case) | {"side": 256, "limits_ms": (60_000.0, 60_000.0), "patch": 3}))
-        SHARED[name] = _late(small)

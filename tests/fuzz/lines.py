@@ -2,8 +2,6 @@
 
 import math
 import random
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -11,44 +9,17 @@ from nnpp_edge.runtime import Ground, Planner, Vehicle
 from nnpp_edge.runtime.map.turns import curvatures
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.refine import BodyLines
-from tests.fuzz.commands import Problem
+from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 
-NAME = "lines"
 SAMPLES = 16
-"""Places a cell's length at which a line is looked at."""
+"""Places a cell's length at which a line is checked."""
 
 
-@dataclass(frozen=True)
-class Case:
-    """A map, a vehicle, and the ends of a line."""
-
-    kind: str
-    cost: np.ndarray
-    heights: np.ndarray
-    sides: tuple[float, float]
-    vehicle: Vehicle | None
-    turning_m: float | None
-    ends: tuple[tuple[int, int], ...]
-
-    def __repr__(self) -> str:
-        """Without the arrays, which the seed decides."""
-        facts = {name: value for name, value in vars(self).items() if name not in ("cost", "heights")}
-        return f"{facts} {self.cost.shape}"
-
-    def planner(self) -> Planner:
-        """Of heights for a body, else of costs."""
-        size, width = self.sides
-        if self.kind == "body":
-            return Planner.of_elevation(self.heights, size, cell_width_m=width, vehicle=self.vehicle, warn=False)
-        return Planner.on(Ground(self.cost, cell_size_m=size, cell_width_m=width, vehicle=self.vehicle))
-
-
-def generate(rng: random.Random) -> Case:
-    """A case of a map of 20 to 60 cells a side, with obstacles or rocks."""
+def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
+    """A map of 20 to 60 cells a side, with obstacles or rocks, a vehicle, and ends of lines."""
     numbers, kind = np.random.default_rng(rng.getrandbits(32)), rng.choice(("point", "disc", "disc", "body"))
     rows, cols = numbers.integers(20, 60, 2).tolist()
     size = rng.choice((0.5, 1.0))
-    sides = rng.choice(((size, size), (size, size), (size, 0.8 * size)))
     cost = numbers.random((rows, cols)).astype(np.float32) * rng.choice((0.9, 0.2))
     heights = 0.02 * np.cumsum(numbers.normal(size=(rows, cols)), axis=1)
     for _ in range(rng.randrange(2, 16)):
@@ -56,20 +27,30 @@ def generate(rng: random.Random) -> Case:
         high, wide = numbers.integers(1, 4, 2).tolist()
         cost[row : row + high, col : col + wide] = np.inf
         heights[row : row + high, col : col + wide] += size * rng.uniform(0.1, 0.6)
-    vehicle = None
-    if kind == "disc":
-        vehicle = Vehicle(radius_m=size * rng.uniform(0.3, 2.2))
-    if kind == "body":
-        length = size * rng.uniform(1.5, 4.0)
-        vehicle = Vehicle(length, length * rng.uniform(0.5, 1.0), size * rng.uniform(0.15, 0.5), max_tilt_deg=25.0)
-    turning = size * rng.uniform(1.0, 12.0) if kind != "point" and rng.random() < 0.4 else None
-    ends = tuple((int(row), int(col)) for row, col in numbers.integers(3, (rows - 3, cols - 3), (16, 2)))
-    return Case(kind, cost, heights.astype(np.float32), sides, vehicle, turning, ends)
+    length = size * rng.uniform(1.5, 4.0)
+    vehicle = {
+        "point": None,
+        "disc": Vehicle(radius_m=size * rng.uniform(0.3, 2.2)),
+        "body": Vehicle(length, length * rng.uniform(0.5, 1.0), size * rng.uniform(0.15, 0.5), max_tilt_deg=25.0),
+    }[kind]
+    return Case(
+        kind=kind,
+        cost=cost,
+        heights=heights.astype(np.float32),
+        sides=rng.choice(((size, size), (size, size), (size, 0.8 * size))),
+        vehicle=vehicle,
+        turning_m=size * rng.uniform(1.0, 12.0) if vehicle and rng.random() < 0.4 else None,
+        ends=[(int(row), int(col)) for row, col in numbers.integers(3, (rows - 3, cols - 3), (16, 2))],
+    )
 
 
-def check(case: Case) -> Problem | None:
+def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     """What is wrong with the lines between the ends of a case."""
-    planner = case.planner()
+    sides = {"cell_size_m": case.sides[0], "cell_width_m": case.sides[1], "vehicle": case.vehicle}
+    if case.kind == "body":
+        planner = Planner.of_elevation(case.heights, **sides, warn=False)
+    else:
+        planner = Planner.on(Ground(case.cost, **sides))
     for start, goal in zip(case.ends[::2], case.ends[1::2], strict=True):
         plan = planner.plan(start, goal, refine="any-angle", turning_radius_m=case.turning_m)
         if not plan.ok or plan.waypoints is None or len(plan.waypoints) < 2:
@@ -79,16 +60,16 @@ def check(case: Case) -> Problem | None:
     return None
 
 
-def dense(points: np.ndarray, per_cell: float = SAMPLES) -> np.ndarray:
+def _dense(points: np.ndarray) -> np.ndarray:
     """Places along way points."""
     legs = []
     for begin, end in zip(points[:-1], points[1:], strict=True):
-        count = max(int(per_cell * math.hypot(*(end - begin))), 1)
+        count = max(int(SAMPLES * math.hypot(*(end - begin))), 1)
         legs.append(begin + (np.arange(count) / count)[:, None] * (end - begin))
     return np.concatenate([*legs, points[-1:]])
 
 
-def distance_m(places: np.ndarray, blocked: np.ndarray, sides: tuple[float, float]) -> float:
+def _distance_m(places: np.ndarray, blocked: np.ndarray, sides: tuple[float, float]) -> float:
     """From the nearest of places to a blocked cell's square, or to what lies off the map."""
     rows, cols = np.nonzero(np.pad(blocked, 1, constant_values=True))
     down = np.maximum(np.abs(places[:, :1] - (rows - 1)) - 0.5, 0.0) * sides[0]
@@ -97,7 +78,7 @@ def distance_m(places: np.ndarray, blocked: np.ndarray, sides: tuple[float, floa
 
 
 def _turns(plan: Plan, case: Case) -> str:
-    if case.turning_m is None or plan.waypoints is None:
+    if case.turning_m is None:
         return ""
     sharpest = float(curvatures(plan.waypoints * case.sides).max(initial=0.0))
     return f"turns sharper than {case.turning_m}" if sharpest * case.turning_m > 1.0 + 1e-6 else ""
@@ -124,28 +105,26 @@ def _of_point(plan: Plan, case: Case, planner: Planner) -> str:
 
 
 def _of_disc(plan: Plan, case: Case, planner: Planner) -> str:
-    assert case.vehicle is not None and case.vehicle.radius_m is not None
-    near = distance_m(dense(plan.waypoints), ~(case.cost < 1.0), case.sides)  # type: ignore[arg-type]
-    return f"a disc of {case.vehicle.radius_m} comes within {near}" if near < case.vehicle.radius_m * 0.99999 else ""
+    radius, near = case.vehicle.radius_m, _distance_m(_dense(plan.waypoints), ~(case.cost < 1.0), case.sides)
+    return f"a disc of {radius} comes within {near}" if near < radius * 0.99999 else ""
 
 
 def _of_body(plan: Plan, case: Case, planner: Planner) -> str:
-    """How it stands at the places that are told of."""
-    assert plan.along is not None and case.vehicle is not None
+    """How it stands at the places that are told of, which lie along the line."""
+    assert plan.along is not None
     stands = BodyLines(planner.state.grid).attitudes(plan.along.points)
-    pitch, roll, tilt = case.vehicle.tilts_deg
-    limits: dict[str, Any] = {"clear": stands.clearance_m >= -1e-5, "tilted": stands.tilt_deg <= tilt + 1e-3}
-    limits |= {"pitched": np.abs(stands.pitch_deg) <= pitch + 1e-3, "rolled": np.abs(stands.roll_deg) <= roll + 1e-3}
-    failed = [name for name, holds in limits.items() if not holds.all()]
-    missed = distance_to(plan.along.points, plan.waypoints) if plan.waypoints is not None else 0.0
-    if missed > 1e-6:
-        return f"a way point lies {missed} from all places that are told of"
-    return f"not {failed[0]} where it is told of" if failed else ""
-
-
-def distance_to(places: np.ndarray, points: np.ndarray) -> float:
-    """From the farthest of points to the nearest place, cells."""
-    return float(np.hypot(*(points[:, None] - places[None]).transpose(2, 0, 1)).min(1).max())
+    pitch, roll, tilt = (limit + 1e-3 for limit in case.vehicle.tilts_deg)
+    limits = {
+        "clear": stands.clearance_m >= -1e-5,
+        "tilted": stands.tilt_deg <= tilt,
+        "pitched": np.abs(stands.pitch_deg) <= pitch,
+        "rolled": np.abs(stands.roll_deg) <= roll,
+    }
+    if failed := [name for name, holds in limits.items() if not holds.all()]:
+        return f"not {failed[0]} where it is told of"
+    apart = (plan.waypoints[:, None] - plan.along.points[None]).transpose(2, 0, 1)
+    missed = float(np.hypot(*apart).min(1).max())
+    return f"a way point lies {missed} from all places that are told of" if missed > 1e-6 else ""
 
 
 _OF_KIND = {"point": _of_point, "disc": _of_disc, "body": _of_body}

@@ -4,62 +4,22 @@ import json
 import random
 import re
 from collections.abc import Callable
+from typing import Any
 
 NUMBERS = (
-    *("0", "-0.0", "1", "-1", "2", "7", "0.5", "1e-45", "1e-320", "1e-30", "1e38", "3.5e38", "1e308", "1e999"),
-    *("nan", "-nan", "inf", "-inf", "NaN", "Infinity", "2147483647", "2147483648", "4294967296", "9" * 19, "9" * 40),
-    *("-9223372036854775809", "1_000", "1e3", "0x10", "١٢", "1,5", "", " ", "+", "--", "1/0"),
+    *str.split("0 -0.0 1 -1 2 7 0.5 1e-45 1e-320 1e-30 1e38 3.5e38 1e308 1e999 nan -nan inf -inf NaN Infinity 1e3"),
+    *str.split("2147483647 2147483648 4294967296 -9223372036854775809 1_000 0x10 ١٢ 1,5 + -- 1/0"),
+    *("9" * 19, "9" * 40, "", " "),
 )
 WORDS = (
-    *(
-        "",
-        " ",
-        ".",
-        "..",
-        "-",
-        "--",
-        "auto",
-        "astar",
-        "dstar",
-        "corridor",
-        "nnpp",
-        "soft",
-        "limit20",
-        "limit",
-        "limit0",
-    ),
-    *("limitnan", "limit1e400", "limit-5", "edge", "nope", "none", "zenoh", "zenoh:nowhere", "replay:", "stdout:x"),
-    *(
-        "\n",
-        "a\nb",
-        "\x1b[31m",
-        "é" * 300,
-        "x" * 256,
-        "x" * 5000,
-        "\udcff\udcfe",
-        "%s%n",
-        "{0}",
-        "[bold]",
-        "📍",
-        "1,2,3",
-    ),
-    *("tcp/256.1.1.1:1", "NAME/../..", "*", "?", "'", '"', "\\", "a/b", "/", "null", "[]", "{}", "true"),
+    *str.split(". .. - -- auto astar dstar corridor nnpp soft limit20 limit limit0 limitnan limit1e400 limit-5"),
+    *str.split("edge nope none zenoh:nowhere replay: stdout:x tcp/256.1.1.1:1 A/../.. * ? ' a/b / null [] {} true"),
+    *("", " ", '"', "\\", "\n", "a\nb", "\x1b[31m", "é" * 300, "x" * 256, "x" * 5000, "\udcff\udcfe", "%s%n"),
+    *("{0}", "[bold]", "📍", "1,2,3"),
 )
-PAIRS = (
-    "1,2",
-    "0,0",
-    "-1,-1",
-    "1",
-    "1,2,3",
-    ",",
-    "1,",
-    "1.5,2",
-    "nan,nan",
-    "inf,inf",
-    "1e308,1e308",
-    "9" * 20 + ",0",
-)
-SIZES = ("16", "2", "1", "0", "-5", "16x16", "2x40", "1x1", "x", "16x", "16,16", "9" * 12, "9" * 30, "16x16x16", "")
+PAIRS = (*str.split("1,2 0,0 -1,-1 1 1,2,3 , 1, 1.5,2 nan,nan inf,inf 1e308,1e308"), "9" * 20 + ",0")
+SIZES = (*str.split("16 2 1 0 -5 16x16 2x40 1x1 x 16x 16,16 16x16x16"), "9" * 12, "9" * 30, "")
+_MOST_REPEATED = 1 << 24
 
 
 def junk_bytes(rng: random.Random, most: int = 200) -> bytes:
@@ -77,16 +37,16 @@ def mutated(rng: random.Random, content: bytes, others: tuple[bytes, ...] = ()) 
     return content
 
 
-def _truncate(rng: random.Random, content: bytes) -> bytes:
-    return content[: rng.randrange(len(content) + 1)]
+def _two_places(rng: random.Random, content: bytes) -> tuple[int, int]:
+    one, other = sorted(rng.randrange(len(content) + 1) for _ in range(2))
+    return one, other
 
 
 def _flip_bits(rng: random.Random, content: bytes) -> bytes:
     found = bytearray(content)
     near = len(found) if rng.random() < 0.5 else min(len(found), 256)
-    for _ in range(rng.choice((1, 1, 2, 8, 64))):
-        if near:
-            found[rng.randrange(near)] ^= 1 << rng.randrange(8)
+    for _ in range(rng.choice((1, 1, 2, 8, 64)) if near else 0):
+        found[rng.randrange(near)] ^= 1 << rng.randrange(8)
     return bytes(found)
 
 
@@ -102,15 +62,12 @@ def _insert(rng: random.Random, content: bytes) -> bytes:
 
 
 def _cut_out(rng: random.Random, content: bytes) -> bytes:
-    one, other = sorted(rng.randrange(len(content) + 1) for _ in range(2))
+    one, other = _two_places(rng, content)
     return content[:one] + content[other:]
 
 
-_MOST_REPEATED = 1 << 24
-
-
 def _repeat(rng: random.Random, content: bytes) -> bytes:
-    one, other = sorted(rng.randrange(len(content) + 1) for _ in range(2))
+    one, other = _two_places(rng, content)
     times = min(rng.choice((1, 2, 50)), _MOST_REPEATED // (other - one + 1) + 1)
     return content[:other] + content[one:other] * times + content[other:]
 
@@ -123,13 +80,12 @@ def _other_number(rng: random.Random, content: bytes) -> bytes:
     return content[: one.start()] + rng.choice(NUMBERS).encode() + content[one.end() :]
 
 
-def _empty(rng: random.Random, content: bytes) -> bytes:
-    return b"" if rng.random() < 0.3 else content[:1]
+def _shorten(rng: random.Random, content: bytes) -> bytes:
+    return content[: rng.choice((0, 1, *[rng.randrange(len(content) + 1)] * 4))]
 
 
 _BYTE_MUTATIONS: tuple[Callable[[random.Random, bytes], bytes], ...] = (
-    *(_truncate, _flip_bits, _flip_bits, _overwrite, _insert, _cut_out, _repeat, _other_number, _other_number),
-    _empty,
+    *(_flip_bits, _flip_bits, _overwrite, _insert, _cut_out, _repeat, _other_number, _other_number, _shorten),
 )
 
 
@@ -144,23 +100,22 @@ def mutated_json(rng: random.Random, content: bytes) -> bytes:
     if rng.random() < 0.05:
         deep = rng.choice((100, 5000, 200_000))
         text = rng.choice(("[", '{"a":')) * deep + rng.choice(("", "]" * deep))
-    found = text.encode()
-    return found if rng.random() < 0.9 else mutated(rng, found)
+    return text.encode() if rng.random() < 0.9 else mutated(rng, text.encode())
 
 
-def junk_value(rng: random.Random) -> object:
+def junk_value(rng: random.Random) -> Any:
     """A value of any type."""
-    values = (None, True, False, 0, -1, 1, 2**31, 2**64, -(2**63) - 1, 10**30, 1.5, -0.0, 1e300, float("nan"))
-    values += (float("inf"), "", "x", "é\u0000", "\ud800", "1", "../../x", "x" * 400, [], {}, [[]], [None], {"a": []})
-    values += ([1, 2, 3], ["a"], {"": None}, [[1, [2]]], list(range(100)), "9" * 400)
+    values: tuple[Any, ...] = (None, True, False, 0, -1, 1, 2**31, 2**64, -(2**63) - 1, 10**30, 1.5, -0.0, 1e300)
+    values += (float("nan"), float("inf"), "", "x", "é\u0000", "\ud800", "1", "../../x", "x" * 400, [], {}, [[]])
+    values += ([None], {"a": []}, [1, 2, 3], ["a"], {"": None}, [[1, [2]]], list(range(100)), "9" * 400)
     return rng.choice(values)
 
 
-def _other_node(rng: random.Random, tree: object) -> object:
+def _other_node(rng: random.Random, tree: Any) -> Any:
     """The tree with one node replaced, renamed, left out or doubled."""
+    kind = rng.random()
     if isinstance(tree, dict) and tree and rng.random() < 0.85:
         key = rng.choice(list(tree))
-        kind = rng.random()
         if kind < 0.1:
             return {k: v for k, v in tree.items() if k != key}
         if kind < 0.15:
@@ -168,12 +123,8 @@ def _other_node(rng: random.Random, tree: object) -> object:
         return {k: _other_node(rng, v) if k == key else v for k, v in tree.items()}
     if isinstance(tree, list) and tree and rng.random() < 0.7:
         at = rng.randrange(len(tree))
-        kind = rng.random()
-        if kind < 0.2:
-            return tree[:at] + tree[at + 1 :]
-        if kind < 0.4:
-            return tree[: at + 1] * 2 + tree[at:]
-        return [*tree[:at], _other_node(rng, tree[at]), *tree[at + 1 :]]
+        here = [] if kind < 0.2 else [tree[at]] * 2 if kind < 0.4 else [_other_node(rng, tree[at])]
+        return [*tree[:at], *here, *tree[at + 1 :]]
     return junk_value(rng)
 
 

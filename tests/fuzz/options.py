@@ -8,122 +8,61 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.main import COMMANDS, cli
+from tests.fuzz.cases import NOWHERE, Place
 from tests.fuzz.commands import Command
 from tests.fuzz.mutations import NUMBERS, PAIRS, SIZES, WORDS
 
-NAME = "options"
-Values = dict[str, list[str]]
-"""Words given for each parameter, by its name; a flag that is set has none."""
-
-BASES: dict[str, list[Values]] = {
-    "costmap": [
-        {"dem": ["in/dem.npz"], "output": ["out/cost.npz"]},
-        {"dem": ["in/dem.tif"], "output": ["out/c.tif"]},
-    ],
-    "plan": [
-        {"dem": ["in/dem.npz"], "start": ["2,2"], "goals": ["20,28"]},
-        {"dem": ["in/dem.tif"], "start": ["xy:1005,1995"], "goals": ["xy:1050,1960"], "output": ["out/plan"]},
-        {"dem": ["in/dem.npz"], "start": ["2,2"], "goals": ["20,28"], "method": ["nnpp"], "model": ["in/tiny.onnx"]},
-    ],
-    "reach": [
-        {"dem": ["in/dem.npz"], "start": ["2,2"], "within_cost": ["20"]},
-        {"dem": ["in/dem.tif"], "start": ["2,2"], "within_cost": ["9"], "output": ["out/reach"]},
-    ],
-    "dataset": [{"output": ["out/set"], "maps": ["1"], "size": ["32"], "points_per_map": ["2"], "workers": ["1"]}],
-    "train": [
-        {"dataset": ["in/set"], "validation": ["in/set"], "output": ["out/run"], "steps": ["1"], "batch": ["2"]}
-        | {"input_size": ["64"], "validate_every": ["0"]}
-    ],
-    "export": [{"checkpoint": ["in/trained/checkpoint.pt"], "output": ["out/net.onnx"]}],
-    "quantize": [{"model": ["in/edge64.onnx"], "dataset": ["in/set"], "output": ["out/int8.onnx"], "samples": ["2"]}],
-    "evaluate": [
-        {"synthetic": [], "sizes": ["16"], "queries": ["1"], "repeats": ["1"], "methods": ["astar"]},
-        {
-            "terrain": ["in/dem.npz"],
-            "sizes": ["16"],
-            "queries": ["1"],
-            "repeats": ["1"],
-            "methods": ["astar,corridor"],
-        },
-    ],
-    "reproduce": [{"experiments": ["table9"], "quick": [], "output": ["out/paper"]}],
-    "profile": [{"profile_name": ["in/profile.toml"]}, {"peers": [], "sizes": ["16"], "queries": ["1"]}],
-    "profile compare": [{"before": ["in/report.json"], "after": ["in/report.json"]}],
-    "simulate": [
-        {"dem": ["in/dem.npz"], "size": ["16"], "ticks": ["3"], "method": ["astar"]},
-        {"dem": ["in/dem.npz"], "size": ["24"], "ticks": ["3"], "method": ["corridor"], "log": ["out/drive.mcap"]},
-        {"size": ["32"], "ticks": ["3"], "method": ["corridor"], "vehicle": ["small-rover"], "rocks": ["0.02"]},
-    ],
-    "run": [
-        {"map_file": ["in/dem.npz"], "input": ["replay:in/drive.jsonl"], "fast": [], "outputs": ["none"]},
-        {"map_file": ["in/cost.npz"], "input": ["stdin"], "ticks": ["3"], "rate_hz": ["200"], "method": ["corridor"]},
-    ],
-    "models": [{"model": ["in/tiny.onnx"]}, {}],
-    "warmup": [{"keep_old": []}],
+BASES = {
+    "costmap": ("in/dem.npz -o out/cost.npz", "in/dem.tif -o out/c.tif"),
+    "plan": (
+        "in/dem.npz --start 2,2 --goal 20,28",
+        "in/dem.tif --start xy:1005,1995 --goal xy:1050,1960 -o out/plan",
+        "in/dem.npz --start 2,2 --goal 20,28 --method nnpp --model in/tiny.onnx",
+    ),
+    "reach": ("in/dem.npz --start 2,2 --within-cost 20", "in/dem.tif --start 2,2 --within-cost 9 -o out/reach"),
+    "dataset": ("-o out/set --maps 1 --size 32 --points 2 --workers 1",),
+    "train": ("in/set --validation in/set -o out/run --steps 1 --batch 2 --input-size 64 --validate-every 0",),
+    "export": ("in/trained/checkpoint.pt -o out/net.onnx",),
+    "quantize": ("in/edge64.onnx --dataset in/set -o out/int8.onnx --samples 2",),
+    "evaluate": (
+        "--synthetic --sizes 16 --queries 1 --repeats 1 --methods astar",
+        "--terrain in/dem.npz --sizes 16 --queries 1 --repeats 1 --methods astar,corridor",
+    ),
+    "reproduce": ("table9 --quick -o out/paper",),
+    "profile": ("--profile in/profile.toml", "--peers --sizes 16 --queries 1"),
+    "profile compare": ("in/report.json in/report.json",),
+    "simulate": (
+        "--map in/dem.npz --size 16 --ticks 3 --method astar",
+        "--map in/dem.npz --size 24 --ticks 3 --method corridor --log out/drive.mcap",
+        "--size 32 --ticks 3 --method corridor --vehicle small-rover --rocks 0.02",
+    ),
+    "run": (
+        "--map in/dem.npz --input replay:in/drive.jsonl --fast --output none",
+        "--map in/cost.npz --input stdin --ticks 3 --rate 200 --method corridor",
+    ),
+    "models": ("in/tiny.onnx", ""),
+    "warmup": ("--keep-old",),
 }
-"""For each command what makes it end well and soon; the cases depart from these."""
-_PLACES = (
-    "xy:1005,1995",
-    "xy:nan,1",
-    "xy:1",
-    "lonlat:1,2",
-    "lonlat:-94,45",
-    "in/dem.npz",
-    "in/dem.tif:a",
-    ":",
-    "xy:,",
-)
-_TIMES = ("9", "90s", "1min", "2h", "-3s", "1e9h", "soon", "0")
+"""For each command words with which it ends well and soon; the cases depart from these."""
 HEAVY = ("train", "export", "quantize", "profile compare")
 """Commands whose samples must be trained or measured first."""
-SELDOM = {
-    "reproduce": 0.15,
-    "export": 0.1,
-    "quantize": 0.1,
-    "train": 0.25,
-    "profile": 0.1,
-    "evaluate": 0.6,
-    "warmup": 0.2,
-}
-_INPUTS = ("in/dem.npz", "in/dem.npy", "in/dem.tif", "in/dem.png", "in/dem.asc", "in/cost.npz", "in/drive.jsonl")
-_INPUTS += (
-    "in/profile.toml",
-    "in/tiny.onnx",
-    "in/dem.img",
-    "in/sparse.tif",
-    "in/bomb.npz",
-    "in/set32",
+SELDOM = {"reproduce": 0.15, "export": 0.1, "quantize": 0.1, "train": 0.25, "profile": 0.1, "evaluate": 0.6}
+SELDOM |= {"warmup": 0.2}
+_PLACES = (*str.split("xy:1005,1995 xy:nan,1 xy:1 lonlat:1,2 lonlat:-94,45 in/dem.npz in/dem.tif:a : xy:,"),)
+_TIMES = (*str.split("9 90s 1min 2h -3s 1e9h soon 0"),)
+_NAMES = "dem.npz dem.npy dem.tif dem.png dem.asc cost.npz drive.jsonl profile.toml tiny.onnx dem.img sparse.tif"
+_INPUTS = [f"in/{name}" for name in (*_NAMES.split(), "bomb.npz", "set32")]
+_ODD = ("", ".", "odd/loop", "odd/" + "x" * 300, "odd/null", "odd/link")
+_ODD_INPUTS = (
+    *_ODD,
+    *str.split("/ in missing in/dem.npz/x odd/zero odd/locked/dem.npz ~ /proc/self/mem"),
+    "y/" * 2500,
 )
-_ODD_INPUTS = ("", ".", "/", "in", "missing", "odd/loop", "odd/" + "x" * 300, "y/" * 2500, "in/dem.npz/x", "odd/null")
-_ODD_INPUTS += ("odd/zero", "odd/locked/dem.npz", "odd/link", "~", "in/\x01", "in/\udcff.npz", "/proc/self/mem")
-_ENDINGS = (
-    ".tif",
-    ".tiff",
-    ".npy",
-    ".npz",
-    ".png",
-    ".gif",
-    ".json",
-    ".jsonl",
-    ".mcap",
-    ".onnx",
-    ".html",
-    ".rrd",
-    "",
-    ".X",
-)
-_ODD_OUTPUTS = (
-    "",
-    ".",
-    "out",
-    "odd/loop",
-    "odd/full",
-    "odd/null",
-    "in/dem.npz/x.png",
-    "odd/" + "x" * 300,
-    "odd/link",
-)
-_ODD_OUTPUTS += ("/proc/none/x", "odd/locked/x", "old/old.png", "old/old.npz", "old/old.json", "y/" * 2500 + "x")
+_ODD_INPUTS += ("in/\x01", "in/\udcff.npz")
+_ODD_OUTPUTS = (*_ODD, *str.split("out odd/full in/dem.npz/x.png /proc/none/x odd/locked/x old/old.png old/old.npz"))
+_ODD_OUTPUTS += ("old/old.json", "y/" * 2500 + "x")
+_ENDINGS = (*str.split(".tif .tiff .npy .npz .png .gif .json .jsonl .mcap .onnx .html .rrd .X"), "")
+_LINES = (b'{"type":"pose","row":2,"col":2}', b'{"type":"goal","row":20,"col":28}', b"junk", b"[" * 500, b"", b"\xff")
 
 
 def command_of(name: str) -> click.Command:
@@ -143,55 +82,48 @@ def names() -> list[str]:
     for name in COMMANDS:
         if name == "view":  # it serves until it is stopped
             continue
-        found.append(name)
         command = command_of(name)
-        if isinstance(command, click.Group):
-            found += [f"{name} {inner}" for inner in command.list_commands(click.Context(command))]
+        inner = command.list_commands(click.Context(command)) if isinstance(command, click.Group) else []
+        found += [name, *(f"{name} {word}" for word in inner)]
     return found
 
 
-def generate(rng: random.Random, heavy: bool = True) -> Command:
+def generate(rng: random.Random, place: Place = NOWHERE) -> Command:
     """A command with some of its options set to what may or may not make sense."""
-    known = [name for name in names() if heavy or name not in HEAVY]
+    known = [name for name in names() if place.heavy or name not in HEAVY]
     name = rng.choices(known, [SELDOM.get(name, 1.0) for name in known])[0]
-    return drawn(rng, name, heavy)
-
-
-def drawn(rng: random.Random, name: str, heavy: bool = True) -> Command:
-    """A case of one command."""
-    command = command_of(name)
-    values: Values = dict(rng.choice(BASES.get(name, [{}])))
-    patient = False
+    words, patient = rng.choice(BASES.get(name, ("",))).split(), name in ("reproduce", "warmup")
+    if words and rng.random() < 0.08:
+        del words[rng.randrange(len(words))]
     for _ in range(rng.choice((0, 1, 1, 1, 2, 2, 3, 5))):
-        parameter = rng.choice(command.params)
-        assert parameter.name is not None
-        if parameter.name in values and rng.random() < 0.08:
-            del values[parameter.name]
-            continue
-        given, long = draw_value(rng, parameter, values)
-        values[parameter.name] = given
-        patient = patient or long
-    words = words_of(name, command, values)
+        parameter = rng.choice(command_of(name).params)
+        values = draw_values(rng, parameter, words)
+        patient |= any(map(may_take_long, values)) or parameter.name in ("stay", "start_up")
+        if isinstance(parameter, click.Option):
+            option = parameter.opts[-1]
+            words += [option] if parameter.is_flag else [f"{option}={value}" for value in values]
+        else:
+            at = next((at for at, word in enumerate(words) if word.startswith("in/")), len(words))
+            words[at : at + 1] = values
     if rng.random() < 0.04:
-        words.insert(
-            rng.randrange(len(words) + 1), rng.choice(("--nope", "-h", "--help", "extra", "--json=1", "--", ""))
-        )
-    if name == "warmup" and "--keep-old" not in words:
+        odd = rng.choice(("--nope", "-h", "--help", "extra", "--json=1", "--", ""))
+        words.insert(rng.randrange(len(words) + 1), odd)
+    if name == "warmup":
         words.append("--keep-old")  # what others compiled is left alone
-    found = Command(tuple(words), patient=patient or name in ("reproduce", "warmup") or _waits(values))
-    links = {"odd/link": rng.choice(("../in/dem.npz", "../old/old.png", "nowhere", "../out"))}
-    found = replace(found, links=links, needs=("dem.npz",))
-    if name == "run":
-        found = replace(found, stdin=_messages(rng), streams=("pipe", "pipe", "pipe"))
-    return disturbed(rng, found)
+    link = rng.choice(("../in/dem.npz", "../old/old.png", "nowhere", "../out"))
+    stdin = b"\n".join(rng.choices(_LINES, k=rng.randrange(8))) + rng.choice((b"", b"\n")) if name == "run" else b""
+    streams = ("pipe" if name == "run" else "null", "pipe", "pipe")
+    found = Command((*name.split(), *words), needs=("dem.npz",), link=link, stdin=stdin, streams=streams)
+    return disturbed(rng, replace(found, patient=patient or _waits(words)))
 
 
-def _waits(values: Values) -> bool:
+def _waits(words: list[str]) -> bool:
     """Whether a loop's ticks come so seldom that all of them take longer than a case may."""
+    pairs = [pair for word in words for pair in word.split("=")]
     try:
-        (ticks,), (rate,) = values["ticks"], values.get("rate") or values["rate_hz"]
-        return float(ticks) > 20.0 * float(rate)
-    except (KeyError, ValueError):
+        ticks, rate = (float(pairs[len(pairs) - pairs[::-1].index(name)]) for name in ("--ticks", "--rate"))
+        return ticks > 20.0 * rate
+    except (IndexError, ValueError):
         return False
 
 
@@ -204,67 +136,41 @@ def disturbed(rng: random.Random, command: Command) -> Command:
         return replace(command, streams=(stdin, out, err))
     if kind < 0.17:
         return replace(command, file_bytes=rng.choice((0, 1, 100, 1000, 5000, 20_000)))
-    if kind < 0.21:
-        return replace(command, unprivileged=True)
-    return command
+    return replace(command, unprivileged=kind < 0.21)
 
 
-def words_of(name: str, command: click.Command, values: Values) -> list[str]:
-    """What a user would type."""
-    words = name.split()
-    for parameter in command.params:
-        given = values.get(parameter.name or "")
-        if given is None:
-            continue
-        if isinstance(parameter, click.Option):
-            if not given:
-                words.append(parameter.opts[-1])
-            for word in given:
-                words += [f"{parameter.opts[-1]}={word}"] if word.startswith("-") else [parameter.opts[-1], word]
-    for parameter in command.params:
-        if isinstance(parameter, click.Argument):
-            words += [word for word in values.get(parameter.name or "", []) if word or name != "dataset"]
-    return words
-
-
-def draw_value(rng: random.Random, parameter: click.Parameter, values: Values) -> tuple[list[str], bool]:
-    """Words for a parameter, and whether with them the command may rightly take long."""
-    if isinstance(parameter, click.Option) and parameter.is_flag:
-        return [], parameter.name in ("stay", "start_up")
+def draw_values(rng: random.Random, parameter: click.Parameter, used: list[str]) -> list[str]:
+    """Values for a parameter: one, or several where it takes them."""
     times = rng.choice((0, 1, 2, 3)) if parameter.multiple or parameter.nargs != 1 else 1
-    words = [draw_word(rng, parameter, values) for _ in range(times)]
-    return words, any(map(may_take_long, words))
+    return [_draw_value(rng, parameter.type, used) for _ in range(times)]
 
 
-def draw_word(rng: random.Random, parameter: click.Parameter, values: Values) -> str:
-    """One word."""
-    kind = parameter.type
+def _draw_value(rng: random.Random, kind: click.ParamType, used: list[str]) -> str:
     if isinstance(kind, click.Choice):
         return str(rng.choice(kind.choices)) if rng.random() < 0.8 else rng.choice(WORDS)
     if isinstance(kind, click.Path):
-        return _path(rng, kind, values)
+        return _path(rng, kind, used)
     if isinstance(kind, click.types.IntParamType | click.types.FloatParamType):
-        whole = isinstance(kind, click.types.IntParamType)
         if rng.random() < 0.5:
-            return str(rng.randrange(1, 40)) if whole else f"{10 ** rng.uniform(-2, 2):.3g}"
-        return rng.choice(NUMBERS)
+            return rng.choice(NUMBERS)
+        whole = isinstance(kind, click.types.IntParamType)
+        return str(rng.randrange(1, 40)) if whole else f"{10 ** rng.uniform(-2, 2):.3g}"
     if isinstance(kind, options.Parsed):
         pools = {"R,C": PAIRS, "N|RxC,…": SIZES, "N,…": PAIRS + NUMBERS, "PLACE": PAIRS + _PLACES, "TIME": _TIMES}
-        pool = pools.get(kind.name, PAIRS + SIZES + WORDS) if rng.random() < 0.7 else PAIRS + SIZES + WORDS + NUMBERS
+        odd = PAIRS + SIZES + WORDS + NUMBERS
+        pool = pools.get(kind.name, odd) if rng.random() < 0.7 else odd
         return rng.choice(pool) if rng.random() < 0.7 else f"{rng.randrange(24)},{rng.randrange(32)}"
     if rng.random() < 0.4:
-        path = _path(rng, options.PATH, values)
-        return rng.choice(("", "", "replay:", "zenoh:")) + path
+        return rng.choice(("", "", "replay:", "zenoh:")) + _path(rng, options.PATH, used)
     return rng.choice(WORDS)
 
 
-def _path(rng: random.Random, kind: click.Path, values: Values) -> str:
+def _path(rng: random.Random, kind: click.Path, used: list[str]) -> str:
     """A name of a file or folder: to be read or, where the option says so, written."""
     if kind is options.NEW_FILE or (kind is options.FOLDER and rng.random() < 0.5):
-        used = [word.removeprefix("replay:") for given in values.values() for word in given if "in/" in word]
-        draw = rng.random()
-        if draw < 0.2 and used and kind is options.NEW_FILE:
-            return rng.choice(used)  # an output that is an input
+        inputs, draw = [word.removeprefix("replay:") for word in used if "in/" in word], rng.random()
+        if draw < 0.2 and inputs and kind is options.NEW_FILE:
+            return rng.choice(inputs)  # an output that is an input
         if draw < 0.5:
             return rng.choice(_ODD_OUTPUTS)
         return rng.choice(("out/new", "out/a/b/new", "new")) + rng.choice(_ENDINGS)
@@ -281,16 +187,3 @@ def may_take_long(word: str) -> bool:
         if not (number == 0.0 or 0.05 <= number <= 64.0) or math.isnan(number):
             return True
     return False
-
-
-def _messages(rng: random.Random) -> bytes:
-    """A little for stdin."""
-    lines = (
-        b'{"type":"pose","row":2,"col":2}',
-        b'{"type":"goal","row":20,"col":28}',
-        b"junk",
-        b"[" * 500,
-        b"",
-        b"\xff",
-    )
-    return b"\n".join(rng.choices(lines, k=rng.randrange(8))) + rng.choice((b"", b"\n"))

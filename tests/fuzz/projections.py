@@ -4,8 +4,8 @@ import functools
 import math
 import random
 import re
+import tempfile
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +16,8 @@ from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.terrain.traversability import terrain_terms, traversability_cost
 from nnpp_edge.terrain.dem import read_dem
 from nnpp_edge.terrain.workloads import workload
-from tests.fuzz.commands import Problem
+from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 
-NAME = "projections"
 SYSTEMS = {  # with the longitudes and latitudes at which they are used, and beyond
     "EPSG:3857": (-180, 180, -84, 84),
     "EPSG:4326": (-180, 180, -89, 89),
@@ -43,49 +42,23 @@ WITHIN, SLOPE_WITHIN = 0.03, 0.035
 """Share by which a length, and the tangent of a slope, may be off where no warning tells of more."""
 
 
-@dataclass(frozen=True)
-class Case:
-    """A plane on a map."""
-
-    crs: str
-    lon: float
-    """Of the map's middle, degrees."""
-    lat: float
-    cell_m: float
-    """About the side of a cell, and how much wider than high it is drawn."""
-    wider: float
-    turned_deg: float
-    rows: int
-    cols: int
-    slope_deg: float
-    towards_deg: float
-    """Where the plane rises to, from the north clockwise."""
-    limit_deg: float
-    start: tuple[int, int]
-    goal: tuple[int, int]
-
-
-def generate(rng: random.Random) -> Case:
-    """A case anywhere that its system is used."""
+def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
+    """A plane on a map anywhere that its system is used."""
     crs = rng.choice(list(SYSTEMS))
     west, east, south, north = SYSTEMS[crs]
     rows, cols = (rng.choice((5, 12, 30, 60)) for _ in range(2))
     slope = rng.uniform(2.0, 50.0)
-    ends = [(rng.randrange(1, rows - 1), rng.randrange(1, cols - 1)) for _ in range(2)]
     return Case(
-        crs,
-        rng.uniform(west, east),
-        rng.uniform(south, north),
-        10.0 ** rng.uniform(-0.7, 3.0),
-        rng.choice((1.0, 1.0, 1.0, 0.5, 1.7)),
-        rng.choice((0.0, 0.0, 0.0, rng.uniform(-180.0, 180.0))),
-        rows,
-        cols,
-        slope,
-        rng.uniform(0.0, 360.0),
-        min(slope * rng.choice((0.5, 0.9, 1.1, 2.0)), 80.0),
-        ends[0],
-        ends[1],
+        crs=crs,
+        middle=(rng.uniform(west, east), rng.uniform(south, north)),
+        cell_m=10.0 ** rng.uniform(-0.7, 3.0),
+        wider=rng.choice((1.0, 1.0, 1.0, 0.5, 1.7)),
+        turned_deg=rng.choice((0.0, 0.0, 0.0, rng.uniform(-180.0, 180.0))),
+        shape=(rows, cols),
+        slope_deg=slope,
+        towards_deg=rng.uniform(0.0, 360.0),
+        limit_deg=min(slope * rng.choice((0.5, 0.9, 1.1, 2.0)), 80.0),
+        ends=[(rng.randrange(1, rows - 1), rng.randrange(1, cols - 1)) for _ in range(2)],
     )
 
 
@@ -93,84 +66,79 @@ def generate(rng: random.Random) -> Case:
 def globe_of(crs: str) -> tuple[pyproj.Transformer, pyproj.Transformer, float, pyproj.Geod, float]:
     """To the system's longitude and latitude and back, degrees in their unit, geodesics, and about metres in x's."""
     system = pyproj.CRS(crs)
-    globe = system.geodetic_crs
-    assert globe is not None
+    globe, geod = system.geodetic_crs, system.get_geod()
+    assert globe is not None and geod is not None
     degrees = math.degrees(globe.axis_info[0].unit_conversion_factor)
     unit = system.axis_info[0].unit_conversion_factor
     if system.is_geographic:
-        assert system.ellipsoid is not None
-        unit *= system.ellipsoid.semi_major_metre
+        unit *= system.ellipsoid.semi_major_metre  # type: ignore[union-attr]
     there, back = (pyproj.Transformer.from_crs(*ends, always_xy=True) for ends in ((system, globe), (globe, system)))
-    geod = system.get_geod()
-    assert geod is not None
     return there, back, degrees, geod, unit
 
 
-def place(case: Case) -> np.ndarray:
+def affine(case: Case) -> np.ndarray:
     """(2, 3) from a column and a row to x and y: cells are drawn as large as if metres were those of the ground."""
     _, back, degrees, _, unit = globe_of(case.crs)
-    middle = np.array(back.transform(case.lon / degrees, case.lat / degrees))
+    middle = np.array(back.transform(*(angle / degrees for angle in case.middle)))
     cos, sin = math.cos(math.radians(case.turned_deg)), math.sin(math.radians(case.turned_deg))
     sides = np.array(((cos, -sin), (sin, cos))) @ np.diag((case.wider, -1.0)) * case.cell_m / unit
-    return np.column_stack((sides, middle - sides @ (case.cols / 2, case.rows / 2)))
+    return np.column_stack((sides, middle - sides @ np.array(case.shape[::-1]) / 2))
 
 
 def lonlat(case: Case, cells: np.ndarray) -> np.ndarray:
     """(2, N) degrees of the middles of cells (N, 2)."""
     there, _, degrees, _, _ = globe_of(case.crs)
-    x, y = place(case) @ np.stack((cells[:, 1] + 0.5, cells[:, 0] + 0.5, np.ones(len(cells))))
+    x, y = affine(case) @ np.stack((cells[:, 1] + 0.5, cells[:, 0] + 0.5, np.ones(len(cells))))
     return degrees * np.array(there.transform(x, y))
 
 
 def plane(case: Case) -> np.ndarray:
     """(H, W) heights that rise by the slope with the metres of ground from the map's middle."""
-    geod = globe_of(case.crs)[3]
-    cells = np.argwhere(np.ones((case.rows, case.cols), bool))
-    lon, lat = lonlat(case, cells)
-    azimuth, _, metres = geod.inv(np.full(len(cells), case.lon), np.full(len(cells), case.lat), lon, lat)
+    lon, lat = lonlat(case, np.argwhere(np.ones(case.shape, bool)))
+    middle = (np.full(len(lon), angle) for angle in case.middle)
+    azimuth, _, metres = globe_of(case.crs)[3].inv(*middle, lon, lat)
     along = metres * np.cos(np.radians(np.asarray(azimuth) - case.towards_deg))
-    return (math.tan(math.radians(case.slope_deg)) * along).reshape(case.rows, case.cols)
+    return (math.tan(math.radians(case.slope_deg)) * along).reshape(case.shape)
 
 
-def check(case: Case, samples: Path | None, folder: Path) -> Problem | None:
+def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     """Slope and limit, beside the slope that the plane was made with, and a plan's lengths beside geodesics."""
     heights = plane(case)
     if not np.isfinite(heights).all():
         return None  # beyond the system's own bounds
-    kind = {"driver": "GTiff", "height": case.rows, "width": case.cols, "count": 1, "dtype": "float64"}
-    where = rasterio.Affine(*place(case).ravel())
-    with rasterio.open(folder / "map.tif", "w", crs=case.crs, transform=where, **kind) as file:
-        file.write(heights, 1)
-    with warnings.catch_warnings(record=True) as told:
+    kind = {"driver": "GTiff", "height": case.shape[0], "width": case.shape[1], "count": 1, "dtype": "float64"}
+    where = rasterio.Affine(*affine(case).ravel())
+    with tempfile.TemporaryDirectory(dir=place.folder) as folder, warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        dem = read_dem(folder / "map.tif")
+        with rasterio.open(Path(folder) / "map.tif", "w", crs=case.crs, transform=where, **kind) as file:
+            file.write(heights, 1)
+        dem = read_dem(Path(folder) / "map.tif")
     off = [re.search(r"up to (\d+) % off", str(each.message)) for each in told]
     told_off = max((float(found[1]) / 100.0 for found in off if found), default=0.0)
     sides = {"cell_size_m": dem.cell_size_m, "cell_width_m": dem.cell_width_m}
-    middle = case.rows // 2, case.cols // 2
+    middle = case.shape[0] // 2, case.shape[1] // 2
     if not told_off:
-        slope = terrain_terms(dem.elevation, dem.cell_size_m, cell_width_m=dem.cell_width_m)[0][middle]
-        rise = math.tan(math.radians(case.slope_deg))
-        if abs(math.tan(slope) / rise - 1.0) > SLOPE_WITHIN:
+        slope = terrain_terms(dem.elevation, **sides)[0][middle]
+        if abs(math.tan(slope) / math.tan(math.radians(case.slope_deg)) - 1.0) > SLOPE_WITHIN:
             return Problem("another slope", f"{math.degrees(slope):.3f}° {sides}\n{case}")
         limits = workload(f"limit{case.limit_deg}")
         passes = np.isfinite(traversability_cost(dem.elevation, **sides, traversability=limits, warn=False)[middle])
         if passes != (case.slope_deg < case.limit_deg):
             return Problem("a limit is not kept", f"{math.degrees(slope):.3f}° {sides}\n{case}")
-    planner = Planner.of_elevation(dem.elevation, **sides, warn=False)
-    plan = planner.plan(case.start, case.goal, method="astar")
+    plan = Planner.of_elevation(dem.elevation, **sides, warn=False).plan(*case.ends, method="astar")
     if not plan.ok or len(plan.path) < 2:
         return None
     steps = np.diff(plan.path, axis=0)
     lon, lat = lonlat(case, plan.path)
     metres = np.asarray(globe_of(case.crs)[3].inv(lon[:-1], lat[:-1], lon[1:], lat[1:])[2])
     found = np.hypot(steps[:, 0] * dem.cell_size_m, steps[:, 1] * dem.cell_width_m)
-    worst = np.abs(metres / found - 1.0).max()
-    if worst > max(WITHIN, told_off) + 0.006:
-        return Problem("another length of a step", f"{worst:.4f}, told {told_off} {sides}\n{case}")
-    if abs(plan.numbers.length_m / found.sum() - 1.0) > 1e-4:
-        return Problem("a plan's length is not that of its steps", f"{plan.numbers.length_m} {found.sum()}\n{case}")
     ground = np.hypot(metres, np.diff(heights[tuple(plan.path.T)])).sum()
-    if abs(ground / plan.numbers.ground_length_m - 1.0) > max(WITHIN, told_off) + 0.006:
-        return Problem("another length on the ground", f"{plan.numbers.ground_length_m} {ground} {sides}\n{case}")
+    within = max(WITHIN, told_off) + 0.006
+    for what, share, most in (
+        ("another length of a step", np.abs(metres / found - 1.0).max(), within),
+        ("a plan's length is not that of its steps", abs(plan.numbers.length_m / found.sum() - 1.0), 1e-4),
+        ("another length on the ground", abs(ground / plan.numbers.ground_length_m - 1.0), within),
+    ):
+        if share > most:
+            return Problem(what, f"{share:.4f}, told {told_off} {sides}\n{case}")
     return None

@@ -1,43 +1,35 @@
 """Cases of every target, by turns, in processes of their own; findings are counted, kept and told with their seed."""
 
-import contextlib
-import inspect
+import itertools
 import json
 import math
 import multiprocessing
 import os
 import random
 import shutil
-import signal
+import subprocess
 import sys
 import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, field
 from importlib import import_module
-from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from types import ModuleType
-from typing import Any, cast
+from typing import Any
 
-from tests.fuzz.children import Limits, run_forked, threads
-from tests.fuzz.commands import Problem
-from tests.fuzz.commands import check as check_command
+from tests.fuzz import commands
+from tests.fuzz.cases import Place, Problem
+from tests.fuzz.children import Limits, run_forked
 
 FOLDER = Path("build/fuzz")
 BATCH, BATCH_S = 200, 20.0
 """Cases that one forked process does one after another, and seconds after which it begins no other."""
 MOST_KEPT = 3
 """Findings of one cause that are kept in full."""
-SHARES = {
-    "files": 3.0,
-    "options": 3.0,
-    "models": 1.5,
-    "weights": 1.5,
-    "messages": 1.5,
-    "sequences": 2.0,
+SHARES = {"files": 3.0, "options": 3.0, "models": 1.5, "weights": 1.5, "messages": 1.5, "sequences": 2.0} | {
     "elevations": 1.5,
     "bodies": 1.5,
     "layers": 1.5,
@@ -49,6 +41,8 @@ SHARES = {
 COMMAND_TARGETS = ("files", "options", "models")
 """Each case of these is a process; those of the others are functions, done in batches."""
 IN_BATCH = Limits(wall_s=120.0, cpu_s=100, memory_bytes=1 << 30)
+HEAVY = ("torch", "nnpp_edge.export.to_onnx", "nnpp_edge.training.train")
+LOADED = ("cv2", "matplotlib.font_manager", "onnx", "onnxruntime", "PIL.Image", "rasterio", "nnpp_edge.viz.picture")
 
 
 @dataclass(frozen=True)
@@ -59,10 +53,26 @@ class Finding:
     seed: int
     problem: Problem
 
+    @property
+    def cause(self) -> str:
+        """Equal for findings of the same cause."""
+        return f"{self.target}: {self.problem.signature}"
+
+    @property
+    def again(self) -> str:
+        """How to do the case again."""
+        return f"--target {self.target} --seed {self.seed}"
+
+    def keep(self, folder: Path) -> None:
+        """Write it down."""
+        told = f"{self.cause}\npython -m tests.fuzz {self.again}\n\n{self.problem.kind}\n{self.problem.detail}\n"
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{self.target}-{self.seed}.txt").write_text(told, errors="backslashreplace")
+
 
 @dataclass
 class Tally:
-    """What was done so far."""
+    """The cases done so far, the seconds they took, and what was found, by cause."""
 
     cases: Counter[str] = field(default_factory=Counter)
     seconds: Counter[str] = field(default_factory=Counter)
@@ -70,237 +80,113 @@ class Tally:
 
     def text(self) -> str:
         """For people."""
+        found = Counter(finding.target for finding in self.findings)
         lines = [f"{'target':<12}{'cases':>9}{'a second':>10}{'findings':>10}"]
         for name in sorted(self.cases):
-            found = sum(finding.target == name for finding in self.findings)
             rate = self.cases[name] / max(self.seconds[name], 1e-9)
-            lines.append(f"{name:<12}{self.cases[name]:>9}{rate:>10.1f}{found:>10}")
+            lines.append(f"{name:<12}{self.cases[name]:>9}{rate:>10.1f}{found[name]:>10}")
         lines.append(f"{'all':<12}{self.cases.total():>9}{'':>10}{len(self.findings):>10}")
-        causes = Counter(f"{finding.target}: {finding.problem.signature}" for finding in self.findings)
-        first = {}
-        for finding in self.findings:
-            first.setdefault(f"{finding.target}: {finding.problem.signature}", finding)
-        for cause, count in causes.most_common():
-            lines.append(
-                f"{count:>6} × {cause}; again with --target {first[cause].target} --seed {first[cause].seed}"
-            )
-        return "\n".join(lines)
+        first = {finding.cause: finding.again for finding in reversed(self.findings)}
+        causes = Counter(finding.cause for finding in self.findings).most_common()
+        return "\n".join([*lines, *(f"{count:>6} × {cause}; again with {first[cause]}" for cause, count in causes)])
 
 
-def case_of(target: str, seed: int, samples: Path, *, heavy: bool = True) -> Any:
+def case_of(target: str, seed: int, place: Place) -> Any:
     """The case of a seed, which decides all of it."""
-    return _called(_module(target).generate, random.Random(f"{target} {seed}"), samples=samples, heavy=heavy)
+    return import_module(f"tests.fuzz.{target}").generate(random.Random(f"{target} {seed}"), place)
 
 
-def check_case(target: str, seed: int, samples: Path, folder: Path, *, heavy: bool = True) -> Problem | None:
+def check_case(target: str, seed: int, place: Place) -> Problem | None:
     """Make the case of a seed, and look for what is wrong with it."""
-    case = case_of(target, seed, samples, heavy=heavy)
+    assert place.folder is not None
+    case = case_of(target, seed, place)
     if target in COMMAND_TARGETS:
-        return check_command(case, samples, folder)
-    folder.mkdir(parents=True, exist_ok=True)
+        return commands.check(case, place)
+    place.folder.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return cast("Problem | None", _called(_module(target).check, case, samples=samples, folder=folder))
+        found: Problem | None = import_module(f"tests.fuzz.{target}").check(case, place)
+        return found
 
 
-def describe(target: str, seed: int, samples: Path, *, heavy: bool = True) -> str:
-    """The case of a seed in words."""
-    return repr(case_of(target, seed, samples, heavy=heavy))
-
-
-def _module(target: str) -> ModuleType:
-    return import_module(f"tests.fuzz.{target}")
-
-
-def _called(function: Callable[..., Any], first: object, **others: object) -> Any:
-    """A target's function, given of the others what it takes."""
-    taken = inspect.signature(function).parameters
-    return function(first, **{name: value for name, value in others.items() if name in taken})
-
-
-def prepare(folder: Path, *, heavy: bool) -> Path:
-    """Make the samples, and load all that the cases need; the folder of the samples. Leaves no thread behind."""
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[name] = "1"
-    samples = folder / "samples"
-    _load(heavy)
+def make_samples(folder: Path, heavy: bool) -> Path:
+    """The folder of the samples, which are made, where they are not there yet, in a process of their own."""
+    samples = folder.resolve() / "samples"
     if not (samples / "made").exists():
-        _make(samples, folder, heavy)
-    from nnpp_edge.runtime.exercises import exercise
-
-    exercise()
-    if threads() > 4:  # onnxruntime has a few that sleep
-        print(f"warning: {threads()} threads in the process that forks", file=sys.stderr)
+        subprocess.run([sys.executable, "-m", "tests.fuzz.samples", samples, *["heavy"] * heavy], check=True)
     return samples
 
 
-def _load(heavy: bool) -> None:
-    """Import what the commands import when they need it."""
+def prepare(samples: Path, heavy: bool) -> Place:
+    """Load all that the cases need. Leaves no thread behind."""
+    os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+    for name in (*LOADED, *(HEAVY if heavy else ()), *(f"tests.fuzz.{target}" for target in SHARES)):
+        import_module(name)
     import cv2
-    import matplotlib.font_manager
-    import onnx
+    import matplotlib
     import onnxruntime
-    import PIL.Image
-    import rasterio
 
-    import nnpp_edge.viz.picture
-    import nnpp_edge.viz.sheet
+    from nnpp_edge.runtime.exercises import exercise
     from tests.fuzz import options
 
     matplotlib.use("Agg")
     cv2.setNumThreads(1)
     onnxruntime.set_default_logger_severity(2)
-    assert all((onnx, PIL.Image, rasterio, nnpp_edge.viz, *map(_module, SHARES)))
-    for name in options.names():
+    for name in options.BASES:
         options.command_of(name)
-    if heavy:
-        import torch
-
-        import nnpp_edge.export.to_onnx
-        import nnpp_edge.training.train
-
-        assert torch and nnpp_edge.export.to_onnx and nnpp_edge.training.train
+    exercise()
+    return Place(samples, samples.parent / f"case-{os.getpid()}" / "here", heavy)
 
 
-def _make(samples: Path, folder: Path, heavy: bool) -> None:
-    """Make the samples, apart from this process: what makes them starts threads."""
-    from tests.fuzz import samples as maker
-    from tests.fuzz.commands import exit_code_of
-
-    samples.mkdir(parents=True, exist_ok=True)
-
-    def light() -> int:
-        maker.make_light(samples)
-        return 0
-
-    def run(*words: object) -> bool:
-        def work() -> int:
-            sys.argv = ["nnpp-edge", *map(str, words)]
-            os.chdir(folder / "making")
-            from nnpp_edge.cli.main import main
-
-            return exit_code_of(main)
-
-        (folder / "making").mkdir(exist_ok=True)
-        if not (folder / "making" / "in").exists():
-            (folder / "making" / "in").symlink_to(samples.resolve())
-        ended = run_forked(work, Limits(600.0, 600, 8 << 30))
-        if ended.code not in (0, 1):
-            print(ended.err.decode()[-2000:], file=sys.stderr)
-        return ended.code in (0, 1)
-
-    ended = run_forked(light, Limits(120.0, 120, 8 << 30))
-    if ended.code:
-        raise RuntimeError(f"the samples could not be made: {ended.err.decode()[-2000:]}")
-    if heavy and (missing := maker.make_heavy(samples.resolve(), run)):
-        raise RuntimeError(f"no samples by {', '.join(missing)}")
-    (samples / "made").write_text("")
+_PLACE: list[Place] = []
 
 
-def seeds_of(base: int, worker: int, workers: int) -> Iterator[int]:
-    """The seeds of one worker: no other one has them."""
-    at = base * 1_000_000 + worker
-    while True:
-        yield at
-        at += workers
+def _begin(samples: Path, heavy: bool) -> None:
+    """Make a process of the pool ready."""
+    _PLACE.append(prepare(samples, heavy))
 
 
-def work(
-    connection: Connection,
-    worker: int,
-    workers: int,
-    base: int,
-    targets: Sequence[str],
-    until: float,
-    most: Mapping[str, int],
-    folder: Path,
-    heavy: bool,
-) -> None:
-    """A worker: the cases whose turn it is, until the time has passed or each target has had so many."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    samples = prepare(folder, heavy=heavy)
-    case_folder = folder.resolve() / f"case-{worker}" / "here"
-    seeds = {name: seeds_of(base, worker, workers) for name in targets}
-    done, spent = Counter[str](), Counter[str]()
-    connection.send(("ready", 0, 0.0, []))
-    while (
-        open_targets := [name for name in targets if done[name] < most.get(name, sys.maxsize)]
-    ) and time.time() < until:
-        name = min(open_targets, key=lambda each: spent[each] / SHARES[each])
-        began = time.monotonic()
-        if name in COMMAND_TARGETS:
-            seed = next(seeds[name])
-            found = [(seed, problem)] if (problem := _checked(name, seed, samples, case_folder, heavy)) else []
-            count = 1
-        else:
-            most_now = min(BATCH, most.get(name, sys.maxsize) - done[name])
-            count, found = run_batch(name, seeds[name], most_now, samples, case_folder)
-        seconds = time.monotonic() - began
-        done[name] += count
-        spent[name] += max(seconds, 1e-6)
-        connection.send((name, count, seconds, found))
-    connection.send(("done", 0, 0.0, []))
-
-
-def _checked(name: str, seed: int, samples: Path, folder: Path, heavy: bool) -> Problem | None:
+def _checked(target: str, seed: int, place: Place) -> Problem | None:
     """A case's problem. What depends on time is tried again, as other programs may have held it up."""
     try:
-        problem = check_case(name, seed, samples, folder, heavy=heavy)
+        problem = check_case(target, seed, place)
         if problem is not None and problem.kind.startswith(("hangs", "cannot be interrupted")):
-            problem = check_case(name, seed, samples, folder, heavy=heavy)
+            problem = check_case(target, seed, place)
         return problem
     except Exception:
         return Problem("the fuzzer itself raised", traceback.format_exc())
 
 
-def run_batch(
-    name: str, seeds: Iterator[int], most: int, samples: Path, folder: Path
-) -> tuple[int, list[tuple[int, Problem]]]:
-    """Several cases in one forked process; a case that hangs, crashes or takes too much memory ends it."""
-    read, write = os.pipe()
-    chosen = [next(seeds) for _ in range(most)]
-    trace = folder.with_suffix(".stack")
-    trace.parent.mkdir(parents=True, exist_ok=True)
+def run_batch(target: str, seeds: Sequence[int], place: Place | None = None) -> tuple[int, float, list[Finding]]:
+    """How many cases were done, in how many seconds, and what was found.
 
-    def batch() -> int:
-        until = time.monotonic() + BATCH_S
-        with os.fdopen(write, "w") as report:
-            for seed in chosen:
-                if time.monotonic() > until:
+    Functions are done in one forked process; a case that hangs, crashes or takes too much memory ends it.
+    """
+    place, began = place or _PLACE[0], time.monotonic()
+    assert place.folder is not None
+    place.folder.parent.mkdir(parents=True, exist_ok=True)
+    if target in COMMAND_TARGETS:
+        told = [(seed, _checked(target, seed, place)) for seed in seeds]
+    else:
+
+        def batch() -> int:
+            for seed in seeds:
+                if time.monotonic() - began > BATCH_S:
                     break
-                print(json.dumps({"seed": seed}), file=report, flush=True)
-                problem = _checked(name, seed, samples, folder, True)
-                detail = None if problem is None else (problem.kind, problem.detail[:20_000])
-                print(json.dumps({"seed": seed, "problem": detail}), file=report, flush=True)
-        return 0
+                print(f"\n\0{json.dumps([seed])}", flush=True)
+                problem = _checked(target, seed, place)
+                detail = problem and (problem.kind, problem.detail[:20_000])
+                print(f"\n\0{json.dumps([seed, detail])}", flush=True)
+            return 0
 
-    lines: list[str] = []
-    with _reading(read, lines):
-        ended = run_forked(batch, IN_BATCH, trace=trace)
-        os.close(write)
-    told = [json.loads(line) for line in lines]
-    finished = [entry for entry in told if "problem" in entry]
-    found = [(entry["seed"], Problem(*entry["problem"])) for entry in finished if entry["problem"]]
-    if ended.code and told and "problem" not in told[-1]:
-        kind = f"hangs: {name}" if ended.late else f"killed by signal {-ended.code}: {name}"
-        found.append(
-            (told[-1]["seed"], Problem(kind, f"{ended.late}\n{ended.err.decode('utf-8', 'replace')[-4000:]}"))
-        )
-    return max(len(finished), 1), found
-
-
-@contextlib.contextmanager
-def _reading(descriptor: int, lines: list[str]) -> Iterator[None]:
-    """Collect what comes through a pipe; it holds less than a pipe's room or is read at the end."""
-    import fcntl
-
-    with contextlib.suppress(OSError):
-        fcntl.fcntl(descriptor, 1031, 1 << 20)  # F_SETPIPE_SZ
-    try:
-        yield
-    finally:
-        with os.fdopen(descriptor) as stream:
-            lines += stream.read().splitlines()
+        ended = run_forked(batch, IN_BATCH, trace=place.folder.with_suffix(".stack"))
+        lines = [json.loads(line[1:]) for line in ended.out.decode().splitlines() if line.startswith("\0")]
+        told = [(line[0], line[1] and Problem(*line[1])) for line in lines if len(line) == 2]
+        if ended.code and lines and len(lines[-1]) == 1:
+            kind = f"hangs: {target}" if ended.late else f"killed by signal {-ended.code}: {target}"
+            detail = f"{ended.late}\n{ended.err.decode('utf-8', 'replace')[-4000:]}"
+            told.append((lines[-1][0], Problem(kind, detail)))
+    return len(told), time.monotonic() - began, [Finding(target, *each) for each in told if each[1]]
 
 
 def run(
@@ -314,58 +200,42 @@ def run(
     heavy: bool = True,
     tell: Callable[[str], None] = print,
 ) -> Tally:
-    """Run workers until the time has passed, or so many cases of each target are done."""
-    folder.mkdir(parents=True, exist_ok=True)
-    findings = folder / "findings"
-    findings.mkdir(exist_ok=True)
+    """Let workers do cases until the time has passed, or so many cases of each target are done."""
+    samples = make_samples(folder, heavy)
+    tally, kept, seeds = Tally(), Counter[str](), itertools.count(base * 1_000_000)
+    left = {name: (most or {}).get(name, sys.maxsize) for name in targets}
+    running: dict[Future[tuple[int, float, list[Finding]]], tuple[str, int]] = {}
+    until = told_at = time.monotonic()
+    until += 60.0 * minutes
     context = multiprocessing.get_context("spawn")
-    tally, kept = Tally(), Counter[str]()
-    until = time.time() + 60.0 * minutes
-    processes = {}
-    for at in range(workers):
-        ours, theirs = context.Pipe()
-        share = {name: -(-count // workers) for name, count in (most or {}).items()}
-        arguments = (theirs, at, workers, base, tuple(targets), until, share, folder.resolve(), heavy)
-        process = context.Process(target=work, args=arguments)
-        process.start()
-        theirs.close()
-        processes[ours] = process
-        if not ours.poll(900.0) or ours.recv()[0] != "ready":  # the first makes the samples
-            process.kill()
-            raise RuntimeError("a worker did not start")
-    told = time.monotonic()
-    while processes:
-        for connection in wait(list(processes), 5.0):
-            try:
-                name, count, seconds, found = connection.recv()  # type: ignore[union-attr]
-            except EOFError:
-                tell("a worker died")
-                tally.findings.append(Finding("runner", base, Problem("a worker died")))
-                name = "done"
-            if name == "done":
-                processes.pop(connection).join()  # type: ignore[call-overload]
-                continue
-            tally.cases[name] += count
-            tally.seconds[name] += seconds
-            for seed, problem in found:
-                finding = Finding(name, seed, problem)
-                tally.findings.append(finding)
-                kept[f"{name} {problem.signature}"] += 1
-                if kept[f"{name} {problem.signature}"] <= MOST_KEPT:
-                    keep(findings, finding)
-                    tell(f"FOUND {name}: {problem.signature}; again with --target {name} --seed {seed}")
-        if time.monotonic() - told > 60.0:
-            told = time.monotonic()
-            counts = ", ".join(f"{name} {count}" for name, count in sorted(tally.cases.items()))
-            tell(f"{counts}; {len(tally.findings)} findings")
-    for at in range(workers):
-        shutil.rmtree(folder / f"case-{at}", ignore_errors=True)
+    with ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(samples, heavy)) as pool:
+        while True:
+            while len(running) < workers and time.monotonic() < until and any(left.values()):
+                going = Counter(name for name, _ in running.values())  # each counts as a second that is spent
+                name = min(
+                    filter(left.get, left), key=lambda each: (tally.seconds[each] + going[each]) / SHARES[each]
+                )
+                count = min(1 if name in COMMAND_TARGETS else BATCH, left[name])
+                left[name] -= count
+                running[pool.submit(run_batch, name, list(itertools.islice(seeds, count)))] = name, count
+            if not running:
+                break
+            for future in wait(running, 5.0, FIRST_COMPLETED).done:
+                name, count = running.pop(future)
+                done, seconds, found = future.result()
+                left[name] += count - done
+                tally.cases[name] += done
+                tally.seconds[name] += max(seconds, 1e-6)
+                for finding in found:
+                    tally.findings.append(finding)
+                    kept[finding.cause] += 1
+                    if kept[finding.cause] <= MOST_KEPT:
+                        finding.keep(folder / "findings")
+                        tell(f"FOUND {finding.cause}; again with {finding.again}")
+            if time.monotonic() - told_at > 60.0:
+                told_at = time.monotonic()
+                counts = ", ".join(f"{name} {count}" for name, count in sorted(tally.cases.items()))
+                tell(f"{counts}; {len(tally.findings)} findings")
+    for case_folder in folder.glob("case-*"):
+        shutil.rmtree(case_folder, ignore_errors=True)
     return tally
-
-
-def keep(folder: Path, finding: Finding) -> None:
-    """Write a finding down."""
-    name = f"{finding.target}-{finding.seed}.txt"
-    again = f"python -m tests.fuzz --target {finding.target} --seed {finding.seed}"
-    content = f"{finding.problem.signature}\n{again}\n\n{finding.problem.kind}\n{finding.problem.detail}\n"
-    (folder / name).write_text(content, errors="backslashreplace")

@@ -1,15 +1,21 @@
-"""Small valid files of every format that the commands read, made once into a folder."""
+"""Small valid files of every format that the commands read, made once into a folder.
+
+``python -m tests.fuzz.samples FOLDER [heavy]``
+"""
 
 import io
 import json
+import os
 import struct
+import subprocess
+import sys
+import zipfile
 import zlib
 from pathlib import Path
 
 import numpy as np
 
 ROWS, COLS = 132, 140  # enough for a data set
-START, GOAL = (2, 2), (20, 28)
 CELL_M = 2.0
 DEMS = ("dem.npy", "dem.npz", "dem.tif", "dem.asc", "dem.png", "N10E010.hgt", "dem.img")
 PROFILE = """planner = "auto"
@@ -36,6 +42,20 @@ int8 = "in/tiny.onnx"
 rate_hz = 500.0
 method = "corridor"
 """
+LABEL = """PDS_VERSION_ID = PDS3
+RECORD_TYPE = FIXED_LENGTH
+RECORD_BYTES = {bytes}
+FILE_RECORDS = {records}
+^IMAGE = 9
+OBJECT = IMAGE
+  LINES = {rows}
+  LINE_SAMPLES = {cols}
+  SAMPLE_TYPE = PC_REAL
+  SAMPLE_BITS = 32
+  BANDS = 1
+END_OBJECT = IMAGE
+END
+"""
 
 
 def heights(seed: int = 0, rows: int = ROWS, cols: int = COLS) -> np.ndarray:
@@ -57,30 +77,27 @@ def make_light(folder: Path) -> None:
 
     folder.mkdir(parents=True, exist_ok=True)
     ground = heights()
-    known = np.where(np.isfinite(ground), ground, 0.0)
+    known, marked = np.nan_to_num(ground), np.nan_to_num(ground, nan=-9999.0)
     np.save(folder / "dem.npy", ground)
     np.savez(folder / "dem.npz", elevation_m=ground, cell_size_m=CELL_M)
     place = rasterio.Affine(CELL_M, 0, 1000, 0, -CELL_M, 2000)
-    kind = {"count": 1, "height": ROWS, "width": COLS, "transform": place}
-    with rasterio.open(folder / "dem.tif", "w", driver="GTiff", dtype="float32", nodata=-9999.0, **kind) as dataset:
-        dataset.write(np.where(np.isfinite(ground), ground, -9999.0), 1)
+    kind = {"driver": "GTiff", "count": 1, "dtype": "float32", "transform": place}
+    with rasterio.open(folder / "dem.tif", "w", nodata=-9999.0, height=ROWS, width=COLS, **kind) as dataset:
+        dataset.write(marked, 1)
+    with rasterio.open(folder / "sparse.tif", "w", SPARSE_OK=True, tiled=True, height=10**5, width=10**5, **kind):
+        pass
     levels = np.round(100.0 * (known - known.min())).astype(np.uint16)
     (folder / "dem.png").write_bytes(cv2.imencode(".png", levels)[1].tobytes())
-    head = f"ncols {COLS}\nnrows {ROWS}\nxllcorner 0\nyllcorner 0\ncellsize {CELL_M}\nNODATA_value -9999\n"
-    rows = "\n".join(" ".join(f"{value:.3f}" for value in row) for row in np.nan_to_num(ground, nan=-9999.0))
-    (folder / "dem.asc").write_text(head + rows + "\n")
+    head = f"ncols {COLS}\nnrows {ROWS}\nxllcorner 0\nyllcorner 0\ncellsize {CELL_M}\nNODATA_value -9999"
+    np.savetxt(folder / "dem.asc", marked, "%.3f", header=head, comments="")
     (folder / "N10E010.hgt").write_bytes(np.tile(known[:1, :1], (1201, 1201)).astype(">i2").tobytes())
-    label = (
-        f"PDS_VERSION_ID = PDS3\nRECORD_TYPE = FIXED_LENGTH\nRECORD_BYTES = {4 * COLS}\nFILE_RECORDS = {ROWS + 8}\n"
-    )
-    label += f"^IMAGE = 9\nOBJECT = IMAGE\n  LINES = {ROWS}\n  LINE_SAMPLES = {COLS}\n  SAMPLE_TYPE = PC_REAL\n"
-    label += "  SAMPLE_BITS = 32\n  BANDS = 1\nEND_OBJECT = IMAGE\nEND\n"
+    label = LABEL.format(bytes=4 * COLS, records=ROWS + 8, rows=ROWS, cols=COLS)
     (folder / "dem.img").write_bytes(label.encode().ljust(8 * 4 * COLS) + known.astype("<f4").tobytes())
     cost = np.random.default_rng(1).uniform(0.0, 0.9, (ROWS, COLS)).astype(np.float32)
     cost[5, 3:20] = np.inf
     np.savez_compressed(folder / "cost.npz", cost=cost, cell_size_m=CELL_M, cell_width_m=CELL_M)
-    inputs = [Pose(*(float(part) for part in START)), Goal(*GOAL), MapPatch(3, 4, elevation=ground[:4, :5])]
-    inputs += [Pose(4.0, 4.0), MapPatch(10, 9, cost=np.full((2, 3), 1.0, np.float32), keep_known=True)]
+    inputs = [Pose(2.0, 2.0), Goal(20, 28), MapPatch(3, 4, elevation=ground[:4, :5]), Pose(4.0, 4.0)]
+    inputs.append(MapPatch(10, 9, cost=np.full((2, 3), 1.0, np.float32), keep_known=True))
     lines = [b'{"at":%.3f,' % (0.01 * at) + encode(message)[1:] for at, message in enumerate(inputs)]
     lines.insert(0, json.dumps({"v": 1, "type": "recording", "map": [ROWS, COLS]}).encode())
     (folder / "drive.jsonl").write_bytes(b"\n".join(lines) + b"\n")
@@ -94,30 +111,35 @@ def make_light(folder: Path) -> None:
     (folder / "tiny.json").write_text(json.dumps({"machine": "any", "commands": ["none"], "rows": [row]}))
     (folder / "bomb.npz").write_bytes(_bomb("elevation_m.npy", 20_000))
     (folder / "bomb-cost.npz").write_bytes(_bomb("cost.npy", 20_000))
-    shape = {"height": 100_000, "width": 100_000, "count": 1, "dtype": "float32", "transform": place}
-    with rasterio.open(folder / "sparse.tif", "w", driver="GTiff", SPARSE_OK=True, tiled=True, **shape):
-        pass
 
 
-def make_heavy(folder: Path, run: "object") -> list[str]:
-    """A data set, a checkpoint, a trained model and a report, by the commands themselves; what could not be made.
+COMMANDS = (
+    "dataset -o in/set --maps 2 --size 64 --points 2 --workers 1",
+    "train in/set --validation in/set -o in/trained --steps 1 --input-size 64 --batch 2 --validate-every 0",
+    "export in/trained/checkpoint.pt -o in/edge64.onnx",
+    "dataset -o in/set32 --maps 2 --size 32 --points 2 --workers 1",
+    "profile --profile in/profile.toml -o in",
+)
+"""They make a data set, a checkpoint, a trained model and a report."""
 
-    `run` takes the words of a command, and is true where it has ended well.
-    """
-    assert callable(run)
-    data = ["dataset", "-o", folder / "set", "--maps", 2, "--size", 64, "--points", 2, "--workers", 1]
-    train = ["train", folder / "set", "--validation", folder / "set", "-o", folder / "trained", "--steps", 1]
-    train += ["--input-size", 64, "--batch", 2, "--validate-every", 0]
-    export = ["export", folder / "trained" / "checkpoint.pt", "-o", folder / "edge64.onnx"]
-    small = ["dataset", "-o", folder / "set32", "--maps", 2, "--size", 32, "--points", 2, "--workers", 1]
-    report = ["profile", "--profile", folder / "profile.toml", "-o", folder]
-    return [words[0] for words in (data, train, export, small, report) if not run(*words)]
+
+def make_heavy(folder: Path) -> None:
+    """What must be trained or measured, by the commands themselves."""
+    making = folder.parent / "making"
+    making.mkdir(exist_ok=True)
+    if not (making / "in").exists():
+        (making / "in").symlink_to(folder.resolve())
+    for words in COMMANDS:
+        command = [sys.executable, "-m", "nnpp_edge.cli.main", *words.split()]
+        ended = subprocess.run(
+            command, cwd=making, env=os.environ | {"PYTHONPATH": str(Path.cwd())}, capture_output=True
+        )
+        if ended.returncode not in (0, 1):
+            raise RuntimeError(f"no samples by {words}: {ended.stderr.decode()[-2000:]}")
 
 
 def npz(arrays: dict[str, bytes]) -> bytes:
     """An archive of these files."""
-    import zipfile
-
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         for name, data in arrays.items():
@@ -133,8 +155,7 @@ def npy(descr: object, shape: object, data: bytes = b"", fortran: object = False
 
 def _bomb(name: str, side: int) -> bytes:
     """A small archive of a huge array of zeros: one deflated block, repeated."""
-    head = npy("<f4", (side, side))
-    block = 1 << 24
+    head, block = npy("<f4", (side, side)), 1 << 24
     packer = zlib.compressobj(9, wbits=-15)
     first = packer.compress(head) + packer.flush(zlib.Z_FULL_FLUSH)
     repeated = packer.compress(bytes(block)) + packer.flush(zlib.Z_FULL_FLUSH)
@@ -146,3 +167,11 @@ def _bomb(name: str, side: int) -> bytes:
     central = b"PK\x01\x02" + struct.pack("<H", 20) + entry + struct.pack("<HHHII", 0, 0, 0, 0, 0) + name.encode()
     end = struct.pack("<HHHHIIH", 0, 0, 1, 1, len(central), len(local) + len(data), 0)
     return local + data + central + b"PK\x05\x06" + end
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1])
+    make_light(target)
+    if "heavy" in sys.argv:
+        make_heavy(target)
+    (target / "made").write_text("")

@@ -15,6 +15,7 @@ from nnpp_edge.runtime import Planner, Status, Traversability, Vehicle, pose_cos
 from nnpp_edge.runtime.errors import InvalidMapError
 from tests import pose_oracles
 from tests.fuzz import bodies
+from tests.fuzz.cases import Place
 from tests.strategies import drawn
 
 CASES = 15
@@ -28,7 +29,9 @@ ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21,
 METHODS = [("astar", "eq1"), ("nnpp", "eq1"), ("corridor", "eq1")]
 CELL_M = 0.25
 ROUNDING_M = 1e-6
-pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for omega")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:the network .* was trained for omega", "ignore:nnpp goes by the price"
+)
 
 
 @pytest.fixture
@@ -62,7 +65,7 @@ def ends_of(costs, seed):
 
 
 @UNHURRIED
-@given(drawn(lambda rng: bodies.generate(rng, 12)))
+@given(drawn(lambda rng: bodies.generate(rng, most_side=12)))
 def test_poses_equal_the_naive_ones(case):
     assert bodies.problem_with_poses(case.dem, case.cell, case.vehicle) is None
 
@@ -121,9 +124,9 @@ def test_a_body_larger_than_the_map_is_refused(make, sizes):
 
 
 @UNHURRIED
-@given(drawn(lambda rng: bodies.generate(rng, 16)))
+@given(drawn(lambda rng: bodies.generate(rng, most_side=16)))
 def test_plans_are_those_over_all_poses_checked_at_once_or_where_a_search_looks(tiny_model, case):
-    assert (problem := bodies.check(case, tiny_model.parent)) is None, problem.kind
+    assert (problem := bodies.check(case, Place(tiny_model.parent))) is None, problem.kind
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -280,7 +283,7 @@ def test_the_judge_of_plans_sees(kind, fault):
 
 
 def test_the_judge_of_poses_sees_a_check_that_forgets_the_belly(monkeypatch):
-    case = bodies.generate(random.Random(1), 12)
+    case = bodies.generate(random.Random(1), most_side=12)
     dem = np.zeros(case.dem.shape)
     dem[dem.shape[0] // 2, dem.shape[1] // 2] = 1.5 * case.vehicle.clearance_m
     assert bodies.problem_with_poses(dem, case.cell, case.vehicle) is None

@@ -1,0 +1,110 @@
+"""A case, where it is checked, and what an oracle finds wrong with it: the words that all targets share.
+
+A target is a module with `generate(rng, place)` and `check(case, place)`: the random numbers decide all of a case.
+"""
+
+import functools
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from nnpp_edge.runtime import Status
+
+EXACT = 3e-5
+"""Share by which an exact path may cost more than Dijkstra's: g is kept in float32, over hundreds of steps."""
+
+
+class Case(SimpleNamespace):
+    """What was drawn, by name; `steps`, where there are any, are done one after another."""
+
+    def __repr__(self) -> str:
+        with np.printoptions(threshold=60, linewidth=200):
+            facts = {name: value for name, value in vars(self).items() if name != "steps"}
+            return "\n".join([f"{facts}", *(f"  {repr(step)[:300]}" for step in getattr(self, "steps", ()))])
+
+    def but(self, **changes: Any) -> "Case":
+        """The same but for these."""
+        return Case(**(vars(self) | changes))
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What an oracle found."""
+
+    kind: str
+    """In a few words; findings of one kind and place are counted together."""
+    detail: str = ""
+
+    @property
+    def signature(self) -> str:
+        """Equal for findings of one cause, as far as that can be told."""
+        frames = re.findall(r'File "[^"]*?((?:nnpp_edge|tests)/[^"]+|[^"/]+)", line \d+, in (\w+)', self.detail)
+        ours = [f"{file}:{name}" for file, name in frames if "/" in file and "fuzz" not in file]
+        last = re.findall(r"^[\w.]+(?:Error|Exception|Interrupt|Warning)\b", self.detail, re.MULTILINE)
+        return " | ".join([self.kind, *ours[-1:], *(re.sub(r"\W.*", "", name) for name in last[-1:])])
+
+
+@functools.lru_cache(maxsize=4)
+def _tiny(folder: Path) -> Any:
+    from nnpp_edge.runtime import NetworkModel
+
+    return NetworkModel(folder / "tiny.onnx", threads=1)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the samples are, which folder a case may write to, and whether samples that are trained are there."""
+
+    samples: Path | None = None
+    folder: Path | None = None
+    heavy: bool = True
+
+    @property
+    def model(self) -> Any:
+        """The smallest network, loaded once in a process."""
+        return "edge" if self.samples is None else _tiny(self.samples)
+
+    def sample(self, name: str) -> bytes:
+        """A sample's content."""
+        assert self.samples is not None
+        return (self.samples / name).read_bytes()
+
+
+NOWHERE = Place()
+
+
+def problem_with_optimum(
+    plan: Any,
+    optimum: float,
+    path_problem: Callable[[list[tuple[int, int]]], str],
+    path_cost: Callable[[list[tuple[int, int]]], float],
+    *,
+    exact: bool,
+    epsilon: float = math.inf,
+    told: str = "",
+) -> Problem | None:
+    """What is wrong with an answer between two cells that one can stand on; `optimum` is inf without a path."""
+    facts, wrong = f"{plan}\noptimum {optimum!r}\n{told}", ""
+    if not math.isfinite(optimum):
+        wrong = "" if plan.status is Status.NO_PATH else f"{plan.status} where there is no path"
+    elif plan.status is not Status.OK:
+        wrong = f"{plan.status} where there is a path"
+    else:
+        path = [tuple(map(int, cell)) for cell in plan.path]
+        wrong = path_problem(path)
+        cost = math.nan if wrong else path_cost(path)
+        checks = {
+            "its cost is not its path's": abs(cost - plan.cost) > 1e-5 * cost,
+            "below the optimum": cost < optimum * (1.0 - EXACT),
+            "not the optimum": exact and cost > optimum * (1.0 + EXACT),
+            "its lower bound is above the optimum": plan.lower_bound > optimum * (1.0 + EXACT),
+            "more than 1 + epsilon times the optimum": cost > (1.0 + epsilon) * optimum * (1.0 + EXACT),
+        }
+        wrong = wrong or next((kind for kind, found in checks.items() if found), "")
+    return Problem(f"{wrong}: {getattr(plan, 'planner', '')}", facts) if wrong else None
