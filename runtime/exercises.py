@@ -107,6 +107,10 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
     for method in ("astar", "corridor"):
         planner.plan(start, goal, method=method, refine="any-angle")
         planner.plan(start, goal, method=method, time_limit_s=60.0)
+    coarse = CoarseLevel(planner.state.pyramid.levels[1])
+    nothing = np.zeros((2 * coarse.grid.rows, 2 * coarse.grid.cols), np.int32)
+    region, memory = Region(nothing, *planner.state.pyramid.levels[0].quarters, 1), planner.state.grid.weights
+    coarse.close_dead_ends(region, Workspace(len(memory)), planner.state.shape)
     BodyLines(planner.state.grid).attitudes(np.array((start, goal), np.float64))
     planner.prepare(landmarks=1, goals=[goal])
     for method in ("astar", "corridor"):

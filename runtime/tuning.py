@@ -99,12 +99,12 @@ LEARNED_CORRIDOR = CorridorWidth(1, 0.0005, nearby=0.08, coarse_radius=2, coarse
 BODY_WEIGHT = 4.0
 """For a vehicle, whose poses coarse levels can only guess, means count so many times there: where cells are dear on
 average, poses fail."""
-BODY_CORRIDOR = CorridorWidth(2, 0.15, nearby=0.0, coarse_radius=6, coarse_band=0.2)
+BODY_CORRIDOR = CorridorWidth(2, 0.04, nearby=2.5, coarse_radius=0, coarse_band=0.0)
 """For a vehicle: mean gap 0.0 to 0.2 % with up to a tenth of the ground under rocks (docs/decisions.md)."""
-WIDENED_BODY_CORRIDOR = CorridorWidth(4, 0.3, nearby=0.0, coarse_radius=8, coarse_band=0.4)
+WIDENED_BODY_CORRIDOR = CorridorWidth(4, 0.1, nearby=6.0, coarse_radius=0, coarse_band=0.0)
 """Where the first held no path for a vehicle, or not one good enough."""
-MOST_CORRECTIONS = 6
-"""Regions of a vehicle's without a path after which links are corrected, before a wider one is searched."""
+MOST_CORRECTIONS = 3
+"""How many times a vehicle's region is searched, links corrected in between, before a wider one is."""
 REFINE_FROM = MapSize(192)
 """Cells of a map's longer side from which on a learned region is searched coarsely first."""
 WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1

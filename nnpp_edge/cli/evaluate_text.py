@@ -47,7 +47,6 @@ BODY_COLUMNS = {
     "checks_mean": "poses\nchecked",
     "checks_share_mean": "of all",
     "expansions_median": "expan-\nsions",
-    "look_ms_median": "look\nms",
     "time_ms_median": "ms\nmedian",
     "time_ms_p95": "ms\np95",
     "time_ms_p99": "ms\np99",

@@ -16,7 +16,6 @@ ANSWERS = {
     "time_ms_median": quantile("time_ms", 0.5),
     "time_ms_p95": quantile("time_ms", 0.95),
     "time_ms_p99": quantile("time_ms", 0.99),
-    "look_ms_median": quantile("look_ms", 0.5),
     "speedup_median": quantile("speedup", 0.5),
     "speedup_total": lambda columns: sum(columns["exact_ms"]) / sum(columns["time_ms"]),
     "expansions_median": quantile("expansions", 0.5),

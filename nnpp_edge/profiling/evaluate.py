@@ -151,13 +151,6 @@ class _OnMap:
             return records[key].median_s
         return 1e-3 * _median_ms(records[_FRESH + key], "total") / len(records[_FRESH + key].case)
 
-    def look_ms(self, key: str, records: Records) -> float | None:
-        """What it took to price the map's links; None where a rival does not."""
-        record = records.get(_FRESH + key)
-        if record is None or "look" not in record.results[0][0].timings_ms:
-            return None
-        return _median_ms(record, "look")
-
     def _planner(self, key: str) -> FindsPlans:
         if self._standing:
             return self._standing[key]
@@ -183,11 +176,10 @@ class _Counts:
         exact = [on_map.exact[query] for query in queries]
         for rival in self._rivals:
             key = rival.name
-            time_ms, look_ms = 1e3 * on_map.own_s(key, records), on_map.look_ms(key, records)
+            time_ms = 1e3 * on_map.own_s(key, records)
             for at, (plan, optimum) in enumerate(zip(on_map.plans(rival, queries), exact, strict=True)):
                 found = answer(plan, time_ms, optimum.cost, exact_ms) | search(plan, optimum, cells)
-                looked = {} if look_ms is None or at else {"look_ms": look_ms}
-                self._standing[key].append(Row(key, queries[at], found | looked))
+                self._standing[key].append(Row(key, queries[at], found))
         eager = records.get(_FRESH + EXACT + EAGER)
         eager_ms = None if eager is None else 1e3 * eager.median_s / len(queries)
         for name in on_map.fresh:

@@ -15,7 +15,6 @@ CELL_M = 0.25
 GOOD = "length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\n"
 OWN = Vehicle(1.0, 0.8, 0.3)
 ENDS = ("--start", "10,10", "--goal", "45,48")
-PRICED = ("--vehicle", "small-rover", "--price")
 
 
 @pytest.fixture
@@ -112,13 +111,7 @@ def test_a_vehicle_that_is_none_ends_in_one_line(nnpp_edge, place, command, text
         (("--clearance", "0.3"), "length_m is missing"),
         (("--vehicle-length", "50", "--vehicle-width", "2", "--clearance", "1"), "a map that the vehicle fits on"),
         (("--radius", "50"), "the map's edge lies within the vehicle's radius"),
-        (("--price", "eq1"), "--price is for a vehicle with a body"),
-        (("--price", "eq1", "--radius", "0.5"), "--price is for a vehicle with a body"),
-        (("--price", "network"), "--price is for a vehicle with a body"),
-        ((*PRICED, "network"), "price='network' is for vehicles whose length in cells lies in [3, 8], got 2.6"),
-        ((*PRICED, "network", "--model", "paper"), "wanted a passage network, got a model of another kind"),
         (("--vehicle", "small-rover", "--method", "nnpp", "--model", "none.onnx"), "none.onnx"),
-        ((*PRICED, "cheap"), "'cheap' is not one of 'eq1', 'network'"),
         (("--rocks", "0.1"), "no such option '--rocks'"),
         (("--vehicle", "small-rover", "--workload", "body"), "is a vehicle's"),
         (("--workload", "body-rocks30"), "0 to 20 percent"),
@@ -141,7 +134,7 @@ def test_options_that_make_no_sense_end_in_one_line(nnpp_edge, place, given, wor
     assert not list(place.glob("out/*"))
 
 
-@pytest.mark.parametrize("given", [("--vehicle", "small-rover"), (*PRICED, "eq1"), ("--radius", "0.5")])
+@pytest.mark.parametrize("given", [("--vehicle", "small-rover"), ("--radius", "0.5")])
 def test_a_vehicle_needs_the_map_in_memory(nnpp_edge, place, given):
     nnpp_edge("plan", "hill.tif", *ENDS, *given, "--memory", "1kB", "-o", "out").refused("in memory alone")
     assert not list(place.glob("out/*"))
@@ -160,13 +153,11 @@ def test_a_vehicle_stands_on_elevations_alone(nnpp_edge, place, words, told):
     assert not list(place.glob("out/*"))
 
 
-def test_nnpp_says_that_its_network_does_not_serve_a_vehicle(nnpp_edge, place):
+def test_nnpp_says_that_no_network_is_asked_for_a_body(nnpp_edge, place):
     ended = nnpp_edge("plan", "hill.npz", *ENDS, "--vehicle", "small-rover", "--method", "nnpp", "--json")
-    assert (ended.code, ended.err.count("warning: nnpp goes by the price eq1")) == (0, 1)
-    assert "length in cells" in json.loads(ended.out)["choice"]
-    (place / "own.toml").write_text(GOOD)
-    ended = nnpp_edge("plan", "hill.npz", *ENDS, "--vehicle", "own.toml", "--method", "nnpp", "--json")
-    assert (ended.code, ended.err, json.loads(ended.out)["method"]) == (0, "", "nnpp")
+    told = json.loads(ended.out)
+    assert (ended.code, ended.err, told["method"]) == (0, "", "nnpp")
+    assert "no network is asked for a vehicle's body" in told["choice"]
 
 
 def test_no_path_for_the_body_is_an_outcome(nnpp_edge, place):
@@ -187,9 +178,7 @@ def test_no_path_for_the_body_is_an_outcome(nnpp_edge, place):
         (("--workload", "body"), "--workload body needs a vehicle"),
         (("--workload", "body-rocks10"), "--workload body-rocks10 needs a vehicle"),
         (("--vehicle", "small-rover"), "for the workloads body and body-rocksN"),
-        (("--prices", "eq1"), "for the workloads body and body-rocksN"),
         (("--vehicle", "small-rover", "--workload", "body-rocks-1"), "0 to 20 percent"),
-        (("--vehicle", "small-rover", "--workload", "body", "--prices", "cheap"), "--prices must be of eq1"),
         (("--radius", "1", "--workload", "body"), "a disc has no poses"),
     ],
 )

@@ -5,13 +5,11 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.corridors import Control, CorridorAlone
 from nnpp_edge.profiling.evaluate import evaluate
-from nnpp_edge.profiling.rivals import exact_and_priced
+from nnpp_edge.profiling.rivals import exact_and
 from nnpp_edge.profiling.suites import TerrainFiles, synthetic_cases, terrain_cases
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.prices import Price
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import body_rocks, workload
 
@@ -49,17 +47,12 @@ def judged(nnpp_edge, terrain, rover):
     return lambda *more: nnpp_edge("evaluate", *words, *more)
 
 
-def test_every_price_makes_a_row_of_the_corridor(judged):
-    ended = judged("--workload", "body,body-rocks5,soft", "--prices", "eq1,network", "--json")
+def test_each_workload_has_rows_of_the_corridor_and_exact_search(judged):
+    ended = judged("--workload", "body,body-rocks5,soft", "--json")
     assert ended.code == 0, ended.err
     rows = json.loads(ended.out)
-    of_body = [("astar", None), ("corridor", "eq1"), ("corridor", "network")]
-    named = [(row["workload"], row["method"], row["price"]) for row in rows]
-    assert named == [
-        *(("body", *each) for each in of_body),
-        *(("body-rocks5", *each) for each in of_body),
-        *(("soft", name, None) for name in ("astar", "corridor")),
-    ]
+    named = [(row["workload"], row["method"]) for row in rows]
+    assert named == [(name, each) for name in ("body", "body-rocks5", "soft") for each in ("astar", "corridor")]
     for row in rows:
         assert (row["n"], row["success"]) == (4, 1.0)
         assert row["unsolvable"] >= 0
@@ -79,66 +72,48 @@ def test_every_price_makes_a_row_of_the_corridor(judged):
 
 
 def test_the_table_says_what_was_checked(judged):
-    ended = judged("--workload", "body", "--prices", "eq1,straight", "--markdown")
+    ended = judged("--workload", "body", "--markdown")
     assert ended.code == 0, ended.err
-    assert "poses checked" in ended.out and "| straight |" in ended.out
+    assert "poses checked" in ended.out
     assert "speed-up" not in ended.out  # a table of points, of which there are none
 
 
 def test_a_planner_that_checks_all_poses_first_is_the_control_on_a_fresh_map(judged):
-    ended = judged("--workload", "body", "--prices", "network", "--fresh-map", "--json")
+    ended = judged("--workload", "body", "--fresh-map", "--json")
     assert ended.code == 0, ended.err
-    rows = {(row["method"], row["price"]): row for row in json.loads(ended.out)}
-    pairs = [("astar", None), ("corridor", "network"), ("corridor-narrow", None)]
-    assert list(rows) == [(name + end, price) for name, price in pairs for end in ("", "-eager")]
-    for name, price in pairs:
-        lazy, eager = rows[name, price], rows[f"{name}-eager", price]
+    rows, names = {row["method"]: row for row in json.loads(ended.out)}, ("astar", "corridor", "corridor-narrow")
+    assert list(rows) == [name + end for name in names for end in ("", "-eager")]
+    for name in names:
+        lazy, eager = rows[name], rows[f"{name}-eager"]
         assert eager["checks_share_mean"] == 1.0 > lazy["checks_share_mean"]
         assert eager["fresh_gap_mean"] == pytest.approx(lazy["fresh_gap_mean"], abs=1e-6)
         assert lazy["fresh_speedup_median"] > 0.0
-    assert rows["astar-eager", None]["fresh_speedup_median"] == 1.0
+    assert rows["astar-eager"]["fresh_speedup_median"] == 1.0
 
 
 def test_counts_are_those_of_planners_that_have_checked_nothing(rocky):
     """Each query by a planner of its own; the cost is that of an exact search of all poses."""
-    rivals = exact_and_priced(["corridor"], [Price.EQ1, Price.NETWORK])
+    rivals = exact_and(["corridor"], {})
     rows = evaluate([rocky], rivals, 10, repeats=1)
-    assert list(rows) == ["astar", "corridor:eq1", "corridor:network"]
+    assert list(rows) == ["astar", "corridor"]
     ground, optima, own = rocky.ground, {}, {}
     every = ground.planner(lazy=False)
     for query in rocky.queries:
         optima[query] = every.plan(*query, method="astar")
-        own[query] = ground.planner().plan(*query, method="corridor", price="network")
+        own[query] = ground.planner().plan(*query, method="corridor")
     solvable = [query for query in rocky.queries if optima[query].ok]
     assert (rows["astar"]["n"], rows["astar"]["unsolvable"]) == (len(solvable), 10 - len(solvable))
-    row = rows["corridor:network"]
+    row = rows["corridor"]
     assert row["checks_mean"] == pytest.approx(np.mean([own[query].checks for query in solvable]))
     gaps = [own[query].cost / optima[query].cost - 1.0 for query in solvable]
     assert row["gap_mean"] == pytest.approx(np.mean(gaps), abs=1e-6)
 
 
-def test_a_control_makes_a_row_beside_the_network(judged):
-    controls = "network,straight"
-    ended = judged("--workload", "body-rocks5", "--prices", controls, "--json")
-    assert ended.code == 0, ended.err
-    rows = json.loads(ended.out)
-    named = [row["price"] for row in rows]
-    assert named == [None, *controls.split(",")]
-    for row in rows:
-        assert (row["n"], row["success"], row["queries_per_map"]) == (4, 1.0, 1)
-        assert row["gap_mean"] >= -1e-5
-        assert row["time_ms_median"] <= row["time_ms_p95"] <= row["time_ms_p99"]
-        if row["price"] is None:
-            assert row["look_ms_median"] is None
-        else:
-            assert 0.0 < row["look_ms_median"] < row["time_ms_median"]
-
-
 def test_queries_on_a_map_share_one_planner(rocky):
     """Later ones find poses checked; the time is the mean, and nothing that is found is another."""
-    rivals = exact_and_priced(["corridor", "nnpp"], [Price.EQ1])
+    rivals = exact_and(["corridor"], {})
     alone, together = (evaluate([rocky], rivals, 3, repeats=1, queries_per_map=count) for count in (1, 3))
-    assert list(alone) == list(together) == ["astar", "corridor:eq1", "nnpp"]
+    assert list(alone) == list(together) == ["astar", "corridor"]
     for key, row in together.items():
         assert (row["n"], row["queries_per_map"]) == (3, 3)
         assert row["checks_mean"] < alone[key]["checks_mean"]
@@ -146,13 +121,13 @@ def test_queries_on_a_map_share_one_planner(rocky):
         assert row["time_ms_median"] == pytest.approx(row["time_ms_p95"])  # one mean, of one map
     every, shared = rocky.ground.planner(), rocky.ground.planner()
     solvable = [query for query in rocky.queries if every.plan(*query, method="astar").ok][:3]
-    checks = [shared.plan(*query, method="nnpp").checks for query in solvable]
-    assert together["nnpp"]["checks_mean"] == pytest.approx(np.mean(checks))
+    checks = [shared.plan(*query, method="corridor").checks for query in solvable]
+    assert together["corridor"]["checks_mean"] == pytest.approx(np.mean(checks))
 
 
 def test_where_too_few_queries_have_paths_others_are_drawn(rocky):
     case = replace(rocky, queries=rocky.queries[:1])
-    rows = evaluate([case], exact_and_priced([], []), 4, repeats=1, queries_per_map=4)
+    rows = evaluate([case], exact_and([], {}), 4, repeats=1, queries_per_map=4)
     assert (rows["astar"]["n"], rows["astar"]["queries_per_map"]) == (4, 4)
     drawn = list(islice(case.more_queries(), 20))
     assert drawn == list(islice(case.more_queries(), 20)) and len(set(drawn)) > 10
@@ -162,22 +137,7 @@ def test_where_too_few_queries_have_paths_others_are_drawn(rocky):
 def test_a_points_planner_serves_all_queries_of_a_map(terrain):
     case = next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 64))
     with pytest.raises(InvalidQueryError, match="queries_per_map is for a vehicle"):
-        evaluate([case], exact_and_priced([], []), 4, queries_per_map=2)
-
-
-@pytest.mark.parametrize("price", [*Price, *Control])
-def test_the_corridor_alone_is_the_planners(rocky, price):
-    """By each price of `Planner` to the last cell; by controls it finds paths, too."""
-    alone = CorridorAlone(rocky.ground.state(), price)
-    planner = rocky.ground.planner()
-    for query in rocky.queries[:3]:
-        plan = alone.plan(*query, method="corridor")
-        optimum = planner.plan(*query, method="astar")
-        assert plan.status == optimum.status
-        assert not plan.ok or plan.cost >= optimum.cost * (1.0 - 1e-6)
-        if isinstance(price, Price):
-            other = rocky.ground.planner().plan(*query, method="corridor", price=price)
-            np.testing.assert_array_equal(plan.path, other.path)
+        evaluate([case], exact_and([], {}), 4, queries_per_map=2)
 
 
 def test_the_vehicle_stands_on_starts_and_goals_and_rocks_lie_on_the_crops(terrain, rocky):
@@ -226,18 +186,12 @@ def test_maps_without_any_path_are_not_asked_forever(rocky):
             yield replace(rocky, ground=ground, cost=ground.cost(), queries=(((24, 8), (24, 40)),))
 
     with pytest.raises(InvalidQueryError, match="no query has a path on 50 maps"):
-        evaluate(cases(), exact_and_priced(["astar"], []), 1, repeats=1)
+        evaluate(cases(), exact_and(["astar"], {}), 1, repeats=1)
 
 
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (("--workload", "body", "--prices", "dear"), "straight, got dear"),
-        (("--workload", "soft", "--prices", "eq1"), "for the workloads body and body-rocksN"),
-        (("--workload", "body", "--prices", "network", "--model", "paper"), "wanted a passage network"),
-        (("--workload", "body", "--methods", "nnpp", "--model", "paper"), "wanted a passage network"),
-        (("--workload", "body,soft", "--model", "paper"), "--model is a point's or a vehicle's"),
-        (("--workload", "body", "--prices", "network", "--vehicle-length", 9), "length in cells"),
         (("--workload", "body", "--queries-per-map", "0,1"), "whole numbers of at least 1"),
         (("--workload", "body-rocks30"), "N from 0 to 20 percent, got 'body-rocks30'"),
         (("--workload", "body-rocks"), "N from 0 to 20 percent, got 'body-rocks'"),

@@ -10,7 +10,7 @@ from nnpp_edge.runtime.planners.choice import MethodChooser
         ((300, 2048), "edge", False, "astar corridor corridor nnpp"),
         ((2048, 2048), "edge-joint", False, "astar corridor corridor corridor"),
         ((512, 512), "edge", True, "astar corridor corridor corridor"),
-        ((300, 2048), "other", True, "astar corridor nnpp nnpp"),
+        ((300, 2048), "edge", True, "astar corridor corridor corridor"),
     ],
 )
 def test_auto_goes_by_distance_size_network_and_body(shape, model, has_body, methods):

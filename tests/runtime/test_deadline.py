@@ -11,12 +11,9 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.pyramid import Pyramid
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.network.passage_model import VehicleNetwork, passage_model
 from nnpp_edge.runtime.planners import answers as answers_module
-from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
 from nnpp_edge.runtime.planners.tour import tour
-from nnpp_edge.runtime.region.looked import LookedMap
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.terrain.synthetic import fractal
 
@@ -81,13 +78,11 @@ def test_a_deadline_is_a_number_of_seconds_from_now_on():
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("method", [*Method, *DynamicMethod], ids=lambda method: f"{type(method).__name__}-{method}")
 def test_without_time_next_to_nothing_is_done(kind, method, monkeypatch):
-    asked = []
     monkeypatch.setattr(bands_module, "STRIPE_CELLS", 4096)
-    monkeypatch.setattr(VehicleNetwork, "answers", lambda self, shown: asked.append(len(shown)))
     planner = made(kind, None if isinstance(method, Method) else method)
     checked, computed = planner.state.checked, planner.state.costs_computed
     plan = ask(planner, method, 0.0)
-    assert plan.status is Status.TIMEOUT and plan.reason and not asked
+    assert plan.status is Status.TIMEOUT and plan.reason
     assert plan.expansions <= 1100  # one look at the clock
     assert planner.state.checked - checked <= 4 * 16 * SHAPE[1]  # a row of D* Lite's
     assert planner.state.costs_computed - computed < 0.6 or kind in ("costs", "tobler")
@@ -141,21 +136,6 @@ def test_a_mended_regions_planner_answers_afresh_until_dstar_has_read_the_map():
     assert plan.cost == pytest.approx(ask(made("costs"), "corridor").cost)
 
 
-def test_the_networks_prices_are_asked_for_a_few_tiles_at_a_time(monkeypatch):
-    sizes, answers = [], VehicleNetwork.answers
-
-    def counted(self, shown):
-        sizes.append(shown.shape)
-        return answers(self, shown)
-
-    monkeypatch.setattr(VehicleNetwork, "answers", counted)
-    planner = made("body")
-    assert ask(planner, "nnpp", 1e9).ok
-    looks = len(sizes)
-    assert ask(made("body"), "nnpp").ok
-    assert looks > len(sizes) - looks >= 1  # on each core at the most one, of 48 × 65 blocks in all
-
-
 def test_a_tour_whose_time_is_up_keeps_the_order_given():
     planned = []
 
@@ -197,15 +177,6 @@ def test_the_best_order_is_not_looked_for_once_time_is_up(monkeypatch):
 # Why a method, and why a status
 
 
-def test_the_method_is_not_told_by_a_network_that_is_not_asked(monkeypatch):
-    monkeypatch.setattr(MethodChooser, "pick", lambda self, apart: (Method.NNPP, "nnpp is the fastest"))
-    plan = ask(made("body-tobler"), "auto")
-    assert (plan.method, plan.reason) == (Method.CORRIDOR, "")
-    assert plan.choice == "the network prices steps alike both ways"
-    asked = ask(made("body"), "auto")
-    assert (asked.method, asked.choice) == (Method.NNPP, "nnpp is the fastest")
-
-
 def test_no_path_has_a_reason_of_its_own():
     cost = np.full((300, 200), 0.3, np.float32)
     cost[100] = 1.0
@@ -244,17 +215,6 @@ def test_coarse_levels_are_made_in_stripes_and_are_those_made_at_once(monkeypatc
     for level, other in zip(pyramid.levels[1:], whole.levels[1:], strict=True):
         np.testing.assert_array_equal(level.grid.weights, other.grid.weights)
         np.testing.assert_array_equal(level.links, other.links)
-
-
-def test_the_network_of_a_body_looks_at_a_few_tiles_between_two_looks_at_the_clock():
-    looked = LookedMap(made("body").state, passage_model())
-    looked.links_within((0, 0, 4, 4))
-    assert looked.looks == 1
-    with pytest.raises(OutOfTimeError):
-        looked.links_within((0, 0, *SHAPE), Deadline(0.0))
-    assert looked.looks == 1
-    looked.links_within((0, 0, *SHAPE), FAR)
-    assert looked.looks >= 4  # 15 tiles are left
 
 
 def test_a_network_is_neither_shown_a_map_nor_run_without_time(tiny_model):

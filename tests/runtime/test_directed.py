@@ -385,8 +385,6 @@ def test_the_nearest_of_several_goals_is_the_cheapest_to_get_to():
         (lambda dem: DynamicPlanner(dem, (0, 0), step_cost="linear"), ["'linear'", "elevations"]),
         (lambda dem: directed(dem).prepare(landmarks=2), ["landmarks", "alike both ways"]),
         (lambda dem: directed(dem).prepare(goals=[(1, 1)]), ["landmarks"]),
-        (lambda dem: directed(dem).plan((0, 0), (1, 1), price="network"), ["vehicle"]),
-        (lambda dem: directed(dem, BODY).plan((9, 9), (9, 9), price="network"), ["'network'", "alike both ways"]),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(make, words):

@@ -26,12 +26,10 @@ UNHURRIED = settings(
     phases=(Phase.explicit, Phase.reuse, Phase.generate),  # to make a drawn map smaller takes minutes
 )
 ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21, wheel_width_m=0.13)
-METHODS = [("astar", "eq1"), ("nnpp", "eq1"), ("corridor", "eq1")]
+METHODS = ("astar", "corridor", "auto")
 CELL_M = 0.25
 ROUNDING_M = 1e-6
-pytestmark = pytest.mark.filterwarnings(
-    "ignore:the network .* was trained for omega", "ignore:nnpp goes by the price"
-)
+pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for omega")
 
 
 @pytest.fixture
@@ -130,35 +128,35 @@ def test_plans_are_those_over_all_poses_checked_at_once_or_where_a_search_looks(
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("method", "price"), METHODS)
-def test_among_rocks_every_method_keeps_to_poses_that_pass(planner, method, price, seed):
+@pytest.mark.parametrize("method", METHODS)
+def test_among_rocks_every_method_keeps_to_poses_that_pass(planner, method, seed):
     dem = rocks(seed)
     costs = pose_costs(dem, CELL_M, ROVER)
     start, goal = ends_of(costs, seed)
-    plan = planner(dem).plan(start, goal, method=method, price=price)
+    plan = planner(dem).plan(start, goal, method=method)
     problem = bodies.problem_with_plan(plan, costs, start, goal, 0.011, method == "astar")
     assert problem is None, problem.kind
 
 
-@pytest.mark.parametrize(("method", "price"), METHODS)
-def test_what_is_driven_breaks_no_limit_between_the_cells(planner, method, price):
+@pytest.mark.parametrize("method", METHODS)
+def test_what_is_driven_breaks_no_limit_between_the_cells(planner, method):
     driven = 0
     for seed in range(4):
         dem = rocks(seed, share=0.01)
         start, goal = ends_of(pose_costs(dem, CELL_M, ROVER), seed)
-        plan = planner(dem).plan(start, goal, method=method, price=price)
+        plan = planner(dem).plan(start, goal, method=method)
         assert pose_oracles.drive_breaks(dem, CELL_M, ROVER, plan.path, margin_m=ROUNDING_M) is None
         driven += len(plan.path)
     assert driven > 40
 
 
 @pytest.mark.parametrize(("width", "status"), [(4, Status.NO_PATH), (5, Status.OK)])
-@pytest.mark.parametrize(("method", "price"), METHODS)
-def test_a_gap_lets_through_what_is_narrower(planner, method, price, width, status):
+@pytest.mark.parametrize("method", METHODS)
+def test_a_gap_lets_through_what_is_narrower(planner, method, width, status):
     dem = np.zeros((40, 60), np.float32)
     dem[:, 30] = 3.0
     dem[20 : 20 + width, 30] = 0.0
-    plan = planner(dem).plan((20, 10), (20, 50), method=method, price=price)
+    plan = planner(dem).plan((20, 10), (20, 50), method=method)
     assert plan.status is status
 
 
@@ -224,8 +222,8 @@ def test_after_many_patches_plans_are_those_of_a_new_planner(planner):
         if turn % 6 == 5:
             costs = pose_costs(dem, CELL_M, ROVER)
             start, goal = ends_of(costs, turn)
-            method, price = METHODS[turn // 6 % len(METHODS)]
-            plan = kept.plan(start, goal, method=method, price=price)
+            method = METHODS[turn // 6 % len(METHODS)]
+            plan = kept.plan(start, goal, method=method)
             problem = bodies.problem_with_plan(plan, costs, start, goal, 0.011, method == "astar")
             assert problem is None, problem.kind
 

@@ -3,13 +3,12 @@
 import ast
 import inspect
 import re
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner, Status, Vehicle, exercises, tuning
+from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner, Status, exercises, tuning
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
 from nnpp_edge.runtime.map.state import MapState
@@ -82,7 +81,7 @@ def test_warm_up_plans_on_a_map_below_and_one_above_every_size(name):
 
 
 def test_the_sizes_are_those_that_the_table_names():
-    assert set(SIZES) == {"SECOND_LEVEL_FROM", "REFINE_FROM", "LARGE_MAP", "LARGE_MAP_FOR_BODY"}
+    assert set(SIZES) == {"SECOND_LEVEL_FROM", "REFINE_FROM", "LARGE_MAP"}
 
 
 # That they are what the planners go by
@@ -106,11 +105,8 @@ def test_from_refine_from_on_a_learned_region_is_searched_coarsely_first(network
         assert ("coarse" in plan.timings_ms) == coarsely
 
 
-@pytest.mark.parametrize(
-    ("has_body", "size", "far"),
-    [(False, tuning.LARGE_MAP, tuning.FAR), (True, tuning.LARGE_MAP_FOR_BODY, tuning.FAR_FOR_BODY)],
-)
-def test_on_a_large_map_a_far_goal_is_left_to_the_network(has_body, size, far):
+def test_on_a_large_map_a_far_goal_is_left_to_the_network():
+    size, far = tuning.LARGE_MAP, tuning.FAR
     for side, apart, wanted in (
         (size, far, "nnpp"),
         (size, far - 1, "corridor"),
@@ -118,23 +114,8 @@ def test_on_a_large_map_a_far_goal_is_left_to_the_network(has_body, size, far):
         (size, tuning.NEAR, "corridor"),
         (size, tuning.NEAR - 1, "astar"),
     ):
-        chooser = MethodChooser((int(side), 30), "edge", has_body)
+        chooser = MethodChooser((int(side), 30), "edge")
         assert chooser.choose("auto", Query((0, 0), (apart, 3)))[0] == wanted
-
-
-@pytest.mark.parametrize(("cell_m", "planned"), [(0.25, "nnpp"), (0.1, "corridor")])
-def test_auto_asks_the_network_for_a_vehicle_in_its_range_alone(cell_m, planned):
-    size, vehicle = int(tuning.LARGE_MAP_FOR_BODY), Vehicle(1.5, 1.2, 0.3)
-    flat, (start, goal) = np.zeros((size, 40), np.float32), ((20, 20), (size - 20, 20))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        plan = Planner.of_elevation(flat, cell_m, vehicle=vehicle).plan(start, goal)
-    assert plan.ok and plan.planner == planned
-    assert ("length in cells" in plan.choice) == (planned == "corridor")
-    moving = DynamicPlanner.of_elevation(flat, cell_m, goal, vehicle=vehicle)
-    moving.prepare()
-    moving.move(start)
-    assert moving.replan().planner == planned
 
 
 def test_near_goals_are_found_before_the_network_is_shown_anything(network):
