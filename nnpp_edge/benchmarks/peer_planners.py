@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Plan
@@ -27,7 +27,7 @@ CellPath = NDArray[np.integer]
 """Cells (N, 2)."""
 Search = Callable[[Cell, Cell], CellPath | None]
 """From start to goal: the path's cells, or None if there is none."""
-_LENGTH, _ENTERED = "length × mean weight", "weight of the cell entered, diagonals no longer"
+_LENGTH = "length × mean weight"
 
 
 @dataclass(frozen=True)
@@ -41,22 +41,20 @@ class PeerPlanner:
     """What it minimises."""
     prepare: Callable[[Weights], Search]
     """Do the work that depends on the map alone."""
-    once: Callable[[Weights, Cell, Cell], CellPath | None] | None = None
+    once: Callable[[Weights, Endpoints], CellPath | None] | None = None
     """From weights to one path, where that is another call than `prepare` and a search."""
-    of_elevation: Callable[[Ground, Cell, Cell], CellPath | None] | None = None
+    of_elevation: Callable[[Ground, Endpoints], CellPath | None] | None = None
     """From elevations to one path; None for who knows weights alone."""
 
-    def plan_once(self, weights: Weights, start: Cell, goal: Cell) -> CellPath | None:
+    def plan_once(self, weights: Weights, query: Endpoints) -> CellPath | None:
         """From weights to one path, nothing being kept."""
-        if self.once is not None:
-            return self.once(weights, start, goal)
-        return self.prepare(weights)(start, goal)
+        return self.once(weights, query) if self.once is not None else self.prepare(weights)(*query)
 
-    def plan_on(self, ground: Ground, start: Cell, goal: Cell) -> CellPath | None:
+    def plan_on(self, ground: Ground, query: Endpoints) -> CellPath | None:
         """From elevations to one path; a library without cost maps of its own gets ours."""
         if self.of_elevation is not None:
-            return self.of_elevation(ground, start, goal)
-        return self.plan_once(weights_of(ground.cost()), start, goal)
+            return self.of_elevation(ground, query)
+        return self.plan_once(weights_of(ground.cost()), query)
 
 
 def weights_of(cost: Float2D) -> Weights:
@@ -72,7 +70,7 @@ def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
         _ours("nnpp", f"{_LENGTH}, in the network's region"),
     ]
     missing = []
-    for module, planner in _OTHERS:
+    for module, planner in _OTHERS.items():
         try:
             importlib.import_module(module)
         except ImportError:
@@ -95,11 +93,11 @@ def _ours(method: str, objective: str) -> PeerPlanner:
         planner = Planner(weights, step_cost="length", model=model())
         return lambda start, goal: _path(planner.plan(start, goal, method=method))
 
-    def once(weights: Weights, start: Cell, goal: Cell) -> CellPath | None:
-        return _path(plan_path(weights, start, goal, method, "length", model=model()))
+    def once(weights: Weights, query: Endpoints) -> CellPath | None:
+        return _path(plan_path(weights, *query, method, "length", model=model()))
 
-    def of_elevation(ground: Ground, start: Cell, goal: Cell) -> CellPath | None:
-        return _path(ground.planner(model()).plan(start, goal, method=method))
+    def of_elevation(ground: Ground, query: Endpoints) -> CellPath | None:
+        return _path(ground.planner(model()).plan(*query, method=method))
 
     return PeerPlanner(method, "nnpp-edge", objective, prepare, once, of_elevation)
 
@@ -111,11 +109,7 @@ def _path(plan: Plan) -> CellPath | None:
 def _pyastar2d(weights: Weights) -> Search:
     from pyastar2d import astar_path
 
-    def search(start: Cell, goal: Cell) -> CellPath | None:
-        path: CellPath | None = astar_path(weights, start, goal, allow_diagonal=True)
-        return path
-
-    return search
+    return lambda start, goal: astar_path(weights, start, goal, allow_diagonal=True)
 
 
 def _scikit_image(weights: Weights) -> Search:
@@ -181,13 +175,10 @@ def _graph(weights: Weights) -> "csr_array":
     return coo_array((price, (first, second)), shape=(rows * cols, rows * cols)).tocsr()
 
 
-_OTHERS = (
-    (
-        "pyastar2d",
-        PeerPlanner("pyastar2d", "pyastar2d", "weight of the cell entered, diagonals no longer", _pyastar2d),
-    ),
-    ("skimage", PeerPlanner("skimage.graph", "scikit-image", _LENGTH, _scikit_image)),
-    ("tcod", PeerPlanner("tcod.path", "tcod", "length × weight entered, whole numbers", _tcod)),
-    ("scipy", PeerPlanner("scipy dijkstra", "scipy", f"{_LENGTH}, to every cell", _scipy)),
-)
-"""The module that must be importable, and the planner."""
+_OTHERS = {
+    "pyastar2d": PeerPlanner("pyastar2d", "pyastar2d", "weight of the cell entered, diagonals no longer", _pyastar2d),
+    "skimage": PeerPlanner("skimage.graph", "scikit-image", _LENGTH, _scikit_image),
+    "tcod": PeerPlanner("tcod.path", "tcod", "length × weight entered, whole numbers", _tcod),
+    "scipy": PeerPlanner("scipy dijkstra", "scipy", f"{_LENGTH}, to every cell", _scipy),
+}
+"""By the module that must be importable."""

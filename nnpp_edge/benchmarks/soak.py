@@ -13,8 +13,8 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -43,7 +43,6 @@ _WARM_UP = 0.1
 """Share of the ticks after which memory is read for the first time."""
 _PATIENCE = 50
 """Ticks without a path, or without a step, after which the robot gets another goal."""
-_WORKLOAD, _BODY_WORKLOAD = "limit20", "body"
 _TRIES = 200
 _TOLD = 0.1
 """Share of the ticks at which a body is told something as costs."""
@@ -51,66 +50,39 @@ _TOUCHES = 1.0 - 1e-4
 """Share of its radius from which on a disc touches: way points are float32."""
 
 
-@dataclass(frozen=True)
-class Soaked:
-    """What came of one method's ticks."""
-
-    method: str
-    ticks: int
-    size: int
-    changes: int
-    """Events of obstacles at every tick."""
-    goals: int
-    """That the robot was sent to."""
-    reached: int
-    planned: int
-    kept: int
-    without_path: int
-    """Ticks whose answer was not OK; obstacles can wall the robot or its goal in."""
-    invalid: int
-    """Paths that crossed a cell or a pose that the newest map forbids, or were broken. 0, or the loop is at fault."""
-    errors: dict[str, int]
-    ticks_per_s: float
-    """By the time spent in ticks, map changes included."""
-    tick_ms: dict[str, float]
-    """``p50``, ``p90``, ``p99``, ``max``, ``mean``."""
-    overruns: int
-    """Ticks longer than a period at 17 Hz."""
-    rss_start_mb: float
-    rss_warm_mb: float
-    """After a tenth of the ticks."""
-    rss_end_mb: float
-
-
 def soak(
-    method: str,
+    settings: NavigatorSettings,
     ground: SurveyedGround,
     *,
     ticks: int,
     changes: int = 1,
     seed: int = 1,
-    model: str = "edge",
-    refine: str | None = None,
     progress: Callable[[int], None] = lambda done: None,
-) -> Soaked:
+) -> dict[str, Any]:
     """Let one method plan for `ticks` (at least 1) on ground of at least 32 cells a side; see `soak_ground`.
 
     At every tick `changes` obstacles appear, move or vanish. A tick's time is that of taking its changes in and of
-    its answer, not that of the simulated world. InvalidQueryError if a number is out of range, or there is no such
-    method.
+    its answer, not that of the simulated world. InvalidQueryError if a number is out of range.
+
+    Returns
+    -------
+    dict
+        Counts: ``goals`` that the robot was sent to, ``reached``, ``planned``, ``kept``, ``errors``;
+        ``without_path``, ticks whose answer was not OK, as obstacles can wall the robot or its goal in; ``invalid``, paths that crossed
+        what the newest map forbids, or were broken: 0, or the loop is at fault; ``overruns``, ticks longer than a
+        period at 17 Hz. ``ticks_per_s`` and ``tick_ms`` are by the time spent in ticks; resident memory, MB, is that
+        at the start, after a tenth of the ticks (``rss_warm_mb``) and at the end.
     """
     size = min(ground.true.shape)
     if ticks < 1 or size < 32:
         raise InvalidQueryError(f"a soak needs at least 1 tick and a map of 32 cells, got {ticks} and {size}")
-    rng = np.random.default_rng(seed)
-    course = _Course(ground, rng, changes)
+    course = _Course(ground, np.random.default_rng(seed), changes)
     gc.collect()
-    start_mb = rss_mb()
-    settings = NavigatorSettings(method=method, model=model, refine=refine)
+    start_mb = warm_mb = 1e-6 * rss_bytes()
     navigator = Navigator(ground.robot.ground(course.scene.told), settings)
-    histogram, overruns, failed, warm_mb = Histogram(), 0, 0, start_mb
+    histogram, overruns, failed = Histogram(), 0, 0
     for tick in range(ticks):
-        inputs = list(course.poll())
+        inputs = course.poll()
         began = time.perf_counter()
         for message in inputs:
             navigator.offer(message)
@@ -121,37 +93,37 @@ def soak(
         failed += answer.outcome is not Status.OK
         course.heard(answer)
         if tick == int(_WARM_UP * ticks):
-            warm_mb = rss_mb()
+            warm_mb = 1e-6 * rss_bytes()
         if tick % 100 == 99 or tick + 1 == ticks:
             progress(tick + 1)
     gc.collect()
     counters = navigator.counters()
-    return Soaked(
-        method=method,
-        ticks=ticks,
-        size=size,
-        changes=changes,
-        goals=course.goals,
-        reached=course.reached,
-        planned=counters.planned,
-        kept=counters.kept,
-        without_path=failed,
-        invalid=course.scene.forbidden + course.forbidden,
-        errors=counters.errors,
-        ticks_per_s=1.0 / histogram.mean_s,
-        tick_ms=histogram.summary_ms(),
-        overruns=overruns,
-        rss_start_mb=start_mb,
-        rss_warm_mb=warm_mb,
-        rss_end_mb=rss_mb(),
-    )
+    return {
+        "method": str(settings.method),
+        "ticks": ticks,
+        "size": size,
+        "changes": changes,
+        "goals": course.goals,
+        "reached": course.reached,
+        "planned": counters.planned,
+        "kept": counters.kept,
+        "without_path": failed,
+        "invalid": course.scene.forbidden + course.forbidden,
+        "errors": counters.errors,
+        "ticks_per_s": 1.0 / histogram.mean_s,
+        "tick_ms": histogram.summary_ms(),
+        "overruns": overruns,
+        "rss_start_mb": start_mb,
+        "rss_warm_mb": warm_mb,
+        "rss_end_mb": 1e-6 * rss_bytes(),
+    }
 
 
 class _Course:
     """A scene without end: where one goal is reached, or cannot be, the next follows."""
 
     def __init__(self, ground: SurveyedGround, rng: np.random.Generator, changes: int) -> None:
-        self._ground, self._rng, self._changes = ground, rng, changes
+        self._ground, self._rng = ground, rng
         self._planner, self._costs = ground.planner(), ground.costs()
         self._planner.touch()  # what the course needs is not to look like growth of the loop
         self.goals, self.reached, self._stuck = 1, 0, 0
@@ -168,7 +140,10 @@ class _Course:
             inputs.append(self._wall())
         self._stuck = self._stuck + 1 if self.scene.waited > before else 0
         if self.scene.reached or self._stuck > _PATIENCE:
-            inputs += self._next_goal()
+            self.reached += self.scene.reached
+            self.goals, self._stuck = self.goals + 1, 0
+            del self.scene.driven[:-1]  # the way so far is not to look like growth of the loop
+            inputs += self.scene.send_to(self._query(self.scene.robot)[1])
         return inputs
 
     def _wall(self) -> MapPatch:
@@ -195,17 +170,8 @@ class _Course:
             self.forbidden += not walkable(robot, answer.path, values, answer.goal)
         if answer.waypoints is not None and isinstance(robot, Disc):
             legs = itertools.pairwise(np.asarray(answer.waypoints))
-            line = np.concatenate(
-                [np.linspace(*leg, 2 + 4 * int(np.abs(np.diff(leg, axis=0)).max())) for leg in legs]
-            )
-            self.forbidden += robot.clearance_m(scene.told, line) < _TOUCHES * robot.radius_m
-
-    def _next_goal(self) -> list[Input]:
-        self.reached += self.scene.reached
-        self.goals, self._stuck = self.goals + 1, 0
-        del self.scene.driven[:-1]  # the way so far is not to look like growth of the loop
-        _, goal = self._query(self.scene.robot)
-        return list(self.scene.send_to(goal))
+            steps = [np.linspace(*leg, 2 + 4 * int(np.abs(np.diff(leg, axis=0)).max())) for leg in legs]
+            self.forbidden += robot.clearance_m(scene.told, np.concatenate(steps)) < _TOUCHES * robot.radius_m
 
     def _query(self, robot: Cell | None) -> Endpoints:
         """A start (the robot's cell) and a goal that is far from it and truly connected."""
@@ -226,39 +192,14 @@ def soak_ground(
 
     What the robot's first map lacks are obstacles, and rocks. InvalidQueryError if a terrain is smaller.
     """
-    workload = _WORKLOAD if vehicle is None or vehicle.is_disc else _BODY_WORKLOAD
-    if dems:
-        check_sizes(dems, (size,))
-        below = next(terrain_cases(dems, workload, size, seed, vehicle=vehicle)).ground
-    else:
-        below = next(synthetic_cases(workload, size, seed, vehicle=vehicle)).ground
+    workload = "limit20" if vehicle is None or vehicle.is_disc else "body"
+    check_sizes(dems, (size,))
+    made = synthetic_cases(workload, size, seed, vehicle=vehicle)
+    below = next(terrain_cases(dems, workload, size, seed, vehicle=vehicle) if dems else made).ground
     assert below is not None
     bare, (height_m, width_m) = below.elevation, (below.cell_size_m, below.cell_width_m)
     heights = with_rocks(bare, height_m, rocks, seed, cell_width_m=width_m) if rocks else bare
     return SurveyedGround.of(heights, height_m, below.limits, 1, width_m, vehicle, bare=bare)
-
-
-def rss_mb() -> float:
-    """Resident memory, MB."""
-    return 1e-6 * rss_bytes()
-
-
-def render(rows: Sequence[Soaked]) -> str:
-    """The rows for people."""
-    from nnpp_edge.progress import render_table
-
-    times, counts = ("p50", "p99", "max"), ("planned", "no path", "goals", "reached")
-    memory, faults = ("MB\nstart", "MB\nwarm", "MB\nend"), ("invalid", "errors")
-    late = f"late at\n{RATE_HZ:g} Hz"
-    header = ["method", "ticks", "size", "ticks/s", *(f"{q}\nms" for q in times), late, *counts, *memory, *faults]
-    body = []
-    for r in rows:
-        counted = (r.overruns, r.planned, r.without_path, r.goals, r.reached)
-        megabytes = (r.rss_start_mb, r.rss_warm_mb, r.rss_end_mb)
-        line = [r.method, str(r.ticks), f"{r.size}²", f"{r.ticks_per_s:.0f}", *(f"{r.tick_ms[q]:.2f}" for q in times)]
-        line += [*map(str, counted), *(f"{mb:.1f}" for mb in megabytes), str(r.invalid), str(sum(r.errors.values()))]
-        body.append(line)
-    return render_table(header, body)
 
 
 @click.command()
@@ -266,53 +207,27 @@ def render(rows: Sequence[Soaked]) -> str:
 @click.option("--size", type=click.IntRange(32), default=512, show_default=True, help="Side of the map.")
 @click.option("--terrain", multiple=True, type=click.Path(path_type=Path), help="Elevation file; else synthetic.")
 @click.option("--rescale", type=float, help="Rescale the terrain to cells of so many metres, slopes kept.")
-@click.option("--vehicle", "vehicle_name", metavar="NAME|FILE", help="A shipped vehicle, or one from TOML.")
+@click.option("--vehicle", metavar="NAME|FILE", help="A shipped vehicle, or one from TOML.")
 @click.option("--rocks", type=click.FloatRange(0.0, 0.2), default=0.0, help="Share of the ground under rocks.")
 @click.option("--changes", type=click.IntRange(0), default=1, show_default=True, help="Of the map, at every tick.")
-@click.option(
-    "--methods", default="auto", show_default=True, help=f"Of {', '.join(DynamicMethod)}, joined by commas."
-)
+@click.option("--methods", default="auto", show_default=True, help=f"Of {', '.join(DynamicMethod)}, by commas.")
 @click.option("--model", default="edge", show_default=True, help="Shipped model or file.")
 @click.option("--refine", is_flag=True, help="Plan lines off the grid too.")
 @click.option("--seed", type=int, default=1, show_default=True)
-@click.option("--json", "json_wanted", is_flag=True, help="Print JSON for programs.")
-def main(
-    ticks: int,
-    size: int,
-    terrain: tuple[Path, ...],
-    rescale: float | None,
-    vehicle_name: str | None,
-    rocks: float,
-    changes: int,
-    methods: str,
-    model: str,
-    refine: bool,
-    seed: int,
-    json_wanted: bool,
-) -> None:
-    """Plan for many ticks; exit code 1 if a path was invalid."""
+def main(ticks: int, methods: str, model: str, refine: bool, changes: int, seed: int, **of_ground: Any) -> None:
+    """Plan for many ticks and print what came of it as JSON; exit code 1 if a path was invalid."""
     from nnpp_edge.progress import bar
 
     names, rows = dynamic_methods(methods), []
-    vehicle = None if vehicle_name is None else load_vehicle(vehicle_name)
-    ground = soak_ground(size, seed, TerrainFiles(terrain, rescale).read(), vehicle, rocks)
+    vehicle = None if of_ground["vehicle"] is None else load_vehicle(of_ground["vehicle"])
+    dems = TerrainFiles(of_ground["terrain"], of_ground["rescale"]).read()
+    ground = soak_ground(of_ground["size"], seed, dems, vehicle, of_ground["rocks"])
     for name in names:
+        settings = NavigatorSettings(method=name, model=model, refine="any-angle" if refine else None)
         with bar(f"soak {name}", ticks, quiet=True) as advance:
-            off_grid = "any-angle" if refine else None
-            rows.append(
-                soak(
-                    name,
-                    ground,
-                    ticks=ticks,
-                    changes=changes,
-                    seed=seed,
-                    model=model,
-                    refine=off_grid,
-                    progress=advance,
-                )
-            )
-    click.echo(json.dumps([asdict(row) for row in rows], indent=1) if json_wanted else render(rows))
-    sys.exit(int(any(row.invalid for row in rows)))
+            rows.append(soak(settings, ground, ticks=ticks, changes=changes, seed=seed, progress=advance))
+    click.echo(json.dumps(rows, indent=1))
+    sys.exit(int(any(row["invalid"] for row in rows)))
 
 
 if __name__ == "__main__":

@@ -103,8 +103,8 @@ def test_from_elevations_and_once_every_planner_finds_what_it_finds_on_a_standin
     weights, query = weights_of(case.cost), case.queries[0]
     for planner in peer_planners()[0]:
         standing = peers.path_cost(weights, planner.prepare(weights)(*query))
-        assert peers.path_cost(weights, planner.plan_once(weights, *query)) == pytest.approx(standing, rel=1e-6)
-        path = planner.plan_on(case.ground, *query)
+        assert peers.path_cost(weights, planner.plan_once(weights, query)) == pytest.approx(standing, rel=1e-6)
+        path = planner.plan_on(case.ground, query)
         assert (tuple(path[0]), tuple(path[-1])) == query
         # ours go by the paper's step costs there, in which diagonal steps weigh less
         rel = 0.05 if planner.package == "nnpp-edge" else 1e-6
