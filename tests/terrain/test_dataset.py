@@ -108,10 +108,13 @@ def test_samples_keep_their_distance_and_see_obstacles():
     assert ((shard["excess"] == 0) >= masks).all()
 
 
-def test_synthetic_terrain_is_rough_at_the_slope_asked_for():
-    dem = synthetic_terrain(np.random.default_rng(2), 64, 5.0)
-    gy, gx = np.gradient(dem, 5.0)
+def test_synthetic_terrain_is_rough_at_the_slope_asked_for_and_may_be_small():
+    gy, gx = np.gradient(synthetic_terrain(np.random.default_rng(2), 64, 5.0), 5.0)
     assert 1.0 < np.degrees(np.arctan(np.median(np.hypot(gy, gx)))) < 25.0
+    for size in (2, 3, 12, 14, 16, 40):
+        for seed in range(10):
+            heights = synthetic_terrain(np.random.default_rng(seed), size, 5.0)
+            assert heights.shape == (size, size) and heights.dtype == np.float32 and np.isfinite(heights).all()
 
 
 def test_workloads_by_name():
@@ -122,63 +125,49 @@ def test_workloads_by_name():
             workload(wrong)
 
 
-@pytest.mark.parametrize(
-    ("changes", "word"),
-    [
+def test_a_recipe_that_was_not_written_by_us_is_refused_in_one_line(whole, tmp_path):
+    stored = msgspec.json.decode((whole / "dataset.json").read_bytes())
+
+    def refused(content, word):
+        (tmp_path / "dataset.json").write_bytes(content)
+        with pytest.raises(DataSetError) as caught:
+            read_recipe(tmp_path)
+        assert str(caught.value).startswith(f"{tmp_path}: wanted a data set") and "\n" not in str(caught.value)
+        assert word in str(caught.value)
+
+    for changes, word in (
         ({"format": "another"}, "of format nnpp-edge-dataset-1"),
         ({"format": None}, "of format nnpp-edge-dataset-1"),
         ({"maps": "ten"}, "got Expected `int`, got `str` - at `$.maps`"),
         ({"colour": "grey"}, "got Object contains unknown field `colour`"),
-    ],
-)
-def test_a_recipe_that_was_not_written_by_us_is_refused(whole, tmp_path, changes, word):
+    ):
+        refused(msgspec.json.encode(stored | changes), word)
+    for content in (
+        b"null",
+        b"3",
+        b"[]",
+        b'{"format": "\xff"}',
+        b"{" * 9000,
+        b'{"a":' * 90_000,
+        b"",
+        b'{"format": []}',
+    ):
+        refused(content, "")
+
+
+def test_numbers_out_of_range_are_no_recipe(whole, tmp_path):
     stored = msgspec.json.decode((whole / "dataset.json").read_bytes())
-    (tmp_path / "dataset.json").write_bytes(msgspec.json.encode(stored | changes))
-    with pytest.raises(DataSetError) as refused:
-        read_recipe(tmp_path)
-    assert word in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    "content", [b"null", b"3", b"[]", b'{"format": "\xff"}', b"{" * 9000, b'{"a":' * 90_000, b"", b'{"format": []}']
-)
-def test_a_recipe_that_is_none_is_refused_in_one_line(tmp_path, content):
-    (tmp_path / "dataset.json").write_bytes(content)
-    with pytest.raises(DataSetError) as refused:
-        read_recipe(tmp_path)
-    assert str(refused.value).startswith(f"{tmp_path}: wanted a data set") and "\n" not in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"size": 16, "blocks": 4},
-        {"size": 33},
-        {"blocks": 0},
-        {"blocks": 24},
-        {"maps": 0},
-        {"points_per_map": 1},
-        {"poolings": ()},
-        {"poolings": ((0, 1.0),)},
-        {"workloads": (("soft", 0.0),)},
-        {"workloads": (("hard", 1.0),)},
-        {"synthetic_share": 1.5},
-        {"omega": float("nan")},
-        {"cell_sizes_m": (0.0,)},
-        {"cell_sizes_m": ()},
-        {"limits": {"slope": 3.0}},
-        {"limits": {"hard_step_m": -1.0}},
-        {"stripe": (0.5, 0.5)},
-        {"seed": -1},
-    ],
-)
-def test_numbers_out_of_range_are_no_recipe(whole, tmp_path, changes):
-    with pytest.raises(DataSetError):
-        msgspec.structs.replace(RECIPE, **changes)
-    stored = msgspec.json.decode((whole / "dataset.json").read_bytes())
-    (tmp_path / "dataset.json").write_bytes(msgspec.json.encode(stored | changes))
-    with pytest.raises(DataSetError, match=r"dataset\.json"):
-        read_recipe(tmp_path)
+    for changes in (
+        {"size": 16, "blocks": 4}, {"size": 33}, {"blocks": 0}, {"blocks": 24}, {"maps": 0}, {"points_per_map": 1},
+        {"poolings": ()}, {"poolings": ((0, 1.0),)}, {"workloads": (("soft", 0.0),)}, {"workloads": (("hard", 1.0),)},
+        {"synthetic_share": 1.5}, {"omega": float("nan")}, {"cell_sizes_m": (0.0,)}, {"cell_sizes_m": ()},
+        {"limits": {"slope": 3.0}}, {"limits": {"hard_step_m": -1.0}}, {"stripe": (0.5, 0.5)}, {"seed": -1},
+    ):  # fmt: skip
+        with pytest.raises(DataSetError):
+            msgspec.structs.replace(RECIPE, **changes)
+        (tmp_path / "dataset.json").write_bytes(msgspec.json.encode(stored | changes))
+        with pytest.raises(DataSetError, match=r"dataset\.json"):
+            read_recipe(tmp_path)
 
 
 def test_damaged_shards_are_refused_by_name(whole, tmp_path):
@@ -217,21 +206,14 @@ def of_terrain(folder, elevation, **changes):
     return msgspec.structs.replace(RECIPE, terrain=terrain_file(folder, elevation), **(plain | changes))
 
 
-@pytest.mark.parametrize("share", [0.0, 0.5])
-def test_terrain_without_two_cells_to_plan_between_ends_the_making(tmp_path, share):
+def test_terrain_without_two_cells_to_plan_between_ends_the_making_and_does_not_block_another(tmp_path):
     elevation = np.full((70, 70), np.nan)
     elevation[7, 9] = 3.0
-    recipe = of_terrain(tmp_path, elevation, synthetic_share=share, maps=4000, maps_per_shard=4000)
-    with pytest.raises(DataSetError, match=rf"dem\.npz: .*got none on {BARREN_MAPS} maps"):
-        make_dataset(recipe, tmp_path / "set", make=make_in_this_process)
-    assert not list((tmp_path / "set").glob("shard-*"))
-
-
-def test_a_run_that_made_no_shard_does_not_block_another(tmp_path):
-    elevation = np.full((70, 70), np.nan)
-    elevation[7, 9] = 3.0
-    with pytest.raises(DataSetError):
-        make_dataset(of_terrain(tmp_path, elevation), tmp_path / "set", make=make_in_this_process)
+    for share in (0.0, 0.5):
+        recipe = of_terrain(tmp_path, elevation, synthetic_share=share, maps=4000, maps_per_shard=4000)
+        with pytest.raises(DataSetError, match=rf"dem\.npz: .*got none on {BARREN_MAPS} maps"):
+            make_dataset(recipe, tmp_path / "set", make=make_in_this_process)
+        assert not list((tmp_path / "set").glob("shard-*"))
     good = of_terrain(tmp_path, synthetic_terrain(np.random.default_rng(0), 70, 5.0))
     assert make_dataset(good, tmp_path / "set", make=make_in_this_process)["maps"] == good.maps
     assert read_recipe(tmp_path / "set") == good

@@ -89,33 +89,22 @@ def test_the_command_makes_a_data_set_on_a_cluster_or_says_in_one_line_what_is_w
     assert ended.err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("address", "word"),
-    [
+def test_an_address_without_a_scheduler_is_refused_in_one_line(nnpp_edge, tmp_path, monkeypatch):
+    words = ("dataset", "-o", tmp_path / "set", "--maps", 2, "--scheduler")
+    for address, word in (
         ("tcp://127.0.0.1:1", "'tcp://127.0.0.1:1'"),
         ("nowhere", "missing port"),
         ("http://a:1", "unknown address scheme"),
-    ],
-)
-def test_an_address_without_a_scheduler_is_refused_in_one_line(nnpp_edge, tmp_path, address, word):
-    with dask.config.set({"distributed.comm.timeouts.connect": "300ms"}):
-        ended = nnpp_edge("dataset", "-o", tmp_path / "set", "--maps", 2, "--scheduler", address)
-    ended.refused("wanted a Dask scheduler", word)
-    assert ended.err.count("\n") == 1
-    left = [one for one in gc.get_objects() if type(one) is distributed.Client and one.status != "closed"]
-    assert not left  # collected as garbage while another is made, they would wait for each other for ever
-
-
-def test_without_distributed_the_extra_is_named(nnpp_edge, tmp_path, monkeypatch):
+    ):
+        with dask.config.set({"distributed.comm.timeouts.connect": "300ms"}):
+            ended = nnpp_edge(*words, address)
+        ended.refused("wanted a Dask scheduler", word)
+        assert ended.err.count("\n") == 1
+        left = [one for one in gc.get_objects() if type(one) is distributed.Client and one.status != "closed"]
+        assert not left  # collected as garbage while another is made, they would wait for each other for ever
+    nnpp_edge(*words, "tcp://127.0.0.1:1", "--workers", 2).refused("--workers")
     monkeypatch.setitem(sys.modules, "distributed", None)
-    ended = nnpp_edge("dataset", "-o", tmp_path / "set", "--maps", 2, "--scheduler", "tcp://127.0.0.1:1")
-    ended.refused("nnpp-edge[cluster]")
-
-
-def test_a_number_of_processes_and_a_scheduler_exclude_each_other(nnpp_edge, tmp_path):
-    ended = nnpp_edge("dataset", "-o", tmp_path / "set", "--workers", 2, "--scheduler", "tcp://127.0.0.1:1")
-    assert ended.code == 2
-    assert "--workers" in ended.err
+    nnpp_edge(*words, "tcp://127.0.0.1:1").refused("nnpp-edge[cluster]")
 
 
 def test_a_cluster_without_workers_and_a_worker_of_another_version_are_refused(monkeypatch):

@@ -45,14 +45,15 @@ def write_layer(path, shapes, crs=UTM, layer="stops", kind="Point", driver="GPKG
     return path
 
 
-@pytest.mark.parametrize(
-    ("name", "driver"), [("a.gpkg", "GPKG"), ("a.shp", "ESRI Shapefile"), ("a.fgb", "FlatGeobuf")]
-)
-def test_points_of_a_layer_in_the_maps_system_are_taken_as_they_are_in_their_order(tmp_path, name, driver):
-    path = write_layer(tmp_path / name, [point(*place) for place in PLACES], driver=driver)
-    found, word = points_of(str(path), dem())
-    order = sorted if driver == "FlatGeobuf" else list  # which packs its features by place
-    assert order(map(tuple, found.tolist())) == order(PLACES) and word == ""
+def test_points_of_a_layer_in_the_maps_system_are_taken_as_they_are_in_their_order(tmp_path):
+    for name, driver in (("a.gpkg", "GPKG"), ("a.shp", "ESRI Shapefile"), ("a.fgb", "FlatGeobuf")):
+        path = write_layer(tmp_path / name, [point(*place) for place in PLACES], driver=driver)
+        found, word = points_of(str(path), dem())
+        order = sorted if driver == "FlatGeobuf" else list  # which packs its features by place
+        assert order(map(tuple, found.tolist())) == order(PLACES) and word == ""
+    with pytest.warns(UserWarning, match="crs"):
+        path = write_layer(tmp_path / "b.shp", [point(*PLACES[0])], crs=None, driver="ESRI Shapefile")
+    assert points_of(str(path), dem())[0].tolist() == [list(PLACES[0])]
 
 
 def test_points_with_heights_and_several_points_in_one_are_points(tmp_path):
@@ -76,12 +77,6 @@ def test_a_layer_in_another_system_is_reprojected_and_it_is_said(tmp_path):
         feature["features"].append({"type": "Feature", "geometry": geometry, "properties": {}})
     (tmp_path / "a.geojson").write_text(json.dumps(feature))
     assert points_of(str(tmp_path / "a.geojson"), dem())[0] == pytest.approx(np.array(PLACES), abs=1e-3)
-
-
-def test_a_layer_without_a_system_is_in_the_maps_own(tmp_path):
-    with pytest.warns(UserWarning, match="crs"):
-        path = write_layer(tmp_path / "a.shp", [point(*PLACES[0])], crs=None, driver="ESRI Shapefile")
-    assert points_of(str(path), dem())[0].tolist() == [list(PLACES[0])]
 
 
 def test_of_several_layers_the_one_with_points_is_taken_or_named(tmp_path):
@@ -108,20 +103,10 @@ def test_way_points_of_gpx_are_points(tmp_path):
     assert lonlat_of(dem(), found) == pytest.approx(np.array([(-94.3, 45.1), (-94.2, 45.2)])) and "WGS 84" in word
 
 
-def test_a_layer_without_points_is_refused(tmp_path):
-    path = write_layer(tmp_path / "a.gpkg", [])
-    with pytest.raises(VectorFileError, match="'stops', which holds none"):
-        points_of(str(path), dem())
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "words"),
-    [
-        (
-            "a.vrt",
-            b"<OGRVRTDataSource><OGRVRTLayer name='a'/></OGRVRTDataSource><!-- <gpx -->",
-            "another kind of file",
-        ),
+def test_what_is_no_plain_file_of_points_is_refused_in_one_line(tmp_path):
+    vrt = b"<OGRVRTDataSource><OGRVRTLayer name='a'/></OGRVRTDataSource><!-- <gpx -->"
+    for name, content, words in (
+        ("a.vrt", vrt, "another kind of file"),
         ("a.gpx", b"<!-- <gpx --><OGRVRTDataSource/>", "another kind of file"),
         ("a.json", b'{"type": "gdal_streamed_alg", "command_line": "gdal vector pipeline"}', "another kind of file"),
         ("a.geojson", b'{"type": "Feature", ', "wanted GeoJSON"),
@@ -130,19 +115,18 @@ def test_a_layer_without_points_is_refused(tmp_path):
         ("a.gpkg", b"SQLite format 3\0" + bytes(100), "with a layer of points"),
         ("a.gpx", b"<gpx><wpt", "with a layer of points"),
         ("a.gpkg", b"", "another kind of file"),
-    ],
-)
-def test_what_is_no_plain_file_of_points_is_refused_in_one_line(tmp_path, name, content, words):
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(VectorFileError, match=words) as caught:
-        points_of(str(tmp_path / name), dem())
-    assert "\n" not in str(caught.value) and name in str(caught.value)
-
-
-def test_a_file_that_is_not_there_is_refused(tmp_path):
-    for name in ("none.gpkg", "none.gpkg:layer", "."):
-        with pytest.raises(VectorFileError, match="wanted a vector file"):
+        ("none.gpkg", None, "wanted a vector file"),
+        ("none.gpkg:layer", None, "wanted a vector file"),
+        (".", None, "wanted a vector file"),
+    ):
+        if content is not None:
+            (tmp_path / name).write_bytes(content)
+        with pytest.raises(VectorFileError, match=words) as caught:
             points_of(str(tmp_path / name), dem())
+        assert ("\n" not in str(caught.value) and name in str(caught.value)) or name == "."
+    path = write_layer(tmp_path / "b.gpkg", [])
+    with pytest.raises(VectorFileError, match="'stops', which holds none"):
+        points_of(str(path), dem())
 
 
 def test_longitude_and_latitude_are_wgs_84_on_the_earth_and_the_bodys_own_elsewhere():
@@ -155,13 +139,10 @@ def test_longitude_and_latitude_are_wgs_84_on_the_earth_and_the_bodys_own_elsewh
         lonlat_of(moon, there)
 
 
-@pytest.mark.parametrize("place", [None, Georeference(None, PLACE.transform)])
-def test_without_a_system_there_is_no_longitude(place):
-    with pytest.raises(InvalidQueryError, match="wanted a map with a coordinate system"):
-        lonlat_on_map(dem(place), np.array([(1.0, 2.0)]))
-
-
-def test_places_and_layers_of_another_world_are_refused(tmp_path):
+def test_places_and_layers_of_another_world_or_of_none_are_refused(tmp_path):
+    for place in (None, Georeference(None, PLACE.transform)):
+        with pytest.raises(InvalidQueryError, match="wanted a map with a coordinate system"):
+            lonlat_on_map(dem(place), np.array([(1.0, 2.0)]))
     with pytest.raises(InvalidQueryError, match="longitude 10, latitude 95 of WGS 84 has no place"):
         lonlat_on_map(dem(), np.array([(10.0, 95.0)]))
     path = write_layer(tmp_path / "a.gpkg", [point(1.0, 2.0)], crs=MOON)
@@ -169,15 +150,15 @@ def test_places_and_layers_of_another_world_are_refused(tmp_path):
         points_of(str(path), dem())
 
 
-@pytest.mark.parametrize(
-    ("module", "words", "extra"),
-    [("pyogrio", "reading a.gpkg needs pyogrio", "vector"), ("pyproj", "needs pyproj", "geo")],
-)
-def test_where_a_package_is_missing_it_is_said_which_extra_brings_it(tmp_path, monkeypatch, module, words, extra):
+def test_where_a_package_is_missing_it_is_said_which_extra_brings_it(tmp_path, monkeypatch):
     path = write_layer(tmp_path / "a.gpkg", [point(1.0, 2.0)], crs="EPSG:4326")
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MissingExtraError, match=rf"{words}.*nnpp-edge\[{extra}\]"):
-        points_of(str(path), dem())
+    for module, words in (
+        ("pyproj", r"needs pyproj.*nnpp-edge\[geo\]"),
+        ("pyogrio", r"reading a.gpkg needs pyogrio.*nnpp-edge\[vector\]"),
+    ):
+        monkeypatch.setitem(sys.modules, module, None)
+        with pytest.raises(MissingExtraError, match=words):
+            points_of(str(path), dem())
 
 
 def route(place=PLACE, cells=((3, 4), (4, 5), (4, 6))):
@@ -215,15 +196,14 @@ def test_gpx_holds_the_track_where_the_map_lies_on_the_earth(tmp_path):
         route(Georeference(MOON, PLACE.transform)).gpx("a way", {})
 
 
-@pytest.mark.parametrize(
-    ("crs", "read_as"),
-    [(UTM, UTM), (MOON, MOON), (CRS("IAU_2015:49910").to_wkt(), "IAU_2015:49910"), (None, "LOCAL_CS")],
-)
-def test_geojson_lies_where_the_map_does_and_not_on_the_earth(tmp_path, crs, read_as):
-    place = None if crs is None else Georeference(CRS(crs).to_wkt(), PLACE.transform)
-    (tmp_path / "path.geojson").write_bytes(route(place).geojson({}))
-    found = pyogrio.read_info(tmp_path / "path.geojson")["crs"]
-    assert found.startswith("LOCAL_CS") if crs is None else CRS(found).equals(CRS(read_as), ignore_axis_order=True)
+def test_geojson_lies_where_the_map_does_and_not_on_the_earth(tmp_path):
+    for crs in (UTM, MOON, "IAU_2015:49910", None):
+        place = None if crs is None else Georeference(CRS(crs).to_wkt(), PLACE.transform)
+        (tmp_path / "path.geojson").write_bytes(route(place).geojson({}))
+        found = pyogrio.read_info(tmp_path / "path.geojson")["crs"]
+        assert (
+            found.startswith("LOCAL_CS") if crs is None else CRS(found).equals(CRS(read_as), ignore_axis_order=True)
+        )
 
 
 def area(polygons):
@@ -254,9 +234,6 @@ def test_areas_are_the_cells_that_are_reached_with_their_holes(place, tmp_path):
     _, _, shapes, (within, *_) = pyogrio.raw.read(tmp_path / "a.gpkg")
     assert within.tolist() == [3.0, 2.0, 1.0] and len(shapes) == 3
     assert np.isnan(found.raster()[np.isinf(field)]).all()
-
-
-def test_levels_ascend():
     for levels in ((), (1.0, 1.0), (2.0, 1.0), (np.inf,)):
         with pytest.raises(InvalidQueryError, match="levels must be ascending"):
             Reach(np.zeros((2, 2), np.float32), levels, "cost", "", dem(shape=(2, 2)))

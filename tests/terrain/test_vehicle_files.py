@@ -1,12 +1,26 @@
+"""Vehicles and how they get up and down, from TOML: what is read, and what is refused with which words."""
+
 from dataclasses import fields
 
 import pytest
 
 from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.map.slope_cost import (
+    SLOPE_COSTS,
+    EnergyCost,
+    IrmischerCost,
+    LinearCost,
+    Mobility,
+    TimeCost,
+    ToblerCost,
+)
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.vehicle_files import VehicleError, load_mobility, load_vehicle, shipped_vehicles
 
-GOOD = "length_m = 1.5\nwidth_m = 1\nclearance_m = 0.3\n"
+BODY = "length_m = 1.5\nwidth_m = 1\nclearance_m = 0.3\n"
+ENERGY = "[mobility.energy]\nmass_kg = 50\nrolling_resistance = 0.1\n"
+TIME = "[mobility.time]\nslope_deg = [-10, 0, 10]\nspeed_m_s = [0.5, 1, 0.25]\n"
+WALKER = "[mobility.irmischer]\non_path = true\nfactor = 0.95\n"
 
 
 @pytest.fixture
@@ -25,15 +39,15 @@ def test_what_is_shipped_can_be_read():
     assert (small.axles, large.axles, large.max_tilt_deg) == (3, 3, 30.0)
     spacing, (patch, _) = tracked.stance_m[0] / (tracked.axles - 1), tracked.contact_m
     assert spacing == pytest.approx(patch)  # a track without gaps
+    for name in shipped_vehicles():
+        mobility = load_mobility(name)
+        assert mobility.time is not None and mobility.energy is not None and mobility.energy.mass_kg > 1.0
 
 
 def test_a_vehicle_has_what_stands_in_its_file_and_defaults_else(write):
-    found = load_vehicle(write(GOOD + "axles = 4\nunknown_passes = true\nmax_roll_deg = 15\n"))
+    found = load_vehicle(write(BODY + "axles = 4\nunknown_passes = true\nmax_roll_deg = 15\n"))
     assert found == Vehicle(1.5, 1.0, 0.3, axles=4, unknown_passes=True, max_roll_deg=15.0)
-    assert load_vehicle(str(write(GOOD))) == Vehicle(1.5, 1.0, 0.3)
-
-
-def test_every_value_can_stand_in_a_file(write):
+    assert load_vehicle(str(write(BODY))) == Vehicle(1.5, 1.0, 0.3)
     lines = {"unknown_passes": "true", "axles": "3", "length_m": "9.0", "width_m": "9.0"}
     lines |= {f"max_{name}_deg": "12.5" for name in ("tilt", "pitch", "roll")}
     names = [field.name for field in fields(Vehicle) if field.name != "radius_m"]
@@ -42,45 +56,69 @@ def test_every_value_can_stand_in_a_file(write):
     assert load_vehicle(write("radius_m = 0.5")) == Vehicle(radius_m=0.5)
 
 
-def test_a_file_in_millimetres_or_radians_is_refused_with_the_unit_that_is_wanted(write):
-    with pytest.raises(VehicleError, match=r"toml: clearance_m must be in metres, .*got 300"):
-        load_vehicle(write("length_m = 1.5\nwidth_m = 1.0\nclearance_m = 300"))
-    with pytest.raises(VehicleError, match=r"slope_deg must be in degrees"):
-        load_mobility(write("[mobility.time]\nslope_deg = [-0.5, 0.0, 0.35]\nspeed_m_s = [1.0, 1.0, 0.5]"))
+def test_a_mobility_has_what_stands_in_its_tables_and_defaults_else(write):
+    energy, table = EnergyCost(50.0, 0.1, recovery=0.5), TimeCost((-10.0, 0.0, 10.0), (0.5, 1.0, 0.25))
+    wanted = Mobility(ToblerCost(factor=0.6), LinearCost(), table, energy, IrmischerCost(on_path=True, factor=0.95))
+    for body in ("", BODY):
+        file = write(body + ENERGY + "recovery = 0.5\n" + TIME + "[mobility.tobler]\nfactor = 0.6\n" + WALKER)
+        assert load_mobility(file) == wanted
+        assert not body or load_vehicle(file) == load_vehicle(write(body))
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (GOOD + "colour = 1", ["colour is unknown", "one of length_m, width_m", "unknown_passes"]),
-        (GOOD + "[wheels]\nlength_m = 1", ["wheels is unknown"]),
-        ("length_m = 1.0\nwidth_m = 1.0", ["clearance_m is missing"]),
-        ("", ["length_m is missing"]),
-        (GOOD + "axles = 2.5", ["axles: wanted a whole number, got 2.5"]),
-        (GOOD + "axles = true", ["axles: wanted a whole number, got True"]),
-        (GOOD + "axles = 9", ["axles", "2 to 8", "got 9"]),
-        (GOOD + "track_m = '1'", ["track_m: wanted a number, got '1'"]),
-        (GOOD + "track_m = [1]", ["track_m: wanted a number, got [1]"]),
-        (GOOD.replace("1.5", "true"), ["length_m: wanted a number, got True"]),
-        (GOOD + "unknown_passes = 1", ["unknown_passes: wanted true or false, got 1"]),
-        (GOOD.replace("0.3", "-0.3"), ["clearance_m", "-0.3"]),
-        (GOOD.replace("0.3", "nan"), ["clearance_m", "nan"]),
-        (GOOD + "max_tilt_deg = 90", ["max_tilt_deg", "(0, 90)", "90"]),
-        (GOOD + "track_m = 1.2", ["the wheels must lie under the body", "track_m"]),
-        (GOOD + "length_m = 2", ["wanted a vehicle in TOML"]),
-        ("length_m = ", ["wanted a vehicle in TOML"]),
-    ],
-)
-def test_what_is_wrong_is_said_in_one_line(write, text, words):
+def refused(load, file, *words):
     with pytest.raises(VehicleError) as caught:
-        load_vehicle(write(text))
+        load(file)
     message = str(caught.value)
     assert all(word in message for word in ["mine.toml", *words]), message
     assert "\n" not in message and isinstance(caught.value, NnppEdgeError | ValueError)
 
 
-@pytest.mark.parametrize("name", ["nope", "", "/", "a\0b", "../quick"])
-def test_no_such_vehicle_names_those_that_there_are(name):
-    with pytest.raises(VehicleError, match="large-rover, small-rover, tracked") as caught:
-        load_vehicle(name)
-    assert repr(name) in str(caught.value)
+def test_a_vehicle_that_is_wrong_is_refused_in_one_line(write):
+    for text, *words in (
+        (BODY + "colour = 1", "colour is unknown", "one of length_m, width_m", "unknown_passes"),
+        (BODY + "[wheels]\nlength_m = 1", "wheels is unknown"),
+        ("length_m = 1.0\nwidth_m = 1.0", "clearance_m is missing"),
+        ("", "length_m is missing"),
+        (BODY + "axles = 2.5", "axles: wanted a whole number, got 2.5"),
+        (BODY + "axles = true", "axles: wanted a whole number, got True"),
+        (BODY + "axles = 9", "axles", "2 to 8", "got 9"),
+        (BODY + "track_m = '1'", "track_m: wanted a number, got '1'"),
+        (BODY + "track_m = [1]", "track_m: wanted a number, got [1]"),
+        (BODY.replace("1.5", "true"), "length_m: wanted a number, got True"),
+        (BODY + "unknown_passes = 1", "unknown_passes: wanted true or false, got 1"),
+        (BODY.replace("0.3", "-0.3"), "clearance_m", "-0.3"),
+        (BODY.replace("0.3", "nan"), "clearance_m", "nan"),
+        (BODY.replace("0.3", "300"), "toml: clearance_m must be in metres, ", "got 300"),
+        (BODY + "max_tilt_deg = 90", "max_tilt_deg", "(0, 90)", "90"),
+        (BODY + "track_m = 1.2", "the wheels must lie under the body", "track_m"),
+        (BODY + "length_m = 2", "wanted a vehicle in TOML"),
+        ("length_m = ", "wanted a vehicle in TOML"),
+        (BODY + ENERGY.replace("50", "-50"), "mobility.energy", "mass_kg"),
+    ):
+        refused(load_vehicle, write(text), *words)
+    for name in ("nope", "", "/", "a\0b", "../quick"):
+        with pytest.raises(VehicleError, match="large-rover, small-rover, tracked") as caught:
+            load_vehicle(name)
+        assert repr(name) in str(caught.value)
+
+
+def test_a_mobility_that_is_wrong_is_refused_in_one_line(write):
+    for text, *words in (
+        (BODY, "wanted a table [mobility], got none"),
+        (BODY + "mobility = 3", "mobility: wanted a table, got 3"),
+        ("[mobility]\nfuel = 1", "mobility: fuel is unknown", ", ".join(SLOPE_COSTS)),
+        ("[mobility]\ntime = 1", "mobility.time: wanted a table, got 1"),
+        (ENERGY + "colour = 1", "mobility.energy: colour is unknown", "mass_kg"),
+        (ENERGY.replace("50", "-50"), "mobility.energy", "mass_kg must be a number above 0, got -50"),
+        (ENERGY + "recovery = 1.5", "recovery must lie from 0 to 1, got 1.5"),
+        (ENERGY + "recovery = '1'", "mobility.energy.recovery: wanted a number, got '1'"),
+        ("[mobility.energy]\nmass_kg = 50", "mobility.energy.rolling_resistance is missing"),
+        (TIME.replace("0.25", "true"), "mobility.time.speed_m_s.2: wanted a number, got True"),
+        (TIME.replace("[0.5, 1, 0.25]", "1"), "mobility.time.speed_m_s: wanted numbers in brackets, got 1"),
+        (TIME.replace("0.25", "0"), "speed_m_s must be positive"),
+        (TIME.replace("[-10, 0, 10]", "[-0.5, 0.0, 0.35]"), "slope_deg must be in degrees"),
+        (WALKER.replace("true", "1"), "mobility.irmischer.on_path: wanted true or false, got 1"),
+        (WALKER + "path = true", "mobility.irmischer: path is unknown: wanted one of on_path, factor"),
+        (WALKER.replace("0.95", "0"), "mobility.irmischer: factor must be a number above 0, got 0"),
+    ):
+        refused(load_mobility, write(text), *words)

@@ -55,10 +55,10 @@ def test_a_network_is_trained_in_bfloat16_where_that_is_asked_for(samples, tmp_p
     assert losses[0] != losses[1] and losses[0] == pytest.approx(losses[1], rel=0.05)
 
 
-@pytest.mark.parametrize("limit", [{"steps": 2}, {"time_limit_s": 1e-3}])
-def test_it_may_begin_at_the_full_learning_rate(samples, tmp_path, limit):
-    path = run(samples, tmp_path, warmup_steps=0, **limit)
-    assert load_checkpoint(path).progress.step >= 1
+def test_it_may_begin_at_the_full_learning_rate(samples, tmp_path):
+    for limit in ({"steps": 2}, {"time_limit_s": 1e-3}):
+        path = run(samples, tmp_path / str(*limit), warmup_steps=0, **limit)
+        assert load_checkpoint(path).progress.step >= 1
 
 
 def test_a_stopped_run_goes_on_where_it_was(samples, tmp_path):
@@ -159,19 +159,30 @@ def test_what_a_run_began_with_and_how_it_was_resumed_is_kept(samples, trained, 
     assert facts["begun_with"] == first.facts()
 
 
-def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
+def test_a_checkpoint_of_another_time_is_read_and_a_file_that_is_none_refused(trained, tmp_path):
+    saved, path = torch.load(trained.folder / "checkpoint.pt", weights_only=True), tmp_path / "checkpoint.pt"
+    saved["spec"]["architecture"] = "split"
+    saved["settings"]["loss"] = "bce"
+    torch.save(saved, path)
+    assert load_checkpoint(path).spec == SMALL
     for content in (b"", b"not a checkpoint", b"PK\x03\x04 half a zip"):
-        path = tmp_path / "checkpoint.pt"
         path.write_bytes(content)
         with pytest.raises(ModelError, match="wanted a checkpoint"):
             load_checkpoint(path)
 
 
-def test_a_checkpoint_under_an_architectures_former_name_is_read(trained, tmp_path):
-    saved = torch.load(trained.folder / "checkpoint.pt", weights_only=True)
-    saved["spec"]["architecture"] = "split"
-    torch.save(saved, tmp_path / "older.pt")
-    assert load_checkpoint(tmp_path / "older.pt").spec == SMALL
+def test_the_loss_that_is_passed_in_is_learned_by_and_kept(samples, tmp_path):
+    def absolute(logits, target):
+        return (torch.sigmoid(logits) - target).abs().mean()
+
+    few, settings = samples.pick(range(4)), TrainSettings(batch=16, steps=1, warmup_steps=0)
+    path = train(SMALL, settings, samples, few, tmp_path, omega=RECIPE.omega, loss=absolute)
+    saved = load_checkpoint(path)
+    assert saved.facts()["loss"] == "absolute"
+    assert saved.progress.history[0]["loss"] < 0.5  # cross-entropy begins higher
+    assert load_checkpoint(run(samples, tmp_path / "other", steps=1)).progress.history[0]["loss"] != pytest.approx(
+        saved.progress.history[0]["loss"]
+    )
 
 
 def test_batches_turn_map_query_and_target_together(samples):
@@ -220,9 +231,9 @@ from torch import distributed
 start = distributed.init_process_group
 distributed.init_process_group = lambda backend: distributed.is_initialized() or start(backend)
 distributed.destroy_process_group = lambda: None
-from tests.training.test_training import run_with_norm
-for norm in ("sample norm", "batch norm"):
-    run_with_norm(norm, Path(sys.argv[2]), Path(sys.argv[3]) / norm)
+from tests.training.test_training import NORMS, losses_with_norm
+for norm in NORMS:
+    losses_with_norm(norm, Path(sys.argv[2]), Path(sys.argv[3]) / norm)
 """
 
 
@@ -231,8 +242,8 @@ def norm_of_one_sample(self, x):
     return torch.nn.functional.group_norm(x, 1, self.weight, self.bias)
 
 
-def run_with_norm(norm, dataset, folder, **changes):
-    """A run whose history has a row for each step; the losses."""
+def losses_with_norm(norm, dataset, folder, **changes):
+    """Of each step of a run."""
     torch.set_num_threads(1)
     with pytest.MonkeyPatch.context() as patch:
         if norm == "sample norm":
@@ -245,31 +256,24 @@ def losses(folder):
     return np.array([row["loss"] for row in json.loads((folder / "history.json").read_text())])
 
 
-@pytest.fixture(scope="module")
-def two_processes(dataset, tmp_path_factory):
-    """The folder of what two processes under torchrun learned, with each of `NORMS`."""
-    folder = tmp_path_factory.mktemp("two")
-    (folder / "run.py").write_text(TWO_PROCESSES)
-    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
-    words = [str(folder / "run.py"), str(ROOT), str(dataset), str(folder)]
-    quiet = os.environ | {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1"}
-    ended = subprocess.run([*command, *words], env=quiet, capture_output=True, text=True, timeout=150, check=False)
-    assert ended.returncode == 0, ended.stderr[-2000:]
-    return folder
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("norm", NORMS)
-def test_two_processes_under_torchrun_learn_as_one_does(dataset, two_processes, tmp_path, norm):
+def test_two_processes_under_torchrun_learn_as_one_does(dataset, tmp_path):
     """Step by step the same loss: to rounding, but for what batch norm makes of half a batch.
 
     Another seed, that is, other samples in a step, sets the curves ten times as far apart as is allowed.
     """
-    two, one = losses(two_processes / norm), run_with_norm(norm, dataset, tmp_path / "one")
-    assert len(one) == len(two) > 10
-    np.testing.assert_allclose(two, one, rtol=NORMS[norm])
-    other = run_with_norm(norm, dataset, tmp_path / "other", seed=2)
-    assert np.abs(other / one - 1.0).max() > 10 * NORMS[norm]
+    (tmp_path / "run.py").write_text(TWO_PROCESSES)
+    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
+    words = [str(tmp_path / "run.py"), str(ROOT), str(dataset), str(tmp_path)]
+    quiet = os.environ | {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1"}
+    ended = subprocess.run([*command, *words], env=quiet, capture_output=True, text=True, timeout=150, check=False)
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    for norm, tolerance in NORMS.items():
+        two, one = losses(tmp_path / norm), losses_with_norm(norm, dataset, tmp_path / f"one {norm}")
+        assert len(one) == len(two) > 10
+        np.testing.assert_allclose(two, one, rtol=tolerance)
+        other = losses_with_norm(norm, dataset, tmp_path / f"other {norm}", seed=2)
+        assert np.abs(other / one - 1.0).max() > 10 * tolerance
 
 
 def test_a_batch_that_cannot_be_shared_out_is_refused(samples, tmp_path, monkeypatch):
@@ -302,13 +306,10 @@ def test_the_presets_can_be_built():
         assert network.eval()(planes, query).shape == (1, spec.blocks, spec.blocks)
 
 
-@pytest.mark.parametrize(
-    ("changes", "word"),
-    [
+def test_a_spec_that_no_network_fits_is_refused():
+    for changes, word in (
         ({"architecture": "none"}, "architecture must be one of edge, nnpp"),
         ({"encoding": "pixel"}, "encoding of edge"),
-    ],
-)
-def test_a_spec_that_no_network_fits_is_refused(changes, word):
-    with pytest.raises(ModelError, match=word):
-        dataclasses.replace(SMALL, **changes)
+    ):
+        with pytest.raises(ModelError, match=word):
+            dataclasses.replace(SMALL, **changes)
