@@ -88,11 +88,8 @@ def test_a_reason_is_short_however_much_of_a_file_it_quotes():
 
 
 def test_a_damaged_profile_and_a_damaged_report_are_one_line(tmp_path):
-    for content, words in (
-        (b"a = " + b"[" * 100_000, "too deep"),
-        (b"title = '\xe4'", "utf-8"),
-        (b"title = ", "TOML"),
-    ):
+    deep = b"a = " + b"[" * 100_000
+    for content, words in ((deep, "too deep"), (b"title = '\xe4'", "utf-8"), (b"title = ", "TOML")):
         (tmp_path / "own.toml").write_bytes(content)
         with pytest.raises(ProfileError, match=words) as caught:
             read_profile(tmp_path / "own.toml")
