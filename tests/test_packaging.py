@@ -68,12 +68,12 @@ def test_the_runtime_imports_neither_torch_nor_onnx():
     assert heavy_modules(code, TRAINING) == []
 
 
-@pytest.mark.parametrize("words", [["--help"], *([name, "--help"] for name in COMMANDS)], ids=" ".join)
-def test_help_imports_nothing_heavy(words):
+def test_help_imports_nothing_heavy():
     code = (
         "from click.testing import CliRunner\n"
         "from nnpp_edge.cli.main import cli\n"
-        f"assert CliRunner().invoke(cli, {words}).exit_code == 0"
+        f"for words in {[[], *([name] for name in COMMANDS)]}:\n"
+        "    assert CliRunner().invoke(cli, [*words, '--help']).exit_code == 0"
     )
     assert heavy_modules(code, TRAINING | {"numpy", "numba", "onnxruntime", "cv2", "rich", "jinja2"}) == []
 

@@ -112,6 +112,7 @@ def test_there_is_a_recording_for_each_page_that_has_one():
     assert [path.stem for path in RECORDINGS] == ["drive"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.stem)
 def test_a_recording_is_small_and_holds_the_map_and_the_path(path):
     from PIL import Image

@@ -11,7 +11,7 @@ from tests import pose_oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem, problem_with_optimum
 from tests.fuzz.elevations import draw_patch, draw_sizes, put, sizes
 
-METHODS = ("astar", "astar", "corridor", "nnpp", "auto")
+METHODS = ("astar", "corridor", "auto")
 NEAR_A_LIMIT = 2e-5
 """Share of a limit by which a figure may miss it and still be on either side: heights are kept in float32."""
 T_ROUNDED, T_ALIKE = 2.0 / pose_oracles.CODES, 2e-5

@@ -9,6 +9,7 @@ from nnpp_edge.runtime import Ground, Planner, Vehicle
 from nnpp_edge.runtime.map.turns import curvatures
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.refine import BodyLines
+from tests import oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 
 SAMPLES = 16
@@ -86,21 +87,7 @@ def _turns(plan: Plan, case: Case) -> str:
 
 def _of_point(plan: Plan, case: Case, planner: Planner) -> str:
     """Its cost, by very many samples of the bilinear density."""
-    density = np.where(case.cost < 1.0, 1.0 + 2.0 * 255 * 0.011 * case.cost, 0.0).astype(np.float64)
-    values, known, total = np.pad(density, 2), np.pad((case.cost < 1.0).astype(float), 2), 0.0
-    for begin, end in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True):  # type: ignore[index]
-        length = math.hypot(*(end - begin))
-        count = max(int(2000 * length), 1)
-        at = begin + ((np.arange(count) + 0.5) / count)[:, None] * (end - begin)
-        low = np.floor(at).astype(int)
-        down, right = (at - low).T
-        sums, shares = np.zeros(count), np.zeros(count)
-        for i, share_i in ((0, 1.0 - down), (1, down)):
-            for j, share_j in ((0, 1.0 - right), (1, right)):
-                there = low[:, 0] + i + 2, low[:, 1] + j + 2
-                sums += share_i * share_j * values[there]
-                shares += share_i * share_j * known[there]
-        total += length * float(np.mean(sums / shares))
+    total = oracles.line_cost(plan.waypoints, case.cost, per_cell=2000)
     return "" if abs(total - plan.line_cost) <= 2e-3 * total else f"costs {plan.line_cost}, and by samples {total}"
 
 

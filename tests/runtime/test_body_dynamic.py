@@ -34,9 +34,8 @@ def bumped(dem, rng):
 
 
 @pytest.mark.parametrize("method", ["dstar", "astar", "corridor-dstar", "nnpp-dstar", "auto"])
-@pytest.mark.parametrize("seed", [0, 2, 3])
-def test_plans_on_a_changing_map_are_those_of_a_new_planner(method, seed):
-    dem, rng = ground(seed)
+def test_plans_on_a_changing_map_are_those_of_a_new_planner(method):
+    dem, rng = ground(2)
     at, goal = (7, 8), (len(dem) - 8, len(dem) - 9)
     planner = DynamicPlanner.of_elevation(dem, CELL_M, goal, method=method, vehicle=ROVER)
     for _ in range(6):

@@ -62,22 +62,22 @@ def refused_by(plan, cost, *query):
     return math.inf if plan.region is None else oracles.bound_by_region(cost, plan.region.mask(), *query)
 
 
-@pytest.mark.parametrize("epsilon", [math.inf, 0.3, 0.02, 0.0])
-@pytest.mark.parametrize("step_cost", ["paper", "length"])
+@pytest.mark.parametrize("epsilon", [math.inf, 0.02, 0.0])
 @pytest.mark.parametrize("method", Method)
-def test_every_methods_bound_holds_and_is_as_close_as_asked(network, method, step_cost, epsilon):
-    sources = Counter()
-    for cost, start, goal, corner_cutting in maps(step_cost, 12, 1):
-        options = {"step_cost": step_cost, "corner_cutting": corner_cutting, "model": network, "ask_from": 0}
-        plan = Planner(cost, **options).plan(start, goal, method=method, epsilon=epsilon, keep_regions=True)
-        optimum = oracles.dijkstra(cost, start, step_cost, corner_cutting)[goal]
-        check(plan, optimum, refused_by(plan, cost, start, goal, step_cost, corner_cutting))
-        if plan.ok:
-            assert plan.cost <= (1.0 + epsilon) * plan.lower_bound * (1.0 + 1e-9)
-            assert plan.cost <= (1.0 + epsilon) * optimum * (1.0 + CLOSE)
-        sources[plan.source] += 1
-    if epsilon == math.inf and method is not Method.ASTAR:
-        assert sources[Source.REGION] + sources[Source.WIDENED] >= 2  # else the bound was that of an exact search
+def test_every_methods_bound_holds_and_is_as_close_as_asked(network, method, epsilon):
+    for step_cost in ("paper", "length"):
+        sources = Counter()
+        for cost, start, goal, corner_cutting in maps(step_cost, 10, 1):
+            options = {"step_cost": step_cost, "corner_cutting": corner_cutting, "model": network, "ask_from": 0}
+            plan = Planner(cost, **options).plan(start, goal, method=method, epsilon=epsilon, keep_regions=True)
+            optimum = oracles.dijkstra(cost, start, step_cost, corner_cutting)[goal]
+            check(plan, optimum, refused_by(plan, cost, start, goal, step_cost, corner_cutting))
+            if plan.ok:
+                assert plan.cost <= (1.0 + epsilon) * plan.lower_bound * (1.0 + 1e-9)
+                assert plan.cost <= (1.0 + epsilon) * optimum * (1.0 + CLOSE)
+            sources[plan.source] += 1
+        if epsilon == math.inf and method is not Method.ASTAR:
+            assert sources[Source.REGION] + sources[Source.WIDENED] >= 2  # else the bound was an exact search's
 
 
 @pytest.mark.parametrize("step_cost", ["paper", "length"])

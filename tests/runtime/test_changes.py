@@ -301,7 +301,7 @@ def networks(network):
     return network, NetworkModel("edge")
 
 
-@settings(deadline=None, max_examples=120)
+@settings(deadline=None, max_examples=40)
 @given(
     steps=STEPS,
     shape=st.sampled_from([(7, 12), (24, 31), (33, 150)]),

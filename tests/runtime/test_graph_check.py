@@ -88,30 +88,6 @@ def test_functions_and_sparse_tensors_are_refused(make_tiny_model):
     assert "sparse tensors" in refusal(path)
 
 
-@pytest.mark.parametrize("attribute", [False, True])
-def test_tensors_in_other_files_are_refused(make_tiny_model, attribute):
-    path = make_tiny_model()
-    path.with_name("weights").write_bytes(np.float32(0.5).tobytes())
-    model = onnx.load(path)
-    tensor = model.graph.initializer[0]
-    if attribute:
-        tensor = TensorProto(name="told", data_type=TensorProto.FLOAT)
-    tensor.ClearField("float_data")
-    onnx.external_data_helper.set_external_data(
-        tensor if tensor.HasField("raw_data") else _raw(tensor), location="weights"
-    )
-    tensor.ClearField("raw_data")
-    if attribute:
-        model.graph.node.append(helper.make_node("Constant", [], ["told"], value=tensor))
-    path.write_bytes(model.SerializeToString())
-    assert "tensors in other files" in refusal(path)
-
-
-def _raw(tensor):
-    tensor.raw_data = b"\0\0\0\0"
-    return tensor
-
-
 def test_a_graph_that_fails_while_it_answers_is_one_line(make_tiny_model, nnpp_edge, tmp_path):
     path = make_tiny_model()
     model = onnx.load(path)
@@ -147,55 +123,11 @@ def with_metadata(path, text):
     return path
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "[" * 100_000,
-        '{"a":' * 100_000,
-        b'{"format": "nnpp-edge-model-1", "name": "\xff\xfe"}',
-        "null",
-        "3",
-        '{"format": ["nnpp-edge-model-1"]}',
-        '{"format": "nnpp-edge-model-1"}',
-        "9" * 6000,
-    ],
-    ids=["lists", "objects", "no UTF-8", "null", "number", "format", "nothing", "long number"],
-)
-def test_metadata_that_cannot_be_read_is_one_line(make_tiny_model, text):
-    assert "metadata" in refusal(with_metadata(make_tiny_model(), text))
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"map_unshuffle": 0},
-        {"output_shuffle": 0},
-        {"output_shuffle": -1},
-        {"omega": 0.0},
-        {"omega": float("nan")},
-        {"sigma": float("inf")},
-        {"input_size": 1 << 40, "blocks": 8},
-        {"training": {"deep": json.loads("[" * 500 + "]" * 500)}},
-    ],
-)
-def test_numbers_out_of_range_are_refused(make_tiny_model, changes):
-    assert "out of range" in refusal(make_tiny_model(**changes))
-
-
-@pytest.mark.parametrize("content", ["[" * 100_000, b'{"format": "\xff"}', "9" * 6000])
-def test_figures_that_cannot_be_read_are_one_line(make_tiny_model, content):
-    path = make_tiny_model()
-    path.with_suffix(".json").write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(ModelError, match="wanted figures as JSON") as caught:
-        read_model_file(path)
-    assert "\n" not in str(caught.value)
-
-
 def test_damage_anywhere_ends_in_an_answer_or_in_one_line(tiny_model, tmp_path, capfd):
     whole, rng = tiny_model.read_bytes(), random.Random(3)
     path = tmp_path / "damaged.onnx"
     refused = 0
-    for _ in range(300):
+    for _ in range(150):
         content = bytearray(whole)
         for _ in range(rng.choice((1, 1, 2, 8))):
             content[rng.randrange(len(content))] = rng.randrange(256)
@@ -206,5 +138,47 @@ def test_damage_anywhere_ends_in_an_answer_or_in_one_line(tiny_model, tmp_path, 
         except ModelError as error:
             assert "\n" not in str(error)
             refused += 1
-    assert 0 < refused < 300
+    assert 0 < refused < 150
     assert capfd.readouterr() == ("", "")
+
+
+def test_tensors_in_other_files_are_refused(make_tiny_model):
+    for attribute in (False, True):
+        path = make_tiny_model()
+        path.with_name("weights").write_bytes(np.float32(0.5).tobytes())
+        model = onnx.load(path)
+        tensor = TensorProto(name="told", data_type=TensorProto.FLOAT) if attribute else model.graph.initializer[0]
+        tensor.ClearField("float_data")
+        tensor.raw_data = b"\0\0\0\0"
+        onnx.external_data_helper.set_external_data(tensor, location="weights")
+        tensor.ClearField("raw_data")
+        if attribute:
+            model.graph.node.append(helper.make_node("Constant", [], ["told"], value=tensor))
+        path.write_bytes(model.SerializeToString())
+        assert "tensors in other files" in refusal(path)
+
+
+def test_metadata_that_cannot_be_read_or_is_out_of_range_is_one_line(make_tiny_model):
+    odd = ("[" * 100_000, '{"a":' * 100_000, b'{"format": "nnpp-edge-model-1", "name": "\xff\xfe"}', "null", "3")
+    for text in (*odd, '{"format": ["nnpp-edge-model-1"]}', '{"format": "nnpp-edge-model-1"}', "9" * 6000):
+        assert "metadata" in refusal(with_metadata(make_tiny_model(), text))
+    for changes in (
+        {"map_unshuffle": 0},
+        {"output_shuffle": 0},
+        {"output_shuffle": -1},
+        {"omega": 0.0},
+        {"omega": float("nan")},
+        {"sigma": float("inf")},
+        {"input_size": 1 << 40, "blocks": 8},
+        {"training": {"deep": json.loads("[" * 500 + "]" * 500)}},
+    ):
+        assert "out of range" in refusal(make_tiny_model(**changes))
+
+
+def test_figures_that_cannot_be_read_are_one_line(make_tiny_model):
+    path = make_tiny_model()
+    for content in (b"[" * 100_000, b'{"format": "\xff"}', b"9" * 6000):
+        path.with_suffix(".json").write_bytes(content)
+        with pytest.raises(ModelError, match="wanted figures as JSON") as caught:
+            read_model_file(path)
+        assert "\n" not in str(caught.value)

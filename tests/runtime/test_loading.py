@@ -57,34 +57,6 @@ def wait_for_loaders():
         thread.join()
 
 
-def test_planners_that_name_the_same_file_share_a_session(fresh_model, sessions):
-    planners = [Planner(COST, model=model) for model in (fresh_model, str(fresh_model), fresh_model)]
-    plans = [planner.plan(*ENDS, method="nnpp") for planner in planners]
-    one, other = NetworkModel(fresh_model), NetworkModel(fresh_model, threads=1)
-    assert sessions.paths == [fresh_model]
-    assert one.session is other.session  # one thread is what so small a network gets by default
-    assert np.array_equal(plans[0].path, plans[2].path)
-    NetworkModel(fresh_model, threads=2)
-    NetworkModel(fresh_model, spinning=True)
-    assert len(sessions.paths) == 3
-
-
-def test_a_shipped_model_is_the_same_by_name_and_by_path():
-    by_name = NetworkModel("edge")
-    assert NetworkModel(by_name.path).session is by_name.session
-
-
-def test_networks_on_one_session_keep_maps_and_queries_of_their_own(fresh_model):
-    rng = np.random.default_rng(1)
-    one, other = NetworkModel(fresh_model), NetworkModel(fresh_model)
-    for network in (one, other):
-        network.set_map(rng.random((2, 64, 64)).astype(np.float32))
-        network.set_query((5.0, 6.0), (50.0, 40.0))
-    first = one.run().copy()
-    assert not np.array_equal(first, other.run())
-    np.testing.assert_array_equal(first, one.run())
-
-
 def test_threads_that_ask_at_once_wait_for_one_session(fresh_model, sessions):
     sessions.seconds, found = 0.2, []
     together = threading.Barrier(6)
@@ -101,50 +73,6 @@ def test_threads_that_ask_at_once_wait_for_one_session(fresh_model, sessions):
     assert len(sessions.paths) == 1
     assert len({id(network.session) for network in found}) == 1
     assert all(network.waited for network in found)
-
-
-def test_who_asks_for_an_open_file_does_not_wait_for_another(fresh_model, tmp_path, sessions):
-    other = shutil.copy(fresh_model, tmp_path / "other.onnx")
-    kept = NetworkModel(fresh_model)
-    sessions.seconds = 1.0
-    begin_loading(other)
-    while len(sessions.paths) < 2:
-        time.sleep(0.001)
-    assert NetworkModel(fresh_model).session is kept.session
-    assert loaders()
-    wait_for_loaders()
-
-
-@pytest.mark.parametrize("way", ["in place, its time set back", "another in its place"])
-def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
-    planner = Planner(COST, model=fresh_model)
-    before = NetworkModel(fresh_model)
-    assert planner.plan(*ENDS, method="nnpp").ok
-    content, found = fresh_model.read_bytes().replace(b'"version": "0"', b'"version": "1"'), fresh_model.stat()
-    if way.startswith("in place"):
-        fresh_model.write_bytes(content)
-        os.utime(fresh_model, ns=(found.st_atime_ns, found.st_mtime_ns))
-    else:
-        fresh_model.with_suffix(".new").write_bytes(content)
-        fresh_model.with_suffix(".new").replace(fresh_model)
-    after = NetworkModel(fresh_model)
-    assert (before.metadata.version, after.metadata.version) == ("0", "1")
-    assert len(sessions.paths) == 2
-    planner.use_model(fresh_model)
-    assert planner.plan(*ENDS, method="nnpp").ok
-    assert len(sessions.paths) == 2
-
-
-def test_the_loop_reads_a_changed_model_again_and_an_unchanged_one_not(fresh_model, sessions):
-    loop = Navigator(Ground(COST), NavigatorSettings(method="nnpp", model=fresh_model))
-    loop.reload()
-    loop.tick()
-    assert len(sessions.paths) == 1
-    fresh_model.write_bytes(fresh_model.read_bytes().replace(b'"version": "0"', b'"version": "1"'))
-    loop.reload()
-    loop.tick()
-    assert loop.model.metadata.version == "1"
-    assert (len(sessions.paths), loop.counters().reloads) == (2, 2)
 
 
 def test_a_file_that_changes_while_it_is_loaded_is_refused(fresh_model, sessions, monkeypatch):
@@ -170,13 +98,6 @@ def test_sessions_that_nobody_uses_do_not_pile_up(tiny_model, tmp_path):
     assert alive == [KEPT + 2, KEPT + 3]
 
 
-def test_calls_one_after_another_open_a_file_once(fresh_model, sessions):
-    plans = [plan_path(COST, *ENDS, "nnpp", model=fresh_model) for _ in range(3)]
-    wait_for_loaders()
-    assert len(sessions.paths) == 1
-    assert all(np.array_equal(plan.path, plans[0].path) for plan in plans)
-
-
 def test_an_error_in_the_background_is_raised_to_each_who_asks_and_printed_to_none(fresh_model, capfd):
     content = fresh_model.read_bytes()
     fresh_model.write_bytes(content[:-40])
@@ -190,50 +111,6 @@ def test_an_error_in_the_background_is_raised_to_each_who_asks_and_printed_to_no
     fresh_model.write_bytes(content)
     assert planners[0].plan(*ENDS, method="nnpp").ok
     assert capfd.readouterr() == ("", "")
-
-
-def test_the_time_of_waiting_for_the_network_is_a_stage_of_its_own(fresh_model, sessions):
-    sessions.seconds = 0.3
-    slow, ready = (Planner(COST, model=fresh_model).plan(*ENDS, method="nnpp").timings_ms for _ in range(2))
-    assert slow["load"] >= 300.0
-    assert "load" not in ready
-    for times in (slow, ready):
-        stages = [ms for stage, ms in times.items() if stage != "total"]
-        assert sum(stages) == pytest.approx(times["total"], rel=0.05)
-
-
-def test_a_plan_waits_only_for_what_is_left_of_loading(fresh_model, sessions):
-    sessions.seconds = 1.5
-    planner = Planner(COST, model=fresh_model)
-    begin_loading(fresh_model)
-    time.sleep(0.3)
-    times = planner.plan(*ENDS, method="nnpp").timings_ms
-    assert 0.0 < times["load"] < 1300.0
-    assert len(sessions.paths) == 1
-
-
-def test_a_model_that_is_loaded_is_not_loaded_in_the_background(network):
-    begin_loading(network)
-    begin_loading(network.path)
-    assert not loaders()
-
-
-@pytest.mark.parametrize(
-    ("method", "side", "apart", "model", "expected"),
-    [
-        ("nnpp", 100, 90, "edge", True),
-        ("nnpp", 100, 20, "edge", False),
-        ("auto", 1000, 900, "edge", False),
-        ("auto", 2000, 900, "edge", True),
-        ("auto", 2000, 300, "edge", False),
-        ("auto", 2000, 900, "paper", False),
-        ("astar", 2000, 900, "edge", False),
-        ("corridor", 2000, 900, "edge", False),
-        ("nosuch", 2000, 900, "edge", False),
-    ],
-)
-def test_the_network_is_expected_where_plans_come_from_it(method, side, apart, model, expected):
-    assert choice.expects_network(method, (side, side), model, apart) is expected
 
 
 def test_planning_once_begins_to_load_only_what_it_will_ask(fresh_model, monkeypatch):
@@ -275,31 +152,112 @@ def answer(network):
     network.set_query((5.0, 6.0), (50.0, 40.0))
     return network.run().copy()
 
-model, way = sys.argv[1:]
-if way == "while it loads":
-    loading.begin_loading(model, threads=2)
-    time.sleep(0.1)
-else:
-    network = NetworkModel(model, threads=2)
-    wanted = answer(network)
-if (child := os.fork()) == 0:
-    signal.alarm(20)
-    if way == "its own":
-        assert np.array_equal(answer(network), wanted)
-    again = NetworkModel(model, threads=2)
-    assert again.run().shape == (8, 8)
-    if way == "dropped":
-        del network
-    os._exit(7)
-assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
-assert NetworkModel(model, threads=2).run().shape == (8, 8)
+model = sys.argv[1]
+for way in ("while it loads", "its own", "dropped"):
+    if way == "while it loads":
+        loading.begin_loading(model, threads=2)
+        time.sleep(0.1)
+    else:
+        network = NetworkModel(model, threads=2)
+        wanted = answer(network)
+    if (child := os.fork()) == 0:
+        signal.alarm(20)
+        if way == "its own":
+            assert np.array_equal(answer(network), wanted)
+        again = NetworkModel(model, threads=2)
+        assert again.run().shape == (8, 8)
+        if way == "dropped":
+            del network
+        os._exit(7)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7, way
+    assert NetworkModel(model, threads=2).run().shape == (8, 8)
 """
 
 
-@pytest.mark.parametrize("way", ["while it loads", "its own", "dropped"])
-def test_a_forked_child_uses_no_lock_and_no_thread_of_its_parent(fresh_model, way):
+def test_a_forked_child_uses_no_lock_and_no_thread_of_its_parent(fresh_model):
     quiet = "ignore:This process:DeprecationWarning"  # Python 3.12 on says of every fork what is tried here
-    ended = subprocess.run(
-        [sys.executable, "-W", quiet, "-c", FORK, fresh_model, way], capture_output=True, text=True, timeout=120
-    )
+    command = [sys.executable, "-W", quiet, "-c", FORK, fresh_model]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their_own(fresh_model, sessions):
+    planners = [Planner(COST, model=model) for model in (fresh_model, str(fresh_model), fresh_model)]
+    plans = [planner.plan(*ENDS, method="nnpp") for planner in planners]
+    plans += [plan_path(COST, *ENDS, "nnpp", model=fresh_model) for _ in range(2)]
+    one, other = NetworkModel(fresh_model), NetworkModel(fresh_model, threads=1)
+    begin_loading(one)
+    begin_loading(fresh_model)
+    assert not loaders() and sessions.paths == [fresh_model]
+    assert one.session is other.session  # one thread is what so small a network gets by default
+    assert all(np.array_equal(plan.path, plans[0].path) for plan in plans)
+    rng = np.random.default_rng(1)
+    for network in (one, other):
+        network.set_map(rng.random((2, 64, 64)).astype(np.float32))
+        network.set_query((5.0, 6.0), (50.0, 40.0))
+    first = one.run().copy()
+    assert not np.array_equal(first, other.run())
+    np.testing.assert_array_equal(first, one.run())
+    NetworkModel(fresh_model, threads=2)
+    NetworkModel(fresh_model, spinning=True)
+    assert len(sessions.paths) == 3
+    by_name = NetworkModel("edge")
+    assert NetworkModel(by_name.path).session is by_name.session
+
+
+@pytest.mark.parametrize("way", ["in place, its time set back", "another in its place"])
+def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
+    planner, before = Planner(COST, model=fresh_model), NetworkModel(fresh_model)
+    loop = Navigator(Ground(COST), NavigatorSettings(method="nnpp", model=fresh_model))
+    loop.reload()
+    loop.tick()
+    assert planner.plan(*ENDS, method="nnpp").ok and len(sessions.paths) == 1
+    content, found = fresh_model.read_bytes().replace(b'"version": "0"', b'"version": "1"'), fresh_model.stat()
+    if way.startswith("in place"):
+        fresh_model.write_bytes(content)
+        os.utime(fresh_model, ns=(found.st_atime_ns, found.st_mtime_ns))
+    else:
+        fresh_model.with_suffix(".new").write_bytes(content)
+        fresh_model.with_suffix(".new").replace(fresh_model)
+    after = NetworkModel(fresh_model)
+    assert (before.metadata.version, after.metadata.version) == ("0", "1")
+    planner.use_model(fresh_model)
+    assert planner.plan(*ENDS, method="nnpp").ok
+    loop.reload()
+    loop.tick()
+    assert loop.model.metadata.version == "1"
+    assert (len(sessions.paths), loop.counters().reloads) == (2, 2)
+
+
+def test_who_asks_waits_only_for_what_is_left_of_loading_and_that_is_a_stage_of_its_own(
+    fresh_model, tmp_path, sessions
+):
+    other = shutil.copy(fresh_model, tmp_path / "other.onnx")
+    kept, planner = NetworkModel(fresh_model), Planner(COST, model=other)
+    sessions.seconds = 0.6
+    begin_loading(other)
+    while len(sessions.paths) < 2:
+        time.sleep(0.001)
+    time.sleep(0.2)
+    assert NetworkModel(fresh_model).session is kept.session
+    assert loaders(), "who asks for an open file does not wait for another"
+    slow, ready = (planner.plan(*ENDS, method="nnpp").timings_ms for _ in range(2))
+    assert 0.0 < slow["load"] < 500.0 and "load" not in ready and len(sessions.paths) == 2
+    for times in (slow, ready):
+        stages = [ms for stage, ms in times.items() if stage != "total"]
+        assert sum(stages) == pytest.approx(times["total"], rel=0.05)
+
+
+def test_the_network_is_expected_where_plans_come_from_it():
+    for method, side, apart, model, expected in (
+        ("nnpp", 100, 90, "edge", True),
+        ("nnpp", 100, 20, "edge", False),
+        ("auto", 1000, 900, "edge", False),
+        ("auto", 2000, 900, "edge", True),
+        ("auto", 2000, 300, "edge", False),
+        ("auto", 2000, 900, "paper", False),
+        ("astar", 2000, 900, "edge", False),
+        ("corridor", 2000, 900, "edge", False),
+        ("nosuch", 2000, 900, "edge", False),
+    ):
+        assert choice.expects_network(method, (side, side), model, apart) is expected

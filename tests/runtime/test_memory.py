@@ -1,3 +1,5 @@
+import ctypes
+import itertools
 import math
 import os
 import resource
@@ -7,9 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import warmup
+from nnpp_edge.runtime import Planner, warmup
+from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.realtime import rss_bytes
-from nnpp_edge.runtime.memory import available_bytes, touch
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.map.streamed import StreamedMap
+from nnpp_edge.runtime.memory import available_bytes, check_planner_fits, small_pages, touch, virtual_zeros
 
 
 def test_memory_is_there_and_values_stay():
@@ -65,30 +70,55 @@ GROUPS = {
 }
 
 
-@pytest.mark.parametrize("version", GROUPS)
-@pytest.mark.parametrize("group", ["system.slice/nnpp-edge.service", "system.slice", ""])
-def test_the_memory_that_is_left_follows_every_control_group_around_the_process(tmp_path, version, group):
-    """The last is what a container sees that has no path of its own there."""
-    told, root, limit, used, prefix = GROUPS[version]
-    files = {
-        "proc/meminfo": "MemTotal: 8000000 kB\nMemAvailable:    3000000 kB\n",
-        "proc/self/cgroup": f"{told}\n",
-        f"{root}{group}/{limit}": f"{1 << 30}\n",
-        f"{root}{group}/{used}": f"{600 << 20}\n",
-        f"{root}{group}/memory.stat": f"anon 7\n{prefix}inactive_file {100 << 20}\ntotal_x 5\n",
-    }
-    for name, text in files.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
-    assert available_bytes(tmp_path) == 524 << 20
-    (tmp_path / f"{root}{group}/{limit}").write_text("max\n" if version == "version 2" else f"{2**63 - 4096}\n")
-    assert available_bytes(tmp_path) == 3_000_000 * 1024
+def test_the_memory_that_is_left_follows_every_control_group_around_the_process(tmp_path):
+    """The last group is what a container sees that has no path of its own there."""
+    groups = ("system.slice/nnpp-edge.service", "system.slice", "")
+    for number, ((version, known), group) in enumerate(itertools.product(GROUPS.items(), groups)):
+        (told, root, limit, used, prefix), base = known, tmp_path / str(number)
+        files = {
+            "proc/meminfo": "MemTotal: 8000000 kB\nMemAvailable:    3000000 kB\n",
+            "proc/self/cgroup": f"{told}\n",
+            f"{root}{group}/{limit}": f"{1 << 30}\n",
+            f"{root}{group}/{used}": f"{600 << 20}\n",
+            f"{root}{group}/memory.stat": f"anon 7\n{prefix}inactive_file {100 << 20}\ntotal_x 5\n",
+        }
+        for name, text in files.items():
+            (base / name).parent.mkdir(parents=True, exist_ok=True)
+            (base / name).write_text(text)
+        assert available_bytes(base) == 524 << 20
+        (base / f"{root}{group}/{limit}").write_text("max\n" if version == "version 2" else f"{2**63 - 4096}\n")
+        assert available_bytes(base) == 3_000_000 * 1024
 
 
-@pytest.mark.parametrize(
-    ("processors", "left_gb", "jobs"), [(4, 0.95, 1), (4, 1.45, 2), (1, 64, 1), (64, 64, 4), (4, 0, 1)]
-)
-def test_a_warm_up_takes_no_more_processes_than_memory_is_left_for(monkeypatch, processors, left_gb, jobs):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(processors)))
-    monkeypatch.setattr(warmup, "available_bytes", lambda: int(left_gb * 1e9))
-    assert warmup.default_jobs() == jobs
+def test_a_warm_up_takes_no_more_processes_than_memory_is_left_for(monkeypatch):
+    for processors, left_gb, jobs in ((4, 0.95, 1), (4, 1.45, 2), (1, 64, 1), (64, 64, 4), (4, 0, 1)):
+        monkeypatch.setattr(os, "sched_getaffinity", lambda _, processors=processors: set(range(processors)))
+        monkeypatch.setattr(warmup, "available_bytes", lambda left_gb=left_gb: int(left_gb * 1e9))
+        assert warmup.default_jobs() == jobs
+
+
+def test_only_what_is_written_to_takes_memory():
+    zeros = virtual_zeros(1 << 31, np.int32)
+    before = rss_bytes()
+    zeros[:: 1 << 21] = 1  # in a thousand places, each of which would bring 2 MiB along as a huge page
+    assert rss_bytes() - before < 64 << 20
+    assert zeros[1 << 21] == 1 and not zeros[(1 << 21) + 1 : (1 << 21) + 100].any()
+
+
+def test_huge_pages_are_off_for_a_while():
+    def off():
+        return ctypes.CDLL(None).prctl(42, 0, 0, 0, 0)  # PR_GET_THP_DISABLE
+
+    assert off() == 0
+    with small_pages():
+        assert off() == 1
+    assert off() == 0
+
+
+def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated():
+    huge = np.broadcast_to(np.float32(0.2), (4_000_000, 1_000_000))
+    with pytest.raises(InvalidMapError, match=r"wanted 64000.0 GB of memory .* WindowedPlanner"):
+        Planner(huge)
+    check_planner_fits((2048, 2048))
+    with pytest.raises(InvalidMapError, match="cells"):
+        StreamedMap((60_000, 60_000), StepModel.of("paper"))

@@ -87,6 +87,9 @@ def test_a_plan_stays_what_it_was(shared_network, make, methods):
     planner.update(0, 0, rough(4))
     for method in methods:
         plan(method, (START[0] + 50, START[1]))
+    for name in ("cost", "path", "status", "region"):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(kept[0][0], name, None)
     for found, wanted, pickled, copied in kept:
         for each in (found, pickle.loads(pickled), copied, pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
             assert facts(each) == wanted
@@ -104,13 +107,6 @@ def test_what_is_written_into_a_plans_arrays_reaches_no_planner(shared_network, 
             for region in (found.region, found.network_region):
                 for array in () if region is None else region[:3]:
                     array[:] = 7
-
-
-def test_a_plan_cannot_be_changed():
-    plan = Planner(rough()).plan(START, GOAL, method="astar")
-    for name in ("cost", "path", "status", "region"):
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            setattr(plan, name, None)
 
 
 @pytest.mark.parametrize("make", [static_planner, dynamic_planner])
@@ -151,24 +147,6 @@ def test_planners_that_share_a_network_answer_in_turns_as_those_with_one_of_thei
             one, two = (facts(dataclasses.replace(plan, timings_ms={})) for plan in plans)
             assert one == two
             assert plans[0].threshold > 0.0
-
-
-def test_a_shared_network_has_a_map_a_query_and_an_answer_of_its_own(shared_network):
-    size = shared_network.metadata.input_size
-    rng = np.random.default_rng(0)
-    one, two = shared_network.share(), shared_network.share()
-    planes, ends = rng.random((2, 2, size, size)).astype(np.float32), ((3.0, 4.0), (size - 9.0, size - 5.0))
-    answers = []
-    for network, map_planes in ((one, planes[0]), (two, planes[1])):
-        network.set_map(map_planes)
-        answers.append(network.answer(*ends))
-    before = [answer.copy() for answer in answers]
-    assert not np.array_equal(*before)
-    two.answer(*ends[::-1])
-    np.testing.assert_array_equal(answers[0], before[0])
-    np.testing.assert_array_equal(one.answer(*ends), before[0])
-    np.testing.assert_array_equal(two.answer(*ends), before[1])
-    assert one.metadata == shared_network.metadata and one.path == shared_network.path
 
 
 # What a plan says
@@ -217,3 +195,37 @@ def test_a_paths_costs_are_the_sums_over_its_steps_and_cells(step_cost):
     assert traverse == pytest.approx(cost[tuple(path.T)].sum(), rel=1e-5)
     assert path_costs(grid, path[:0]) == (math.inf, math.inf, math.inf)
     assert path_costs(grid, path[:1])[:2] == (0.0, 0.0)
+
+
+COPY_COST = np.random.default_rng(2).random((200, 220)).astype(np.float32)
+COPY_ENDS = (3, 4), (190, 200)
+WAYS = [copy.deepcopy, lambda planner: pickle.loads(pickle.dumps(planner))]
+
+
+@pytest.mark.parametrize("way", WAYS, ids=["deepcopy", "pickle"])
+def test_a_copy_of_a_planner_answers_alike_and_goes_its_own_way(way):
+    planner = Planner(COPY_COST, model=NetworkModel("edge") if way is copy.deepcopy else "edge")
+    planner.update(20, 20, np.ones((30, 3)))
+    before = {method: planner.plan(*COPY_ENDS, method=method) for method in ("nnpp", "corridor", "astar")}
+    other = way(planner)
+    for method, plan in before.items():
+        again = other.plan(*COPY_ENDS, method=method)
+        assert (again.cost, again.lower_bound) == (plan.cost, plan.lower_bound)
+        assert np.array_equal(again.path, plan.path)
+    assert other.update(0, 0, np.ones((200, 2))) == 400
+    assert np.array_equal(planner.plan(*COPY_ENDS, method="astar").path, before["astar"].path)
+
+
+@pytest.mark.parametrize("way", WAYS, ids=["deepcopy", "pickle"])
+def test_a_copy_of_a_dynamic_planner_follows_the_same_path(way):
+    methods = ("dstar", "nnpp-dstar", "corridor-dstar")
+    planner = DynamicPlanner(COPY_COST, COPY_ENDS[1], "auto", also=methods)
+    planner.move(COPY_ENDS[0])
+    for method in methods:
+        planner.replan(method=method)
+    planner.update(20, 20, np.full((3, 3), 0.4))
+    other = way(planner)
+    assert (other.goal, other.methods, other.standing().valid) == (COPY_ENDS[1], planner.methods, True)
+    assert other.standing().cost == pytest.approx(planner.standing().cost)
+    assert other.standing().lower_bound <= planner.replan(method="dstar").cost
+    assert other.replan(method="dstar").cost == pytest.approx(planner.replan(method="dstar").cost, rel=1e-6)

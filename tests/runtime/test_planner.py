@@ -1,3 +1,4 @@
+import math
 import threading
 
 import numpy as np
@@ -13,11 +14,11 @@ from tests.strategies import cases
 METHODS = ["astar", "corridor", "nnpp", "auto"]
 
 
-@settings(deadline=None, max_examples=150)
-@given(cases(40), st.sampled_from(METHODS))
-def test_every_method_finds_a_path_where_there_is_one(network, case, method):
+@settings(deadline=None, max_examples=120)
+@given(cases(40), st.sampled_from(METHODS), st.sampled_from([1e9, 1e9, 0.0, 0.02, 0.3]))
+def test_where_there_is_a_path_every_method_finds_one_as_good_as_asked(network, case, method, epsilon):
     planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting, model=network)
-    plan = planner.plan(case.start, case.goal, method=method, keep_regions=True)
+    plan = planner.plan(case.start, case.goal, method=method, epsilon=epsilon, keep_regions=True)
     optimum = oracles.dijkstra(case.cost, case.start, case.step_cost, case.corner_cutting)[case.goal]
     if np.isinf(optimum):
         assert plan.status is Status.NO_PATH
@@ -33,7 +34,8 @@ def test_every_method_finds_a_path_where_there_is_one(network, case, method):
     assert plan.cost == pytest.approx(oracles.path_cost(plan.path, case.cost, case.step_cost), **tolerance)
     assert plan.cost >= optimum * (1 - 1e-5) - 1e-6
     assert plan.lower_bound <= optimum * (1 + 1e-5) + 1e-6
-    assert plan.lower_bound <= plan.cost
+    assert plan.lower_bound <= plan.cost <= (1 + epsilon) * plan.lower_bound + 1e-9
+    assert plan.cost <= (1 + epsilon) * optimum * (1 + 1e-5) + 1e-6
     if method == "astar" or plan.source in (Source.MAP, Source.FALLBACK):
         assert plan.cost == pytest.approx(optimum, **tolerance)
     steps = np.abs(np.diff(plan.path, axis=0)).sum(axis=1)
@@ -42,48 +44,6 @@ def test_every_method_finds_a_path_where_there_is_one(network, case, method):
     assert set(plan.timings_ms) >= {"total"}
     if plan.region is not None:
         assert plan.region.mask()[tuple(plan.path.T)].all()
-
-
-@pytest.mark.parametrize("shape", [(300, 700), (1024, 1024), (97, 1000), (1, 3000), (2000, 1)])
-@pytest.mark.parametrize("method", ["corridor", "nnpp"])
-def test_maps_of_any_size_and_shape(network, shape, method):
-    rng = np.random.default_rng(1)
-    cost = rng.random(shape).astype(np.float32) * 0.9
-    planner = Planner(cost, model=network)
-    goal = (shape[0] - 1, shape[1] - 1)
-    plan = planner.plan((0, 0), goal, method=method)
-    exact = planner.plan((0, 0), goal, method="astar")
-    assert plan.ok
-    assert exact.cost * (1 - 1e-5) <= plan.cost < 1.2 * exact.cost
-    assert plan.lower_bound <= exact.cost * (1 + 1e-5)
-
-
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(
-    ("start", "goal", "status"),
-    [
-        ((-1, 0), (5, 5), Status.START_OUTSIDE_MAP),
-        ((0, 0), (5, 10), Status.GOAL_OUTSIDE_MAP),
-        ((3, 3), (5, 5), Status.START_BLOCKED),
-        ((0, 0), (3, 3), Status.GOAL_BLOCKED),
-        ((0, 0), (9, 9), Status.NO_PATH),
-        ((0, 0), (0, 0), Status.OK),
-    ],
-)
-def test_a_status_says_why(network, method, start, goal, status):
-    cost = np.zeros((10, 10), np.float32)
-    cost[3, 3] = np.nan
-    cost[8, 8:] = cost[8:, 8] = 1.0
-    plan = plan_path(cost, start, goal, method=method, model=network)
-    assert plan.status is status
-    dynamic = DynamicPlanner(np.minimum(cost, 1.0), goal, "astar") if status is not Status.GOAL_OUTSIDE_MAP else None
-    if status.endswith(("OUTSIDE_MAP", "BLOCKED")):
-        cell = f"start {start}" if status.startswith("START") else f"goal {goal}"
-        reason = f"{cell} {'is impassable' if status.endswith('BLOCKED') else 'lies outside the map'}"
-        assert (plan.choice, plan.reason) == ("", reason)
-        if dynamic is not None:
-            dynamic.move(start)
-            assert dynamic.replan().reason == reason
 
 
 def test_a_wall_that_averages_hide_is_respected():
@@ -97,24 +57,6 @@ def test_a_wall_that_averages_hide_is_respected():
     plan = plan_path(cost, (10, 10), (250, 10), method="corridor")
     assert plan.status is Status.NO_PATH
     assert plan.source is Source.FALLBACK
-
-
-@settings(deadline=None, max_examples=40)
-@given(st.integers(0, 2**32), st.sampled_from(["astar", "corridor", "nnpp"]), st.data())
-def test_an_updated_planner_answers_as_a_new_one(network, seed, method, data):
-    rng = np.random.default_rng(seed)
-    cost = rng.random((70, 90)).astype(np.float32)
-    planner = Planner(cost, model=network)
-    planner.plan((0, 0), (69, 89), method=method)
-    for _ in range(3):
-        row, col = data.draw(st.integers(0, 60)), data.draw(st.integers(0, 80))
-        patch = rng.choice([0.2, 0.9, np.inf], (10, 10)).astype(np.float32)
-        cost[row : row + 10, col : col + 10] = patch
-        planner.update(row, col, patch)
-    ours, theirs = (p.plan((2, 2), (66, 80), method=method) for p in (planner, Planner(cost, model=network)))
-    assert ours.status == theirs.status
-    if ours.ok:
-        assert ours.cost == pytest.approx(theirs.cost, rel=1e-5)
 
 
 def test_planners_run_in_parallel_threads():
@@ -169,46 +111,6 @@ def test_another_omega_than_the_networks_is_said(network):
         plan_path(cost, (0, 0), (70, 70), method="nnpp", omega=0.05, model=network)
 
 
-@pytest.mark.parametrize(
-    "cost", [np.zeros((3, 3, 3)), np.zeros((0, 3)), np.full((3, 3), -0.1), np.array([["a"]]), [1, 2]]
-)
-def test_what_is_no_cost_map_is_refused(cost):
-    with pytest.raises(InvalidMapError):
-        Planner(np.asarray(cost))
-
-
-def test_a_weight_of_zero_is_refused_where_weights_multiply():
-    with pytest.raises(InvalidMapError, match=r"from 1\.18e-38 to 1e\+30, got one of 0"):
-        Planner(np.zeros((3, 3)), step_cost="length")
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"method": "best"}, {"step_cost": "euclid"}, {"omega": -1.0}, {"start": (1.5, 2)}, {"goal": 7}]
-)
-def test_a_query_that_makes_no_sense_is_refused(wrong):
-    query = {"start": (0, 0), "goal": (2, 2)} | wrong
-    with pytest.raises(InvalidQueryError):
-        plan_path(np.zeros((3, 3)), **query)
-
-
-@settings(deadline=None, max_examples=150)
-@given(cases(40), st.sampled_from(["corridor", "nnpp"]), st.sampled_from([0.0, 0.02, 0.3]))
-def test_a_certified_path_is_as_close_to_the_optimum_as_asked(network, case, method, epsilon):
-    planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting, model=network)
-    plan = planner.plan(case.start, case.goal, method=method, epsilon=epsilon)
-    optimum = oracles.dijkstra(case.cost, case.start, case.step_cost, case.corner_cutting)[case.goal]
-    assert plan.ok == np.isfinite(optimum)
-    if plan.ok:
-        assert plan.cost <= (1 + epsilon) * optimum * (1 + 1e-5) + 1e-6
-        assert plan.cost <= (1 + epsilon) * plan.lower_bound + 1e-9
-
-
-def test_an_epsilon_that_is_no_share_is_refused():
-    for wrong in (-0.1, float("nan")):
-        with pytest.raises(InvalidQueryError, match="epsilon"):
-            plan_path(np.zeros((3, 3)), (0, 0), (2, 2), epsilon=wrong)
-
-
 @pytest.mark.parametrize("step_cost", ["paper", "length"])
 def test_a_map_without_a_passable_cell_can_open(step_cost):
     planner = Planner(np.full((80, 80), np.nan), step_cost=step_cost)
@@ -217,7 +119,7 @@ def test_a_map_without_a_passable_cell_can_open(step_cost):
     assert planner.plan((1, 1), (70, 70), method="corridor").ok
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=50)
 @given(cases(24), st.integers(1, 6), st.integers(1, 3), st.data())
 def test_the_nearest_of_several_goals_comes_first(case, goals, count, data):
     passable = np.argwhere(np.isfinite(case.cost))
@@ -232,32 +134,6 @@ def test_the_nearest_of_several_goals_comes_first(case, goals, count, data):
     assert [plan.cost for _, plan in ranked] == pytest.approx(wanted.tolist(), rel=1e-5, abs=1e-6)
     for at, plan in ranked:
         assert not plan.ok or tuple(plan.path[-1]) == chosen[at]
-
-
-def test_wanting_the_nearest_of_no_goals_is_refused():
-    with pytest.raises(InvalidQueryError, match="at least one goal"):
-        Planner(np.zeros((4, 4), np.float32)).nearest((0, 0), [])
-
-
-@pytest.mark.slow
-def test_ten_thousand_bounds_lie_below_the_optimum_and_epsilon_zero_finds_it():
-    rng = np.random.default_rng(11)
-    for _ in range(250):
-        rows, cols = (int(n) for n in rng.integers(1, 70, 2))
-        cost = rng.random((rows, cols)).astype(np.float32) ** rng.integers(1, 4)
-        cost[rng.random(cost.shape) < rng.choice([0.0, 0.2, 0.4])] = np.inf
-        cost[rng.integers(rows), rng.integers(cols)] = 0.5
-        planner = Planner(cost, corner_cutting=bool(rng.integers(2)))
-        passable = np.argwhere(cost < 1.0)
-        for start, goal in passable[rng.integers(len(passable), size=(40, 2))]:
-            exact = planner.plan(start, goal, method="astar")
-            first = planner.plan(start, goal, method="corridor")
-            certain = planner.plan(start, goal, method="corridor", epsilon=0.0)
-            assert first.status is certain.status is exact.status
-            if exact.ok:
-                assert first.lower_bound <= exact.cost * (1 + 1e-6)
-                assert first.cost >= exact.cost * (1 - 1e-6)
-                assert certain.cost == pytest.approx(exact.cost, rel=1e-6, abs=1e-9)
 
 
 def test_another_network_is_used_whole_or_not_at_all(network, tiny_model, tmp_path):
@@ -276,3 +152,50 @@ def test_another_network_is_used_whole_or_not_at_all(network, tiny_model, tmp_pa
         np.testing.assert_array_equal(planner.plan(*query, method=method).path, before.path)
     planner.use_model("edge")
     assert planner.plan(*query, method=method).threshold != before.threshold
+
+
+def test_maps_of_any_size_and_shape(network):
+    for shape in ((300, 700), (1024, 1024), (97, 1000), (1, 3000), (2000, 1)):
+        planner = Planner(np.random.default_rng(1).random(shape).astype(np.float32) * 0.9, model=network)
+        ends = (0, 0), (shape[0] - 1, shape[1] - 1)
+        exact = planner.plan(*ends, method="astar")
+        for method in ("corridor", "nnpp"):
+            plan = planner.plan(*ends, method=method)
+            assert plan.ok and plan.lower_bound <= exact.cost * (1 + 1e-5)
+            assert exact.cost * (1 - 1e-5) <= plan.cost < 1.2 * exact.cost
+
+
+def test_a_status_says_why(network):
+    cost = np.zeros((10, 10), np.float32)
+    cost[3, 3] = np.nan
+    cost[8, 8:] = cost[8:, 8] = 1.0
+    for start, goal, status, why in (
+        ((-1, 0), (5, 5), Status.START_OUTSIDE_MAP, "start (-1, 0) lies outside the map"),
+        ((0, 0), (5, 10), Status.GOAL_OUTSIDE_MAP, "goal (5, 10) lies outside the map"),
+        ((3, 3), (5, 5), Status.START_BLOCKED, "start (3, 3) is impassable"),
+        ((0, 0), (3, 3), Status.GOAL_BLOCKED, "goal (3, 3) is impassable"),
+        ((0, 0), (9, 9), Status.NO_PATH, "no path exists on the known map"),
+        ((0, 0), (0, 0), Status.OK, ""),
+    ):
+        for method in METHODS:
+            plan = plan_path(cost, start, goal, method=method, model=network)
+            assert (plan.status, plan.reason) == (status, why)
+            assert plan.choice == "" or status in (Status.NO_PATH, Status.OK)
+        if status is not Status.GOAL_OUTSIDE_MAP:
+            dynamic = DynamicPlanner(np.minimum(cost, 1.0), goal, "astar")
+            dynamic.move(start)
+            assert dynamic.replan().reason == why
+
+
+def test_what_makes_no_sense_is_refused():
+    for cost in (np.zeros((3, 3, 3)), np.zeros((0, 3)), np.full((3, 3), -0.1), np.array([["a"]]), np.array([1, 2])):
+        with pytest.raises(InvalidMapError):
+            Planner(cost)
+    with pytest.raises(InvalidMapError, match=r"from 1\.18e-38 to 1e\+30, got one of 0"):
+        Planner(np.zeros((3, 3)), step_cost="length")
+    odd = ({"method": "best"}, {"step_cost": "euclid"}, {"omega": -1.0}, {"start": (1.5, 2)}, {"goal": 7})
+    for wrong in (*odd, {"epsilon": -0.1}, {"epsilon": math.nan}):
+        with pytest.raises(InvalidQueryError):
+            plan_path(np.zeros((3, 3)), **{"start": (0, 0), "goal": (2, 2)} | wrong)
+    with pytest.raises(InvalidQueryError, match="at least one goal"):
+        Planner(np.zeros((4, 4), np.float32)).nearest((0, 0), [])

@@ -75,29 +75,6 @@ def test_a_file_is_read_up_to_a_limit(tmp_path):
         read_text(tmp_path / "file", 99)
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"a = " + b"[" * 100_000, "nested too deep"),
-        (b"title = '\xe4'", "utf-8"),
-        (b"title = ", "TOML"),
-    ],
-)
-def test_a_damaged_profile_is_one_line(tmp_path, content, words):
-    (tmp_path / "own.toml").write_bytes(content)
-    with pytest.raises(ProfileError, match=words) as caught:
-        read_profile(tmp_path / "own.toml")
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("content", [b"[" * 100_000, b'{"a":' * 100_000, b"\xe4", b"", b"null", b"1" * 5000])
-def test_a_damaged_report_is_one_line(tmp_path, content):
-    (tmp_path / "file.json").write_bytes(content)
-    with pytest.raises(InvalidQueryError) as caught:
-        read_report(tmp_path / "file.json")
-    assert "\n" not in str(caught.value)
-
-
 def test_what_is_sound_is_parsed():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -108,3 +85,17 @@ def test_what_is_sound_is_parsed():
 def test_a_reason_is_short_however_much_of_a_file_it_quotes():
     assert reason(ValueError(f"the header\n{b'x' * 70_000!r} differs")).startswith("the header b'xxx")
     assert len(reason(ValueError("x" * 70_000))) < 500
+
+
+def test_a_damaged_profile_and_a_damaged_report_are_one_line(tmp_path):
+    deep = b"a = " + b"[" * 100_000
+    for content, words in ((deep, "too deep"), (b"title = '\xe4'", "utf-8"), (b"title = ", "TOML")):
+        (tmp_path / "own.toml").write_bytes(content)
+        with pytest.raises(ProfileError, match=words) as caught:
+            read_profile(tmp_path / "own.toml")
+        assert "\n" not in str(caught.value)
+    for content in (b"[" * 100_000, b'{"a":' * 100_000, b"\xe4", b"", b"null", b"1" * 5000):
+        (tmp_path / "file.json").write_bytes(content)
+        with pytest.raises(InvalidQueryError) as caught:
+            read_report(tmp_path / "file.json")
+        assert "\n" not in str(caught.value)

@@ -38,7 +38,7 @@ def walkable(path, cost, corner_cutting):
     return True
 
 
-@settings(deadline=None, max_examples=120)
+@settings(deadline=None, max_examples=60)
 @given(cases(20), st.integers(0, 2**32), st.sampled_from(["astar", "corridor"]))
 def test_its_bounds_hold_after_any_changes_and_moves(case, seed, method):
     rng, cost = np.random.default_rng(seed), np.where(np.isnan(case.cost), np.inf, case.cost).astype(np.float32)

@@ -31,22 +31,6 @@ def test_nothing_is_computed_before_somebody_looks():
     assert Planner(traversability_cost(HILLS, 1.0, warn=False)).plan(*ENDS).costs_computed == 1.0
 
 
-def test_a_plan_without_a_search_computes_no_more_than_its_ends():
-    wall = HILLS.copy()
-    wall[ENDS[1]] = np.nan
-    assert planner(dem=wall).plan(*ENDS).status is Status.GOAL_BLOCKED
-    assert planner().plan((0, 0), (SIDE, 0)).status is Status.GOAL_OUTSIDE_MAP
-
-
-@pytest.mark.parametrize("method", ["astar", "corridor", "nnpp", "auto"])
-def test_plans_are_those_of_a_cost_map(method):
-    ends = (20, 30), (280, 250)
-    cost = Planner(traversability_cost(HILLS, 1.0, warn=False)).plan(*ends, method="astar").cost
-    plan = planner().plan(*ends, method=method)
-    assert plan.cost == pytest.approx(cost, rel=1e-6 if method == "astar" else 0.02)
-    assert plan.lower_bound <= cost * (1 + 1e-6)
-
-
 def test_an_elevation_patch_is_seen_by_every_method():
     ours, dem = planner(), HILLS.copy()
     before = ours.plan(*ENDS, method="corridor")
@@ -68,59 +52,6 @@ def test_heights_relative_to_a_base_stay_so_in_patches():
     np.testing.assert_allclose(ours.state.grid.map(), planner(False).state.grid.map(), atol=1e-4)
 
 
-def test_the_elevations_are_copied():
-    dem = HILLS.copy()
-    ours = planner(dem=dem)
-    dem[:] = np.nan
-    assert ours.plan(*ENDS).ok
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))])
-def test_a_copy_has_the_elevations_as_they_are_now(copied):
-    ours = planner()
-    ours.plan(*ENDS)
-    ours.update_elevation(40, 40, np.full((9, 9), 90.0))
-    other = copied(ours)
-    assert other.state.costs_computed == 0.0
-    assert other.plan(*ENDS, method="astar").cost == ours.plan(*ENDS, method="astar").cost
-    other.update_elevation(40, 40, HILLS[40:49, 40:49])
-    assert ours.state.grid.map()[44, 40] > other.state.grid.map()[44, 40]
-
-
-def test_elevations_and_costs_are_not_mixed_up():
-    assert planner().update(0, 0, np.zeros((1, 1))) == 0, "costs are told beside the heights"
-    with pytest.raises(InvalidMapError, match="wanted costs"):
-        Planner(np.zeros((4, 4))).update_elevation(0, 0, np.zeros((1, 1)))
-
-
-@pytest.mark.parametrize(
-    ("options", "kind", "words"),
-    [
-        ({"cell_size_m": 0.0}, InvalidMapError, "cell size must be a positive number"),
-        ({"cell_size_m": 1.0, "cell_width_m": float("nan")}, InvalidMapError, "cell size"),
-        ({"cell_size_m": 1.0, "dem": np.zeros(4)}, InvalidMapError, r"dem must be a \(H, W\) map"),
-        ({"cell_size_m": 1.0, "dem": np.zeros((0, 3))}, InvalidMapError, r"dem must be a \(H, W\) map"),
-        ({"cell_size_m": 1.0, "omega": -1.0}, InvalidQueryError, "omega"),
-    ],
-)
-def test_what_makes_no_sense_is_refused_in_a_line(options, kind, words):
-    with pytest.raises(kind, match=words):
-        Planner.of_elevation(options.pop("dem", HILLS), **options)
-
-
-@pytest.mark.parametrize("at", [(-1, 0), (0, SIDE - 2), (SIDE, 0)])
-def test_a_patch_beyond_the_map_is_refused_and_changes_nothing(at):
-    ours = planner()
-    with pytest.raises(InvalidMapError, match="inside the map"):
-        ours.update_elevation(*at, np.zeros((3, 3)))
-    np.testing.assert_array_equal(ours.state.grid.map(), planner().state.grid.map())
-
-
-def test_unknown_maps_hold_no_cell_to_start_from():
-    nothing = Planner.of_elevation(np.full((5, 6), np.nan), 1.0)
-    assert nothing.plan((0, 0), (4, 5)).status is Status.START_BLOCKED
-
-
 def test_a_saturated_map_warns_once_it_arrives():
     with pytest.warns(SaturationWarning, match="slope") as caught:
         Planner.of_elevation(HILLS * 100.0, 1.0, Traversability(step_limit_m=1e6, roughness_limit_m=1e6))
@@ -132,3 +63,54 @@ def test_a_saturated_map_warns_once_it_arrives():
 def test_what_is_computed_does_not_depend_on_what_was_there_before(seed):
     """Three coarse levels; a patch in tiles that are pooled and not yet linked; costs that weigh nothing."""
     assert elevations.check(elevations.generate(random.Random(f"elevations {seed}"))) is None
+
+
+def test_ends_where_no_plan_can_be_are_told():
+    wall = HILLS.copy()
+    wall[ENDS[1]] = np.nan
+    assert planner(dem=wall).plan(*ENDS).status is Status.GOAL_BLOCKED
+    assert planner().plan((0, 0), (SIDE, 0)).status is Status.GOAL_OUTSIDE_MAP
+    assert planner(dem=np.full((5, 6), np.nan)).plan((0, 0), (4, 5)).status is Status.START_BLOCKED
+
+
+def test_plans_are_those_of_a_cost_map():
+    ends = (20, 30), (280, 250)
+    cost = Planner(traversability_cost(HILLS, 1.0, warn=False)).plan(*ends, method="astar").cost
+    for method in ("astar", "corridor", "nnpp", "auto"):
+        plan = planner().plan(*ends, method=method)
+        assert plan.cost == pytest.approx(cost, rel=1e-6 if method == "astar" else 0.02)
+        assert plan.lower_bound <= cost * (1 + 1e-6)
+
+
+def test_a_copy_has_the_elevations_as_they_are_now():
+    dem = HILLS.copy()
+    ours = planner(dem=dem)
+    dem[:] = np.nan  # they are copied
+    assert ours.plan(*ENDS).ok
+    ours.update_elevation(40, 40, np.full((9, 9), 90.0))
+    for copied in (copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))):
+        other = copied(ours)
+        assert other.state.costs_computed == 0.0
+        assert other.plan(*ENDS, method="astar").cost == ours.plan(*ENDS, method="astar").cost
+        other.update_elevation(40, 40, HILLS[40:49, 40:49])
+        assert ours.state.grid.map()[44, 40] > other.state.grid.map()[44, 40]
+
+
+def test_what_makes_no_sense_is_refused_in_a_line():
+    for options, kind, words in (
+        ({"cell_size_m": 0.0}, InvalidMapError, "cell size must be a positive number"),
+        ({"cell_size_m": 1.0, "cell_width_m": float("nan")}, InvalidMapError, "cell size"),
+        ({"cell_size_m": 1.0, "dem": np.zeros(4)}, InvalidMapError, r"dem must be a \(H, W\) map"),
+        ({"cell_size_m": 1.0, "dem": np.zeros((0, 3))}, InvalidMapError, r"dem must be a \(H, W\) map"),
+        ({"cell_size_m": 1.0, "omega": -1.0}, InvalidQueryError, "omega"),
+    ):
+        with pytest.raises(kind, match=words):
+            Planner.of_elevation(**{"dem": HILLS} | options)
+    ours = planner()
+    for at in ((-1, 0), (0, SIDE - 2), (SIDE, 0)):
+        with pytest.raises(InvalidMapError, match="inside the map"):
+            ours.update_elevation(*at, np.zeros((3, 3)))
+    assert ours.update(0, 0, np.zeros((1, 1))) == 0, "costs are told beside the heights"
+    np.testing.assert_array_equal(ours.state.grid.map(), planner().state.grid.map())
+    with pytest.raises(InvalidMapError, match="wanted costs"):
+        Planner(np.zeros((4, 4))).update_elevation(0, 0, np.zeros((1, 1)))

@@ -34,7 +34,7 @@ LIMITS = [
 ]
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=80)
 @given(dems(), st.sampled_from(LIMITS), st.sampled_from([(1.0, 1.0), (20.0, 20.0), (2.0, 1.7)]))
 def test_the_cost_equals_the_oracles(dem, limits, cell):
     found = traversability_cost(dem, cell[0], limits, cell_width_m=cell[1], warn=False)
@@ -58,7 +58,7 @@ def large_dems(draw):
     return dem
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=25)
 @given(large_dems(), st.sampled_from(LIMITS), st.sampled_from([(1.0, 1.0), (2.0, 1.7)]), st.sampled_from("fdFTs"))
 def test_rows_computed_at_once_equal_the_oracle_whatever_the_layout(dem, limits, cell, layout):
     if layout in "fF":
@@ -87,7 +87,7 @@ def test_a_large_map_is_computed_in_bands_of_rows_that_meet(monkeypatch):
     np.testing.assert_array_equal(traversability_cost(dem, 1.0, warn=False), whole)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=50)
 @given(dems(), st.data())
 def test_updating_a_rectangle_equals_computing_all(dem, data):
     before = traversability_cost(dem, 1.0, warn=False)
@@ -150,23 +150,11 @@ def test_more_than_half_saturated_is_said_by_term():
         traversability_cost(rough, 20.0, Traversability(step_limit_m=20, roughness_limit_m=20))
 
 
-@pytest.mark.parametrize(
-    ("dem", "cell"),
-    [
-        (np.zeros((3, 3, 3)), 1.0),
-        (np.zeros((0, 4)), 1.0),
-        (np.zeros((3, 3)), 0.0),
-        (np.zeros((3, 3)), np.nan),
-    ],
-)
-def test_what_is_no_elevation_map_is_refused(dem, cell):
-    with pytest.raises(InvalidMapError):
-        traversability_cost(dem, cell)
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"slope_limit_deg": 0}, {"slope_limit_deg": 90}, {"step_limit_m": -1}, {"slope_weight": 0.9}]
-)
-def test_limits_that_make_no_sense_are_refused(wrong):
-    with pytest.raises(InvalidMapError):
-        Traversability(**wrong)
+def test_what_makes_no_sense_is_refused():
+    flat = np.zeros((3, 3))
+    for dem, cell in ((np.zeros((3, 3, 3)), 1.0), (np.zeros((0, 4)), 1.0), (flat, 0.0), (flat, np.nan)):
+        with pytest.raises(InvalidMapError):
+            traversability_cost(dem, cell)
+    for wrong in ({"slope_limit_deg": 0}, {"slope_limit_deg": 90}, {"step_limit_m": -1}, {"slope_weight": 0.9}):
+        with pytest.raises(InvalidMapError):
+            Traversability(**wrong)

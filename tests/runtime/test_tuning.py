@@ -64,36 +64,11 @@ def test_every_number_is_used_by_its_name():
     """But for the sizes, which warm-up finds by their type."""
     table = Path(inspect.getfile(tuning))
     sources = "".join(path.read_text() for path in table.parent.rglob("*.py") if path != table)
-    for names, _ in constants():
-        for name in set(names) - SIZES.keys():
-            assert re.search(rf"\b{name}\b", sources), name
-
-
-@pytest.mark.parametrize("name", SIZES)
-def test_warm_up_plans_on_a_map_below_and_one_above_every_size(name):
-    sides = [max(shape) for shape in exercises.warmup_shapes()]
-    assert min(sides) < SIZES[name] <= max(sides)
-    others = sorted({*SIZES.values(), 0, 1 << 20} - {SIZES[name]})
-    below = max(other for other in others if other < SIZES[name])
-    above = min(other for other in others if other > SIZES[name])
-    assert any(below <= side < SIZES[name] for side in sides)
-    assert any(SIZES[name] <= side < above for side in sides)
-
-
-def test_the_sizes_are_those_that_the_table_names():
-    assert set(SIZES) == {"SECOND_LEVEL_FROM", "REFINE_FROM", "LARGE_MAP"}
+    words = set(re.findall(r"[A-Z][A-Z_]+", sources))
+    assert {name for names, _ in constants() for name in names} - SIZES.keys() <= words
 
 
 # That they are what the planners go by
-
-
-@pytest.mark.parametrize("narrow", [1, 40, 1000])
-def test_from_second_level_from_on_there_is_a_second_level(narrow):
-    size = int(tuning.SECOND_LEVEL_FROM)
-    assert [len(coarse_shapes(side, narrow)) for side in (size - 1, size)] == [1, 2]
-    levels = Pyramid(Grid(size, narrow, StepModel.of("paper"))).levels
-    assert max(levels[1].grid.shape) >= tuning.ANOTHER_LEVEL_FROM
-    assert max(levels[2].grid.shape) < tuning.ANOTHER_LEVEL_FROM
 
 
 def test_from_refine_from_on_a_learned_region_is_searched_coarsely_first(network):
@@ -178,34 +153,6 @@ def test_auto_mends_from_its_distance_on_and_a_near_goal_is_found_by_astar():
         assert planner.replan().planner is wanted
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "wanted"),
-    [("MEND_SHARE", 0.0, "corridor"), ("MEND_WITHIN", 0.0, "corridor"), ("MEND_FROM", 1, "corridor-dstar")],
-)
-def test_each_limit_of_mending_counts(monkeypatch, name, value, wanted):
-    planner = DynamicPlanner(free(40, 250), (20, 240))
-    start = (20, 5 if wanted == "corridor" else 150)
-    planner.move(start)
-    planner.replan()
-    planner.update(22, start[1] + 7, free(1, 1) + 0.3)
-    monkeypatch.setattr(dynamic_choice, name, value)
-    assert planner.replan().planner == wanted
-
-
-@pytest.mark.parametrize(("value", "wanted"), [(1e9, "searched afresh"), (0.0, "mended")])
-def test_how_much_slower_mending_is_decides_whether_it_is_done(monkeypatch, value, wanted):
-    planner = DynamicPlanner(rough(120, 120), (110, 110), "corridor-dstar")
-    monkeypatch.setattr(searchers, "DSTAR_SLOWER", value)
-    said = []
-    for step in range(4):
-        planner.move((5 + step, 5 + step))
-        planner.update(14 + step, 14 + step, free(1, 1) * step)
-        plan = planner.replan()
-        assert plan.status is Status.OK
-        said.append(plan.choice.split(":")[0])
-    assert set(said) == {wanted}
-
-
 def test_a_wider_corridor_holds_more_cells_and_a_path_that_is_no_dearer():
     state = MapState(rough(300, 300), StepModel.of("paper"))
     searcher, areas, costs = AStarSearcher(state), [], []
@@ -216,3 +163,42 @@ def test_a_wider_corridor_holds_more_cells_and_a_path_that_is_no_dearer():
         costs.append(path_costs(state.grid, search.path)[0])
     assert areas == sorted(areas) and 1.1 * areas[0] < areas[-1]
     assert costs == sorted(costs, reverse=True)
+
+
+def test_warm_up_plans_on_a_map_below_and_one_above_every_size():
+    assert set(SIZES) == {"SECOND_LEVEL_FROM", "REFINE_FROM", "LARGE_MAP"}
+    sides = [max(shape) for shape in exercises.warmup_shapes()]
+    for size in SIZES.values():
+        assert min(sides) < size <= max(sides)
+        others = sorted({*SIZES.values(), 0, 1 << 20} - {size})
+        below, above = max(each for each in others if each < size), min(each for each in others if each > size)
+        assert any(below <= side < size for side in sides) and any(size <= side < above for side in sides)
+
+
+def test_from_second_level_from_on_there_is_a_second_level():
+    size = int(tuning.SECOND_LEVEL_FROM)
+    for narrow in (1, 40, 1000):
+        assert [len(coarse_shapes(side, narrow)) for side in (size - 1, size)] == [1, 2]
+        levels = Pyramid(Grid(size, narrow, StepModel.of("paper"))).levels
+        assert max(levels[1].grid.shape) >= tuning.ANOTHER_LEVEL_FROM > max(levels[2].grid.shape)
+
+
+def test_each_limit_of_mending_counts(monkeypatch):
+    limits = (("MEND_SHARE", 0.0, "corridor"), ("MEND_WITHIN", 0.0, "corridor"), ("MEND_FROM", 1, "corridor-dstar"))
+    for name, value, wanted in limits:
+        planner = DynamicPlanner(free(40, 250), (20, 240))
+        start = (20, 5 if wanted == "corridor" else 150)
+        planner.move(start)
+        planner.replan()
+        planner.update(22, start[1] + 7, free(1, 1) + 0.3)
+        with monkeypatch.context() as changed:
+            changed.setattr(dynamic_choice, name, value)
+            assert planner.replan().planner == wanted
+    for value, wanted in ((1e9, "searched afresh"), (0.0, "mended")):
+        planner = DynamicPlanner(rough(120, 120), (110, 110), "corridor-dstar")
+        monkeypatch.setattr(searchers, "DSTAR_SLOWER", value)
+        for step in range(4):
+            planner.move((5 + step, 5 + step))
+            planner.update(14 + step, 14 + step, free(1, 1) * step)
+            plan = planner.replan()
+            assert plan.status is Status.OK and plan.choice.startswith(f"{wanted}:")

@@ -1,56 +1,26 @@
 """One call at a time, and what a planner answers after a call that was broken off."""
 
-import sys
 import threading
-from pathlib import Path
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
-from nnpp_edge import runtime
-from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, NetworkModel, Planner, Status
+from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner, Status
 from nnpp_edge.runtime.errors import ConcurrentUseError
 from nnpp_edge.runtime.planners.standing_path import Footing
+from tests.fuzz.sequences import interrupting
 from tests.oracles import dijkstra
 
-RUNTIME = str(Path(runtime.__path__[0]))
 SIDE = 24
 ENDS = (0, 0), (SIDE - 1, SIDE - 1)
 
 
-class BrokenOff:
-    """Raises a KeyboardInterrupt at the n-th line of the runtime that is run."""
-
-    def __init__(self, line):
-        self.left = line
-
-    def _trace(self, frame, event, _):
-        if not frame.f_code.co_filename.startswith(RUNTIME):
-            return None
-        if event == "line":
-            self.left -= 1
-            if self.left == 0:
-                sys.settrace(None)
-                raise KeyboardInterrupt
-        return self._trace
-
-    def __enter__(self):
-        self._before = sys.gettrace()
-        sys.settrace(self._trace)
-        return self
-
-    def __exit__(self, *_):
-        sys.settrace(self._before)
-
-
 def broken_off(call, line):
-    """Call, and break off at that line; whether it came so far."""
-    try:
-        with BrokenOff(line):
-            call()
-    except KeyboardInterrupt:
-        return True
-    return False
+    """Call, and break off at that place, where a signal could; whether it came so far."""
+    with suppress(KeyboardInterrupt), interrupting(line) as where:
+        call()
+    return bool(where)
 
 
 def walled(rng):
@@ -86,13 +56,13 @@ def kernels():
     Planner(patched(cost, *patch), step_cost="length").plan(*ENDS, method="corridor", epsilon=0.0)
 
 
-LINES = [*range(1, 40), *range(40, 400, 7)]
+PLACES = [*range(1, 30), *range(30, 200, 9)]
 
 
 @pytest.mark.parametrize("method", [DynamicMethod.DSTAR, DynamicMethod.ASTAR])
 def test_an_exact_planner_is_exact_after_any_call_that_was_broken_off(method):
     rng, came = np.random.default_rng(3), 0
-    for line in LINES:
+    for line in PLACES:
         cost, patch = walled(rng)
         planner = DynamicPlanner(cost, ENDS[1], method, step_cost="length")
         planner.move(ENDS[0])
@@ -107,29 +77,12 @@ def test_an_exact_planner_is_exact_after_any_call_that_was_broken_off(method):
         came += broken_off(lambda planner=planner: planner.set_goal((0, SIDE - 1)), line)
         planner.set_goal(ENDS[1])
         assert planner.replan().cost == pytest.approx(expected(opened), rel=1e-5)
-    assert came > 2 * len(LINES) / 3
-
-
-@pytest.mark.parametrize("method", ["corridor", "corridor-dstar", "nnpp-dstar", "auto"])
-def test_every_planner_finds_a_path_on_the_newest_map_after_a_call_that_was_broken_off(method):
-    rng, model = np.random.default_rng(4), NetworkModel("edge")
-    for line in LINES[::4]:
-        cost, patch = walled(rng)
-        planner = DynamicPlanner(cost, ENDS[1], method, step_cost="length", model=model)
-        planner.move(ENDS[0])
-        planner.replan()
-        broken_off(lambda planner=planner, patch=patch: planner.update(*patch), line)
-        planner.update(*patch)
-        broken_off(planner.replan, 3 * line)
-        plan = planner.replan()
-        assert plan.ok
-        assert np.isfinite(patched(cost, *patch)[tuple(plan.path.T)]).all()
-        assert plan.lower_bound <= expected(patched(cost, *patch)) * (1 + 1e-6) <= plan.cost * (1 + 2e-6)
+    assert came > 2 * len(PLACES) / 3
 
 
 def test_a_planner_with_landmarks_is_exact_after_a_call_that_was_broken_off():
     rng, came = np.random.default_rng(5), 0
-    for line in LINES[::3]:
+    for line in PLACES[::3]:
         cost, patch = walled(rng)
         planner = Planner(cost, step_cost="length")
         planner.prepare(landmarks=3)

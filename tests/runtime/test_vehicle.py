@@ -8,14 +8,12 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 
 from nnpp_edge.runtime import Vehicle
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS, footprint
 from tests import pose_oracles
 from tests.fuzz.bodies import draw_vehicle
-from tests.strategies import drawn
 
 PLAIN = {"length_m": 1.6, "width_m": 1.2, "clearance_m": 0.3}
 SIDES = ((1.0, 1.0), (0.25, 0.25), (0.4, 0.3), (0.3, 0.5))
@@ -25,113 +23,9 @@ def vehicle(**changes):
     return Vehicle(**{**PLAIN, **changes})
 
 
-def test_what_is_not_given_is_taken_from_the_others():
-    made = vehicle()
-    assert made.contact_m == (0.2, 0.15)
-    assert made.stance_m == pytest.approx((1.4, 1.05))
-    assert made.step_m == 0.3
-    assert made.tilts_deg == (25.0, 25.0, 25.0)
-    assert made.reach_m == pytest.approx(1.0)
-
-
-def test_what_is_given_is_taken():
-    made = vehicle(
-        max_tilt_deg=30.0,
-        max_pitch_deg=20.0,
-        max_roll_deg=10.0,
-        max_step_m=0.1,
-        wheel_length_m=0.3,
-        wheel_width_m=0.1,
-        wheelbase_m=1.0,
-        track_m=0.8,
-    )
-    assert made.contact_m == (0.3, 0.1)
-    assert made.stance_m == (1.0, 0.8)
-    assert made.step_m == 0.1
-    assert made.tilts_deg == (20.0, 10.0, 30.0)
-
-
-def test_the_wheelbase_reaches_from_end_to_end_with_other_wheels_too():
-    assert vehicle(wheel_length_m=0.4, wheel_width_m=0.2).stance_m == pytest.approx((1.2, 1.0))
-
-
-@pytest.mark.parametrize("axles", range(2, 9))
-def test_wheels_stand_in_pairs_evenly_over_the_wheelbase(axles):
-    wheels = vehicle(axles=axles, wheelbase_m=1.2, track_m=0.8).wheels_m
-    assert wheels.shape == (2 * axles, 2)
-    ahead = sorted({round(x, 9) for x, _ in wheels})
-    np.testing.assert_allclose(ahead, [-0.6 + 1.2 * at / (axles - 1) for at in range(axles)], atol=1e-9)
-    assert {(round(x, 9), round(y, 9)) for x, y in wheels} == {(x, y) for x in ahead for y in (-0.4, 0.4)}
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        *itertools.product(("length_m", "width_m", "clearance_m"), (0.0, -1.0, math.inf, -math.inf, math.nan)),
-        *itertools.product(
-            ("max_step_m", "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m"),
-            (0.0, -0.1, math.inf, math.nan),
-        ),
-        *itertools.product(
-            ("max_tilt_deg", "max_pitch_deg", "max_roll_deg"), (0.0, -5.0, 90.0, 91.0, math.inf, math.nan)
-        ),
-        *itertools.product(("axles",), (0, 1, 9, -2, 2.5, 3.0, math.nan, True)),
-    ],
-)
-def test_a_bad_value_is_named_in_one_line(name, value):
-    with pytest.raises(InvalidMapError) as told:
-        vehicle(**{name: value})
-    message = str(told.value)
-    assert name in message and str(value) in message and "\n" not in message
-
-
-@pytest.mark.parametrize(
-    ("values", "told"),
-    [
-        ({"clearance_m": 400.0}, "clearance_m must be in metres, at most 4.8 for such a vehicle, got 400 (0.4 m if"),
-        ({"max_step_m": 150.0}, "max_step_m must be in metres"),
-        ({"turning_radius_m": 2000.0}, "turning_radius_m must be in metres, at most 160"),
-        ({"length_m": 1600.0, "width_m": 1200.0, "clearance_m": 300.0}, "length_m must be in metres, at most 250"),
-        ({"width_m": 120.0}, "width_m must be in metres, at most 80"),
-        ({"max_tilt_deg": 0.5236}, "max_tilt_deg must be in degrees, above 1.57, got 0.5236 (30° if that is in rad"),
-        ({"max_roll_deg": 0.35}, "max_roll_deg must be in degrees"),
-        ({"max_pitch_deg": math.pi / 2}, "max_pitch_deg must be in degrees"),
-    ],
-)
-def test_a_value_in_another_unit_is_refused_with_the_unit_that_is_wanted(values, told):
-    with pytest.raises(InvalidMapError, match=re.escape(told)):
-        vehicle(**values)
-
-
-@pytest.mark.parametrize("values", [{"radius_m": 400.0}, {"radius_m": 0.3, "turning_radius_m": 500.0}])
-def test_a_disc_in_millimetres_is_refused(values):
-    with pytest.raises(InvalidMapError, match="must be in metres"):
-        Vehicle(**values)
-
-
 def test_unlikely_bodies_are_bodies():
     assert Vehicle(length_m=240.0, width_m=40.0, clearance_m=9.0, turning_radius_m=90.0).reach_m > 100.0
     assert vehicle(clearance_m=3.0, max_tilt_deg=2.0, max_step_m=0.001).step_m == 0.001
-
-
-@pytest.mark.parametrize(
-    ("name", "changes"),
-    [
-        ("wheelbase_m", {"wheelbase_m": 1.7}),
-        ("wheelbase_m", {"wheelbase_m": 1.5, "wheel_length_m": 0.2}),
-        ("wheelbase_m", {"wheel_length_m": 1.7}),
-        ("track_m", {"track_m": 1.3}),
-        ("track_m", {"track_m": 1.1, "wheel_width_m": 0.2}),
-    ],
-)
-def test_wheels_outside_the_body_are_refused(name, changes):
-    with pytest.raises(InvalidMapError, match=f"the wheels must lie under the body: .*{name}"):
-        vehicle(**changes)
-
-
-def test_wheels_at_the_very_edge_are_under_the_body():
-    assert vehicle(wheelbase_m=1.4, wheel_length_m=0.2).stance_m[0] == 1.4
-    assert vehicle(track_m=1.1, wheel_width_m=0.1).stance_m[1] == 1.1
 
 
 def test_every_default_vehicle_that_can_be_has_its_wheels_under_it():
@@ -153,36 +47,6 @@ def test_a_vehicle_is_frozen_and_compares_by_value():
 def as_sets(wheels, belly):
     """Order does not matter; wheels are told apart by their cells."""
     return sorted(sorted(map(tuple, cells.tolist())) for cells in wheels), sorted(map(tuple, belly.tolist()))
-
-
-@settings(deadline=None, max_examples=25)
-@given(drawn(lambda rng: (rng.choice(SIDES), rng.random())))
-def test_footprints_hold_the_cells_that_clipped_polygons_touch_and_no_other(case):
-    sides, seed = case
-    made = draw_vehicle(random.Random(seed), min(sides))
-    for heading in range(4):
-        found, wanted = footprint(made, heading, *sides), pose_oracles.Body.of(made, heading, *sides)
-        assert as_sets(found.wheels, found.belly) == as_sets(wanted.wheels, wanted.belly)
-        assert found.half_step == pytest.approx(wanted.half_step)
-
-
-@pytest.mark.parametrize("heading", range(4))
-@pytest.mark.parametrize("changes", [{}, {"length_m": 2.0, "width_m": 1.0, "wheel_length_m": 0.5, "axles": 3}])
-def test_a_cell_whose_middle_lies_just_a_cell_away_does_not_count(heading, changes):
-    made = vehicle(**changes)  # of sizes that meet the cells' edges
-    found, wanted = footprint(made, heading, 0.25, 0.25), pose_oracles.Body.of(made, heading, 0.25, 0.25)
-    assert as_sets(found.wheels, found.belly) == as_sets(wanted.wheels, wanted.belly)
-
-
-@settings(deadline=None, max_examples=40)
-@given(drawn(lambda rng: (rng.choice(SIDES), rng.random())))
-def test_both_ways_along_a_heading_have_the_same_cells(case):
-    sides, seed = case
-    made = draw_vehicle(random.Random(seed), min(sides))
-    for heading in range(4):
-        found = footprint(made, heading, *sides)
-        turned = [-cells for cells in found.wheels], -found.belly
-        assert as_sets(*turned) == as_sets(found.wheels, found.belly)
 
 
 def test_headings_are_those_of_the_eight_steps():
@@ -230,3 +94,80 @@ def test_a_footprint_bounds_the_ground_at_every_point_on_the_way(sides):
                     if abs(place[0] - first[0] - i) < 1.0 and abs(place[1] - first[1] - j) < 1.0
                 }
                 assert {(int(i), int(j)) for i, j in near} <= known
+
+
+def test_what_is_not_given_is_taken_from_the_others_and_what_is_given_is_taken():
+    made = vehicle()
+    assert (made.contact_m, made.step_m, made.tilts_deg) == ((0.2, 0.15), 0.3, (25.0, 25.0, 25.0))
+    assert made.stance_m == pytest.approx((1.4, 1.05)) and made.reach_m == pytest.approx(1.0)
+    limits = {"max_tilt_deg": 30.0, "max_pitch_deg": 20.0, "max_roll_deg": 10.0, "max_step_m": 0.1}
+    wheels = {"wheel_length_m": 0.3, "wheel_width_m": 0.1, "wheelbase_m": 1.0, "track_m": 0.8}
+    made = vehicle(**limits, **wheels)
+    assert (made.contact_m, made.stance_m, made.step_m) == ((0.3, 0.1), (1.0, 0.8), 0.1)
+    assert made.tilts_deg == (20.0, 10.0, 30.0)
+    assert vehicle(wheel_length_m=0.4, wheel_width_m=0.2).stance_m == pytest.approx((1.2, 1.0))
+    assert vehicle(wheelbase_m=1.4, wheel_length_m=0.2).stance_m[0] == 1.4  # at the very edge
+    assert vehicle(track_m=1.1, wheel_width_m=0.1).stance_m[1] == 1.1
+
+
+def test_wheels_stand_in_pairs_evenly_over_the_wheelbase():
+    for axles in range(2, 9):
+        wheels = vehicle(axles=axles, wheelbase_m=1.2, track_m=0.8).wheels_m
+        assert wheels.shape == (2 * axles, 2)
+        ahead = sorted({round(x, 9) for x, _ in wheels})
+        np.testing.assert_allclose(ahead, [-0.6 + 1.2 * at / (axles - 1) for at in range(axles)], atol=1e-9)
+        assert {(round(x, 9), round(y, 9)) for x, y in wheels} == {(x, y) for x in ahead for y in (-0.4, 0.4)}
+
+
+def test_a_bad_value_is_named_in_one_line():
+    lengths = ("length_m", "width_m", "clearance_m", "max_step_m", "wheelbase_m", "track_m")
+    angles = ("max_tilt_deg", "max_pitch_deg", "max_roll_deg")
+    for names, values in (
+        ((*lengths, "wheel_length_m", "wheel_width_m"), (0.0, -0.1, math.inf, -math.inf, math.nan)),
+        (angles, (0.0, -5.0, 90.0, 91.0, math.inf, math.nan)),
+        (("axles",), (0, 1, 9, -2, 2.5, 3.0, math.nan, True)),
+    ):
+        for name, value in itertools.product(names, values):
+            with pytest.raises(InvalidMapError) as told:
+                vehicle(**{name: value})
+            assert name in str(told.value) and str(value) in str(told.value) and "\n" not in str(told.value)
+
+
+def test_a_value_in_another_unit_is_refused_with_the_unit_that_is_wanted():
+    large = {"length_m": 1600.0, "width_m": 1200.0, "clearance_m": 300.0}
+    for values, told in (
+        ({"clearance_m": 400.0}, "clearance_m must be in metres, at most 4.8 for such a vehicle, got 400 (0.4 m if"),
+        ({"max_step_m": 150.0}, "max_step_m must be in metres"),
+        ({"turning_radius_m": 2000.0}, "turning_radius_m must be in metres, at most 160"),
+        (large, "length_m must be in metres, at most 250"),
+        ({"width_m": 120.0}, "width_m must be in metres, at most 80"),
+        ({"max_tilt_deg": 0.5236}, "max_tilt_deg must be in degrees, above 1.57, got 0.5236 (30° if that is in rad"),
+        ({"max_roll_deg": 0.35}, "max_roll_deg must be in degrees"),
+        ({"max_pitch_deg": math.pi / 2}, "max_pitch_deg must be in degrees"),
+        ({"wheelbase_m": 1.7}, "the wheels must lie under the body: "),
+        ({"wheelbase_m": 1.5, "wheel_length_m": 0.2}, "the wheels must lie under the body: "),
+        ({"wheel_length_m": 1.7}, "the wheels must lie under the body: "),
+        ({"track_m": 1.3}, "the wheels must lie under the body: "),
+        ({"track_m": 1.1, "wheel_width_m": 0.2}, "the wheels must lie under the body: "),
+    ):
+        with pytest.raises(InvalidMapError, match=re.escape(told)):
+            vehicle(**values)
+    for values in ({"radius_m": 400.0}, {"radius_m": 0.3, "turning_radius_m": 500.0}):
+        with pytest.raises(InvalidMapError, match="must be in metres"):
+            Vehicle(**values)
+
+
+def test_footprints_hold_the_cells_that_clipped_polygons_touch_and_no_other_alike_both_ways():
+    for seed, sides in itertools.product(range(8), SIDES):
+        check_footprints(draw_vehicle(random.Random(seed), min(sides)), sides)
+    for changes in ({}, {"length_m": 2.0, "width_m": 1.0, "wheel_length_m": 0.5, "axles": 3}):
+        check_footprints(vehicle(**changes), (0.25, 0.25))  # of sizes that meet the cells' edges
+
+
+def check_footprints(made, sides):
+    for heading in range(4):
+        found, wanted = footprint(made, heading, *sides), pose_oracles.Body.of(made, heading, *sides)
+        assert as_sets(found.wheels, found.belly) == as_sets(wanted.wheels, wanted.belly)
+        assert found.half_step == pytest.approx(wanted.half_step)
+        turned = [-cells for cells in found.wheels], -found.belly
+        assert as_sets(*turned) == as_sets(found.wheels, found.belly)
