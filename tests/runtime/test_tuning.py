@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner, Status, exercises, tuning
 from nnpp_edge.runtime.map.grid import Grid
