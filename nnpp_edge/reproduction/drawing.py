@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.benchmarks.dynamic_episode import Episode, Patch
+from nnpp_edge.reproduction.planners import PLANNERS
 from nnpp_edge.reproduction.regions import PaperRegions, best_path
 from nnpp_edge.reproduction.rows import Rows
 from nnpp_edge.runtime.arrays import Float2D
@@ -21,18 +22,9 @@ if TYPE_CHECKING:
 Cells = NDArray[np.int32]
 """(N, 2) cells (row, col)."""
 PAPER, PLAIN, OURS = "#7f7f7f", "#d55e00", "#0072b2"
-COLOURS = {
-    "plain A*": PLAIN,
-    "plain A*NN": OURS,
-    "astar": "#e69f00",
-    "corridor": "#009e73",
-    "nnpp": "#56b4e9",
-    "inference": "#cc79a7",
-    "plain A*, corridor": "#444444",
-    "plain A*, straight band": "#888888",
-    "plain A*, shuffled weights": "#bbbbbb",
-}
-"""Of the planners, told apart by the colour-blind too (Okabe and Ito); grey for others."""
+"""In pictures that compare the paper with ours."""
+COLOURS = {name: f"C{at}" for at, name in enumerate((*PLANNERS, "inference"))}
+"""Of the planners; grey for the paper's."""
 _OPTIMUM, _PATH, _BEFORE, _CHANGED, _DRIVEN = "#e0218a", "#ffe100", "#b8b8b8", "#ff3b1f", "#ff9e3d"
 _CYAN, _TINT = np.array([0.0, 0.9, 1.0]), 0.45
 _PAUSE_MS, _STEP_MS = 1100, 90

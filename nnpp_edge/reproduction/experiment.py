@@ -95,9 +95,10 @@ class Result:
     """What was measured, for programs."""
     findings: Sequence[Finding]
     picture: "Figure"
-    networks: str = "none"
-    """Which networks took part, and where."""
-    controls: str = "none, as no network takes part"
+    networks: str | None = None
+    """Which networks took part, and where; by default both, or none where the experiment asks none."""
+    controls: str | None = None
+    """Likewise."""
     animation: bytes | None = None
     """GIF."""
 

@@ -20,12 +20,13 @@ from nnpp_edge.reproduction.experiment import Context, Result
 from nnpp_edge.reproduction.experiments import EXPERIMENTS
 from nnpp_edge.reproduction.findings import Finding
 from nnpp_edge.reproduction.pages import Stored, experiment_page, index_page
-from nnpp_edge.reproduction.regions import Networks
+from nnpp_edge.reproduction.regions import CONTROLS_NOTE, Networks
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, OutputError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
 
+_NO_CONTROLS = "none, as no network takes part"
 FORMAT = "nnpp-edge-reproduction-2"
 
 
@@ -106,7 +107,11 @@ def reproduce(
             machine=f"{machine['cpu']}, {len(cores)} core(s)",
             load=machine["load_average"][0],
             made_with=made_with,
-            about={"networks": result.networks, "samples": result.samples, "controls": result.controls},
+            about={
+                "networks": result.networks or (networks.named if experiment.asks_networks else "none"),
+                "samples": result.samples,
+                "controls": result.controls or (CONTROLS_NOTE if experiment.asks_networks else _NO_CONTROLS),
+            },
             findings=list(result.findings),
             notes=context.notes,
             animated=result.animation is not None,
