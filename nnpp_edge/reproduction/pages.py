@@ -28,11 +28,8 @@ class Stored(msgspec.Struct):
     summary: str
 
 
-_HEADS = {
-    Verdict.DIFFERS: "What does not agree",
-    Verdict.BETTER: "What is better than in the paper",
-    Verdict.AGREES: "What agrees",
-}
+_HEADS = {Verdict.DIFFERS: "What does not agree", Verdict.BETTER: "What is better than in the paper"}
+_HEADS |= {Verdict.AGREES: "What agrees"}
 
 
 def experiment_page(facts: Stored) -> str:
