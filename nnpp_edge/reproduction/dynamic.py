@@ -141,9 +141,8 @@ def table3(
     drawing.draw_map(last, views[-1].cost, "the way driven")
     drawing.draw_path(last, drawing.driven(views, stride), "driven")
     drawing.map_legend(figure, panels[min(1, len(views) - 1)])
-    samples = f"1 episode, {len(views)} plans; ours the median of {repeats} lives"
     film = drawing.animate(views, stride, cells_a_frame)
-    return Result(samples, summary, rows, table3_findings(rows), figure, None, _CONTROLS_NOTE, film)
+    return Result(summary, rows, table3_findings(rows), figure, None, _CONTROLS_NOTE, film)
 
 
 def _side_by_side(keys: str, ours: Groups, theirs: Groups) -> str:
@@ -224,7 +223,6 @@ def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5
 ### All methods, summed over the maps
 
 {planner_table(rows, "scene", "network | AT | over A* | success | CC increase | MM", context.networks, more)}"""
-    samples = f"{maps} maps, an episode of each scene on each; ours the median of {repeats} lives"
     figure = drawing.new_figure(12.0, 4.6)
     axes = figure.subplots()
     kinds = {"paper": drawing.PAPER, "ours, plain": drawing.PLAIN, "ours, compiled": drawing.OURS}
@@ -238,7 +236,7 @@ def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5
     axes.set_xticks(range(len(_COMPARED)), names)
     axes.set_yscale("log")
     axes.legend(frameon=False, fontsize="small")
-    return Result(samples, summary, rows, table4_findings(rows), figure, controls=_CONTROLS_NOTE)
+    return Result(summary, rows, table4_findings(rows), figure, controls=_CONTROLS_NOTE)
 
 
 def _gain(rows: Rows, slow: str, fast: str, scene: str, kind: int = -1) -> float:

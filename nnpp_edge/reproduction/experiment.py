@@ -80,8 +80,6 @@ class Context:
 class Result:
     """All that an experiment hands back."""
 
-    samples: str
-    """Maps, queries, repetitions."""
     summary: str
     """Markdown tables for people: ours beside the paper's."""
     rows: Rows

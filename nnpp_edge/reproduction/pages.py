@@ -21,7 +21,7 @@ class Stored(msgspec.Struct):
     made_with: dict[str, Any]
     """All that decides the figures, except the machine."""
     about: dict[str, str]
-    """Networks, samples and controls."""
+    """Networks, controls, and how many maps, queries and repetitions."""
     findings: list[Finding]
     notes: list[str]
     animated: bool
@@ -34,7 +34,7 @@ _HEADS |= {Verdict.AGREES: "What agrees"}
 
 def experiment_page(facts: Stored) -> str:
     """Markdown of one experiment: picture, ours beside the paper's, findings, how it was made."""
-    name, settings = facts.name, msgspec.json.encode(facts.made_with["settings"]).decode()
+    name = facts.name
     animation = f"![{facts.title}, animated]({name}.gif)\n\n" if facts.animated else ""
     findings = f"## Findings\n\n{findings_table(facts.findings)}"
     return f"""# {facts.where}: {facts.title}
@@ -44,7 +44,6 @@ def experiment_page(facts: Stored) -> str:
 
 {_making(facts)}
 - load of the machine before (average over a minute): {facts.load:.1f}
-- settings: `{settings}`
 
 The figures are in [{name}.csv]({name}.csv).
 """
@@ -80,7 +79,7 @@ def index_page(stored: Sequence[Stored]) -> str:
     for facts in stored:
         shared.setdefault(_making(facts), []).append(facts.where)
     makings = [f"{', '.join(of)}:\n\n{making}" for making, of in shared.items()]
-    parts += ["## How it was made", *makings, "Each experiment's own settings stand on its page."]
+    parts += ["## How it was made", *makings]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 

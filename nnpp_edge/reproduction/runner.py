@@ -77,8 +77,8 @@ def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
         with bar(name, 1000, quiet=True) as advance:
             context = Context(dems, request.seed, networks, work, request.dataset, advance)
             result = experiment.run(context, **settings)
-        about = {"networks": result.networks or networks.named, "samples": result.samples}
-        about["controls"] = result.controls or CONTROLS_NOTE
+        about = {"networks": result.networks or networks.named, "controls": result.controls or CONTROLS_NOTE}
+        about["samples"] = ", ".join(f"{name} {value}" for name, value in settings.items())
         if not experiment.asks_networks:
             about |= {"networks": result.networks or "none", "controls": "none, as no network takes part"}
         facts = Stored(

@@ -79,8 +79,7 @@ def table2(
         drawing.bars(left, times_s, "%.3g", f"{size}²: mean time of a query", "seconds")
         left.set_xscale("log")
         drawing.bars(right, increases, "%.2f", f"{size}²: CC above that of exact A*", "%")
-    samples = f"{maps} maps a size, one query each; times over {queries} of them, ours the median of {repeats}"
-    return Result(samples, summary, rows.averaged("size", "planner"), table2_findings(rows), figure)
+    return Result(summary, rows.averaged("size", "planner"), table2_findings(rows), figure)
 
 
 def table2_findings(rows: Rows) -> list[Finding]:
@@ -146,17 +145,16 @@ def fig9(
     summary = planner_table(
         everything, "size", "network | AT | over A* | CC increase | success | MM", context.networks, more
     )
-    figure = drawing.new_figure(11.5, 5.3)
-    left, right = figure.subplots(1, 2)
     looks = [{**row, "planner": "inference", "time_s": row["inference_s"]} for row in rows.of(PLAIN_NN)]
     styles = {paper.ASTAR: "o--", paper.ASTAR_NN: "s:", **dict.fromkeys(PLANNERS, "o-"), "inference": "x-"}
-    drawing.lines(left, Rows([*everything, *looks]), "size", "time_s", styles)
-    left.set_yscale("log")
-    drawing.tidy(left, "Mean time of a query", "map", "seconds")
-    drawing.lines(right, rows, "size", "mm", dict.fromkeys((PLAIN_NN, "corridor", "nnpp"), "o-"))
-    drawing.tidy(right, "Mean MM", "map", "path's cells / region's cells")
-    samples = f"{queries} maps a size, one query each; ours the median of {repeats}"
-    return Result(samples, summary, rows.averaged("size", "planner"), fig9_findings(rows), figure)
+    of_mm = dict.fromkeys((PLAIN_NN, "corridor", "nnpp"), "o-")
+    figure = drawing.by_size(
+        [
+            (Rows([*everything, *looks]), "time_s", styles, "Mean time of a query", "seconds"),
+            (rows, "mm", of_mm, "Mean MM", "path's cells / region's cells"),
+        ]
+    )
+    return Result(summary, rows.averaged("size", "planner"), fig9_findings(rows), figure)
 
 
 def fig9_findings(rows: Rows) -> list[Finding]:
@@ -211,8 +209,7 @@ def fig11(context: Context, *, size: int = 256, queries: int = 300, repeats: int
         drawing.tidy(axes, title, "cells of the optimal path", "time of a query, ms")
         axes.legend(fontsize="small")
     findings = [each for pair in _PAIRS for each in _slopes(rows, *pair)]
-    samples = f"{queries} maps, one query each; ours the median of {repeats}"
-    return Result(samples, table("planner", groups, columns), rows, findings, figure)
+    return Result(table("planner", groups, columns), rows, findings, figure)
 
 
 def _fit(rows: Rows) -> tuple[float, float, float]:
@@ -269,8 +266,7 @@ def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5)
             )
             drawing.draw_view(axes, each, title)
     drawing.map_legend(figure, grid[1, 0])
-    samples = f"{maps} maps, one query each; ours the median of {repeats}"
-    return Result(samples, summary, rows, fig12_findings(rows), figure)
+    return Result(summary, rows, fig12_findings(rows), figure)
 
 
 def fig12_findings(rows: Rows) -> list[Finding]:
