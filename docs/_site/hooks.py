@@ -29,39 +29,38 @@ API = {  # page: its title, what it says first, and the modules or names it show
     "terrain": (
         "Terrain files",
         "Elevation maps from files, samples, workloads, vehicles, rocks. Rasters need the extra `geo`.",
-        ["terrain.dem", "terrain.dem_windows", "terrain.shipped", "terrain.workloads", "terrain.vehicle_files",
-         "terrain.rocks", "terrain.synthetic", "terrain.coordinates", "terrain.vectors", "terrain.route"],
+        "terrain.dem terrain.dem_windows terrain.shipped terrain.workloads terrain.vehicle_files terrain.rocks "
+        "terrain.synthetic terrain.coordinates terrain.vectors terrain.route",
     ),
     "large": (
         "Maps larger than memory",
         "A planner that reads its map by windows.",
-        ["runtime.planners.windowed.WindowedPlanner", "runtime.planners.windowed.Reading", "runtime.terrain.windows"],
+        "runtime.planners.windowed.WindowedPlanner runtime.planners.windowed.Reading runtime.terrain.windows",
     ),
     "robot": (
         "ROS maps and transports",
         "The layouts of ROS messages without ROS, and what carries inputs and answers of the loop.",
-        ["ros.maps", "ros.occupancy", "robot.transports.wire", "robot.transports.framing",
-         "robot.transports.rerun_view", "robot.transports.mcap_log"],
+        "ros.maps ros.occupancy robot.transports.wire robot.transports.framing robot.transports.rerun_view "
+        "robot.transports.mcap_log",
     ),
     "simulation": (
         "Simulation",
         "A robot that drives through the loop over ground that its map knows only roughly.",
-        ["simulation.scene", "simulation.simulate", "simulation.drive_picture"],
+        "simulation.scene simulation.simulate simulation.drive_picture",
     ),
-    "pictures": ("Pictures", "With OpenCV alone.", ["viz.picture", "viz.reach_picture", "viz.profile_picture"]),
+    "pictures": ("Pictures", "With OpenCV alone.", "viz.picture viz.reach_picture viz.profile_picture"),
     "profiling": (
         "Measuring",
         "What `nnpp-edge profile` and `evaluate` are made of.",
-        ["profiling.profile_file", "profiling.report", "profiling.report_format", "profiling.compare"],
+        "profiling.profile_file profiling.report profiling.report_format profiling.compare",
     ),
     "networks": (
         "Networks",
         "From terrain to an int8 model. Needs the extra `train`.",
-        ["terrain.shards.Recipe", "terrain.dataset", "model.registry", "training.checkpoint.TrainSettings",
-         "training.train.train", "export.to_onnx.export_network", "export.to_onnx.ExportReport",
-         "calibrate.quantize"],
+        "terrain.shards.Recipe terrain.dataset model.registry training.checkpoint.TrainSettings training.train.train "
+        "export.to_onnx.export_network export.to_onnx.ExportReport calibrate.quantize",
     ),
-}  # fmt: skip
+}
 RUNTIME_MORE = ("planners.tour.Tour", "map.along.Along", "map.along.Numbers", "errors", "planners.refine")
 _LOADED = re.compile(r"<(?:script|link|img|iframe|source|video|object|embed)\b[^>]*>")
 _FENCED = re.compile(r"(^ *```.*?^ *```$)", re.DOTALL | re.MULTILINE)
@@ -71,31 +70,27 @@ _REPEAT = re.compile(r"^(Run time|Data): ", re.MULTILINE)
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Leave pages out of the navigation that are not there, and fill in those that are made."""
     os.environ.setdefault("NO_MKDOCS_2_WARNING", "1")
+    experiments = sorted(
+        (ROOT / "docs/reproduction").glob("*/*.md"), key=lambda path: (path.stem[0] == "t", len(path.stem), path)
+    )
     made = {
         "gallery/index.md": [f"gallery/{path.stem}.md" for path in examples()],
         "api/index.md": ["api/runtime.md", *(f"api/{name}.md" for name in API)],
         "cli/index.md": [f"cli/{name}.md" for name in commands()],
-        "reproduction/README.md": [f"reproduction/{path.stem}/{path.name}" for path in experiments()],
+        "reproduction/README.md": [f"reproduction/{path.stem}/{path.name}" for path in experiments],
     }
-    config.nav = _filled(config.nav or [], made)
+
+    def filled(nav: list[Any]) -> list[Any]:
+        found: list[Any] = []
+        for item in nav:
+            if isinstance(item, dict):
+                found.append({name: filled(of) if isinstance(of, list) else of for name, of in item.items()})
+            elif item not in OPTIONAL or (ROOT / OUTSIDE.get(item, f"docs/{item}")).exists():
+                found += [item, *made.get(item, [])]
+        return found
+
+    config.nav = filled(config.nav or [])
     return config
-
-
-def _filled(nav: list[Any], made: dict[str, list[str]]) -> list[Any]:
-    filled: list[Any] = []
-    for item in nav:
-        if isinstance(item, dict):
-            filled.append(
-                {title: _filled(inner, made) if isinstance(inner, list) else inner for title, inner in item.items()}
-            )
-        elif item not in OPTIONAL or source_of(item).exists():
-            filled += [item, *made.get(item, [])]
-    return filled
-
-
-def source_of(page: str) -> Path:
-    """The file behind a page of `OPTIONAL`."""
-    return ROOT / OUTSIDE.get(page, f"docs/{page}")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -157,13 +152,6 @@ def examples() -> list[Path]:
     return [found[name] for name in names]
 
 
-def experiments() -> list[Path]:
-    """The paper's experiments: a page in a folder each."""
-    return sorted(
-        (ROOT / "docs/reproduction").glob("*/*.md"), key=lambda path: (path.stem[0] == "t", len(path.stem), path)
-    )
-
-
 def _gallery() -> dict[str, str]:
     made, cards = {}, []
     for path in examples():
@@ -203,7 +191,7 @@ def _api() -> dict[str, str]:
     what = "What runs on a robot: planners, plans, costs, regions, the loop. One import for all."
     lines = ["# Python\n", "| page | what |", "| --- | --- |", f"| [nnpp_edge.runtime](runtime.md) | {what} |"]
     for page, (title, words, shown) in API.items():
-        made[f"api/{page}.md"] = f"# {title}\n\n{words}\n\n{_shown(shown)}"
+        made[f"api/{page}.md"] = f"# {title}\n\n{words}\n\n{_shown(shown.split())}"
         lines.append(f"| [{title}]({page}.md) | {words} |")
     lines.append("\nEvery entry says shapes, dtypes, units, ranges and errors, and shows its source.")
     return made | {"api/index.md": "\n".join(lines)}
@@ -219,12 +207,9 @@ def commands() -> dict[str, click.Command]:
 
     from nnpp_edge.cli.main import cli
 
-    context, found = click.Context(cli), {}
-    for name in cli.list_commands(context):
-        command = cli.get_command(context, name)
-        assert command is not None
-        found[name] = command
-    return found
+    context = click.Context(cli)
+    found = {name: cli.get_command(context, name) for name in cli.list_commands(context)}
+    return {name: command for name, command in found.items() if command is not None}
 
 
 def _cli() -> dict[str, str]:

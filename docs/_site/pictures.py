@@ -7,14 +7,11 @@ import io
 import sys
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from matplotlib.axes import Axes
 from PIL import Image, ImageSequence
-from pyarrow import RecordBatch
 from rerun.chunk import RrdReader
 
 DOCS = Path(__file__).parent.parent
@@ -25,9 +22,7 @@ from drawing import OUT, ends, line, panels, relief, save  # noqa: E402
 
 from nnpp_edge.runtime import Planner, traversability_cost  # noqa: E402
 from nnpp_edge.terrain.shipped import sample_dem  # noqa: E402
-from nnpp_edge.terrain.vehicle_files import load_vehicle  # noqa: E402
 from nnpp_edge.terrain.workloads import workload  # noqa: E402
-from nnpp_edge.viz.picture import body_outlines  # noqa: E402
 
 MOON = sample_dem("moon_highlands").rescaled(20.0)
 START, GOAL = (90, 60), (450, 470)
@@ -61,8 +56,9 @@ def played(recording: Path, target: Path) -> None:
     stream.send_chunks(RrdReader(recording).stream().drop(content=["/map/cost", "/__properties"]))
     for chunk in RrdReader(recording).stream().filter(content="/map/cost"):
         rows = chunk.to_record_batch()
-        names = ("tick", "time", "Image:format", "Image:buffer")
-        for tick, time_ns, (form,), (pixels,) in zip(*(_values(rows, name) for name in names), strict=True):
+        columns = [rows.column("tick"), rows.column("time").cast("int64")]
+        columns += [rows.column(name) for name in ("Image:format", "Image:buffer")]
+        for tick, time_ns, (form,), (pixels,) in zip(*(column.to_pylist() for column in columns), strict=True):
             picture = Image.frombytes("RGB", (form["width"], form["height"]), bytes(pixels))
             picture.quantize(32, dither=Image.Dither.NONE).save(packed := io.BytesIO(), "PNG", optimize=True)
             stream.set_time("tick", sequence=tick)
@@ -71,27 +67,14 @@ def played(recording: Path, target: Path) -> None:
     stream.disconnect()
 
 
-def _values(rows: RecordBatch, name: str) -> list[Any]:
-    """A column's values; times as nanoseconds."""
-    column = rows.column(name)
-    return (column.cast("int64") if name == "time" else column).to_pylist()
-
-
 def _cost() -> None:
     figure, axes = panels(3, width=3.6, height=3.9)
     relief(axes[0], MOON, "elevations")
     for panel, name in zip(axes[1:], ("soft", "limit20"), strict=True):
         cost = traversability_cost(MOON.elevation, MOON.cell_size_m, workload(name), warn=False)
-        _plain(panel, f"cost T, {name}")
         panel.imshow(np.where(np.isfinite(cost), cost, np.nan), cmap="gray", vmin=0, vmax=1)
-        panel.set_facecolor("#602c22")
+        panel.set(title=f"cost T, {name}", xticks=[], yticks=[], facecolor="#602c22")
     save(figure, OUT, "cost")
-
-
-def _plain(panel: Axes, title: str) -> None:
-    panel.set_title(title, fontsize=10)
-    panel.set_xticks([])
-    panel.set_yticks([])
 
 
 def _regions() -> None:
@@ -118,23 +101,10 @@ def _corridor() -> None:
         plan = Planner(coarse).plan(
             (START[0] // factor, START[1] // factor), (GOAL[0] // factor, GOAL[1] // factor), method="astar"
         )
-        _plain(panel, f"blocks of {factor} x {factor} cells" if factor > 1 else "cells")
         panel.imshow(coarse, cmap="gray", vmin=0, vmax=1)
+        panel.set(title=f"blocks of {factor} x {factor} cells" if factor > 1 else "cells", xticks=[], yticks=[])
         line(panel, plan.path)
     save(figure, OUT, "corridor")
-
-
-def _body() -> None:
-    dem, rover = sample_dem("moon_rocks"), load_vehicle("large-rover")
-    figure, (panel,) = panels(1, width=9.0, height=4.8)
-    plan = Planner.of_elevation(dem.elevation, dem.cell_size_m, vehicle=rover).plan((60, 6), (60, 113))
-    relief(panel, dem, "a rover of 3.0 x 2.7 m among rocks")
-    panel.plot(plan.path[:, 1], plan.path[:, 0], color="tab:orange", linewidth=1.5)
-    for outline in body_outlines(plan.path, rover, (dem.cell_size_m, dem.cell_width_m)):
-        panel.plot(outline[:, 1], outline[:, 0], color="lime", linewidth=1.2)
-    ends(panel, (60, 6), (60, 113))
-    panel.set_ylim(84, 28)
-    save(figure, OUT, "body")
 
 
 def _bounds() -> None:
@@ -164,7 +134,7 @@ def main() -> None:
             shrunk(import_module(path.stem).main(OUT), DOCS / "gallery" / f"{path.stem}.webp")
             if (OUT / f"{path.stem}.rrd").exists():
                 played(OUT / f"{path.stem}.rrd", DOCS / "gallery" / f"{path.stem}.rrd")
-    for draw in (_cost, _regions, _corridor, _body, _bounds):
+    for draw in (_cost, _regions, _corridor, _bounds):
         name = draw.__name__.removeprefix("_")
         if not names or name in names:
             draw()

@@ -68,10 +68,10 @@ def soak(
     -------
     dict
         Counts: ``goals`` that the robot was sent to, ``reached``, ``planned``, ``kept``, ``errors``;
-        ``without_path``, ticks whose answer was not OK, as obstacles can wall the robot or its goal in; ``invalid``, paths that crossed
-        what the newest map forbids, or were broken: 0, or the loop is at fault; ``overruns``, ticks longer than a
-        period at 17 Hz. ``ticks_per_s`` and ``tick_ms`` are by the time spent in ticks; resident memory, MB, is that
-        at the start, after a tenth of the ticks (``rss_warm_mb``) and at the end.
+        ``without_path``, ticks whose answer was not OK, as obstacles can wall the robot or its goal in; ``invalid``,
+        paths that crossed what the newest map forbids, or were broken: 0, or the loop is at fault; ``overruns``,
+        ticks longer than a period at 17 Hz. ``ticks_per_s`` and ``tick_ms`` are by the time spent in ticks; resident
+        memory, MB, is that at the start, after a tenth of the ticks (``rss_warm_mb``) and at the end.
     """
     size = min(ground.true.shape)
     if ticks < 1 or size < 32:

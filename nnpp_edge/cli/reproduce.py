@@ -1,16 +1,13 @@
 """`nnpp-edge reproduce`: the paper's experiments, beside the paper's figures."""
 
 import json
+from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from nnpp_edge.cli import options
-
-if TYPE_CHECKING:
-    from nnpp_edge.reproduction.runner import ExperimentOutcome
 
 _DATASET = "Training set for fig13; by default one is made from the terrain."
 _STEPS = "Training steps for each encoding of fig13; by default 1000."
@@ -61,10 +58,7 @@ def command(
     nnpp-edge reproduce --terrain dem.tif --rescale 20 -o reproduction
     nnpp-edge reproduce table2 fig7 --quick
     """
-    from functools import partial
-
     from nnpp_edge.profiling.suites import TerrainFiles
-    from nnpp_edge.progress import bar
     from nnpp_edge.reproduction.experiments import EXPERIMENTS
     from nnpp_edge.reproduction.runner import Request, reproduce
 
@@ -76,25 +70,16 @@ def command(
     names = [name for name in EXPERIMENTS if not experiments or name in experiments]
     files = TerrainFiles.or_sample(terrain, rescale, cell_size, allow_vrt)
     request = Request(names, files, output, seed, both, quick, steps, queries, dataset, again)
-    outcomes: list[ExperimentOutcome] = []
-    for outcome in reproduce(request, bar=partial(bar, quiet=True)):
-        outcomes.append(outcome)
+    told = []
+    for made, ran in reproduce(request):
+        findings = [asdict(finding) for finding in made.findings]
+        told.append({"experiment": made.name, "ended": "done" if ran else "skipped", "findings": findings})
+        verdicts = Counter(finding.verdict for finding in made.findings)
+        counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
+        kept = "" if ran else ", complete already (--again runs it anew)"
         if not as_json:
-            click.echo(_line(outcome, output))
+            click.echo(f"{made.name}: {counts}{kept}; {output / made.name}")
     if as_json:
-        facts = [
-            {"experiment": o.name, "ended": o.how, "findings": [asdict(f) for f in o.findings]} for o in outcomes
-        ]
-        click.echo(json.dumps({"output": str(output), "experiments": facts}, indent=1, ensure_ascii=False))
+        click.echo(json.dumps({"output": str(output), "experiments": told}, indent=1, ensure_ascii=False))
     else:
         click.echo(f"ours beside the paper's: {output / 'README.md'}")
-
-
-def _line(outcome: "ExperimentOutcome", output: Path) -> str:
-    """What became of an experiment, in a line."""
-    from nnpp_edge.reproduction.findings import Verdict
-
-    verdicts = [finding.verdict for finding in outcome.findings]
-    counts = ", ".join(f"{verdicts.count(v)} {v}" for v in Verdict if v in verdicts)
-    kept = ", complete already (--again runs it anew)" if outcome.how == "skipped" else ""
-    return f"{outcome.name}: {counts}{kept}; {output / outcome.name}"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.benchmarks.dynamic_episode import Episode, Patch
+from nnpp_edge.reproduction.planners import PLANNERS
 from nnpp_edge.reproduction.regions import PaperRegions, best_path
 from nnpp_edge.reproduction.rows import Rows
 from nnpp_edge.runtime.arrays import Float2D
@@ -21,18 +22,9 @@ if TYPE_CHECKING:
 Cells = NDArray[np.int32]
 """(N, 2) cells (row, col)."""
 PAPER, PLAIN, OURS = "#7f7f7f", "#d55e00", "#0072b2"
-COLOURS = {
-    "plain A*": PLAIN,
-    "plain A*NN": OURS,
-    "astar": "#e69f00",
-    "corridor": "#009e73",
-    "nnpp": "#56b4e9",
-    "inference": "#cc79a7",
-    "plain A*, corridor": "#444444",
-    "plain A*, straight band": "#888888",
-    "plain A*, shuffled weights": "#bbbbbb",
-}
-"""Of the planners, told apart by the colour-blind too (Okabe and Ito); grey for others."""
+"""In pictures that compare the paper with ours."""
+COLOURS = {name: f"C{at}" for at, name in enumerate((*PLANNERS, "inference"))}
+"""Of the planners; grey for the paper's."""
 _OPTIMUM, _PATH, _BEFORE, _CHANGED, _DRIVEN = "#e0218a", "#ffe100", "#b8b8b8", "#ff3b1f", "#ff9e3d"
 _CYAN, _TINT = np.array([0.0, 0.9, 1.0]), 0.45
 _PAUSE_MS, _STEP_MS = 1100, 90
@@ -61,16 +53,23 @@ def tidy(axes: "Axes", title: str, x: str = "", y: str = "") -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def lines(axes: "Axes", rows: Rows, x: str, y: str, styles: Mapping[str, str]) -> None:
-    """Means of the planners' figures `y` against `x`, in these styles of matplotlib, with a legend below."""
-    for name, style in styles.items():
-        by_x = sorted((float(at), of.mean(y)) for (at,), of in rows.of(name).by(x).items() if of.all(y))
-        axes.plot(*zip(*by_x, strict=True), style, color=COLOURS.get(name, PAPER), label=name)
-    axes.set_xscale("log", base=2)
-    sizes = sorted(set(rows.all(x)))
-    axes.set_xticks(sizes, [f"{size:.0f}²" for size in sizes])
-    axes.minorticks_off()
-    axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=3, frameon=False)
+def by_size(panels: Sequence[tuple[Rows, str, Mapping[str, str], str, str]]) -> "Figure":
+    """Panels of rows, the name of a figure, styles by planner, title and unit: means against the map's side."""
+    figure = new_figure(5.8 * len(panels), 5.2)
+    for axes, (rows, figures, styles, title, unit) in zip(figure.subplots(1, len(panels)), panels, strict=True):
+        for name, style in styles.items():
+            points = sorted(
+                (at, of.mean(figures)) for (at,), of in rows.of(name).by("size").items() if of.all(figures)
+            )
+            axes.plot(*zip(*points, strict=True), style, color=COLOURS.get(name, PAPER), label=name)
+        sizes = sorted(set(rows.all("size")))
+        axes.set_xscale("log", base=2)
+        axes.set_xticks(sizes, [f"{size:.0f}²" for size in sizes])
+        axes.minorticks_off()
+        axes.set_yscale("log")
+        tidy(axes, title, "map", unit)
+        axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)
+    return figure
 
 
 def bars(axes: "Axes", heights: Mapping[str, float], form: str, title: str, unit: str) -> None:

@@ -29,7 +29,7 @@ from nnpp_edge.reproduction.planners import (
     shown,
 )
 from nnpp_edge.reproduction.regions import CORRIDOR, NETWORK, Networks, corridor_region
-from nnpp_edge.reproduction.rows import Columns, Groups, Row, Rows, number, seconds, table, times
+from nnpp_edge.reproduction.rows import Columns, Groups, Row, Rows, number, seconds, table
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.region import Region
@@ -134,21 +134,15 @@ def table3(
 ### Mended
 
 {table("planner", {(shown(str(name)),): of for (name,), of in rows.by("planner").items()}, {"plans": _mended})}"""
-    across = min(5, len(views) + 1)
-    figure = drawing.new_figure(2.7 * across, 2.95 * math.ceil((len(views) + 1) / across) + 0.5)
-    panels = figure.subplots(math.ceil((len(views) + 1) / across), across, squeeze=False).ravel()
-    for at, view in enumerate(views):
-        drawing.draw_view(panels[at], view, frame(at), before=views[at - 1] if at else None)
-    way = drawing.driven(views, stride)
-    drawing.draw_map(panels[len(views)], views[-1].cost, "the way driven")
-    drawing.draw_path(panels[len(views)], way, "driven")
-    for axes in panels[len(views) + 1 :]:
-        axes.set_axis_off()
+    figure = drawing.new_figure(2.7 * (len(views) + 1), 3.4)
+    *panels, last = figure.subplots(1, len(views) + 1)
+    for at, (axes, view) in enumerate(zip(panels, views, strict=True)):
+        drawing.draw_view(axes, view, frame(at), before=views[at - 1] if at else None)
+    drawing.draw_map(last, views[-1].cost, "the way driven")
+    drawing.draw_path(last, drawing.driven(views, stride), "driven")
     drawing.map_legend(figure, panels[min(1, len(views) - 1)])
-    samples = f"1 episode, {len(views)} plans; ours the median of {repeats} lives"
-    found, named = table3_findings(rows), context.networks.named
     film = drawing.animate(views, stride, cells_a_frame)
-    return Result(samples, summary, rows, found, figure, named, _CONTROLS_NOTE, film)
+    return Result(summary, rows, table3_findings(rows), figure, None, _CONTROLS_NOTE, film)
 
 
 def _side_by_side(keys: str, ours: Groups, theirs: Groups) -> str:
@@ -223,16 +217,12 @@ def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5
     theirs = {(f"paper's map {at}", scene): of for (scene, at), of in paper.TABLE_4.by("scene", "map").items()}
     more: Columns = {
         "plans": lambda of: str(len(of)),
-        "AT, summed": lambda of: seconds(sum(of.all("time_s"))),
-        "over A* of its kind": lambda of: times(_over_astar(rows, of)),
         "mended": _mended,
     }
     summary = f"""{_side_by_side("map | scene", ours, theirs)}
 ### All methods, summed over the maps
 
-{planner_table(rows, "scene", "network | success | CC increase | MM", context.networks, more)}"""
-    samples = f"{maps} maps, an episode of each scene on each; ours the median of {repeats} lives"
-    found, named = table4_findings(rows), context.networks.named
+{planner_table(rows, "scene", "network | AT | over A* | success | CC increase | MM", context.networks, more)}"""
     figure = drawing.new_figure(12.0, 4.6)
     axes = figure.subplots()
     kinds = {"paper": drawing.PAPER, "ours, plain": drawing.PLAIN, "ours, compiled": drawing.OURS}
@@ -246,7 +236,7 @@ def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5
     axes.set_xticks(range(len(_COMPARED)), names)
     axes.set_yscale("log")
     axes.legend(frameon=False, fontsize="small")
-    return Result(samples, summary, rows, found, figure, named, _CONTROLS_NOTE)
+    return Result(summary, rows, table4_findings(rows), figure, controls=_CONTROLS_NOTE)
 
 
 def _gain(rows: Rows, slow: str, fast: str, scene: str, kind: int = -1) -> float:
@@ -254,11 +244,6 @@ def _gain(rows: Rows, slow: str, fast: str, scene: str, kind: int = -1) -> float
     if kind >= 0:
         return rows.of(scene=scene).speedup(OURS_OF[slow][kind], OURS_OF[fast][kind])
     return paper.TABLE_4.of(scene=DYNAMIC if scene == NEAR else scene).speedup(slow, fast)
-
-
-def _over_astar(rows: Rows, of: Rows) -> float:
-    name = str(of[0]["planner"])
-    return rows.of(scene=of[0]["scene"]).speedup(PLAIN if name.startswith("plain") else "astar", name)
 
 
 def table4_findings(rows: Rows) -> list[Finding]:

@@ -93,7 +93,6 @@ def fig13(
         drawing.tidy(axes, title)
     figure.suptitle("Blue: σ = 1/4 of the map's side, the paper's best", fontsize="small")
     return Result(
-        f"{len(training)} training and {len(validation)} validation queries",
         table("encoding", rows.by("encoding"), columns),
         rows,
         encoding_findings(rows),

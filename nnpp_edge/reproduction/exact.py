@@ -44,26 +44,23 @@ def table1(
             done += size**2
             context.progress(done / (maps * sum(side**2 for side in sizes)))
     everything = Rows([*(row for row in paper.TABLE_1 if row["size"] in sizes), *rows])
-    plain_s = {size: of.mean("time_s") for (size,), of in rows.of(PLAIN).by("size").items()}
     more = {
         "graph, or map": lambda of: seconds(of.mean("graph_s")),
         "search": lambda of: seconds(of.mean("search_s")),
         "graph's share": lambda of: percent(of.mean("graph_s") / of.mean("time_s")),
         "path": lambda of: number(of.mean("path_cells"), ".0f"),
-        "plain A* over it": lambda of: times(plain_s[of[0]["size"]] / of.mean("time_s")),
     }
-    summary = planner_table(everything.sorted("size"), "size", "AT", context.networks, more)
-    figure = drawing.new_figure(11.5, 5.0)
-    left, right = figure.subplots(1, 2)
+    summary = planner_table(everything.sorted("size"), "size", "AT | over A*", context.networks, more)
+    shares = Rows({**row, "share": 100.0 * row["graph_s"] / row["time_s"]} for row in everything)
     styles = {paper.ASTAR: "o--", PLAIN: "o-", "astar": "^-"}
-    drawing.lines(left, everything, "size", "time_s", styles)
-    left.set_yscale("log")
-    drawing.tidy(left, "Mean time of a query, the graph or the map included", "map", "seconds")
-    shares = Rows(row | {"share": 100.0 * float(row["graph_s"]) / float(row["time_s"])} for row in everything)
-    drawing.lines(right, shares, "size", "share", styles)
-    drawing.tidy(right, "Share of the time that building the graph takes", "map", "%")
-    samples = f"{maps} maps, one query each; our exact A* the median of {repeats}"
-    return Result(samples, summary, rows, table1_findings(rows), figure)
+    times_title, shares_title = (
+        "Mean time of a query, the graph or the map included",
+        "Share of the graph in the time",
+    )
+    figure = drawing.by_size(
+        [(everything, "time_s", styles, times_title, "seconds"), (shares, "share", styles, shares_title, "%")]
+    )
+    return Result(summary, rows, table1_findings(rows), figure)
 
 
 def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
@@ -142,7 +139,7 @@ def fig6(context: Context, *, size: int = 256, omegas: Sequence[float] = (0.0, 0
     claim = "the greater ω, the more the path turns aside for cheaper ground"
     finding = judge(claim, "yes (picture)", ours, curved, "length never falls, CC never rises")
     columns = {"length, cells": lambda of: f"{of.mean('length'):.2f}", "CC": lambda of: f"{of.mean('cc'):.3f}"}
-    return Result("1 map, one query", table("ω", rows.by("omega"), columns), rows, [finding], figure)
+    return Result(table("ω", rows.by("omega"), columns), rows, [finding], figure)
 
 
 def _length_and_cc(grid: Grid, path: NDArray[np.int32], cost: Float2D) -> tuple[float, float]:
@@ -169,43 +166,27 @@ def fig7(
     typical_s = np.median(np.reshape(rows.all("time_s"), (maps, -1)), axis=0)
     best = {"by range": best_omegas(omegas, by_range(lengths), by_range(ccs))}
     best["by greatest"] = best_omegas(omegas, by_greatest(lengths), by_greatest(ccs))
-    both = {(f"ours, {label}",): Rows({"omega": omega} for omega in of.tolist()) for label, of in best.items()}
-    columns = {
-        "best ω, mean ± deviation": lambda of: _spread(of.all("omega")) if of else _THEIRS,
-        "quartiles": lambda of: (
-            ", ".join(f"{x:.4f}" for x in np.quantile(of.all("omega"), (0.25, 0.5, 0.75))) if of else "–"
-        ),
-    }
-    summary = table("LEN and CC normalised", {("paper",): Rows(), **both}, columns)
+    both = {("paper",): Rows(), **{(f"ours, {how}",): Rows({"omega": x} for x in of) for how, of in best.items()}}
+    columns = {"best ω, mean ± deviation": lambda of: _spread(of.all("omega")) if of else _THEIRS}
     lengths, ccs = by_range(lengths), by_range(ccs)
     figure = drawing.new_figure(13, 4.2)
     left, middle, right = figure.subplots(1, 3)
-    for axes, curves, title in (
-        (left, {"LEN": lengths, "CC": ccs}, "Normalised by range; mean ± deviation"),
-        (
-            middle,
-            {
-                "LEN + CC": lengths + ccs,
-                "time of exact A*, median, over its longest": typical_s[None] / typical_s.max(),
-            },
-            "",
-        ),
-    ):
-        for label, values in curves.items():
-            average, deviation = values.mean(0), values.std(0) * (axes is left)
-            axes.plot(omegas, average, label=label)
-            axes.fill_between(omegas, average - deviation, average + deviation, alpha=0.18, linewidth=0)
-        axes.axvline(paper.OMEGA, color=drawing.PAPER, linestyle="--", label="paper's ω")
+    for label, values in {"LEN": lengths, "CC": ccs}.items():
+        average, deviation = values.mean(0), values.std(0)
+        left.plot(omegas, average, label=label)
+        left.fill_between(omegas, average - deviation, average + deviation, alpha=0.18, linewidth=0)
+    middle.plot(omegas, (lengths + ccs).mean(0), label="LEN + CC")
+    middle.plot(omegas, typical_s / typical_s.max(), label="time of exact A*, median, over its longest")
+    right.hist(list(best.values()), 20, label=[f"{how}: {_spread(of)}" for how, of in best.items()])
+    least, most = paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION
+    titles = "Normalised by range; mean ± deviation", "LEN + CC, and time", f"Best ω of {maps} maps"
+    for axes, title in zip((left, middle, right), titles, strict=True):
+        axes.axvspan(least, most, color=drawing.PAPER, alpha=0.25, label=f"paper: {_THEIRS}")
         drawing.tidy(axes, title, "ω per grey level")
         axes.legend(fontsize="small")
-    right.hist(list(best.values()), 20, label=[f"{label}: {_spread(of)}" for label, of in best.items()])
-    least, most = paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION
-    right.axvspan(least, most, color=drawing.PAPER, alpha=0.25, label=f"paper: {_THEIRS}")
-    drawing.tidy(right, f"Best ω of {maps} maps", "ω per grey level", "maps")
-    right.legend(fontsize="small")
     findings = fig7_findings(omegas, lengths.mean(0), ccs.mean(0), typical_s, best)
-    samples = f"{maps} maps, one query each, {len(omegas)} values of ω"
-    return Result(samples, summary, rows.averaged("omega"), findings, figure)
+    summary = table("LEN and CC normalised", both, columns)
+    return Result(summary, rows.averaged("omega"), findings, figure)
 
 
 _THEIRS = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
@@ -239,11 +220,8 @@ def fig7_findings(
     """Of the mean length and CC, by range, and the median time at each ω, and each map's best one."""
     found = []
     for label, of in best.items():
-        claim, rule = (
-            f"best ω per grey level, LEN and CC normalised {label}",
-            "our mean lies within the paper's deviation",
-        )
-        near = abs(float(of.mean()) - paper.OMEGA) <= paper.OMEGA_DEVIATION
+        claim, near = f"best ω per grey level, LEN and CC normalised {label}", abs(of.mean() - paper.OMEGA)
+        near, rule = bool(near <= paper.OMEGA_DEVIATION), "our mean lies within the paper's deviation"
         found.append(judge(claim, _THEIRS, _spread(of), near, rule))
     least, quarter = int(np.argmin(length + cc)), 0.25 * paper.OMEGA_MOST
     ours, rule = f"ω = {omegas[least]:.3f} on the mean", "neither the first nor the last ω"

@@ -35,28 +35,21 @@ class Context:
     """Folder for what an experiment that is interrupted goes on from; removed once it is done."""
     dataset: Path | None = None
     """Training set for the experiments that train; without it they make one from the terrain."""
-    progress: Callable[[float], None] = lambda share: None
-    """To be called with the share of the work that is done."""
+    advance: Callable[[int], None] = lambda done: None
     notes: list[str] = field(default_factory=list)
     """Whole sentences for the page."""
 
-    def note(self, *words: str) -> None:
-        """Have the page say this below the table."""
-        self.notes.extend(words)
+    def progress(self, share: float) -> None:
+        """So much of the work is done."""
+        self.advance(int(1000 * share))
 
     def fitting(self, sizes: Sequence[int]) -> list[int]:
-        """The sizes that the terrain is large enough for, and a note on the others.
-
-        Raises
-        ------
-        InvalidQueryError
-            It is too small for all of them.
-        """
+        """The sizes that the terrain is large enough for, with a note on the others; InvalidQueryError if none is."""
         largest = max(min(dem.elevation.shape) for dem in self.terrain)
         if largest < min(sizes):
             raise InvalidQueryError(f"wanted terrain of at least {min(sizes)} cells a side, got {largest}")
         if left_out := ", ".join(f"{size}²" for size in sizes if size > largest):
-            self.note(f"Left out, as the terrain is no more than {largest} cells a side: {left_out}.")
+            self.notes.append(f"Left out, as the terrain is no more than {largest} cells a side: {left_out}.")
         return [size for size in sizes if size <= largest]
 
     def one_size(self, wanted: int) -> int:
@@ -87,17 +80,15 @@ class Context:
 class Result:
     """All that an experiment hands back."""
 
-    samples: str
-    """Maps, queries, repetitions."""
     summary: str
     """Markdown tables for people: ours beside the paper's."""
     rows: Rows
     """What was measured, for programs."""
     findings: Sequence[Finding]
     picture: "Figure"
-    networks: str = "none"
-    """Which networks took part, and where."""
-    controls: str = "none, as no network takes part"
+    networks: str | None = None
+    """Which networks took part, and where; by default both, or none where the experiment asks none."""
+    controls: str | None = None
     animation: bytes | None = None
     """GIF."""
 

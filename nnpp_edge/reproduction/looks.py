@@ -11,7 +11,7 @@ from nnpp_edge.reproduction.drawing import frame
 from nnpp_edge.reproduction.experiment import Context, Result, experiment
 from nnpp_edge.reproduction.findings import Finding, judge
 from nnpp_edge.reproduction.planners import OneMap
-from nnpp_edge.reproduction.regions import CONTROLS, CONTROLS_NOTE, NETWORK, PaperRegions
+from nnpp_edge.reproduction.regions import CONTROLS, NETWORK, PaperRegions
 from nnpp_edge.reproduction.rows import Columns, Rows, percent, table
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle
@@ -71,7 +71,7 @@ def fig8(
     findings = [judge(claim, "yes (picture)", percent(own), small.pop(NETWORK), "below 20 %", small)]
     summary = table("td", {(f"{row['td']:.4g}",): Rows([row]) for row in rows}, columns)
     named = f"{name} in the paper's method; ours does not take part"
-    return Result("1 map, one query", summary, rows, findings, figure, named, CONTROLS_NOTE)
+    return Result(summary, rows, findings, figure, named)
 
 
 @experiment("Fig. 14 and 15", "Other goals, and obstacles that move", {"size": 128, "goals": 3})
@@ -112,10 +112,9 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
         "in common with the first": lambda of: percent(of.of(NETWORK).mean("common")),
         **{f"cost above the optimum, {kind}": partial(_cost_in, kind) for kind in (NETWORK, *CONTROLS)},
     }
-    samples = f"1 map, {len(ends)} goals, {_FRAMES} frames"
     named = f"{name} in the paper's method; ours does not take part"
     summary = table("scene | goal", rows.by("name", "goal"), shown)
-    return Result(samples, summary, rows, fig14_findings(rows), figure, named, CONTROLS_NOTE)
+    return Result(summary, rows, fig14_findings(rows), figure, named)
 
 
 def _cost_in(region: str, rows: Rows) -> str:

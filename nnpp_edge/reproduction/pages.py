@@ -21,23 +21,20 @@ class Stored(msgspec.Struct):
     made_with: dict[str, Any]
     """All that decides the figures, except the machine."""
     about: dict[str, str]
-    """Networks, samples and controls."""
+    """Networks, controls, and how many maps, queries and repetitions."""
     findings: list[Finding]
     notes: list[str]
     animated: bool
     summary: str
 
 
-_HEADS = {
-    Verdict.DIFFERS: "What does not agree",
-    Verdict.BETTER: "What is better than in the paper",
-    Verdict.AGREES: "What agrees",
-}
+_HEADS = {Verdict.DIFFERS: "What does not agree", Verdict.BETTER: "What is better than in the paper"}
+_HEADS |= {Verdict.AGREES: "What agrees"}
 
 
 def experiment_page(facts: Stored) -> str:
     """Markdown of one experiment: picture, ours beside the paper's, findings, how it was made."""
-    name, settings = facts.name, msgspec.json.encode(facts.made_with["settings"]).decode()
+    name = facts.name
     animation = f"![{facts.title}, animated]({name}.gif)\n\n" if facts.animated else ""
     findings = f"## Findings\n\n{findings_table(facts.findings)}"
     return f"""# {facts.where}: {facts.title}
@@ -47,7 +44,6 @@ def experiment_page(facts: Stored) -> str:
 
 {_making(facts)}
 - load of the machine before (average over a minute): {facts.load:.1f}
-- settings: `{settings}`
 
 The figures are in [{name}.csv]({name}.csv).
 """
@@ -83,7 +79,7 @@ def index_page(stored: Sequence[Stored]) -> str:
     for facts in stored:
         shared.setdefault(_making(facts), []).append(facts.where)
     makings = [f"{', '.join(of)}:\n\n{making}" for making, of in shared.items()]
-    parts += ["## How it was made", *makings, "Each experiment's own settings stand on its page."]
+    parts += ["## How it was made", *makings]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 

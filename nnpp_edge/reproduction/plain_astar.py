@@ -17,14 +17,15 @@ from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA, SQRT2
 
 @dataclass(frozen=True)
 class Graph:
-    """Nodes and edges of a map. Cell (row, col) is the node row · stride + col."""
+    """For each node its weight, and its neighbours with the costs of the steps to them.
+
+    Cell (row, col) is node row · stride + col; stride is longer than a row by one, so that no node has a neighbour
+    across the map's edge.
+    """
 
     stride: int
-    """Longer than a row of the map by one, so that no node has a neighbour across the map's edge."""
     weights: dict[int, float]
-    """Of each node, what its cell adds to a step to or from it."""
     edges: dict[int, list[tuple[int, float]]]
-    """For each node its neighbours, and what the step to each costs."""
 
     def node(self, cell: Cell) -> int:
         """The node of a cell."""
@@ -54,18 +55,9 @@ def weights_of(cost: Float2D, inside: NDArray[np.bool_] | None = None) -> NDArra
 
 
 def build_graph(cost: Float2D, inside: NDArray[np.bool_] | None = None) -> Graph:
-    """The graph of a cost map: a node for each passable cell, an edge to each passable neighbour.
+    """The graph of a cost map, of a region's cells alone if one is given (Fig. 10).
 
-    Parameters
-    ----------
-    cost : (H, W) float32
-        Traversability cost T in [0, 1]; impassable from 1 up, or NaN.
-    inside : (H, W) bool, optional
-        The heuristic region: the graph of its cells alone is built, as in Fig. 10.
-
-    Notes
-    -----
-    NNPP (arXiv 2308.04792v3), Eq. 2 and 4, at the paper's weight ω.
+    It has a node for each passable cell, T < 1, and an edge to each passable neighbour.
     """
     weights, stride = weights_of(cost, inside), cost.shape[1] + 1
     rows, cols = np.nonzero(np.isfinite(weights))

@@ -19,17 +19,7 @@ _ROUNDING = 1e-9
 
 
 class PlainDStar:
-    """Plans to one goal again and again, keeping what it knows from one plan to the next.
-
-    Parameters
-    ----------
-    cost : (H, W) float32
-        Traversability cost T in [0, 1]; impassable from 1 up, or NaN.
-    start, goal : (row, col)
-        Passable cells.
-    inside : (H, W) bool, optional
-        The heuristic region: the graph of its cells alone is built.
-    """
+    """Plans to one goal again and again, keeping what it knows from one plan to the next; arguments as of A*."""
 
     def __init__(self, cost: Float2D, start: Cell, goal: Cell, inside: NDArray[np.bool_] | None = None) -> None:
         self._graph, self._weights = build_graph(cost, inside), weights_of(cost, inside)

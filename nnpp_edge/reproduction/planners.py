@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.profiling.contest import gap
 from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.plain_astar import build_graph, search
 from nnpp_edge.reproduction.regions import (
     BAND,
@@ -23,7 +24,7 @@ from nnpp_edge.reproduction.regions import (
     corridor_region,
     shuffled,
 )
-from nnpp_edge.reproduction.rows import Columns, Row, Rows, number, percent, seconds, spread, table
+from nnpp_edge.reproduction.rows import Columns, Row, Rows, number, percent, seconds, spread, table, times
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.grid import Grid
@@ -155,11 +156,21 @@ def network_of(planner: str, networks: Networks) -> str:
 
 
 def planner_table(rows: Rows, place: str, names: str, networks: Networks, more: Columns | None = None) -> str:
-    """A line for each place (``size``, ``map``, ``scene``) and planner; `names` are columns, `more` further ones."""
+    r"""A line for each place (``size``, ``map``, ``scene``) and planner; `names` are columns, `more` further ones.
+
+    *over A\** is over the A* of the same origin: the paper's, plain, or ours.
+    """
+
+    def over_astar(of: Rows) -> float:
+        name, at = str(of[0]["planner"]), of[0][place]
+        slow = paper.ASTAR if name.startswith("paper's") else PLAIN if name.startswith("plain") else "astar"
+        return rows.of(slow, **{place: at}).mean("time_s") / of.mean("time_s")
+
     label = {"size": "{}²", "map": "map {}"}.get(place, "{}")
     columns: Columns = {
         "network": lambda of: network_of(str(of[0]["planner"]), networks),
         "AT": lambda of: seconds(of.mean("time_s")),
+        "over A*": lambda of: times(over_astar(of)),
         "CC": lambda of: number(of.mean("cc"), ".2f"),
         "CC increase": lambda of: percent(of.increase(), 2),
         "success": lambda of: percent(of.mean("found")),

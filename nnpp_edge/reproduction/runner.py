@@ -3,8 +3,7 @@
 import hashlib
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,12 @@ from nnpp_edge import __version__
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.profiling.machine import environment
 from nnpp_edge.profiling.suites import TerrainFiles
+from nnpp_edge.progress import bar
 from nnpp_edge.reproduction.drawing import png
 from nnpp_edge.reproduction.experiment import Context, Result
 from nnpp_edge.reproduction.experiments import EXPERIMENTS
-from nnpp_edge.reproduction.findings import Finding
 from nnpp_edge.reproduction.pages import Stored, experiment_page, index_page
-from nnpp_edge.reproduction.regions import Networks
+from nnpp_edge.reproduction.regions import CONTROLS_NOTE, Networks
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, OutputError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -50,31 +49,11 @@ class Request:
     """Run what is complete, too."""
 
 
-@dataclass(frozen=True)
-class ExperimentOutcome:
-    """How an experiment ended."""
+def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
+    """Run the experiments asked for, one at a time: what is kept of each, and whether it was run or complete already.
 
-    name: str
-    how: str
-    """``done`` or ``skipped`` (complete already)."""
-    findings: Sequence[Finding] = ()
-
-
-def reproduce(
-    request: Request, *, bar: Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
-) -> Iterator[ExperimentOutcome]:
-    """Run the experiments asked for, one at a time; the folder's index is brought up to date after each.
-
-    `bar` opens a progress bar from a name and a total; its value is called with how much is done.
-
-    Raises
-    ------
-    InvalidQueryError
-        There is no such experiment, or the terrain is too small for one.
-    TerrainError, ModelError, DataSetError
-        A file cannot be read.
-    OutputError
-        The folder cannot be written to.
+    The folder's index is brought up to date after each. InvalidQueryError if there is no such experiment, or the
+    terrain is too small for one; TerrainError, ModelError, DataSetError or OutputError where a file is at fault.
     """
     if unknown := set(request.names) - set(EXPERIMENTS):
         raise InvalidQueryError(f"experiment must be one of {', '.join(EXPERIMENTS)}, got {', '.join(unknown)}")
@@ -89,40 +68,31 @@ def reproduce(
         made_as_json = msgspec.json.encode(made_with)
         stored = read_experiment(request.output / name)
         if stored is not None and msgspec.json.encode(stored.made_with) == made_as_json and not request.again:
-            yield ExperimentOutcome(name, "skipped", stored.findings)
+            yield stored, False
             continue
         work = request.output / ".work" / f"{name}-{_digest(made_as_json)[:12]}"
         cores = sorted(os.sched_getaffinity(0))
         machine = environment(cores)
         exercise()  # no kernel is compiled or loaded while the clock runs
-        with bar(name, 1000) as advance:
-            context = Context(dems, request.seed, networks, work, request.dataset, _in_thousandths(advance))
+        with bar(name, 1000, quiet=True) as advance:
+            context = Context(dems, request.seed, networks, work, request.dataset, advance)
             result = experiment.run(context, **settings)
+        about = {"networks": result.networks or networks.named, "controls": result.controls or CONTROLS_NOTE}
+        about["samples"] = ", ".join(f"{name} {value}" for name, value in settings.items())
+        if not experiment.asks_networks:
+            about |= {"networks": result.networks or "none", "controls": "none, as no network takes part"}
         facts = Stored(
-            format=FORMAT,
-            name=name,
-            where=experiment.where,
-            title=experiment.title,
-            machine=f"{machine['cpu']}, {len(cores)} core(s)",
-            load=machine["load_average"][0],
-            made_with=made_with,
-            about={"networks": result.networks, "samples": result.samples, "controls": result.controls},
-            findings=list(result.findings),
-            notes=context.notes,
-            animated=result.animation is not None,
-            summary=result.summary,
+            *(FORMAT, name, experiment.where, experiment.title),
+            *(f"{machine['cpu']}, {len(cores)} core(s)", machine["load_average"][0], made_with, about),
+            *(list(result.findings), context.notes, result.animation is not None, result.summary),
         )
         _store(request.output / name, facts, result)
         shutil.rmtree(work, ignore_errors=True)
         if work.parent.is_dir() and not any(work.parent.iterdir()):
             work.parent.rmdir()
         write_index(request.output)
-        yield ExperimentOutcome(name, "done", result.findings)
+        yield facts, True
     write_index(request.output)
-
-
-def _in_thousandths(advance: Callable[[int], None]) -> Callable[[float], None]:
-    return lambda share: advance(int(1000 * share))
 
 
 def _made_with(request: Request, cell_sizes_m: list[float]) -> dict[str, Any]:

@@ -21,8 +21,7 @@ from nnpp_edge.reproduction.planners import (
     planner_table,
     shown,
 )
-from nnpp_edge.reproduction.regions import CONTROLS_NOTE
-from nnpp_edge.reproduction.rows import Columns, Rows, percent, seconds, table, times
+from nnpp_edge.reproduction.rows import Columns, Rows, percent, seconds, table
 from nnpp_edge.runtime.planners.planner import Planner
 
 _THEIRS = (paper.ASTAR, paper.ASTAR_NN)
@@ -64,16 +63,14 @@ def table2(
     sizes = context.fitting(sizes)
     rows = contest(context, sizes, maps, repeats=repeats, timed=queries)
     theirs = Rows(row for row in paper.TABLE_2 if row["size"] in sizes)
-    names = "network | AT | CC | CC increase | success | MM | region, of the map"
-    over_plain: Columns = {"over plain A*": lambda of: times(_gain(rows, of, PLAIN))}
-    over_both: Columns = {**over_plain, "over `astar`": lambda of: times(_gain(rows, of, "astar"))}
+    names = "network | AT | over A* | CC | CC increase | success | MM | region, of the map"
     plain, ours = Rows([*theirs, *rows.of(*PLAIN_PLANNERS)]).sorted("size"), rows.of(*OURS, *OWN.values())
     summary = f"""### The paper's method
 
-{planner_table(plain, "size", names, context.networks, over_plain)}
+{planner_table(plain, "size", names, context.networks)}
 ### Ours
 
-{planner_table(ours, "size", names, context.networks, over_both)}"""
+{planner_table(ours, "size", names, context.networks)}"""
     figure = drawing.new_figure(11, 4.4 * len(sizes))
     for size, (left, right) in zip(sizes, figure.subplots(len(sizes), 2, squeeze=False), strict=True):
         by_name = Rows([*theirs, *rows.of(*PLANNERS)]).of(size=size).by("planner")
@@ -82,16 +79,7 @@ def table2(
         drawing.bars(left, times_s, "%.3g", f"{size}²: mean time of a query", "seconds")
         left.set_xscale("log")
         drawing.bars(right, increases, "%.2f", f"{size}²: CC above that of exact A*", "%")
-    samples = f"{maps} maps a size, one query each; times over {queries} of them, ours the median of {repeats}"
-    data, named = rows.averaged("size", "planner"), context.networks.named
-    return Result(samples, summary, data, table2_findings(rows), figure, named, CONTROLS_NOTE)
-
-
-def _gain(rows: Rows, of: Rows, slow: str) -> float:
-    """How many times as fast as the slow planner, or as the paper's A*, the one behind a table's line is."""
-    size, is_theirs = of[0]["size"], of[0]["planner"] in _THEIRS
-    slow_s = paper.TABLE_2.of(paper.ASTAR, size=size) if is_theirs else rows.of(slow, size=size)
-    return slow_s.mean("time_s") / of.mean("time_s")
+    return Result(summary, rows.averaged("size", "planner"), table2_findings(rows), figure)
 
 
 def table2_findings(rows: Rows) -> list[Finding]:
@@ -154,19 +142,19 @@ def fig9(
     theirs = [row for row in (*paper.TABLE_1, *paper.TABLE_2.of(paper.ASTAR_NN)) if row["size"] in sizes]
     everything = Rows([*theirs, *rows]).sorted("size")
     more: Columns = {"inference": lambda of: seconds(of.mean("inference_s"))}
-    summary = planner_table(everything, "size", "network | AT | CC increase | success | MM", context.networks, more)
-    figure = drawing.new_figure(11.5, 5.3)
-    left, right = figure.subplots(1, 2)
+    summary = planner_table(
+        everything, "size", "network | AT | over A* | CC increase | success | MM", context.networks, more
+    )
     looks = [{**row, "planner": "inference", "time_s": row["inference_s"]} for row in rows.of(PLAIN_NN)]
     styles = {paper.ASTAR: "o--", paper.ASTAR_NN: "s:", **dict.fromkeys(PLANNERS, "o-"), "inference": "x-"}
-    drawing.lines(left, Rows([*everything, *looks]), "size", "time_s", styles)
-    left.set_yscale("log")
-    drawing.tidy(left, "Mean time of a query", "map", "seconds")
-    drawing.lines(right, rows, "size", "mm", dict.fromkeys((PLAIN_NN, "corridor", "nnpp"), "o-"))
-    drawing.tidy(right, "Mean MM", "map", "path's cells / region's cells")
-    samples = f"{queries} maps a size, one query each; ours the median of {repeats}"
-    data, named = rows.averaged("size", "planner"), context.networks.named
-    return Result(samples, summary, data, fig9_findings(rows), figure, named, CONTROLS_NOTE)
+    of_mm = dict.fromkeys((PLAIN_NN, "corridor", "nnpp"), "o-")
+    figure = drawing.by_size(
+        [
+            (Rows([*everything, *looks]), "time_s", styles, "Mean time of a query", "seconds"),
+            (rows, "mm", of_mm, "Mean MM", "path's cells / region's cells"),
+        ]
+    )
+    return Result(summary, rows.averaged("size", "planner"), fig9_findings(rows), figure)
 
 
 def fig9_findings(rows: Rows) -> list[Finding]:
@@ -221,9 +209,7 @@ def fig11(context: Context, *, size: int = 256, queries: int = 300, repeats: int
         drawing.tidy(axes, title, "cells of the optimal path", "time of a query, ms")
         axes.legend(fontsize="small")
     findings = [each for pair in _PAIRS for each in _slopes(rows, *pair)]
-    samples = f"{queries} maps, one query each; ours the median of {repeats}"
-    summary, named = table("planner", groups, columns), context.networks.named
-    return Result(samples, summary, rows, findings, figure, named, CONTROLS_NOTE)
+    return Result(table("planner", groups, columns), rows, findings, figure)
 
 
 def _fit(rows: Rows) -> tuple[float, float, float]:
@@ -263,7 +249,7 @@ def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5)
     size = context.one_size(size)
     rows = contest(context, (size,), maps, repeats=repeats).of(*PLANNERS)
     theirs = paper.TABLE_4.of(scene=paper.STATIC)
-    names = "network | AT | CC | CC increase | MM"
+    names = "network | AT | over A* | CC | CC increase | MM"
     summary = planner_table(Rows([*rows, *theirs]), "map", names, context.networks)
     figure = drawing.new_figure(2.6 * maps, 5.9)
     grid = figure.subplots(2, maps, squeeze=False)
@@ -280,8 +266,7 @@ def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5)
             )
             drawing.draw_view(axes, each, title)
     drawing.map_legend(figure, grid[1, 0])
-    samples = f"{maps} maps, one query each; ours the median of {repeats}"
-    return Result(samples, summary, rows, fig12_findings(rows), figure, context.networks.named, CONTROLS_NOTE)
+    return Result(summary, rows, fig12_findings(rows), figure)
 
 
 def fig12_findings(rows: Rows) -> list[Finding]:

@@ -2,7 +2,6 @@ import csv
 import io
 import json
 import shutil
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -55,11 +54,6 @@ TINY = {
 """What each experiment's quick settings are replaced by here."""
 
 
-@contextmanager
-def no_bar(what, total):
-    yield lambda done: None
-
-
 @pytest.fixture(autouse=True, scope="module")
 def shrink():
     with pytest.MonkeyPatch.context() as monkeypatch:
@@ -83,7 +77,7 @@ def run(tiny_model):
     def run_on(terrain, folder, *names, models=(tiny_model, tiny_model), **more):
         files = TerrainFiles((terrain,))
         request = Request(names or list(TINY), files, folder, models=tuple(map(str, models)), quick=True, **more)
-        return list(reproduce(request, bar=no_bar))
+        return list(reproduce(request))
 
     return run_on
 
@@ -107,11 +101,11 @@ def tables(text):
 
 def test_every_experiment_writes_its_tables_picture_and_findings(made, terrain):
     folder, outcomes = made
-    assert {o.name: o.how for o in outcomes} == dict.fromkeys(TINY, "done")
+    assert {facts.name: ran for facts, ran in outcomes} == dict.fromkeys(TINY, True)
     index = (folder / "README.md").read_text()
     heads = {Verdict.AGREES: "What agrees", Verdict.BETTER: "What is better", Verdict.DIFFERS: "What does not agree"}
-    for outcome in outcomes:
-        name = outcome.name
+    for made_of, _ in outcomes:
+        name = made_of.name
         endings = {"csv", "md", "png", "json"} | ({"gif"} if name == "table3" else set())
         assert {p.name for p in (folder / name).iterdir()} == {f"{name}.{end}" for end in endings}
         with (folder / name / f"{name}.csv").open() as file:
@@ -122,8 +116,8 @@ def test_every_experiment_writes_its_tables_picture_and_findings(made, terrain):
             assert min(picture.size) > 300 and len(set(picture.convert("L").resize((64, 64)).tobytes())) > 8, name
         facts = json.loads((folder / name / f"{name}.json").read_text())
         assert facts["made_with"]["quick"] and facts["made_with"]["terrain"][0]["name"] == "ground.npz"
-        assert outcome.findings and f"{name}/{name}.png" in index
-        for finding in outcome.findings:
+        assert made_of.findings and f"{name}/{name}.png" in index
+        for finding in made_of.findings:
             part = index.partition(heads[finding.verdict])[2].partition("\n## ")[0]
             assert finding.claim in part and finding.ours in part
     assert "Left out, as the terrain is no more than 256 cells a side: 512²." in index
@@ -146,16 +140,16 @@ def test_every_page_of_a_network_names_it_and_has_controls(made):
 
 def test_a_second_run_skips_what_is_complete_and_mends_what_is_not(terrain, run, tiny_model, tmp_path):
     def ended(**more):
-        return [outcome.how for outcome in run(terrain, tmp_path, "fig12", "table1", **more)]
+        return [ran for _, ran in run(terrain, tmp_path, "fig12", "table1", **more)]
 
-    assert ended() == ["done", "done"]
+    assert ended() == [True, True]
     first = (tmp_path / "fig12" / "fig12.json").stat().st_mtime_ns
     (tmp_path / "table1" / "table1.png").unlink()
-    assert ended() == ["skipped", "done"]
+    assert ended() == [False, True]
     assert (tmp_path / "fig12" / "fig12.json").stat().st_mtime_ns == first
-    assert ended(again=True) == ["done", "done"]
-    assert ended(models=(tiny_model, "edge")) == ["done", "skipped"], "Table 1 asks no network"
-    assert ended(seed=2) == ["done", "done"]
+    assert ended(again=True) == [True, True]
+    assert ended(models=(tiny_model, "edge")) == [True, False], "Table 1 asks no network"
+    assert ended(seed=2) == [True, True]
     assert {p.name for p in tmp_path.iterdir()} == {"fig12", "table1", "README.md"}
 
 
@@ -175,7 +169,7 @@ def test_an_experiment_that_fails_leaves_what_was_there(terrain, run, tmp_path, 
 def test_level_ground_is_no_trouble(run, tmp_path):
     np.savez(tmp_path / "flat.npz", elevation_m=np.zeros((128, 128)), cell_size_m=1.0)
     names = [name for name in TINY if name != "fig13"]
-    assert {outcome.how for outcome in run(tmp_path / "flat.npz", tmp_path / "out", *names)} == {"done"}
+    assert all(ran for _, ran in run(tmp_path / "flat.npz", tmp_path / "out", *names))
     assert "nan" not in (tmp_path / "out" / "README.md").read_text()
 
 
