@@ -199,8 +199,8 @@ def test_the_file_is_whole_folded_and_free_of_local_paths(exported):
     names = [node.name for node in model.graph.node]
     assert len(set(names)) == len(names)
     if network.spec.architecture == "edge":
-        assert {"encoder.stem.1/Conv", "encoder.describe/Conv", "head/If"} <= set(names)
-        assert all(name.startswith(("encoder.", "head/")) for name in names)
+        assert {"encoder.stem.1/Conv", "encoder.describe/Conv", "If"} <= set(names)
+        assert all(name.startswith(("encoder.", "If")) for name in names)
     assert not re.search(rb"\.py\b", file.read_bytes())
     modes = {a.s for n in model.graph.node if n.op_type == "Resize" for a in n.attribute if a.name == "mode"}
     assert modes == {b"nearest"}  # int8 values stay as they are
