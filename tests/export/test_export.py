@@ -217,13 +217,10 @@ def test_what_is_no_checkpoint_is_refused_and_nothing_is_written(nnpp_edge, tmp_
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.pt"]
 
 
-def test_what_the_runtime_would_refuse_is_not_written(tmp_path):
+def test_what_the_runtime_would_refuse_is_not_written_and_a_data_set_is_told_without_its_folders(tmp_path):
     with pytest.raises(ModelError, match="out of range"):
         export_network(lived_in(EDGE), tmp_path / "out.onnx", name="x", region_factor=1.5)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_data_set_is_told_without_its_folders():
     recipe = Recipe(("/somewhere/private/moon.tif",))
     assert dataset_facts(recipe) == msgspec.structs.asdict(recipe) | {"terrain": ["moon.tif"]}
 
