@@ -53,28 +53,20 @@ class Comparison:
 
     def recommendation(self) -> str:
         """One plain sentence that begins with ``int8`` or ``keep fp32``."""
-        keep = f"keep fp32: on this machine int8 is {self.speed_up:.2f} times as fast"
-        if self.speed_up < WORTH_IT:
-            return f"{keep}, and {WORTH_IT} is wanted."
         more, fewer = self.int8.gap - self.fp32.gap, self.fp32.success - self.int8.success
-        if not more <= GAP_LIMIT:
-            return (
-                f"{keep}, but the cost gap grows by {100 * more:.2f} points, and {100 * GAP_LIMIT:.1f} are allowed."
-            )
-        if fewer > SUCCESS_LIMIT:
-            return (
-                f"{keep}, but finds a path inside its region on {100 * fewer:.1f} % fewer of the queries, "
-                f"and {100 * SUCCESS_LIMIT:.0f} % is allowed."
-            )
-        if self.mean_difference > DIFFERENCE_LIMIT:
-            return (
-                f"{keep}, but its probabilities differ by {self.mean_difference:.4f} on average, and "
-                f"{DIFFERENCE_LIMIT} is allowed: leave nodes float (--exclude)."
-            )
-        return (
-            f"int8: {self.speed_up:.2f} times as fast on this machine, "
-            f"and the cost gap changes by {100 * more:+.2f} points."
-        )
+        as_fast = f"{self.speed_up:.2f} times as fast"
+        grows = f"but the cost gap grows by {100 * more:.2f} points, and {100 * GAP_LIMIT:.1f} are allowed"
+        misses = f"but finds a path inside its region on {100 * fewer:.1f} % fewer of the queries"
+        differs = f"but its probabilities differ by {self.mean_difference:.4f}: leave nodes float (--exclude)"
+        for holds, why in (
+            (self.speed_up >= WORTH_IT, f"and {WORTH_IT} is wanted"),
+            (more <= GAP_LIMIT, grows),
+            (fewer <= SUCCESS_LIMIT, f"{misses}, and {100 * SUCCESS_LIMIT:.0f} % is allowed"),
+            (self.mean_difference <= DIFFERENCE_LIMIT, differs),
+        ):
+            if not holds:
+                return f"keep fp32: on this machine int8 is {as_fast}, {why}."
+        return f"int8: {as_fast} on this machine, and the cost gap changes by {100 * more:+.2f} points."
 
 
 def compare(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int, rounds: int) -> Comparison:

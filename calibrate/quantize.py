@@ -107,15 +107,9 @@ def quantize(
     pool = read_samples(dataset, most_maps=2 * samples, size=size)
     pool, held_out = (pool, read_samples(validation, size=size)) if validation else split(pool, seed)
     calibration = spread(pool, samples, seed)
-    facts: dict[str, object] = {
-        "samples": len(calibration),
-        "method": "minmax",
-        "seed": seed,
-        "dataset_seed": read_recipe(dataset).seed,
-        "reduce_range": True,
-        "excluded": list(exclude),
-        "versions": {"nnpp_edge": __version__, "onnxruntime": ort.__version__, "onnx": onnx.__version__},
-    }
+    versions = {"nnpp_edge": __version__, "onnxruntime": ort.__version__, "onnx": onnx.__version__}
+    facts: dict[str, object] = {"samples": len(calibration), "seed": seed, "dataset_seed": read_recipe(dataset).seed}
+    facts |= {"method": "minmax", "reduce_range": True, "excluded": list(exclude), "versions": versions}
     with temporary_folder() as folder:
         made, quantised = quantised_graph(fp32, calibration, folder, exclude)
         path = folder / "int8.onnx"
@@ -124,17 +118,9 @@ def quantize(
     figures = {name: getattr(compared, name) for name in ("queries", "mean_difference", "max_difference")}
     content = _with_facts(made, fp32, facts | {"agreement": figures})
     write_whole(output, content)
-    return QuantizeReport(
-        source=str(fp32.path),
-        output=str(output),
-        samples=len(calibration),
-        excluded=tuple(exclude),
-        quantised=quantised,
-        fp32_bytes=fp32.path.stat().st_size,
-        int8_bytes=len(content),
-        compared=compared,
-        recommendation=compared.recommendation(),
-    )
+    source, sizes = str(fp32.path), (fp32.path.stat().st_size, len(content))
+    told = compared, compared.recommendation()
+    return QuantizeReport(source, str(output), len(calibration), tuple(exclude), quantised, *sizes, *told)
 
 
 def quantised_graph(

@@ -8,15 +8,14 @@ import logging
 import math
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, MutableSequence, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import msgspec
 import onnx
 import torch
-from onnx import TensorProto, helper
+from onnxscript import optimizer
 from torch import Tensor, nn
 
 from nnpp_edge import __version__
@@ -28,12 +27,12 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.network.inference import ASK, HEAD, METADATA_KEY, OUTPUT, PLACES, ModelMetadata
+from nnpp_edge.runtime.network.place_head import ANSWERS
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.shards import Recipe
 
 OPSET = 18
 """The oldest that torch's exporter writes of itself, so that older onnxruntimes read the file too."""
-M = TypeVar("M", onnx.NodeProto, onnx.TensorProto, onnx.ValueInfoProto)
 
 
 @dataclass(frozen=True)
@@ -95,11 +94,11 @@ def export_network(
     )
     ModelMetadata.from_json(facts.to_json(), str(output))  # what the runtime would refuse is not written
     model = to_onnx(network)
-    helper.set_model_props(model, {METADATA_KEY: facts.to_json()})
+    onnx.helper.set_model_props(model, {METADATA_KEY: facts.to_json()})
     onnx.checker.check_model(model, full_check=True)
     content = model.SerializeToString()
     write_whole(output, content)
-    macs = count_macs(body, tuple(example_inputs(spec).values()))
+    macs = count_macs(body, tuple(each for name, each in example_inputs(spec).items() if name != ASK))
     return ExportReport(str(output), len(content), len(model.graph.node), macs)
 
 
@@ -120,9 +119,8 @@ def to_onnx(network: Network) -> onnx.ModelProto:
         )
     assert program is not None
     model = program.model_proto
+    optimizer.remove_unused_nodes(model)  # and initializers, of which onnxruntime would warn
     _tidy(model.graph)
-    if with_head:
-        _make_head_optional(model.graph)
     return model
 
 
@@ -148,6 +146,7 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
     return {
         "map": torch.zeros(1, edge.MAP_CHANNELS * edge.UNSHUFFLE**2, map_side, map_side),
         "query": torch.zeros(1, ENDS_CHANNELS, query_side, query_side),
+        ASK: torch.tensor([True]),
     }
 
 
@@ -168,15 +167,26 @@ class _Probability(nn.Module):
 
 
 class _EncoderAndHead(nn.Module):
-    """The edge network with all outputs that the runtime needs: probabilities, places, the head's parameters."""
+    """The edge network with all outputs that the runtime needs: probabilities, places, the head's parameters.
+
+    Where the input `ASK` (1,) is false the probability is 0 and the encoder alone runs: onnxruntime takes longer to
+    run a part of a graph's outputs than to run all of it.
+    """
 
     def __init__(self, body: EdgeNet) -> None:
         super().__init__()
         self.body = body
 
-    def forward(self, planes: Tensor, query: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        places = self.body.encoder(planes)
-        return torch.sigmoid(self.body.head(places, query)), places, self.body.head.parameters_in_order()
+    def forward(self, planes: Tensor, query: Tensor, ask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        head, places = self.body.head, self.body.encoder(planes)
+
+        def asked(places: Tensor, query: Tensor) -> Tensor:
+            return torch.sigmoid(head(places, query)).contiguous()
+
+        def not_asked(places: Tensor, query: Tensor) -> Tensor:
+            return torch.zeros_like(query[:, :ANSWERS])
+
+        return torch.cond(ask, asked, not_asked, (places, query)), places, head.parameters_in_order()
 
 
 def _tidy(graph: onnx.GraphProto) -> None:
@@ -189,6 +199,9 @@ def _tidy(graph: onnx.GraphProto) -> None:
         name = f"{module}/{node.op_type}" if module else node.op_type
         taken[name] += 1
         node.name = name if taken[name] == 1 else f"{name}_{taken[name]}"
+        for attribute in node.attribute:
+            if attribute.HasField("g"):
+                _tidy(attribute.g)
     for part in (*graph.node, *graph.value_info, *graph.input, *graph.output, *graph.initializer, graph):
         del part.metadata_props[:]
         part.doc_string = ""
@@ -205,39 +218,3 @@ def nodes_leading_to(names: Iterable[str], graph: onnx.GraphProto) -> set[str]:
             found.add(node.name)
             waiting += [makers[name] for name in node.input if name in makers]
     return found
-
-
-def _make_head_optional(graph: onnx.GraphProto) -> None:
-    """Put all that leads to the probability, and to nothing else, into one branch of an ``If``.
-
-    The graph gets one more input, `ASK` (1,) bool. Where it is false the probability is 0 and the encoder alone runs:
-    onnxruntime takes longer to run a part of a graph's outputs than to run all of it.
-    """
-    kept = nodes_leading_to((PLACES, HEAD), graph)
-    inside, outside = ([n for n in graph.node if (n.name in kept) == shared] for shared in (False, True))
-    needed = {name for node in outside for name in node.input} | {value.name for value in graph.output}
-    weights = [tensor for tensor in graph.initializer if tensor.name not in needed]
-    moved = {name for node in inside for name in node.output} | {tensor.name for tensor in weights}
-    answer = next(value for value in graph.output if value.name == OUTPUT)
-    shape = [d.dim_value for d in answer.type.tensor_type.shape.dim]
-    computed, zero, shape_name = f"{OUTPUT}_computed", f"{OUTPUT}_zero", f"{OUTPUT}_shape"
-    for node in inside:
-        node.output[:] = [computed if name == OUTPUT else name for name in node.output]
-    values = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name in (computed, zero)]
-    fill = helper.make_tensor("", TensorProto.FLOAT, [1], [0.0])
-    zeros = helper.make_node("ConstantOfShape", [shape_name], [zero], name="head/Zero", value=fill)
-    sizes = helper.make_tensor(shape_name, TensorProto.INT64, [len(shape)], shape)
-    then_branch = helper.make_graph(inside, "head", [], values[:1], weights)
-    else_branch = helper.make_graph([zeros], "zero", [], values[1:], [sizes])
-    choice = helper.make_node("If", [ASK], [OUTPUT], "head/If", then_branch=then_branch, else_branch=else_branch)
-    _replace(graph.node, [*outside, choice])
-    _replace(graph.initializer, [tensor for tensor in graph.initializer if tensor.name not in moved])
-    _replace(graph.value_info, [value for value in graph.value_info if value.name not in moved])
-    graph.input.append(helper.make_tensor_value_info(ASK, TensorProto.BOOL, [1]))
-
-
-def _replace(field: MutableSequence[M], values: Sequence[M]) -> None:
-    """Put copies of the messages in the place of what the field holds."""
-    copies = [type(value).FromString(value.SerializeToString()) for value in values]
-    del field[:]
-    field.extend(copies)

@@ -38,23 +38,23 @@ def command(model: Path, dataset: Path, output: Path, as_json: bool, **settings:
 
 def render(r: "QuantizeReport") -> str:
     """The report as lines of text."""
-    c = r.compared
-    rows = [
+    c, both = r.compared, (r.compared.fp32, r.compared.int8)
+    times = c.fp32_latency, c.int8_latency
+    rows = (
         ("", "fp32", "int8"),
-        ("size, MB", f"{r.fp32_bytes / 1e6:.2f}", f"{r.int8_bytes / 1e6:.2f}"),
-        ("median, ms", f"{c.fp32_latency.median_ms:.2f}", f"{c.int8_latency.median_ms:.2f}"),
-        ("p99, ms", f"{c.fp32_latency.p99_ms:.2f}", f"{c.int8_latency.p99_ms:.2f}"),
-        ("cost gap, %", f"{100 * c.fp32.gap:.3f}", f"{100 * c.int8.gap:.3f}"),
-        ("found in region, %", f"{100 * c.fp32.success:.1f}", f"{100 * c.int8.success:.1f}"),
-        ("region, % of the map", f"{100 * c.fp32.region_share:.2f}", f"{100 * c.int8.region_share:.2f}"),
-    ]
-    return "\n".join(
-        [
-            f"{r.output}: calibrated on {r.samples} queries, compared on {c.queries} held-out ones",
-            *(f"  {name:22}{one:>9}{other:>9}" for name, one, other in rows),
-            f"  probabilities differ by {c.mean_difference:.4f} on average, {c.max_difference:.3f} at most; "
-            f"region at td × {c.fp32.factor:g}",
-            f"  {r.quantised} convolutions in int8, left float: {', '.join(('the head', *r.excluded))}",
-            r.recommendation,
-        ]
+        ("size, MB", *(f"{size / 1e6:.2f}" for size in (r.fp32_bytes, r.int8_bytes))),
+        ("median, ms", *(f"{time.median_ms:.2f}" for time in times)),
+        ("p99, ms", *(f"{time.p99_ms:.2f}" for time in times)),
+        ("cost gap, %", *(f"{100 * judged.gap:.3f}" for judged in both)),
+        ("found in region, %", *(f"{100 * judged.success:.1f}" for judged in both)),
+        ("region, % of the map", *(f"{100 * judged.region_share:.2f}" for judged in both)),
     )
+    lines = [
+        f"{r.output}: calibrated on {r.samples} queries, compared on {c.queries} held-out ones",
+        *(f"  {name:22}{one:>9}{other:>9}" for name, one, other in rows),
+        f"  probabilities differ by {c.mean_difference:.4f} on average, {c.max_difference:.3f} at most; "
+        f"region at td × {c.fp32.factor:g}",
+        f"  {r.quantised} convolutions in int8, left float: {', '.join(('the head', *r.excluded))}",
+        r.recommendation,
+    ]
+    return "\n".join(lines)

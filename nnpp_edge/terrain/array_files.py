@@ -3,6 +3,7 @@
 import math
 import warnings
 import zipfile
+from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
 
@@ -26,24 +27,18 @@ def read_arrays(path: Path, vertical_scale: float | None, window: Window | None)
 
     Raises TerrainError and InvalidQueryError as `read_dem` does, and whatever else NumPy raises for a broken file.
     """
-    cell = place = None
-    with path.open("rb") as file:
-        if file.read(4) in _ZIP_STARTS:
-            with _Archive(path) as archive:
-                cell, name = archive.cell(), archive.elevation_name()
-                promised = archive.promised(name)
-                row0, col0, rows, cols = checked_window(path, promised.shape, window)
-                check_room(path, (rows, cols), promised.dtype, promised.nbytes)
-                loaded, place = archive.array(name), archive.place()
-                place = place and place.of_part(row0, col0)
-        else:
-            file.seek(0)
-            promised = _promised(file)
-            check_grid(path, promised)
-            row0, col0, rows, cols = checked_window(path, promised.shape, window)
-            check_room(path, (rows, cols), promised.dtype)
-            loaded = np.load(path, mmap_mode="r", allow_pickle=False)
-    return metres(loaded[row0 : row0 + rows, col0 : col0 + cols], vertical_scale or 1.0), cell, place
+    with path.open("rb") as file, ExitStack() as stack:
+        archive = stack.enter_context(_Archive(path)) if file.read(4) in _ZIP_STARTS else None
+        file.seek(0)
+        cell, name = (archive.cell(), archive.elevation_name()) if archive else (None, "")
+        promised = archive.promised(name) if archive else _promised(file)
+        check_grid(path, promised)
+        row0, col0, rows, cols = checked_window(path, promised.shape, window)
+        check_room(path, (rows, cols), promised.dtype, promised.nbytes if archive else 0)
+        loaded = archive.array(name) if archive else np.load(path, mmap_mode="r", allow_pickle=False)
+        place = archive.place() if archive else None
+    part = loaded[row0 : row0 + rows, col0 : col0 + cols]
+    return metres(part, vertical_scale or 1.0), cell, place and place.of_part(row0, col0)
 
 
 def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
@@ -96,7 +91,6 @@ class _Archive(zipfile.ZipFile):
                 wanted, got = ", ".join(_ARRAY_NAMES), ", ".join(self.names) or "nothing"
                 raise TerrainError(f"{self.path}: wanted {wanted} or a single 2-D array, got {got}")
             name = grids[0]
-        check_grid(self.path, self.promised(name))
         return name
 
     def cell(self) -> tuple[float, float] | None:

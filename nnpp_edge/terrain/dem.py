@@ -174,10 +174,10 @@ def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
 
 
 def raster_bytes(path: Path, array: npt.ArrayLike, dem: Dem) -> bytes:
-    """What `write_raster` writes, and its errors."""
+    """The file's content, and the errors, of `write_raster`."""
     values = unmasked(array)
-    if values.shape != dem.elevation.shape or values.dtype.kind not in "biuf":
-        wanted = f"wanted a {dem.elevation.shape} array of numbers"
+    if values.shape != dem.shape or values.dtype.kind not in "biuf":
+        wanted = f"wanted a {dem.shape} array of numbers"
         raise OutputError(f"{path}: {wanted}, got {values.shape} {values.dtype}")
     with refused_as(OutputError, f"{path}: could not be written"):
         return geotiff_bytes(path.name, values, dem.georeference)

@@ -61,8 +61,10 @@ def openable(path: Path, allow_vrt: bool) -> tuple[Path, list[str]]:
         return opened, ["VRT"]
     if b"PDS_VERSION_ID" in head:
         _check_label(path, opened, head)
-    if head.startswith(_TIFF_STARTS):
-        _check_directory(path, opened, head)
+    if head.startswith(_TIFF_STARTS):  # libtiff would print on stderr where the first directory lies beyond the end
+        big, order = b"+" in head[2:4], "little" if head.startswith(b"II") else "big"
+        if int.from_bytes(head[8:16] if big else head[4:8], order) >= opened.stat().st_size:  # type: ignore[arg-type]
+            raise TerrainError(f"{path}: wanted a whole TIFF, got one whose first directory lies beyond its end")
     _check_sidecars(path, opened)
     return opened, list(DRIVERS)
 
@@ -96,14 +98,6 @@ def _check_label(path: Path, opened: Path, head: bytes) -> None:
                 _check_plain(path, compressed)
 
 
-def _check_directory(path: Path, opened: Path, head: bytes) -> None:
-    """TerrainError for a TIFF whose first directory lies beyond its end; libtiff would print on stderr there."""
-    big = b"+" in head[2:4]
-    offset = int.from_bytes(head[8:16] if big else head[4:8], "little" if head.startswith(b"II") else "big")
-    if offset >= opened.stat().st_size:
-        raise TerrainError(f"{path}: wanted a whole TIFF, got one whose first directory lies beyond its end")
-
-
 def _check_plain(path: Path, other: Path) -> None:
     """TerrainError, in the name of `path`, for another file that is no plain raster, or whose sidecar is none."""
     head = _head(other)
@@ -114,7 +108,7 @@ def _check_plain(path: Path, other: Path) -> None:
 
 
 def _check_sidecars(path: Path, opened: Path) -> None:
-    """The files beside a raster that GDAL would open with it."""
+    """TerrainError for a file beside a raster that GDAL would open with it, and that is no plain one."""
     start = f"{opened.stem.lower()}."
     for other in opened.parent.iterdir():
         if other.suffix.lower() in _SIDECARS and other.name.lower().startswith(start):

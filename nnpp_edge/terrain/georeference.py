@@ -50,9 +50,8 @@ class Place:
     """Where a map lies, and how large its cells are: what maps in memory and maps read by windows share."""
 
     cell_size_m: float
-    """Side of a cell along a column of the map (north-south)."""
+    """Side of a cell along a column of the map (north-south); `cell_width_m` along a row (east-west)."""
     cell_width_m: float
-    """Side along a row (east-west)."""
     georeference: Georeference | None
     """Where the cells lie, in the coordinates of the file."""
     source: Path

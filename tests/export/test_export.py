@@ -199,8 +199,8 @@ def test_the_file_is_whole_folded_and_free_of_local_paths(exported):
     names = [node.name for node in model.graph.node]
     assert len(set(names)) == len(names)
     if network.spec.architecture == "edge":
-        assert {"encoder.stem.1/Conv", "encoder.describe/Conv", "head/If"} <= set(names)
-        assert all(name.startswith(("encoder.", "head/")) for name in names)
+        assert {"encoder.stem.1/Conv", "encoder.describe/Conv", "If"} <= set(names)
+        assert all(name.startswith(("encoder.", "If")) for name in names)
     assert not re.search(rb"\.py\b", file.read_bytes())
     modes = {a.s for n in model.graph.node if n.op_type == "Resize" for a in n.attribute if a.name == "mode"}
     assert modes == {b"nearest"}  # int8 values stay as they are
@@ -217,13 +217,10 @@ def test_what_is_no_checkpoint_is_refused_and_nothing_is_written(nnpp_edge, tmp_
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.pt"]
 
 
-def test_what_the_runtime_would_refuse_is_not_written(tmp_path):
+def test_what_the_runtime_would_refuse_is_not_written_and_a_data_set_is_told_without_its_folders(tmp_path):
     with pytest.raises(ModelError, match="out of range"):
         export_network(lived_in(EDGE), tmp_path / "out.onnx", name="x", region_factor=1.5)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_data_set_is_told_without_its_folders():
     recipe = Recipe(("/somewhere/private/moon.tif",))
     assert dataset_facts(recipe) == msgspec.structs.asdict(recipe) | {"terrain": ["moon.tif"]}
 

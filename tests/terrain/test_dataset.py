@@ -264,12 +264,9 @@ def test_maps_are_made_by_ones_own_limits_and_cells(tmp_path):
 
 
 def test_cells_that_are_not_square_are_judged_by_both_sides(tmp_path):
-    rows, cols = np.mgrid[:70, :70].astype(np.float32)
-    np.savez(tmp_path / "dem.npz", elevation_m=cols, cell_size_m=1.0, cell_width_m=10.0)
-    plain = {"synthetic_share": 0.0, "obstacle_share": 0.0, "margin_share": 0.0, "poolings": ((1, 1.0),)}
-    recipe = msgspec.structs.replace(
-        RECIPE, terrain=(str(tmp_path / "dem.npz"),), cell_sizes_m=(), workloads=(("limit20", 1.0),), **plain
-    )
+    cols = np.mgrid[:70, :70][1].astype(np.float32)
+    recipe = of_terrain(tmp_path, cols, cell_sizes_m=(), workloads=(("limit20", 1.0),), poolings=((1, 1.0),))
+    np.savez(recipe.terrain[0], elevation_m=cols, cell_size_m=1.0, cell_width_m=10.0)
     planes = make_shard(recipe, read_terrain(recipe), np.random.default_rng(0), 2)["planes"]
     assert planes[:, 1, 2:-2, 2:-2].max() == 0  # a slope of 6°, not of 45°
 

@@ -14,13 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rasterio import Affine
 
-from nnpp_edge.runtime.errors import (
-    InvalidQueryError,
-    MissingExtraError,
-    NnppEdgeError,
-    OutputError,
-    TerrainError,
-)
+from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, NnppEdgeError, OutputError, TerrainError
 from nnpp_edge.terrain.dem import Dem, Georeference, read_dem, write_raster
 
 HEIGHTS = np.random.default_rng(7).uniform(-50, 80, (6, 9)).astype(np.float32)
@@ -68,7 +62,7 @@ def refused(path: Path, *words: str, **options: Any) -> None:
         assert word in message
 
 
-# GDAL's rasters
+# Rasters
 
 
 def test_a_metric_geotiff_keeps_its_heights_and_cells(tmp_path):
@@ -77,17 +71,21 @@ def test_a_metric_geotiff_keeps_its_heights_and_cells(tmp_path):
     np.testing.assert_array_equal(dem.elevation, HEIGHTS)
     assert dem.elevation.dtype == np.float32 and dem.elevation.flags.c_contiguous
     assert dem.cell_size_m == pytest.approx(5.0, rel=3e-4) and dem.cell_width_m == dem.cell_size_m  # UTM's own scale
-    assert dem.source == path
-    assert dem.georeference.transform == tuple(NORTH_UP)[:6]
+    assert dem.source == path and dem.georeference.transform == tuple(NORTH_UP)[:6]
     assert rasterio.CRS.from_wkt(dem.georeference.crs) == rasterio.CRS.from_string(UTM)
 
 
-def test_cells_that_are_not_square_keep_both_sides_and_a_given_size_wins(tmp_path):
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+def test_sides_are_the_files_or_those_that_are_given(tmp_path):
     path = geotiff(tmp_path / "wide.tif", transform=Affine(3, 0, 0, 0, -2, 0))
-    dem, given = read_dem(path), read_dem(path, cell_size_m=10)
+    dem, given_size = read_dem(path), read_dem(path, cell_size_m=10)
     assert (dem.cell_size_m, dem.cell_width_m, dem.georeference.crs) == (2.0, 3.0, None)
-    assert (given.cell_size_m, given.cell_width_m) == (10.0, 15.0)
-    np.testing.assert_array_equal(given.elevation, HEIGHTS)
+    assert (given_size.cell_size_m, given_size.cell_width_m) == (10.0, 15.0)
+    np.testing.assert_array_equal(given_size.elevation, HEIGHTS)
+    path = geotiff(tmp_path / "plain.tif", transform=Affine.identity())
+    refused(path, "no cell size in the file; give it with --cell-size METRES")
+    dem = read_dem(path, cell_size_m=2.5)
+    assert (dem.cell_size_m, dem.cell_width_m, dem.georeference) == (2.5, 2.5, None)
 
 
 def test_feet_become_metres(tmp_path):
@@ -102,47 +100,21 @@ def test_feet_become_metres(tmp_path):
 
 def test_degrees_become_metres_on_the_body_they_lie_on(tmp_path):
     step, top = 1 / 256, 60.0
-    transform = Affine(step, 0, 30, 0, -step, top)
-    dem = read_dem(geotiff(tmp_path / "moon.tif", crs=MOON_DEGREES, transform=transform))
+    dem = read_dem(geotiff(tmp_path / "moon.tif", crs=MOON_DEGREES, transform=Affine(step, 0, 30, 0, -step, top)))
     side = 2 * math.pi * MOON_RADIUS_M / 360 * step
     assert dem.cell_size_m == pytest.approx(side, rel=1e-6)
     assert dem.cell_width_m == pytest.approx(side * math.cos(math.radians(top - 3 * step)), rel=1e-6)
     for crs in ("EPSG:4326", "EPSG:4979"):
-        transform = Affine(0.001, 0, 10, 0, -0.001, 0.003)
-        dem = read_dem(geotiff(tmp_path / "earth.tif", crs=crs, transform=transform))
+        dem = read_dem(geotiff(tmp_path / "earth.tif", crs=crs, transform=Affine(0.001, 0, 10, 0, -0.001, 0.003)))
         assert dem.cell_width_m == pytest.approx(6378137.0 * math.radians(0.001))
         assert dem.cell_size_m == pytest.approx(6335439.3 * math.radians(0.001))  # the meridian is rounder there
 
 
-def test_an_ellipsoid_in_feet_is_measured_in_metres(tmp_path):
-    geotiff(tmp_path / "heights.tif", HEIGHTS)
-    axes = "".join(
-        f'AXIS["{name}",{way},ANGLEUNIT["degree",0.0174532925199433]],'
-        for name, way in (("geodetic latitude (Lat)", "north"), ("geodetic longitude (Lon)", "east"))
-    )
-    crs = (
-        'GEOGCRS["Old",DATUM["Old",ELLIPSOID["Old",1000000,0,LENGTHUNIT["foot",0.3048]]],'
-        f'CS[ellipsoidal,3],{axes}AXIS["ellipsoidal height (h)",up,LENGTHUNIT["metre",1]]]'
-    )
-    (tmp_path / "old.vrt").write_text(
-        f"""<VRTDataset rasterXSize="9" rasterYSize="6"><SRS>{crs.replace('"', "&quot;")}</SRS>
-        <GeoTransform>0, 0.001, 0, 0, 0, -0.001</GeoTransform>
-        <VRTRasterBand dataType="Float32" band="1"><SimpleSource>
-        <SourceFilename relativeToVRT="1">heights.tif</SourceFilename><SourceBand>1</SourceBand>
-        </SimpleSource></VRTRasterBand></VRTDataset>"""
-    )
-    dem = read_dem(tmp_path / "old.vrt", allow_vrt=True)
-    assert "ELLIPSOID" in dem.georeference.crs  # not turned into the older form, which is in metres anyway
-    assert dem.cell_size_m == pytest.approx(304_800 * math.radians(0.001))
-
-
 @given(st.floats(0, 360), st.floats(0.5, 40), st.floats(0.5, 40))
 def test_a_turned_map_keeps_its_cells(tmp_path_factory, angle, width, height):
-    folder = tmp_path_factory.mktemp("turned")
-    path = geotiff(folder / "turned.tif", transform=turned(angle, width, height))
+    path = geotiff(tmp_path_factory.mktemp("turned") / "turned.tif", transform=turned(angle, width, height))
     dem = read_dem(path)
-    assert dem.cell_size_m == pytest.approx(height)
-    assert dem.cell_width_m == pytest.approx(width)
+    assert (dem.cell_size_m, dem.cell_width_m) == pytest.approx((height, width))
 
 
 def test_nodata_masks_infinities_and_fill_values_become_nan(tmp_path):
@@ -151,84 +123,68 @@ def test_nodata_masks_infinities_and_fill_values_become_nan(tmp_path):
     elevation = read_dem(geotiff(tmp_path / "holes.tif", heights, crs=UTM, nodata=-9999)).elevation
     assert np.isnan(elevation[0, :4]).all()
     np.testing.assert_array_equal(elevation.ravel()[4:], HEIGHTS.ravel()[4:])
-
-
-def test_a_mask_beside_the_band_becomes_nan(tmp_path):
-    path = geotiff(tmp_path / "masked.tif", crs=UTM)
-    known = HEIGHTS > 0
+    path, known = geotiff(tmp_path / "masked.tif", crs=UTM), HEIGHTS > 0
     with rasterio.open(path, "r+") as dataset:
         dataset.write_mask(known)
     np.testing.assert_array_equal(np.isfinite(read_dem(path).elevation), known)
 
 
-def test_scale_and_offset_of_the_band_are_applied_but_not_to_nodata(tmp_path):
+def test_scale_and_offset_of_the_band_are_applied_but_not_to_nodata_nor_a_bodys_radius(tmp_path):
     stored = np.array([[0, 100], [-32768, 300]], np.int16)
     path = geotiff(tmp_path / "dm.tif", stored, crs=UTM, nodata=-32768, scales=[0.1], offsets=[1000.0])
     np.testing.assert_allclose(read_dem(path).elevation, [[1000, 1010], [np.nan, 1030]], rtol=1e-6)
-
-
-def test_an_offset_as_large_as_a_body_is_left_out_and_no_detail_is_lost(tmp_path):
-    stored = np.array([[0.0, 0.001], [0.002, 0.003]], np.float32)
-    path = geotiff(tmp_path / "radius.tif", stored, crs=UTM, scales=[1.0], offsets=[MOON_RADIUS_M])
-    np.testing.assert_array_equal(read_dem(path).elevation, stored)
+    fine = np.array([[0.0, 0.001], [0.002, 0.003]], np.float32)
+    path = geotiff(tmp_path / "radius.tif", fine, crs=UTM, scales=[1.0], offsets=[MOON_RADIUS_M])
+    np.testing.assert_array_equal(read_dem(path).elevation, fine)
 
 
 def test_what_is_no_map_of_heights_is_refused(tmp_path):
+    beyond = {"crs": "EPSG:4326", "transform": Affine(1, 0, 0, 0, -1, 150)}
     for heights, words, profile in (
         (np.zeros((3, 4, 4), np.uint8), "wanted one band of elevation, got 3 bands", {"crs": UTM}),
         (HEIGHTS.astype(np.complex64), "complex64", {"crs": UTM}),
         (np.full((3, 3), -1, np.int16), "no cell with a known", {"nodata": -1}),
         (HEIGHTS, "turned back", {"crs": UTM, "transform": Affine(1, 2, 0, 2, 4, 0)}),
-        (HEIGHTS, "wanted latitudes within the poles, got 147°",
-         {"crs": "EPSG:4326", "transform": Affine(1, 0, 0, 0, -1, 150)}),
-    ):  # fmt: skip
+        (HEIGHTS, "wanted latitudes within the poles, got 147°", beyond),
+    ):
         refused(geotiff(tmp_path / "map.tif", heights, **profile), words)
 
 
-@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
-def test_without_a_cell_size_the_user_is_asked_for_one(tmp_path):
-    path = geotiff(tmp_path / "plain.tif", transform=Affine.identity())
-    refused(path, "no cell size in the file; give it with --cell-size METRES")
-    dem = read_dem(path, cell_size_m=2.5)
-    assert (dem.cell_size_m, dem.cell_width_m, dem.georeference) == (2.5, 2.5, None)
-
-
-def test_reading_says_nothing_on_the_side(tmp_path, capfd, recwarn):
+def test_reading_says_nothing_on_the_side_and_the_refusal_gives_the_first_cause(tmp_path, capfd, recwarn):
     read_dem(geotiff(tmp_path / "plain.tif", transform=Affine.identity()), cell_size_m=1)
     recwarn.clear()
     read_dem(tmp_path / "plain.tif", cell_size_m=1)
     (tmp_path / "broken.tif").write_bytes(b"II*\x00" + b"\xff" * 60)
     refused(tmp_path / "broken.tif")
-    assert capfd.readouterr() == ("", "")
-    assert len(recwarn) == 0
+    path = geotiff(tmp_path / "x.tif", np.zeros((300, 300), np.float32), crs=UTM)
+    path.write_bytes(path.read_bytes()[:200_000])
+    with pytest.raises(TerrainError, match=r"x.tif: .*(strip|Strip)") as caught:
+        read_dem(path)
+    assert "See previous exception" not in str(caught.value)
+    assert capfd.readouterr() == ("", "") and len(recwarn) == 0
 
 
 # The part that is read
 
 
-@pytest.mark.parametrize("name", ["part.tif", "part.npy", "part.npz", "part.png"])
-def test_a_window_reads_that_part(tmp_path, name):
-    path, heights = tmp_path / name, np.arange(54, dtype=np.uint16).reshape(6, 9)
-    {
-        ".tif": lambda: geotiff(path, heights, crs=UTM),
-        ".npy": lambda: np.save(path, heights),
-        ".npz": lambda: np.savez(path, dem=heights),
-        ".png": lambda: cv2.imwrite(str(path), heights),
-    }[path.suffix]()
-    dem = read_dem(path, cell_size_m=5, vertical_scale=1, window=(2, 3, 3, 4))
-    np.testing.assert_array_equal(dem.elevation, heights[2:5, 3:7])
-    for window in [(0, 0, 7, 1), (-1, 0, 2, 2), (0, 9, 1, 1), (0, 0, 0, 3)]:
-        with pytest.raises(InvalidQueryError, match=r"must lie in 6 rows, 9 columns"):
-            read_dem(path, cell_size_m=5, vertical_scale=1, window=window)
+def test_a_window_reads_that_part(tmp_path):
+    heights = np.arange(54, dtype=np.uint16).reshape(6, 9)
+    geotiff(tmp_path / "part.tif", heights, crs=UTM)
+    np.save(tmp_path / "part.npy", heights)
+    np.savez(tmp_path / "part.npz", dem=heights)
+    cv2.imwrite(str(tmp_path / "part.png"), heights)
+    for path in tmp_path.iterdir():
+        dem = read_dem(path, cell_size_m=5, vertical_scale=1, window=(2, 3, 3, 4))
+        np.testing.assert_array_equal(dem.elevation, heights[2:5, 3:7])
+        for window in [(0, 0, 7, 1), (-1, 0, 2, 2), (0, 9, 1, 1), (0, 0, 0, 3)]:
+            with pytest.raises(InvalidQueryError, match=r"must lie in 6 rows, 9 columns"):
+                read_dem(path, cell_size_m=5, vertical_scale=1, window=window)
 
 
-def test_a_windows_cells_stay_where_they_were(tmp_path):
+def test_a_windows_cells_stay_where_they_were_and_are_as_wide_as_at_its_own_latitude(tmp_path):
     path = geotiff(tmp_path / "turned.tif", crs=UTM, transform=turned(20, 3, 2))
     whole, part = read_dem(path), read_dem(path, window=(2, 3, 3, 4))
     assert part.map_coordinates(1, 1) == pytest.approx(whole.map_coordinates(3, 4), abs=1e-6)
-
-
-def test_a_windows_cells_are_as_wide_as_at_its_own_latitude(tmp_path):
     path = geotiff(tmp_path / "tall.tif", crs=MOON_DEGREES, transform=Affine(1, 0, 0, 0, -10, 60))
     with pytest.warns(UserWarning, match="up to 11 % off"):
         dem = read_dem(path, window=(0, 0, 2, 2))
@@ -240,25 +196,16 @@ def test_a_windows_cells_are_as_wide_as_at_its_own_latitude(tmp_path):
 ASCII = "ncols 3\nnrows 2\nxllcorner 100\nyllcorner 50\ncellsize 5\nNODATA_value -9999\n1 2.5 -9999\n4 5 6\n"
 
 
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_an_ascii_grid_is_read(tmp_path, end):
+def test_an_ascii_grid_is_read_and_refused_and_not_filled_with_zeros_where_it_is_cut_short(tmp_path):
     path = tmp_path / "grid.asc"
-    path.write_text(ASCII, newline=end)
-    dem = read_dem(path)
-    np.testing.assert_array_equal(dem.elevation, np.array([[1, 2.5, np.nan], [4, 5, 6]], np.float32))
-    assert (dem.cell_size_m, dem.cell_width_m) == (5.0, 5.0)
-    assert dem.map_coordinates(1, 0) == (102.5, 52.5)
-
-
-@pytest.mark.parametrize("broken", [ASCII.replace("5 6", "5"), ASCII.replace("5 6", "5 six")])
-def test_an_ascii_grid_cut_short_is_refused_and_not_filled_with_zeros(tmp_path, broken):
-    path = tmp_path / "grid.asc"
-    path.write_text(broken)
-    refused(path)
-
-
-def test_an_ascii_grid_may_begin_with_nan(tmp_path):
-    path = tmp_path / "grid.asc"
+    for end in ("\n", "\r\n"):
+        path.write_text(ASCII, newline=end)
+        dem = read_dem(path)
+        np.testing.assert_array_equal(dem.elevation, np.array([[1, 2.5, np.nan], [4, 5, 6]], np.float32))
+        assert (dem.cell_size_m, dem.cell_width_m, dem.map_coordinates(1, 0)) == (5.0, 5.0, (102.5, 52.5))
+    for broken in ("5", "5 six"):
+        path.write_text(ASCII.replace("5 6", broken))
+        refused(path)
     path.write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 5\nnan 2\n4 5\n")
     np.testing.assert_array_equal(read_dem(path).elevation, [[np.nan, 2], [4, 5]])
 
@@ -321,8 +268,9 @@ def test_a_pds3_image_is_read_through_the_label_beside_it(detached):
     for path in (image, label):
         dem = read_dem(path)
         np.testing.assert_array_equal(dem.elevation, heights)
-        assert dem.cell_size_m == pytest.approx(118)
-        assert dem.source == path
+        assert dem.cell_size_m == pytest.approx(118) and dem.source == path
+    label.write_bytes(label.read_bytes().replace(b"METER", b"KILOMETER").replace(b"1737400", b"1737.4"))
+    np.testing.assert_allclose(read_dem(label).elevation, heights * 1000, rtol=1e-6)
 
 
 def test_a_pds3_image_cut_short_is_refused_and_not_filled_with_zeros(detached):
@@ -347,59 +295,6 @@ def test_a_pds3_image_that_its_label_calls_compressed_is_read(detached):
     assert np.nanmax(read_dem(label).elevation) == pytest.approx(1000 * float(stored.max()))
 
 
-def test_an_array_file_is_read_with_the_cell_size_given(tmp_path):
-    for dtype in (np.float64, np.int16, ">f4", np.float16):
-        heights = np.asfortranarray(HEIGHTS.astype(dtype))
-        np.save(tmp_path / "map.npy", heights)
-        refused(tmp_path / "map.npy", "--cell-size")
-        dem = read_dem(tmp_path / "map.npy", cell_size_m=0.5, vertical_scale=2)
-        np.testing.assert_array_equal(dem.elevation, 2 * heights.astype(np.float32))
-        for elevation in (dem.elevation, read_dem(tmp_path / "map.npy", cell_size_m=0.5).elevation):
-            assert elevation.dtype == np.float32 and elevation.flags.c_contiguous
-        assert (dem.cell_size_m, dem.georeference) == (0.5, None)
-
-
-def test_an_archive_holds_heights_and_cell_size_under_several_names(tmp_path):
-    for name in ("elevation_m", "elevation", "dem", "anything"):
-        for size in ("cell_size_m", "cell_m"):
-            np.savez(tmp_path / "map.npz", **{name: HEIGHTS, size: 3.0, "note": np.arange(3)})
-            dem = read_dem(tmp_path / "map.npz")
-            np.testing.assert_array_equal(dem.elevation, HEIGHTS)
-            assert (dem.cell_size_m, dem.cell_width_m) == (3.0, 3.0)
-    np.savez(tmp_path / "map.npz", dem=HEIGHTS, other=HEIGHTS * 2, cell_size_m=4, cell_width_m=[2.0])
-    dem = read_dem(tmp_path / "map.npz")
-    np.testing.assert_array_equal(dem.elevation, HEIGHTS)
-    assert (dem.cell_size_m, dem.cell_width_m) == (4.0, 2.0)
-    assert read_dem(tmp_path / "map.npz", cell_size_m=10).cell_width_m == 5.0
-
-
-def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path):
-    place = "transform must be 6 numbers (a, b, c, d, e, f)"
-    for arrays, word in (
-        ({"a": HEIGHTS, "b": HEIGHTS}, "got a, b"),
-        ({}, "got nothing"),
-        ({"dem": HEIGHTS[None]}, "(1, 6, 9)"),
-        ({"dem": HEIGHTS, "cell_m": -1.0}, "cell_m must be one number above 0"),
-        ({"dem": HEIGHTS, "cell_m": np.nan}, "cell_m must be one number above 0"),
-        ({"dem": HEIGHTS, "cell_m": "5 m"}, "cell_m must be one number above 0"),
-        ({"dem": HEIGHTS, "cell_width_m": 2.0}, "cell_size_m beside"),
-        ({"dem": np.array([[{}]])}, "object"),
-        *(({"dem": HEIGHTS, "cell_m": 1.0, "transform": transform}, place)
-          for transform in (np.zeros(6), np.arange(5.0), [1, 2, 3, 4, 5, np.nan], np.array(["a"] * 6))),
-    ):  # fmt: skip
-        np.savez(tmp_path / "map.npz", **arrays)
-        refused(tmp_path / "map.npz", word)
-
-
-def test_an_array_that_is_no_elevation_map_is_refused(tmp_path):
-    for array in (
-        HEIGHTS[0], np.zeros((0, 4)), HEIGHTS.astype(complex), np.zeros((3, 3), bool), np.full((3, 3), "1"),
-        np.full((3, 3), np.nan), np.array([[None, 1.0]]),
-    ):  # fmt: skip
-        np.save(tmp_path / "map.npy", array)
-        refused(tmp_path / "map.npy", cell_size_m=1)
-
-
 def test_a_16_bit_png_becomes_metres_and_another_picture_is_refused(tmp_path):
     path, levels = tmp_path / "grey.png", np.array([[0, 1], [40000, 65535]], np.uint16)
     cv2.imwrite(str(path), levels)
@@ -410,6 +305,56 @@ def test_a_16_bit_png_becomes_metres_and_another_picture_is_refused(tmp_path):
     for shape, kind in (((4, 4), "uint8"), ((4, 4, 3), "uint8"), ((4, 4, 3), "uint16")):
         cv2.imwrite(str(path), np.zeros(shape, kind))
         refused(path, "wanted a grey 16-bit PNG", f"got {shape[2] if shape[2:] else 1} × {kind}", cell_size_m=1)
+
+
+def test_an_array_file_is_read_with_the_cell_size_given(tmp_path):
+    path = tmp_path / "map.npy"
+    for dtype in (np.float64, np.int16, ">f4", np.float16):
+        heights = np.asfortranarray(HEIGHTS.astype(dtype))
+        np.save(path, heights)
+        refused(path, "--cell-size")
+        dem = read_dem(path, cell_size_m=0.5, vertical_scale=2)
+        np.testing.assert_array_equal(dem.elevation, 2 * heights.astype(np.float32))
+        for elevation in (dem.elevation, read_dem(path, cell_size_m=0.5).elevation):
+            assert elevation.dtype == np.float32 and elevation.flags.c_contiguous
+        assert (dem.cell_size_m, dem.georeference) == (0.5, None)
+    for array in (
+        HEIGHTS[0], np.zeros((0, 4)), HEIGHTS.astype(complex), np.zeros((3, 3), bool), np.full((3, 3), "1"),
+        np.full((3, 3), np.nan), np.array([[None, 1.0]]),
+    ):  # fmt: skip
+        np.save(path, array)
+        refused(path, cell_size_m=1)
+
+
+def test_an_archive_holds_heights_and_cell_size_under_several_names(tmp_path):
+    path = tmp_path / "map.npz"
+    for name in ("elevation_m", "elevation", "dem", "anything"):
+        for size in ("cell_size_m", "cell_m"):
+            np.savez(path, **{name: HEIGHTS, size: 3.0, "note": np.arange(3)})
+            dem = read_dem(path)
+            np.testing.assert_array_equal(dem.elevation, HEIGHTS)
+            assert (dem.cell_size_m, dem.cell_width_m) == (3.0, 3.0)
+    np.savez(path, dem=HEIGHTS, other=HEIGHTS * 2, cell_size_m=4, cell_width_m=[2.0])
+    dem = read_dem(path)
+    np.testing.assert_array_equal(dem.elevation, HEIGHTS)
+    assert (dem.cell_size_m, dem.cell_width_m) == (4.0, 2.0)
+    assert read_dem(path, cell_size_m=10).cell_width_m == 5.0
+
+
+def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path):
+    place, cell = "transform must be 6 numbers (a, b, c, d, e, f)", "cell_m must be one number above 0"
+    transforms = np.zeros(6), np.arange(5.0), [1, 2, 3, 4, 5, np.nan], np.array(["a"] * 6)
+    for arrays, word in (
+        ({"a": HEIGHTS, "b": HEIGHTS}, "got a, b"),
+        ({}, "got nothing"),
+        ({"dem": HEIGHTS[None]}, "(1, 6, 9)"),
+        ({"dem": HEIGHTS, "cell_width_m": 2.0}, "cell_size_m beside"),
+        ({"dem": np.array([[{}]])}, "object"),
+        *(({"dem": HEIGHTS, "cell_m": size}, cell) for size in (-1.0, np.nan, "5 m")),
+        *(({"dem": HEIGHTS, "cell_m": 1.0, "transform": transform}, place) for transform in transforms),
+    ):
+        np.savez(tmp_path / "map.npz", **arrays)
+        refused(tmp_path / "map.npz", word)
 
 
 # Files that are no terrain at all
@@ -426,22 +371,18 @@ def test_what_is_no_terrain_is_refused(tmp_path):
     refused(tmp_path / "drive.mcap", "wanted an elevation map, got a recording of messages", "nnpp_edge.ros.maps")
 
 
-@pytest.mark.parametrize("name", ["x.tif", "x.npy", "x.npz", "x.png"])
-def test_a_file_cut_short_is_refused(tmp_path, name):
-    path, heights = tmp_path / name, np.random.default_rng(3).integers(0, 60000, (80, 80)).astype(np.uint16)
-    if path.suffix == ".png":
-        cv2.imwrite(str(path), heights)
-    elif path.suffix == ".tif":
-        geotiff(path, heights, crs=UTM, compress="deflate")
-    elif path.suffix == ".npy":
-        np.save(path, heights)
-    else:
-        np.savez_compressed(path, dem=heights)
-    read_dem(path, cell_size_m=1, vertical_scale=1)
-    content = path.read_bytes()
-    for kept in (0.2, 0.5, 0.95):
-        path.write_bytes(content[: int(kept * len(content))])
-        refused(path, "wanted", cell_size_m=1, vertical_scale=1)
+def test_a_file_cut_short_is_refused(tmp_path):
+    heights = np.random.default_rng(3).integers(0, 60000, (80, 80)).astype(np.uint16)
+    geotiff(tmp_path / "x.tif", heights, crs=UTM, compress="deflate")
+    np.save(tmp_path / "x.npy", heights)
+    np.savez_compressed(tmp_path / "x.npz", dem=heights)
+    cv2.imwrite(str(tmp_path / "x.png"), heights)
+    for path in tmp_path.iterdir():
+        read_dem(path, cell_size_m=1, vertical_scale=1)
+        content = path.read_bytes()
+        for kept in (0.2, 0.5, 0.95):
+            path.write_bytes(content[: int(kept * len(content))])
+            refused(path, "wanted", cell_size_m=1, vertical_scale=1)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of odd systems
@@ -458,14 +399,6 @@ def test_damage_anywhere_ends_in_a_map_or_in_a_clear_refusal(tmp_path_factory, a
         assert str(error).startswith(str(path)) and "\n" not in str(error)
     else:
         assert dem.elevation.dtype == np.float32 and np.isfinite(dem.elevation).any()
-
-
-def test_the_refusal_gives_the_first_cause(tmp_path):
-    path = geotiff(tmp_path / "x.tif", np.zeros((300, 300), np.float32), crs=UTM)
-    path.write_bytes(path.read_bytes()[:200_000])
-    with pytest.raises(TerrainError, match=r"x.tif: .*(strip|Strip)") as caught:
-        read_dem(path)
-    assert "See previous exception" not in str(caught.value)
 
 
 def test_options_that_make_no_sense_are_refused(tmp_path):
@@ -496,12 +429,12 @@ def test_without_rasterio_the_extra_is_named_and_arrays_still_read(tmp_path, mon
 def test_rescaling_keeps_every_slope(cell_size_m):
     dem = dem_of()
     grown = dem.rescaled(cell_size_m)
-    assert grown.cell_size_m == cell_size_m
-    assert grown.elevation.dtype == np.float32
+    assert grown.cell_size_m == cell_size_m and grown.elevation.dtype == np.float32
     for axis, side in ((0, "cell_size_m"), (1, "cell_width_m")):
         slope = np.diff(dem.elevation.astype(float), axis=axis) / getattr(dem, side)
         grown_slope = np.diff(grown.elevation.astype(float), axis=axis) / getattr(grown, side)
         np.testing.assert_allclose(grown_slope, slope, atol=1e-5)
+    np.testing.assert_array_equal(dem.elevation, HEIGHTS)
 
 
 @given(
@@ -545,14 +478,13 @@ def test_a_map_that_breaks_its_own_terms_cannot_be_made():
 def test_masked_cells_are_unknown_in_a_map_and_in_a_file(tmp_path):
     """As rasterio's `read(masked=True)` gives them; what lies under the mask is anything."""
     known = HEIGHTS > 0
-    dem = dem_of()
     masked = Dem(np.ma.array(HEIGHTS, mask=~known), 5.0, 4.0, None, Path("made.tif"))
     assert type(masked.elevation) is np.ndarray
     np.testing.assert_array_equal(masked.elevation, np.where(known, HEIGHTS, np.nan))
     with pytest.raises(TerrainError, match="no cell with a known height"):
         Dem(np.ma.masked_all((2, 2), np.float32), 5.0, 4.0, None, Path("made.tif"))
     for cost in (HEIGHTS, HEIGHTS.astype(np.int16)):
-        write_raster(tmp_path / "cost.tif", np.ma.array(cost, mask=~known), dem)
+        write_raster(tmp_path / "cost.tif", np.ma.array(cost, mask=~known), dem_of())
         back = read_dem(tmp_path / "cost.tif", cell_size_m=1).elevation
         np.testing.assert_array_equal(back, np.where(known, cost, np.nan))
 
@@ -571,8 +503,7 @@ def test_what_is_written_reads_back_in_its_place(tmp_path, crs):
     assert (back.cell_size_m, back.cell_width_m) == (dem.cell_size_m, dem.cell_width_m)
     with rasterio.open(tmp_path / "cost.tif") as dataset:
         assert (dataset.driver, dataset.count, dataset.dtypes) == ("GTiff", 1, ("float32",))
-        assert math.isnan(dataset.nodata)
-        assert dataset.compression.value == "DEFLATE"
+        assert math.isnan(dataset.nodata) and dataset.compression.value == "DEFLATE"
         assert dataset.tags(ns="IMAGE_STRUCTURE")["PREDICTOR"] == "3"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cost.tif", "hills.tif"]
 
@@ -588,32 +519,25 @@ def test_infinite_costs_and_masks_are_written_as_they_are(tmp_path, recwarn):
     refused(path, "--cell-size")
 
 
-def test_what_cannot_be_written_is_one_error_and_nothing_is(tmp_path):
+def test_what_cannot_be_written_is_one_error_and_nothing_is(tmp_path, monkeypatch):
+    out = tmp_path / "out.tif"
     for array in (HEIGHTS[1:], HEIGHTS[None], HEIGHTS.astype(complex), np.full((6, 9), "x")):
         with pytest.raises(OutputError, match=r"out.tif: wanted a \(6, 9\) array of numbers, got"):
-            write_raster(tmp_path / "out.tif", array, dem_of())
+            write_raster(out, array, dem_of())
     unknown = dem_of(georeference=Georeference("no such system", (1, 0, 0, 0, -1, 0)))
     with pytest.raises(OutputError, match=r"could not be written"):
-        write_raster(tmp_path / "out.tif", HEIGHTS, unknown)
+        write_raster(out, HEIGHTS, unknown)
     assert list(tmp_path.iterdir()) == []
-    (tmp_path / "file").write_text("")
-    (tmp_path / "folder").mkdir()
-    for path in (tmp_path / "none" / "out.tif", tmp_path / "file" / "out.tif", tmp_path / "folder"):
+    out.write_bytes(b"what stood here")
+    for path in (tmp_path / "none" / "out.tif", out / "out.tif", tmp_path):
         with pytest.raises(OutputError, match=re.escape(f"{path}: could not be written")):
             write_raster(path, HEIGHTS, dem_of())
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
-
-
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
-    path = tmp_path / "out.tif"
-    path.write_bytes(b"what stood here")
 
     def full_disk(*_):
         raise OSError(28, "No space\nleft on device")
 
     monkeypatch.setattr(Path, "replace", full_disk)
     with pytest.raises(OutputError, match=r"out.tif: could not be written \(.*No space left") as caught:
-        write_raster(path, HEIGHTS, dem_of())
+        write_raster(out, HEIGHTS, dem_of())
     assert "\n" not in str(caught.value)
-    assert path.read_bytes() == b"what stood here"
-    assert list(tmp_path.iterdir()) == [path]
+    assert out.read_bytes() == b"what stood here" and list(tmp_path.iterdir()) == [out]
