@@ -194,6 +194,7 @@ def test_plans_carry_the_numbers_along_their_way():
     tours = [planner.plan_via(stops[0], stops[-1], stops[1:-1], **how) for planner, how in _both(by_windows, whole)]
     for found, also in zip((tours[0].plan, *tours[0].legs), (tours[1].plan, *tours[1].legs), strict=True):
         assert found.numbers == pytest.approx(also.numbers)
+    assert tours[0].order == tours[1].order and tours[0].plan.path.tolist() == tours[1].plan.path.tolist()
     assert tours[0].plan.time_s == pytest.approx(sum(leg.time_s for leg in tours[0].legs))
 
 
