@@ -24,8 +24,8 @@ from tests.fuzz.commands import Command
 
 CASES = {"files": 20, "options": 12, "models": 16, "weights": 60, "messages": 40, "sequences": 40, "elevations": 40}
 CASES |= {"bodies": 20, "layers": 20, "lines": 20, "projections": 60, "limits": 8}
-FAST = {"weights": 100, "messages": 60, "sequences": 60, "elevations": 60, "projections": 60}
-"""Those of bodies, layers and lines are done by the runtime's tests."""
+FAST = {"weights": 150, "messages": 60, "sequences": 100, "elevations": 60, "projections": 60, "layers": 40}
+"""Those of bodies and lines are done by the runtime's tests."""
 pytestmark = pytest.mark.filterwarnings(
     "ignore:the network .* was trained for omega", "ignore:nnpp goes by the price"
 )

@@ -54,7 +54,6 @@ def meets(a, b, cell, closed):
     return first <= last if closed else first < last
 
 
-@settings(max_examples=80, deadline=None)
 @given(cases(most_side=20))
 def test_a_line_costs_no_more_than_the_path_by_the_same_integral_and_meets_nothing_impassable(case):
     planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting)
@@ -70,7 +69,7 @@ def test_a_line_costs_no_more_than_the_path_by_the_same_integral_and_meets_nothi
         assert crossed(plan.waypoints, not case.corner_cutting) <= set(map(tuple, np.argwhere(passable).tolist()))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32), st.sampled_from(["paper", "length"]))
 def test_the_integral_is_that_of_a_bilinear_density(seed, step_cost):
     rng = np.random.default_rng(seed)

@@ -2,7 +2,7 @@ import gc
 from collections import deque
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime.cells import enclosing
@@ -39,7 +39,6 @@ def test_changes_are_numbered_and_read_once_in_order():
     assert [change.part[1] for change in late.read()] == [7]
 
 
-@settings(deadline=None, max_examples=80)
 @given(st.integers(1, 6), st.lists(st.tuples(st.sampled_from("aaaaa012"), st.integers(0, 30)), max_size=60))
 def test_merging_never_crosses_a_readers_place_and_covers_all_that_it_merges(most, steps):
     log = ChangeLog(most)

@@ -38,7 +38,7 @@ def cheapest_order(between):
     return min(map(cost, itertools.permutations(range(1, last)))), cost(range(1, last))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(3, 7))
 def test_the_best_order_of_exact_paths_is_that_of_all_orders_tried(seed, count):
     cost, stops = map_with_stops(seed, count)
@@ -55,7 +55,7 @@ def test_the_best_order_of_exact_paths_is_that_of_all_orders_tried(seed, count):
     assert list(found.stops[1:-1]) == [stops[1 + at] for at in found.order]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(3, 8))
 def test_where_there_costs_another_than_back_the_best_order_is_the_cheapest_too(seed, count):
     between = np.random.default_rng(seed).uniform(0.1, 9.0, (count, count))
