@@ -22,8 +22,8 @@ from tests.fuzz.cases import Case, Place, Problem
 from tests.fuzz.children import Limits, run_forked
 from tests.fuzz.commands import Command
 
-CASES = {"files": 20, "options": 12, "models": 16, "weights": 60, "messages": 40, "sequences": 40, "elevations": 40}
-CASES |= {"bodies": 20, "layers": 20, "lines": 20, "projections": 60, "limits": 8}
+CASES = {"files": 12, "options": 8, "models": 8, "weights": 20, "messages": 10, "sequences": 10, "elevations": 10}
+CASES |= {"bodies": 5, "layers": 5, "lines": 5, "projections": 10, "limits": 5}
 FAST = {"weights": 150, "messages": 60, "sequences": 100, "elevations": 60, "projections": 60, "layers": 40}
 """Those of bodies and lines are done by the runtime's tests."""
 pytestmark = pytest.mark.filterwarnings(

@@ -45,7 +45,9 @@ def test_merging_never_crosses_a_readers_place_and_covers_all_that_it_merges(mos
     readers, unread = [log.reader(), log.reader(), log.reader()], [[], [], []]
     for number, (what, col) in enumerate(steps):
         if what == "a":
-            change = change_of(col, old=float(number), row=number)._replace(cheaper=col == 7, rescaled=col == 9)
+            change = change_of(col, old=float(number), row=number)._replace(
+                cheaper=col % 9 == 0, rescaled=col % 11 == 0
+            )
             assert log.append(change) == log.version
             for each in unread:
                 each.append(change)
