@@ -18,17 +18,14 @@ from nnpp_edge.runtime.compiled import kernel
 from tests.fuzz.cases import Place, Problem
 from tests.fuzz.children import Ended, Limits, run_forked
 
-MOST_BYTES = 1 << 30
-"""Memory that a command may take for the small inputs of a case."""
+MOST_BYTES = 1 << 30  # memory that a command may take for the small inputs of a case
 SLOW_COMMANDS = ("dataset", "train", "export", "quantize", "reproduce", "profile", "evaluate")
 """They train, trace or measure: they get more time."""
-RESUMED_COMMANDS = ("dataset", "train", "reproduce")
-"""They leave what is complete, to go on from."""
+RESUMED_COMMANDS = ("dataset", "train", "reproduce")  # they leave what is complete, to go on from
 REPLACED = ("old/", "in/trained/", "in/set32/", "in/set/samples.png")
 """Results of earlier commands, which later ones may replace."""
 STREAMED = ("--log", "--record", "--view", "--metrics-file")
-LOGGING_COMMANDS = ("run", "simulate")
-"""They log what they refuse, before they end."""
+LOGGING_COMMANDS = ("run", "simulate")  # they log what they refuse, before they end
 PLAIN = ("null", "pipe", "pipe")
 _TEMPORARY = re.compile(r"^\..*\.[0-9a-f]{6,}$")
 _PROGRESS = re.compile(
@@ -41,8 +38,7 @@ _CHATTER = re.compile(
     re.MULTILINE,
 )
 _TRACEBACK = "Traceback (most recent call last)"
-Tree = dict[str, str]
-"""Each file's kind and content, by its place."""
+Tree = dict[str, str]  # each file's kind and content, by its place
 
 
 @dataclass(frozen=True)
@@ -50,18 +46,13 @@ class Command:
     """One case: the words that follow `nnpp-edge`; names that begin with ``in/`` are samples, copied there."""
 
     words: tuple[str, ...]
-    files: dict[str, bytes] = field(default_factory=dict)
-    """Further or damaged files, by their place in the folder."""
-    needs: tuple[str, ...] = ()
-    """Samples that no word names."""
-    link: str = "nowhere"
-    """Where the symbolic link ``odd/link`` leads."""
+    files: dict[str, bytes] = field(default_factory=dict)  # further or damaged files, by their place in the folder
+    needs: tuple[str, ...] = ()  # samples that no word names
+    link: str = "nowhere"  # where the symbolic link ``odd/link`` leads
     stdin: bytes = b""
     streams: tuple[str, str, str] = PLAIN
-    patient: bool = False
-    """It may take long, or much memory: then it must end once it is interrupted."""
-    file_bytes: int = 256 << 20
-    """Longest file that it can write; less plays a full disk."""
+    patient: bool = False  # it may take long, or much memory: then it must end once it is interrupted
+    file_bytes: int = 256 << 20  # longest file that it can write; less plays a full disk
 
     @property
     def name(self) -> str:

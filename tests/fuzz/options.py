@@ -44,8 +44,7 @@ BASES = {
     "warmup": ("--keep-old",),
 }
 """For each command words with which it ends well and soon; the cases depart from these."""
-HEAVY = ("train", "export", "quantize", "profile compare")
-"""Commands whose samples must be trained or measured first."""
+HEAVY = ("train", "export", "quantize", "profile compare")  # commands whose samples must be trained or measured first
 SELDOM = {"reproduce": 0.15, "export": 0.1, "quantize": 0.1, "train": 0.25, "profile": 0.1, "evaluate": 0.6}
 SELDOM |= {"warmup": 0.2}
 _PLACES = (*str.split("xy:1005,1995 xy:nan,1 xy:1 lonlat:1,2 lonlat:-94,45 in/dem.npz in/dem.tif:a : xy:,"),)

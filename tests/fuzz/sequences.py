@@ -23,10 +23,8 @@ from tests.fuzz.weights import FAR_APART, METHODS, TOO_MUCH, apart, problem_with
 _CHECKED_AFTER = {"RESUME", "JUMP_BACKWARD", "CALL", "CALL_FUNCTION_EX", "CALL_KW"}
 """Instructions after which the interpreter looks for signals: nowhere else a KeyboardInterrupt can come."""
 _OURS = ("/nnpp_edge/", "/runtime/")
-MOST_MAPS = 7
-"""Maps that there may be after interrupted patches."""
-MOST_APART = 1e12
-"""Factor between weights up to which D* Lite never refuses; it says that it does from about 1e15 on."""
+MOST_MAPS = 7  # maps that there may be after interrupted patches
+MOST_APART = 1e12  # factor between weights up to which D* Lite never refuses; it says that it does from about 1e15 on
 Step = tuple[str, Any]
 
 
