@@ -1,5 +1,5 @@
 # make demo: the onboard package alone, in an environment of its own, a plan over real lunar terrain, and a rover's among rocks.
-# make check: lint, spelling, types, import contract and the fast tests; a few minutes, once the kernels are compiled.
+# make check: lint, spelling, types, import contract and the fast tests; about a minute, once the kernels are compiled.
 # make test: the same with all tests.
 # make bench: our planners beside other libraries' grid search, the stages from elevations to a first path, and how long
 # the first plan takes.
@@ -32,10 +32,11 @@ demo: $(DEMO)/ready
 
 $(DEV)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEV)
-	$(DEV)/bin/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(DEV)/bin/pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]'
 	touch $@
 
-check: lint spelling types contract
+check: $(DEV)/ready
+	$(MAKE) --no-print-directory --jobs 2 lint spelling types contract
 	$(PYTEST) --dist worksteal -m 'not slow'
 
 test: $(DEV)/ready

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 LONGEST_FILES = (
     "test_warmup.py",
@@ -24,6 +25,8 @@ LONGEST_FILES = (
 SLOW_FOLDERS = ("calibrate", "export", "model", "reproduction", "training")
 SLOW_FILES = ("test_dataset.py", "test_dataset_cluster.py", "test_kernel_cache.py", "test_run.py", "test_warmup.py")
 TINY_SIDE = 64
+settings.register_profile("tests", deadline=None, max_examples=50, suppress_health_check=list(HealthCheck))
+settings.load_profile("tests")
 
 
 def is_slow(path: Path) -> bool:

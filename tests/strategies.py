@@ -47,8 +47,3 @@ def cases(draw, most_side: int = 24, any_size: bool = True):
     passable = np.argwhere(np.isfinite(cost))
     start, goal = (tuple(int(x) for x in passable[rng.integers(len(passable))]) for _ in range(2))
     return Case(cost, start, goal, step_cost, draw(st.booleans()))
-
-
-def drawn(generate):
-    """What a function makes of `random.Random`, as a strategy: hypothesis draws its numbers, and shrinks them."""
-    return st.randoms(use_true_random=False).map(generate)

@@ -9,7 +9,7 @@ import numpy as np
 from nnpp_edge.runtime import Planner, Status, Vehicle, pose_costs
 from tests import pose_oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem, problem_with_optimum
-from tests.fuzz.elevations import draw_patch, draw_sizes, put, sizes
+from tests.fuzz.elevations import draw_patch, draw_sizes, drive, sizes
 
 METHODS = ("astar", "corridor", "auto")
 NEAR_A_LIMIT = 2e-5
@@ -107,24 +107,19 @@ def _check(case: Case, place: Place) -> Problem | None:
     lazy, dense = (Planner.of_elevation(dem.copy(), case.cell[0], lazy=lazy, **settings) for lazy in (True, False))
     if problem := problem_with_poses(dem, case.cell, case.vehicle, repr(case)):
         return problem
-    for number, (kind, value) in enumerate(case.steps):
-        told = f"step {number}\n{case!r}"
-        if kind == "update":
-            put(dem, *value)
-            lazy.update_elevation(*value)
-            dense.update_elevation(*value)
-            continue
-        anywhere, ends, method, epsilon = value
+
+    def judged(anywhere: bool, ends: Any, method: str, epsilon: float, told: str) -> Problem | None:
         costs = pose_costs(dem, case.cell[0], case.vehicle, cell_width_m=case.cell[1])
         start, goal = (_cell_of(share, costs, anywhere) for share in ends)
-        ours, theirs = (each.plan(start, goal, method=method, epsilon=epsilon) for each in (lazy, dense))
-        if ours.status is not theirs.status or not math.isclose(ours.cost, theirs.cost, rel_tol=1e-6):
-            return Problem(f"lazy is not dense: {method}", f"{ours}\n{theirs}\n{told}")
-        exact = method == "astar" or epsilon == 0.0
-        for plan in (ours, theirs):  # their bounds may differ: a pose that is not checked yet counts as free
-            if problem := problem_with_plan(plan, costs, start, goal, case.omega, exact, epsilon, told):
-                return problem
-    return problem_with_poses(dem, case.cell, case.vehicle, repr(case))
+        plans = [each.plan(start, goal, method=method, epsilon=epsilon) for each in (lazy, dense)]
+        if plans[0].status is not plans[1].status or not math.isclose(plans[0].cost, plans[1].cost, rel_tol=1e-6):
+            return Problem(f"lazy is not dense: {method}", f"{plans}\n{told}")
+        given = costs, start, goal, case.omega, method == "astar" or epsilon == 0.0, epsilon, told
+        # their bounds may differ: a pose that is not checked yet counts as free
+        return problem_with_plan(plans[0], *given) or problem_with_plan(plans[1], *given)
+
+    found = drive(case, dem, (lazy, dense), judged)
+    return found or problem_with_poses(dem, case.cell, case.vehicle, repr(case))
 
 
 def _cell_of(share: float, costs: np.ndarray, anywhere: bool) -> tuple[int, int]:

@@ -37,8 +37,7 @@ class Case(SimpleNamespace):
 class Problem:
     """What an oracle found."""
 
-    kind: str
-    """In a few words; findings of one kind and place are counted together."""
+    kind: str  # in a few words; findings of one kind and place are counted together
     detail: str = ""
 
     @property

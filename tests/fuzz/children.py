@@ -19,10 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-GRACE_S = 15.0
-"""A process that is interrupted has so long to end."""
-MOST_READ = 4 << 20
-"""Bytes that are kept of each stream."""
+GRACE_S = 15.0  # a process that is interrupted has so long to end
+MOST_READ = 4 << 20  # bytes that are kept of each stream
 
 
 @dataclass(frozen=True)

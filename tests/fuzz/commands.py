@@ -1,7 +1,6 @@
 """A case of the command line: files in a folder of its own, one command, and what is wrong with how that ended."""
 
 import contextlib
-import ctypes
 import hashlib
 import itertools
 import json
@@ -19,17 +18,14 @@ from nnpp_edge.runtime.compiled import kernel
 from tests.fuzz.cases import Place, Problem
 from tests.fuzz.children import Ended, Limits, run_forked
 
-MOST_BYTES = 1 << 30
-"""Memory that a command may take for the small inputs of a case."""
+MOST_BYTES = 1 << 30  # memory that a command may take for the small inputs of a case
 SLOW_COMMANDS = ("dataset", "train", "export", "quantize", "reproduce", "profile", "evaluate")
 """They train, trace or measure: they get more time."""
-RESUMED_COMMANDS = ("dataset", "train", "reproduce")
-"""They leave what is complete, to go on from."""
+RESUMED_COMMANDS = ("dataset", "train", "reproduce")  # they leave what is complete, to go on from
 REPLACED = ("old/", "in/trained/", "in/set32/", "in/set/samples.png")
 """Results of earlier commands, which later ones may replace."""
 STREAMED = ("--log", "--record", "--view", "--metrics-file")
-LOGGING_COMMANDS = ("run", "simulate")
-"""They log what they refuse, before they end."""
+LOGGING_COMMANDS = ("run", "simulate")  # they log what they refuse, before they end
 PLAIN = ("null", "pipe", "pipe")
 _TEMPORARY = re.compile(r"^\..*\.[0-9a-f]{6,}$")
 _PROGRESS = re.compile(
@@ -42,8 +38,7 @@ _CHATTER = re.compile(
     re.MULTILINE,
 )
 _TRACEBACK = "Traceback (most recent call last)"
-Tree = dict[str, str]
-"""Each file's kind and content, by its place."""
+Tree = dict[str, str]  # each file's kind and content, by its place
 
 
 @dataclass(frozen=True)
@@ -51,20 +46,13 @@ class Command:
     """One case: the words that follow `nnpp-edge`; names that begin with ``in/`` are samples, copied there."""
 
     words: tuple[str, ...]
-    files: dict[str, bytes] = field(default_factory=dict)
-    """Further or damaged files, by their place in the folder."""
-    needs: tuple[str, ...] = ()
-    """Samples that no word names."""
-    link: str = "nowhere"
-    """Where the symbolic link ``odd/link`` leads."""
+    files: dict[str, bytes] = field(default_factory=dict)  # further or damaged files, by their place in the folder
+    needs: tuple[str, ...] = ()  # samples that no word names
+    link: str = "nowhere"  # where the symbolic link ``odd/link`` leads
     stdin: bytes = b""
     streams: tuple[str, str, str] = PLAIN
-    patient: bool = False
-    """It may take long, or much memory: then it must end once it is interrupted."""
-    file_bytes: int = 256 << 20
-    """Longest file that it can write; less plays a full disk."""
-    unprivileged: bool = False
-    """Run as a user who may not enter every folder."""
+    patient: bool = False  # it may take long, or much memory: then it must end once it is interrupted
+    file_bytes: int = 256 << 20  # longest file that it can write; less plays a full disk
 
     @property
     def name(self) -> str:
@@ -77,7 +65,7 @@ class Command:
         parts += [f"{name} ({len(content)} bytes, damaged or made up)" for name, content in self.files.items()]
         parts += [f"streams {self.streams}"] * (self.streams != PLAIN)
         parts += [f"a disk that is full after {self.file_bytes} bytes"] * (self.file_bytes < 256 << 20)
-        return "; ".join([*parts, *["without a superuser's rights"] * self.unprivileged])
+        return "; ".join(parts)
 
 
 def check(command: Command, place: Place) -> Problem | None:
@@ -91,7 +79,7 @@ def check(command: Command, place: Place) -> Problem | None:
 def lay_out(command: Command, samples: Path, folder: Path) -> None:
     """Make the case's folder: samples, its own files, old outputs, and places where nothing can be written."""
     shutil.rmtree(folder, ignore_errors=True)
-    for name in ("in", "out", "old", "odd/locked", "home"):
+    for name in ("in", "out", "old", "odd", "home"):
         (folder / name).mkdir(parents=True)
     named = {*re.findall(r"in/([\w.-]+)", " ".join([*command.words, *command.files])), *command.needs}
     named |= {"tiny.onnx"} if any(name.endswith(".toml") for name in named) else set()
@@ -107,8 +95,6 @@ def lay_out(command: Command, samples: Path, folder: Path) -> None:
     for name, minor in (("null", 3), ("zero", 5), ("full", 7)):
         with contextlib.suppress(PermissionError):
             os.mknod(folder / "odd" / name, stat.S_IFCHR | 0o666, os.makedev(1, minor))
-    (folder / "odd" / "locked" / "dem.npz").write_bytes(b"")
-    (folder / "odd" / "locked").chmod(0)
     for name, content in command.files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
@@ -126,8 +112,6 @@ def execute(command: Command, folder: Path) -> Ended:
     def work() -> int:
         os.chdir(folder)
         os.environ.update(env)
-        if command.unprivileged:
-            drop_rights_over_files()
         sys.argv = ["nnpp-edge", *command.words]
         from nnpp_edge.cli.main import main
 
@@ -137,16 +121,6 @@ def execute(command: Command, folder: Path) -> Ended:
     trace.unlink(missing_ok=True)
     limits = Limits(wall_s, cpu_s, file_bytes=command.file_bytes)
     return run_forked(work, limits, streams=command.streams, stdin=command.stdin, trace=trace)
-
-
-def drop_rights_over_files() -> None:
-    """Let the superuser meet folders that may not be entered, as anyone else would."""
-    if os.geteuid() == 0:
-        head, sets = (ctypes.c_uint32 * 2)(0x20080522, 0), (ctypes.c_uint32 * 6)()
-        libc = ctypes.CDLL(None)
-        libc.capget(head, sets)
-        sets[0] &= ~0b110  # CAP_DAC_OVERRIDE and CAP_DAC_READ_SEARCH, of the effective set
-        libc.capset(head, sets)
 
 
 def exit_code_of(main: Callable[[], object]) -> int:

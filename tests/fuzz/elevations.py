@@ -3,13 +3,14 @@
 import contextlib
 import math
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 from unittest import mock
 
 import numpy as np
 
 from nnpp_edge.runtime import Planner, Traversability, traversability_cost
+from nnpp_edge.runtime.cells import Cell
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 from tests.fuzz.weights import METHODS, problem_with_plan, seen_by_planner
 
@@ -119,14 +120,8 @@ def _check(case: Case, place: Place) -> Problem | None:
     lazy, eager = planner(dem, True), planner(dem, False)
     if lazy.state.costs_computed != 0.0 or eager.state.costs_computed != 1.0:
         return Problem("computed at once or not", repr(case))
-    for number, (kind, value) in enumerate(case.steps):
-        told = f"step {number}\n{case!r}"
-        if kind == "update":
-            put(dem, *value)
-            lazy.update_elevation(*value)
-            eager.update_elevation(*value)
-            continue
-        start, goal, method, epsilon = value
+
+    def judged(start: Cell, goal: Cell, method: str, epsilon: float, told: str) -> Problem | None:
         ours, theirs = (each.plan(start, goal, method=method, epsilon=epsilon) for each in (lazy, eager))
         for name in ("status", "cost", "lower_bound", "expansions", "threshold", "source", "path"):
             one, other = getattr(ours, name), getattr(theirs, name)
@@ -134,10 +129,27 @@ def _check(case: Case, place: Place) -> Problem | None:
                 return Problem(f"lazy is not eager: {name} of {method}", f"{one} {other}\n{told}")
         cost = traversability_cost(dem, case.cell[0], case.limits, cell_width_m=case.cell[1], warn=False)
         exact = {"exact": method == "astar" or epsilon == 0.0, "epsilon": epsilon, "told": told}
-        if problem := problem_with_plan(ours, seen_by_planner(cost, "paper"), start, goal, **settings, **exact):
-            return problem
+        return problem_with_plan(ours, seen_by_planner(cost, "paper"), start, goal, **settings, **exact)
+
+    if problem := drive(case, dem, (lazy, eager), judged):
+        return problem
     rounded_alike = case.dem.dtype == np.float32  # others are relative to a height, which may have changed
     return _compare_maps(lazy, eager, planner(dem, False) if rounded_alike else eager, repr(case))
+
+
+def drive(
+    case: Case, dem: np.ndarray, planners: tuple[Planner, Planner], judged: Callable[..., Problem | None]
+) -> Problem | None:
+    """Do a case's steps with two planners; what is wrong by `judged`, which is given what a ``plan`` step holds."""
+    for number, (kind, value) in enumerate(case.steps):
+        if kind == "plan":
+            if problem := judged(*value, f"step {number}\n{case!r}"):
+                return problem
+            continue
+        put(dem, *value)
+        for planner in planners:
+            planner.update_elevation(*value)
+    return None
 
 
 def _compare_maps(lazy: Planner, eager: Planner, fresh: Planner, told: str) -> Problem | None:

@@ -13,8 +13,7 @@ from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 SIDES = (256, 256, 512, 512, 1024, 1024, 2048, 4096)
 LATE_S, LATE_SHARE = 5e-3, 0.1
 """An answer may be so late, or so much of the limit, whichever is more."""
-TRIES = 5
-"""How often a case is done before it counts: another program may have held up all but one."""
+TRIES = 5  # how often a case is done before it counts: another program may have held up all but one
 VEHICLES = {
     "point": None,
     "disc": Vehicle(radius_m=1.3),

@@ -12,8 +12,7 @@ from nnpp_edge.runtime.planners.refine import BodyLines
 from tests import oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 
-SAMPLES = 16
-"""Places a cell's length at which a line is checked."""
+SAMPLES = 16  # places a cell's length at which a line is checked
 
 
 def generate(rng: random.Random, place: Place = NOWHERE) -> Case:

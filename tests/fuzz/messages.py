@@ -1,21 +1,18 @@
-"""JSON and CDR messages into the loop: junk, halves, floods, out of order. It never raises; its paths hold."""
+"""JSON messages into the loop: junk, halves, floods, out of order. It never raises; its paths hold."""
 
 import json
 import logging
 import math
 import random
 import traceback
-from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from nnpp_edge.robot.transports.framing import Framer, WireError, framed
 from nnpp_edge.robot.transports.wire import decode, decode_output, encode
-from nnpp_edge.ros.maps import GridMap, MapFrame, OccupancyGrid, grid_map_patch, occupancy_patch
-from nnpp_edge.runtime.errors import NnppEdgeError, Status
+from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
@@ -31,10 +28,7 @@ _ODD_NUMBERS = (0.0, -0.0, 1.0, 0.999999, 1e-45, 1e38, 3e38, -1.0, 1e300, math.i
 
 
 def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
-    """A map, how the loop plans, and what comes.
-
-    Steps are ``bytes`` for the framer, ``ros``, the fields of a map's message, and ``tick``, due in so many seconds.
-    """
+    """A map, how the loop plans, and what comes: ``bytes`` for the framer, and ``tick``, due in so many seconds."""
     rows, cols = rng.randrange(4, 40), rng.randrange(4, 40)
     by_heights, framing = rng.random() < 0.3, rng.choice(("lines", "lines", "length"))
     steps: list[tuple[str, Any]] = []
@@ -44,8 +38,6 @@ def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
     for _ in range(rng.choice((3, 10, 30))):
         if rng.random() < 0.4:
             steps.append(("tick", rng.choice((0.01, 0.01, 1.0, 1e9, 0.0, -1.0, 1e-5, math.inf))))
-        elif rng.random() < 0.1:
-            steps.append(("ros", _ros(rng)))
         else:
             steps.append(("bytes", _bytes(rng, rows, cols, by_heights, framing)))
     return Case(
@@ -57,7 +49,6 @@ def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
         method=rng.choice(list(DynamicMethod)),
         corner_cutting=rng.random() < 0.5,
         framing=framing,
-        logged=rng.random() < 0.15,
         steps=[*steps, ("tick", math.inf)],
     )
 
@@ -109,24 +100,6 @@ def _values(rng: random.Random, height: int, width: int, by_heights: bool) -> np
         return np.where(odd, rng.choice(_ODD_NUMBERS), values).astype(np.float32)
 
 
-def _ros(rng: random.Random) -> dict[str, Any]:
-    """The fields of a ROS message of a map."""
-    width, height = rng.choice((1, 4, 9, 0, -1)), rng.choice((1, 4, 9))
-    data = [rng.choice((-1, 0, 50, 98, 99, 100)) for _ in range(max(width * height, 0))]
-    data = rng.choice((*[data] * 18, data[:-1], [*data, 127, -128]))
-    size = rng.choice((1.0, 1.0, 1.0, 0.0, math.nan, 2.0, 1e-300, math.inf))
-    x, y = rng.choice((0.0, 3.0, 3.4, -2.0, 1e308, math.nan)), rng.choice((0.0, 2.0, 50.0))
-    return {"size": size, "width": width, "height": height, "data": data, "x": x, "y": y}
-
-
-def _ros_patch(by_heights: bool, size: float, width: int, height: int, data: list[int], x: Any, y: Any) -> MapPatch:
-    if by_heights:
-        layers = {"elevation": np.array(data, np.float32) * 0.01}
-        grid = GridMap(size, height * size, width * size, layers, x, y)
-        return grid_map_patch(grid, MapFrame(1.0, 0.0, 0.0, rows_along_x=True))
-    return occupancy_patch(OccupancyGrid(size, width, height, np.array(data, np.int8), x, y), MapFrame(1.0))
-
-
 class _Log(logging.Handler):
     """Keeps the tracebacks that the loop logs."""
 
@@ -140,7 +113,7 @@ class _Log(logging.Handler):
 def check(
     case: Case, place: Place = NOWHERE, answer: Callable[[Navigator, float], PathMessage] = Navigator.tick
 ) -> Problem | None:
-    """Let the messages come, and look at each answer. The log, if one is kept, is written to the case's folder."""
+    """Let the messages come, and look at each answer."""
     log, logger = _Log(), logging.getLogger("nnpp_edge")
     logger.addHandler(log)
     propagated, logger.propagate = logger.propagate, False
@@ -163,35 +136,25 @@ def _drive(case: Case, place: Place, log: _Log, answer: Callable[[Navigator, flo
     navigator = Navigator(ground, settings, clock=lambda: clock)
     framer = Framer(case.framing, _LIMIT)
     taken: list[Input] = []
-    answers: list[PathMessage] = []
     for kind, value in case.steps:
         if kind == "tick":
             clock += 0.05
             message = answer(navigator, clock + value)
-            answers.append(message)
             if problem := _problem_with_answer(message, layers, case, taken):
                 return Problem(problem, f"{message}\n{log.text}\n{case!r}")
             if errors := navigator.counters().errors:
                 return Problem(f"caught inside the loop: {', '.join(errors)}", f"{log.text}\n{case!r}")
             continue
-        for found in _inputs(kind, value, framer, case):
+        for found in _inputs(value, framer):
             taken.append(found)
             navigator.offer(found)
             if isinstance(found, MapPatch):
                 layers.put(found)
-    if case.logged and place.folder is not None:
-        problem = _problem_of_log(taken, answers, layers.ground(1.0), place.folder)
-        return Problem(problem, repr(case)) if problem else None
     return None
 
 
-def _inputs(kind: str, value: Any, framer: Framer, case: Case) -> list[Input]:
-    """What is understood of bytes or a ROS message. What is not must be refused by an error of the toolkit."""
-    if kind == "ros":
-        try:
-            return [_ros_patch(case.by_heights, **value)]
-        except NnppEdgeError:
-            return []
+def _inputs(value: bytes, framer: Framer) -> list[Input]:
+    """The messages that are understood. Others must be refused by an error of the toolkit."""
     found, half = [], len(value) // 2
     for payload in (*framer.feed(value[:half]), *framer.feed(value[half:])):
         try:
@@ -231,30 +194,3 @@ def _problem_with_answer(message: PathMessage, layers: Layers, case: Case, taken
         return "published: a lower bound above the optimum"
     cost = oracles.path_cost(path, seen)
     return "" if abs(cost - message.cost) <= 1e-4 * cost + 1e-6 else "published: a cost that is not the path's"
-
-
-def _problem_of_log(taken: list[Input], answers: list[PathMessage], ground: Any, folder: Path) -> str:
-    """Write all of it as CDR messages, and read it back by another library."""
-    from mcap.reader import make_reader
-    from mcap_ros2.decoder import DecoderFactory
-
-    from nnpp_edge.robot.transports.mcap_log import McapLog
-
-    for old in folder.glob("drive*.mcap"):
-        old.unlink()
-    with McapLog(folder / "drive.mcap", state=ground.state(), cell_size_m=1.0) as log:
-        for message in taken:
-            log.record(message)
-        for message_out in answers:
-            log.publish(message_out)
-    count, last = Counter[str](), None
-    with next(folder.glob("drive*.mcap")).open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        for _, channel, _, decoded in reader.iter_decoded_messages():
-            count[channel.topic] += 1
-            last = decoded if channel.topic == "/path" else last
-    found = count["/map_patch"] + count["/elevation_patch"] + getattr(log, "lost", 0)
-    if found < sum(isinstance(m, MapPatch) for m in taken):
-        return "patches missing in the log"
-    right = last is None or len(last.poses) in {len(answer.path) for answer in answers}
-    return "" if right else "another path in the log"

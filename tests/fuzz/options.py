@@ -44,8 +44,7 @@ BASES = {
     "warmup": ("--keep-old",),
 }
 """For each command words with which it ends well and soon; the cases depart from these."""
-HEAVY = ("train", "export", "quantize", "profile compare")
-"""Commands whose samples must be trained or measured first."""
+HEAVY = ("train", "export", "quantize", "profile compare")  # commands whose samples must be trained or measured first
 SELDOM = {"reproduce": 0.15, "export": 0.1, "quantize": 0.1, "train": 0.25, "profile": 0.1, "evaluate": 0.6}
 SELDOM |= {"warmup": 0.2}
 _PLACES = (*str.split("xy:1005,1995 xy:nan,1 xy:1 lonlat:1,2 lonlat:-94,45 in/dem.npz in/dem.tif:a : xy:,"),)
@@ -55,11 +54,11 @@ _INPUTS = [f"in/{name}" for name in (*_NAMES.split(), "bomb.npz", "set32")]
 _ODD = ("", ".", "odd/loop", "odd/" + "x" * 300, "odd/null", "odd/link")
 _ODD_INPUTS = (
     *_ODD,
-    *str.split("/ in missing in/dem.npz/x odd/zero odd/locked/dem.npz ~ /proc/self/mem"),
+    *str.split("/ in missing in/dem.npz/x odd/zero ~ /proc/self/mem"),
     "y/" * 2500,
 )
 _ODD_INPUTS += ("in/\x01", "in/\udcff.npz")
-_ODD_OUTPUTS = (*_ODD, *str.split("out odd/full in/dem.npz/x.png /proc/none/x odd/locked/x old/old.png old/old.npz"))
+_ODD_OUTPUTS = (*_ODD, *str.split("out odd/full in/dem.npz/x.png /proc/none/x old/old.png old/old.npz"))
 _ODD_OUTPUTS += ("old/old.json", "y/" * 2500 + "x")
 _ENDINGS = (*str.split(".tif .tiff .npy .npz .png .gif .json .jsonl .mcap .onnx .html .rrd .X"), "")
 _LINES = (b'{"type":"pose","row":2,"col":2}', b'{"type":"goal","row":20,"col":28}', b"junk", b"[" * 500, b"", b"\xff")
@@ -128,7 +127,7 @@ def _waits(words: list[str]) -> bool:
 
 
 def disturbed(rng: random.Random, command: Command) -> Command:
-    """The same, now and then with standard streams that are closed, full or broken, a full disk, or fewer rights."""
+    """The same, now and then with standard streams that are closed, full or broken, or a full disk."""
     kind = rng.random()
     if kind < 0.12:
         stdin = "pipe" if command.stdin else rng.choice(("null", "closed"))
@@ -136,7 +135,7 @@ def disturbed(rng: random.Random, command: Command) -> Command:
         return replace(command, streams=(stdin, out, err))
     if kind < 0.17:
         return replace(command, file_bytes=rng.choice((0, 1, 100, 1000, 5000, 20_000)))
-    return replace(command, unprivileged=kind < 0.21)
+    return command
 
 
 def draw_values(rng: random.Random, parameter: click.Parameter, used: list[str]) -> list[str]:

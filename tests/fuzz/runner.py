@@ -27,8 +27,7 @@ from tests.fuzz.children import Limits, run_forked
 FOLDER = Path("build/fuzz")
 BATCH, BATCH_S = 200, 20.0
 """Cases that one forked process does one after another, and seconds after which it begins no other."""
-MOST_KEPT = 3
-"""Findings of one cause that are kept in full."""
+MOST_KEPT = 3  # findings of one cause that are kept in full
 SHARES = {"files": 3.0, "options": 3.0, "models": 1.5, "weights": 1.5, "messages": 1.5, "sequences": 2.0} | {
     "elevations": 1.5,
     "bodies": 1.5,

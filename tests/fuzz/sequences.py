@@ -7,7 +7,7 @@ import math
 import random
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import CodeType, FrameType
 from typing import Any
 
@@ -23,10 +23,8 @@ from tests.fuzz.weights import FAR_APART, METHODS, TOO_MUCH, apart, problem_with
 _CHECKED_AFTER = {"RESUME", "JUMP_BACKWARD", "CALL", "CALL_FUNCTION_EX", "CALL_KW"}
 """Instructions after which the interpreter looks for signals: nowhere else a KeyboardInterrupt can come."""
 _OURS = ("/nnpp_edge/", "/runtime/")
-MOST_MAPS = 7
-"""Maps that there may be after interrupted patches."""
-MOST_APART = 1e12
-"""Factor between weights up to which D* Lite never refuses; it says that it does from about 1e15 on."""
+MOST_MAPS = 7  # maps that there may be after interrupted patches
+MOST_APART = 1e12  # factor between weights up to which D* Lite never refuses; it says that it does from about 1e15 on
 Step = tuple[str, Any]
 
 
@@ -56,7 +54,7 @@ def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 40) ->
 def _step(
     rng: random.Random, numbers: np.random.Generator, rows: int, cols: int, step_cost: str, methods: tuple[str, ...]
 ) -> Step:
-    kind = rng.choices(("update", "plan", "move", "goal", "prepare", "odd"), (5, 6, 2, 1, 0.4, 0.6))[0]
+    kind = rng.choices(("update", "plan", "move", "goal", "prepare"), (5, 6, 2, 1, 0.4))[0]
     if kind == "update":
         height, width = (min(rng.choice((1, 1, 2, 4, 12, 40)), most) for most in (rows, cols))
         row, col = rng.randrange(rows - height + 1), rng.randrange(cols - width + 1)
@@ -159,9 +157,8 @@ class Driver:
     def do(self, step: Step) -> Problem | None:
         """One step; what is wrong with its answer."""
         kind, value = step
-        if kind in ("interrupted", "plan", "odd"):
-            does: dict[str, Callable[..., Problem | None]] = {"interrupted": self._interrupted, "plan": self._plan}
-            return does.get(kind, self._odd)(*value)
+        if kind in ("interrupted", "plan"):
+            return self._plan(*value) if kind == "plan" else self._interrupted(*value)
         if kind == "update":
             self.planner.update(*value)
             self._wrote(*value)
@@ -235,29 +232,6 @@ class Driver:
             return None
         kinds = dict.fromkeys(problem.kind for problem in found)  # on each map that there may be
         return Problem(" or ".join(kinds), "\n\n".join(problem.detail for problem in found))
-
-    def _odd(self, *cell: int) -> Problem | None:
-        """What makes no sense is refused by an error of the toolkit, and changes nothing."""
-        planner, junk = self.planner, np.full((1, 1), 0.5, np.float32)
-        places = ((self.cost.shape[0], self.cost.shape[1]), (-1, 0), (0.5, 0), (math.inf, 0))
-        calls: list[tuple[Callable[..., object], tuple[Any, ...], dict[str, Any]]] = [
-            (planner.update, (*cell, -junk), {}),
-            *((planner.update, (*place, junk), {}) for place in places),
-            (planner.update, (0, 0, np.zeros((0, 3), np.float32)), {}),
-            (planner.update, (0, 0, np.zeros((2, 2), np.complex64)), {}),
-        ]
-        if self.case.method:
-            calls += [(planner.move, ((math.inf, 0),), {}), (planner.set_goal, ((0, math.nan),), {})]
-            calls += [(planner.replan, (), odd) for odd in ({"time_limit_s": math.nan}, {"method": "nope"})]
-        else:
-            odd_options = ({"time_limit_s": math.nan}, {"epsilon": -1.0}, {"method": "nope"})
-            calls += [(planner.plan, (cell, cell), odd) for odd in odd_options]
-            calls += [(planner.plan, ((math.inf, 0), cell), {}), (planner.nearest, (cell, [cell]), {"count": 0})]
-        for function, arguments, odd in calls:
-            with contextlib.suppress(NnppEdgeError):
-                function(*arguments, **odd)
-                return Problem(f"nonsense was taken: {function.__name__}", f"{arguments} {odd}\n{self.case!r}")
-        return None
 
 
 def check(case: Case, place: Place = NOWHERE) -> Problem | None:

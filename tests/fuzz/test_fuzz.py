@@ -22,10 +22,10 @@ from tests.fuzz.cases import Case, Place, Problem
 from tests.fuzz.children import Limits, run_forked
 from tests.fuzz.commands import Command
 
-CASES = {"files": 20, "options": 12, "models": 16, "weights": 60, "messages": 40, "sequences": 40, "elevations": 40}
-CASES |= {"bodies": 20, "layers": 20, "lines": 20, "projections": 60, "limits": 8}
-FAST = {"weights": 100, "messages": 60, "sequences": 60, "elevations": 60, "projections": 60}
-"""Those of bodies, layers and lines are done by the runtime's tests."""
+CASES = {"files": 12, "options": 8, "models": 8, "weights": 20, "messages": 10, "sequences": 10, "elevations": 10}
+CASES |= {"bodies": 5, "layers": 5, "lines": 5, "projections": 10, "limits": 5}
+FAST = {"weights": 150, "messages": 60, "sequences": 100, "elevations": 60, "projections": 60, "layers": 40}
+"""Those of bodies and lines are done by the runtime's tests."""
 pytestmark = pytest.mark.filterwarnings(
     "ignore:the network .* was trained for omega", "ignore:nnpp goes by the price"
 )
@@ -213,7 +213,7 @@ def test_the_judge_of_the_loop_sees_a_path_of_yesterdays_map():
 
     ends = b'{"type":"pose","row":1,"col":1}\n{"type":"goal","row":7,"col":7}\n'
     steps = (("bytes", patch(0, 9, b"0.5") + ends), ("tick", 1e9), ("bytes", patch(4, 1, b"1")), ("tick", 1e9))
-    free = messages.generate(random.Random(0)).but(by_heights=False, logged=False, rows=9, cols=9, framing="lines")
+    free = messages.generate(random.Random(0)).but(by_heights=False, rows=9, cols=9, framing="lines")
     case = free.but(method="astar", steps=steps)
     assert messages.check(case) is None
     kept = []

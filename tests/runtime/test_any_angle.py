@@ -54,54 +54,8 @@ def meets(a, b, cell, closed):
     return first <= last if closed else first < last
 
 
-def walled(seed):
-    """A random map with walls one cell thin, and two of its passable cells."""
-    rng = np.random.default_rng(seed)
-    rows, cols = (int(side) for side in rng.integers(3, 40, 2))
-    cost = (rng.random((rows, cols)) * rng.choice([0.0, 0.2, 0.95])).astype(np.float32)
-    for _ in range(int(rng.integers(0, 12))):
-        row, col, length = int(rng.integers(rows)), int(rng.integers(cols)), int(rng.integers(1, 20))
-        for k in range(length):
-            at = [(row + k, col), (row, col + k), (row + k, col + k), (row - k, col + k)][seed % 4 if k % 3 else 0]
-            if 0 <= at[0] < rows and 0 <= at[1] < cols:
-                cost[at] = np.inf
-    cost[rng.random((rows, cols)) < rng.choice([0.0, 0.1, 0.3])] = np.inf
-    passable = np.argwhere(np.isfinite(cost))
-    if not len(passable):
-        cost[0, 0], passable = 0.5, np.zeros((1, 2), int)
-    start, goal = (tuple(passable[int(rng.integers(len(passable)))].tolist()) for _ in range(2))
-    return cost, start, goal
-
-
-def check_walled(seed, corner_cutting, step_cost="paper"):
-    """Whether there was a path; its line is checked."""
-    cost, start, goal = walled(seed)
-    more = np.float32(0.1 if step_cost == "length" else 0.0)
-    planner = Planner(cost + more, step_cost=step_cost, corner_cutting=corner_cutting)
-    plan = planner.plan(start, goal, method="astar", refine="any-angle")
-    if not plan.ok:
-        return False
-    assert tuple(plan.waypoints[0]) == start and tuple(plan.waypoints[-1]) == goal
-    blocked = {cell for cell in crossed(plan.waypoints, not corner_cutting) if not open_at(cost, cell)}
-    assert blocked == set(), (seed, plan.waypoints)
-    on_grid = Refiner(planner.state).cost(plan.path.astype(np.float64))
-    assert plan.line_cost <= on_grid * (1.0 + 1e-12)
-    return True
-
-
-def open_at(cost, cell):
-    inside = 0 <= cell[0] < cost.shape[0] and 0 <= cell[1] < cost.shape[1]
-    return inside and cost[cell] < 1.0
-
-
-def test_no_line_meets_what_is_impassable():
-    for corner_cutting in (True, False):
-        assert sum(check_walled(seed, corner_cutting) for seed in range(50)) > 18
-
-
-@settings(max_examples=40, deadline=None)
-@given(cases(most_side=16))
-def test_a_line_costs_no_more_than_the_path_by_the_same_integral(case):
+@given(cases(most_side=20))
+def test_a_line_costs_no_more_than_the_path_by_the_same_integral_and_meets_nothing_impassable(case):
     planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting)
     plan = planner.plan(case.start, case.goal, method="astar", refine="any-angle")
     plain = planner.plan(case.start, case.goal, method="astar")
@@ -110,14 +64,12 @@ def test_a_line_costs_no_more_than_the_path_by_the_same_integral(case):
     if plan.ok:
         on_grid = Refiner(planner.state).cost(plan.path.astype(np.float64))
         assert plan.line_cost <= on_grid * (1.0 + 1e-12)
-        closed = not case.corner_cutting
-        passable = {tuple(cell) for cell in np.argwhere(np.isfinite(case.cost)).tolist()}
-        if case.step_cost == "paper":
-            passable = {cell for cell in passable if case.cost[cell] < 1.0}
-        assert crossed(plan.waypoints, closed) <= passable
+        assert (tuple(plan.waypoints[0]), tuple(plan.waypoints[-1])) == (case.start, case.goal)
+        passable = (case.cost < 1.0) | ((case.step_cost == "length") & np.isfinite(case.cost))
+        assert crossed(plan.waypoints, not case.corner_cutting) <= set(map(tuple, np.argwhere(passable).tolist()))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32), st.sampled_from(["paper", "length"]))
 def test_the_integral_is_that_of_a_bilinear_density(seed, step_cost):
     rng = np.random.default_rng(seed)

@@ -1,13 +1,9 @@
 """A vehicle on a map that changes: D* Lite over poses, the standing path, the loop."""
 
-import math
-
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Ground, Navigator, NavigatorSettings, Planner, Vehicle, pose_costs
-from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
-from nnpp_edge.runtime.terrain.vehicle import HEADINGS
+from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, pose_costs
 from tests import pose_oracles
 
 ROVER = Vehicle(length_m=1.2, width_m=0.9, clearance_m=0.3, max_tilt_deg=30.0)
@@ -67,44 +63,3 @@ def _cost_from(dem, path, at):
         if first < len(path) - 1
         else 0.0
     )
-
-
-@pytest.mark.parametrize("method", ["auto", "corridor", "dstar"])
-def test_no_path_is_published_that_fails_the_newest_check(method):
-    dem, rng = ground(2)
-    goal = (len(dem) - 8, len(dem) - 9)
-    navigator = Navigator(Ground.of_elevation(dem, CELL_M, vehicle=ROVER), NavigatorSettings(method))
-    navigator.offer(Goal(*goal))
-    at, published, told = (7, 8), 0, np.zeros(dem.shape, np.float32)
-    for tick in range(40):
-        navigator.offer(Pose(*at))
-        if tick % 4 == 3:  # an obstacle, told as costs, comes and goes
-            wall = np.full((1, 5), math.inf if tick % 8 == 3 else 0.2, np.float32)
-            navigator.offer(MapPatch(20, 18, cost=wall))
-            told[20, 18:23] = wall
-        else:
-            row, col, patch = bumped(dem, rng)
-            dem[row : row + 6, col : col + 6] = patch
-            navigator.offer(MapPatch(row, col, elevation=patch))
-        message = navigator.tick()
-        if not message.ok:
-            continue
-        published += 1
-        costs = pose_costs(np.where(told < 1.0, dem, np.nan), CELL_M, ROVER)
-        assert math.isfinite(pose_oracles.path_cost_over_poses(costs, message.path, SCALE))
-        _assert_stands_in_its_headings(costs, message)
-        at = tuple(message.path[min(1, len(message.path) - 1)].tolist())
-        if at == goal:
-            at = (7, 8)
-    assert published > 20
-
-
-def _assert_stands_in_its_headings(costs, message):
-    """The pose of each cell in the heading that the message gives passes, as the robot drives on."""
-    if len(message.path) < 2:
-        assert len(message.headings_deg) == 0
-        return
-    for (row, col), heading in zip(message.path, message.headings_deg, strict=True):
-        step = round(-math.cos(math.radians(heading))), round(math.sin(math.radians(heading)))
-        way = HEADINGS.index(step if step in HEADINGS else (-step[0], -step[1]))
-        assert math.isfinite(costs[way, row, col])

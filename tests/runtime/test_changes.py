@@ -6,7 +6,7 @@ from unittest.mock import patch as replaced
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import NetworkModel, Status
@@ -301,7 +301,6 @@ def networks(network):
     return network, NetworkModel("edge")
 
 
-@settings(deadline=None, max_examples=40)
 @given(
     steps=STEPS,
     shape=st.sampled_from([(7, 12), (24, 31), (33, 150)]),

@@ -1,67 +1,15 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError, Status
-from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from tests import oracles
-from tests.runtime.test_standing_path import random_patch, walkable
-from tests.strategies import cases
-
-EXACT = ("astar", "dstar")
+from tests.runtime.test_standing_path import walkable
 
 
 def free(shape=(30, 40)):
     return np.full(shape, 0.2, np.float32)
-
-
-@pytest.fixture(scope="module", params=["joint", "in parts"])
-def either(network, request):
-    """A network that sees map and query at once, and one that sees the map first."""
-    return network if request.param == "joint" else NetworkModel("edge")
-
-
-@settings(deadline=None, max_examples=40)
-@given(cases(24), st.integers(0, 2**32), st.sampled_from(list(DynamicMethod)))
-def test_every_answer_is_walkable_on_the_newest_map(either, case, seed, method):
-    network = either
-    rng, cost = np.random.default_rng(seed), np.where(np.isnan(case.cost), np.inf, case.cost).astype(np.float32)
-    planner = DynamicPlanner(
-        cost, case.goal, method, step_cost=case.step_cost, corner_cutting=case.corner_cutting, model=network
-    )
-    start = case.start
-    for step in range(5):
-        if step == 3:
-            goal = tuple(int(rng.integers(n)) for n in cost.shape)
-            planner.set_goal(goal)
-        planner.move(start)
-        plan = planner.replan()
-        passable = np.isfinite(cost[start]) and np.isfinite(cost[planner.goal])
-        optimum = (
-            oracles.dijkstra(cost, start, case.step_cost, case.corner_cutting)[planner.goal] if passable else np.inf
-        )
-        if np.isinf(optimum):
-            assert plan.status in (Status.NO_PATH, Status.START_BLOCKED, Status.GOAL_BLOCKED)
-            assert not len(plan.path)
-        else:
-            assert plan.ok
-            assert (tuple(plan.path[0]), tuple(plan.path[-1])) == (start, planner.goal)
-            assert walkable(plan.path, cost, case.corner_cutting)
-            tolerance = {"rel": 1e-5, "abs": 1e-5}
-            assert plan.cost == pytest.approx(oracles.path_cost(plan.path, cost, case.step_cost), **tolerance)
-            assert plan.lower_bound <= optimum * (1 + 1e-5) + 1e-5
-            assert plan.cost >= optimum * (1 - 1e-5) - 1e-5
-            if method in EXACT:
-                assert plan.cost == pytest.approx(optimum, **tolerance)
-            start = tuple(int(x) for x in plan.path[int(rng.integers(len(plan.path)))])
-        for _ in range(rng.integers(0, 3)):
-            row, col, patch = random_patch(rng, cost, case.step_cost)
-            planner.update(row, col, patch)
-            cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
 
 
 def test_auto_says_what_it_picked_and_why():

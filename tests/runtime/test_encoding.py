@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -34,7 +34,6 @@ def test_a_larger_map_is_averaged_and_its_rest_is_shown_impassable():
     assert (planes[:, 16:] == 1).all()
 
 
-@settings(deadline=None, max_examples=40)
 @given(st.integers(1, 90), st.integers(1, 90), st.data())
 def test_an_update_of_parts_equals_the_whole(rows, cols, data):
     rng = np.random.default_rng(rows * 100 + cols)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime.errors import InvalidMapError
@@ -8,7 +8,6 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import StepModel
 
 
-@settings(deadline=None, max_examples=60)
 @given(st.sampled_from(["paper", "length"]), st.integers(0, 2**32), st.booleans())
 def test_an_update_says_what_it_changed_and_what_stood_there(step_cost, seed, keep):
     rng, model = np.random.default_rng(seed), StepModel.of(step_cost)

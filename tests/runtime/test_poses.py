@@ -10,22 +10,14 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
 
 from nnpp_edge.runtime import Planner, Status, Traversability, Vehicle, pose_costs, traversability_cost
 from nnpp_edge.runtime.errors import InvalidMapError
 from tests import pose_oracles
 from tests.fuzz import bodies
 from tests.fuzz.cases import Place
-from tests.strategies import drawn
 
 METHODS = ("astar", "corridor")
-UNHURRIED = settings(
-    deadline=None,
-    max_examples=12,
-    suppress_health_check=list(HealthCheck),
-    phases=(Phase.explicit, Phase.reuse, Phase.generate),  # to make a drawn map smaller takes minutes
-)
 ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21, wheel_width_m=0.13)
 CELL_M = 0.25
 ROUNDING_M = 1e-6
@@ -60,12 +52,6 @@ def ends_of(costs, seed):
 
 
 # --- the pose check
-
-
-@UNHURRIED
-@given(drawn(lambda rng: bodies.generate(rng, most_side=12)))
-def test_poses_equal_the_naive_ones(case):
-    assert bodies.problem_with_poses(case.dem, case.cell, case.vehicle) is None
 
 
 def test_the_three_weights_are_those_of_eq_1():
@@ -113,10 +99,10 @@ def test_unknown_cells_fail_or_are_left_out():
 # --- plans over poses
 
 
-@UNHURRIED
-@given(drawn(lambda rng: bodies.generate(rng, most_side=16)))
-def test_plans_are_those_over_all_poses_checked_at_once_or_where_a_search_looks(tiny_model, case):
-    assert (problem := bodies.check(case, Place(tiny_model.parent))) is None, problem.kind
+def test_poses_and_plans_over_them_are_the_naive_ones_checked_at_once_or_where_a_search_looks(tiny_model):
+    for seed in range(20):
+        case = bodies.generate(random.Random(seed), most_side=16)
+        assert (problem := bodies.check(case, Place(tiny_model.parent))) is None, f"{seed}: {problem.kind}"
 
 
 @pytest.mark.parametrize("wheels_apart", [2, 3, 4, 6])

@@ -31,7 +31,6 @@ def search(level, start, goal):
     return astar(level.grid, start, goal, Workspace(len(level.grid.weights)), links=level.links)
 
 
-@settings(deadline=None, max_examples=50)
 @given(st.integers(0, 2**32), st.sampled_from([0.1, 0.3, 0.5]), st.booleans())
 def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(seed, blocked, corner_cutting):
     rng = np.random.default_rng(seed)
@@ -52,7 +51,6 @@ def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(se
     assert astar(fine.grid, *walk, workspace, region=region).status is Status.OK
 
 
-@settings(deadline=None, max_examples=50)
 @given(st.integers(0, 2**32), st.sampled_from([0.05, 0.3, 0.5]), st.booleans())
 def test_pieces_and_links_are_the_same_by_passability_and_by_links(seed, blocked, corner_cutting):
     rng = np.random.default_rng(seed)
@@ -72,7 +70,6 @@ def test_pieces_and_links_are_the_same_by_passability_and_by_links(seed, blocked
     np.testing.assert_array_equal(coarse.links, links)
 
 
-@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 2**32), st.sampled_from([0.0, 0.1, 0.4]), st.sampled_from([0.003, 0.03, 0.3]), st.booleans())
 def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(seed, blocked, band, with_landmarks):
     rng = np.random.default_rng(seed)
@@ -120,7 +117,7 @@ def test_a_wall_one_cell_thick_is_a_wall_on_every_level_and_a_gap_a_gap():
         assert search(at, (0, 0), (at.grid.rows - 1, 0)).status is Status.NO_PATH
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32), st.booleans(), st.sampled_from([(300, 290), (60, 1030)]), st.data())
 def test_updating_a_part_equals_building_anew(seed, corner_cutting, shape, data):
     rng = np.random.default_rng(seed)

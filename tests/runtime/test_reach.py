@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -10,7 +10,6 @@ from tests import oracles
 from tests.strategies import cases
 
 
-@settings(max_examples=60, deadline=None)
 @given(cases(any_size=False))
 def test_the_cost_of_getting_anywhere_is_that_of_the_cheapest_path(case):
     planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting)

@@ -15,7 +15,6 @@ from nnpp_edge.runtime.search.workspace import Workspace
 from tests import oracles
 
 
-@settings(deadline=None, max_examples=80)
 @given(st.integers(1, 16), st.integers(0, 2**32), st.sampled_from([4, 256]), st.data())
 def test_the_threshold_equals_the_loop_over_thresholds(side, seed, levels, data):
     rng = np.random.default_rng(seed)
@@ -45,7 +44,6 @@ def test_a_marked_region_holds_what_is_above_and_both_ends():
     assert first.area() < 6
 
 
-@settings(deadline=None, max_examples=60)
 @given(st.integers(1, 5), st.integers(1, 4), st.integers(0, 2**32), st.booleans(), st.data())
 def test_the_walkable_threshold_is_the_highest_at_which_a_search_of_the_region_succeeds(
     side, per_block, seed, corner_cutting, data
@@ -85,7 +83,7 @@ def test_the_walkable_threshold_is_the_highest_at_which_a_search_of_the_region_s
         assert finder.first(probability, level, workspace, blocks, ends, 0.0625, touching=touching) == td
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(2, 5), st.integers(0, 3), st.integers(0, 3), st.integers(0, 2**32))
 def test_cells_that_the_network_is_not_shown_belong_to_no_region(side, above, left, seed):
     rng, inside = np.random.default_rng(seed), 3 * side
@@ -115,7 +113,7 @@ def test_cells_that_the_network_is_not_shown_belong_to_no_region(side, above, le
         assert not (finder.bitmap[:, -1] == finder.stamp).any()
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(70, 400), st.integers(70, 400), st.integers(0, 2**32))
 def test_on_coarse_cells_the_bound_by_blocks_changes_nothing(rows, cols, seed):
     rng = np.random.default_rng(seed)

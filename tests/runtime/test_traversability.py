@@ -34,7 +34,6 @@ LIMITS = [
 ]
 
 
-@settings(deadline=None, max_examples=80)
 @given(dems(), st.sampled_from(LIMITS), st.sampled_from([(1.0, 1.0), (20.0, 20.0), (2.0, 1.7)]))
 def test_the_cost_equals_the_oracles(dem, limits, cell):
     found = traversability_cost(dem, cell[0], limits, cell_width_m=cell[1], warn=False)
@@ -58,7 +57,7 @@ def large_dems(draw):
     return dem
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(large_dems(), st.sampled_from(LIMITS), st.sampled_from([(1.0, 1.0), (2.0, 1.7)]), st.sampled_from("fdFTs"))
 def test_rows_computed_at_once_equal_the_oracle_whatever_the_layout(dem, limits, cell, layout):
     if layout in "fF":
@@ -87,7 +86,6 @@ def test_a_large_map_is_computed_in_bands_of_rows_that_meet(monkeypatch):
     np.testing.assert_array_equal(traversability_cost(dem, 1.0, warn=False), whole)
 
 
-@settings(deadline=None, max_examples=50)
 @given(dems(), st.data())
 def test_updating_a_rectangle_equals_computing_all(dem, data):
     before = traversability_cost(dem, 1.0, warn=False)

@@ -201,3 +201,14 @@ def test_each_limit_of_mending_counts(monkeypatch):
             planner.update(14 + step, 14 + step, free(1, 1) * step)
             plan = planner.replan()
             assert plan.status is Status.OK and plan.choice.startswith(f"{wanted}:")
+
+
+def test_auto_goes_by_distance_size_network_and_body():
+    for shape, model, has_body, methods in (
+        ((256, 256), "edge", False, "astar corridor corridor corridor"),
+        ((300, 2048), "edge", False, "astar corridor corridor nnpp"),
+        ((2048, 2048), "edge-joint", False, "astar corridor corridor corridor"),
+        ((512, 512), "edge", True, "astar corridor corridor corridor"),
+    ):
+        picked = [MethodChooser(shape, model, has_body).pick(apart) for apart in (47, 48, 511, 512)]
+        assert " ".join(str(method) for method, _ in picked) == methods and all(reason for _, reason in picked)
