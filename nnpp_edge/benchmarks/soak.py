@@ -58,7 +58,7 @@ def soak(
     changes: int = 1,
     seed: int = 1,
     progress: Callable[[int], None] = lambda done: None,
-) -> dict[str, Any]:
+) -> dict[str, float | str]:
     """Let one method plan for `ticks` (at least 1) on ground of at least 32 cells a side; see `soak_ground`.
 
     At every tick `changes` obstacles appear, move or vanish. A tick's time is that of taking its changes in and of

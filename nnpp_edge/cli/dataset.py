@@ -4,12 +4,16 @@ import json
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+from msgspec.structs import replace
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.options import TerrainOptions
+
+if TYPE_CHECKING:
+    from nnpp_edge.terrain.shards import Recipe
 
 _POINTS = "On a map; pairs far enough apart are queries."
 _SHARDS = "Make every N-th shard from the K-th on; the union is the whole set."
@@ -18,13 +22,6 @@ _PAPERS_MAPS = "Maps as the paper's: its cost without hard limits, cells of 20 m
 _OWN_CELLS = "Leave the terrain's cells and heights as they are; else it is rescaled to cells of 1 to 20 m."
 _LEAVE = "Leave out this share of each file, a stripe at the end of its longer side, for --held-out."
 _HELD_OUT = "Use nothing but that stripe, to validate on."
-
-_PAPERS_RECIPE: dict[str, Any] = {
-    "workloads": (("soft", 1.0),),
-    "cell_sizes_m": (20.0,),
-    "poolings": ((1, 1.0),),
-    "margin_share": 0.0,
-}
 
 
 def _part(word: str) -> tuple[int, int]:
@@ -104,10 +101,12 @@ def command(
         blocks=size // 4,
         seed=seed,
         stripe=stripe,
-        **(_PAPERS_RECIPE if papers_maps else {}),
-        **_of_terrain(terrain, own_cell_size),
+        cell_size_m=terrain.cell_size,
+        vertical_scale=terrain.vertical_scale,
+        allow_vrt=terrain.allow_vrt,
         **recipe_fields,
     )
+    recipe = _of_terrain(recipe, terrain, own_cell_size, papers_maps)
     make = partial(shards_on_cluster, scheduler) if scheduler else None
     with bar("shards", recipe.shards) as advance:
 
@@ -127,19 +126,17 @@ def command(
         )
 
 
-def _of_terrain(terrain: TerrainOptions, own_cell_size: bool) -> dict[str, Any]:
-    """The recipe's fields for how terrain is read, rescaled and judged."""
-    fields: dict[str, Any] = {
-        "cell_size_m": terrain.cell_size,
-        "vertical_scale": terrain.vertical_scale,
-        "allow_vrt": terrain.allow_vrt,
-    }
+def _of_terrain(recipe: "Recipe", terrain: TerrainOptions, own_cell_size: bool, papers_maps: bool) -> "Recipe":
+    """With the cells that are asked for and the limits by which they are judged."""
+    if papers_maps:
+        soft = (("soft", 1.0),)
+        return replace(recipe, workloads=soft, cell_sizes_m=(20.0,), poolings=((1, 1.0),), margin_share=0.0)
     if own_cell_size or terrain.rescale:
-        fields["cell_sizes_m"] = () if terrain.rescale is None else (terrain.rescale,)
-    if terrain.limits_given:
-        from nnpp_edge.runtime.terrain.traversability import Traversability
+        recipe = replace(recipe, cell_sizes_m=() if terrain.rescale is None else (terrain.rescale,))
+    if not terrain.limits_given:
+        return recipe
+    from nnpp_edge.runtime.terrain.traversability import Traversability
 
-        limits, papers = asdict(terrain.limits()), asdict(Traversability())
-        fields["limits"] = {name: value for name, value in limits.items() if value != papers[name]}
-        fields["workloads"] = ((terrain.workload or "soft", 1.0),)
-    return fields
+    limits, papers = asdict(terrain.limits()), asdict(Traversability())
+    own = {name: value for name, value in limits.items() if value != papers[name]}
+    return replace(recipe, limits=own, workloads=((terrain.workload or "soft", 1.0),))

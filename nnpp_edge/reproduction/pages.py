@@ -1,12 +1,12 @@
 """What is kept of an experiment, and its pages: its own, and the index that says what agrees with the paper."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import msgspec
 
 from nnpp_edge.progress import markdown_table
 from nnpp_edge.reproduction.findings import Finding, Verdict, findings_table
+from nnpp_edge.reproduction.rows import Row
 
 
 class Stored(msgspec.Struct):
@@ -18,7 +18,7 @@ class Stored(msgspec.Struct):
     title: str
     machine: str
     load: float
-    made_with: dict[str, Any]
+    made_with: Row
     """All that decides the figures, except the machine."""
     about: dict[str, str]
     """Networks, controls, and how many maps, queries and repetitions."""

@@ -17,12 +17,13 @@ import numpy as np
 from nnpp_edge.progress import markdown_table
 
 Row = dict[str, Any]
+Key = tuple[Any, ...]
 
 
 class Rows(list[Row]):
     """Rows, and figures of them."""
 
-    def of(self, *planners: str, **values: Any) -> "Rows":
+    def of(self, *planners: str, **values: object) -> "Rows":
         """The rows of these planners, by default of all, that have these values."""
         return Rows(
             row
@@ -30,9 +31,9 @@ class Rows(list[Row]):
             if (not planners or row.get("planner") in planners) and all(row.get(k) == v for k, v in values.items())
         )
 
-    def by(self, *names: str) -> "dict[tuple[Any, ...], Rows]":
+    def by(self, *names: str) -> "dict[Key, Rows]":
         """The rows by what they have under these names, in the order of their coming."""
-        groups: dict[tuple[Any, ...], Rows] = {}
+        groups: dict[Key, Rows] = {}
         for row in self:
             groups.setdefault(tuple(row[name] for name in names), Rows()).append(row)
         return groups
@@ -83,7 +84,7 @@ class Rows(list[Row]):
 
 Columns = Mapping[str, Callable[[Rows], str]]
 """Columns of a table: what each shows of the rows behind a line."""
-Groups = Mapping[tuple[Any, ...], Rows]
+Groups = Mapping[Key, Rows]
 """The rows behind each line of a table, by what begins the line."""
 
 

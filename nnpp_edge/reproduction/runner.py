@@ -6,7 +6,6 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -20,6 +19,7 @@ from nnpp_edge.reproduction.experiment import Context, Result
 from nnpp_edge.reproduction.experiments import EXPERIMENTS
 from nnpp_edge.reproduction.pages import Stored, experiment_page, index_page
 from nnpp_edge.reproduction.regions import CONTROLS_NOTE, Networks
+from nnpp_edge.reproduction.rows import Row
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, OutputError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -95,7 +95,7 @@ def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
     write_index(request.output)
 
 
-def _made_with(request: Request, cell_sizes_m: list[float]) -> dict[str, Any]:
+def _made_with(request: Request, cell_sizes_m: list[float]) -> Row:
     """All that decides the figures, except the settings: names and contents of files, never their places."""
     models, dataset = [read_model_file(model) for model in request.models], None
     if request.dataset is not None:
