@@ -92,7 +92,7 @@ class MapPlanners:
         """Ask this network from now on, once it has been loaded and tried; ModelError, and the old one stays."""
         if not isinstance(model, NetworkModel):
             model = NetworkModel(model)
-            model.run()
+            model.try_out()
         self.regions.use_model(model)
         return model
 
