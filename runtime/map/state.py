@@ -119,7 +119,7 @@ class MapState:
         state = cls.__new__(cls)
         rule = traversability.rule(*sides_m, scale=model.scale)
         if warn:
-            warn_of_saturation(heights, rule, stacklevel=6)  # whoever called `Planner.of_elevation`
+            warn_of_saturation(heights, rule, stacklevel=8)  # whoever called `Planner.of_elevation`
         state._unknown = None
         surface = sides_m, traversability, vehicle, slope_cost
         state._lay_out(_Elevation(heights, base, rule, model, corner_cutting, lazy, *surface))

@@ -123,8 +123,8 @@ def _planner(case: Case, layers: Layers) -> Planner:
         return Planner(layers.cost(), vehicle=case.vehicle, cell_size_m=CELL_M)
     if not disc:
         holes = Layers(np.where(shut, np.float32(np.nan), layers.heights), case.cost, case.limits)
-        return Planner.on(holes.ground(**_robot(case)))
-    planner = Planner.on(layers.ground(**_robot(case)))
+        return Planner(holes.ground(**_robot(case)))
+    planner = Planner(layers.ground(**_robot(case)))
     planner.update(0, 0, np.where(shut, np.inf, 0.0))
     return planner
 

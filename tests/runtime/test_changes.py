@@ -21,7 +21,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners import dynamic_choice
 from nnpp_edge.runtime.planners.dynamic_choice import DynamicChooser
-from nnpp_edge.runtime.planners.map_planners import MapPlanners
+from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, path_costs
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, RegionMender
@@ -58,8 +58,8 @@ class ChangingMap:
         self.view_in_parts = MapView(self.state, self.network_in_parts, UNSEEN_CHANGE)
         self.path, self.unmerged_path = StandingPath(self.state), StandingPath(self.unmerged)
         self.astar, self.dearer_only = AStarSearcher(self.state), True
-        planners, self.chooser_path = MapPlanners(self.state, self.network), StandingPath(self.state)
-        self.chooser = DynamicChooser(self.state, planners, self.chooser_path)
+        self.chooser_path = StandingPath(self.state)
+        self.chooser = DynamicChooser(Methods(self.state, self.network), self.chooser_path)
         self.since_answer = []
         self.plain = self.state.log.reader()
         self.weighing = self.state.log.reader(keeps_old_weights=True)
@@ -202,7 +202,7 @@ class ChangingMap:
             search = AStarSearcher(self.state)
             query, work = Query(self.start, self.goal), Work()
             for state, path in ((self.state, self.path), (self.unmerged, self.unmerged_path)):
-                found = MapPlanners(state, self.network).exact.find(query, work)
+                found = Methods(state, self.network).search_map(query, work)
                 path.set(found.plan(Method.ASTAR, work, planner="astar"))
             assert search.landmarks is None
 
