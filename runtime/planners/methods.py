@@ -56,7 +56,7 @@ class Methods:
         unseen_change: float = 0.0,
     ) -> None:
         self.state, self._ask_from = state, ask_from
-        self.has_poses = state.grid.poses is not None
+        self.has_poses = state.grid.steps.by_poses
         """Whether a vehicle's poses are searched."""
         self.astar = AStarSearcher(state)
         self.regions = LearnedRegions(state, model, unseen_change)

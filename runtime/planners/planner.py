@@ -243,7 +243,7 @@ class Planner(OnMap):
             best_order=best_order,
             at_least=grid.least_cost,
             nearest=nearest if wishes.method == Method.ASTAR else None,
-            symmetric=grid.directed is None,
+            symmetric=not grid.steps.by_slope,
             finish=lambda leg: self._refined(leg, refining, wishes, deadline),
             deadline=deadline,
         )

@@ -12,7 +12,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source, path_costs
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.stopwatch import Stopwatch
 
@@ -113,11 +113,11 @@ class Found(NamedTuple):
     @classmethod
     def of(cls, grid: Grid, search: Search, source: Source, region: Region | None, work: Work) -> "Found":
         """What a search of the map, or of a region of it, found."""
-        costs, bound = path_costs(grid, search.path), 0.0
+        costs, bound = grid.steps.costs_of(search.path), 0.0
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
             start, goal = search.path[[0, -1]].tolist()
-            bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + grid.worth_of_height(start, goal))
+            bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + grid.steps.worth_of_height(start, goal))
         work.stage_ends("path")
         return cls(search, source, *costs, bound, region)
 

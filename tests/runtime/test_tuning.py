@@ -16,7 +16,6 @@ from nnpp_edge.runtime.planners import dynamic_choice, searchers
 from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.plan import path_costs
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.region.corridor import CoarseLevel
@@ -158,7 +157,7 @@ def test_a_wider_corridor_holds_more_cells_and_a_path_that_is_no_dearer():
     for width in (tuning.LEARNED_CORRIDOR, tuning.CORRIDOR, tuning.WIDENED_CORRIDOR):
         search, region = descent.descend(Query((5, 5), (290, 280)), Work(), searcher, 1, None, width)
         areas.append(region.area())
-        costs.append(path_costs(state.grid, search.path)[0])
+        costs.append(state.grid.steps.costs_of(search.path)[0])
     assert areas == sorted(areas) and 1.1 * areas[0] < areas[-1]
     assert costs == sorted(costs, reverse=True)
 
