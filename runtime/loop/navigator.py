@@ -251,7 +251,7 @@ class Navigator:
         settings = self.settings
         if settings.asks_network:
             begin_loading(self.model)
-        planner = DynamicPlanner.on(
+        planner = DynamicPlanner(
             ground,
             (0, 0),
             settings.method,

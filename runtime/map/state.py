@@ -119,7 +119,7 @@ class MapState:
         state = cls.__new__(cls)
         rule = traversability.rule(*sides_m, scale=model.scale)
         if warn:
-            warn_of_saturation(heights, rule, stacklevel=6)  # whoever called `Planner.of_elevation`
+            warn_of_saturation(heights, rule, stacklevel=8)  # whoever called `Planner.of_elevation`
         state._unknown = None
         surface = sides_m, traversability, vehicle, slope_cost
         state._lay_out(_Elevation(heights, base, rule, model, corner_cutting, lazy, *surface))
@@ -235,7 +235,7 @@ class MapState:
             _PAPER.refuse(float(np.nanmin(costs)))
         tiles, poses = self._tiles, self.grid.poses
         before = tiles.told[row : row + rows, col : col + cols]
-        told = costs_told(before, costs, seen, shut_alone=poses is not None or self.grid.directed is not None)
+        told = costs_told(before, costs, seen, shut_alone=self.grid.steps.by_poses or self.grid.steps.by_slope)
         part = trimmed(part, told != before)
         if not part[2]:
             return Change(part, 0)

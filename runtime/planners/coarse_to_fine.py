@@ -38,7 +38,7 @@ class CoarseToFine:
         self._state, self._finest = state, finest
         self._levels = state.pyramid.levels
         self._coarse = [CoarseLevel(level) for level in self._levels[1:]]
-        self._corrects = state.grid.poses is not None
+        self._corrects = state.grid.steps.by_poses
         self._last: Region | None = None
         """Where the last descent let the map itself be searched."""
 

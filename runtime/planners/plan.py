@@ -9,14 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.kernels.paths import measure
-from nnpp_edge.runtime.kernels.poses import measure_poses
 from nnpp_edge.runtime.map.along import Along, Line, Numbers
-from nnpp_edge.runtime.map.directed import DirectedSteps
-from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import SQRT2
 from nnpp_edge.runtime.map.turns import curvatures
 from nnpp_edge.runtime.planners.plan_shown import Axes, draw, html_of
 
@@ -288,22 +283,6 @@ class Plan:
         if "total" in self.timings_ms:
             rows["time"] = f"{self.timings_ms['total']:.3g} ms"
         return rows
-
-
-def path_costs(grid: Grid, path: NDArray[np.int32]) -> tuple[float, float, float]:
-    """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
-    if not len(path):
-        return math.inf, math.inf, math.inf
-    if grid.poses is None:
-        straight, diagonal, by_straight, by_diagonal, total = measure(grid.weights, grid.stride, path)
-    else:
-        straight, diagonal, by_straight, by_diagonal, total = measure_poses(grid.poses.packed, grid.stride, path)
-    length_s, length_d, weight_s, weight_d = grid.model.steps
-    cost = length_s * straight + length_d * diagonal + weight_s * by_straight + weight_d * by_diagonal
-    if isinstance(grid.directed, DirectedSteps):
-        cost = float(grid.directed.costs_along(path).sum())
-    scale = grid.model.scale
-    return cost, straight + SQRT2 * diagonal, total / scale if scale else 0.0
 
 
 def _finite(number: float) -> float | None:

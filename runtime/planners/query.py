@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple, TypedDict
 
 from nnpp_edge.runtime.arguments import checked
@@ -13,8 +12,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source, path_costs
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.stopwatch import Stopwatch
 
@@ -87,14 +85,6 @@ options_of: Callable[..., Wishes] = checked(InvalidQueryError)(Wishes)
 """From keywords; InvalidQueryError for a value of another kind."""
 
 
-class PlannerOptions(TypedDict, total=False):
-    """Options of `Planner` and `Planner.of_elevation`."""
-
-    omega: float
-    corner_cutting: bool
-    model: str | Path | NetworkModel
-
-
 class Work(Stopwatch):
     """What answering a query has taken so far."""
 
@@ -123,11 +113,11 @@ class Found(NamedTuple):
     @classmethod
     def of(cls, grid: Grid, search: Search, source: Source, region: Region | None, work: Work) -> "Found":
         """What a search of the map, or of a region of it, found."""
-        costs, bound = path_costs(grid, search.path), 0.0
+        costs, bound = grid.steps.costs_of(search.path), 0.0
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
             start, goal = search.path[[0, -1]].tolist()
-            bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + grid.worth_of_height(start, goal))
+            bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + grid.steps.worth_of_height(start, goal))
         work.stage_ends("path")
         return cls(search, source, *costs, bound, region)
 
@@ -140,10 +130,6 @@ class Found(NamedTuple):
     def too_late(cls, source: Source) -> "Found":
         """Nothing: time was up before a search of the map could begin."""
         return cls(Search.without_path(Status.TIMEOUT), source, math.inf, math.inf, math.inf, 0.0, None)
-
-    def by_network(self, threshold: float, region: Region) -> "Found":
-        """The same, found by a network's region."""
-        return self._replace(threshold=threshold, network_region=region)
 
     def plan(
         self,

@@ -61,7 +61,7 @@ class Refinement(StrEnum):
             found = cls(name)
         except ValueError:
             raise InvalidQueryError(f"refine must be one of {', '.join(cls)}, got {name!r}") from None
-        if grid.directed is not None:
+        if grid.steps.by_slope:
             raise InvalidQueryError(
                 f"refine={name!r} prices lines by the map's cost: wanted step_cost='paper' or 'length', got steps "
                 "that cost by their slope"
@@ -87,7 +87,7 @@ class Refiner:
 
     def __init__(self, state: MapState) -> None:
         self._state, self._grid = state, state.grid
-        self._body = None if state.grid.poses is None else BodyLines(state.grid)
+        self._body = BodyLines(state.grid) if state.grid.steps.by_poses else None
 
     def refined(self, plan: Plan, turning_radius_m: float | None = None, deadline: Deadline = NEVER) -> Plan:
         """The plan with way points, where it has a path; the time that this takes is its stage ``refine``.

@@ -78,7 +78,7 @@ class AStarSearcher:
             impassable.
         """
         count = landmarks + len(goals)
-        if count and self.grid.directed is not None:
+        if count and self.grid.steps.by_slope:
             raise InvalidQueryError("landmarks need steps that cost alike both ways: wanted step_cost='paper'")
         if not 0 <= count <= MOST_LANDMARKS:
             raise InvalidQueryError(f"landmarks and goals must be at most {MOST_LANDMARKS}, got {count}")

@@ -94,7 +94,7 @@ class StandingPath:
     """
 
     def __init__(self, state: MapState) -> None:
-        self._grid, self._by_parts = state.grid, state.grid.poses is not None or state.grid.directed is not None
+        self._grid, self._by_parts = state.grid, state.grid.steps.by_poses or state.grid.steps.by_slope
         nodes = 0 if self._by_parts else len(state.grid.weights)
         self._changes = state.log.reader(keeps_old_weights=not self._by_parts)
         self._parts: list[Rectangle] = []
@@ -154,7 +154,7 @@ class StandingPath:
             return Standing(Footing.OFF_PATH)
         index, goal = int(hits[0]), (int(path[-1, 0]), int(path[-1, 1]))
         walked = float(self._walked[index])
-        straight = octile.py_func(*at, *goal, *grid.prices) + grid.worth_of_height(at, goal)
+        straight = octile.py_func(*at, *goal, *grid.prices) + grid.steps.worth_of_height(at, goal)
         rest = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self._plan.lower_bound - walked
         floor, lower = (max(bound, straight) for bound in self._bounds_now(rest, at, goal))
         blocked = self._grid.walk(path, index, self._scratch)
@@ -192,7 +192,7 @@ class StandingPath:
 
     def _by_way_of(self, part: Rectangle, at: Cell, goal: Cell) -> float:
         """The least that a path by way of a rectangle's cells costs."""
-        (row, col, rows, cols), cost = part, self._grid.worth_of_height(at, goal)
+        (row, col, rows, cols), cost = part, self._grid.steps.worth_of_height(at, goal)
         for end in (at, goal):
             nearest = min(max(end[0], row), row + rows - 1), min(max(end[1], col), col + cols - 1)
             cost += octile.py_func(*end, *nearest, *self._grid.prices)

@@ -14,7 +14,7 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.along import joined
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source, path_costs
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.query import in_words
 from nnpp_edge.runtime.stopwatch import Stopwatch
 
@@ -244,6 +244,6 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
         line_cost=sum(leg.line_cost for leg in legs),
         cost=sum(leg.cost for leg in legs),
         length=sum(leg.length for leg in legs),
-        traverse_cost=path_costs(grid, path)[2],
+        traverse_cost=grid.steps.costs_of(path)[2],
         lower_bound=sum(leg.lower_bound for leg in legs),
     )

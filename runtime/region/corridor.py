@@ -65,11 +65,11 @@ class CoarseLevel:
             region=region,
             links=links,
             landmarks=hints,
-            backwards=grid.directed is not None,
+            backwards=grid.steps.by_slope,
             beyond=beyond,
             deadline=deadline,
         )
-        if region is None and grid.directed is None and self.grid.cells <= MOST_CELLS_FOR_LANDMARKS:
+        if region is None and not grid.steps.by_slope and self.grid.cells <= MOST_CELLS_FOR_LANDMARKS:
             self._spent += found.expansions
         return found
 
@@ -142,7 +142,7 @@ class CoarseLevel:
         searched, scratch = (ws.g, ws.meta, ws.stamp), (self._reached, self._queued, self._queue)
         ahead = below.weights, below.stride, below.rows, below.cols, finer_workspace.meta
         links, node = self.level.links, grid.node(*start)
-        edges = None if grid.directed is None else grid.directed.edges
+        _, edges = grid.steps.packed()
         width = radius, band, deadline.at
         surround(grid.packed, edges, links, node, searched, scratch, found.path, width, marks, ahead)
         deadline.check()

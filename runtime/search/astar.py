@@ -32,7 +32,6 @@ from nnpp_edge.runtime.kernels.expansion import (
     trace,
 )
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
-from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
@@ -125,7 +124,7 @@ def astar(
     factor = 1.0 + beyond if beyond else BELOW
     rule = (*grid.prices, width, SUCCESSORS[_dominance(grid, links)], factor)
     hints = None if landmarks is None else landmarks.towards(last)
-    poses, edges = grid.packed_poses, grid.packed_edges(backwards)
+    poses, edges = grid.steps.packed(backwards)
     allowed = None if region is None else tuple(region)
     ws, begin, limits = workspace, first, (limit or _WITHOUT_END, deadline.at)
     ws.next_stamp()
@@ -175,7 +174,7 @@ def _settling(
     ws = workspace
     ws.next_stamp()
     rule = (0.0, 0.0, _bucket_width(grid), SUCCESSORS[_dominance(grid, links)], BELOW)
-    poses, edges, limits = grid.packed_poses, grid.packed_edges(), (most, deadline.at)
+    (poses, edges), limits = grid.steps.packed(), (most, deadline.at)
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), FULL
     while code in (FULL, PAUSED):
@@ -195,7 +194,7 @@ def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
     settle_all(grid, source, workspace)
     field = np.empty(grid.shape, np.float32)
     read_field(workspace.g, workspace.meta, workspace.stamp, grid.stride, field)
-    return field + grid.directed.heights_from(source) if isinstance(grid.directed, DirectedSteps) else field
+    return grid.steps.with_heights(field, source)
 
 
 def costs_to_nearest(
@@ -219,17 +218,17 @@ def costs_to_nearest(
             if settled.sum() > count:  # the cell itself is one of them
                 break
         costs[at] = np.where(settled, workspace.g[2 * nodes], within)
-        costs[at] += [grid.worth_of_height(stop, other) for other in stops]
+        costs[at] += [grid.steps.worth_of_height(stop, other) for other in stops]
         known[at] |= settled | (within == math.inf)
     return costs, known
 
 
 def _bucket_width(grid: Grid) -> float:
-    return grid.prices[0] * (BUCKET_WIDTH if grid.directed is None else DIRECTED_BUCKET_WIDTH)
+    return grid.prices[0] * (DIRECTED_BUCKET_WIDTH if grid.steps.by_slope else BUCKET_WIDTH)
 
 
 def _dominance(grid: Grid, links: Links) -> Dominance:
-    if links is not None or grid.poses is not None or grid.directed is not None:
+    if links is not None or grid.steps.by_poses or grid.steps.by_slope:
         return Dominance.NONE
     diagonal = grid.corner_cutting and grid.model.kind is StepCost.PAPER
     return Dominance.DIAGONAL if diagonal else Dominance.STRAIGHT

@@ -99,7 +99,7 @@ class DStarLite:
 
     def __init__(self, state: MapState, goal: Cell, region: Region | None = None) -> None:
         self._grid = state.grid
-        self._poses, self._directed = self._grid.packed_poses, self._grid.packed_edges()
+        self._poses, self._directed = self._grid.steps.packed()
         self._changes = state.log.reader()
         self._memory = DStarMemory(len(self._grid.weights), 1 if self._poses is None else len(HEADINGS))
         self._everywhere = Region.everywhere(*self._grid.shape)
