@@ -47,21 +47,9 @@ class Numbers(NamedTuple):
 class Along:
     """A line over the ground, point by point from start to goal.
 
-    Heights are read when it is made, all else is computed when it is asked for.
-
-    Attributes
-    ----------
-    places : (N, 2) int or float
-        Row and column: a path's cells. Of way points, these and each place between two of them where the line crosses
-        a row or a column of cells' middles: between two places the ground is then as good as even.
-    sampled_m : (N,) float
-        Heights of the ground, bilinear between the cells' middles; NaN where unknown.
-    sides_m : (float, float)
-        Height and width of a cell.
-    mobility : Mobility
-        By what time and energy are computed.
-    walker : SpeedCost, optional
-        By whose time where the vehicle's is not known; by default Tobler's hiker.
+    Heights are read when it is made, all else is computed when it is asked for. Places are a path's cells; of way
+    points, these and each place between two of them where the line crosses a row or a column of cells' middles:
+    between two places the ground is then as good as even.
     """
 
     places: Line

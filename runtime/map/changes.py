@@ -42,10 +42,7 @@ class Change(NamedTuple):
 class ChangeLog:
     """Numbered changes, and the readers that have not seen all of them. Serves one thread at a time.
 
-    Parameters
-    ----------
-    most : int
-        Changes that are kept apart; where more wait, neighbouring ones are merged.
+    Where more than `most` changes wait, neighbouring ones are merged.
     """
 
     def __init__(self, most: int = MOST_LOGGED_CHANGES) -> None:

@@ -27,15 +27,7 @@ Edges = NDArray[np.float32]
 
 
 class CoarseSteps:
-    """What the steps of a coarse level cost, from one cell to the next and back.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Rows and columns of the level.
-    prices : (float, float)
-        Of the map's own steps.
-    """
+    """What the steps of a coarse level cost, both ways; `prices` are those of the map's own steps."""
 
     def __init__(self, shape: Cell, prices: tuple[float, float]) -> None:
         rows, cols = shape
@@ -49,16 +41,10 @@ class CoarseSteps:
         """(nodes, 8) of the step by which a node is come to from its neighbour in each direction."""
 
     def pool(self, finer: Edges, pieces: NDArray[np.uint16], area: Rectangle, obstacle: NDArray[np.float32]) -> None:
-        """Bring a rectangle of cells up to date, and their steps.
+        """Bring a rectangle of this level's cells up to date, and their steps.
 
-        Parameters
-        ----------
-        finer : (H + 2, W + 2, 8) float32
-            Means of the finer level, or steps of the map.
-        pieces, obstacle
-            As for `kernels.directed.pool_steps`.
-        area : (row, col, rows, cols)
-            Of cells of this level.
+        `finer` are (H + 2, W + 2, 8) means of the finer level, or steps of the map; `pieces` and `obstacle` as for
+        `kernels.directed.pool_steps`.
         """
         edges, backwards = (each.reshape(self.means.shape) for each in (self.edges, self.backwards))
         (row, col, rows, cols), (top, left, tall, wide) = area, with_rim(area, self.shape)
@@ -77,14 +63,8 @@ class DirectedSteps:
     ----------
     heights : (H, W) float32
         Metres, C-contiguous; not finite where unknown. Kept: whoever changes them says so (`follow`).
-    sides_m : (float, float)
-        Height and width of a cell.
-    model : SlopeCost
-        What a way costs.
     weights : (nodes,) float32 or None
         Of the map's grid, inf where it is impassable; kept. None where a body's poses decide.
-    corner_cutting : bool
-        Whether a diagonal step may pass beside an impassable cell.
     """
 
     def __init__(

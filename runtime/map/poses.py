@@ -61,18 +61,13 @@ class Poses:
     sides_m : (float, float)
         Height and width of a cell.
     vehicle : Vehicle
-        The body.
+        The body. InvalidMapError where it is larger than the map.
     weights : (float, float, float)
         Of tilt, rise and step in T; they sum to 1.
     scale : float
         Weight of T = 1.
     shut : (H, W) bool
         Cells that no part of the body may be above, whatever their heights; by default none.
-
-    Raises
-    ------
-    InvalidMapError
-        The body is larger than the map.
     """
 
     def __init__(

@@ -32,19 +32,8 @@ class Methods:
     """Finds paths on one map. Serves one thread at a time.
 
     Every method returns a path that is good enough for the query, and adds what that takes to `work`. OutOfTimeError
-    where time was up before a search of the map could begin.
-
-    Parameters
-    ----------
-    state : MapState
-        The map.
-    model : str, Path or NetworkModel
-        The network, loaded when first needed.
-    ask_from : int
-        Cells between start and goal from which on the network is asked. Nearer goals A* has mostly found before it
-        has answered, and is tried first.
-    unseen_change : float
-        As for `MapView`.
+    where time was up before a search of the map could begin. `model` and `ask_from` as in `PlannerOptions`,
+    `unseen_change` as for `MapView`.
     """
 
     @checked(InvalidQueryError)

@@ -36,13 +36,7 @@ class Searcher(Protocol):
 
 
 class AStarSearcher:
-    """A* afresh for each query, over the whole map or a region. Serves one thread at a time.
-
-    Parameters
-    ----------
-    state : MapState
-        The map.
-    """
+    """A* afresh for each query, over the whole map or a region. Serves one thread at a time."""
 
     def __init__(self, state: MapState) -> None:
         self.grid, self.workspace = state.grid, Workspace(len(state.grid.weights))
@@ -69,14 +63,7 @@ class AStarSearcher:
         return self._landmarks if self.grid.step_ratio <= MOST_RATIO_FOR_LANDMARKS else None
 
     def prepare(self, landmarks: int, goals: Sequence[Cell]) -> None:
-        """Set landmarks at these goals, and so many more spread over the map.
-
-        Raises
-        ------
-        InvalidQueryError
-            More than `MOST_LANDMARKS` in all, or any where steps are directed, or a goal that is outside the map or
-            impassable.
-        """
+        """Set landmarks at these goals, and so many more spread over the map; errors as of `Planner.prepare`."""
         count = landmarks + len(goals)
         if count and self.grid.steps.by_slope:
             raise InvalidQueryError("landmarks need steps that cost alike both ways: wanted step_cost='paper'")
@@ -96,11 +83,6 @@ class RegionMender:
     """D* Lite in regions, kept from one query to the next. Serves one thread at a time.
 
     Worth it for queries towards one goal: another goal starts D* Lite afresh.
-
-    Parameters
-    ----------
-    state : MapState
-        The map.
     """
 
     def __init__(self, state: MapState) -> None:
@@ -221,17 +203,7 @@ class RegionMender:
 
 
 class MendingSearcher:
-    """D* Lite in a region where that is expected to be less work than A* afresh, or always.
-
-    Parameters
-    ----------
-    mender : RegionMender
-        Keeps D* Lite.
-    fresh : AStarSearcher
-        Searches where mending is not worth it.
-    always : bool
-        Whether to mend whatever it takes.
-    """
+    """D* Lite in a region where that is expected to be less work than A* afresh; `always`, whatever it takes."""
 
     def __init__(self, mender: RegionMender, fresh: AStarSearcher, *, always: bool = False) -> None:
         self._mender, self._fresh, self._always = mender, fresh, always

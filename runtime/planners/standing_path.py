@@ -86,11 +86,6 @@ class StandingPath:
 
     What has changed it reads from the map's log when it is checked: that takes time by the cells of the path and
     those that changed, not by the map.
-
-    Parameters
-    ----------
-    state : MapState
-        The map; read, never written.
     """
 
     def __init__(self, state: MapState) -> None:
@@ -116,10 +111,7 @@ class StandingPath:
     def set(self, plan: Plan) -> None:
         """Follow this plan's path from now on; the plan must have been made on the map as it is now.
 
-        Raises
-        ------
-        InvalidQueryError
-            The plan has no path to the goal, or its path cannot be walked.
+        InvalidQueryError where it has no path to the goal, or the path cannot be walked.
         """
         if not plan.ok or not len(plan.path):
             raise InvalidQueryError(f"a standing path must lead to the goal, got a plan of status {plan.status}")
