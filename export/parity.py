@@ -42,8 +42,7 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n:
         query = torch.from_numpy(encode(network.spec, start, goal))
         wanted = torch.sigmoid(network(torch.from_numpy(planes)[None], query[None]))[0].numpy()
         model.set_map(planes)
-        model.set_query(start, goal)
-        differences.append(np.abs(model.run() - wanted))
+        differences.append(np.abs(model.answer(start, goal) - wanted))
     worst = max(float(d.max()) for d in differences)
     source = "random" if samples is None else "dataset"
     return Parity(len(differences), source, worst, float(np.mean(differences)), LIMIT, worst <= LIMIT)

@@ -74,10 +74,9 @@ def parts() -> list[Callable[[], None]]:
 
 
 def _exercise_network(network: NetworkModel) -> None:
-    network.set_query((0.0, 0.0), (1.0, 1.0))
-    network.run()
+    network.try_out()
     size = 16
-    encode_gaussian((1.0, 2.0), (9.0, 3.0), size, 1, 4.0, np.empty((GAUSSIAN_CHANNELS, size, size), np.float32))
+    encode_gaussian((1.0, 2.0), (9.0, 3.0), 4.0, np.empty((GAUSSIAN_CHANNELS, size, size), np.float32))
     finder = RegionFinder(size)
     finder.threshold((1, 2), (9, 3))
     finder.mark(lowered(3, 0.5), (1, 2), (9, 3), 1)

@@ -76,7 +76,7 @@ class Methods:
         """Ask this network from now on, once it has been loaded and tried; ModelError, and the old one stays."""
         if not isinstance(model, NetworkModel):
             model = NetworkModel(model)
-            model.run()
+            model.try_out()
         self.regions.use_model(model)
         self.chooser = MethodChooser(self.state.shape, model, self.has_poses)
         return model

@@ -63,7 +63,7 @@ class LearnedRegions:
         view.lookup_at(level.grid, number)
         view.refresh()
         if view.network.in_parts:
-            view.network.answer((0.0, 0.0), (1.0, 1.0))
+            view.network.try_out()
 
     def regions(
         self,
@@ -104,13 +104,8 @@ class LearnedRegions:
         places = view.show(start, goal, deadline)
         deadline.check()
         view.network.check_time(deadline)
-        if view.network.in_parts:
-            stopwatch.stage_ends("encode")
-            probability = view.network.answer(*places)
-        else:
-            view.network.set_query(*places)
-            stopwatch.stage_ends("encode")
-            probability = view.network.run()
+        stopwatch.stage_ends("encode")
+        probability = view.network.answer(*places)
         stopwatch.stage_ends("inference")
         deadline.check()
         factor, finder, share = FACTOR**number, self._finder, view.network.metadata.region_factor

@@ -164,12 +164,10 @@ class MapView:
 
     def _average(self, part: Rectangle) -> None:
         """Bring the planes up to date with a part of the window."""
-        grid, (row0, col0, _, _) = self._grid, self.window
-        if grid.tiles is not None:
-            grid.tiles.planes(self.window, self.frame.inner, [part], self.planes)
-            return
-        first = grid.weights[row0 * grid.stride + col0 :]
-        map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self.planes, [part])
+        if (tiles := self._grid.tiles) is not None:
+            tiles.planes(self.window, self.frame.inner, [part], self.planes)
+        else:
+            map_planes(self._grid, self.frame, self.planes, [part], self.window[:2])
 
     def _window_for(self, start: Cell, goal: Cell) -> Rectangle:
         """What to show the network: a square around start and goal where it shows them finer than the whole map.
