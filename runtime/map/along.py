@@ -75,7 +75,7 @@ class Along:
         return cls(places, heights_at(heights, places), sides_m, mobility, like.walker if like else None)
 
     def back(self) -> "Along":
-        """The same line from goal to start."""
+        """This line from goal to start."""
         return replace(self, places=self.places[::-1], sampled_m=self.sampled_m[::-1])
 
     @cached_property
@@ -134,7 +134,7 @@ class Along:
         return self._by(self.mobility.energy)
 
     def _by(self, model: SlopeCost) -> NDArray[np.float64]:
-        """What a model says of the way to each point; points may coincide."""
+        """A model's sum on the way to each point; points may coincide."""
         costs, moves = np.zeros(len(self.points)), self.steps_m > 0.0
         costs[moves] = model.cost(self.steps_m[moves], self.rises_m[moves])
         return costs.cumsum()

@@ -23,7 +23,7 @@ _NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
 
 
 class Change(NamedTuple):
-    """What one update of a map changed, or several in a row."""
+    """The cells that one update of a map changed, or several in a row."""
 
     part: Rectangle
     """The least rectangle that holds every changed cell."""

@@ -20,14 +20,14 @@ from nnpp_edge.runtime.terrain.traversability import with_rim
 _ROUNDED_DOWN = 1.0 - 1e-6
 """Of the cheapest step: edges are rounded to float32, the prices of the heuristic are not."""
 _OBSTACLE = 1.5
-"""What an impassable cell counts for in a coarse cell's mean, in times of a level step (docs/decisions.md)."""
+"""Cost of an impassable cell in a coarse cell's mean, in times of a level step (docs/decisions.md)."""
 _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
 Edges = NDArray[np.float32]
 
 
 class CoarseSteps:
-    """What the steps of a coarse level cost, both ways; `prices` are those of the map's own steps."""
+    """Costs of the steps of a coarse level, both ways; `prices` are those of the map's own steps."""
 
     def __init__(self, shape: Cell, prices: tuple[float, float]) -> None:
         rows, cols = shape
@@ -57,7 +57,7 @@ class CoarseSteps:
 
 
 class DirectedSteps:
-    """What the steps of a map of heights cost.
+    """Costs of the steps of a map of heights.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class DirectedSteps:
 
     @property
     def padded(self) -> Edges:
-        """The same within a border."""
+        """`map` within a border."""
         return self.edges.reshape(self.shape[0] + 2, self.shape[1] + 2, 8)
 
     def follow(self, change: Change, heights: Rectangle) -> Change:
@@ -129,7 +129,7 @@ class DirectedSteps:
         return change._replace(part=whole, cells=max(change.cells, len(found)), cheaper=cheaper)
 
     def worth_of_height(self, start: Cell, goal: Cell) -> float:
-        """What the height from one cell to another is worth: by so much a path costs more than its steps here."""
+        """Worth of the height from one cell to another: by so much a path costs more than its steps here."""
         rise = float(self._heights[goal[0], goal[1]]) - float(self._heights[start[0], start[1]])
         return self.model.height_price * rise
 

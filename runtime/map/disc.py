@@ -173,7 +173,7 @@ class DiscState(MapState):
 
 
 class _Surface(NamedTuple):
-    """What the costs of a map of heights come from."""
+    """Source of the costs of a map of heights."""
 
     heights: Float2D
     base: float

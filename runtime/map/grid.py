@@ -56,7 +56,7 @@ class Grid:
         self.directed: DirectedSteps | CoarseSteps | None = None
         """By which steps cost; None where they cost by the weights, or the poses, of their ends."""
         self.steps = PointSteps(self)
-        """What steps cost, and where they may lead."""
+        """Costs of steps, and where they may lead."""
         self.packed: PackedGrid = (self.weights, self.stride, model.steps, corner_cutting, COMPLETE)
         floor, most, ceiling = map(np.float32, model.costs)
         self._limits = floor, most, np.float32(model.scale), ceiling
@@ -128,7 +128,7 @@ class Grid:
             self.steps = SlopeSteps(self, self.steps, directed)
 
     def least_cost(self, start: Cell, goal: Cell) -> float:
-        """What a path between two cells, which may lie outside the map, costs at the least."""
+        """Least cost of a path between two cells, which may lie outside the map."""
         straight = float(octile.py_func(*start, *goal, *self.prices))
         both = self.holds(start) and self.holds(goal)
         return straight + self.steps.worth_of_height(start, goal) if both else straight
@@ -159,7 +159,7 @@ class Grid:
 
     @property
     def step_ratio(self) -> float:
-        """What the dearest step costs, in times of the cheapest."""
+        """Cost of the dearest step, in times of the cheapest."""
         return self.steps.greatest / self.prices[0]
 
     def measure_bounds(self) -> None:

@@ -254,7 +254,7 @@ def _address() -> int:
 
 
 class _Geometry(NamedTuple):
-    """What the check goes by, of all headings, one after another."""
+    """Tables of the check, of all headings, one after another."""
 
     cells: NDArray[np.int64]
     """(N, 2) cells of each heading's wheels, then of its belly, as (row, col) from the pose's own."""

@@ -136,7 +136,7 @@ class Pyramid:
 
     @property
     def obstacle_weight(self) -> float:
-        """What an impassable cell counts for in the mean: T = 1, or as the dearest passable cell."""
+        """Weight of an impassable cell in the mean: T = 1, or as the dearest passable cell."""
         finest = self.levels[0].grid
         return finest.model.scale if finest.model.kind is StepCost.PAPER else finest.greatest
 

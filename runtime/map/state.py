@@ -34,7 +34,7 @@ _PAPER = StepModel.of(StepCost.PAPER)
 
 
 class _Elevation(NamedTuple):
-    """What a map of elevations is laid out from."""
+    """All that a map of elevations is laid out from."""
 
     heights: Float2D
     base: float
@@ -175,7 +175,7 @@ class MapState:
         return self.pyramid_by(NEVER)
 
     def pyramid_by(self, deadline: Deadline) -> Pyramid:
-        """The same; at the deadline OutOfTimeError, and the next call goes on from there."""
+        """As `pyramid`; at the deadline OutOfTimeError, and the next call goes on from there."""
         if self._pyramid is None or self._unpooled is None:
             self._pyramid, self._unpooled = Pyramid(self.grid, later=True), self.log.reader()
             if self._elevation is not None and not self._elevation.lazy:
@@ -278,7 +278,7 @@ class MapState:
 
     @property
     def room(self) -> Room:
-        """What lines must keep away from, see `kernels.any_angle`."""
+        """Obstacles that lines must keep away from, see `kernels.any_angle`."""
         return NO_DISC
 
     @property
@@ -309,7 +309,7 @@ class MapState:
         return None if self.vehicle is None else self.vehicle.turning_radius_m
 
     def along(self, line: Line, at: Line | None = None) -> Along | None:
-        """What lies under a line (N, 2) inside the map; None on a map of costs, whose heights are not known.
+        """Ground under a line (N, 2) inside the map; None on a map of costs, whose heights are not known.
 
         It is told at places `at` (M, 2), by default where the line crosses rows and columns of cells' middles.
         """

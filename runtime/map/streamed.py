@@ -75,11 +75,11 @@ class StreamedMap:
 
     @property
     def pyramid(self) -> "StreamedMap":
-        """What has the levels."""
+        """The owner of the levels."""
         return self
 
     def pyramid_by(self, _: Deadline) -> "StreamedMap":
-        """The same: levels that are there."""
+        """Levels that are there already."""
         return self
 
     def take(self, cost: Float2D) -> None:
@@ -135,5 +135,5 @@ class StreamedMap:
 
     @property
     def _obstacle(self) -> float:
-        """What an impassable cell counts for in the mean: T = 1."""
+        """Weight of an impassable cell in the mean: T = 1."""
         return self.grid.model.scale

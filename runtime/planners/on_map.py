@@ -1,4 +1,4 @@
-"""What planners of a standing and of a changing map share: the map, its patches, and the turn of one thread."""
+"""The common part of planners of a standing and of a changing map: the map, its patches, and the turn of one thread."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a planner answers with."""
+"""The answer of a planner, its methods, and where a path was found."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -62,7 +62,7 @@ class DynamicMethod(StrEnum):
 
     @property
     def base(self) -> Method:
-        """What it does at each step, whatever it keeps from one to the next."""
+        """The method of each step, whatever is kept from one to the next."""
         if self in (DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR):
             return Method.NNPP
         if self in (DynamicMethod.CORRIDOR, DynamicMethod.CORRIDOR_DSTAR):
@@ -166,7 +166,7 @@ class Plan:
         return self.path if self.waypoints is None else self.waypoints
 
     def over(self, state: MapState, at: Line | None = None) -> "Plan":
-        """The same plan with what lies below it on this map, at places (M, 2) of its line; as `MapState.along`."""
+        """This plan with what lies below it on this map, at places (M, 2) of its line; as `MapState.along`."""
         along = state.along(self.line, at)
         return self if along is None else replace(self, along=along)
 

@@ -246,7 +246,7 @@ class Planner(OnMap):
     @checked(InvalidQueryError)
     @one_at_a_time
     def reach(self, start: Cell, within: float = math.inf) -> Float2D:
-        """What can be reached from a cell, and at what cost.
+        """Costs of reaching every cell from one.
 
         Parameters
         ----------

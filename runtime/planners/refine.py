@@ -48,7 +48,7 @@ _ON_GRID = 1e-6
 
 
 class Refinement(StrEnum):
-    """What is made of the grid's path."""
+    """Ways to free a path from the grid."""
 
     ANY_ANGLE = "any-angle"
 

@@ -57,7 +57,7 @@ class AStarSearcher:
 
     @property
     def landmarks(self) -> Landmarks | None:
-        """What `prepare` computed; None before, after a cell has become cheaper, and where weights lie far apart."""
+        """From `prepare`; None before, after a cell has become cheaper, and where weights lie far apart."""
         if self._changes is not None and any(change.cheaper for change in self._changes.read()):
             self._landmarks = self._changes = None
         return self._landmarks if self.grid.step_ratio <= MOST_RATIO_FOR_LANDMARKS else None
@@ -89,13 +89,14 @@ class RegionMender:
         self._state = state
         self._dstar: DStarLite | None = None
         self._known: Region | None = None
-        """What D* Lite has searched; None where it has forgotten all."""
+        """Where D* Lite has searched; None where it has forgotten all."""
         self._latest: Region | None = None
-        """What was searched last, by D* Lite or afresh."""
+        """Where was searched last, by D* Lite or afresh."""
         self._restarts = 0
         """How often D* Lite had forgotten all by its last search."""
         self._saving_missed = 0.0
-        """What mending would have saved since it was last done, had it been done each time, in fresh searches."""
+        """Work that mending would have saved since it was last done, had it been done each time, in fresh searches.
+        """
         self._changes = state.log.reader()
         """Since the last region was searched."""
 

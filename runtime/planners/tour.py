@@ -56,7 +56,7 @@ class Tour:
     given_cost: float = math.nan
 
     def told(self, on_the_ground: Callable[[Plan], Plan]) -> "Tour":
-        """The same tour with what the function adds to each of its plans."""
+        """This tour with what the function adds to each of its plans."""
         return replace(self, legs=tuple(map(on_the_ground, self.legs)), plan=on_the_ground(self.plan))
 
 

@@ -51,7 +51,7 @@ class VirtualWorkspace(Workspace):
 
 @dataclass(frozen=True)
 class Reading:
-    """What planning by windows has read."""
+    """Counts of what planning by windows has read."""
 
     cells_read: int
     """Heights; those that were read again are counted again."""
@@ -126,7 +126,7 @@ class WindowedPlanner:
         return math.isfinite(self._map.grid.least)
 
     def reading(self) -> Reading:
-        """What has been read so far."""
+        """Counts so far."""
         rows, cols = self.shape
         cells = self.costs.cells_read
         return Reading(cells, cells / (rows * cols) - 1.0, self._map_ms)
@@ -227,7 +227,7 @@ class CorridorCells:
         block_rows, block_cols = costs.heights.block
         self._unit = max(block_rows, LEAST_WINDOW), max(min(block_cols, 4 * LEAST_WINDOW), LEAST_WINDOW)
         self._known: dict[Cell, Rectangle] = {}
-        """What has been read, by the row and column of the unit that it lies in."""
+        """Rectangles that have been read, by the row and column of the unit that it lies in."""
 
     def search(self, query: Query, work: Work, region: Region) -> Search:
         """A* inside the region, whose cells, and those beside them, are read first."""
