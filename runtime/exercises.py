@@ -12,7 +12,6 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS
-from nnpp_edge.runtime.map.crossing import costs_of_crossing
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
@@ -115,7 +114,7 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
     for method in ("astar", "corridor"):
         planner.plan(start, goal, method=method)
     planner.update_elevation(3, 4, dem[:5, :6].copy())
-    costs_of_crossing(pose_costs(dem[:148], 1.0, vehicle), 10.0)
+    pose_costs(dem[:148], 1.0, vehicle)
     moving = DynamicPlanner.of_elevation(
         dem, 1.0, goal, method="dstar", vehicle=vehicle, also=("corridor-dstar",), model=network
     )

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import click
 
 from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.cli.plan_answer import Answer, Near, Planned, WindowsRead, refuse_impassable, warn_if_not_square
@@ -30,7 +29,7 @@ _MOST_PIXELS = 2000
 def reads_by_windows(
     dem: Path, terrain: TerrainOptions, memory: float | None, bytes_per_cell: int, *, whole: bool = False
 ) -> bool:
-    """Whether a map needs more memory than is free, or than was given; then a line on stderr says so.
+    """Whether a map needs more memory than is free, or than was given; then a warning says so.
 
     InvalidQueryError if it does and the `whole` map is needed, as for a vehicle and for directed step costs.
     """
@@ -51,7 +50,7 @@ def reads_by_windows(
         raise InvalidQueryError(
             f"{need}: a vehicle or a directed step cost is planned for in memory alone, so cut out a part of the map"
         )
-    click.echo(f"{need}: read by windows", err=True)
+    warnings.warn(f"{need}: read by windows", stacklevel=2)
     return True
 
 

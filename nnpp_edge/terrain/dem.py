@@ -19,7 +19,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, TerrainErro
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
-from nnpp_edge.terrain.georeference import Georeference, Place
+from nnpp_edge.terrain.georeference import Georeference, Place, check_sides
 from nnpp_edge.terrain.heights import Window, check_grid, known_heights, metres
 from nnpp_edge.terrain.rasters import geotiff_bytes, read_raster
 
@@ -55,7 +55,7 @@ class Dem(Place):
             raise TerrainError(f"{self.source}: elevation must be float32, got {self.elevation.dtype}")
         if not np.isfinite(self.elevation).any():
             raise TerrainError(f"{self.source}: wanted an elevation map, got no cell with a known height")
-        self.check_sides()
+        self.check_place()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -155,6 +155,8 @@ def cell_sides(
     """A cell's (size, width): the file's or its ground's, or of the size that was asked for; TerrainError without."""
     if cell is None and place is not None:
         cell = cell_on_ground(path, place, shape, warn=wanted is None)
+    if cell is not None:
+        check_sides(path, *cell)
     if wanted is not None:
         return wanted, wanted * cell[1] / cell[0] if cell else wanted
     if cell is None:

@@ -33,7 +33,7 @@ class DemWindows(Place):
     """Of heights, where the map is grown or shrunk."""
 
     def __post_init__(self) -> None:
-        self.check_sides()
+        self.check_place()
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -8,6 +8,16 @@ from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 
 _FARTHEST = 2.0**53
 """Cells from the map's corner: whole numbers up to here are floats."""
+LEAST_SIDE_M, MOST_SIDE_M = 1e-6, 1e9
+"""Of a cell: beyond, slopes leave float32."""
+
+
+def check_sides(source: Path, *sides: float) -> None:
+    """TerrainError for cells without a size, or of one that no map has."""
+    for side in sides:
+        if not LEAST_SIDE_M <= side <= MOST_SIDE_M:
+            wanted = f"wanted cells with sides of {LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m"
+            raise TerrainError(f"{source}: {wanted}, got {side:g} m")
 
 
 @dataclass(frozen=True)
@@ -62,11 +72,15 @@ class Place:
         """Rows and columns."""
         raise NotImplementedError
 
-    def check_sides(self) -> None:
-        """TerrainError for cells without a size."""
-        for side in (self.cell_size_m, self.cell_width_m):
-            if not (math.isfinite(side) and side > 0):
-                raise TerrainError(f"{self.source}: wanted cells with sides above 0 m, got {side:g} m")
+    def check_place(self) -> None:
+        """TerrainError for cells without a size, or that lie nowhere."""
+        check_sides(self.source, self.cell_size_m, self.cell_width_m)
+        rows, cols = self.shape
+        corners = (
+            [self.georeference.map_coordinates(*at) for at in ((0, 0), (rows, cols))] if self.georeference else []
+        )
+        if not all(math.isfinite(number) for corner in corners for number in corner):
+            raise TerrainError(f"{self.source}: wanted corners with finite coordinates, got {corners}")
 
     def map_coordinates(self, row: float, col: float) -> tuple[float, float]:
         """`Georeference.map_coordinates`; InvalidQueryError where the map has no georeference."""

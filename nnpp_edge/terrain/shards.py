@@ -17,6 +17,7 @@ from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.network.encoding import Frame, map_planes
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dem import Dem, read_dem
+from nnpp_edge.terrain.georeference import LEAST_SIDE_M, MOST_SIDE_M
 from nnpp_edge.terrain.labels import label_queries, random_points
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import SOFT, workload
@@ -74,7 +75,7 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         counts = (self.maps, self.maps_per_shard, self.points_per_map - 1, *(pooling for pooling, _ in self.poolings))
         shares = (self.synthetic_share, self.obstacle_share, self.margin_share, self.least_distance)
         drawn = [[share for _, share in chances] for chances in (self.poolings, self.workloads)]
-        lengths = (self.omega, *self.cell_sizes_m)
+        sides = self.cell_sizes_m
         for met, wanted in (
             (size > 0 == size % _SIZE_STEP, f"size must be a multiple of {_SIZE_STEP}, got {size}"),
             (blocks > 0 == blocks % 8, f"blocks must be a multiple of 8, got {blocks}"),
@@ -82,7 +83,11 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             (min(counts) > 0 <= self.seed, "numbers of maps and points must be above 0"),
             (all(0.0 <= share <= 1.0 for share in shares), f"shares must lie in [0, 1], got {shares}"),
             (all(min(s, default=-1) >= 0 < sum(s) < math.inf for s in drawn), f"shares must be above 0, got {drawn}"),
-            (all(0.0 < m < math.inf for m in lengths), f"ω and cell sizes must be above 0, got {lengths}"),
+            (0.0 < self.omega < math.inf, f"ω must be above 0, got {self.omega}"),
+            (
+                all(LEAST_SIDE_M <= side <= MOST_SIDE_M for side in sides),
+                f"cell sizes must be {LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m, got {sides}",
+            ),
             (0.0 <= start < end <= 1.0, f"a stripe must lie in [0, 1], got {self.stripe}"),
             (bool(self.cell_sizes_m or self.terrain), "synthetic terrain needs a cell size"),
         ):

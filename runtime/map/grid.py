@@ -30,18 +30,8 @@ _ALL = np.empty((0, 0), np.bool_)
 class Grid:
     """Weights of a map's cells, and what a step between two of them costs.
 
-    Cell (row, col) stands at the flat index, the `node`, (row + 1) · stride + col + 1.
-
-    Parameters
-    ----------
-    rows, cols : int
-        Of the map.
-    model : StepModel
-        What a step costs.
-    corner_cutting : bool
-        Whether a diagonal step may pass beside an impassable cell.
-    weights : (nodes,) float32
-        Of the cells and the border; by default all are impassable at first.
+    Cell (row, col) stands at the flat index, the `node`, (row + 1) · stride + col + 1, within a border. By default
+    all cells are impassable at first.
     """
 
     def __init__(
@@ -66,7 +56,7 @@ class Grid:
         self.directed: DirectedSteps | CoarseSteps | None = None
         """By which steps cost; None where they cost by the weights, or the poses, of their ends."""
         self.steps = PointSteps(self)
-        """What steps cost, and where they may lead."""
+        """Costs of steps, and where they may lead."""
         self.packed: PackedGrid = (self.weights, self.stride, model.steps, corner_cutting, COMPLETE)
         floor, most, ceiling = map(np.float32, model.costs)
         self._limits = floor, most, np.float32(model.scale), ceiling
@@ -138,7 +128,7 @@ class Grid:
             self.steps = SlopeSteps(self, self.steps, directed)
 
     def least_cost(self, start: Cell, goal: Cell) -> float:
-        """What a path between two cells, which may lie outside the map, costs at the least."""
+        """Least cost of a path between two cells, which may lie outside the map."""
         straight = float(octile.py_func(*start, *goal, *self.prices))
         both = self.holds(start) and self.holds(goal)
         return straight + self.steps.worth_of_height(start, goal) if both else straight
@@ -169,7 +159,7 @@ class Grid:
 
     @property
     def step_ratio(self) -> float:
-        """What the dearest step costs, in times of the cheapest."""
+        """Cost of the dearest step, in times of the cheapest."""
         return self.steps.greatest / self.prices[0]
 
     def measure_bounds(self) -> None:
@@ -186,26 +176,12 @@ class Grid:
         keep_old_weights: bool = False,
         seen: NDArray[np.bool_] | None = None,
     ) -> Change:
-        """Put new costs into a rectangle of the map.
+        """Put new costs (h, w), as for `of`, into a rectangle of the map, whose first cell is `origin`.
 
         The bounds on the weights widen; they are measured anew where they have become much wider, and a cell at one
-        of them has changed.
-
-        Parameters
-        ----------
-        cost : (h, w) float
-            As for `of`; must lie inside the map.
-        origin : (row, col)
-            Where its first cell goes.
-        keep_old_weights : bool
-            Whether the change says what the changed cells weighed before.
-        seen : (h, w) bool
-            The cells that get new costs; by default all.
-
-        Raises
-        ------
-        InvalidMapError
-            The rectangle does not lie inside the map; or a cost is out of range. The map is as it was.
+        of them has changed. `seen` are the cells that get new costs, by default all; with `keep_old_weights` the
+        change says what the changed cells weighed before. InvalidMapError where the rectangle does not lie inside the
+        map or a cost is out of range: the map is as it was.
         """
         cost = as_map(cost, "patch")
         row, col, rows, cols = patch_at(origin, cost.shape, self.shape)

@@ -30,15 +30,7 @@ from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, BODY_WEIGHT
 
 
 class Level:
-    """The map at one resolution.
-
-    Parameters
-    ----------
-    grid : Grid
-        Its cells.
-    pieces, links : (nodes,) uint16, uint8
-        See the attributes. The finest level has none: there passability decides which neighbours a cell has.
-    """
+    """The map at one resolution. The finest has no pieces or links: there passability decides."""
 
     def __init__(
         self, grid: Grid, pieces: NDArray[np.uint16] | None = None, links: NDArray[np.uint8] | None = None
@@ -144,7 +136,7 @@ class Pyramid:
 
     @property
     def obstacle_weight(self) -> float:
-        """What an impassable cell counts for in the mean: T = 1, or as the dearest passable cell."""
+        """Weight of an impassable cell in the mean: T = 1, or as the dearest passable cell."""
         finest = self.levels[0].grid
         return finest.model.scale if finest.model.kind is StepCost.PAPER else finest.greatest
 

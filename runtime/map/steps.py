@@ -1,4 +1,4 @@
-"""What a step between two cells costs, and where one may lead: for a point, for a vehicle's poses, and by the slope.
+"""Costs of a step between two cells, and where one may lead: for a point, for a vehicle's poses, and by the slope.
 
 Searches, standing paths and whoever prices a path ask these alike, and never which they are. Another kind of step is
 a class here, and the kernels that take what it packs.

@@ -17,7 +17,7 @@ class DynamicChooser:
         self._changes = methods.state.log.reader()
         """Since the last answer with a path."""
         self._drift = 1.0
-        """What mended paths may cost, in times of what a new corridor's would."""
+        """The most that mended paths cost, in times of what a new corridor's would."""
 
     def answered(self) -> None:
         """The path that was found stands from now on."""

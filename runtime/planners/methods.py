@@ -6,6 +6,7 @@ from pathlib import Path
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.map.pyramid import coarse_shapes
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.choice import MethodChooser
@@ -32,19 +33,8 @@ class Methods:
     """Finds paths on one map. Serves one thread at a time.
 
     Every method returns a path that is good enough for the query, and adds what that takes to `work`. OutOfTimeError
-    where time was up before a search of the map could begin.
-
-    Parameters
-    ----------
-    state : MapState
-        The map.
-    model : str, Path or NetworkModel
-        The network, loaded when first needed.
-    ask_from : int
-        Cells between start and goal from which on the network is asked. Nearer goals A* has mostly found before it
-        has answered, and is tried first.
-    unseen_change : float
-        As for `MapView`.
+    where time was up before a search of the map could begin. `model` and `ask_from` as in `PlannerOptions`,
+    `unseen_change` as for `MapView`.
     """
 
     @checked(InvalidQueryError)
@@ -161,7 +151,7 @@ class Methods:
         if query.apart < self._ask_from and (near := self.search_briefly(query, work)) is not None:
             return near
         top, deadline = self._network_level, query.deadline
-        level = self.state.pyramid_by(deadline).levels[top]
+        level = self.state.pyramid_by(deadline).levels[top]  # before `descent`, which waits for all of them
         memory = self.descent.workspace(top)
         answer, regions = self.regions.regions(query.start, query.goal, level, top, memory, work, deadline)
         for number, region in enumerate(regions):
@@ -176,7 +166,7 @@ class Methods:
     @property
     def _network_level(self) -> int:
         """Number of the level that the network's region is searched on first."""
-        return len(self.descent.coarse_levels) if max(self.state.shape) >= REFINE_FROM else 0
+        return len(coarse_shapes(*self.state.shape)) if max(self.state.shape) >= REFINE_FROM else 0
 
     def _dstar_to(self, goal: Cell) -> DStarLite:
         """D* Lite over the whole map, with this goal."""

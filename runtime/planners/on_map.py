@@ -1,4 +1,4 @@
-"""What planners of a standing and of a changing map share: the map, its patches, and the turn of one thread."""
+"""The common part of planners of a standing and of a changing map: the map, its patches, and the turn of one thread."""
 
 import math
 from pathlib import Path
@@ -125,10 +125,9 @@ class OnMap:
 
         Raises
         ------
-        InvalidMapError
-            The patch does not lie inside the map, or holds a cost out of range. The map is as it was.
-        InvalidQueryError
-            Row or column is no whole number. The map is as it was.
+        InvalidMapError, InvalidQueryError
+            The patch does not lie inside the map, or holds a cost out of range; row or column is no whole number. The
+            map is as it was.
         """
         change = self._state.update(row, col, patch, _mask(seen, patch))
         self._changed()
@@ -151,12 +150,9 @@ class OnMap:
     @checked(InvalidQueryError)
     @one_at_a_time
     def use_model(self, model: str | Path | NetworkModel) -> None:
-        """Ask this network from now on. A name or a file is loaded and tried now; on an error the old one stays.
+        """Ask this network from now on. A name or a file is loaded and tried now.
 
-        Raises
-        ------
-        ModelError
-            The model cannot be loaded.
+        ModelError where that fails: the old one stays.
         """
         self._use_model(model)
 

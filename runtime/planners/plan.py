@@ -1,4 +1,4 @@
-"""What a planner answers with."""
+"""The answer of a planner, its methods, and where a path was found."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -62,7 +62,7 @@ class DynamicMethod(StrEnum):
 
     @property
     def base(self) -> Method:
-        """What it does at each step, whatever it keeps from one to the next."""
+        """The method of each step, whatever is kept from one to the next."""
         if self in (DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR):
             return Method.NNPP
         if self in (DynamicMethod.CORRIDOR, DynamicMethod.CORRIDOR_DSTAR):
@@ -153,10 +153,8 @@ class Plan:
 
     @property
     def curvatures(self) -> NDArray[np.float64]:
-        """(N,) of the line at each way point, 0 at the ends; empty without way points.
-
-        One over the radius of the widest arc that fits into the turn, see `map.turns`: a metre, where elevations are
-        known, else a cell.
+        """(N,) of the line at each way point, one over a radius in metres, or cells without elevations; see
+        `map.turns`.
         """
         if self.waypoints is None:
             return np.empty(0)
@@ -168,7 +166,7 @@ class Plan:
         return self.path if self.waypoints is None else self.waypoints
 
     def over(self, state: MapState, at: Line | None = None) -> "Plan":
-        """The same plan with what lies below it on this map, at places (M, 2) of its line; as `MapState.along`."""
+        """This plan with what lies below it on this map, at places (M, 2) of its line; as `MapState.along`."""
         along = state.along(self.line, at)
         return self if along is None else replace(self, along=along)
 
@@ -235,26 +233,14 @@ class Plan:
         }
 
     def plot(self, ax: Axes | None = None, *, background: ArrayLike | None = None) -> Axes:
-        """Draw the path, and the region where it was kept, with matplotlib.
+        """Draw the path, and the region where it was kept, with matplotlib, a cell a unit.
 
         Parameters
         ----------
         ax : matplotlib Axes
-            Where to; by default those of a new figure.
+            Where to; by default those of a new figure, which are returned.
         background : (H, W) float, or (H, W, 3) or (H, W, 4) picture
-            What to draw below: costs, say, or elevations. A plan holds no map.
-
-        Returns
-        -------
-        matplotlib Axes
-            Column to the right, row down, a cell a unit.
-
-        Raises
-        ------
-        MissingExtraError
-            matplotlib is not installed.
-        InvalidMapError
-            The background has another shape.
+            Drawn below: costs, say, or elevations. A plan holds no map. InvalidMapError for another shape.
         """
         title = f"{self.status}: {self.planner or self.method}"
         return draw(self.line, self.region, title, ax, background)

@@ -87,12 +87,8 @@ class Planner(OnMap):
 
     @one_at_a_time
     def load_network(self) -> None:
-        """Do now what the first query of ``nnpp`` would: load the network and show it the map.
-
-        Raises
-        ------
-        ModelError
-            The model cannot be loaded.
+        """Do now what the first query of ``nnpp`` would: load the network and show it the map. ModelError as of
+        `plan`.
         """
         self._methods.load_network()
 
@@ -115,7 +111,7 @@ class Planner(OnMap):
         Raises
         ------
         InvalidQueryError
-            More than 8 in all, or a goal that is outside the map or impassable.
+            More than 8 in all, steps that cost by their slope, or a goal that is outside the map or impassable.
         """
         self._methods.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
 
@@ -241,9 +237,7 @@ class Planner(OnMap):
             stops,
             grid,
             best_order=best_order,
-            at_least=grid.least_cost,
             nearest=nearest if wishes.method == Method.ASTAR else None,
-            symmetric=not grid.steps.by_slope,
             finish=lambda leg: self._refined(leg, refining, wishes, deadline),
             deadline=deadline,
         )
@@ -252,7 +246,7 @@ class Planner(OnMap):
     @checked(InvalidQueryError)
     @one_at_a_time
     def reach(self, start: Cell, within: float = math.inf) -> Float2D:
-        """What can be reached from a cell, and at what cost.
+        """Costs of reaching every cell from one.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What a planner is asked, and what its searches find on the way to a plan."""
+"""A planner's query, and what its searches find on the way to a plan."""
 
 import math
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from nnpp_edge.runtime.stopwatch import Stopwatch
 
 
 class Query(NamedTuple):
-    """What was asked."""
+    """Where from and where to, how good, and until when."""
 
     start: Cell
     goal: Cell
@@ -86,7 +86,7 @@ options_of: Callable[..., Wishes] = checked(InvalidQueryError)(Wishes)
 
 
 class Work(Stopwatch):
-    """What answering a query has taken so far."""
+    """Time and expansions of a query so far."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -97,7 +97,7 @@ class Work(Stopwatch):
 
 
 class Found(NamedTuple):
-    """What a method came to: the search that it ended with, and where that was made."""
+    """The search that a method ended with, and where that was made."""
 
     search: Search
     source: Source
@@ -112,7 +112,7 @@ class Found(NamedTuple):
 
     @classmethod
     def of(cls, grid: Grid, search: Search, source: Source, region: Region | None, work: Work) -> "Found":
-        """What a search of the map, or of a region of it, found."""
+        """Of a search of the map, or of a region of it."""
         costs, bound = grid.steps.costs_of(search.path), 0.0
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
@@ -175,7 +175,7 @@ class Found(NamedTuple):
 
 
 def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
-    """What forbids planning between two cells, if anything does: one lies outside the map, or is impassable."""
+    """The reason not to plan between two cells, if there is one: one lies outside the map, or is impassable."""
     for cell, outside, blocked in (
         (start, Status.START_OUTSIDE_MAP, Status.START_BLOCKED),
         (goal, Status.GOAL_OUTSIDE_MAP, Status.GOAL_BLOCKED),
@@ -195,5 +195,5 @@ def told(problem: Status, query: Query) -> str:
 
 
 def in_words(problem: Status) -> str:
-    """What is wrong with a cell, by what `problem_with` says of it."""
+    """In words, what is wrong with a cell, by what `problem_with` says of it."""
     return "lies outside the map" if problem.endswith("OUTSIDE_MAP") else "is impassable"

@@ -49,7 +49,7 @@ class Footing(StrEnum):
 
 @dataclass(frozen=True)
 class Standing:
-    """What is left of the standing path, on the map as it is now."""
+    """The rest of the standing path, on the map as it is now."""
 
     footing: Footing
     index: int = -1
@@ -86,11 +86,6 @@ class StandingPath:
 
     What has changed it reads from the map's log when it is checked: that takes time by the cells of the path and
     those that changed, not by the map.
-
-    Parameters
-    ----------
-    state : MapState
-        The map; read, never written.
     """
 
     def __init__(self, state: MapState) -> None:
@@ -100,7 +95,7 @@ class StandingPath:
         self._parts: list[Rectangle] = []
         """Where poses or directed steps have changed since the path was set: of these no old costs are kept."""
         self._before = np.empty(nodes, np.float32)
-        """What changed nodes weighed when the path was set."""
+        """Weights of changed nodes when the path was set."""
         self._noted = np.zeros(nodes, np.int32)
         """The stamp, for nodes that stand in `_before`."""
         self._touched = np.empty(nodes, np.int32)
@@ -116,10 +111,7 @@ class StandingPath:
     def set(self, plan: Plan) -> None:
         """Follow this plan's path from now on; the plan must have been made on the map as it is now.
 
-        Raises
-        ------
-        InvalidQueryError
-            The plan has no path to the goal, or its path cannot be walked.
+        InvalidQueryError where it has no path to the goal, or the path cannot be walked.
         """
         if not plan.ok or not len(plan.path):
             raise InvalidQueryError(f"a standing path must lead to the goal, got a plan of status {plan.status}")
@@ -177,7 +169,7 @@ class StandingPath:
             )
 
     def _bounds_now(self, bounds: tuple[float, ...], at: Cell, goal: Cell) -> list[float]:
-        """What bounds the paths of now, given bounds of those on the map as it was."""
+        """Bounds of the paths of now, given bounds of those on the map as it was."""
         grid = self._grid
         if self._by_parts:
             by_way = min((self._by_way_of(part, at, goal) for part in self._parts), default=math.inf)

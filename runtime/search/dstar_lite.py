@@ -104,6 +104,8 @@ class DStarLite:
         self._blocks = self._region.blocks()
         self._rows_left = np.full(self._grid.rows + 2, UNREAD, np.uint8)
         self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
+        self._rows_to_check: list[tuple[int, int, int, int]] = []
+        """Changed rows whose poses are not yet checked: that takes long, so it heeds the deadline."""
         self._pending, self._km = 0, 0.0
         self._edges: tuple[NDArray[np.float32], float] | None = None
         self._restarts, self._begun = 0, False
@@ -164,6 +166,7 @@ class DStarLite:
         lies where no search has come, and a change does not).
         """
         self._read_changes()
+        self._check_rows(NEVER)
         if (self._rows_left == UNREAD).any():
             return 0.0
         memory = self.memory
@@ -178,6 +181,7 @@ class DStarLite:
 
         The next call goes on from there.
         """
+        self._check_rows(deadline)
         if not self._rows_left.any():
             return
         if self._poses is None:
@@ -252,6 +256,7 @@ class DStarLite:
         memory.is_changed[memory.changed[: self._pending]] = 0
         memory.firsts[-SPARE_SLOTS:] = np.inf
         self._changes.skip()
+        self._rows_to_check.clear()
         self._pending, self._km, self.open_nodes, self._begun = 0, 0.0, 0, False
         self._rows_left[:] = UNREAD
 
@@ -286,8 +291,18 @@ class DStarLite:
             self._least = least
             self._restart()
         else:
-            for change in changes:
-                self._read_rectangle(change.part)
+            for row, col, rows, cols in (change.part for change in changes):
+                if self._poses is None:
+                    self._read_rectangle((row, col, rows, cols))
+                else:
+                    self._rows_to_check += [(row + r, col, 1, cols) for r in range(rows)]
+
+    def _check_rows(self, deadline: Deadline) -> None:
+        """Read what waits in `_rows_to_check`; at the deadline OutOfTimeError."""
+        while self._rows_to_check:
+            self._read_rectangle(self._rows_to_check[-1])
+            self._rows_to_check.pop()
+            deadline.check()
 
     def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
         memory = self.memory

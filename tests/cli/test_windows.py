@@ -52,7 +52,7 @@ def test_a_plan_by_windows_is_that_of_the_map_in_memory(nnpp_edge, ground, tmp_p
     whole = json.loads(nnpp_edge(*words, "corridor", "-o", tmp_path / "whole").out)
     ended = nnpp_edge(*words, "auto", "-o", tmp_path / "windows", *SMALL)
     assert ended.code == 0
-    assert "300 × 400 cells need 2.9 MB in memory, 0.1 MB are allowed: read by windows" in ended.err
+    assert "warning: 300 × 400 cells need 2.9 MB in memory, 0.1 MB are allowed: read by windows" in ended.err
     told = json.loads(ended.out)
     same = ("status", "method", "source", "cost", "length", "lower_bound", "bound", "expansions", "length_m", "rows")
     assert [told[name] for name in same] == [whole[name] for name in same]

@@ -436,7 +436,7 @@ def raising(*_, **__):
 
 def test_a_network_that_raises_leaves_the_corridor(network, monkeypatch):
     nav = navigator(method="nnpp", model=network)
-    monkeypatch.setattr(NetworkModel, "run", raising)
+    monkeypatch.setattr(NetworkModel, "answer", raising)
     message = nav.tick()
     assert (message.outcome, message.origin) == (Status.OK, Origin.CORRIDOR)
     assert (message.method, message.degraded) == ("corridor", True)

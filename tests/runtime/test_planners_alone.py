@@ -13,7 +13,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Source
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
 from nnpp_edge.runtime.planners.query import Query, Work, problem_with
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender
 from nnpp_edge.runtime.region.learned import LearnedRegions, NetworkAnswer
@@ -244,6 +244,13 @@ def test_a_networks_regions_widen_and_hold_start_and_goal(state, network):
     first, wider, whole = masks
     assert (first <= wider).all() and first.sum() < wider.sum() and whole.all()
     assert {"encode", "inference", "threshold"} <= set(work.timings_ms)
+
+
+def test_a_late_query_does_not_wait_for_the_coarse_levels(state, network, monkeypatch):
+    monkeypatch.setattr(MapState, "pyramid", property(lambda _: pytest.fail("without a deadline")))
+    for method in (Method.CORRIDOR, Method.NNPP, DynamicMethod.CORRIDOR_DSTAR, DynamicMethod.NNPP_DSTAR):
+        with pytest.raises(OutOfTimeError):
+            Methods(state, network, ask_from=0).find(method, LATE, Work())
 
 
 def test_every_method_finds_a_path_that_costs_little_more_than_the_optimum(state, network, cost):

@@ -160,8 +160,9 @@ def test_numbers_out_of_range_are_no_recipe(whole, tmp_path):
     for changes in (
         {"size": 16, "blocks": 4}, {"size": 33}, {"blocks": 0}, {"blocks": 24}, {"maps": 0}, {"points_per_map": 1},
         {"poolings": ()}, {"poolings": ((0, 1.0),)}, {"workloads": (("soft", 0.0),)}, {"workloads": (("hard", 1.0),)},
-        {"synthetic_share": 1.5}, {"omega": float("nan")}, {"cell_sizes_m": (0.0,)}, {"cell_sizes_m": ()},
-        {"limits": {"slope": 3.0}}, {"limits": {"hard_step_m": -1.0}}, {"stripe": (0.5, 0.5)}, {"seed": -1},
+        {"synthetic_share": 1.5}, {"omega": float("nan")}, {"cell_sizes_m": (1e-320,)},
+        {"cell_sizes_m": ()}, {"limits": {"slope": 3.0}}, {"limits": {"hard_step_m": -1.0}},
+        {"stripe": (0.5, 0.5)}, {"seed": -1},
     ):  # fmt: skip
         with pytest.raises(DataSetError):
             msgspec.structs.replace(RECIPE, **changes)

@@ -77,6 +77,8 @@ def test_a_metric_geotiff_keeps_its_heights_and_cells(tmp_path):
 
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_sides_are_the_files_or_those_that_are_given(tmp_path):
+    flat = geotiff(tmp_path / "flat.tif", transform=Affine(0, 1, 400_000, 1e-300, 0, 9))
+    refused(flat, "sides of 1e-06 to 1e+09 m", cell_size_m=2)
     path = geotiff(tmp_path / "wide.tif", transform=Affine(3, 0, 0, 0, -2, 0))
     dem, given_size = read_dem(path), read_dem(path, cell_size_m=10)
     assert (dem.cell_size_m, dem.cell_width_m, dem.georeference.crs) == (2.0, 3.0, None)
@@ -206,6 +208,9 @@ def test_an_ascii_grid_is_read_and_refused_and_not_filled_with_zeros_where_it_is
     for broken in ("5", "5 six"):
         path.write_text(ASCII.replace("5 6", broken))
         refused(path)
+    for corner, word in ((("xllcorner", "inf"), "finite coordinates"), (("cellsize", "1e100"), "sides of 1e-06 to")):
+        path.write_text(re.sub(f"{corner[0]} .*", " ".join(corner), ASCII))
+        refused(path, word)
     path.write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 5\nnan 2\n4 5\n")
     np.testing.assert_array_equal(read_dem(path).elevation, [[np.nan, 2], [4, 5]])
 
