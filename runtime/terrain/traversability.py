@@ -3,8 +3,7 @@
 A plane is fitted by least squares to each cell's 3×3 patch. Its tilt is the slope; the root mean square
 of the patch's distances from it is the roughness; the distance of the cell's own point from it is the
 elevation difference. Distances are taken at right angles to the plane. The paper leaves open which point's
-distance makes the elevation difference and how the residuals are summed up: this module is the one place
-where that is decided.
+distance makes the elevation difference and how the residuals are summed up; it is decided here.
 """
 
 import math
@@ -28,7 +27,7 @@ TERMS = ("slope", "roughness", "elevation difference")
 @checked(InvalidMapError)
 @dataclass(frozen=True)
 class Traversability:
-    """What the rover can take: the limits and weights of Eq. 1, and the hard limits.
+    """Limits of the rover and weights of Eq. 1, and the hard limits.
 
     The defaults are the paper's, made for a rover with wheels of decimetres on cells of a metre or less;
     on coarser cells the two lengths saturate (see `SaturationWarning`).
@@ -49,7 +48,6 @@ class Traversability:
     hard_step_m: float = math.inf
 
     def __post_init__(self) -> None:
-        """Refuse limits that are not positive and weights that do not sum to 1."""
         if not 0.0 < self.slope_limit_deg < 90.0:
             raise InvalidMapError(f"slope limit must lie in (0, 90) degrees, got {self.slope_limit_deg}")
         for name in ("roughness_limit_m", "step_limit_m", "hard_slope_deg", "hard_roughness_m", "hard_step_m"):
@@ -113,13 +111,7 @@ def traversability_cost(
     """
     heights, _ = relative_heights(dem)
     rule = (traversability or Traversability()).rule(*sides_of(cell_size_m, cell_width_m))
-    cost: Float2D = np.empty(heights.shape, np.float32)
-    flat, (rows, cols) = heights.reshape(-1), heights.shape
-
-    def fill(row0: int, row1: int) -> None:
-        fill_weights(flat, rows, cols, rule, (row0, row1, 0, cols), cost.reshape(-1), 0, cols)
-
-    in_bands(fill, rows, cols)
+    cost = _costs(heights, rule)
     if warn:
         warn_of_saturation(heights, rule)
     return cost
@@ -135,25 +127,11 @@ def update_cost(
     *,
     cell_width_m: float | None = None,
 ) -> Rectangle:
-    """Bring `cost` up to date after `dem` has changed in a rectangle.
+    """Bring `cost`, (H, W) float32, up to date in place after `dem` has changed in a rectangle.
 
-    Only that rectangle and the rim of one cell around it are computed; both are clipped to the map.
-
-    Parameters
-    ----------
-    cost : (H, W) float32
-        Written in place.
-    dem : (H, W) float
-        Elevation in metres, the change already in it.
-    changed : (row, col, rows, cols)
-        The cells of `dem` that changed.
-    cell_size_m, traversability, cell_width_m
-        As for `traversability_cost`.
-
-    Returns
-    -------
-    (row, col, rows, cols)
-        The cells of `cost` that were computed; rows or cols is 0 where the rectangle misses the map.
+    Only that rectangle of (row, col, rows, cols) and the rim of one cell around it are written, clipped to the map:
+    what is returned, with no rows and columns where it misses the map. The other arguments are as for
+    `traversability_cost`.
     """
     values = unmasked(dem)
     shape = values.shape
@@ -161,16 +139,21 @@ def update_cost(
         got = f"{cost.shape} {cost.dtype}" if isinstance(cost, np.ndarray) else shown(cost)
         raise InvalidMapError(f"cost must be {shape} float32, got {got}")
     rule = (traversability or Traversability()).rule(*sides_of(cell_size_m, cell_width_m))
-    part = with_rim(changed, shape)
-    if part[2] == 0:
-        return part
-    (row, col, rows, cols), (row0, col0, high, wide) = part, with_rim(part, shape)
-    heights, _ = relative_heights(values[row0 : row0 + high, col0 : col0 + wide])
-    new = np.empty((rows, cols), np.float32)
-    area = (row - row0, row - row0 + rows, col - col0, col - col0 + cols)
-    fill_weights(heights.reshape(-1), high, wide, rule, area, new.reshape(-1), -area[0] * cols - area[2], cols)
-    cost[row : row + rows, col : col + cols] = new
+    row, col, rows, cols = part = with_rim(changed, shape)
+    if rows:
+        row0, col0, high, wide = with_rim(part, shape)
+        heights, _ = relative_heights(values[row0 : row0 + high, col0 : col0 + wide])
+        new = _costs(heights, rule)[row - row0 :, col - col0 :]
+        cost[row : row + rows, col : col + cols] = new[:rows, :cols]
     return part
+
+
+def _costs(heights: Float2D, rule: NDArray[np.float64]) -> Float2D:
+    """Costs of relative heights, by a band of rows on each core."""
+    (rows, cols), cost = heights.shape, np.empty(heights.shape, np.float32)
+    known, found = heights.reshape(-1), cost.reshape(-1)
+    in_bands(lambda top, end: fill_weights(known, rows, cols, rule, (top, end, 0, cols), found, 0, cols), rows, cols)
+    return cost
 
 
 def terrain_terms(dem: Float2D, cell_size_m: float, *, cell_width_m: float | None = None) -> Float2D:

@@ -7,6 +7,7 @@ See docs/vehicle.md for what follows, and `kernels.poses` for the check.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -32,8 +33,8 @@ class Vehicle:
     """A body on wheels, or on tracks, each of which is a row of wheels with long contact patches; or a disc.
 
     The wheels stand in pairs, symmetric about the body's middle, on `axles` axles that are evenly spaced over the
-    wheelbase. A value of None is taken from the others. A disc has a radius and nothing else: it may not touch
-    impassable cells, and needs no elevations.
+    wheelbase. A disc has a radius and nothing else but a turning radius: it may not touch impassable cells, and needs
+    no elevations.
     """
 
     length_m: float = 0.0
@@ -61,16 +62,16 @@ class Vehicle:
     unknown_passes: bool = False
     """Whether unknown cells count as no higher and no lower than those that are known; else none may lie below."""
     radius_m: float | None = None
-    """Of a disc, of which no more is known."""
+    """Of a disc."""
     turning_radius_m: float | None = None
     """Of the sharpest turn on a path freed from the grid; None where the vehicle turns on the spot."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no body: InvalidMapError."""
         if self.radius_m is not None:
             self._check_metres(_LARGEST_M, "radius_m")
             self._check_metres(_WIDEST_TURN * self.radius_m, "turning_radius_m")
-            if self._has_more:
+            of_a_disc = "radius_m", "turning_radius_m"
+            if any(getattr(self, each.name) != each.default for each in fields(self) if each.name not in of_a_disc):
                 raise InvalidMapError("a vehicle with a radius is a disc: wanted no other values beside radius_m")
             return
         self._check_metres(_LARGEST_M, "length_m", "width_m")
@@ -79,35 +80,31 @@ class Vehicle:
         self._check_metres(_TALLEST * longest, "clearance_m", "max_step_m")
         self._check_metres(_WIDEST_TURN * longest, "turning_radius_m")
         self._check_metres(math.inf, "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m")
-        for name in ("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < 90.0:
+        for name, value in self._given("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
+            if not 0.0 < value < 90.0:
                 raise InvalidMapError(f"{name} must lie in (0, 90) degrees, got {value}")
-            if value is not None and value <= 0.5 * math.pi:
-                raise InvalidMapError(
-                    f"{name} must be in degrees, above {0.5 * math.pi:.2f}, got {value} "
-                    f"({math.degrees(value):.3g}° if that is in radians)"
-                )
+            if value <= 0.5 * math.pi:
+                meant = f"{math.degrees(value):.3g}° if that is in radians"
+                raise InvalidMapError(f"{name} must be in degrees, above {0.5 * math.pi:.2f}, got {value} ({meant})")
         if type(self.axles) is not int or self.axles not in range(2, 9):
             raise InvalidMapError(f"axles must be a whole number from 2 to 8, got {self.axles}")
-        (base, track), (long, wide) = self.stance_m, self.contact_m
-        for name, apart, contact, most in (
-            ("wheelbase_m", base, long, self.length_m),
-            ("track_m", track, wide, self.width_m),
-        ):
+        names, sides = ("wheelbase_m", "track_m"), (self.length_m, self.width_m)
+        for name, apart, contact, most in zip(names, self.stance_m, self.contact_m, sides, strict=True):
             if not 0.0 < apart <= (most - contact) * (1.0 + _INSIDE):
                 raise InvalidMapError(
                     f"the wheels must lie under the body: {name} must be at most {most:g} m less a contact patch of "
                     f"{contact:g} m and more than 0, got {apart:g}"
                 )
 
+    def _given(self, *names: str) -> Iterator[tuple[str, float]]:
+        return ((name, value) for name in names if (value := getattr(self, name)) is not None)
+
     def _check_metres(self, most: float, *names: str) -> None:
         """Refuse what is no length, and what is so long for the body that it must be in another unit."""
-        for name in names:
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
+        for name, value in self._given(*names):
+            if not 0.0 < value < math.inf:
                 raise InvalidMapError(f"{name} must be a positive number of metres, got {value}")
-            if value is not None and value > most:
+            if value > most:
                 raise InvalidMapError(
                     f"{name} must be in metres, at most {most:g} for such a vehicle, got {value:g} "
                     f"({value / 1000.0:g} m if that is in millimetres)"
@@ -117,13 +114,6 @@ class Vehicle:
     def is_disc(self) -> bool:
         """Whether nothing but a radius is known."""
         return self.radius_m is not None
-
-    @property
-    def _has_more(self) -> bool:
-        of_a_disc = "radius_m", "turning_radius_m"
-        return any(
-            getattr(self, field.name) != field.default for field in fields(self) if field.name not in of_a_disc
-        )
 
     @property
     def contact_m(self) -> tuple[float, float]:
@@ -178,7 +168,7 @@ class Footprint(NamedTuple):
 
 
 def footprint(vehicle: Vehicle, heading: int, dy: float, dx: float) -> Footprint:
-    """What lies under the body on cells of `dy` × `dx` metres.
+    """Cells under the body, where a cell has `dy` × `dx` metres.
 
     On its way from a cell to the next the body is at most half a step from a checked pose. The belly's cells are
     those under it all along that half step, both ways. Wheels need that along diagonals alone: between two cells of
@@ -187,20 +177,16 @@ def footprint(vehicle: Vehicle, heading: int, dy: float, dx: float) -> Footprint
     """
     row, col = HEADINGS[heading]
     step = math.hypot(row * dy, col * dx)
-    ahead = np.array((row * dy, col * dx)) / step
+    ahead, half_step, diagonal = np.array((row * dy, col * dx)) / step, 0.5 * step, bool(row and col)
     left = np.array((-ahead[1], ahead[0]))  # rows go down
-    shift = 0.5 * step
     long, wide = vehicle.contact_m
-    swept = shift if row and col else 0.0
-    wheels = [
-        _cells_near(along * ahead + side * left, ahead, (0.5 * long + swept, 0.5 * wide), dy, dx)
-        for along, side in vehicle.wheels_m
-    ]
-    belly = _cells_near(np.zeros(2), ahead, (0.5 * vehicle.length_m + shift, 0.5 * vehicle.width_m), dy, dx)
+    wheel = 0.5 * long + half_step * diagonal, 0.5 * wide
+    wheels = [_cells_near(along * ahead + side * left, ahead, wheel, dy, dx) for along, side in vehicle.wheels_m]
+    belly = _cells_near(np.zeros(2), ahead, (0.5 * vehicle.length_m + half_step, 0.5 * vehicle.width_m), dy, dx)
     metres = belly * (dy, dx)
     steepest = math.tan(math.radians(min(vehicle.tilts_deg[0], vehicle.tilts_deg[2])))
-    margin = 0.0 if row and col else step / 16.0 * steepest
-    return Footprint(wheels, belly, np.stack((metres @ ahead, metres @ left), 1), shift, margin)
+    margin = 0.0 if diagonal else step / 16.0 * steepest
+    return Footprint(wheels, belly, np.stack((metres @ ahead, metres @ left), 1), half_step, margin)
 
 
 def _cells_near(
