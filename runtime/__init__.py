@@ -53,36 +53,27 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.terrain.vehicle import Vehicle as Vehicle
 
 _MODULES = {
-    "errors": ("NnppEdgeError", "Status"),
-    "loop.inprocess": ("InProcessSink", "InProcessSource"),
-    "loop.ladder": ("NavigatorSettings",),
-    "loop.messages": (
-        "Counters",
-        "Goal",
-        "InvalidMessageError",
-        "MapPatch",
-        "Origin",
-        "PathMessage",
-        "Pose",
-        "StatusMessage",
-    ),
-    "loop.navigator": ("Navigator",),
-    "loop.runner": ("InputSource", "Loop", "handling_signals"),
-    "loop.sinks": ("Sink",),
-    "map.ground": ("Ground",),
-    "map.region": ("Region",),
-    "map.slope_cost": ("EnergyCost", "IrmischerCost", "LinearCost", "Mobility", "TimeCost", "ToblerCost"),
-    "network.inference": ("NetworkModel",),
-    "network.model_file": ("ModelFile", "list_models"),
-    "planners.dynamic": ("DynamicPlanner",),
-    "planners.plan": ("DynamicMethod", "Method", "Plan", "Source"),
-    "planners.planner": ("Planner", "plan_path"),
-    "planners.standing_path": ("Standing",),
-    "map.poses": ("pose_costs",),
-    "terrain.vehicle": ("Vehicle",),
-    "terrain.traversability": ("SaturationWarning", "Traversability", "traversability_cost", "update_cost"),
+    "errors": "NnppEdgeError Status",
+    "loop.inprocess": "InProcessSink InProcessSource",
+    "loop.ladder": "NavigatorSettings",
+    "loop.messages": "Counters Goal InvalidMessageError MapPatch Origin PathMessage Pose StatusMessage",
+    "loop.navigator": "Navigator",
+    "loop.runner": "InputSource Loop handling_signals",
+    "loop.sinks": "Sink",
+    "map.ground": "Ground",
+    "map.poses": "pose_costs",
+    "map.region": "Region",
+    "map.slope_cost": "EnergyCost IrmischerCost LinearCost Mobility TimeCost ToblerCost",
+    "network.inference": "NetworkModel",
+    "network.model_file": "ModelFile list_models",
+    "planners.dynamic": "DynamicPlanner",
+    "planners.plan": "DynamicMethod Method Plan Source",
+    "planners.planner": "Planner plan_path",
+    "planners.standing_path": "Standing",
+    "terrain.traversability": "SaturationWarning Traversability traversability_cost update_cost",
+    "terrain.vehicle": "Vehicle",
 }
-_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> object:
