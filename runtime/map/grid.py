@@ -75,7 +75,7 @@ class Grid:
         """
         cost = as_map(cost, "cost")
         rows, cols = cost.shape
-        grid = cls(rows, cols, model, corner_cutting, _bordered(rows, cols))
+        grid = cls(rows, cols, model, corner_cutting, bordered(rows, cols))
         bands: list[NDArray[np.int32]] = []
 
         def fill(row0: int, row1: int) -> None:
@@ -104,7 +104,7 @@ class Grid:
         `heights` and `rule` as for `Tiles`; the cells of the coarsest level will have sides of `coarsest` cells.
         """
         rows, cols = heights.shape
-        grid = cls(rows, cols, model, corner_cutting, _bordered(rows, cols))
+        grid = cls(rows, cols, model, corner_cutting, bordered(rows, cols))
         grid.compute_by(Tiles(heights, rule, grid.weights, corner_cutting, coarsest), 0)
         return grid
 
@@ -256,7 +256,7 @@ class Grid:
         return self.steps.stands_at(cell)
 
 
-def _bordered(rows: int, cols: int) -> NDArray[np.float32]:
+def bordered(rows: int, cols: int) -> NDArray[np.float32]:
     """Room for a map's weights within an impassable border. Pages of it that nobody touches take no time."""
     padded = np.empty((rows + 2) * (cols + 2), np.float32)
     close_border(padded, rows, cols)
