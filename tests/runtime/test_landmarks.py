@@ -35,7 +35,7 @@ def test_a_landmarks_bound_is_never_above_the_cost(case, count):
     grid = Grid.of(case.cost, StepModel.of(case.step_cost), case.corner_cutting)
     landmarks = Landmarks(grid, Workspace(len(grid.weights)))
     landmarks.spread(count)
-    fields, at_goal, slack = landmarks.towards(grid.node(*case.goal))
+    fields, at_goal, slack = landmarks.towards(case.goal)
     with np.errstate(invalid="ignore"):
         apart = np.abs(fields - at_goal)
     bounds = np.where(np.isnan(apart), 0.0, apart).max(axis=1) - slack
