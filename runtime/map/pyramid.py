@@ -23,7 +23,7 @@ from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.pooling import FACTOR, pool_and_link
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
-from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.grid import Grid, bordered
 from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, BODY_WEIGHT
@@ -61,7 +61,7 @@ class Pyramid:
             for rows, cols in shapes:
                 nodes = (rows + 2) * (cols + 2)
                 pieces, links = np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)
-                self.levels.append(Level(Grid(rows, cols, model), pieces, links))
+                self.levels.append(Level(Grid(rows, cols, model, weights=bordered(rows, cols)), pieces, links))
         else:
             parts = grid.tiles.add_levels(shapes)
             for number, (weights, pieces, links) in enumerate(parts, 1):

@@ -1,4 +1,4 @@
-"""The common part of planners of a standing and of a changing map: the map, its patches, and the turn of one thread."""
+"""The common part of planners of a standing and of a changing map: the map, its patches, and one thread's turn."""
 
 import math
 from pathlib import Path

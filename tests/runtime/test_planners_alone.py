@@ -246,11 +246,11 @@ def test_a_networks_regions_widen_and_hold_start_and_goal(state, network):
     assert {"encode", "inference", "threshold"} <= set(work.timings_ms)
 
 
-def test_a_late_query_does_not_wait_for_the_coarse_levels(state, network, monkeypatch):
+def test_a_late_query_does_not_wait_for_the_coarse_levels(cost, network, monkeypatch):
     monkeypatch.setattr(MapState, "pyramid", property(lambda _: pytest.fail("without a deadline")))
     for method in (Method.CORRIDOR, Method.NNPP, DynamicMethod.CORRIDOR_DSTAR, DynamicMethod.NNPP_DSTAR):
         with pytest.raises(OutOfTimeError):
-            Methods(state, network, ask_from=0).find(method, LATE, Work())
+            Methods(MapState(cost, StepModel.of("paper")), network, ask_from=0).find(method, LATE, Work())
 
 
 def test_every_method_finds_a_path_that_costs_little_more_than_the_optimum(state, network, cost):
