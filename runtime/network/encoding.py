@@ -11,36 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, Rectangle
-from nnpp_edge.runtime.kernels.encoding import (
-    BETWEEN_CHANNELS,
-    END_CHANNELS,
-    ENDS_CHANNELS,
-    GAUSSIAN_CHANNELS,
-    encode_gaussian_into,
-    fill_ends,
-    mean_difference,
-    pool_planes,
-)
+from nnpp_edge.runtime.kernels.encoding import encode_gaussian_into, fill_ends, pool_planes
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
 Point = tuple[float, float]
 """(row, col) in network cells."""
-
-__all__ = [
-    "BETWEEN_CHANNELS",
-    "ENDS_CHANNELS",
-    "END_CHANNELS",
-    "GAUSSIAN_CHANNELS",
-    "QUERY_SPACING",
-    "Frame",
-    "Point",
-    "encode_ends",
-    "encode_gaussian",
-    "map_planes",
-    "mean_difference",
-]
 
 
 @dataclass(frozen=True)

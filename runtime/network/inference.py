@@ -13,13 +13,11 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.encoding import QUERY_SPACING, Point, encode_gaussian
-from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES, LoadedModel, opened, places_in_rows
-from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata, model_path
+from nnpp_edge.runtime.network.encoding import Point, encode_gaussian
+from nnpp_edge.runtime.network.loading import ASK, OUTPUT, PLACES, LoadedModel, opened, places_in_rows
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING, model_path
 from nnpp_edge.runtime.network.place_head import PlaceHead
 from nnpp_edge.runtime.reading import refused_as
-
-__all__ = ["ASK", "HEAD", "METADATA_KEY", "OUTPUT", "PLACES", "ModelMetadata", "NetworkModel", "model_path"]
 
 _FORGET = 0.9
 

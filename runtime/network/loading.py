@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
-from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS, QUERY_SPACING
-from nnpp_edge.runtime.network.model_file import ModelMetadata, model_path, open_session, read_metadata
-from nnpp_edge.runtime.network.place_head import ANSWERS, PlaceHead, count_parameters
+from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
+from nnpp_edge.runtime.kernels.place_head import ANSWERS
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING, ModelMetadata, model_path, open_session, read_metadata
+from nnpp_edge.runtime.network.place_head import PlaceHead, count_parameters
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
 

@@ -22,14 +22,11 @@ from nnpp_edge.runtime.kernels.threshold import (
     adaptive_threshold,
     fill_region,
     first_regions,
-    lowered,
     quantise,
 )
 from nnpp_edge.runtime.map.pyramid import Level
 from nnpp_edge.runtime.map.region import Lookup, Region
 from nnpp_edge.runtime.search.workspace import Workspace
-
-__all__ = ["LEVELS", "Ends", "RegionFinder", "lowered", "probability_of"]
 
 
 class Ends(NamedTuple):
