@@ -56,13 +56,19 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
         hints = get_type_hints(entry)
         return {name: _kind(hints.get(name)) for name in inspect.signature(entry).parameters}
 
+    def check(name: str, kind: Kind, value: object) -> None:
+        if not kind.accepts(value):
+            raise error(f"{name} must be {kind.words}, got {shown(value)}")
+
     @functools.wraps(entry)
     def call(*args: object, **given: object) -> object:
         known = kinds()
-        for name, value in (*zip(known, args, strict=False), *given.items()):
-            kind = known.get(name)
-            if kind is not None and type(value) not in kind.exact and not kind.accepts(value):
-                raise error(f"{name} must be {kind.words}, got {shown(value)}")
+        for value, (name, kind) in zip(args, known.items(), strict=False):
+            if kind is not None and type(value) not in kind.exact:
+                check(name, kind, value)
+        for name, value in given.items():
+            if (kind := known.get(name)) is not None and type(value) not in kind.exact:
+                check(name, kind, value)
         return entry(*args, **given)
 
     return call
@@ -109,7 +115,8 @@ def _sequence(of: Kind | None, length: int | None = None) -> Kind:
 
 
 def _is_whole(value: object) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool) and -_LARGEST <= int(value) < _LARGEST
+    whole = type(value) is int or (isinstance(value, Integral) and not isinstance(value, bool))
+    return whole and -_LARGEST <= int(value) < _LARGEST  # type: ignore[call-overload]
 
 
 _KINDS: dict[object, Kind | None] = {

@@ -111,10 +111,11 @@ def traversability_cost(
     """
     heights, _ = relative_heights(dem)
     rule = (traversability or Traversability()).rule(*sides_of(cell_size_m, cell_width_m))
-    cost = _costs(heights, rule)
+    (rows, cols), known, cost = heights.shape, heights.reshape(-1), np.empty(heights.size, np.float32)
+    in_bands(lambda top, end: fill_weights(known, rows, cols, rule, (top, end, 0, cols), cost, 0, cols), rows, cols)
     if warn:
         warn_of_saturation(heights, rule)
-    return cost
+    return cost.reshape(heights.shape)
 
 
 @checked(InvalidMapError)
@@ -143,17 +144,11 @@ def update_cost(
     if rows:
         row0, col0, high, wide = with_rim(part, shape)
         heights, _ = relative_heights(values[row0 : row0 + high, col0 : col0 + wide])
-        new = _costs(heights, rule)[row - row0 :, col - col0 :]
-        cost[row : row + rows, col : col + cols] = new[:rows, :cols]
+        area = (row - row0, row - row0 + rows, col - col0, col - col0 + cols)
+        new = np.empty((rows, cols), np.float32)
+        fill_weights(heights.reshape(-1), high, wide, rule, area, new.reshape(-1), -area[0] * cols - area[2], cols)
+        cost[row : row + rows, col : col + cols] = new
     return part
-
-
-def _costs(heights: Float2D, rule: NDArray[np.float64]) -> Float2D:
-    """Costs of relative heights, by a band of rows on each core."""
-    (rows, cols), cost = heights.shape, np.empty(heights.shape, np.float32)
-    known, found = heights.reshape(-1), cost.reshape(-1)
-    in_bands(lambda top, end: fill_weights(known, rows, cols, rule, (top, end, 0, cols), found, 0, cols), rows, cols)
-    return cost
 
 
 def terrain_terms(dem: Float2D, cell_size_m: float, *, cell_width_m: float | None = None) -> Float2D:
