@@ -16,14 +16,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
-from nnpp_edge.runtime.kernels.threshold import (
-    LEVELS,
-    TOO_LATE,
-    adaptive_threshold,
-    fill_region,
-    first_regions,
-    quantise,
-)
+from nnpp_edge.runtime.kernels import threshold as kernels
 from nnpp_edge.runtime.map.pyramid import Level
 from nnpp_edge.runtime.map.region import Lookup, Region
 from nnpp_edge.runtime.search.workspace import Workspace
@@ -40,7 +33,7 @@ class Ends(NamedTuple):
 
 def probability_of(level: int) -> float:
     """The probability that a level of the threshold stands for; 0 below 0, which stands for no way."""
-    return (max(level, 0) / LEVELS) ** 4
+    return (max(level, 0) / kernels.LEVELS) ** 4
 
 
 class RegionFinder:
@@ -53,7 +46,7 @@ class RegionFinder:
         self.at_td: NDArray[np.int32] = np.zeros(padded, np.int32)
         """The region at td itself, by `first`; it stays while wider ones are searched."""
         self.stamp = 0
-        self._heads = np.empty(LEVELS, np.int32)
+        self._heads = np.empty(kernels.LEVELS, np.int32)
         self._following = np.empty(self._levels.size, np.int32)
         self._done = np.empty(self._levels.size, np.uint8)
 
@@ -73,11 +66,11 @@ class RegionFinder:
 
     def read(self, probability: Float2D) -> None:
         """Take over a network's answer, (B, B) float32 in [0, 1]."""
-        quantise(probability, self._levels)
+        kernels.quantise(probability, self._levels)
 
     def threshold(self, start: Cell, goal: Cell) -> int:
         """The adaptive threshold td between two blocks, as a level."""
-        return int(adaptive_threshold(self._levels, *start, *goal, self._heads, self._following, self._done))
+        return int(kernels.adaptive_threshold(self._levels, *start, *goal, self._heads, self._following, self._done))
 
     def first(
         self,
@@ -116,15 +109,15 @@ class RegionFinder:
         search, marks = (workspace.meta, workspace.next_stamp()), (self.stamp, self.at_td, self.bitmap)
         rule = touching, factor
         walked, until = (level.grid.packed, level.links), deadline.at
-        td = first_regions(probability, lookup, *walked, packed_ends, rule, scratch, search, marks, until)
-        if td == TOO_LATE:
+        td = kernels.first_regions(probability, lookup, *walked, packed_ends, rule, scratch, search, marks, until)
+        if td == kernels.TOO_LATE:
             raise OutOfTimeError
         return int(td)
 
     def mark(self, threshold: int, start: Cell, goal: Cell, radius: int = 0) -> None:
         """Number the blocks at or above a threshold in `bitmap`; the number is `stamp`."""
         self.stamp += 1
-        fill_region(self._levels, threshold, *start, *goal, self.stamp, radius, self.bitmap)
+        kernels.fill_region(self._levels, threshold, *start, *goal, self.stamp, radius, self.bitmap)
 
     def region(self, lookup: Lookup) -> Region:
         """The blocks marked last, as a region of the grid whose rows and columns lie in the blocks of `lookup`."""
