@@ -29,10 +29,8 @@ from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
-OUTPUT, PLACES, HEAD = "probability", "places", "head"
-"""Names of the outputs; the last two are those of networks in two parts (`place_head`)."""
-ASK = "ask"
-"""Name of their input that says whether the head is to run, too."""
+OUTPUT, PLACES, HEAD, ASK = "probability", "places", "head", "ask"
+"""Names of the output, in networks in two parts (`place_head`) of two more, and of the input that asks the head."""
 _UNSHUFFLE = 4
 """Their map has so many cells, squared, to a pixel, as channels."""
 DEFAULT_THREADS = 2
@@ -139,10 +137,8 @@ def _load(path: Path, key: Key) -> LoadedModel:
     options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spinning else "0")
     session, (inputs, outputs) = open_session(path, options), _shapes(metadata)
     with refused_as(ModelError, f"{path}: wanted an ONNX model, got one that does not fit its metadata"):
-        for kind, wanted, values in (
-            ("inputs", inputs, session.get_inputs()),
-            ("outputs", outputs, session.get_outputs()),
-        ):
+        found = ("inputs", inputs, session.get_inputs()), ("outputs", outputs, session.get_outputs())
+        for kind, wanted, values in found:
             if (got := {value.name: tuple(value.shape) for value in values}) != wanted:
                 raise ModelError(f"{path}: wanted {kind} {wanted} by its metadata, got {got}")
         head = _checked_head(path, session, metadata, inputs) if metadata.encoding == "ends" else None

@@ -42,7 +42,7 @@ class RegionFinder:
     def __init__(self, blocks: int) -> None:
         padded = (blocks + 1, blocks + 1)
         self._levels: NDArray[np.uint8] = np.zeros(padded, np.uint8)
-        self._bitmaps: NDArray[np.int32] = np.zeros((2, *padded), np.int32)
+        self._bitmaps = np.zeros(padded, np.int32), np.zeros(padded, np.int32)
         self.at_td: NDArray[np.int32] = np.zeros(padded, np.int32)
         """The region at td itself, by `first`; it stays while wider ones are searched."""
         self.stamp = 0
@@ -52,12 +52,11 @@ class RegionFinder:
 
     @property
     def bitmap(self) -> NDArray[np.int32]:
-        """(B + 1, B + 1) int32, where the blocks of `stamp` were marked; it holds until the marking after the next.
+        """(B + 1, B + 1), where the blocks of `stamp` were marked; it holds until the marking after the next.
 
         The last row and column belong to no region: cells that the network is not shown lie there.
         """
-        bitmap: NDArray[np.int32] = self._bitmaps[self.stamp % 2]
-        return bitmap
+        return self._bitmaps[self.stamp % 2]
 
     @property
     def levels(self) -> NDArray[np.uint8]:
@@ -93,12 +92,8 @@ class RegionFinder:
         ----------
         probability : (B, B) float32
             In [0, 1].
-        level, workspace
-            What is walked on, and memory of its grid.
-        lookup
-            The block that each of the grid's rows and columns lies in.
-        factor : float
-            In (0, 1].
+        level, workspace, lookup
+            What is walked on, memory of its grid, and the block that each of its rows and columns lies in.
         touching : bool
             Whether each step on the grid leads to the same block or one that touches it; saves time.
         """

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.cells import Rectangle, common
 from nnpp_edge.runtime.errors import InvalidMapError, shown
 from nnpp_edge.runtime.kernels.traversability import count_saturated, fill_terms, fill_weights
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
@@ -188,11 +188,8 @@ def relative_heights(dem: ArrayLike, base: float | None = None) -> tuple[Float2D
 def with_rim(part: Rectangle, shape: tuple[int, ...]) -> Rectangle:
     """A rectangle and the cells around it, as far as they lie on the map; no rows and columns where it misses it."""
     row, col, rows, cols = part
-    row0, row1 = max(row - 1, 0), min(row + rows + 1, shape[0])
-    col0, col1 = max(col - 1, 0), min(col + cols + 1, shape[1])
-    if rows < 1 or cols < 1 or row0 >= row1 or col0 >= col1:
-        return (0, 0, 0, 0)
-    return (row0, col0, row1 - row0, col1 - col0)
+    whole = common((row - 1, col - 1, rows + 2, cols + 2), (0, 0, shape[0], shape[1]))
+    return whole if whole and rows > 0 and cols > 0 else (0, 0, 0, 0)
 
 
 def warn_of_saturation(heights: Float2D, rule: NDArray[np.float64], stacklevel: int = 4) -> None:

@@ -45,20 +45,17 @@ class Vehicle:
     max_tilt_deg: float = 25.0
     """Steepest inclination of the body in any direction, in (0, 90)."""
     max_pitch_deg: float | None = None
-    """Steepest inclination along the heading; None for the tilt's."""
     max_roll_deg: float | None = None
-    """Steepest inclination across the heading; None for the tilt's."""
+    """Steepest inclination along the heading, and across it; None for the tilt's."""
     max_step_m: float | None = None
     """Greatest difference of heights under one wheel's contact patch; None for the clearance."""
     axles: int = 2
     wheelbase_m: float | None = None
-    """From the first axle to the last; None for the length less a wheel's."""
     track_m: float | None = None
-    """From the left wheels' middles to the right ones'; None for the width less a wheel's."""
+    """From first axle to last, and from left wheels' middles to right ones'; None for the body less a wheel."""
     wheel_length_m: float | None = None
-    """Of a contact patch, along the heading; None for an eighth of the body's length."""
     wheel_width_m: float | None = None
-    """Of a contact patch; None for an eighth of the body's width."""
+    """Of a contact patch, along the heading and across it; None for an eighth of the body's."""
     unknown_passes: bool = False
     """Whether unknown cells count as no higher and no lower than those that are known; else none may lie below."""
     radius_m: float | None = None
@@ -125,8 +122,8 @@ class Vehicle:
     def stance_m(self) -> tuple[float, float]:
         """Wheelbase and track."""
         long, wide = self.contact_m
-        base = self.length_m - long if self.wheelbase_m is None else self.wheelbase_m
-        return base, self.width_m - wide if self.track_m is None else self.track_m
+        base, track = self.wheelbase_m, self.track_m
+        return self.length_m - long if base is None else base, self.width_m - wide if track is None else track
 
     @property
     def wheels_m(self) -> NDArray[np.float64]:
@@ -156,9 +153,8 @@ class Footprint(NamedTuple):
     """The cells that a pose of one heading takes to check, as (row, col) from the pose's own."""
 
     wheels: list[NDArray[np.int64]]
-    """(N, 2) cells that bound the heights under each wheel."""
     belly: NDArray[np.int64]
-    """(N, 2) cells that bound the ground below the body."""
+    """(N, 2) cells that bound the heights under each wheel, and the ground below the body."""
     places: NDArray[np.float64]
     """(N, 2) metres, where the belly's cells lie: ahead of the body's middle and to the left of it."""
     half_step: float
