@@ -1,7 +1,7 @@
 """Whether arguments are of the kinds that a signature names: what is not is refused before anything looks at it.
 
 A public function, method or dataclass is `checked` against its own annotations, in a microsecond or two a call:
-numbers, text, truth values, paths, instances of classes and sequences of these. Arrays and cells have their own checks.
+numbers, text, truth values, paths, instances of classes, sequences of these. Arrays and cells have their own checks.
 """
 
 import functools
