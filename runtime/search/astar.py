@@ -23,6 +23,9 @@ from nnpp_edge.runtime.kernels.expansion import (
     EXHAUSTED,
     FOUND,
     FULL,
+    NO_HINTS,
+    NO_LINKS,
+    NO_REGION,
     PAUSED,
     SUCCESSORS,
     Dominance,
@@ -113,12 +116,13 @@ def astar(
     width = _bucket_width(grid) if hints is None else grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS
     rule = (*grid.prices, width, SUCCESSORS[_dominance(grid, links)], 1.0 + beyond if beyond else BELOW)
     poses, edges = grid.steps.packed(backwards)
-    allowed = None if region is None else tuple(region)
+    allowed = NO_REGION if region is None else tuple(region)
+    ways, landmarks = NO_LINKS if links is None else links, NO_HINTS if hints is None else hints
     ws, begin, limits = workspace, first, (limit or _WITHOUT_END, deadline.at)
     ws.next_stamp()
     while True:
         code, length, expansions, refused = expand(
-            grid.packed, poses, edges, links, allowed, hints, (begin, last), rule, ws.packed, limits
+            grid.packed, poses, edges, ways, allowed, landmarks, (begin, last), rule, ws.packed, limits
         )
         begin = -1
         if code != FULL or deadline.passed:
@@ -158,11 +162,12 @@ def _settling(
     ws.next_stamp()
     rule = (0.0, 0.0, _bucket_width(grid), SUCCESSORS[_dominance(grid, links)], BELOW)
     (poses, edges), limits = grid.steps.packed(), (most, deadline.at)
+    ways = NO_LINKS if links is None else links
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), FULL
     while code in (FULL, PAUSED):
         ends = begin, corner_of_border
-        code, *_ = expand(grid.packed, poses, edges, links, None, None, ends, rule, ws.packed, limits)
+        code, *_ = expand(grid.packed, poses, edges, ways, NO_REGION, NO_HINTS, ends, rule, ws.packed, limits)
         begin = -1
         if code in (FULL, PAUSED):
             deadline.check()
