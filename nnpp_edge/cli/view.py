@@ -119,8 +119,8 @@ def _given_body(options_given: VehicleOptions, place: Dem) -> Body | None:
 
 def _words(option: click.Parameter, value: object) -> list[str]:
     """An option with its value, as it is typed; files by their whole names."""
-    if isinstance(value, bool):
-        return [option.opts[0] if value else option.secondary_opts[0]]
+    if isinstance(value, tuple):
+        return [word for setting in value for word in (option.opts[0], setting.word)]
     word = str(value)
     return [option.opts[0], str(Path(word).resolve()) if Path(word).is_file() else word]
 
