@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import click
 
 if TYPE_CHECKING:
+    import numpy as np
     from _typeshed import DataclassInstance
+    from numpy.typing import NDArray
 
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.terrain.dem import Dem
@@ -221,6 +223,10 @@ allow_vrt = click.option("--allow-vrt", is_flag=True, help="Read a GDAL VRT, too
 omega = click.option(
     "--omega", type=NOT_NEGATIVE, default=0.011, help="Weight of the cost against length, per grey level."
 )
+corner_cutting = click.option(
+    "--corner-cutting/--no-corner-cutting", default=True, help="Allow diagonal steps beside impassable cells."
+)
+hillshade = click.option("--hillshade", is_flag=True, help="Draw the relief in place of the cost.")
 rescale = click.option(
     "--rescale", type=POSITIVE, help="Make cells this many metres wide and scale heights alike, so that slopes stay."
 )
@@ -353,6 +359,13 @@ def check_outputs(
     context, names = click.get_current_context(), {name for name, _ in outputs}
     read = [context.params[p.name] for p in context.command.params if p.name and not names.intersection(p.opts)]
     check_outputs(outputs, _paths([*read, *more_inputs]), make_folders=make_folders)
+
+
+def shade_of(dem: Dem) -> NDArray[np.uint8]:
+    """The relief that --hillshade asks for."""
+    from nnpp_edge.viz.picture import hillshade
+
+    return hillshade(dem.elevation, dem.cell_size_m, dem.cell_width_m)
 
 
 def view_file(view: str | None) -> Path | None:
