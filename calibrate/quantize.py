@@ -13,7 +13,7 @@ from onnxruntime import quantization
 from onnxruntime.quantization import QuantType
 
 from nnpp_edge import __version__
-from nnpp_edge.calibrate.compare import Comparison, compare, feed, split, spread
+from nnpp_edge.calibrate.compare import Comparison, answer, compare, split, spread
 from nnpp_edge.export.to_onnx import nodes_leading_to, quiet
 from nnpp_edge.files import temporary_folder, write_whole
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, OutputError
@@ -153,7 +153,7 @@ def quantised_graph(
 
 
 class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
-    """Inputs of a network for all queries of `samples`, one at a time; `model` lays them out but does not run."""
+    """Inputs of a network for all queries of `samples`, one at a time, as `model` lays them out."""
 
     def __init__(self, model: NetworkModel, samples: Samples) -> None:
         self.model, self.samples, self.queries = model, samples, iter(range(len(samples)))
@@ -161,7 +161,7 @@ class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnx
     def get_next(self) -> dict[str, NDArray[np.generic]] | None:
         """The next query's inputs by name; None at the end."""
         for query in self.queries:
-            feed(self.model, self.samples, query)
+            answer(self.model, self.samples, query)  # lays out the inputs
             return {name: array.copy() for name, array in self.model.inputs.items()}
         return None
 

@@ -37,7 +37,8 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n:
     network.eval()
     model, size, rng = NetworkModel(onnx_path), network.spec.input_size, np.random.default_rng(seed)
     if samples is None:
-        queries = [(rng.random((2, size, size), np.float32), *ends) for ends in rng.uniform(0, size - 1, (n, 2, 2))]
+        drawn = rng.uniform(0, size - 1, (n, 2, 2)).tolist()
+        queries = [(rng.random((2, size, size), np.float32), tuple(start), tuple(goal)) for start, goal in drawn]
     elif samples.planes.shape[-1] != size:
         raise DataSetError(f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}")
     else:
@@ -48,7 +49,6 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n:
         query = torch.from_numpy(encode(network.spec, start, goal))
         wanted = torch.sigmoid(network(torch.from_numpy(planes)[None], query[None]))[0].numpy()
         model.set_map(planes)
-        model.set_query((float(start[0]), float(start[1])), (float(goal[0]), float(goal[1])))
-        differences.append(np.abs(model.run() - wanted))
+        differences.append(np.abs(model.answer(start, goal) - wanted))
     worst, source = float(np.max(differences)), "random" if samples is None else "dataset"
     return Parity(len(differences), source, worst, float(np.mean(differences)), LIMIT, worst <= LIMIT)

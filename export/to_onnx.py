@@ -25,7 +25,7 @@ from nnpp_edge.model.edge import EdgeNet
 from nnpp_edge.model.network import Network, count_macs
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
-from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS
+from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS, QUERY_SPACING
 from nnpp_edge.runtime.network.inference import ASK, HEAD, METADATA_KEY, OUTPUT, PLACES, ModelMetadata
 from nnpp_edge.runtime.network.place_head import ANSWERS
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -73,8 +73,6 @@ def export_network(
         omega=omega,
         cost_limits={k: v for k, v in asdict(limits or Traversability()).items() if math.isfinite(v)},
         region_factor=region_factor,
-        map_unshuffle=edge.UNSHUFFLE if of_edge else 1,
-        output_shuffle=edge.OUTPUT_SHUFFLE if of_edge else 1,
         head=body.head.sizes if isinstance(body, EdgeNet) else (),
         training=dict(training or {}),
         version=__version__,
@@ -129,7 +127,7 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
     size = spec.input_size
     if spec.architecture == "nnpp":
         return {"input": torch.zeros(1, 3, size, size)}
-    map_side, query_side = size // edge.UNSHUFFLE, size // edge.QUERY_STRIDE
+    map_side, query_side = size // edge.UNSHUFFLE, size // QUERY_SPACING
     return {
         "map": torch.zeros(1, edge.MAP_CHANNELS * edge.UNSHUFFLE**2, map_side, map_side),
         "query": torch.zeros(1, ENDS_CHANNELS, query_side, query_side),

@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.planners.plan import Method as Method
     from nnpp_edge.runtime.planners.plan import Plan as Plan
     from nnpp_edge.runtime.planners.plan import Source as Source
-    from nnpp_edge.runtime.planners.plan_path import plan_path as plan_path
     from nnpp_edge.runtime.planners.planner import Planner as Planner
+    from nnpp_edge.runtime.planners.planner import plan_path as plan_path
     from nnpp_edge.runtime.planners.standing_path import Standing as Standing
     from nnpp_edge.runtime.terrain.traversability import SaturationWarning as SaturationWarning
     from nnpp_edge.runtime.terrain.traversability import Traversability as Traversability
@@ -76,8 +76,7 @@ _MODULES = {
     "network.model_file": ("ModelFile", "list_models"),
     "planners.dynamic": ("DynamicPlanner",),
     "planners.plan": ("DynamicMethod", "Method", "Plan", "Source"),
-    "planners.plan_path": ("plan_path",),
-    "planners.planner": ("Planner",),
+    "planners.planner": ("Planner", "plan_path"),
     "planners.standing_path": ("Standing",),
     "map.poses": ("pose_costs",),
     "terrain.vehicle": ("Vehicle",),

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
@@ -76,7 +77,7 @@ def text(found: "ModelFile") -> str:
         "inputs": _shapes(found.inputs),
         "outputs": _shapes(found.outputs),
     }
-    metadata = found.metadata.facts() | {"architecture": _architecture(found)}
+    metadata = asdict(found.metadata) | {"architecture": _architecture(found)}
     parts = [_aligned(head.items()), "metadata\n" + _aligned(_flat(metadata), "  ")]
     parts.append(f"figures     {_MISSING}" if found.figures is None else _figures(found.figures))
     if found.card is not None:

@@ -32,9 +32,10 @@ from nnpp_edge.runtime.compiled.notice import told_if_slow
 if TYPE_CHECKING:
     from nnpp_edge.runtime.arrays import Float2D
     from nnpp_edge.runtime.map.slope_cost import Mobility
+    from nnpp_edge.runtime.planners.on_map import PlannerOptions
     from nnpp_edge.runtime.planners.plan import Plan
     from nnpp_edge.runtime.planners.planner import Planner
-    from nnpp_edge.runtime.planners.query import PlannerOptions, PlanOptions
+    from nnpp_edge.runtime.planners.query import PlanOptions
     from nnpp_edge.runtime.planners.tour import Tour
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -205,7 +206,7 @@ def find(
 
     import numpy as np
 
-    from nnpp_edge.runtime import Planner
+    from nnpp_edge.runtime import Ground, Planner
     from nnpp_edge.runtime.map.along import Along
     from nnpp_edge.runtime.planners.query import problem_with
 
@@ -219,7 +220,7 @@ def find(
     if vehicle is None and request.step_cost == "paper":
         planner = Planner(cost, **given)
     else:
-        planner = Planner.of_elevation(
+        ground = Ground.of_elevation(
             dem.elevation,
             sides[0],
             limits,
@@ -227,9 +228,8 @@ def find(
             vehicle=vehicle,
             step_cost=request.step_cost,
             mobility=mobility,
-            warn=False,
-            **given,
         )
+        planner = Planner(ground, **given)
     may_begin = len(goals) > 1 or problem_with(planner.state.grid, start, goals[0]) is None
     if request.landmarks and may_begin:
         with told_if_slow("setting landmarks"):

@@ -12,15 +12,13 @@ from torch.nn import functional
 from nnpp_edge.model.nnpp import PRIOR_LOGIT, ConvBNReLU
 from nnpp_edge.model.registry import OUTPUT_STRIDES
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.encoding import BETWEEN_CHANNELS, END_CHANNELS
+from nnpp_edge.runtime.network.encoding import BETWEEN_CHANNELS, END_CHANNELS, QUERY_SPACING
 from nnpp_edge.runtime.network.place_head import ANSWERS
 
 MAP_CHANNELS = 2
 UNSHUFFLE = 4
 """The map's input has 4 × 4 cells to a pixel, as channels."""
-QUERY_STRIDE = 8
-"""Cells of the input between the points of an encoded query."""
-OUTPUT_SHUFFLE = QUERY_STRIDE // OUTPUT_STRIDES["edge"]
+OUTPUT_SHUFFLE = QUERY_SPACING // OUTPUT_STRIDES["edge"]
 """The output has 2 × 2 blocks to a pixel, as channels."""
 SIZE_STEP = 64
 

@@ -19,7 +19,6 @@ from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.planners.plan import path_costs
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 
@@ -137,7 +136,7 @@ def fig6(context: Context, *, size: int = 256, omegas: Sequence[float] = (0.0, 0
 
 def _length_and_cc(grid: Grid, path: NDArray[np.int32], cost: Float2D) -> tuple[float, float]:
     """Of a path: cells, a diagonal step counting √2, and the sum of the map's costs, which no grid at ω = 0 knows."""
-    return path_costs(grid, path)[1], float(cost[tuple(path.T)].sum(dtype=np.float64))
+    return grid.costs_of(path)[1], float(cost[tuple(path.T)].sum(dtype=np.float64))
 
 
 @experiment("Fig. 7", "The weight ω of the traversability cost", {"maps": 8, "fine": 25}, asks_networks=False)

@@ -73,9 +73,9 @@ class PaperRegions:
     def find(self, query: Endpoints) -> Region:
         """The region at td."""
         self.model.set_map(planes_of(self.grid, self.frame))
-        self.model.set_query(self.frame.place(query[0]), self.frame.place(query[1]))
+        ends = self.frame.place(query[0]), self.frame.place(query[1])
         began = time.perf_counter()
-        probability = self.model.run(anew=True)
+        probability = self.model.answer(*ends, anew=True)
         self.inference_s = time.perf_counter() - began
         self.finder.read(probability)
         self.td = self.finder.threshold(*(block_of(self.lookup, cell) for cell in query))
@@ -90,7 +90,7 @@ class PaperRegions:
 def planes_of(grid: Grid, frame: Frame) -> NDArray[np.float32]:
     """(2, S, S) mean cost and share of impassable cells of a map, averaged as the frame says."""
     planes = np.empty((2, frame.size, frame.size), np.float32)
-    map_planes(grid.weights, grid.stride, frame, *grid.as_traversability(), planes)
+    map_planes(grid, frame, planes)
     return planes
 
 

@@ -79,7 +79,7 @@ class SurveyedGround:
 
     def planner(self) -> Planner:
         """Of the truth."""
-        return Planner.on(self.robot.ground(self.true))
+        return Planner(self.robot.ground(self.true))
 
 
 class Scene:

@@ -198,7 +198,7 @@ def _seen_by_network(cost: NDArray[np.float32], frame: Frame, omega: float) -> N
     """The map's two planes (2, S, S), in 255ths."""
     grid = Grid.of(cost, StepModel.of("paper", omega))
     planes = np.empty((2, frame.size, frame.size), np.float32)
-    map_planes(grid.weights, grid.stride, frame, *grid.as_traversability(), planes)
+    map_planes(grid, frame, planes)
     return np.asarray(np.rint(planes * 255.0), np.uint8)
 
 

@@ -14,7 +14,6 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame
-from nnpp_edge.runtime.planners.plan import path_costs
 from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
@@ -70,7 +69,7 @@ class Validator:
         cost[planes[1] == 255] = np.inf
         grid = Grid.of(cost, self.model)
         found = astar(grid, *self._endpoints(query), self.workspace, region=region)
-        return path_costs(grid, found.path)[0], len(found.path)
+        return grid.costs_of(found.path)[0], len(found.path)
 
     @torch.no_grad()
     def probabilities(self, network: Network, batch: int = 32) -> NDArray[np.float32]:

@@ -11,7 +11,8 @@ from nnpp_edge.runtime import Plan, Planner, traversability_cost
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.map.along import Along
-from nnpp_edge.runtime.planners.query import PlannerOptions
+from nnpp_edge.runtime.map.ground import Ground as PlannerGround
+from nnpp_edge.runtime.planners.on_map import PlannerOptions
 from nnpp_edge.view.asked import Asked
 from nnpp_edge.view.ground import Ground
 
@@ -62,7 +63,7 @@ class Landscape:
         if self.by_costs:
             return Planner(self.cost, **given)
         dem = self._ground.dem
-        return Planner.of_elevation(
+        ground = PlannerGround.of_elevation(
             dem.elevation,
             dem.cell_size_m,
             self._limits,
@@ -70,9 +71,8 @@ class Landscape:
             vehicle=self.vehicle,
             step_cost=asked.slope_cost,
             mobility=self.mobility,
-            warn=False,
-            **given,
         )
+        return Planner(ground, **given)
 
     def plan(self, asked: Asked, method: str, *, keep_regions: bool = False) -> Plan:
         """Plan between the ends that are asked for, with what lies along the path."""

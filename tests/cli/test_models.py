@@ -231,10 +231,10 @@ def test_a_json_file_of_another_kind_is_let_be(model):
 @pytest.mark.parametrize(
     ("content", "word"),
     [
-        ("{", "cannot be read"),
-        ({"figures": [{"workload": "soft"}]}, "without 'size'"),
-        ({"figures": [{**dict.fromkeys(FIGURE_NAMES, 1), "workload": "soft"}]}, "method is 1"),
-        ({"figures": 3}, "cannot be read"),
+        ("{", "Input data was truncated"),
+        ({"figures": [{"workload": "soft"}]}, "missing required field `size`"),
+        ({"figures": [{**dict.fromkeys(FIGURE_NAMES, 1), "workload": "soft"}]}, "$[0].method"),
+        ({"figures": 3}, "$.figures"),
     ],
 )
 def test_broken_figures_are_refused_in_one_line(nnpp_edge, model, content, word):
@@ -250,18 +250,17 @@ def test_a_broken_file_is_refused_in_one_line(nnpp_edge, model, content):
     nnpp_edge("models", model).refused("changed.onnx", "wanted an ONNX model")
 
 
-@pytest.mark.parametrize("share", range(1, 40))
-def test_a_file_cut_anywhere_is_refused(tiny_model, tmp_path, share):
-    whole = tiny_model.read_bytes()
-    path = tmp_path / "cut.onnx"
-    path.write_bytes(whole[: len(whole) * share // 40])
-    with pytest.raises(ModelError):
-        read_model_file(path)
+def test_a_file_cut_anywhere_is_refused(tiny_model, tmp_path):
+    whole, path = tiny_model.read_bytes(), tmp_path / "cut.onnx"
+    for share in range(1, 40):
+        path.write_bytes(whole[: len(whole) * share // 40])
+        with pytest.raises(ModelError):
+            read_model_file(path)
 
 
 @pytest.mark.parametrize("changes", [{"input_size": "64"}, {"encoding": ["ends"]}, {"sigma": None}])
 def test_metadata_of_wrong_kinds_is_refused_in_one_line(nnpp_edge, make_tiny_model, changes):
-    nnpp_edge("models", make_tiny_model(**changes)).refused("metadata cannot be read")
+    nnpp_edge("models", make_tiny_model(**changes)).refused("wanted metadata of format", f"$.{next(iter(changes))}")
 
 
 def test_an_unknown_name_or_a_folder_is_refused(nnpp_edge, tmp_path):

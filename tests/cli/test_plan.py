@@ -75,13 +75,12 @@ def test_json_holds_what_the_planner_answers(nnpp_edge, hills):
 )
 def test_it_plans_once_unless_asked_to_compare(nnpp_edge, hills, tmp_path, monkeypatch, words, plans, loading):
     from nnpp_edge.runtime import exercises
-    from nnpp_edge.runtime.planners import answers, planner
+    from nnpp_edge.runtime.planners import planner
     from nnpp_edge.runtime.planners.query import Work
 
     made = []
     monkeypatch.setattr(exercises, "exercise", lambda: None)
-    for module in (answers, planner):
-        monkeypatch.setattr(module, "Work", lambda: made.append("a plan") or Work())
+    monkeypatch.setattr(planner, "Work", lambda: made.append("a plan") or Work())
     ended = nnpp_edge("plan", hills, *EXACT, *words, "-o", tmp_path / "out")
     assert ended.code == 0 and len(made) == plans
     assert ("loading included" in ended.out) == loading

@@ -145,7 +145,7 @@ def test_a_network_is_neither_shown_a_map_nor_run_without_time(tiny_model):
     state, network = made("costs").state, NetworkModel(tiny_model)
     with pytest.raises(OutOfTimeError):
         MapView(state, network).show(*ENDS, Deadline(0.0))
-    network.run()
+    network.try_out()
     network.set_map(np.zeros((2, network.metadata.input_size, network.metadata.input_size), np.float32))
     network.check_time(NEVER)
     with pytest.raises(OutOfTimeError):

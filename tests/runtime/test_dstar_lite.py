@@ -9,7 +9,6 @@ from nnpp_edge.runtime.kernels import dstar as kernels
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.planners.plan import path_costs
 from nnpp_edge.runtime.search import dstar_lite as module
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
@@ -47,7 +46,7 @@ class Changing:
 
     def cost_of(self, found):
         """What the path of a search costs; inf without one."""
-        return path_costs(self.grid, found.path)[0]
+        return self.grid.costs_of(found.path)[0]
 
     def slow_optimum(self, start):
         """By scipy's Dijkstra, of the whole map."""

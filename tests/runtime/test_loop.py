@@ -31,7 +31,7 @@ from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.ticker import Ticker
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network import loading
-from nnpp_edge.runtime.planners.plan import Method, Plan, path_costs
+from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from tests.conftest import write_tiny_model
@@ -436,7 +436,7 @@ def raising(*_, **__):
 
 def test_a_network_that_raises_leaves_the_corridor(network, monkeypatch):
     nav = navigator(method="nnpp", model=network)
-    monkeypatch.setattr(NetworkModel, "run", raising)
+    monkeypatch.setattr(NetworkModel, "answer", raising)
     message = nav.tick()
     assert (message.outcome, message.origin) == (Status.OK, Origin.CORRIDOR)
     assert (message.method, message.degraded) == ("corridor", True)
@@ -576,7 +576,7 @@ def test_way_points_and_cost_are_those_of_the_map_that_the_path_was_checked_on(m
     message = nav.tick()
     assert message.ok and message.map_version == 1
     assert message.waypoints is None, "the line was not checked on the map with the patch"
-    cost, _, _ = path_costs(Planner(nav.map.cost()).state.grid, message.path)
+    cost, _, _ = Planner(nav.map.cost()).state.grid.costs_of(message.path)
     assert message.cost == pytest.approx(cost)
     monkeypatch.undo()
     assert nav.tick().waypoints is not None

@@ -81,16 +81,12 @@ def test_heights_only_rise_what_is_unknown_stays_so_and_the_input_is_untouched()
     assert found.dtype == np.float32 and (found - before)[known].max() <= 1.5 + 1e-4
 
 
-def test_the_seed_decides_and_no_cover_changes_nothing():
+def test_the_seed_decides_and_cells_of_two_sides_hold_as_many_by_area():
     dem = hills()
     one, same = with_rocks(dem, 0.25, 0.1, 7), with_rocks(dem, 0.25, 0.1, np.random.default_rng(7))
     assert np.array_equal(one, same) and not np.array_equal(one, with_rocks(dem, 0.25, 0.1, 8))
     assert np.array_equal(with_rocks(dem, 0.25, 0.0, 1), dem)
-
-
-def test_cells_of_two_sides_hold_as_many_rocks_by_area():
-    square = draw_rocks((400, 400), (0.5, 0.5), 0.1, 1, (0.3, 2.0))
-    oblong = draw_rocks((400, 400), (0.25, 1.0), 0.1, 1, (0.3, 2.0))
+    square, oblong = (draw_rocks((400, 400), sides, 0.1, 1, (0.3, 2.0)) for sides in ((0.5, 0.5), (0.25, 1.0)))
     assert len(square.diameters_m) == len(oblong.diameters_m) > 1000
 
 
