@@ -13,13 +13,11 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.encoding import QUERY_SPACING, Point, encode_gaussian
-from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES, LoadedModel, opened, places_in_rows
-from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata, model_path
+from nnpp_edge.runtime.network.encoding import Point, encode_gaussian
+from nnpp_edge.runtime.network.loading import ASK, OUTPUT, PLACES, LoadedModel, opened, places_in_rows
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING, model_path
 from nnpp_edge.runtime.network.place_head import PlaceHead
 from nnpp_edge.runtime.reading import refused_as
-
-__all__ = ["ASK", "HEAD", "METADATA_KEY", "OUTPUT", "PLACES", "ModelMetadata", "NetworkModel", "model_path"]
 
 _FORGET = 0.9
 
@@ -81,12 +79,7 @@ class NetworkModel:
     def answer(self, start: Point, goal: Point, *, anew: bool = False) -> Float2D:
         """The probability that a nearly optimal path passes: (B, B) float32 in [0, 1]. The next call overwrites it.
 
-        Parameters
-        ----------
-        start, goal : (row, col)
-            In network cells.
-        anew : bool
-            For timing: run the encoder of a network in two parts, too, which is else run once after `set_map`.
+        For timing, `anew` runs the encoder of a network in two parts, too, which is else run once after `set_map`.
         """
         sigma = self.metadata.sigma * self.metadata.input_size
         if self._head is None:
@@ -147,8 +140,7 @@ class NetworkModel:
         if self._loaded.lacks_threads():
             loaded, _ = opened(self.path, self._loaded.threads, self._loaded.spinning)
             if loaded.identity != self._loaded.identity:
-                wanted = "wanted the file that was opened before this process was forked"
-                raise ModelError(f"{self.path}: {wanted}, got another")
+                raise ModelError(f"{self.path}: wanted the file that was opened before a fork, got another")
             self._use_session(loaded)
         began = time.perf_counter()
         with refused_as(ModelError, f"{self.path}: wanted an ONNX model, got one whose graph fails"):

@@ -8,10 +8,10 @@ head too, and a test at load sees that both say the same.
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS, answer_ends
-from nnpp_edge.runtime.network.encoding import BETWEEN_CHANNELS, END_CHANNELS, QUERY_SPACING, Point
-
-__all__ = ["ANSWERS", "PlaceHead", "count_parameters"]
+from nnpp_edge.runtime.network.encoding import Point
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
 Floats = NDArray[np.float32]
 
