@@ -143,14 +143,12 @@ def _settling(
     ws.next_stamp()
     rule = (0.0, 0.0, _bucket_width(grid), _successors(grid, links), kernels.BELOW)
     (poses, edges), limits = grid.steps.packed(), (most, deadline.at)
-    ways = kernels.NO_LINKS if links is None else links
+    ways, region, hints = kernels.NO_LINKS if links is None else links, kernels.NO_REGION, kernels.NO_HINTS
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), kernels.FULL
     while code in (kernels.FULL, kernels.PAUSED):
         ends = begin, corner_of_border
-        code, *_ = kernels.expand(
-            grid.packed, poses, edges, ways, kernels.NO_REGION, kernels.NO_HINTS, ends, rule, ws.packed, limits
-        )
+        code, *_ = kernels.expand(grid.packed, poses, edges, ways, region, hints, ends, rule, ws.packed, limits)
         begin = -1
         if code in (kernels.FULL, kernels.PAUSED):
             deadline.check()
