@@ -62,12 +62,10 @@ def quantize(
     seed: int = 1,
     rounds: int = ROUNDS,
 ) -> QuantizeReport:
-    """Make an int8 model (static, QDQ), and measure it against its source.
+    """Make an int8 model (static, QDQ) of an fp32 file or a shipped model, and measure it against its source.
 
     Parameters
     ----------
-    model : Path
-        In fp32, from `nnpp-edge export`; or the name of a shipped model.
     output : Path
         The int8 file; written last, whole or not at all, whatever the recommendation.
     dataset, validation : Path
@@ -76,12 +74,6 @@ def quantize(
         Queries to calibrate on, each from another map while there are maps; timed runs of each model.
     exclude : names
         Nodes to leave float, as those of the head are in any case.
-
-    Raises
-    ------
-    ModelError, DataSetError, InvalidQueryError, OutputError
-        The model is none of ours, is int8 already, or has no node of a name in `exclude`; a data set is none, or its
-        maps have another size; `output` is the model itself; the file cannot be written.
 
     Notes
     -----

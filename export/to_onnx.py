@@ -56,23 +56,10 @@ def export_network(
     limits: Traversability | None = None,
     training: Mapping[str, object] | None = None,
 ) -> ExportReport:
-    """Write a network as ONNX, whole or not at all; its norms' running statistics are what is written.
+    """Write a network as ONNX, whole or not at all. The other arguments are its metadata, or a ModelError.
 
-    Parameters
-    ----------
-    name, training
-        For the metadata.
-    region_factor : float
-        Factor on the adaptive threshold that the runtime is to use, in (0, 1].
-    omega : float
-        Weight of the traversability cost per grey level that the labels were made with.
-    limits : Traversability, optional
-        Of the cost maps that it was trained on; by default the paper's.
-
-    Raises
-    ------
-    ModelError, OutputError
-        A number is out of range; the file cannot be written.
+    `region_factor` is the factor on the adaptive threshold that the runtime is to use, in (0, 1]; `omega` and
+    `limits` (by default the paper's) are those of the cost maps that it was trained on.
     """
     spec, body = network.spec, network.body
     of_edge = isinstance(body, EdgeNet)

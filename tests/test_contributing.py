@@ -90,7 +90,7 @@ def test_names_in_the_guide_are_in_the_code():
         "tests/runtime/test_slope_cost.py": ("MODELS",),
         "nnpp_edge/profiling/measure.py": ("rivals_of",),
         "nnpp_edge/reproduction/experiment.py": ("experiment", "Context", "Result"),
-        "nnpp_edge/reproduction/experiments.py": ("EXPERIMENTS",),
+        "nnpp_edge/reproduction/runner.py": ("EXPERIMENTS",),
     }
     guide = (ROOT / "CONTRIBUTING.md").read_text()
     for path, names in named.items():

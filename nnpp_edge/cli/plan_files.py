@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,9 +13,8 @@ import click
 from nnpp_edge.cli.options import PATH, gathered, together
 
 if TYPE_CHECKING:
-    from nnpp_edge.cli.plan_answer import Answer, Planned
+    from nnpp_edge.cli.plan_answer import Answer
     from nnpp_edge.runtime.cells import Cell
-    from nnpp_edge.viz.picture import BodyDrawing
 
 FORMATS = ("gpkg", "gpx")
 """Of the path, beside GeoJSON and CSV."""
@@ -23,7 +23,7 @@ _PROFILE = "profile.png"
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where the answer goes. The options' values, as given."""
+    """Where the answer goes: the options' values, as given."""
 
     output: Path | None
     formats: tuple[str, ...]
@@ -52,77 +52,68 @@ class Outputs:
         names = ["path.geojson", "path.csv", "plan.png", "plan.json", *(f"path.{name}" for name in self.formats)]
         found = [("--output", self.output / name) for name in names] if self.output else []
         if self.profile_plot is not None:
-            alone = self.profile_plot == _PROFILE and self.output is not None
-            path = self.output / _PROFILE if alone and self.output else Path(self.profile_plot)
-            found.append(("--profile-plot", path))
+            beside = self.output is not None and self.profile_plot == _PROFILE
+            folder = self.output if beside and self.output else Path()
+            found.append(("--profile-plot", folder / self.profile_plot))
         return found
 
-    def save(self, planned: Planned) -> list[str]:
+    def save(self, answer: Answer) -> list[str]:
         """Write all of them, or none; their names."""
         from nnpp_edge.files import write_all
 
         paths = [path for _, path in self.paths]
         files = [str(path) for path in paths]
-        figures = planned.answer.figures(files)
-        write_all({path: _content(path, planned, figures) for path in paths})
+        write_all({path: _content(path, answer, files) for path in paths})
         return files
 
 
-def _content(path: Path, planned: Planned, figures: dict[str, object]) -> bytes:
-    """What goes into a file, by its name."""
-    answer = planned.answer
-    route, tour = answer.route, answer.tour
-    if path.name == "path.geojson":
-        return route.geojson(answer.properties())
-    if path.name == "path.csv":
-        return route.csv()
-    if path.name == "plan.json":
-        return json.dumps(figures, indent=1).encode()
-    if path.name == "path.gpkg":
-        return route.geopackage(answer.properties())
-    if path.name == "path.gpx":
-        between = {f"via {at}": stop for at, stop in enumerate(tour.stops[1:-1] if tour else (), 1)}
-        return route.gpx("nnpp-edge plan", {"start": answer.start, **between, "goal": answer.goal})
-    if path.name == "plan.png":
-        return _picture(planned)
+def _content(path: Path, answer: Answer, files: list[str]) -> bytes:
+    """The content of a file, by its name."""
+    route, stops = answer.route, answer.tour.stops[1:-1] if answer.tour else ()
+    makers: dict[str, Callable[[], bytes]] = {
+        "path.geojson": lambda: route.geojson(answer.properties()),
+        "path.csv": route.csv,
+        "plan.json": lambda: json.dumps(answer.figures(files), indent=1).encode(),
+        "plan.png": lambda: _picture(answer, stops),
+        "path.gpkg": lambda: route.geopackage(answer.properties()),
+        "path.gpx": lambda: route.gpx(
+            "nnpp-edge plan",
+            {"start": answer.start, **{f"via {at}": stop for at, stop in enumerate(stops, 1)}, "goal": answer.goal},
+        ),
+    }
+    if path.name in makers:
+        return makers[path.name]()
     from nnpp_edge.runtime.map.along import crossings
     from nnpp_edge.viz.profile_picture import profile_picture
 
-    legs = [len(crossings(leg.line)) - 1 for leg in (tour.legs if tour and answer.plan.ok else ())]
-    stops = [sum(legs[:at]) for at in range(1, len(legs))]
-    return profile_picture(path, route.along, route.cost, "\n".join(answer.on_the_ground().values()), stops)
+    legs = [len(crossings(leg.line)) - 1 for leg in (answer.tour.legs if answer.tour and answer.plan.ok else ())]
+    between = [sum(legs[:at]) for at in range(1, len(legs))]
+    return profile_picture(path, route.along, route.cost, "\n".join(answer.on_the_ground().values()), between)
 
 
-def _picture(planned: Planned) -> bytes:
+def _picture(answer: Answer, stops: tuple[Cell, ...]) -> bytes:
     """The plan on the cost map, or on one whose cells are `factor` times as large."""
-    from nnpp_edge.viz.picture import plan_picture, png_bytes
+    from nnpp_edge.viz.picture import BodyDrawing, body_outlines, plan_picture, png_bytes
 
-    answer, factor = planned.answer, planned.factor
-    dem, plan = answer.route.dem, answer.plan
-    stops: tuple[Cell, ...] = answer.tour.stops if answer.tour else ()
-    start, goal, *between = [(row // factor, col // factor) for row, col in (answer.start, answer.goal, *stops[1:-1])]
+    dem, plan, factor, vehicle = answer.route.dem, answer.plan, answer.factor, answer.vehicle
+    start, goal, *between = [(row // factor, col // factor) for row, col in (answer.start, answer.goal, *stops)]
+    body = {}
+    if vehicle is not None:
+        outlines = body_outlines(plan.path, vehicle, (dem.cell_size_m, dem.cell_width_m))
+        body["body"] = BodyDrawing(outlines, answer.stands, answer.point_path)
     picture = plan_picture(
-        planned.cost,
+        answer.cost,
         plan if factor == 1 else replace(plan, path=plan.path // factor),
         start=start,
         goal=goal,
         via=between,
-        shade=planned.shade,
+        shade=answer.shade,
         reference_path=answer.exact_path,
         cell_size_m=dem.cell_width_m * factor,
         length_m=answer.route.length_m,
-        **({} if answer.vehicle is None else {"body": _body(answer)}),
+        **body,
     )
     return png_bytes(picture)
-
-
-def _body(answer: Answer) -> BodyDrawing:
-    """What the picture shows of the vehicle."""
-    from nnpp_edge.viz.picture import BodyDrawing, body_outlines
-
-    assert answer.vehicle is not None
-    sides = answer.route.dem.cell_size_m, answer.route.dem.cell_width_m
-    return BodyDrawing(body_outlines(answer.plan.path, answer.vehicle, sides), answer.stands, answer.point_path)
 
 
 outputs = together(

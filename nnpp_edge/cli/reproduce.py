@@ -59,8 +59,7 @@ def command(
     nnpp-edge reproduce table2 fig7 --quick
     """
     from nnpp_edge.profiling.suites import TerrainFiles
-    from nnpp_edge.reproduction.experiments import EXPERIMENTS
-    from nnpp_edge.reproduction.runner import Request, reproduce
+    from nnpp_edge.reproduction.runner import EXPERIMENTS, Request, reproduce
 
     if unknown := [name for name in experiments if name not in EXPERIMENTS]:
         raise click.UsageError(f"wanted EXPERIMENT of {', '.join(EXPERIMENTS)}, got {', '.join(unknown)}")

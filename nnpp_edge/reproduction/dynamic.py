@@ -139,11 +139,9 @@ def _repaired(here: OneMap, dstars: dict[str, PlainDStar], harness: Harness) -> 
 @experiment(
     "Table 3 and Fig. 16",
     "Planning anew as the map changes, plan by plan",
-    {"size": 128, "repeats": 1, "episodes": 3, "cells_a_frame": 11},
+    {"size": 128, "repeats": 1, "episodes": 3},
 )
-def table3(
-    context: Context, *, size: int = 256, episodes: int = 12, repeats: int = 5, cells_a_frame: int = 3
-) -> Result:
+def table3(context: Context, *, size: int = 256, episodes: int = 12, repeats: int = 5) -> Result:
     """One episode, every plan of it by all planners: of so many the one with as many plans as the paper's."""
     size = context.one_size(size)
     stride, frames = stride_on(size), len(paper.TABLE_3.of(ASTAR))
@@ -165,8 +163,7 @@ def table3(
     drawing.draw_map(last, views[-1].cost, "the way driven")
     drawing.draw_path(last, drawing.driven(views, stride), "driven")
     drawing.map_legend(figure, panels[min(1, len(views) - 1)])
-    film = drawing.animate(views, stride, cells_a_frame)
-    return Result(summary, rows, table3_findings(rows), figure, None, _CONTROLS_NOTE, film)
+    return Result(summary, rows, table3_findings(rows), figure, controls=_CONTROLS_NOTE)
 
 
 def _side_by_side(keys: str, ours: Groups, theirs: Groups) -> str:

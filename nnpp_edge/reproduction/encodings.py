@@ -109,7 +109,7 @@ def make_samples(context: Context, maps: int, validation_maps: int) -> tuple[Sam
         first = math.ceil((1.0 - _HELD_OUT) * len(samples.planes))
         if not 0 < first < len(samples.planes):
             raise DataSetError(f"wanted at least 2 maps to train and to validate with, got {len(samples.planes)}")
-        return _part(samples, samples.map_index < first), _part(samples, samples.map_index >= first)
+        return samples.pick(samples.map_index < first), samples.pick(samples.map_index >= first)
     recipe = Recipe(
         (),
         size=_SIDE,
@@ -127,11 +127,6 @@ def make_samples(context: Context, maps: int, validation_maps: int) -> tuple[Sam
         tiles = [side_of(dem, bool(part)) for dem in context.terrain]
         parts.append(Samples.of(make_shard(recipe, tiles, np.random.default_rng([context.seed, part]), count)))
     return parts[0], parts[1]
-
-
-def _part(samples: Samples, kept: np.ndarray) -> Samples:
-    names = ("map_index", "start", "goal", "excess", "on_path")
-    return replace(samples, **{name: getattr(samples, name)[kept] for name in names})
 
 
 def side_of(dem: Dem, held_out: bool) -> Dem:

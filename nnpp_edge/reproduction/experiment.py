@@ -89,8 +89,6 @@ class Result:
     networks: str | None = None
     """Which networks took part, and where; by default both, or none where the experiment asks none."""
     controls: str | None = None
-    animation: bytes | None = None
-    """GIF."""
 
 
 @dataclass(frozen=True)

@@ -15,17 +15,26 @@ from nnpp_edge.profiling.machine import environment
 from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.progress import bar
 from nnpp_edge.reproduction.drawing import png
+from nnpp_edge.reproduction.dynamic import table3, table4
+from nnpp_edge.reproduction.encodings import fig13
+from nnpp_edge.reproduction.exact import fig6, fig7, table1
 from nnpp_edge.reproduction.experiment import Context, Result
-from nnpp_edge.reproduction.experiments import EXPERIMENTS
+from nnpp_edge.reproduction.looks import fig8, fig14
 from nnpp_edge.reproduction.pages import Stored, experiment_page, index_page
 from nnpp_edge.reproduction.regions import CONTROLS_NOTE, Networks
 from nnpp_edge.reproduction.rows import Row
+from nnpp_edge.reproduction.static import fig9, fig11, fig12, table2
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, OutputError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
 
 FORMAT = "nnpp-edge-reproduction-2"
+EXPERIMENTS = {
+    each.run.__name__: each
+    for each in (table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3, table4, fig13)
+}
+"""The experiments of the paper by name, in the order in which they run."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +93,7 @@ def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
         facts = Stored(
             *(FORMAT, name, experiment.where, experiment.title),
             *(f"{machine['cpu']}, {len(cores)} core(s)", machine["load_average"][0], made_with, about),
-            *(list(result.findings), context.notes, result.animation is not None, result.summary),
+            *(list(result.findings), context.notes, result.summary),
         )
         _store(request.output / name, facts, result)
         shutil.rmtree(work, ignore_errors=True)
@@ -128,7 +137,7 @@ def _store(folder: Path, facts: Stored, result: Result) -> None:
         "md": experiment_page(facts).encode(),
         "png": png(result.picture),
         "json": msgspec.json.format(msgspec.json.encode(facts), indent=1),
-    } | ({} if result.animation is None else {"gif": result.animation})
+    }
     try:
         for path in (fresh, old):
             shutil.rmtree(path, ignore_errors=True)
@@ -149,8 +158,7 @@ def read_experiment(folder: Path) -> Stored | None:
         stored = msgspec.json.decode((folder / f"{folder.name}.json").read_bytes(), type=Stored)
     except (OSError, msgspec.DecodeError):
         return None
-    endings = ("csv", "md", "png", "gif") if stored.animated else ("csv", "md", "png")
-    whole = all((folder / f"{folder.name}.{ending}").is_file() for ending in endings)
+    whole = all((folder / f"{folder.name}.{ending}").is_file() for ending in ("csv", "md", "png"))
     return stored if whole and stored.format == FORMAT else None
 
 

@@ -28,18 +28,9 @@ ARRAY_ENDINGS = (".npy", ".npz")
 
 @dataclass(frozen=True, eq=False)
 class Dem(Place):
-    """An elevation map and the size of its cells; TerrainError for anything else than below.
+    """An elevation map: (H, W) float32 metres, NaN where unknown, and the size of its cells (`Place`).
 
-    Attributes
-    ----------
-    elevation : (H, W) float32
-        Metres; NaN where unknown, finite in at least one cell. Masked cells become unknown.
-    cell_size_m, cell_width_m : float
-        Side of a cell along a column of the map (north-south) and along a row (east-west).
-    georeference : Georeference or None
-        Where the cells lie, in the coordinates of the file.
-    source : Path
-        The file, for messages.
+    Masked cells become unknown. TerrainError where no cell is known, or a number makes no sense.
     """
 
     elevation: npt.NDArray[np.float32]
@@ -66,8 +57,7 @@ class Dem(Place):
     def rescaled(self, cell_size_m: float) -> "Dem":
         """The same terrain grown or shrunk to cells of `cell_size_m`: heights follow, so slopes stay.
 
-        The georeference stays as it is: it still says where each cell lay on the map. Raises
-        InvalidQueryError where `cell_size_m` is not above 0 and finite.
+        The georeference stays as it is: it still says where each cell lay on the map.
         """
         check_option("cell size", cell_size_m)
         factor = cell_size_m / self.cell_size_m
@@ -90,10 +80,10 @@ def read_dem(
     Parameters
     ----------
     path : Path or str
-        A raster of one band in one of `gdal_files.FORMATS` (for a PDS3 `.img` with a `.lbl` beside it, the label is
-        opened), whatever its name; files and addresses that it names elsewhere are not opened; a 2-D `.npy`; an
-        `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D array, and perhaps `cell_size_m` (or `cell_m`),
-        `cell_width_m` and `transform`, as of `Georeference`.
+        A raster of one band in one of `gdal_files.FORMATS`, whatever its name (for a PDS3 `.img` with a `.lbl` beside
+        it, the label is opened); a 2-D `.npy`; an `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D
+        array, and perhaps `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`. Files
+        and addresses that it names elsewhere are not opened.
     cell_size_m : float, optional
         Side of a cell, north-south. Wins over the file's; the ratio of width to height is kept.
     vertical_scale : float, optional
@@ -112,18 +102,16 @@ def read_dem(
     Raises
     ------
     TerrainError, InvalidQueryError, MissingExtraError
-        The file is missing, broken, not an elevation map, too large for the memory that is left, or lacks a cell size
-        that was not given; an option makes no sense; the format needs rasterio, which is not installed.
+        The file is missing, broken, no elevation map, too large for the memory that is left, or lacks a cell size;
+        an option makes no sense; the format needs rasterio, which is not installed.
 
     Notes
     -----
-    Cells are as long as the ground under them: geodesics on the system's own ellipsoid, from projected coordinates
-    as from degrees, along a column and along a row at the middle of the map (or of the window). A UserWarning says
-    where a projection's metre is more than 1 % off there, and where ground elsewhere on the map is more than 3 % off
-    that at the middle. A transform without a system, or with a local one, is taken as it is.
-
-    An offset over 100 km is a body's radius (PDS3 labels of the Moon): it is left out, so heights count from
-    that sphere and keep float32's precision.
+    Cells are as long as the ground under them: geodesics on the system's own ellipsoid, along a column and a row at
+    the middle of the map (or of the window). A UserWarning says where a projection's metre is more than 1 % off
+    there, and ground elsewhere on the map more than 3 %. A transform without a system, or with a local one, is taken
+    as it is. An offset over 100 km is a body's radius (PDS3 labels of the Moon): it is left out, so heights count
+    from that sphere and keep float32's precision.
     """
     path = Path(path)
     arrays = path.suffix.lower() in ARRAY_ENDINGS
@@ -165,11 +153,9 @@ def cell_sides(
 
 
 def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
-    """Write a map of `dem`'s cells as a float32 GeoTIFF (deflate, nodata NaN) with `dem`'s georeference.
+    """Write a map of `dem`'s cells, numbers or bools, as a float32 GeoTIFF (deflate, nodata NaN), whole or not.
 
-    The array holds numbers or bools; masked ones become NaN. A reader finds the old file or the whole new one.
-    OutputError where the shape or type does not fit, or the file could not be written: what stood there is untouched;
-    MissingExtraError where rasterio is not installed.
+    Masked cells become NaN. OutputError where the shape or type does not fit, or the file could not be written.
     """
     path = Path(path)
     write_whole(path, raster_bytes(path, array, dem))

@@ -21,10 +21,9 @@ _FARTHEST_M = 1e9
 
 
 def check_room(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], more_bytes: int = 0) -> None:
-    """TerrainError where the memory that is left cannot hold an array of this shape while it becomes a map.
+    """TerrainError where an array of this shape cannot become a map in the memory that is left, before it is read.
 
-    To be asked before the array is read: a small compressed file may hold a huge one. `more_bytes` is what reading it
-    takes besides.
+    `more_bytes` is what reading it takes besides.
     """
     wanted = math.prod(shape) * (dtype.itemsize + _BYTES_PER_CELL) + more_bytes
     room = available_bytes()

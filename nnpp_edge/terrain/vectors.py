@@ -37,18 +37,9 @@ class VectorFileError(InvalidQueryError):
 def points_of(name: str, place: Place) -> tuple[Points, str]:
     """Map coordinates (N, 2) of a layer's points, in their order, and a word where they had to be reprojected.
 
-    Parameters
-    ----------
-    name : str
-        The file, one of `FORMATS`, or FILE:LAYER where several of its layers hold points.
-    place : Place
-        The map. Points of a layer that names no coordinate system are in the map's own.
-
-    Raises
-    ------
-    VectorFileError, InvalidQueryError, MissingExtraError
-        There is no such file or layer, it is not one of `FORMATS`, or it holds other things than points, or none; the
-        layer's coordinate system does not lead to the map's; pyogrio or pyproj is not installed.
+    The name is that of a file of one of `FORMATS`, or FILE:LAYER where several of its layers hold points. Points of a
+    layer that names no coordinate system are in the map's own. VectorFileError where there is no such file or layer,
+    or it holds other things than points, or none; InvalidQueryError where its system does not lead to the map's.
     """
     path, layer = named_file(name)
     _check_plain(path)
@@ -76,14 +67,10 @@ def named_file(name: str) -> tuple[Path, str | None]:
 def geopackage_bytes(
     layer: str, kind: str, shapes: Sequence[bytes], fields: Mapping[str, Sequence[object]], place: Place
 ) -> bytes:
-    """A GeoPackage of one layer of shapes (WKB) of a kind (in OGR's words) with a value of each field for each.
-
-    Its coordinates are the map's, in the map's system. MissingExtraError where pyogrio is not installed.
-    """
+    """A GeoPackage of one layer of shapes (WKB) of a kind (in OGR's words) with a value of each field for each."""
     out = io.BytesIO()
-    columns = [
-        np.array(values, object if any(isinstance(v, str) for v in values) else None) for values in fields.values()
-    ]
+    texts = {name: any(isinstance(value, str) for value in values) for name, values in fields.items()}
+    columns = [np.array(values, object if texts[name] else None) for name, values in fields.items()]
     with _pyogrio("writing a GeoPackage") as pyogrio:
         pyogrio.raw.write(
             out,

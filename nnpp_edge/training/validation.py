@@ -60,11 +60,8 @@ class Validator:
 
     def _endpoints(self, query: int) -> Endpoints:
         """Start and goal, as cells of the data set's map."""
-        (r0, c0), (r1, c1) = (
-            np.rint(place[query].astype(np.float64)).astype(int).tolist()
-            for place in (self.samples.start, self.samples.goal)
-        )
-        return (r0, c0), (r1, c1)
+        ends = np.rint((self.samples.start[query], self.samples.goal[query])).astype(int)
+        return tuple(ends[0].tolist()), tuple(ends[1].tolist())
 
     def _search(self, query: int, region: Region | None) -> tuple[float, int]:
         """Cost and number of cells of the cheapest path; inf if there is none."""

@@ -95,12 +95,13 @@ def astar(
     width = _bucket_width(grid) if hints is None else grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS
     rule = (*grid.prices, width, _successors(grid, links), 1.0 + beyond if beyond else kernels.BELOW)
     poses, edges = grid.steps.packed(backwards)
-    allowed = None if region is None else tuple(region)
+    allowed = kernels.NO_REGION if region is None else tuple(region)
+    ways, landmarks = kernels.NO_LINKS if links is None else links, kernels.NO_HINTS if hints is None else hints
     ws, begin, limits = workspace, first, (limit or _WITHOUT_END, deadline.at)
     ws.next_stamp()
     while True:
         code, length, expansions, refused = kernels.expand(
-            grid.packed, poses, edges, links, allowed, hints, (begin, last), rule, ws.packed, limits
+            grid.packed, poses, edges, ways, allowed, landmarks, (begin, last), rule, ws.packed, limits
         )
         begin = -1
         if code != kernels.FULL or deadline.passed:
@@ -140,11 +141,12 @@ def _settling(
     ws.next_stamp()
     rule = (0.0, 0.0, _bucket_width(grid), _successors(grid, links), kernels.BELOW)
     (poses, edges), limits = grid.steps.packed(), (most, deadline.at)
+    ways, region, hints = kernels.NO_LINKS if links is None else links, kernels.NO_REGION, kernels.NO_HINTS
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), kernels.FULL
     while code in (kernels.FULL, kernels.PAUSED):
         ends = begin, corner_of_border
-        code, *_ = kernels.expand(grid.packed, poses, edges, links, None, None, ends, rule, ws.packed, limits)
+        code, *_ = kernels.expand(grid.packed, poses, edges, ways, region, hints, ends, rule, ws.packed, limits)
         begin = -1
         if code in (kernels.FULL, kernels.PAUSED):
             deadline.check()

@@ -25,7 +25,7 @@ def hills(tmp_path):
 
 def test_a_geotiff_keeps_the_place_and_marks_what_is_impassable(nnpp_edge, hills, tmp_path):
     path, heights = hills
-    ended = nnpp_edge("costmap", path, "-o", tmp_path / "cost.tif", "--hard-slope", 15)
+    ended = nnpp_edge("costmap", path, "-o", tmp_path / "cost.tif", "--limit", "hard_slope_deg=15")
     assert (ended.code, ended.err) == (0, "")
     cost = traversability_cost(heights, 2.0, Traversability(hard_slope_deg=15))
     back = read_dem(tmp_path / "cost.tif")
@@ -97,8 +97,14 @@ def test_a_bad_elevation_map_is_one_line(nnpp_edge, bad_dem, tmp_path):
         (("-o", ""), "wanted a path, got nothing"),
         (("-o", "hills.tif"), "would replace hills.tif, which is read"),
         (("-o", "cost.tif", "--picture", "cost.jpg"), "must end in .png"),
-        (("-o", "cost.tif", "--workload", "limit20", "--slope-limit", "25"), "leave out --slope-limit"),
-        (("-o", "cost.tif", "--workload", "limit20", "--hard-slope", "25"), "leave out --hard-slope"),
+        (
+            ("-o", "cost.tif", "--workload", "limit20", "--limit", "slope_limit_deg=25"),
+            "out --limit slope_limit_deg",
+        ),
+        (
+            ("-o", "cost.tif", "--workload", "limit20", "--limit", "hard_slope_deg=25"),
+            "out --limit hard_slope_deg",
+        ),
         ((), "--output"),
     ],
 )
@@ -120,9 +126,16 @@ def test_the_picture_never_replaces_a_png_that_was_the_input(nnpp_edge, tmp_path
     assert (tmp_path / "hills.png").read_bytes() == before
 
 
-@pytest.mark.parametrize("words", [("--slope-limit", 95), ("--step-limit", 0), ("--workload", "steep")])
-def test_limits_that_make_no_sense_are_one_line(nnpp_edge, hills, tmp_path, words):
-    nnpp_edge("costmap", hills[0], "-o", tmp_path / "cost.tif", *words).refused(str(words[1]))
+def test_limits_that_make_no_sense_are_one_line(nnpp_edge, hills, tmp_path):
+    for option, word, complaint in (
+        ("--limit", "slope_limit_deg=95", "got 95"),
+        ("--limit", "step_limit_m=0", "step_limit_m must be greater than 0"),
+        ("--limit", "step_limit_m=high", "wanted KEY=VALUE in TOML, such as hard_slope_deg=20"),
+        ("--limit", "hard_slope_deg='x'", "hard_slope_deg"),
+        ("--limit", "slope=3", "slope is unknown: wanted one of slope_limit_deg, "),
+        ("--workload", "steep", "steep"),
+    ):
+        nnpp_edge("costmap", hills[0], "-o", tmp_path / "cost.tif", option, word).refused(complaint)
 
 
 @pytest.mark.parametrize("name", ["cost.tif", "cost.npy", "cost.npz"])

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from nnpp_edge.cli.main import COMMANDS
+from nnpp_edge.cli.removed import INSTEAD
+
+MOST_PARAMETERS = 40
+"""Of a command. Only ever lowered."""
 
 
-def numeric_options():
-    for name in COMMANDS:
-        command = importlib.import_module(f"nnpp_edge.cli.{name}").command
-        for option in command.params:
-            if isinstance(option, click.Option) and isinstance(option.type, click.IntRange | click.FloatRange):
-                yield pytest.param(command, option, id=f"{name} {option.opts[-1]}")
+def commands():
+    """Every command, by its name."""
+    return {name: importlib.import_module(f"nnpp_edge.cli.{name}").command for name in COMMANDS}
 
 
 @pytest.fixture
@@ -30,23 +31,40 @@ def hills(tmp_path, monkeypatch):
     return "hills.npz"
 
 
-@pytest.mark.parametrize("name", sorted(COMMANDS))
-def test_every_number_has_a_range(name):
-    command = importlib.import_module(f"nnpp_edge.cli.{name}").command
-    plain = [p.name for p in command.params if p.type in (click.INT, click.FLOAT)]
-    assert plain == []
+def test_no_command_takes_many_parameters():
+    assert max((len(command.params), name) for name, command in commands().items()) <= (MOST_PARAMETERS, "")
 
 
-@pytest.mark.parametrize(("command", "option"), list(numeric_options()))
-@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e308", "-1e308", "9" * 40, "-1", "1e-400"])
-def test_no_number_that_could_overflow_is_taken(command, option, number):
-    context = click.Context(command)
-    try:
-        taken = option.type.convert(number, option, context)
-    except click.BadParameter as error:
-        assert "\n" not in error.format_message()
-    else:
-        assert 0.0 <= taken <= 2**32
+def test_no_number_that_could_overflow_is_taken():
+    kinds = {}
+    for name, command in commands().items():
+        for parameter in command.params:
+            assert parameter.type not in (click.INT, click.FLOAT), f"{name} {parameter.name} has no range"
+            if isinstance(parameter.type, click.IntRange | click.FloatRange):
+                kinds[repr(parameter.type)] = command, parameter
+    for command, option in kinds.values():
+        for number in ("nan", "inf", "-inf", "1e308", "-1e308", "9" * 40, "-1", "1e-400"):
+            try:
+                taken = option.type.convert(number, option, click.Context(command))
+            except click.BadParameter as error:
+                assert "\n" not in error.format_message()
+            else:
+                assert 0.0 <= taken <= 2**32, (option.name, number)
+
+
+def test_a_removed_option_says_what_to_write_instead(nnpp_edge):
+    taken = {option: name for name, each in commands().items() for p in each.params for option in p.opts}
+    for option, instead in INSTEAD.items():
+        *command, name = option.split()
+        ended = nnpp_edge(command[0] if command else "plan", f"{name}=1")
+        ended.refused(f"{name} was removed: {instead}")
+        assert ended.err.count("\n") == 1 and (command or name not in taken), option
+    for words, complaint in (
+        (("run", "--radius", "2"), "--radius was removed: write --set radius_m=VALUE"),
+        (("run", "--picture", "2"), "no such option '--picture'"),
+        (("plan", "--markdown"), "no such option '--markdown'"),
+    ):
+        nnpp_edge(*words).refused(complaint)
 
 
 @pytest.mark.parametrize(
@@ -159,13 +177,13 @@ def test_numbers_and_names_out_of_range_are_one_line(nnpp_edge, hills, words, co
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize(
-    "words", [("--cell-size", "1e9"), ("--cell-size", "1e-300"), ("--rescale", "1e9"), ("--rescale", "1e-9")]
-)
-def test_cells_of_any_size_are_drawn(nnpp_edge, hills, words):
-    ended = nnpp_edge("costmap", hills, "-o", "cost.npy", *words)
-    assert ended.code == 0, ended.err
-    assert "cost.png" in ended.out and Path("cost.png").stat().st_size > 1000
+def test_cells_of_any_size_are_drawn(nnpp_edge, hills):
+    for option in ("--cell-size", "--rescale"):
+        for side in ("1e9", "1e-6"):
+            ended = nnpp_edge("costmap", hills, "-o", "cost.npy", option, side)
+            assert ended.code == 0 and "cost.png" in ended.out, ended.err
+            assert Path("cost.png").stat().st_size > 1000
+        nnpp_edge("costmap", hills, "-o", "cost.npy", option, "1e-9").refused("wanted cells with sides of 1e-06 to")
 
 
 def test_a_place_beyond_all_maps_is_one_line(nnpp_edge, tmp_path):

@@ -69,12 +69,12 @@ def test_the_picture_has_the_body_and_with_a_comparison_a_points_path(nnpp_edge,
         ("", "length_m is missing"),
         (GOOD + "wheels = 6\n", "wheels is unknown: wanted one of length_m"),
         ("[vehicle]\n" + GOOD, "vehicle is unknown"),
-        (GOOD.replace("1.0", '"long"'), "length_m: wanted a number, got 'long'"),
-        (GOOD.replace("1.0", "true"), "length_m: wanted a number, got True"),
+        (GOOD.replace("1.0", '"long"'), "length_m: Expected `float`, got `str`"),
+        (GOOD.replace("1.0", "true"), "length_m: Expected `float`, got `bool`"),
         (GOOD.replace("1.0", "nan"), "length_m must be a positive number of metres, got nan"),
-        (GOOD + "axles = 2.5\n", "axles: wanted a whole number, got 2.5"),
-        (GOOD + "max_pitch_deg = 'steep'\n", "max_pitch_deg: wanted a number, got 'steep'"),
-        (GOOD + "unknown_passes = 1\n", "unknown_passes: wanted true or false, got 1"),
+        (GOOD + "axles = 2.5\n", "axles: Expected `int`, got `float`"),
+        (GOOD + "max_pitch_deg = 'steep'\n", "max_pitch_deg: Expected `float | null`, got `str`"),
+        (GOOD + "unknown_passes = 1\n", "unknown_passes: Expected `bool`, got `int`"),
         (GOOD.replace("0.3", "-0.3"), "clearance_m must be a positive number of metres, got -0.3"),
         (GOOD + "max_tilt_deg = 90\n", "max_tilt_deg must lie in (0, 90) degrees, got 90"),
         (GOOD + "max_roll_deg = 90.0\n", "max_roll_deg must lie in (0, 90) degrees, got 90"),
@@ -104,13 +104,17 @@ def test_a_vehicle_that_is_none_ends_in_one_line(nnpp_edge, place, command, text
     [
         (("--vehicle", "none.toml"), "got 'none.toml' (no such file)"),
         (("--vehicle", "."), "(a folder)"),
-        (("--vehicle", "small-rover", "--clearance", "-1"), "--clearance"),
-        (("--vehicle", "small-rover", "--max-tilt", "90"), "max_tilt_deg must lie in (0, 90)"),
-        (("--vehicle", "small-rover", "--track", "5"), "under the body"),
-        (("--vehicle", "small-rover", "--radius", "1"), "a vehicle with a radius is a disc"),
-        (("--clearance", "0.3"), "length_m is missing"),
-        (("--vehicle-length", "50", "--vehicle-width", "2", "--clearance", "1"), "a map that the vehicle fits on"),
-        (("--radius", "50"), "the map's edge lies within the vehicle's radius"),
+        (("--vehicle", "small-rover", "--set", "clearance_m=-1"), "small-rover: clearance_m must be a positive"),
+        (
+            ("--vehicle", "small-rover", "--set", "clearance=1"),
+            "clearance is unknown: wanted one of length_m",
+        ),
+        (("--vehicle", "small-rover", "--set", "max_tilt_deg=90"), "max_tilt_deg must lie in (0, 90)"),
+        (("--vehicle", "small-rover", "--set", "track_m=5"), "under the body"),
+        (("--vehicle", "small-rover", "--set", "radius_m=1"), "a vehicle with a radius is a disc"),
+        (("--set", "clearance_m=0.3"), "length_m is missing"),
+        (("--set", "length_m=50", "--set", "width_m=2", "--set", "clearance_m=1"), "a map that the vehicle fits on"),
+        (("--set", "radius_m=50"), "the map's edge lies within the vehicle's radius"),
         (("--vehicle", "small-rover", "--method", "nnpp", "--model", "none.onnx"), "none.onnx"),
         (("--rocks", "0.1"), "no such option '--rocks'"),
         (("--vehicle", "small-rover", "--workload", "body"), "is a vehicle's"),
@@ -134,7 +138,7 @@ def test_options_that_make_no_sense_end_in_one_line(nnpp_edge, place, given, wor
     assert not list(place.glob("out/*"))
 
 
-@pytest.mark.parametrize("given", [("--vehicle", "small-rover"), ("--radius", "0.5")])
+@pytest.mark.parametrize("given", [("--vehicle", "small-rover"), ("--set", "radius_m=0.5")])
 def test_a_vehicle_needs_the_map_in_memory(nnpp_edge, place, given):
     nnpp_edge("plan", "hill.tif", *ENDS, *given, "--memory", "1kB", "-o", "out").refused("in memory alone")
     assert not list(place.glob("out/*"))
@@ -179,7 +183,7 @@ def test_no_path_for_the_body_is_an_outcome(nnpp_edge, place):
         (("--workload", "body-rocks10"), "--workload body-rocks10 needs a vehicle"),
         (("--vehicle", "small-rover"), "for the workloads body and body-rocksN"),
         (("--vehicle", "small-rover", "--workload", "body-rocks-1"), "0 to 20 percent"),
-        (("--radius", "1", "--workload", "body"), "a disc has no poses"),
+        (("--set", "radius_m=1", "--workload", "body"), "a disc has no poses"),
     ],
 )
 def test_evaluate_refuses_a_vehicle_or_rocks_that_make_no_sense(nnpp_edge, place, given, words):

@@ -21,6 +21,7 @@ from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 GRID = "EPSG:3414"  # whose metres are those of the ground, here
 PLACE = Georeference(CRS(GRID).to_wkt(), (2.0, 0.0, 28_000.0, 0.0, -2.0, 39_000.0))
 ENDS = ("--start", "5,5", "--goal", "70,80")
+BODY = ("--vehicle", "large-rover", "--set", "max_tilt_deg=40", "--set", "clearance_m=1.5")
 
 
 def rolling(rows=80, cols=90):
@@ -47,7 +48,9 @@ def layer(path, cells, crs=GRID):
     return path
 
 
-@pytest.mark.parametrize("body", [(), ("--vehicle", "large-rover", "--max-tilt", "40", "--clearance", "1.5")])
+@pytest.mark.parametrize(
+    "body", [(), ("--vehicle", "large-rover", "--set", "max_tilt_deg=40", "--set", "clearance_m=1.5")]
+)
 def test_all_outputs_say_the_same_numbers(nnpp_edge, hills, tmp_path, body):
     words = ("plan", hills, *ENDS, *body, "-o", tmp_path / "out", "--format", "gpkg")
     told = json.loads(nnpp_edge(*words, "--json").out)

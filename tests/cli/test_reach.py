@@ -11,7 +11,7 @@ import pytest
 from nnpp_edge.runtime import Planner, Vehicle, traversability_cost
 from nnpp_edge.terrain.dem import Dem, read_dem, write_raster
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
-from tests.cli.test_plan_ways import PLACE, layer, rolling
+from tests.cli.test_plan_ways import BODY, PLACE, layer, rolling
 
 
 @pytest.fixture
@@ -65,10 +65,8 @@ def test_limits_and_vehicles_bound_what_is_reached(nnpp_edge, hills):
     words = ("reach", hills, "--start", "40,30", "--within-cost", "60", "--levels", "1", "--json")
     every = json.loads(nnpp_edge(*words).out)["areas"][0]["cells"]
     limited = json.loads(nnpp_edge(*words, "--workload", "limit12").out)["areas"][0]["cells"]
-    body = json.loads(nnpp_edge(*words, "--vehicle", "large-rover", "--max-tilt", "40", "--clearance", "1.5").out)[
-        "areas"
-    ][0]["cells"]
-    disc = json.loads(nnpp_edge(*words, "--radius", "3").out)["areas"][0]["cells"]
+    body = json.loads(nnpp_edge(*words, *BODY).out)["areas"][0]["cells"]
+    disc = json.loads(nnpp_edge(*words, "--set", "radius_m=3").out)["areas"][0]["cells"]
     ground = read_dem(hills).elevation
     vehicle = Vehicle(radius_m=3.0)
     wanted = Planner.of_elevation(ground, 2.0, vehicle=vehicle, warn=False).reach((40, 30), 60.0)
@@ -116,18 +114,17 @@ def test_wrong_use_is_one_line(nnpp_edge, hills, words, complaint):
 
 def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(nnpp_edge, hills):
     ground, mobility = read_dem(hills).elevation, load_mobility("large-rover", gravity_m_s2=9.80665)
-    body = ("--vehicle", "large-rover", "--max-tilt", "40", "--clearance", "1.5")
     vehicle = replace(load_vehicle("large-rover"), max_tilt_deg=40.0, clearance_m=1.5)
     for words, most, made in (
         (("--within-time", "1min"), 60.0, {"step_cost": "tobler"}),
         (("--within-time", "1min", "--step-cost", "irmischer"), 60.0, {"step_cost": "irmischer"}),
         (
-            ("--within-time", "1min", "--step-cost", "tobler", *body),
+            ("--within-time", "1min", "--step-cost", "tobler", *BODY),
             60.0,
             {"step_cost": "tobler", "vehicle": vehicle},
         ),
-        (("--within-time", "1h", *body), 3600.0, {"step_cost": "time", "mobility": mobility, "vehicle": vehicle}),
-        (("--within-energy", "3e4", *body), 3e4, {"step_cost": "energy", "mobility": mobility, "vehicle": vehicle}),
+        (("--within-time", "1h", *BODY), 3600.0, {"step_cost": "time", "mobility": mobility, "vehicle": vehicle}),
+        (("--within-energy", "3e4", *BODY), 3e4, {"step_cost": "energy", "mobility": mobility, "vehicle": vehicle}),
     ):
         told = json.loads(nnpp_edge("reach", hills, "--start", "40,30", *words, "--levels", "2", "--json").out)
         wanted = Planner.of_elevation(ground, 2.0, warn=False, **made).reach((40, 30), most)

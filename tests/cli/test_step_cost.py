@@ -61,10 +61,10 @@ def test_energy_is_in_joules_by_the_vehicles_own_table_or_another_file(nnpp_edge
     [
         ("IAU_2015:30110", (), 1.62),
         ("IAU_2015:49910", (), 3.71),
-        ("IAU_2015:30110", ("--gravity", "2.5"), 2.5),
+        ("IAU_2015:30110", ("--set", "mobility.energy.gravity_m_s2=2.5"), 2.5),
         ("EPSG:32615", (), 9.80665),
         (None, (), 3.71),  # its file's
-        (None, ("--gravity", "1.62"), 1.62),
+        (None, ("--set", "mobility.energy.gravity_m_s2=1.62"), 1.62),
     ],
 )
 @pytest.mark.parametrize("more", [(), ("--memory", "1kB")])

@@ -16,7 +16,7 @@ from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 SMALL = ("--memory", "100kB")
 ENDS = ("--start", "5,5", "--goal", "290,380")
-LIMIT = ("--workload", "limit25", "--roughness-limit", "3", "--step-limit", "3")
+LIMIT = ("--workload", "limit25", "--limit", "roughness_limit_m=3", "--limit", "step_limit_m=3")
 
 
 def refused(ended, *words):
