@@ -1,7 +1,7 @@
 """`nnpp-edge models`: the shipped models, and what is known of one."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -73,9 +73,6 @@ def text(found: "ModelFile") -> str:
         "file": str(found.path),
         "size": f"{_megabytes(found)} MB",
         "sha256": found.sha256,
-        "producer": found.producer or _MISSING,
-        "inputs": _shapes(found.inputs),
-        "outputs": _shapes(found.outputs),
     }
     metadata = asdict(found.metadata) | {"architecture": _architecture(found)}
     parts = [_aligned(head.items()), "metadata\n" + _aligned(_flat(metadata), "  ")]
@@ -154,10 +151,6 @@ def _span(found: "ModelFile", key: str, form: str) -> str:
 
 def _megabytes(found: "ModelFile") -> str:
     return f"{found.size_bytes / 1e6:.2f}"
-
-
-def _shapes(tensors: Mapping[str, tuple[int | str, ...]]) -> str:
-    return ", ".join(f"{name} ({', '.join(map(str, shape))})" for name, shape in tensors.items()) or _MISSING
 
 
 def _aligned(lines: Iterable[tuple[str, str]], indent: str = "") -> str:

@@ -119,11 +119,6 @@ class ModelFile:
     size_bytes: int
     sha256: str
     metadata: ModelMetadata
-    inputs: dict[str, tuple[int | str, ...]]
-    """Shape of each; a dimension that is not fixed has its name, or ``?``."""
-    outputs: dict[str, tuple[int | str, ...]]
-    producer: str
-    """The program that wrote the file."""
     figures: Figures | None
     card: str | None
     """Text of the Markdown file beside it."""
@@ -152,16 +147,13 @@ def read_metadata(path: Path, content: bytes | None = None) -> ModelMetadata:
     return ModelMetadata.from_json(found.get(METADATA_KEY.encode()), str(path))
 
 
-def open_session(path: Path, options: "SessionOptions | None" = None) -> "InferenceSession":
+def open_session(path: Path, options: "SessionOptions") -> "InferenceSession":
     """onnxruntime's session of a file that `read_metadata` took: ModelError where it does not load.
 
-    By default it is not made for speed. onnxruntime would never come back from some files that are refused there.
+    onnxruntime would never come back from some files that are refused there.
     """
     import onnxruntime as ort
 
-    if options is None:
-        options = ort.SessionOptions()
-        options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
     options.log_severity_level = 4
     with refused_as(ModelError, f"{path}: wanted an ONNX model, got a file that does not load"):
         return ort.InferenceSession(str(path), options, ["CPUExecutionProvider"], enable_fallback=0)
@@ -181,22 +173,13 @@ def read_model_file(model: str | Path = "edge") -> ModelFile:
     """
     path = model_path(model)
     content, card = _bytes(path), path.with_suffix(".md")
-    sha256, metadata, session = hashlib.sha256(content).hexdigest(), read_metadata(path, content), open_session(path)
-    with refused_as(ModelError, f"{path}: wanted an ONNX model, got one whose texts cannot be read"):
-        inputs, outputs = (
-            {value.name: tuple(value.shape) for value in values}
-            for values in (session.get_inputs(), session.get_outputs())
-        )
-        producer = session.get_modelmeta().producer_name
+    sha256 = hashlib.sha256(content).hexdigest()
     return ModelFile(
         name=path.stem,
         path=path,
         size_bytes=len(content),
         sha256=sha256,
-        metadata=metadata,
-        inputs=inputs,
-        outputs=outputs,
-        producer=producer,
+        metadata=read_metadata(path, content),
         figures=_figures(path.with_suffix(".json"), sha256),
         card=_bytes(card).decode(errors="replace") if problem_with_file(card) is None else None,
     )

@@ -160,9 +160,7 @@ def test_a_shipped_model_is_shown_with_its_metadata_figures_and_card(nnpp_edge):
     ended = nnpp_edge("models", "edge")
     assert (ended.code, ended.err) == (0, "")
     found = read_model_file("edge")
-    side = found.metadata.input_size
-    shapes = f"map (1, 32, {side // 4}, {side // 4})", f"probability (1, 4, {side // 8}, {side // 8})"
-    facts = (found.sha256, *shapes, found.producer)
+    facts = (found.sha256, f"{found.size_bytes / 1e6:.2f} MB", found.metadata.precision)
     figures = (
         "training.dataset.maps",
         "corridor",
@@ -268,15 +266,6 @@ def test_an_unknown_name_or_a_folder_is_refused(nnpp_edge, tmp_path):
     nnpp_edge("models", tmp_path).refused("wanted a model file")
 
 
-def test_a_dimension_that_is_not_fixed_has_its_name(model):
-    import onnx
-
-    changed = onnx.load(model)
-    changed.graph.input[0].type.tensor_type.shape.dim[0].dim_param = "batch"
-    onnx.save(changed, model)
-    assert read_model_file(model).inputs["input"][0] == "batch"
-
-
 @pytest.mark.parametrize("words", [["models", "--json"], ["models", "edge"], ["models", "--help"]])
 def test_models_are_shown_without_heavy_imports(words):
     code = (
@@ -284,7 +273,7 @@ def test_models_are_shown_without_heavy_imports(words):
         "from click.testing import CliRunner\n"
         "from nnpp_edge.cli.main import cli\n"
         f"assert CliRunner().invoke(cli, {words!r}).exit_code == 0\n"
-        "heavy = {'numba', 'onnx', 'torch', 'cv2', 'rasterio', 'matplotlib'}\n"
+        "heavy = {'numba', 'onnx', 'onnxruntime', 'torch', 'cv2', 'rasterio', 'matplotlib'}\n"
         "print(sorted(heavy & set(sys.modules)))\n"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
