@@ -6,16 +6,13 @@ import warnings
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import Annotated, Final, Literal
 
 import msgspec
 
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.graph_check import checked_metadata
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
-
-if TYPE_CHECKING:
-    from onnxruntime import InferenceSession, SessionOptions
 
 METADATA_KEY = "nnpp_edge"
 FORMAT: Final = "nnpp-edge-model-1"
@@ -42,7 +39,7 @@ Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 
 @dataclass(frozen=True)
 class ModelMetadata:
-    """What network and runtime must agree on; travels in the ONNX file as JSON and is checked at load."""
+    """The terms of network and runtime; they travel in the ONNX file as JSON and are checked at load."""
 
     name: str
     architecture: str
@@ -98,7 +95,7 @@ def _depth(value: object) -> int:
 
 
 class Figures(msgspec.Struct, rename={"rows": "figures"}):
-    """What was measured with a model; in the JSON file beside it."""
+    """Figures measured with a model; in the JSON file beside it."""
 
     rows: list[dict[str, str | float | None]]
     """With the keys of `FIGURE_NAMES`; the planners that it was compared with have rows of their own."""
@@ -111,7 +108,7 @@ class Figures(msgspec.Struct, rename={"rows": "figures"}):
 
 @dataclass(frozen=True)
 class ModelFile:
-    """What a model file says of itself."""
+    """A model file, with its metadata, figures and card."""
 
     name: str
     """The file's, without its ending: what `model_path` takes if the model is shipped."""
@@ -145,18 +142,6 @@ def read_metadata(path: Path, content: bytes | None = None) -> ModelMetadata:
     """A model's metadata; ModelError where they cannot be read, or `checked_metadata` refuses the file."""
     found = checked_metadata(_bytes(path) if content is None else content, str(path))
     return ModelMetadata.from_json(found.get(METADATA_KEY.encode()), str(path))
-
-
-def open_session(path: Path, options: "SessionOptions") -> "InferenceSession":
-    """onnxruntime's session of a file that `read_metadata` took: ModelError where it does not load.
-
-    onnxruntime would never come back from some files that are refused there.
-    """
-    import onnxruntime as ort
-
-    options.log_severity_level = 4
-    with refused_as(ModelError, f"{path}: wanted an ONNX model, got a file that does not load"):
-        return ort.InferenceSession(str(path), options, ["CPUExecutionProvider"], enable_fallback=0)
 
 
 def list_models() -> list[ModelFile]:
