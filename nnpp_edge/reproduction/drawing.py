@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.benchmarks.dynamic_episode import Episode, Patch
+from nnpp_edge.reproduction.episode import Episode, Patch
 from nnpp_edge.reproduction.planners import PLANNERS
 from nnpp_edge.reproduction.regions import PaperRegions, best_path
 from nnpp_edge.reproduction.rows import Rows

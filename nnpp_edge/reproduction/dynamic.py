@@ -1,17 +1,16 @@
 """Tables 3 and 4, Fig. 16: episodes on a map that changes, for the paper's plain methods and our dynamic planners."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import islice
 
 import numpy as np
 
-from nnpp_edge.benchmarks.dynamic_episode import LEAST_DISTANCE, STRIDE, Episode, episodes_of
-from nnpp_edge.benchmarks.dynamic_scene import run_scene
 from nnpp_edge.profiling.harness import Harness
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.drawing import frame
+from nnpp_edge.reproduction.episode import LEAST_DISTANCE, STRIDE, Episode, Step, episodes_of
 from nnpp_edge.reproduction.experiment import MAPS_TRIED, Context, Result, experiment
 from nnpp_edge.reproduction.findings import Finding, judge, judge_increase, judge_speedup
 from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN, DYNAMIC, NEAR, STATIC
@@ -33,6 +32,9 @@ from nnpp_edge.reproduction.rows import Columns, Groups, Row, Rows, number, seco
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
+from nnpp_edge.runtime.planners.plan import Plan, Source
 
 COMPILED = ("astar", "nnpp", "dstar", "nnpp-dstar", "corridor", "corridor-dstar")
 PLAIN_ASTARS = (PLAIN, PLAIN_NN, PLAIN_CONTROLS[CORRIDOR])
@@ -70,21 +72,43 @@ def find_episodes(context: Context, size: int, count: int, *, near: bool = False
 
 def drive(episode: Episode, networks: Networks, repeats: int) -> Rows:
     """Have all of `PLANNERS` make every plan of an episode; of ours the median of `repeats` lives counts."""
-    stride, harness, rows = stride_on(max(episode.cost.shape)), Harness(), Rows()
-    compiled = run_scene([episode], COMPILED, model=networks.ours.path, repeats=repeats, stride=stride)
-    dstars = dict[str, PlainDStar]()
-    for at, step in enumerate(episode.steps):
+    harness, rows, dstars = Harness(), Rows(), dict[str, PlainDStar]()
+    for at, (step, compiled) in enumerate(zip(episode.steps, _ours(episode, networks.ours, repeats), strict=True)):
         here = OneMap(episode.map_at(at), (step.start, episode.goal), networks)
-        found = here.timed(PLAIN_ASTARS, 1, harness) + _repaired(here, dstars, harness)
-        for row in compiled:
-            f = row.figures
-            if f["step"] == at:
-                of_path = {"cc": f["cc"], "exact_cc": f["optimal_cc"]} if "cc" in f else {}
-                mended = f["mended"] or (row.rival == "dstar" and at > 0)
-                found.append({"planner": row.rival, "found": f["first"], "time_s": 1e-3 * f["time_ms"], **of_path})
-                found[-1]["mended"] = float(mended)
+        found = [*here.timed(PLAIN_ASTARS, 1, harness), *_repaired(here, dstars, harness), *compiled]
         rows += [{"plan": at, **row} for row in found]
     return rows
+
+
+def _ours(episode: Episode, model: NetworkModel, repeats: int) -> Iterator[list[Row]]:
+    """Rows of `COMPILED` for each plan. New planners go through the episode `repeats` times, after once untimed.
+
+    A plan's time is the map's update, the network's view of it, and the plan with every widening and fallback. What
+    depends on the first map alone is made before the clock starts.
+    """
+    lives = []
+    for turn in range(repeats + 1):
+        planners = {name: DynamicPlanner(episode.cost, episode.goal, name, model=model) for name in COMPILED}
+        for planner in planners.values():
+            planner.prepare()
+        calls = {name: partial(_replan, planner) for name, planner in planners.items()}
+        lives.append(list(Harness(turn).measure(calls, episode.steps)))
+    for at, answers in enumerate(zip(*lives, strict=True)):
+        exact_cc, rows = answers[-1]["astar"].results[0].traverse_cost, list[Row]()
+        for name in COMPILED:
+            plan, time_s = answers[-1][name].results[0], np.median([life[name].median_s for life in answers[1:]])
+            mended = plan.choice.startswith("mended") or (name == "dstar" and at > 0)
+            row = {"planner": name, "found": float(plan.source in (Source.MAP, Source.REGION)), "time_s": time_s}
+            of_path = {"cc": plan.traverse_cost, "exact_cc": exact_cc} if plan.ok else {}
+            rows.append(row | of_path | {"mended": float(mended)})
+        yield rows
+
+
+def _replan(planner: DynamicPlanner, step: Step) -> Plan:
+    for patch in step.patches:
+        planner.update(*patch)
+    planner.move(step.start)
+    return planner.replan()
 
 
 def _repaired(here: OneMap, dstars: dict[str, PlainDStar], harness: Harness) -> list[Row]:

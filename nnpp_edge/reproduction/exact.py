@@ -143,7 +143,7 @@ def fig6(context: Context, *, size: int = 256, omegas: Sequence[float] = (0.0, 0
 
 def _length_and_cc(grid: Grid, path: NDArray[np.int32], cost: Float2D) -> tuple[float, float]:
     """Of a path: cells, a diagonal step counting √2, and the sum of the map's costs, which no grid at ω = 0 knows."""
-    return grid.steps.costs_of(path)[1], float(cost[tuple(path.T)].sum(dtype=np.float64))
+    return grid.costs_of(path)[1], float(cost[tuple(path.T)].sum(dtype=np.float64))
 
 
 @experiment("Fig. 7", "The weight ω of the traversability cost", {"maps": 8, "fine": 25}, asks_networks=False)

@@ -67,11 +67,11 @@ class OneMap:
         self.maker, self.grid = PaperRegions(cost, networks.paper), Grid.of(cost, StepModel.of("paper"))
         self.regions = all_regions(self.maker, query)
         self.optimum = best_path(self.grid, query)
-        self._least_cost, _, self._exact_cc = self.grid.steps.costs_of(self.optimum)
+        self._least_cost, _, self._exact_cc = self.grid.costs_of(self.optimum)
 
     def row(self, planner: str, path: Path, region: Region | None = None) -> Row:
         """What a path, found in this region or on the whole map, comes to."""
-        cost, _, cc = self.grid.steps.costs_of(path)
+        cost, _, cc = self.grid.costs_of(path)
         start, goal = (f"{row},{col}" for row, col in self.query)
         row: Row = {"planner": planner, "start": start, "goal": goal, "path_cells": len(self.optimum)}
         row["found"] = float(len(path) > 0)

@@ -172,7 +172,7 @@ def simulate(
         counters,
         waited=scene.waited,
         forbidden=scene.forbidden,
-        driven_cost=planner.state.grid.steps.costs_of(driven)[0],
+        driven_cost=planner.state.grid.costs_of(driven)[0],
         optimal_cost=best.cost,
         planning_ms=histogram.summary_ms(),
         driven=driven,

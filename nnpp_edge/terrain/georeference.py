@@ -12,14 +12,6 @@ LEAST_SIDE_M, MOST_SIDE_M = 1e-6, 1e9
 """Of a cell: beyond, slopes leave float32."""
 
 
-def check_sides(source: Path, *sides: float) -> None:
-    """TerrainError for cells without a size, or of one that no map has."""
-    for side in sides:
-        if not LEAST_SIDE_M <= side <= MOST_SIDE_M:
-            wanted = f"wanted cells with sides of {LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m"
-            raise TerrainError(f"{source}: {wanted}, got {side:g} m")
-
-
 @dataclass(frozen=True)
 class Georeference:
     """Where the cells lie on the map.
@@ -75,10 +67,9 @@ class Place:
     def check_place(self) -> None:
         """TerrainError for cells without a size, or that lie nowhere."""
         check_sides(self.source, self.cell_size_m, self.cell_width_m)
-        rows, cols = self.shape
-        corners = (
-            [self.georeference.map_coordinates(*at) for at in ((0, 0), (rows, cols))] if self.georeference else []
-        )
+        if self.georeference is None:
+            return
+        corners = [self.georeference.map_coordinates(*at) for at in ((0, 0), self.shape)]
         if not all(math.isfinite(number) for corner in corners for number in corner):
             raise TerrainError(f"{self.source}: wanted corners with finite coordinates, got {corners}")
 
@@ -94,3 +85,11 @@ class Place:
         if self.georeference is None:
             raise InvalidQueryError(f"{self.source}: map coordinates need a georeference, the file has none")
         return self.georeference
+
+
+def check_sides(source: Path, *sides: float) -> None:
+    """TerrainError for cells without a size, or of one that no map has."""
+    for side in sides:
+        if not LEAST_SIDE_M <= side <= MOST_SIDE_M:
+            wanted = f"wanted cells with sides of {LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m"
+            raise TerrainError(f"{source}: {wanted}, got {side:g} m")

@@ -72,7 +72,7 @@ class Validator:
         cost[planes[1] == 255] = np.inf
         grid = Grid.of(cost, self.model)
         found = astar(grid, *self._endpoints(query), self.workspace, region=region)
-        return grid.steps.costs_of(found.path)[0], len(found.path)
+        return grid.costs_of(found.path)[0], len(found.path)
 
     @torch.no_grad()
     def probabilities(self, network: Network, batch: int = 32) -> NDArray[np.float32]:

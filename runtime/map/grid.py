@@ -55,7 +55,7 @@ class Grid:
         """Of a vehicle, by which steps cost and cells can be stood on; None for a point."""
         self.directed: DirectedSteps | CoarseSteps | None = None
         """By which steps cost; None where they cost by the weights, or the poses, of their ends."""
-        self.steps = PointSteps(self)
+        self.steps = PointSteps()
         """Costs of steps, and where they may lead."""
         self.packed: PackedGrid = (self.weights, self.stride, model.steps, corner_cutting, COMPLETE)
         floor, most, ceiling = map(np.float32, model.costs)
@@ -116,16 +116,16 @@ class Grid:
 
     def stand_by(self, poses: Poses) -> None:
         """From now on steps cost by these poses; the weights remain what the coarse levels are made of."""
-        self.poses, self.steps = poses, PoseSteps(self, poses)
+        self.poses, self.steps = poses, PoseSteps(poses)
         self.set_bounds(0.0, self.model.scale)
 
     def go_by(self, directed: DirectedSteps | CoarseSteps) -> None:
         """From now on steps cost by these; weights, or poses, decide where they may lead."""
         self.directed, self.prices = directed, directed.prices
         if isinstance(directed, CoarseSteps):
-            self.steps = CoarseSlopeSteps(self, directed)
+            self.steps = CoarseSlopeSteps(directed)
         else:
-            self.steps = SlopeSteps(self, self.steps, directed)
+            self.steps = SlopeSteps(self.steps, directed)
 
     def least_cost(self, start: Cell, goal: Cell) -> float:
         """Least cost of a path between two cells, which may lie outside the map."""
@@ -160,7 +160,7 @@ class Grid:
     @property
     def step_ratio(self) -> float:
         """Cost of the dearest step, in times of the cheapest."""
-        return self.steps.greatest / self.prices[0]
+        return self.steps.greatest(self) / self.prices[0]
 
     def measure_bounds(self) -> None:
         """Set the bounds to what the weights are."""
@@ -249,11 +249,15 @@ class Grid:
 
         Returns the number of the first cell, from `first` on, that cannot be stepped on; -1 if all can.
         """
-        return self.steps.walk(path, first, costs)
+        return self.steps.walk(self, path, first, costs)
+
+    def costs_of(self, path: NDArray[np.int32]) -> tuple[float, float, float]:
+        """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
+        return self.steps.costs_of(self, path)
 
     def is_passable(self, cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
-        return self.steps.stands_at(cell)
+        return self.steps.stands_at(self, cell)
 
 
 def bordered(rows: int, cols: int) -> NDArray[np.float32]:

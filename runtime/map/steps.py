@@ -1,7 +1,7 @@
 """Costs of a step between two cells, and where one may lead: for a point, for a vehicle's poses, and by the slope.
 
-Searches, standing paths and whoever prices a path ask these alike, and never which they are. Another kind of step is
-a class here, and the kernels that take what it packs.
+They are asked by way of a `Grid`, which they do not keep. Searches, standing paths and whoever prices a path ask
+alike, and never which they are. Another kind of step is a class here, and the kernels that take what it packs.
 """
 
 import math
@@ -31,37 +31,34 @@ class PointSteps:
     by_poses = by_slope = False
     """Whether a vehicle's poses are checked; whether steps cost otherwise one way than the other."""
 
-    def __init__(self, grid: "Grid") -> None:
-        self._grid = grid
-
     def packed(self, backwards: bool = False) -> Packed:
         """As searches take them; `backwards` those that come to a cell, on a coarse level."""
         return None, None
 
-    def stands_at(self, cell: Cell) -> bool:
+    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
-        if self._grid.tiles is not None:
-            self._grid.tiles.open_at(*cell)
-        return math.isfinite(self._grid.weights[self._grid.node(*cell)])
+        if grid.tiles is not None:
+            grid.tiles.open_at(*cell)
+        return math.isfinite(grid.weights[grid.node(*cell)])
 
-    def walk(self, path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+    def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
         """As `Grid.walk`."""
-        if self._grid.tiles is not None:
-            self._grid.tiles.open_along(path[first:])
-        return int(walk(self._grid.packed, path, first, costs))
+        if grid.tiles is not None:
+            grid.tiles.open_along(path[first:])
+        return int(walk(grid.packed, path, first, costs))
 
-    def costs_of(self, path: NDArray[np.int32]) -> tuple[float, float, float]:
+    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
         """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
         if not len(path):
             return math.inf, math.inf, math.inf
-        straight, diagonal, by_straight, by_diagonal, total = self._sums(path)
-        length_s, length_d, weight_s, weight_d = self._grid.model.steps
+        straight, diagonal, by_straight, by_diagonal, total = self._sums(grid, path)
+        length_s, length_d, weight_s, weight_d = grid.model.steps
         cost = length_s * straight + length_d * diagonal + weight_s * by_straight + weight_d * by_diagonal
-        scale = self._grid.model.scale
+        scale = grid.model.scale
         return cost, straight + SQRT2 * diagonal, total / scale if scale else 0.0
 
-    def _sums(self, path: NDArray[np.int32]) -> Sums:
-        sums: Sums = measure(self._grid.weights, self._grid.stride, path)
+    def _sums(self, grid: "Grid", path: NDArray[np.int32]) -> Sums:
+        sums: Sums = measure(grid.weights, grid.stride, path)
         return sums
 
     def worth_of_height(self, start: Cell, goal: Cell) -> float:
@@ -72,10 +69,9 @@ class PointSteps:
         """(H, W) costs from a cell to every other, given what a search sums up."""
         return field
 
-    @property
-    def greatest(self) -> float:
+    def greatest(self, grid: "Grid") -> float:
         """No step costs more."""
-        return self._grid.model.step(0, 2.0 * self._grid.greatest)
+        return grid.model.step(0, 2.0 * grid.greatest)
 
 
 class PoseSteps(PointSteps):
@@ -83,21 +79,20 @@ class PoseSteps(PointSteps):
 
     by_poses = True
 
-    def __init__(self, grid: "Grid", poses: Poses) -> None:
-        super().__init__(grid)
+    def __init__(self, poses: Poses) -> None:
         self.poses = poses
 
     def packed(self, backwards: bool = False) -> Packed:
         return self.poses.packed, None
 
-    def stands_at(self, cell: Cell) -> bool:
+    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self.poses.stands_at(cell)
 
-    def walk(self, path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
-        return int(walk_poses(self.poses.packed, self._grid.stride, self._grid.model.steps, path, first, costs))
+    def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+        return int(walk_poses(self.poses.packed, grid.stride, grid.model.steps, path, first, costs))
 
-    def _sums(self, path: NDArray[np.int32]) -> Sums:
-        sums: Sums = measure_poses(self.poses.packed, self._grid.stride, path)
+    def _sums(self, grid: "Grid", path: NDArray[np.int32]) -> Sums:
+        sums: Sums = measure_poses(self.poses.packed, grid.stride, path)
         return sums
 
 
@@ -106,29 +101,28 @@ class SlopeSteps(PointSteps):
 
     by_slope = True
 
-    def __init__(self, grid: "Grid", under: PointSteps, directed: DirectedSteps) -> None:
-        super().__init__(grid)
+    def __init__(self, under: PointSteps, directed: DirectedSteps) -> None:
         self._under, self._directed, self.by_poses = under, directed, under.by_poses
 
     def packed(self, backwards: bool = False) -> Packed:
         poses, _ = self._under.packed()
         return None if poses is None else (poses[0], np.float32(0.0), *poses[2:]), self._directed.edges
 
-    def stands_at(self, cell: Cell) -> bool:
-        return self._under.stands_at(cell)
+    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
+        return self._under.stands_at(grid, cell)
 
-    def walk(self, path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+    def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
         costs[first] = 0.0
         np.cumsum(self._directed.costs_along(path[first:]), out=costs[first + 1 :])
         if isinstance(self._under, PoseSteps):
             blocked = self._under.poses.walk(path[first:])
         else:
             row, col = path[first].tolist()
-            blocked = self._directed.first_blocked(path[first:]) if self.stands_at((row, col)) else 0
+            blocked = self._directed.first_blocked(path[first:]) if self.stands_at(grid, (row, col)) else 0
         return blocked if blocked < 0 else first + blocked
 
-    def costs_of(self, path: NDArray[np.int32]) -> tuple[float, float, float]:
-        cost, length, traverse_cost = self._under.costs_of(path)
+    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
+        cost, length, traverse_cost = self._under.costs_of(grid, path)
         return (float(self._directed.costs_along(path).sum()) if len(path) else cost), length, traverse_cost
 
     def worth_of_height(self, start: Cell, goal: Cell) -> float:
@@ -137,8 +131,7 @@ class SlopeSteps(PointSteps):
     def with_heights(self, field: NDArray[np.float32], start: Cell) -> NDArray[np.float32]:
         return field + self._directed.heights_from(start)
 
-    @property
-    def greatest(self) -> float:
+    def greatest(self, grid: "Grid") -> float:
         return self._directed.greatest
 
 
@@ -147,8 +140,7 @@ class CoarseSlopeSteps(PointSteps):
 
     by_slope = True
 
-    def __init__(self, grid: "Grid", coarse: CoarseSteps) -> None:
-        super().__init__(grid)
+    def __init__(self, coarse: CoarseSteps) -> None:
         self._coarse = coarse
 
     def packed(self, backwards: bool = False) -> Packed:

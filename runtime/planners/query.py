@@ -113,7 +113,7 @@ class Found(NamedTuple):
     @classmethod
     def of(cls, grid: Grid, search: Search, source: Source, region: Region | None, work: Work) -> "Found":
         """Of a search of the map, or of a region of it."""
-        costs, bound = grid.steps.costs_of(search.path), 0.0
+        costs, bound = grid.costs_of(search.path), 0.0
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
             start, goal = search.path[[0, -1]].tolist()

@@ -47,9 +47,10 @@ class AStarSearcher:
 
     def search(self, query: Query, work: Work, region: Region | None, *, limit: int | None = None) -> Search:
         """As `Searcher`; without a region the whole map, and after `limit` expansions it gives up with TIMEOUT."""
-        (start, goal, _, deadline), hints = query, self.landmarks
+        (start, goal, _, deadline), landmarks = query, self.landmarks
+        hints = landmarks.towards(goal) if landmarks else None
         found = astar(
-            self.grid, start, goal, self.workspace, region=region, landmarks=hints, limit=limit, deadline=deadline
+            self.grid, start, goal, self.workspace, region=region, hints=hints, limit=limit, deadline=deadline
         )
         work.expansions += found.expansions
         work.stage_ends("search")

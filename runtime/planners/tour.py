@@ -238,6 +238,6 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
         line_cost=sum(leg.line_cost for leg in legs),
         cost=sum(leg.cost for leg in legs),
         length=sum(leg.length for leg in legs),
-        traverse_cost=grid.steps.costs_of(path)[2],
+        traverse_cost=grid.costs_of(path)[2],
         lower_bound=sum(leg.lower_bound for leg in legs),
     )

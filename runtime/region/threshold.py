@@ -4,9 +4,8 @@ NNPP lowers a threshold td step by step until start and goal lie in one piece of
 (arXiv 2308.04792v3, section 4.3). That td is the width of the widest path between the two, and a single
 sweep over 256 levels, from the highest down, finds it exactly.
 
-What counts as one piece: for the paper, blocks that touch. A planner knows more, namely which cells of its map
-can be walked between, and wants the td at which these join start and goal. So a region never ends at a wall
-that its blocks reach across.
+For the paper, blocks that touch are one piece. A planner knows which cells of its map can be walked between, and
+wants the td at which these join start and goal. So a region never ends at a wall that its blocks reach across.
 """
 
 from typing import NamedTuple
@@ -34,23 +33,21 @@ __all__ = ["LEVELS", "Ends", "RegionFinder", "lowered", "probability_of"]
 
 
 class Ends(NamedTuple):
-    """Start and goal of a search in a learned region."""
+    """Start and goal of a search in a learned region, on the grid that is searched, and the blocks always in it."""
 
     start: Cell
-    """On the grid that is searched."""
     goal: Cell
     start_block: Cell
-    """Blocks that belong to any region."""
     goal_block: Cell
 
 
 def probability_of(level: int) -> float:
-    """What a level of the threshold stands for; below 0, which stands for no way, nothing."""
+    """The probability that a level of the threshold stands for; 0 below 0, which stands for no way."""
     return (max(level, 0) / LEVELS) ** 4
 
 
 class RegionFinder:
-    """Turns probabilities into regions; holds the scratch memory for one size."""
+    """Turns probabilities on blocks × blocks into regions; holds the scratch memory for one size."""
 
     def __init__(self, blocks: int) -> None:
         padded = (blocks + 1, blocks + 1)
@@ -97,32 +94,23 @@ class RegionFinder:
         touching: bool = False,
         deadline: Deadline = NEVER,
     ) -> int:
-        """Take over an answer, find td, and number the blocks at it in `at_td` and at `factor` of it in `bitmap`.
+        """Take over an answer and find td as a level, along steps that the grid allows; -1 where there is no way.
+
+        The blocks at td are numbered `stamp` in `at_td`, those at `factor` of it in `bitmap`. Where td is not above
+        0, `at_td` is every block and `bitmap` is left alone. OutOfTimeError at the deadline.
 
         Parameters
         ----------
         probability : (B, B) float32
             In [0, 1].
-        level : Level
-            What is walked on.
-        workspace : Workspace
-            Of its grid.
+        level, workspace
+            What is walked on, and memory of its grid.
         lookup
             The block that each of the grid's rows and columns lies in.
-        ends : Ends
-            Start and goal.
         factor : float
             In (0, 1].
         touching : bool
             Whether each step on the grid leads to the same block or one that touches it; saves time.
-        deadline : Deadline
-            When to give up with OutOfTimeError.
-
-        Returns
-        -------
-        int
-            td as a level, along steps that the grid allows; -1 where there is no way. Where it is not above 0,
-            `at_td` is every block and `bitmap` is left alone. The number is `stamp`.
         """
         self.stamp += 1
         node = level.grid.node

@@ -3,13 +3,12 @@
 The heuristic is the octile distance at the price of the map's cheapest cell: with n_d diagonal and n_s
 straight steps on an empty map it is n_d·step(diagonal, 2·w_min) + n_s·step(straight, 2·w_min). It never
 overestimates and is consistent. Landmarks sharpen it, see `landmarks`. With directed steps the price is that of the
-cheapest metre over all slopes, see `map.directed`; the octile distance at it never exceeds what any steps cost, so it
-is consistent as well.
+cheapest metre over all slopes (`map.directed`), which no steps undercut.
 """
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,28 +35,19 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import (
-    BUCKET_WIDTH,
-    BUCKET_WIDTH_BY_LANDMARKS,
-    DIRECTED_BUCKET_WIDTH,
-)
+from nnpp_edge.runtime.tuning import BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS, DIRECTED_BUCKET_WIDTH
 
 _BETWEEN_LOOKS = 1 << 14
 """Expansions after which is looked whether enough is known."""
 _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
 """The directions in which each node may be left, as bits; None where passability decides."""
-
-
-class LowerBounds(Protocol):
-    """What sharpens the heuristic, such as `Landmarks`."""
-
-    def towards(self, goal: int) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
-        """The ``hints`` of a search to a goal's node."""
+Hints = tuple[NDArray[np.float32], NDArray[np.float32], float]
+"""What sharpens the heuristic of a search to one goal, see `Landmarks.towards`."""
 
 
 class Search(NamedTuple):
-    """What a search found."""
+    """The outcome of a search."""
 
     status: Status
     """OK, NO_PATH or TIMEOUT."""
@@ -78,10 +68,10 @@ def astar(
     start: Cell,
     goal: Cell,
     workspace: Workspace,
-    *,
     region: Region | None = None,
+    *,
     links: Links = None,
-    landmarks: LowerBounds | None = None,
+    hints: Hints | None = None,
     backwards: bool = False,
     beyond: float = 0.0,
     limit: int | None = None,
@@ -101,8 +91,8 @@ def astar(
         Search only there.
     links : (nodes,) uint8
         The directions in which each cell may be left, as bits; by default all.
-    landmarks : LowerBounds
-        Of this grid and these links: fewer cells are expanded, for the same cost.
+    hints
+        Of landmarks on this grid and these links: fewer cells are expanded, for the same cost.
     backwards : bool
         On a coarse level with directed steps: the path found is the cheapest from `goal` to `start`, reversed.
     beyond : float
@@ -120,10 +110,8 @@ def astar(
     first, last = grid.node(*start), grid.node(*goal)
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0)
-    width = _bucket_width(grid) if landmarks is None else grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS
-    factor = 1.0 + beyond if beyond else BELOW
-    rule = (*grid.prices, width, SUCCESSORS[_dominance(grid, links)], factor)
-    hints = None if landmarks is None else landmarks.towards(last)
+    width = _bucket_width(grid) if hints is None else grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS
+    rule = (*grid.prices, width, SUCCESSORS[_dominance(grid, links)], 1.0 + beyond if beyond else BELOW)
     poses, edges = grid.steps.packed(backwards)
     allowed = None if region is None else tuple(region)
     ws, begin, limits = workspace, first, (limit or _WITHOUT_END, deadline.at)
@@ -148,14 +136,9 @@ def astar(
     return Search(status, ws.path[length - 1 :: -1].copy(), expansions, refused)
 
 
-def settle_all(
-    grid: Grid, source: Cell, workspace: Workspace, *, links: Links = None, deadline: Deadline = NEVER
-) -> None:
-    """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there.
-
-    OutOfTimeError where the deadline comes first.
-    """
-    for _ in _settling(grid, source, workspace, links, deadline=deadline):
+def settle_all(grid: Grid, source: Cell, workspace: Workspace, links: Links = None) -> None:
+    """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there."""
+    for _ in _settling(grid, source, workspace, links):
         pass
 
 
@@ -167,9 +150,9 @@ def _settling(
     most: int = _WITHOUT_END,
     deadline: Deadline = NEVER,
 ) -> Iterator[float]:
-    """Search from a passable cell, so many expansions at a time: what a cell costs whose cost may yet fall, at least.
+    """Search from a passable cell, so many expansions at a time: the least cost that may yet fall, inf in the end.
 
-    Inf in the end, when nothing is left. OutOfTimeError at the deadline.
+    OutOfTimeError at the deadline.
     """
     ws = workspace
     ws.next_stamp()
@@ -178,9 +161,8 @@ def _settling(
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), FULL
     while code in (FULL, PAUSED):
-        code, *_ = expand(
-            grid.packed, poses, edges, links, None, None, (begin, corner_of_border), rule, ws.packed, limits
-        )
+        ends = begin, corner_of_border
+        code, *_ = expand(grid.packed, poses, edges, links, None, None, ends, rule, ws.packed, limits)
         begin = -1
         if code in (FULL, PAUSED):
             deadline.check()

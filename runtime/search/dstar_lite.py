@@ -49,27 +49,21 @@ def serves(grid: Grid) -> bool:
 
 
 class DStarMemory:
-    """What one D* Lite search knows of each node that has been read, and its open list."""
+    """One D* Lite search's knowledge of each node that has been read, and its open list."""
 
     def __init__(self, nodes: int, headings: int = 1) -> None:
         self.costs = np.empty(headings * nodes, np.float32)
         """Weight of each node in units, whole numbers; inf where impassable or outside the region. By headings."""
-        self.walls = np.empty(nodes, np.uint8)
-        """Whether a node is impassable on the map itself, region or none: what corners are judged by."""
-        self.inside = np.empty(nodes, np.uint8)
-        """Whether the region holds a node."""
+        self.walls, self.inside = np.empty(nodes, np.uint8), np.empty(nodes, np.uint8)
+        """Whether the map itself is impassable there, which corners are judged by; whether it is in the region."""
         self.state = np.empty(2 * nodes, np.float64)
         """g of node n at 2n, rhs at 2n + 1."""
-        self.position = np.empty(nodes, np.int32)
-        """Where a node stands on the open list."""
-        self.firsts = np.empty(nodes + SPARE_SLOTS)
-        """First part of the key at each slot of the heap; inf where there is none."""
-        self.seconds = np.zeros(nodes + SPARE_SLOTS)
-        """Second part of it."""
-        self.heap_nodes = np.empty(nodes, np.int32)
-        self.changed = np.empty(nodes + 1, np.int32)
+        self.position, self.heap_nodes = np.empty(nodes, np.int32), np.empty(nodes, np.int32)
+        """Where a node stands on the open list, and the node at each place of it."""
+        self.firsts, self.seconds = np.empty(nodes + SPARE_SLOTS), np.zeros(nodes + SPARE_SLOTS)
+        """The two parts of the key at each place of the heap, the first inf where there is none."""
+        self.changed, self.is_changed = np.empty(nodes + 1, np.int32), np.zeros(nodes, np.uint8)
         """Nodes one of whose steps has changed since the last plan, each once, and a spare place."""
-        self.is_changed = np.zeros(nodes, np.uint8)
         self.terrain = self.costs, self.walls, nodes if headings > 1 else 0
         self.known = self.costs, self.walls, self.inside
         self.heap = self.position, self.firsts, self.seconds, self.heap_nodes
@@ -79,7 +73,7 @@ class DStarMemory:
 class DStarLite:
     """Plans on one map towards one goal, again and again. Serves one thread at a time.
 
-    What changed it reads from the map's log, and mends its search when it is asked for a path.
+    It reads from the map's log what changed, and mends its search when it is asked for a path.
 
     Parameters
     ----------
@@ -101,7 +95,10 @@ class DStarLite:
         self._grid = state.grid
         self._poses, self._directed = self._grid.steps.packed()
         self._changes = state.log.reader()
-        self._memory = DStarMemory(len(self._grid.weights), 1 if self._poses is None else len(HEADINGS))
+        self.memory = DStarMemory(len(self._grid.weights), 1 if self._poses is None else len(HEADINGS))
+        """To be read only."""
+        self.open_nodes = 0
+        """Number of nodes on the open list."""
         self._everywhere = Region.everywhere(*self._grid.shape)
         self._region = region or self._everywhere
         self._blocks = self._region.blocks()
@@ -109,30 +106,20 @@ class DStarLite:
         self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
         self._rows_to_check: list[tuple[int, int, int, int]] = []
         """Changed rows whose poses are not yet checked: that takes long, so it heeds the deadline."""
-        self._pending, self._size, self._km = 0, 0, 0.0
+        self._pending, self._km = 0, 0.0
         self._edges: tuple[NDArray[np.float32], float] | None = None
         self._restarts, self._begun = 0, False
         self.set_goal(goal)
 
     def touch(self) -> None:
         """Have the system back all arrays with memory now."""
-        touch(self._memory)
-
-    @property
-    def memory(self) -> DStarMemory:
-        """What is known of each node, and the open list; to be read only."""
-        return self._memory
+        touch(self.memory)
 
     @property
     def restarts(self) -> int:
         """How often all that was found has been forgotten by now: with a new goal, or as cells became too cheap."""
         self._read_changes()
         return self._restarts
-
-    @property
-    def open_nodes(self) -> int:
-        """Number of nodes on the open list."""
-        return self._size
 
     @property
     def goal(self) -> Cell:
@@ -173,20 +160,16 @@ class DStarLite:
         np.maximum(rows, np.where(differs[region.row_block], STALE, 0), out=rows, casting="unsafe")
 
     def reach(self) -> float:
-        """How far changes reach: the share of the way, by cost, that lies between the start and the farthest of them.
+        """Share of the way, by cost, that lies between the start and the farthest change: it may have to be mended.
 
-        Returns
-        -------
-        float
-            From 0 (none matters: all lie behind the start, or where no search has come) to 1 (at the goal, or the
-            start lies where no search has come, and a change does not). What was found on that part of the way may
-            have to be mended.
+        From 0 (none matters: all lie behind the start, or where no search has come) to 1 (at the goal, or the start
+        lies where no search has come, and a change does not).
         """
         self._read_changes()
         self._check_rows(NEVER)
         if (self._rows_left == UNREAD).any():
             return 0.0
-        memory = self._memory
+        memory = self.memory
         nearest = least_known(memory.changed, self._pending, memory.inside, memory.state)
         whole = min(memory.state[2 * self._start : 2 * self._start + 2].tolist())
         if not math.isfinite(nearest):
@@ -203,64 +186,44 @@ class DStarLite:
             return
         if self._poses is None:
             self._grid.complete(deadline)
-        memory = self._memory
-        region = self._blocks, self._region.row_block, self._region.col_block
-        self._pending = read_rows(
-            self._rows_left,
-            region,
-            self._source,
-            self._poses,
-            memory.known,
-            memory.state,
-            memory.heap,
-            memory.noted,
-            self._pending,
-            deadline.at,
-        )
+        memory, region = self.memory, (self._blocks, self._region.row_block, self._region.col_block)
+        ground, found = (region, self._source, self._poses), (memory.known, memory.state, memory.heap, memory.noted)
+        self._pending = read_rows(self._rows_left, *ground, *found, self._pending, deadline.at)
         if self._rows_left.any():
             raise OutOfTimeError
         if not self._begun:
-            self._size, self._begun = begin(self._goal, memory.state, memory.heap), True
+            self.open_nodes, self._begun = begin(self._goal, memory.state, memory.heap), True
 
     def plan(self, start: Cell, *, deadline: Deadline = NEVER) -> Search:
         """Cheapest path from `start` to the goal on the map as it is now.
 
-        Parameters
-        ----------
-        start : (row, col)
-            A cell of the map.
-        deadline : Deadline
-            When to give up with TIMEOUT. The next call goes on from there.
-
-        Returns
-        -------
-        Search
-            What a fresh search would find, and where several paths cost the same perhaps another of them; NO_PATH
-            also where start or goal is impassable.
+        Where several cost the same it may be another than a fresh search's. NO_PATH also where start or goal is
+        impassable; TIMEOUT at the deadline, from where the next call goes on.
         """
         self.move_start(start)
         self._read_changes()
-        expansions, memory = 0, self._memory
+        expansions, memory = 0, self.memory
         try:
             self.read(deadline)
-        except OutOfTimeError:
-            return Search.without_path(Status.TIMEOUT)
-        ends = memory.costs.reshape(-1, len(memory.inside))[:, [self._start, self._goal]]
-        if np.isfinite(ends).any(0).all():
+            ends = memory.costs.reshape(-1, len(memory.inside))[:, [self._start, self._goal]]
+            if not np.isfinite(ends).any(0).all():
+                return Search.without_path(Status.NO_PATH)
             for afresh in (False, True):
                 if afresh:
                     self._restart()
                 settled, expanded = self._search(deadline)
                 expansions += expanded
                 if not settled:
-                    return Search.without_path(Status.TIMEOUT, expansions)
-                if not math.isfinite(memory.state[2 * self._start + 1]):
                     break
+                if not math.isfinite(memory.state[2 * self._start + 1]):
+                    return Search.without_path(Status.NO_PATH, expansions)
                 if len(path := self._trace()):
                     return Search(Status.OK, path, expansions)
             else:
                 raise InvalidMapError(f"no step may cost more than {MOST_RATIO_FOR_DSTAR:g} times the cheapest")
-        return Search.without_path(Status.NO_PATH, expansions)
+        except OutOfTimeError:
+            pass
+        return Search.without_path(Status.TIMEOUT, expansions)
 
     def _node(self, cell: Cell, name: str) -> int:
         if not self._grid.holds(cell):
@@ -289,12 +252,12 @@ class DStarLite:
             scale = UNITS / self._grid.prices[0]
             straight, diagonal = (float(np.rint(scale * price)) for price in self._grid.prices)
             self._edges, self._prices = (self._directed, scale), (straight, min(diagonal, 2.0 * straight))
-        memory = self._memory
+        memory = self.memory
         memory.is_changed[memory.changed[: self._pending]] = 0
         memory.firsts[-SPARE_SLOTS:] = np.inf
         self._changes.skip()
         self._rows_to_check.clear()
-        self._pending, self._km, self._size, self._begun = 0, 0.0, 0, False
+        self._pending, self._km, self.open_nodes, self._begun = 0, 0.0, 0, False
         self._rows_left[:] = UNREAD
 
     def _set_prices(self) -> None:
@@ -316,12 +279,15 @@ class DStarLite:
         changes, least = self._changes.read(), self._grid.least
         if not changes:
             return
-        if self._directed is None and least < self._least:
+        step, by_weight = self._grid.model.step, self._directed is None
+        # whether units of the present prices cannot tell apart what the dearest steps cost
+        too_coarse = step(0, 2.0 * self._grid.greatest) > MOST_RATIO_FOR_DSTAR * step(0, 2.0 * self._least)
+        if by_weight and least < self._least:
             self._least = 0.5 * least
             if self._grid.model.kind is StepCost.PAPER and self._least < 1e-2:
                 self._least = 0.0
             self._restart()
-        elif self._directed is None and self._least < least and self._too_coarse:
+        elif by_weight and self._least < least and too_coarse:
             self._least = least
             self._restart()
         else:
@@ -338,49 +304,32 @@ class DStarLite:
             self._rows_to_check.pop()
             deadline.check()
 
-    @property
-    def _too_coarse(self) -> bool:
-        """Whether units of the present prices cannot tell apart what the dearest steps cost."""
-        step, dearest = self._grid.model.step, self._grid.greatest
-        return step(0, 2.0 * dearest) > MOST_RATIO_FOR_DSTAR * step(0, 2.0 * self._least)
-
     def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
-        memory = self._memory
-        self._pending = read_rectangle(
-            part,
-            self._rows_left,
-            self._source,
-            self._poses,
-            self._edges,
-            memory.known,
-            memory.noted,
-            self._pending,
-        )
+        memory = self.memory
+        ground = self._rows_left, self._source, self._poses, self._edges
+        self._pending = read_rectangle(part, *ground, memory.known, memory.noted, self._pending)
 
     def _search(self, deadline: Deadline) -> tuple[bool, int]:
         """Mend the search until the start is settled: whether it is, and the number of expansions."""
-        memory = self._memory
+        memory = self.memory
         if self._km > 0.5 * EXACT:
             self._restart()
-        try:
-            self.read(deadline)
-        except OutOfTimeError:
-            return False, 0
+        self.read(deadline)
         search, known = self._packed_search, (memory.terrain, self._edges, memory.state, memory.heap)
-        self._pending, self._size = mend(self._pending, search, *known, self._size, memory.noted, deadline.at)
+        self._pending, self.open_nodes = mend(
+            self._pending, search, *known, self.open_nodes, memory.noted, deadline.at
+        )
         if self._pending:
             return False, 0
-        code, expansions, self._size = expand(search, *known, self._size, deadline.at)
+        code, expansions, self.open_nodes = expand(search, *known, self.open_nodes, deadline.at)
         return code == SETTLED, expansions
 
     def _trace(self) -> NDArray[np.int32]:
         """The path; empty if following g does not lead to the goal, which only rounding can bring about."""
-        memory, grid, length = self._memory, self._grid, 0
-        search = self._packed_search
-        path = np.empty((256, 2), np.int32)
-        for _ in range(2):
-            length = descend(search, memory.terrain, self._edges, memory.state, grid.cells, path)
-            if length <= len(path):
-                break
+        known, path = (
+            (self._packed_search, self.memory.terrain, self._edges, self.memory.state),
+            np.empty((256, 2), np.int32),
+        )
+        while (length := descend(*known, self._grid.cells, path)) > len(path):
             path = np.empty((length, 2), np.int32)
         return path[:length].copy()

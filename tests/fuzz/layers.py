@@ -164,7 +164,7 @@ def _wrong(message: PathMessage, planner: Planner, at: tuple[int, int], case: Ca
         return f"{message.outcome} where the map has {best.status}"
     if message.outcome is not Status.OK:
         return ""
-    cost, near = planner.state.grid.steps.costs_of(message.path)[0], 1e-4 * abs(best.cost) + 1e-5
+    cost, near = planner.state.grid.costs_of(message.path)[0], 1e-4 * abs(best.cost) + 1e-5
     if not np.isfinite(cost):
         return "published: a path that cannot be walked"
     if abs(cost - message.cost) > 1e-4 * abs(cost) + 1e-5:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from nnpp_edge.benchmarks.dynamic_episode import make_episode
 from nnpp_edge.profiling.harness import Harness
 from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.reproduction import dynamic, encodings, exact, paper, runner, static
 from nnpp_edge.reproduction.drawing import animate, driven, view_episode
+from nnpp_edge.reproduction.episode import make_episode
 from nnpp_edge.reproduction.experiment import Context
 from nnpp_edge.reproduction.experiments import EXPERIMENTS
 from nnpp_edge.reproduction.findings import Verdict, findings_table

@@ -88,7 +88,7 @@ class ChangingMap:
         """It leads from start to goal, and costs what the map says; its cost."""
         assert (tuple(path[0]), tuple(path[-1])) == (start, self.goal)
         assert walkable(path, self.cost, self.corner_cutting)
-        cost = self.state.grid.steps.costs_of(path)[0]
+        cost = self.state.grid.costs_of(path)[0]
         assert cost == pytest.approx(oracles.path_cost(path, self.cost, self.step_cost), **CLOSE)
         return cost
 
@@ -168,12 +168,12 @@ class ChangingMap:
         found, optimum = self.mender.search(query, Work(), region), self.optimum(self.start)
         again = self.mender.search(query, Work(), None)
         new = RegionMender(self.afresh()).search(query, Work(), region)
-        inside = self.state.grid.steps.costs_of(new.path)[0]
+        inside = self.state.grid.costs_of(new.path)[0]
         assert np.isfinite(inside) <= (found.status is Status.OK) <= np.isfinite(optimum)
         if found.status is Status.OK:
             cost = self.check_path(found.path, self.start)
             assert optimum - 1e-4 <= cost <= inside * (1.0 + 1e-5) + 1e-5
-            assert self.state.grid.steps.costs_of(again.path)[0] == pytest.approx(cost, **CLOSE)
+            assert self.state.grid.costs_of(again.path)[0] == pytest.approx(cost, **CLOSE)
             if region.blocks().all():
                 assert cost == pytest.approx(optimum, **CLOSE)
 

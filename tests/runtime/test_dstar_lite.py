@@ -46,7 +46,7 @@ class Changing:
 
     def cost_of(self, found):
         """What the path of a search costs; inf without one."""
-        return self.grid.steps.costs_of(found.path)[0]
+        return self.grid.costs_of(found.path)[0]
 
     def slow_optimum(self, start):
         """By scipy's Dijkstra, of the whole map."""

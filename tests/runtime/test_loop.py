@@ -576,7 +576,7 @@ def test_way_points_and_cost_are_those_of_the_map_that_the_path_was_checked_on(m
     message = nav.tick()
     assert message.ok and message.map_version == 1
     assert message.waypoints is None, "the line was not checked on the map with the patch"
-    cost, _, _ = Planner(nav.map.cost()).state.grid.steps.costs_of(message.path)
+    cost, _, _ = Planner(nav.map.cost()).state.grid.costs_of(message.path)
     assert message.cost == pytest.approx(cost)
     monkeypatch.undo()
     assert nav.tick().waypoints is not None

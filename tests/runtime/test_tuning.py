@@ -157,7 +157,7 @@ def test_a_wider_corridor_holds_more_cells_and_a_path_that_is_no_dearer():
     for width in (tuning.LEARNED_CORRIDOR, tuning.CORRIDOR, tuning.WIDENED_CORRIDOR):
         search, region = descent.descend(Query((5, 5), (290, 280)), Work(), searcher, 1, None, width)
         areas.append(region.area())
-        costs.append(state.grid.steps.costs_of(search.path)[0])
+        costs.append(state.grid.costs_of(search.path)[0])
     assert areas == sorted(areas) and 1.1 * areas[0] < areas[-1]
     assert costs == sorted(costs, reverse=True)
 
