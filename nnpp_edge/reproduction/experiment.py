@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAPS_TRIED = 20
-"""Maps tried for each that is wanted, before giving up on finding one with a path."""
+"""For each that is wanted, before giving up on finding one with a path."""
 
 
 @dataclass(frozen=True)
@@ -116,5 +116,5 @@ class Experiment:
 def experiment(
     where: str, title: str, quick: Mapping[str, object], *, asks_networks: bool = True
 ) -> Callable[[Callable[..., Result]], Experiment]:
-    """Make a function an `Experiment`; `quick` are the settings of a smoke run."""
+    """Make a function an `Experiment`."""
     return lambda run: Experiment(where, title, run, quick, asks_networks)
