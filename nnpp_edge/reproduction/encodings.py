@@ -14,7 +14,7 @@ from nnpp_edge.reproduction.findings import Finding, judge
 from nnpp_edge.reproduction.rows import Columns, Rows, percent, table
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
-from nnpp_edge.terrain.dataset import Samples, read_samples
+from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.shards import Recipe, make_shard
 from nnpp_edge.terrain.workloads import SOFT
@@ -97,12 +97,6 @@ def fig13(
 
 def make_samples(context: Context, maps: int, validation_maps: int) -> tuple[Samples, Samples]:
     """Training and validation queries, from different ground."""
-    if context.dataset is not None:
-        samples = read_samples(context.dataset, maps + validation_maps, size=_SIDE)
-        first = math.ceil((1.0 - _HELD_OUT) * len(samples.planes))
-        if not 0 < first < len(samples.planes):
-            raise DataSetError(f"wanted at least 2 maps to train and to validate with, got {len(samples.planes)}")
-        return samples.pick(samples.map_index < first), samples.pick(samples.map_index >= first)
     plain: dict[str, Any] = dict.fromkeys(("synthetic_share", "obstacle_share", "margin_share"), 0.0)
     plain |= {"workloads": ((SOFT, 1.0),), "poolings": ((1, 1.0),), "least_distance": 0.25}
     recipe = Recipe((), size=_SIDE, blocks=_BLOCKS, cell_sizes_m=(context.terrain[0].cell_size_m,), **plain)

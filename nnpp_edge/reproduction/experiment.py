@@ -33,8 +33,6 @@ class Context:
     networks: Networks
     work: Path
     """Folder for what an experiment that is interrupted goes on from; removed once it is done."""
-    dataset: Path | None = None
-    """Training set for the experiments that train; without it they make one from the terrain."""
     advance: Callable[[int], None] = lambda done: None
     notes: list[str] = field(default_factory=list)
     """Whole sentences for the page."""
