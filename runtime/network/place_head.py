@@ -1,8 +1,7 @@
 """The head of a network in two parts: the answer to a query from the encoder's description of each place.
 
-onnxruntime runs the encoder when the map changes. A query then takes a quarter of a million multiplications, less
-than a call of onnxruntime costs where its code has left the caches; so they are done here. The ONNX file holds the
-head too, and a test at load sees that both say the same.
+onnxruntime runs the encoder when the map changes. A query takes a quarter of a million multiplications, less than a
+call of onnxruntime costs, so they are done here. The ONNX file holds the head too; both are compared at load.
 """
 
 import numpy as np

@@ -1,11 +1,9 @@
 """The heuristic region: where the network's probability is high enough to join start and goal.
 
-NNPP lowers a threshold td step by step until start and goal lie in one piece of {p >= td}
-(arXiv 2308.04792v3, section 4.3). That td is the width of the widest path between the two, and a single
-sweep over 256 levels, from the highest down, finds it exactly.
-
-For the paper, blocks that touch are one piece. A planner knows which cells of its map can be walked between, and
-wants the td at which these join start and goal. So a region never ends at a wall that its blocks reach across.
+NNPP lowers a threshold td step by step until start and goal lie in one piece of {p >= td} (arXiv 2308.04792v3,
+section 4.3). A single sweep over 256 levels, from the highest down, finds that td. For the paper, blocks that touch
+are one piece. A planner knows which cells of its map can be walked between, and wants the td at which these join
+start and goal: so a region never ends at a wall that its blocks reach across.
 """
 
 from typing import NamedTuple

@@ -1,9 +1,7 @@
 """Exact A* on an eight-connected grid, over the whole map or inside a region.
 
-The heuristic is the octile distance at the price of the map's cheapest cell: with n_d diagonal and n_s
-straight steps on an empty map it is n_d·step(diagonal, 2·w_min) + n_s·step(straight, 2·w_min). It never
-overestimates and is consistent. Landmarks sharpen it, see `landmarks`. With directed steps the price is that of the
-cheapest metre over all slopes (`map.directed`), which no steps undercut.
+The heuristic is the octile distance at the price of the map's cheapest cell, or with directed steps of the cheapest
+metre over all slopes: no steps undercut it, and it is consistent. `landmarks` sharpen it.
 """
 
 import math

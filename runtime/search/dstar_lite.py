@@ -1,10 +1,8 @@
 """D* Lite: exact planning on a map that changes, towards one goal, from a start that moves.
 
-Koenig and Likhachev, "D* Lite" (AAAI 2002), in its optimised form: it searches from the goal to the start,
-keeps what it found, and after a change mends only what the change touched and the path needs.
-
-Costs are counted in whole units, of which the map's cheapest step has about a million. Sums of them are exact
-in float64, so the equalities and the order of keys that the algorithm's proof rests on hold to the letter.
+Koenig and Likhachev, "D* Lite" (AAAI 2002), in its optimised form. Costs are counted in whole units, of which the
+map's cheapest step has about a million. Sums of them are exact in float64, so the equalities and the order of keys
+that the algorithm's proof rests on hold to the letter.
 """
 
 import math

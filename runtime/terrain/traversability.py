@@ -1,9 +1,8 @@
 """Traversability cost of an elevation map (NNPP, arXiv 2308.04792v3, Eq. 1).
 
-A plane is fitted by least squares to each cell's 3×3 patch. Its tilt is the slope; the root mean square
-of the patch's distances from it is the roughness; the distance of the cell's own point from it is the
-elevation difference. Distances are taken at right angles to the plane. The paper leaves open which point's
-distance makes the elevation difference and how the residuals are summed up; it is decided here.
+A plane is fitted by least squares to each cell's 3×3 patch. Its tilt is the slope, the root mean square of the
+patch's distances from it the roughness, the cell's own distance the elevation difference, all at right angles to the
+plane. Which point's distance counts, and how residuals are summed up, the paper leaves open; it is decided here.
 """
 
 import math
