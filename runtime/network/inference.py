@@ -25,8 +25,8 @@ _FORGET = 0.9
 class NetworkModel:
     """A network ready to run, with inputs and outputs of its own. Serves one thread at a time.
 
-    A file is opened once in a process, and again when it has changed: networks of the same file, threads and spinning
-    share a session. In a forked child a session of several threads, which the child lacks, is opened again. A copy
+    A file is opened once in a process, and again when it has changed: networks of the same file and threads share a
+    session. In a forked child a session of several threads, which the child lacks, is opened again. A copy
     opens the file again, and has been shown nothing.
 
     Parameters
@@ -36,8 +36,6 @@ class NetworkModel:
     threads : int
         Of onnxruntime; by default two for inputs of 256 and more (one where the process may use one core only),
         and one for smaller ones, which two threads do not make faster.
-    spinning : bool
-        Whether onnxruntime's threads spin after a run. They would take the cores from the search.
 
     Raises
     ------
@@ -47,16 +45,15 @@ class NetworkModel:
     """
 
     @checked(ModelError)
-    def __init__(self, model: str | Path = "edge", *, threads: int | None = None, spinning: bool = False) -> None:
+    def __init__(self, model: str | Path = "edge", *, threads: int | None = None) -> None:
         self.path = model_path(model)
         """Of the file."""
-        loaded, self.waited = opened(self.path, threads, spinning)
+        loaded, self.waited = opened(self.path, threads)
         """Whether the file had to be opened, or was just being opened by another thread."""
         self._bind(loaded)
 
     def __reduce__(self) -> "tuple[Callable[[Path], NetworkModel], tuple[Path]]":
-        loaded = self._loaded
-        return functools.partial(NetworkModel, threads=loaded.threads, spinning=loaded.spinning), (self.path,)
+        return functools.partial(NetworkModel, threads=self._loaded.threads), (self.path,)
 
     def share(self) -> "NetworkModel":
         """Another network on the same session: it has a map, a query and an answer of its own."""
@@ -138,7 +135,7 @@ class NetworkModel:
     def _infer(self) -> None:
         """Run the session; ModelError where its graph fails, or in a fork whose file is another by now."""
         if self._loaded.lacks_threads():
-            loaded, _ = opened(self.path, self._loaded.threads, self._loaded.spinning)
+            loaded, _ = opened(self.path, self._loaded.threads)
             if loaded.identity != self._loaded.identity:
                 raise ModelError(f"{self.path}: wanted the file that was opened before a fork, got another")
             self._use_session(loaded)

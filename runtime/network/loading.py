@@ -41,8 +41,8 @@ _ROUNDING = 1e-4
 Shapes = dict[str, tuple[int, ...]]
 Identity = tuple[int, ...]
 """Device, inode, size and times of a file: what tells it from any other, and from what it was before a change."""
-Key = tuple[Identity, int | None, bool, int]
-"""File, threads and spinning as asked for, and without a number of threads the cores that it depends on."""
+Key = tuple[Identity, int | None, int]
+"""File and threads as asked for, and without a number of threads the cores that it depends on."""
 
 
 @dataclass(eq=False)
@@ -52,7 +52,6 @@ class LoadedModel:
     identity: Identity
     threads: int | None
     """As asked for."""
-    spinning: bool
     parallel: bool
     """Whether the session has threads of its own."""
     session: "InferenceSession"
@@ -77,12 +76,12 @@ _open: WeakValueDictionary[Key, LoadedModel] = WeakValueDictionary()
 _kept: deque[LoadedModel] = deque(maxlen=KEPT)
 
 
-def opened(path: Path, threads: int | None = None, spinning: bool = False) -> tuple[LoadedModel, bool]:
+def opened(path: Path, threads: int | None = None) -> tuple[LoadedModel, bool]:
     """A model file's session, opened if this process has not yet, and whether it had to be waited for.
 
     Arguments and errors are those of `NetworkModel`: whoever asks for a file that cannot be loaded tries again.
     """
-    key = _key(path, threads, spinning)
+    key = _key(path, threads)
     loaded = _open.get(key)
     if waited := loaded is None:
         with _loading:
@@ -108,14 +107,14 @@ def begin_loading(model: object, threads: int | None = None) -> None:
         return
     with suppress(NnppEdgeError, RuntimeError):  # the latter where no thread can be started
         path = model_path(model)
-        if _key(path, threads, False) not in _open:
+        if _key(path, threads) not in _open:
             # no daemon: a process that ends in the middle of an import of onnxruntime may crash
             threading.Thread(target=load, name="load a model").start()
 
 
-def _key(path: Path, threads: int | None, spinning: bool) -> Key:
+def _key(path: Path, threads: int | None) -> Key:
     cores = min(DEFAULT_THREADS, len(os.sched_getaffinity(0))) if threads is None else 0
-    return _identity(path), threads, spinning, cores
+    return _identity(path), threads, cores
 
 
 def _identity(path: Path) -> Identity:
@@ -129,12 +128,12 @@ def _load(path: Path, key: Key) -> LoadedModel:
     """Read, check and open a file."""
     import onnxruntime as ort
 
-    (identity, threads, spinning, cores), metadata = key, read_metadata(path)
+    (identity, threads, cores), metadata = key, read_metadata(path)
     count = threads if threads is not None else 1 if metadata.input_size < TWO_THREADS_FROM else cores
     options = ort.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = count, 1
     options.enable_cpu_mem_arena = True
-    options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spinning else "0")
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # or they take the cores from the search
     session, (inputs, outputs) = open_session(path, options), _shapes(metadata)
     with refused_as(ModelError, f"{path}: wanted an ONNX model, got one that does not fit its metadata"):
         found = ("inputs", inputs, session.get_inputs()), ("outputs", outputs, session.get_outputs())
@@ -144,7 +143,7 @@ def _load(path: Path, key: Key) -> LoadedModel:
         head = _checked_head(path, session, metadata, inputs) if metadata.encoding == "ends" else None
     if _identity(path) != identity:
         raise ModelError(f"{path}: wanted an ONNX model, got one that changed while it was loaded")
-    asked = identity, threads, spinning, count != 1
+    asked = identity, threads, count != 1
     return LoadedModel(*asked, session, metadata, inputs, outputs, head, os.getpid())
 
 

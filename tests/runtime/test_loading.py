@@ -198,8 +198,7 @@ def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their
     assert not np.array_equal(first, other.answer(*ends))
     np.testing.assert_array_equal(first, one.answer(*ends))
     NetworkModel(fresh_model, threads=2)
-    NetworkModel(fresh_model, spinning=True)
-    assert len(sessions.paths) == 3
+    assert len(sessions.paths) == 2
     by_name = NetworkModel("edge")
     assert NetworkModel(by_name.path).session is by_name.session
 
