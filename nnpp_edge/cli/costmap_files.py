@@ -2,7 +2,6 @@
 
 import io
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -46,33 +45,40 @@ class Tally:
         self._known += int(np.isfinite(terms[0]).sum())
         self._full += [int((term >= limit).sum()) for term, limit in zip(terms, self._limits, strict=True)]
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, object]:
         """Share that is passable, costs that shares of these cells do not pass, and shares at a term's limit."""
-        passable, cells = int(self._counts.sum()), self._place.shape[0] * self._place.shape[1]
-        at = np.searchsorted(np.cumsum(self._counts), np.array(_SHARES) * (passable - 1), side="right")
-        quantiles = [round((step + 0.5) / _STEPS, 6) if passable else None for step in at.tolist()]
-        full = (self._full / max(self._known, 1)).round(6).tolist()
         return size_of(self._place) | {
-            "passable_share": passable / cells,
-            "cost_quantiles": {f"{share:g}": quantile for share, quantile in zip(_SHARES, quantiles, strict=True)},
-            "saturated_share": dict(zip(TERMS, full, strict=True)),
+            "passable_share": self._passable(),
+            "cost_quantiles": {f"{share:g}": quantile for share, quantile in self._quantiles().items()},
+            "saturated_share": self._saturated(),
         }
 
     def text(self, name: str, files: list[str]) -> str:
         """For people."""
-        figures = self.figures()
-        shares = {float(share): cost for share, cost in figures["cost_quantiles"].items() if cost is not None}
-        costs = ", ".join(f"{100 * share:.0f} % of cells up to {cost:.3f}" for share, cost in shares.items())
-        at_limit = (f"{term} {100 * share:.1f} %" for term, share in figures["saturated_share"].items())
-        return "\n".join(
-            (
-                f"map       {name}: {size_in_words(self._place)}",
-                f"passable  {100 * figures['passable_share']:.2f} % of cells",
-                f"cost      {costs or 'no cell is passable'}",
-                f"at limit  {', '.join(at_limit)}",
-                f"written   {', '.join(files)}",
-            )
+        quantiles = {share: cost for share, cost in self._quantiles().items() if cost is not None}
+        costs = ", ".join(f"{100 * share:.0f} % of cells up to {cost:.3f}" for share, cost in quantiles.items())
+        at_limit = ", ".join(f"{term} {100 * share:.1f} %" for term, share in self._saturated().items())
+        return (
+            f"map       {name}: {size_in_words(self._place)}\n"
+            f"passable  {100 * self._passable():.2f} % of cells\n"
+            f"cost      {costs or 'no cell is passable'}\n"
+            f"at limit  {at_limit}\n"
+            f"written   {', '.join(files)}"
         )
+
+    def _passable(self) -> float:
+        rows, cols = self._place.shape
+        return int(self._counts.sum()) / (rows * cols)
+
+    def _quantiles(self) -> dict[float, float | None]:
+        """True to the step; None where no cell is passable."""
+        below = np.cumsum(self._counts)
+        at = np.searchsorted(below, np.array(_SHARES) * (below[-1] - 1), side="right")
+        costs = [round((step + 0.5) / _STEPS, 6) if below[-1] else None for step in at.tolist()]
+        return dict(zip(_SHARES, costs, strict=True))
+
+    def _saturated(self) -> dict[str, float]:
+        return dict(zip(TERMS, (self._full / max(self._known, 1)).round(6).tolist(), strict=True))
 
 
 def write_whole(dem: Dem, limits: Traversability, output: Path, picture: Path) -> Tally:

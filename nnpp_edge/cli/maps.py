@@ -1,20 +1,18 @@
 """A map as commands meet it: its size in words, its costs, and whether it fits into memory."""
 
-from __future__ import annotations
-
 import warnings
-from typing import TYPE_CHECKING
+from pathlib import Path
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from nnpp_edge.cli.options import TerrainOptions
-    from nnpp_edge.cli.vehicle_options import VehicleOptions
-    from nnpp_edge.runtime.arrays import Float2D
-    from nnpp_edge.runtime.map.ground import Ground
-    from nnpp_edge.runtime.terrain.traversability import Traversability
-    from nnpp_edge.terrain.dem import Dem
-    from nnpp_edge.terrain.georeference import Place
+from nnpp_edge.cli.options import TerrainOptions
+from nnpp_edge.cli.vehicle_options import VehicleOptions
+from nnpp_edge.runtime import Ground
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.memory import available_bytes
+from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
+from nnpp_edge.terrain import dem_windows
+from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.georeference import Place
 
 _MOST_UNEQUAL_SIDES = 0.02
 """Cells whose sides differ by more than this share are warned of."""
@@ -47,15 +45,11 @@ def warn_if_not_square(place: Place) -> None:
 
 def cost_of(dem: Dem, limits: Traversability) -> Float2D:
     """The cost map of an elevation map."""
-    from nnpp_edge.runtime.terrain.traversability import traversability_cost
-
     return traversability_cost(dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m)
 
 
 def ground_of(dem: Dem, limits: Traversability, vehicle: VehicleOptions, step_cost: str) -> Ground:
     """An elevation map, and who drives on it at what cost."""
-    from nnpp_edge.runtime import Ground
-
     return Ground.of_elevation(
         dem.elevation,
         dem.cell_size_m,
@@ -69,8 +63,6 @@ def ground_of(dem: Dem, limits: Traversability, vehicle: VehicleOptions, step_co
 
 def priced(ground: Ground, cost: Float2D) -> Ground:
     """The ground to plan on: the costs that are known already, where nothing but these is asked."""
-    from nnpp_edge.runtime import Ground
-
     return ground if ground.vehicle or ground.step_cost != "paper" else Ground(cost)
 
 
@@ -81,10 +73,6 @@ def reads_by_windows(
 
     InvalidQueryError if it does and the `whole` map is needed, as for a vehicle and for directed step costs.
     """
-    from nnpp_edge.runtime.errors import InvalidQueryError
-    from nnpp_edge.runtime.memory import available_bytes
-    from nnpp_edge.terrain import dem_windows
-
     if (size := dem_windows.size_of(dem, allow_vrt=terrain.allow_vrt)) is None:
         return False
     wanted, room = size[0] * size[1] * bytes_per_cell, available_bytes() if memory is None else memory

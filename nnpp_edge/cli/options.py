@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import click
 
@@ -323,7 +323,7 @@ class TerrainOptions:
         from nnpp_edge.terrain.workloads import workload as limits_of
 
         values = {name: value for each in self.limit for name, value in each.values.items()}
-        limits = Traversability(**cast(dict[str, float], values))
+        limits = Traversability(**values)  # type: ignore[arg-type]  # it checks them
         if self.workload is None:
             return limits
         twice = [name for name in values if name in ("slope_limit_deg", "hard_slope_deg")]

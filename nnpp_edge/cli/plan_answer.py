@@ -1,26 +1,29 @@
-"""The answer of `nnpp-edge plan`, for people and for programs."""
+"""The answer of `nnpp-edge plan`: for people, for programs, and as files."""
 
-from __future__ import annotations
-
+import json
 import math
 import warnings
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
 from math import isfinite, nan
-from typing import TYPE_CHECKING
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from nnpp_edge.cli.maps import size_in_words, size_of
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from nnpp_edge.runtime.arrays import Float2D
-    from nnpp_edge.runtime.cells import Cell
-    from nnpp_edge.runtime.planners.plan import Plan
-    from nnpp_edge.runtime.planners.tour import Tour
-    from nnpp_edge.runtime.terrain.vehicle import Vehicle
-    from nnpp_edge.terrain.route import Route
-    from nnpp_edge.viz.sheet import Cells
+from nnpp_edge.files import write_all
+from nnpp_edge.progress import render_table
+from nnpp_edge.runtime import Vehicle
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.map.along import crossings
+from nnpp_edge.runtime.map.slope_cost import unit_of
+from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.tour import Tour
+from nnpp_edge.terrain.route import Route
+from nnpp_edge.viz.picture import BodyDrawing, body_outlines, plan_picture, png_bytes
+from nnpp_edge.viz.sheet import Cells, metres
 
 _PROPERTIES = ("status", "method", "source", "cost")
 """Figures that path.geojson repeats, beside those along the way."""
@@ -174,8 +177,6 @@ class Answer:
 
     def text(self, files: list[str]) -> str:
         """For people."""
-        from nnpp_edge.progress import render_table
-
         plan = self.plan
         why = plan.choice if plan.ok else plan.reason
         lines = {str(plan.status): f"{plan.method} ({plan.source})" + (f": {why}" if why else "")}
@@ -207,9 +208,6 @@ class Answer:
         return text + "\n" + render_table(_COLUMNS, [compared.row() for compared in self.compared])
 
     def _path_lines(self) -> dict[str, str]:
-        from nnpp_edge.runtime.map.slope_cost import unit_of
-        from nnpp_edge.viz.sheet import metres
-
         plan, length = self.plan, metres(self.route.length_m)
         if not plan.ok:
             return {"path": f"{len(plan.path)} cells so far, {length}"} if len(plan.path) else {}
@@ -224,8 +222,6 @@ class Answer:
 
     def on_the_ground(self) -> dict[str, str]:
         """What is known of the way where its heights are."""
-        from nnpp_edge.viz.sheet import metres
-
         numbers, along = self.plan.numbers, self.plan.along
         if along is None or not isfinite(numbers.climb_m):
             return {}
@@ -265,6 +261,59 @@ class Answer:
         if math.isinf(self.plan.bound):
             return f"no path costs less than {least}"
         return f"at most {self.plan.bound:.3f} times the optimum (no path costs less than {least})"
+
+    def save(self, paths: list[Path]) -> list[str]:
+        """Write all files, or none; their names."""
+        files = [str(path) for path in paths]
+        write_all({path: _content(path, self, files) for path in paths})
+        return files
+
+
+def _content(path: Path, answer: Answer, files: list[str]) -> bytes:
+    """The content of a file, by its name."""
+    route, stops = answer.route, answer.tour.stops[1:-1] if answer.tour else ()
+    makers: dict[str, Callable[[], bytes]] = {
+        "path.geojson": lambda: route.geojson(answer.properties()),
+        "path.csv": route.csv,
+        "plan.json": lambda: json.dumps(answer.figures(files), indent=1).encode(),
+        "plan.png": lambda: _picture(answer, stops),
+        "path.gpkg": lambda: route.geopackage(answer.properties()),
+        "path.gpx": lambda: route.gpx(
+            "nnpp-edge plan",
+            {"start": answer.start, **{f"via {at}": stop for at, stop in enumerate(stops, 1)}, "goal": answer.goal},
+        ),
+    }
+    if path.name in makers:
+        return makers[path.name]()
+    from nnpp_edge.viz.profile_picture import profile_picture
+
+    legs = [len(crossings(leg.line)) - 1 for leg in (answer.tour.legs if answer.tour and answer.plan.ok else ())]
+    between = [sum(legs[:at]) for at in range(1, len(legs))]
+    return profile_picture(path, route.along, route.cost, "\n".join(answer.on_the_ground().values()), between)
+
+
+def _picture(answer: Answer, stops: tuple[Cell, ...]) -> bytes:
+    """The plan on the cost map, or on one whose cells are `factor` times as large."""
+
+    dem, plan, factor, vehicle = answer.route.dem, answer.plan, answer.factor, answer.vehicle
+    start, goal, *between = [(row // factor, col // factor) for row, col in (answer.start, answer.goal, *stops)]
+    body = {}
+    if vehicle is not None:
+        outlines = body_outlines(plan.path, vehicle, (dem.cell_size_m, dem.cell_width_m))
+        body["body"] = BodyDrawing(outlines, answer.stands, answer.point_path)
+    picture = plan_picture(
+        answer.cost,
+        plan if factor == 1 else replace(plan, path=plan.path // factor),
+        start=start,
+        goal=goal,
+        via=between,
+        shade=answer.shade,
+        reference_path=answer.exact_path,
+        cell_size_m=dem.cell_width_m * factor,
+        length_m=answer.route.length_m,
+        **body,
+    )
+    return png_bytes(picture)
 
 
 def duration(seconds: float) -> str:

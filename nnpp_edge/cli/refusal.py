@@ -1,20 +1,21 @@
 """Why a path cannot begin or end on a cell, and where it could."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, NamedTuple, NoReturn
+from typing import NamedTuple, NoReturn
 
 import click
+import numpy as np
 
-if TYPE_CHECKING:
-    from nnpp_edge.runtime.arrays import Float2D
-    from nnpp_edge.runtime.cells import Cell
-    from nnpp_edge.runtime.errors import Status
-    from nnpp_edge.runtime.terrain.traversability import Traversability
-    from nnpp_edge.runtime.terrain.vehicle import Vehicle
-    from nnpp_edge.terrain.georeference import Place
-    from nnpp_edge.viz.sheet import Cells
+from nnpp_edge.cli.maps import size_in_words
+from nnpp_edge.runtime import Vehicle, pose_costs
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
+from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms
+from nnpp_edge.terrain.coordinates import lonlat_corners
+from nnpp_edge.terrain.georeference import Place
+from nnpp_edge.viz.sheet import Cells
 
 _LOOKED_AROUND = 64
 """Cells around an end that are tried for a place where the vehicle stands."""
@@ -33,9 +34,6 @@ class Near(NamedTuple):
 
 def refuse_map(place: Place) -> NoReturn:
     """InvalidMapError for a map without a passable cell; for programs, the status as well."""
-    from nnpp_edge.cli.maps import size_in_words
-    from nnpp_edge.runtime.errors import InvalidMapError
-
     if click.get_current_context().params["as_json"]:
         click.echo(json.dumps({"status": "INVALID_MAP"}))
     raise InvalidMapError(f"{place.source}: wanted a map to plan on, got {size_in_words(place)}, all impassable")
@@ -43,8 +41,6 @@ def refuse_map(place: Place) -> NoReturn:
 
 def refuse_outside(start: Cell, goals: list[Cell], place: Place) -> None:
     """InvalidQueryError where the start, or every goal, lies outside the map."""
-    from nnpp_edge.runtime.errors import Status
-
     rows, cols = place.shape
     for status, cells in ((Status.START_OUTSIDE_MAP, [start]), (Status.GOAL_OUTSIDE_MAP, goals)):
         if not any(0 <= row < rows and 0 <= col < cols for row, col in cells):
@@ -59,9 +55,6 @@ def refuse(status: Status, start: Cell, goal: Cell, near: Near) -> NoReturn:
 
 def _refuse(status: Status, reason: str) -> NoReturn:
     """InvalidQueryError; for programs that asked for a plan, the status as well."""
-    from nnpp_edge.runtime.errors import InvalidQueryError
-    from nnpp_edge.runtime.planners.plan import Method, Plan
-
     given = click.get_current_context().params
     if given["as_json"] and "method" in given:
         click.echo(json.dumps(Plan(status, Method(given["method"]), reason=reason).summary()))
@@ -77,10 +70,6 @@ def _spans(place: Place) -> str:
     """Which coordinates a map spans, as they are given, with a comma before; nothing where it has none."""
     if place.georeference is None:
         return ""
-    import numpy as np
-
-    from nnpp_edge.runtime.errors import NnppEdgeError
-    from nnpp_edge.terrain.coordinates import lonlat_corners
 
     rows, cols = place.shape
     corners = [place.map_coordinates(row - 0.5, col - 0.5) for row in (0, rows) for col in (0, cols)]
@@ -95,8 +84,6 @@ def _spans(place: Place) -> str:
 
 
 def _blocked(status: Status, cell: Cell, near: Near) -> str:
-    import numpy as np
-
     end = f"{status.partition('_')[0].lower()} {cell} is impassable"
     vehicle, at = near.vehicle, (cell[0] - near.origin[0], cell[1] - near.origin[1])
     if vehicle is not None and vehicle.is_disc and near.cost[at] < 1.0:
@@ -116,10 +103,6 @@ def _nearest(cells: Cells, cell: Cell) -> tuple[int, ...]:
 
 def _where_it_stands(cell: Cell, near: Near, vehicle: Vehicle) -> str:
     """The nearest cell, if one is near, where the vehicle stands in some heading."""
-    import numpy as np
-
-    from nnpp_edge.runtime import pose_costs
-
     row, col = (max(each - _LOOKED_AROUND, 0) for each in cell)
     part = near.elevation[row : cell[0] + _LOOKED_AROUND + 1, col : cell[1] + _LOOKED_AROUND + 1]
     costs = pose_costs(part, near.place.cell_size_m, vehicle, cell_width_m=near.place.cell_width_m)
@@ -130,10 +113,6 @@ def _where_it_stands(cell: Cell, near: Near, vehicle: Vehicle) -> str:
 
 
 def _why_blocked(cell: Cell, near: Near) -> str:
-    import numpy as np
-
-    from nnpp_edge.runtime.terrain.traversability import terrain_terms
-
     row0, col0 = max(cell[0] - 1, 0), max(cell[1] - 1, 0)
     patch, limits = near.elevation[row0 : cell[0] + 2, col0 : cell[1] + 2], near.limits
     terms = terrain_terms(patch, near.place.cell_size_m, cell_width_m=near.place.cell_width_m)

@@ -10,7 +10,6 @@ import click
 
 from nnpp_edge.cli import options, vehicle_options
 from nnpp_edge.cli.ends import Where
-from nnpp_edge.cli.maps import size_in_words
 from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 
@@ -58,6 +57,7 @@ def command(
 
     from msgspec.structs import replace
 
+    from nnpp_edge.cli.maps import size_in_words
     from nnpp_edge.view.asked import Asked
     from nnpp_edge.view.ground import GIVEN, POINT, Ground, Reading
     from nnpp_edge.view.landscape import Landscape, likely_ends

@@ -110,7 +110,6 @@ def _making(facts: Stored) -> str:
     made = facts.made_with
     terrain = ", ".join(f"`{t['name']}` (cells of {t['cell_size_m']:g} m)" for t in made["terrain"])
     files = [f"{whose} `{file['name']}` (SHA-256 {file['sha256'][:12]}…)" for whose, file in made["networks"].items()]
-    data = f"\n- data set for training: `{made['dataset']['name']}`" if made["dataset"] else ""
     return f"""- machine: {facts.machine}
 - nnpp-edge {made["version"]}, seed {made["seed"]}, networks: {", ".join(files) or "none handed in"}
-- terrain: {terrain}{data}"""
+- terrain: {terrain}"""

@@ -24,7 +24,7 @@ from nnpp_edge.reproduction.pages import Stored, experiment_page, index_page
 from nnpp_edge.reproduction.regions import CONTROLS_NOTE, Networks
 from nnpp_edge.reproduction.rows import Row
 from nnpp_edge.reproduction.static import fig9, fig11, fig12, table2
-from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
@@ -53,7 +53,6 @@ class Request:
     """Training steps for each encoding of Fig. 13, where not the settings' own."""
     queries: int | None = None
     """Timed queries, where not the settings' own."""
-    dataset: Path | None = None
     again: bool = False
     """Run what is complete, too."""
 
@@ -84,7 +83,7 @@ def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
         machine = environment(cores)
         exercise()  # no kernel is compiled or loaded while the clock runs
         with bar(name, 1000, quiet=True) as advance:
-            context = Context(dems, request.seed, networks, work, request.dataset, advance)
+            context = Context(dems, request.seed, networks, work, advance)
             result = experiment.run(context, **settings)
         about = {"networks": result.networks or networks.named, "controls": result.controls or CONTROLS_NOTE}
         about["samples"] = ", ".join(f"{name} {value}" for name, value in settings.items())
@@ -106,13 +105,7 @@ def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
 
 def _made_with(request: Request, cell_sizes_m: list[float]) -> Row:
     """All that decides the figures, except the settings: names and contents of files, never their places."""
-    models, dataset = [read_model_file(model) for model in request.models], None
-    if request.dataset is not None:
-        try:
-            recipe = (request.dataset / "dataset.json").read_bytes()
-        except OSError as error:
-            raise DataSetError(f"{request.dataset}: wanted a data set's folder with dataset.json") from error
-        dataset = {"name": request.dataset.name, "sha256": _digest(recipe)}
+    models = [read_model_file(model) for model in request.models]
     terrain = [
         {"name": path.name, "sha256": _digest(path.read_bytes()), "cell_size_m": side}
         for path, side in zip(request.terrain.paths, cell_sizes_m, strict=True)
@@ -122,7 +115,7 @@ def _made_with(request: Request, cell_sizes_m: list[float]) -> Row:
         for whose, model in zip(("the paper's method", "ours"), models, strict=True)
     }
     facts = {"version": __version__, "quick": request.quick, "seed": request.seed}
-    return facts | {"terrain": terrain, "networks": networks, "dataset": dataset}
+    return facts | {"terrain": terrain, "networks": networks}
 
 
 def _digest(content: bytes) -> str:

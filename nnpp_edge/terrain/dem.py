@@ -20,7 +20,7 @@ from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
 from nnpp_edge.terrain.georeference import Georeference, Place, check_sides
-from nnpp_edge.terrain.heights import Window, check_grid, known_heights, metres
+from nnpp_edge.terrain.heights import check_grid, known_heights, metres
 from nnpp_edge.terrain.rasters import geotiff_bytes, read_raster
 
 ARRAY_ENDINGS = (".npy", ".npz")
@@ -71,7 +71,6 @@ def read_dem(
     path: Path | str,
     cell_size_m: float | None = None,
     vertical_scale: float | None = None,
-    window: Window | None = None,
     *,
     allow_vrt: bool = False,
 ) -> Dem:
@@ -89,8 +88,6 @@ def read_dem(
     vertical_scale : float, optional
         Metres per unit of the file's heights, after the band's own scale and offset. A PNG needs it;
         elsewhere it wins over the unit that the file names, which is metres where it names none.
-    window : (row0, col0, rows, cols), optional
-        The part to read; the georeference is the part's own.
     allow_vrt : bool
         Whether a GDAL VRT is read, too, if it is made of GeoTIFFs in its own folder.
 
@@ -108,7 +105,7 @@ def read_dem(
     Notes
     -----
     Cells are as long as the ground under them: geodesics on the system's own ellipsoid, along a column and a row at
-    the middle of the map (or of the window). A UserWarning says where a projection's metre is more than 1 % off
+    the middle of the map. A UserWarning says where a projection's metre is more than 1 % off
     there, and ground elsewhere on the map more than 3 %. A transform without a system, or with a local one, is taken
     as it is. An offset over 100 km is a body's radius (PDS3 labels of the Moon): it is left out, so heights count
     from that sphere and keep float32's precision.
@@ -117,7 +114,7 @@ def read_dem(
     arrays = path.suffix.lower() in ARRAY_ENDINGS
     read = read_arrays if arrays else partial(read_raster, allow_vrt=allow_vrt)
     with checked_file(path, cell_size_m, vertical_scale):
-        elevation, cell, georeference = read(path, vertical_scale, window)
+        elevation, cell, georeference = read(path, vertical_scale)
     sides = cell_sides(path, elevation.shape, cell, georeference, cell_size_m)
     return Dem(known_heights(elevation), *sides, georeference, path)
 

@@ -84,7 +84,7 @@ def open_dem(
                     f"{path}: wanted a raster that can be read by windows, got one stored {stored}: "
                     "make it tiled with gdal_translate -of COG"
                 )
-            georeference = raster.place((0, 0, *raster.shape))
+            georeference = raster.place()
         size, width = cell_sides(path, raster.shape, None, georeference, cell_size_m)
         factor = 1.0 if rescale_m is None else rescale_m / size
         yield DemWindows(size * factor, width * factor, georeference, path, raster, factor)

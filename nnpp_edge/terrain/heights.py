@@ -7,12 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
+from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.terrain.georeference import Georeference
 
-Window = tuple[int, int, int, int]
-"""A part of a map: row0, col0, rows, cols."""
 Reading = tuple[Float2D, tuple[float, float] | None, Georeference | None]
 """(H, W) heights in metres, a cell's (size, width) in metres and the map's place, if known."""
 _BYTES_PER_CELL = 20
@@ -49,16 +47,6 @@ def known_heights(elevation: Float2D) -> Float2D:
     """The same array, with NaN for infinities and for heights beyond 1e9 m."""
     elevation[~(np.abs(elevation) < _FARTHEST_M)] = np.nan
     return elevation
-
-
-def checked_window(path: Path, shape: tuple[int, ...], window: Window | None) -> Window:
-    """The window, or the whole map of `shape`; InvalidQueryError unless it holds a cell and lies inside."""
-    if window is None:
-        return 0, 0, shape[0], shape[1]
-    row0, col0, rows, cols = window
-    if min(row0, col0) < 0 or min(rows, cols) < 1 or row0 + rows > shape[0] or col0 + cols > shape[1]:
-        raise InvalidQueryError(f"{path}: window {window} must lie in {shape[0]} rows, {shape[1]} columns")
-    return row0, col0, rows, cols
 
 
 def check_grid(path: Path, array: npt.NDArray[np.generic]) -> None:

@@ -19,11 +19,12 @@ import numpy.typing as npt
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.bands import in_bands
+from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
 from nnpp_edge.runtime.tuning import THREADS_FROM
 from nnpp_edge.terrain.gdal_files import FORMATS, NO_NETWORK, openable
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.heights import Reading, Window, check_room, checked_window, metres
+from nnpp_edge.terrain.heights import Reading, check_room, metres
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -72,7 +73,7 @@ class Raster:
         self._right: set[tuple[int, int]] = set()
         """Blocks whose checksums are right."""
 
-    def heights(self, part: Window) -> Float2D:
+    def heights(self, part: Rectangle) -> Float2D:
         """Metres in a window (row0, col0, rows, cols), NaN where unknown; TerrainError where a block is damaged."""
         row0, col0, rows, cols = part
         window = ((row0, row0 + rows), (col0, col0 + cols))
@@ -82,13 +83,13 @@ class Raster:
         heights[self.dataset.read_masks(1, window=window) == 0] = np.nan
         return heights
 
-    def place(self, part: Window) -> Georeference | None:
-        """The georeference of a window; None where the file has no transform."""
+    def place(self) -> Georeference | None:
+        """The georeference; None where the file has no transform."""
         if self.dataset.transform.is_identity:  # how rasterio says that
             return None
         a, b, c, d, e, f = self.dataset.transform[:6]
         crs = self.dataset.crs.to_wkt() if self.dataset.crs else None
-        return Georeference(crs, (a, b, c, d, e, f)).of_part(*part[:2])
+        return Georeference(crs, (a, b, c, d, e, f))
 
     def check_whole(self) -> None:
         """TerrainError for a file cut short where GDAL would fill in zeros and say nothing."""
@@ -104,7 +105,7 @@ class Raster:
             if bytes_ < wanted:
                 raise TerrainError(f"{self.path}: wanted {wanted} bytes of heights, got {bytes_} with the label")
 
-    def _check_blocks(self, part: Window) -> None:
+    def _check_blocks(self, part: Rectangle) -> None:
         """TerrainError where a deflated block under a window is damaged; each block is checked once.
 
         libtiff gives up on a stream when the block is full, before the checksum at the stream's end: it takes many a
@@ -161,13 +162,12 @@ def opened_raster(
             yield raster
 
 
-def read_raster(path: Path, vertical_scale: float | None, window: Window | None, allow_vrt: bool = False) -> Reading:
+def read_raster(path: Path, vertical_scale: float | None, allow_vrt: bool = False) -> Reading:
     """Elevation and georeference of a raster of `FORMATS`; errors of `read_dem`, and whatever rasterio raises."""
     with opened_raster(path, vertical_scale, allow_vrt) as raster:
-        part = checked_window(path, raster.shape, window)
-        check_room(path, part[2:], raster.dtype, raster.dtype.itemsize * math.prod(raster.block))
+        check_room(path, raster.shape, raster.dtype, raster.dtype.itemsize * math.prod(raster.block))
         raster.check_whole()
-        return raster.heights(part), None, raster.place(part)
+        return raster.heights((0, 0, *raster.shape)), None, raster.place()
 
 
 def geotiff_bytes(name: str, values: npt.NDArray[np.generic], place: Georeference | None) -> bytes:

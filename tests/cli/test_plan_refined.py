@@ -86,19 +86,6 @@ def test_turns_are_no_sharper_than_the_vehicle_s(nnpp_edge, ground):
     assert "no line that turns with a radius of 390 m" in refused["reason"]
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
-        (("--refine", "smooth"), "any-angle"),
-        (("--refine", "any-angle", "--step-cost", "tobler"), "refine='any-angle' prices lines by the map's cost"),
-        (("--set", "radius_m=2", "--set", "turning_radius_m=4"), "turning_radius_m needs --refine any-angle"),
-    ],
-)
-def test_what_cannot_be_freed_is_refused_in_a_line(nnpp_edge, ground, words, complaint):
-    ended = nnpp_edge("plan", ground, *ENDS, *words)
-    assert ended.code == 2 and complaint in ended.err and "Traceback" not in ended.err
-
-
 def test_the_loop_tells_way_points_where_it_is_asked_for_them(ground, tmp_path):
     inputs = [{"v": 1, "type": "goal", "row": 40, "col": 52}, {"v": 1, "type": "pose", "row": 3, "col": 4}]
     recording = tmp_path / "drive.jsonl"
@@ -112,8 +99,3 @@ def test_the_loop_tells_way_points_where_it_is_asked_for_them(ground, tmp_path):
         assert paths and all(("waypoints" in path) == there for path in paths)
         for points in (np.array(path["waypoints"]) for path in paths if there):
             assert points[-1].tolist() == [40, 52] and curvatures(2.0 * points).max() <= 1.0 / 6.0
-
-
-def test_a_loop_on_the_grid_takes_no_turning_radius(nnpp_edge, ground):
-    ended = nnpp_edge("run", "--map", ground, "--set", "radius_m=2", "--set", "turning_radius_m=6")
-    assert ended.code == 2 and "turning_radius_m needs --refine any-angle" in ended.err

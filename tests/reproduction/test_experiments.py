@@ -11,7 +11,6 @@ from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.reproduction import dynamic, encodings, exact, paper, runner, static
 from nnpp_edge.reproduction.drawing import driven, view_episode
 from nnpp_edge.reproduction.episode import make_episode
-from nnpp_edge.reproduction.experiment import Context
 from nnpp_edge.reproduction.findings import Verdict, findings_table
 from nnpp_edge.reproduction.planners import (
     CONTROLS_OF,
@@ -29,9 +28,7 @@ from nnpp_edge.reproduction.rows import Rows, table
 from nnpp_edge.reproduction.runner import EXPERIMENTS, Request, reproduce
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.terrain.dataset import make_dataset, read_samples
 from nnpp_edge.terrain.dem import read_dem
-from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 TINY = {
@@ -341,11 +338,6 @@ def test_training_and_validation_see_different_ground(terrain, tmp_path):
     mine, held_out = encodings.side_of(dem, False).elevation, encodings.side_of(dem, True).elevation
     assert mine.shape[1] + held_out.shape[1] == 256 and held_out.shape[1] == 128
     assert np.array_equal(np.hstack([mine, held_out]), dem.elevation)
-    make_dataset(Recipe((), maps=8, size=128, blocks=32, maps_per_shard=8), tmp_path, workers=1)
-    samples = read_samples(tmp_path)
-    mine, held_out = encodings.make_samples(Context([], 1, None, tmp_path, dataset=tmp_path), 1536, 96)
-    assert set(mine.map_index) == set(range(6)) and set(held_out.map_index) == {6, 7}
-    assert len(mine) + len(held_out) == len(samples)
 
 
 def test_rows_become_csv_tables_and_figures():
@@ -393,7 +385,6 @@ def test_wrong_use_and_bad_input_are_refused_in_a_line(nnpp_edge, terrain, tiny_
     path, word = bad_dem
     nnpp_edge("reproduce", "fig12", "--quick", "--terrain", path, "-o", out).refused(word)
     nnpp_edge("reproduce", "--terrain", terrain, "--model", tmp_path / "no.onnx", "-o", out).refused("no.onnx")
-    nnpp_edge("reproduce", "--terrain", terrain, "--dataset", tmp_path / "none", "-o", out).refused("dataset.json")
     np.savez(tmp_path / "small.npz", elevation_m=np.zeros((40, 50)), cell_size_m=1.0)
     words = ["--quick", "--terrain", tmp_path / "small.npz", "--model", tiny_model, "-o", out]
     nnpp_edge("reproduce", "fig6", *words).refused("wanted terrain of at least 64 cells a side, got 40")

@@ -148,33 +148,6 @@ def test_reading_says_nothing_on_the_side_and_the_refusal_gives_the_first_cause(
     assert capfd.readouterr() == ("", "") and len(recwarn) == 0
 
 
-# The part that is read
-
-
-def test_a_window_reads_that_part(tmp_path):
-    heights = np.arange(54, dtype=np.uint16).reshape(6, 9)
-    geotiff(tmp_path / "part.tif", heights, crs=UTM)
-    np.save(tmp_path / "part.npy", heights)
-    np.savez(tmp_path / "part.npz", dem=heights)
-    cv2.imwrite(str(tmp_path / "part.png"), heights)
-    for path in tmp_path.iterdir():
-        dem = read_dem(path, cell_size_m=5, vertical_scale=1, window=(2, 3, 3, 4))
-        np.testing.assert_array_equal(dem.elevation, heights[2:5, 3:7])
-        for window in [(0, 0, 7, 1), (-1, 0, 2, 2), (0, 9, 1, 1), (0, 0, 0, 3)]:
-            with pytest.raises(InvalidQueryError, match=r"must lie in 6 rows, 9 columns"):
-                read_dem(path, cell_size_m=5, vertical_scale=1, window=window)
-
-
-def test_a_windows_cells_stay_where_they_were_and_are_as_wide_as_at_its_own_latitude(tmp_path):
-    path = geotiff(tmp_path / "turned.tif", crs=UTM, transform=turned(20, 3, 2))
-    whole, part = read_dem(path), read_dem(path, window=(2, 3, 3, 4))
-    assert part.map_coordinates(1, 1) == pytest.approx(whole.map_coordinates(3, 4), abs=1e-6)
-    path = geotiff(tmp_path / "tall.tif", crs=MOON_DEGREES, transform=Affine(1, 0, 0, 0, -10, 60))
-    with pytest.warns(UserWarning, match="up to 11 % off"):
-        dem = read_dem(path, window=(0, 0, 2, 2))
-    assert dem.cell_width_m == pytest.approx(MOON_RADIUS_M * math.radians(1) * math.cos(math.radians(50)))
-
-
 # Other formats
 
 ASCII = "ncols 3\nnrows 2\nxllcorner 100\nyllcorner 50\ncellsize 5\nNODATA_value -9999\n1 2.5 -9999\n4 5 6\n"
