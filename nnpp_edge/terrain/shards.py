@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -167,7 +167,7 @@ def make_shard(
     """
     poolings = [(p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)]
     barren, blocks = 0, recipe.blocks
-    made, queries = list[tuple[Any, ...]](), list[tuple[Any, ...]]()
+    made, queries = list[tuple[object, ...]](), list[tuple[object, ...]]()
     while len(made) < maps:
         name, pooling = _pick(rng, recipe.workloads), _pick(rng, poolings)
         cost, measured = _random_cost(recipe, tiles, rng, name, recipe.size * pooling)

@@ -160,12 +160,13 @@ def test_numbers_and_names_out_of_range_are_one_line(nnpp_edge, hills, words, co
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
-    "words", [("--cell-size", "1e9"), ("--cell-size", "1e-300"), ("--rescale", "1e9"), ("--rescale", "1e-9")]
+    "words", [("--cell-size", "1e9"), ("--cell-size", "1e-6"), ("--rescale", "1e9"), ("--rescale", "1e-6")]
 )
 def test_cells_of_any_size_are_drawn(nnpp_edge, hills, words):
     ended = nnpp_edge("costmap", hills, "-o", "cost.npy", *words)
     assert ended.code == 0, ended.err
     assert "cost.png" in ended.out and Path("cost.png").stat().st_size > 1000
+    nnpp_edge("costmap", hills, "-o", "cost.npy", words[0], "1e-300").refused("sides of 1e-06 to 1e+09 m")
 
 
 def test_a_place_beyond_all_maps_is_one_line(nnpp_edge, tmp_path):
