@@ -17,7 +17,8 @@ from nnpp_edge.calibrate.compare import Comparison, answer, compare, split, spre
 from nnpp_edge.export.to_onnx import nodes_leading_to, quiet
 from nnpp_edge.files import temporary_folder, write_whole
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, OutputError
-from nnpp_edge.runtime.network.inference import METADATA_KEY, NetworkModel
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.network.model_file import METADATA_KEY
 from nnpp_edge.terrain.dataset import Samples, read_recipe, read_samples
 
 OPERATORS = ("Conv", "Relu", "Add", "Resize", "Concat", "AveragePool", "MaxPool")

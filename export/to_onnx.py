@@ -24,10 +24,13 @@ from nnpp_edge.model import edge
 from nnpp_edge.model.edge import EdgeNet
 from nnpp_edge.model.network import Network, count_macs
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
+from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
-from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS, QUERY_SPACING
-from nnpp_edge.runtime.network.inference import ASK, HEAD, METADATA_KEY, OUTPUT, PLACES, ModelMetadata
-from nnpp_edge.runtime.network.place_head import ANSWERS
+from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES
+from nnpp_edge.runtime.network.model_file import METADATA_KEY, QUERY_SPACING, ModelMetadata
+from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.shards import Recipe
 
@@ -91,7 +94,7 @@ def to_onnx(network: Network) -> onnx.ModelProto:
     """The network's graph for one query: norms folded (by torch's exporter), fixed shapes, a sigmoid at the end."""
     inputs, body = example_inputs(network.spec), copy.deepcopy(network.body).eval()
     with_head = isinstance(body, EdgeNet)
-    with quiet():
+    with quiet(), refused_as(OutputError, "torch could not export the network"):
         program = torch.onnx.export(
             _EncoderAndHead(body) if isinstance(body, EdgeNet) else _Probability(body),
             tuple(inputs.values()),

@@ -118,7 +118,7 @@ def test_every_place_that_lists_step_costs_has_each_of_them():
     }
     for place, names in has.items():
         assert names == set(SLOPE_COSTS), place
-    assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values()), "runtime/__init__.py"
+    assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values()), "runtime/__init__.pyi"
     assert all(kind.function for kind in SLOPE_COSTS.values() if issubclass(kind, SpeedCost))
 
 

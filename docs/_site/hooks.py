@@ -173,14 +173,9 @@ def _gallery() -> dict[str, str]:
 
 
 def _api() -> dict[str, str]:
-    tree = ast.parse((ROOT / "runtime/__init__.py").read_text())
-    table = next(
-        node.value
-        for node in tree.body
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_MODULES"
-    )
-    modules: dict[str, tuple[str, ...]] = ast.literal_eval(table)
-    names = [f"{module}.{name}" for module, each in modules.items() for name in each]
+    listed = ast.parse((ROOT / "runtime/__init__.pyi").read_text()).body
+    imports = [node for node in listed if isinstance(node, ast.ImportFrom) and node.module]
+    names = [f"{node.module}.{node.names[0].name}".removeprefix("nnpp_edge.runtime.") for node in imports]
     first = ["planners.planner.Planner", "planners.plan.Plan", "planners.dynamic.DynamicPlanner"]
     ordered = [*first, *(name for name in names if name not in first), *RUNTIME_MORE]
     text = "# nnpp_edge.runtime\n\nWhat runs on a robot. Every name down to `update_cost` can be imported from here: "

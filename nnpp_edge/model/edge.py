@@ -12,8 +12,9 @@ from torch.nn import functional
 from nnpp_edge.model.nnpp import PRIOR_LOGIT, ConvBNReLU
 from nnpp_edge.model.registry import OUTPUT_STRIDES
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.encoding import BETWEEN_CHANNELS, END_CHANNELS, QUERY_SPACING
-from nnpp_edge.runtime.network.place_head import ANSWERS
+from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS
+from nnpp_edge.runtime.kernels.place_head import ANSWERS
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
 MAP_CHANNELS = 2
 UNSHUFFLE = 4

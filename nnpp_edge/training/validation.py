@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.cells import Endpoints
+from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame
-from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
+from nnpp_edge.runtime.region.threshold import RegionFinder
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.dataset import Samples

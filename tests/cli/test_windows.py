@@ -16,7 +16,7 @@ from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 SMALL = ("--memory", "100kB")
 ENDS = ("--start", "5,5", "--goal", "290,380")
-LIMIT = ("--workload", "limit25", "--roughness-limit", "3", "--step-limit", "3")
+LIMIT = ("--workload", "limit25", "--limit", "roughness_limit_m=3", "--limit", "step_limit_m=3")
 
 
 def refused(ended, *words):
@@ -81,27 +81,6 @@ def test_vrt_of_tiles_and_rescaling_and_places(nnpp_edge, ground, tmp_path):
         assert told[name] == whole[name]
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
-        (("--method", "astar"), "--method astar needs the whole map"),
-        (("--method", "nnpp"), "--method nnpp needs the whole map"),
-        (("--compare", "--hillshade"), "--compare, --hillshade needs the whole map"),
-        (("--landmarks", "2"), "--landmarks needs"),
-        (("--start", "400,5"), "start (400, 5) lies outside the map of 300 × 400 cells"),
-        (("--goal", "-1,5"), "goal (-1, 5) lies outside"),
-        (("--start", "101,60"), "start (101, 60) is impassable: its elevation is unknown; the nearest passable cell"),
-        (("--memory", "much"), "a size such as 2GB"),
-        (("--memory", "0GB"), "a size such as 2GB"),
-    ],
-)
-def test_what_cannot_be_done_by_windows_is_one_line(nnpp_edge, ground, words, complaint):
-    ends = {"--start": "5,5", "--goal": "290,380"} | dict(zip(words[::2], words[1::2], strict=False))
-    given = [word for pair in ends.items() for word in pair if not pair[0].startswith("--c")]
-    extra = words if words[0] == "--compare" else ()
-    refused(nnpp_edge("plan", ground, *SMALL, *given, *extra), complaint)
-
-
 def test_a_raster_without_a_georeference_needs_a_cell_size(nnpp_edge, tmp_path):
     with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
         path = write(tmp_path / "bare.tif", np.zeros((300, 400), np.float32), place=False)
@@ -157,12 +136,6 @@ def test_a_raster_stored_as_one_block_is_not_read_by_windows(nnpp_edge, ground, 
         refused(ended, "stored in blocks of 300 × 400 cells", "gdal_translate -of COG")
     else:
         assert ended.code == 0
-
-
-def test_ascii_grids_are_not_read_by_windows(nnpp_edge, tmp_path):
-    rows = "\n".join(" ".join(["0.0"] * 400) for _ in range(300))
-    (tmp_path / "grid.asc").write_text(f"ncols 400\nnrows 300\nxllcorner 0\nyllcorner 0\ncellsize 2\n{rows}\n")
-    refused(nnpp_edge("plan", tmp_path / "grid.asc", *ENDS, *SMALL), "stored as text", "gdal_translate")
 
 
 def test_a_cost_map_written_as_a_stream_is_that_of_the_whole_map(nnpp_edge, ground, tmp_path):

@@ -18,7 +18,8 @@ from nnpp_edge.export.to_onnx import dataset_facts, export_network
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, ModelError
-from nnpp_edge.runtime.network.inference import METADATA_KEY, NetworkModel
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.network.model_file import METADATA_KEY
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.shards import Recipe
