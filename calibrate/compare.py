@@ -26,7 +26,7 @@ HELD_OUT_SHARE = 4
 
 @dataclass(frozen=True)
 class Latency:
-    """Of one query's inference, in milliseconds."""
+    """Of one query's inference."""
 
     median_ms: float
     p99_ms: float

@@ -1,5 +1,6 @@
 """Progress on stderr, tables for stdout."""
 
+import io
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -48,8 +49,6 @@ class _Lines:
 
 def render_table(header: Sequence[str], rows: Sequence[Sequence[str]], sections: Sequence[bool] = ()) -> str:
     """A table as text; a rule is drawn above each row whose section flag is set."""
-    import io
-
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -61,11 +60,9 @@ def render_table(header: Sequence[str], rows: Sequence[Sequence[str]], sections:
         if at and at < len(sections) and sections[at]:
             grid.add_section()
         grid.add_row(*row)
-    width = 200
-    console = Console(file=io.StringIO(), width=width)
+    console = Console(file=(out := io.StringIO()), width=200)
     console.print(grid)
-    assert isinstance(console.file, io.StringIO)
-    return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines())
+    return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

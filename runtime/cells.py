@@ -38,15 +38,6 @@ def enclosing(parts: Sequence[Rectangle]) -> Rectangle:
     return row, col, bottom - row, right - col
 
 
-def gather(parts: list[Rectangle], part: Rectangle, most: int) -> bool:
-    """Add to a list of at most so many; one more, and it becomes the one that holds them all. Whether it has."""
-    parts.append(part)
-    if len(parts) <= most:
-        return False
-    parts[:] = [enclosing(parts)]
-    return True
-
-
 def common(one: Rectangle, other: Rectangle) -> Rectangle | None:
     """What two rectangles share; None where that is nothing."""
     row, col = max(one[0], other[0]), max(one[1], other[1])

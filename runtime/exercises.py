@@ -12,6 +12,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS
+from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
@@ -25,7 +26,7 @@ from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.refine import BodyLines
 from nnpp_edge.runtime.region.corridor import CoarseLevel
-from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
+from nnpp_edge.runtime.region.threshold import RegionFinder
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.search.connection import connected
 from nnpp_edge.runtime.search.dstar_lite import DStarLite

@@ -13,13 +13,9 @@ from torch.utils.flop_counter import FlopCounterMode
 from nnpp_edge.model import edge
 from nnpp_edge.model.nnpp import NNPP
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.network.encoding import (
-    ENDS_CHANNELS,
-    GAUSSIAN_CHANNELS,
-    QUERY_SPACING,
-    encode_ends,
-    encode_gaussian,
-)
+from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS, GAUSSIAN_CHANNELS
+from nnpp_edge.runtime.network.encoding import encode_ends, encode_gaussian
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
 _BODIES: dict[str, Callable[..., nn.Module]] = {"edge": edge.EdgeNet, "nnpp": NNPP}
 

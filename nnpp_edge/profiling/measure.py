@@ -115,7 +115,7 @@ def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
     """The planners of a profile; ModelError if a model cannot be loaded."""
 
     def network(name: str) -> NetworkModel:
-        return NetworkModel(name, threads=device.threads, spinning=device.spinning)
+        return NetworkModel(name, threads=device.threads)
 
     found = [RivalPlanner(EXACT, Method.ASTAR), RivalPlanner("corridor", Method.CORRIDOR)]
     found.append(RivalPlanner("nnpp", Method.NNPP, network(networks.int8)))

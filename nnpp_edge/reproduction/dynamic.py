@@ -139,11 +139,9 @@ def _repaired(here: OneMap, dstars: dict[str, PlainDStar], harness: Harness) -> 
 @experiment(
     "Table 3 and Fig. 16",
     "Planning anew as the map changes, plan by plan",
-    {"size": 128, "repeats": 1, "episodes": 3, "cells_a_frame": 11},
+    {"size": 128, "repeats": 1, "episodes": 3},
 )
-def table3(
-    context: Context, *, size: int = 256, episodes: int = 12, repeats: int = 5, cells_a_frame: int = 3
-) -> Result:
+def table3(context: Context, *, size: int = 256, episodes: int = 12, repeats: int = 5) -> Result:
     """One episode, every plan of it by all planners: of so many the one with as many plans as the paper's."""
     size = context.one_size(size)
     stride, frames = stride_on(size), len(paper.TABLE_3.of(ASTAR))
@@ -165,8 +163,7 @@ def table3(
     drawing.draw_map(last, views[-1].cost, "the way driven")
     drawing.draw_path(last, drawing.driven(views, stride), "driven")
     drawing.map_legend(figure, panels[min(1, len(views) - 1)])
-    film = drawing.animate(views, stride, cells_a_frame)
-    return Result(summary, rows, table3_findings(rows), figure, None, _CONTROLS_NOTE, film)
+    return Result(summary, rows, table3_findings(rows), figure, controls=_CONTROLS_NOTE)
 
 
 def _side_by_side(keys: str, ours: Groups, theirs: Groups) -> str:
@@ -206,21 +203,25 @@ def _short(theirs: str) -> str:
 
 def table3_findings(rows: Rows) -> list[Finding]:
     """Of the rows of one episode, beside the paper's table."""
-    found = []
+    found = list[Finding]()
     for slow, fast in ((ASTAR, ASTAR_NN), (ASTAR, DSTAR), (DSTAR, DSTAR_NN)):
-        for kind, label in enumerate(("plain", "ours")):
-            claim = f"speed-up of {_short(fast)} over {_short(slow)}, both {label}"
-            pair = OURS_OF[slow][kind], OURS_OF[fast][kind]
-            found.append(judge_speedup(claim, paper.TABLE_3.speedup(slow, fast), rows, pair))
+        found += _speedups(slow, fast, paper.TABLE_3.speedup(slow, fast), rows)
     for theirs, name in ((ASTAR_NN, PLAIN_NN), (DSTAR_NN, PLAIN_DSTAR_NN), (DSTAR_NN, "nnpp-dstar")):
         claim = f"CC increase of {_short(theirs)} ({shown(name)})"
         found.append(judge_increase(claim, paper.TABLE_3.increase(theirs), rows, name))
     last = rows.of(plan=max(rows.all("plan")))
     nn_s, dstar_s = (last.of(name).mean("time_s") for name in (PLAIN_DSTAR_NN, PLAIN_DSTAR))
-    theirs_s = [seconds(paper.TABLE_3.of(name, plan=3).mean("time_s")) for name in (DSTAR_NN, DSTAR)]
-    claim, rule = "near the goal, in the last frame, D*NN takes longer than D*", f"{PLAIN_DSTAR_NN} takes longer"
+    theirs_s = (seconds(paper.TABLE_3.of(name, plan=3).mean("time_s")) for name in (DSTAR_NN, DSTAR))
     texts = " against ".join(theirs_s), f"{seconds(nn_s)} against {seconds(dstar_s)}"
-    return [*found, judge(claim, *texts, nn_s > dstar_s, rule, better=nn_s <= dstar_s)]
+    claim, longer = "near the goal, in the last frame, D*NN takes longer than D*", f"{PLAIN_DSTAR_NN} takes longer"
+    return [*found, judge(claim, *texts, nn_s > dstar_s, longer, better=nn_s <= dstar_s)]
+
+
+def _speedups(slow: str, fast: str, theirs: float, rows: Rows, where: str = "") -> Iterator[Finding]:
+    """One of the paper's methods over another, plain and compiled."""
+    for pair, label in zip(zip(OURS_OF[slow], OURS_OF[fast], strict=True), ("plain", "ours"), strict=True):
+        claim = f"speed-up of {_short(fast)} over {_short(slow)}{where}, both {label}"
+        yield judge_speedup(claim, theirs, rows, pair)
 
 
 _COMPARED = [(ASTAR, ASTAR_NN, STATIC), (ASTAR, ASTAR_NN, DYNAMIC), (ASTAR, DSTAR, DYNAMIC)]
@@ -239,10 +240,7 @@ def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5
     rows = Rows([{**row, "scene": STATIC} for row in rows.of(scene=DYNAMIC, plan=0)] + rows)
     ours = {(f"map {at}", scene): of for (scene, at), of in rows.by("scene", "map").items()}
     theirs = {(f"paper's map {at}", scene): of for (scene, at), of in paper.TABLE_4.by("scene", "map").items()}
-    more: Columns = {
-        "plans": lambda of: str(len(of)),
-        "mended": _mended,
-    }
+    more: Columns = {"plans": lambda of: str(len(of)), "mended": _mended}
     summary = f"""{_side_by_side("map | scene", ours, theirs)}
 ### All methods, summed over the maps
 
@@ -274,10 +272,7 @@ def table4_findings(rows: Rows) -> list[Finding]:
     """Of the rows of all scenes, beside the paper's table."""
     found = list[Finding]()
     for slow, fast, scene in _COMPARED:
-        for kind, label in enumerate(("plain", "ours")):
-            claim = f"speed-up of {_short(fast)} over {_short(slow)}, {scene}, both {label}"
-            pair = OURS_OF[slow][kind], OURS_OF[fast][kind]
-            found.append(judge_speedup(claim, _gain(rows, slow, fast, scene), rows.of(scene=scene), pair))
+        found += _speedups(slow, fast, _gain(rows, slow, fast, scene), rows.of(scene=scene), f", {scene}")
     for kind, label in enumerate(("plain", "ours")):
         (slow, fast), of = (OURS_OF[DSTAR][kind], OURS_OF[ASTAR_NN][kind]), rows.of(scene=DYNAMIC)
         claim = f"the network gains A* more than D* does: A*NN is faster than D*, dynamic, both {label}"

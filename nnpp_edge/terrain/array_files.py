@@ -15,13 +15,13 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.heights import Reading, Window, check_grid, check_room, checked_window, metres
+from nnpp_edge.terrain.heights import Reading, check_grid, check_room, metres
 
 _ARRAY_NAMES = ("elevation_m", "elevation", "dem")
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
-def read_arrays(path: Path, vertical_scale: float | None, window: Window | None) -> Reading:
+def read_arrays(path: Path, vertical_scale: float | None) -> Reading:
     """Elevation and cell (size, width) of a NumPy file; its first bytes show whether it is an archive.
 
     Raises TerrainError and InvalidQueryError as `read_dem` does, and whatever else NumPy raises for a broken file.
@@ -33,12 +33,10 @@ def read_arrays(path: Path, vertical_scale: float | None, window: Window | None)
         cell, name = (archive.cell(), archive.elevation_name()) if archive else (None, "")
         promised = archive.promised(name) if archive else _promised(file)
         check_grid(path, promised)
-        row0, col0, rows, cols = checked_window(path, promised.shape, window)
-        check_room(path, (rows, cols), promised.dtype, promised.nbytes if archive else 0)
-        loaded = archive.array(name) if archive else np.load(path, mmap_mode="r", allow_pickle=False)
+        check_room(path, promised.shape, promised.dtype, promised.nbytes if archive else 0)
+        loaded = archive.array(name) if archive else np.load(path, allow_pickle=False)
         place = archive.place() if archive else None
-    part = loaded[row0 : row0 + rows, col0 : col0 + cols]
-    return metres(part, vertical_scale or 1.0), cell, place and place.of_part(row0, col0)
+    return metres(loaded, vertical_scale or 1.0), cell, place
 
 
 def read_cost_map(path: Path) -> tuple[Float2D, float] | None:

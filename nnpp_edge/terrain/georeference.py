@@ -1,7 +1,7 @@
 """Where the cells of a map lie: from cells to map coordinates and back."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
@@ -41,11 +41,6 @@ class Georeference:
         if not max(abs(row), abs(col)) < _FARTHEST:
             raise InvalidQueryError(f"map coordinates must be finite and near the map, got ({x:g}, {y:g})")
         return math.floor(row), math.floor(col)
-
-    def of_part(self, row0: int, col0: int) -> "Georeference":
-        """The georeference of the part of the map that begins with this cell."""
-        a, b, c, d, e, f = self.transform
-        return replace(self, transform=(a, b, a * col0 + b * row0 + c, d, e, d * col0 + e * row0 + f))
 
 
 class Place:

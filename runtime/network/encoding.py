@@ -11,16 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, Rectangle
-from nnpp_edge.runtime.kernels.encoding import (
-    BETWEEN_CHANNELS,
-    END_CHANNELS,
-    ENDS_CHANNELS,
-    GAUSSIAN_CHANNELS,
-    encode_gaussian_into,
-    fill_ends,
-    mean_difference,
-    pool_planes,
-)
+from nnpp_edge.runtime.kernels.encoding import encode_gaussian_into, fill_ends, pool_planes
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
@@ -28,27 +19,13 @@ from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 Point = tuple[float, float]
 """(row, col) in network cells."""
 
-__all__ = [
-    "BETWEEN_CHANNELS",
-    "ENDS_CHANNELS",
-    "END_CHANNELS",
-    "GAUSSIAN_CHANNELS",
-    "QUERY_SPACING",
-    "Frame",
-    "Point",
-    "encode_ends",
-    "encode_gaussian",
-    "map_planes",
-    "mean_difference",
-]
-
 
 @dataclass(frozen=True)
 class Frame:
     """How a map of rows × cols lies in the network's square of `size` cells to a side.
 
-    The longer side fills the square, the other keeps its proportion; what is left over, below or to the
-    right, is shown as impassable. A step's two cost terms shrink alike, so the problem stays the same.
+    The longer side fills it; what is left over, below or to the right, is shown as impassable. A step's two cost
+    terms shrink alike, so the problem stays the same.
     """
 
     rows: int
@@ -73,10 +50,8 @@ class Frame:
 
     def place(self, cell: Cell) -> Point:
         """Where a map cell's centre lies in the square."""
-        return (
-            (cell[0] + 0.5) * self.inner[0] / self.rows - 0.5,
-            (cell[1] + 0.5) * self.inner[1] / self.cols - 0.5,
-        )
+        (row, col), (down, across) = cell, self.inner
+        return (row + 0.5) * down / self.rows - 0.5, (col + 0.5) * across / self.cols - 0.5
 
 
 def map_planes(
@@ -88,17 +63,9 @@ def map_planes(
 ) -> None:
     """Bring a map, or a window of it, to the network's size by area averages.
 
-    Parameters
-    ----------
-    frame : Frame
-        How the window lies in the square.
-    out : (2, S, S) float32
-        Written: the mean traversability cost with impassable cells counted as 1, and the share of impassable cells,
-        both in [0, 1], both 1 outside the map.
-    parts : sequence of (row, col, rows, cols)
-        Only what lies under these rectangles of the window; by default all of it.
-    corner : (row, col)
-        Of the window.
+    To `out`, (2, S, S) float32, are written the mean traversability cost with impassable cells counted as 1, and the
+    share of impassable cells, both in [0, 1], both 1 outside the map; only under these `parts` of the window, by
+    default all of it.
     """
     if parts is None:
         out[:] = 1.0

@@ -13,13 +13,11 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.encoding import QUERY_SPACING, Point, encode_gaussian
-from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES, LoadedModel, opened, places_in_rows
-from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata, model_path
+from nnpp_edge.runtime.network.encoding import Point, encode_gaussian
+from nnpp_edge.runtime.network.loading import ASK, OUTPUT, PLACES, LoadedModel, opened, places_in_rows
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING, model_path
 from nnpp_edge.runtime.network.place_head import PlaceHead
 from nnpp_edge.runtime.reading import refused_as
-
-__all__ = ["ASK", "HEAD", "METADATA_KEY", "OUTPUT", "PLACES", "ModelMetadata", "NetworkModel", "model_path"]
 
 _FORGET = 0.9
 
@@ -27,8 +25,8 @@ _FORGET = 0.9
 class NetworkModel:
     """A network ready to run, with inputs and outputs of its own. Serves one thread at a time.
 
-    A file is opened once in a process, and again when it has changed: networks of the same file, threads and spinning
-    share a session. In a forked child a session of several threads, which the child lacks, is opened again. A copy
+    A file is opened once in a process, and again when it has changed: networks of the same file and threads share a
+    session. In a forked child a session of several threads, which the child lacks, is opened again. A copy
     opens the file again, and has been shown nothing.
 
     Parameters
@@ -38,8 +36,6 @@ class NetworkModel:
     threads : int
         Of onnxruntime; by default two for inputs of 256 and more (one where the process may use one core only),
         and one for smaller ones, which two threads do not make faster.
-    spinning : bool
-        Whether onnxruntime's threads spin after a run. They would take the cores from the search.
 
     Raises
     ------
@@ -49,16 +45,15 @@ class NetworkModel:
     """
 
     @checked(ModelError)
-    def __init__(self, model: str | Path = "edge", *, threads: int | None = None, spinning: bool = False) -> None:
+    def __init__(self, model: str | Path = "edge", *, threads: int | None = None) -> None:
         self.path = model_path(model)
         """Of the file."""
-        loaded, self.waited = opened(self.path, threads, spinning)
+        loaded, self.waited = opened(self.path, threads)
         """Whether the file had to be opened, or was just being opened by another thread."""
         self._bind(loaded)
 
     def __reduce__(self) -> "tuple[Callable[[Path], NetworkModel], tuple[Path]]":
-        loaded = self._loaded
-        return functools.partial(NetworkModel, threads=loaded.threads, spinning=loaded.spinning), (self.path,)
+        return functools.partial(NetworkModel, threads=self._loaded.threads), (self.path,)
 
     def share(self) -> "NetworkModel":
         """Another network on the same session: it has a map, a query and an answer of its own."""
@@ -81,12 +76,7 @@ class NetworkModel:
     def answer(self, start: Point, goal: Point, *, anew: bool = False) -> Float2D:
         """The probability that a nearly optimal path passes: (B, B) float32 in [0, 1]. The next call overwrites it.
 
-        Parameters
-        ----------
-        start, goal : (row, col)
-            In network cells.
-        anew : bool
-            For timing: run the encoder of a network in two parts, too, which is else run once after `set_map`.
+        For timing, `anew` runs the encoder of a network in two parts, too, which is else run once after `set_map`.
         """
         sigma = self.metadata.sigma * self.metadata.input_size
         if self._head is None:
@@ -145,10 +135,9 @@ class NetworkModel:
     def _infer(self) -> None:
         """Run the session; ModelError where its graph fails, or in a fork whose file is another by now."""
         if self._loaded.lacks_threads():
-            loaded, _ = opened(self.path, self._loaded.threads, self._loaded.spinning)
+            loaded, _ = opened(self.path, self._loaded.threads)
             if loaded.identity != self._loaded.identity:
-                wanted = "wanted the file that was opened before this process was forked"
-                raise ModelError(f"{self.path}: {wanted}, got another")
+                raise ModelError(f"{self.path}: wanted the file that was opened before a fork, got another")
             self._use_session(loaded)
         began = time.perf_counter()
         with refused_as(ModelError, f"{self.path}: wanted an ONNX model, got one whose graph fails"):

@@ -11,7 +11,7 @@ from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -19,19 +19,18 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
-from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS, QUERY_SPACING
-from nnpp_edge.runtime.network.model_file import ModelMetadata, model_path, open_session, read_metadata
-from nnpp_edge.runtime.network.place_head import ANSWERS, PlaceHead, count_parameters
+from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
+from nnpp_edge.runtime.kernels.place_head import ANSWERS
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING, ModelMetadata, model_path, open_session, read_metadata
+from nnpp_edge.runtime.network.place_head import PlaceHead, count_parameters
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
-OUTPUT, PLACES, HEAD = "probability", "places", "head"
-"""Names of the outputs; the last two are those of networks in two parts (`place_head`)."""
-ASK = "ask"
-"""Name of their input that says whether the head is to run, too."""
+OUTPUT, PLACES, HEAD, ASK = "probability", "places", "head", "ask"
+"""Names of the output, in networks in two parts (`place_head`) of two more, and of the input that asks the head."""
 _UNSHUFFLE = 4
 """Their map has so many cells, squared, to a pixel, as channels."""
 DEFAULT_THREADS = 2
@@ -42,6 +41,8 @@ _ROUNDING = 1e-4
 Shapes = dict[str, tuple[int, ...]]
 Identity = tuple[int, ...]
 """Device, inode, size and times of a file: what tells it from any other, and from what it was before a change."""
+Key = tuple[Identity, int | None, int]
+"""File and threads as asked for, and without a number of threads the cores that it depends on."""
 
 
 @dataclass(eq=False)
@@ -49,12 +50,14 @@ class LoadedModel:
     """What networks that share a session have in common."""
 
     identity: Identity
+    threads: int | None
+    """As asked for."""
+    parallel: bool
+    """Whether the session has threads of its own."""
     session: "InferenceSession"
     metadata: ModelMetadata
     inputs: Shapes
     outputs: Shapes
-    threads: int
-    spinning: bool
     head_parameters: NDArray[np.float32] | None
     """Of a network in two parts."""
     process: int
@@ -64,30 +67,21 @@ class LoadedModel:
 
     def lacks_threads(self) -> bool:
         """Whether its session waits for threads that another process has, from which this one was forked."""
-        return self.threads > 1 and self.process != os.getpid()
-
-
-class _Key(NamedTuple):
-    """What was asked for. Without a number of threads, that depends on the cores."""
-
-    identity: Identity
-    threads: int | None
-    spinning: bool
-    cores: int
+        return self.parallel and self.process != os.getpid()
 
 
 _loading = threading.RLock()
 """Held by the thread that loads a file, and by one that forks: no child begins with a file half loaded."""
-_open: WeakValueDictionary[_Key, LoadedModel] = WeakValueDictionary()
+_open: WeakValueDictionary[Key, LoadedModel] = WeakValueDictionary()
 _kept: deque[LoadedModel] = deque(maxlen=KEPT)
 
 
-def opened(path: Path, threads: int | None = None, spinning: bool = False) -> tuple[LoadedModel, bool]:
+def opened(path: Path, threads: int | None = None) -> tuple[LoadedModel, bool]:
     """A model file's session, opened if this process has not yet, and whether it had to be waited for.
 
     Arguments and errors are those of `NetworkModel`: whoever asks for a file that cannot be loaded tries again.
     """
-    key = _key(path, threads, spinning)
+    key = _key(path, threads)
     loaded = _open.get(key)
     if waited := loaded is None:
         with _loading:
@@ -113,14 +107,14 @@ def begin_loading(model: object, threads: int | None = None) -> None:
         return
     with suppress(NnppEdgeError, RuntimeError):  # the latter where no thread can be started
         path = model_path(model)
-        if _key(path, threads, False) not in _open:
+        if _key(path, threads) not in _open:
             # no daemon: a process that ends in the middle of an import of onnxruntime may crash
             threading.Thread(target=load, name="load a model").start()
 
 
-def _key(path: Path, threads: int | None, spinning: bool) -> _Key:
+def _key(path: Path, threads: int | None) -> Key:
     cores = min(DEFAULT_THREADS, len(os.sched_getaffinity(0))) if threads is None else 0
-    return _Key(_identity(path), threads, spinning, cores)
+    return _identity(path), threads, cores
 
 
 def _identity(path: Path) -> Identity:
@@ -130,34 +124,27 @@ def _identity(path: Path) -> Identity:
     return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
 
-def _load(path: Path, key: _Key) -> LoadedModel:
-    """Read, check and open a file, unless it is open with the number of threads that `key` stands for."""
+def _load(path: Path, key: Key) -> LoadedModel:
+    """Read, check and open a file."""
     import onnxruntime as ort
 
-    metadata, threads = read_metadata(path), key.threads
-    if threads is None:
-        threads = 1 if metadata.input_size < TWO_THREADS_FROM else key.cores
-    settled = key._replace(threads=threads, cores=0)
-    if (found := _open.get(settled)) is not None:
-        return found
+    (identity, threads, cores), metadata = key, read_metadata(path)
+    count = threads if threads is not None else 1 if metadata.input_size < TWO_THREADS_FROM else cores
     options = ort.SessionOptions()
-    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.intra_op_num_threads, options.inter_op_num_threads = count, 1
     options.enable_cpu_mem_arena = True
-    options.add_session_config_entry("session.intra_op.allow_spinning", "1" if key.spinning else "0")
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # or they take the cores from the search
     session, (inputs, outputs) = open_session(path, options), _shapes(metadata)
     with refused_as(ModelError, f"{path}: wanted an ONNX model, got one that does not fit its metadata"):
-        for kind, wanted, values in (
-            ("inputs", inputs, session.get_inputs()),
-            ("outputs", outputs, session.get_outputs()),
-        ):
+        found = ("inputs", inputs, session.get_inputs()), ("outputs", outputs, session.get_outputs())
+        for kind, wanted, values in found:
             if (got := {value.name: tuple(value.shape) for value in values}) != wanted:
                 raise ModelError(f"{path}: wanted {kind} {wanted} by its metadata, got {got}")
         head = _checked_head(path, session, metadata, inputs) if metadata.encoding == "ends" else None
-    if _identity(path) != key.identity:
+    if _identity(path) != identity:
         raise ModelError(f"{path}: wanted an ONNX model, got one that changed while it was loaded")
-    facts = inputs, outputs, threads, key.spinning, head, os.getpid()
-    _open[settled] = loaded = LoadedModel(key.identity, session, metadata, *facts)
-    return loaded
+    asked = identity, threads, count != 1
+    return LoadedModel(*asked, session, metadata, inputs, outputs, head, os.getpid())
 
 
 def _shapes(m: ModelMetadata) -> tuple[Shapes, Shapes]:

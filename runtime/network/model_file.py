@@ -132,11 +132,8 @@ class ModelFile:
         """For JSON: all but the card."""
         facts, figures = asdict(self) | {"path": str(self.path)}, self.figures
         del facts["card"]
-        return facts | {
-            "figures": figures and figures.rows,
-            "commands": figures and figures.commands,
-            "machine": figures and figures.machine,
-        }
+        measured = (figures.rows, figures.commands, figures.machine) if figures else (None, None, None)
+        return facts | dict(zip(("figures", "commands", "machine"), measured, strict=True))
 
 
 def model_path(name: str | Path) -> Path:
@@ -156,10 +153,9 @@ def read_metadata(path: Path, content: bytes | None = None) -> ModelMetadata:
 
 
 def open_session(path: Path, options: "SessionOptions | None" = None) -> "InferenceSession":
-    """onnxruntime's session of a model file, by default one that does not prepare the network for speed.
+    """onnxruntime's session of a file that `read_metadata` took: ModelError where it does not load.
 
-    ModelError where the file does not load. `read_metadata` is to be called first: it refuses what onnxruntime would
-    never come back from.
+    By default it is not made for speed. onnxruntime would never come back from some files that are refused there.
     """
     import onnxruntime as ort
 
@@ -177,22 +173,11 @@ def list_models() -> list[ModelFile]:
 
 
 def read_model_file(model: str | Path = "edge") -> ModelFile:
-    """A model's metadata and shapes, and the card and the figures that lie beside it.
+    """All about a shipped model, by its name, or an ONNX file with our metadata.
 
-    Parameters
-    ----------
-    model : str or Path
-        Name of a shipped model, or an ONNX file with our metadata.
-
-    Raises
-    ------
-    ModelError
-        The file is missing, truncated or without our metadata, or its figures cannot be read.
-
-    Notes
-    -----
     Beside MODEL.onnx may lie MODEL.md, the card, and MODEL.json, the figures: ``format``, ``model_sha256``,
     ``machine``, ``commands`` and ``figures``. Figures of another file of that name are left out with a warning.
+    ModelError where the file is missing, truncated or without our metadata, or its figures cannot be read.
     """
     path = model_path(model)
     content, card = _bytes(path), path.with_suffix(".md")

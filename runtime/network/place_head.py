@@ -1,17 +1,16 @@
 """The head of a network in two parts: the answer to a query from the encoder's description of each place.
 
-onnxruntime runs the encoder when the map changes. A query then takes a quarter of a million multiplications, less
-than a call of onnxruntime costs where its code has left the caches; so they are done here. The ONNX file holds the
-head too, and a test at load sees that both say the same.
+onnxruntime runs the encoder when the map changes. A query takes a quarter of a million multiplications, less than a
+call of onnxruntime costs, so they are done here. The ONNX file holds the head too; both are compared at load.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS, answer_ends
-from nnpp_edge.runtime.network.encoding import BETWEEN_CHANNELS, END_CHANNELS, QUERY_SPACING, Point
-
-__all__ = ["ANSWERS", "PlaceHead", "count_parameters"]
+from nnpp_edge.runtime.network.encoding import Point
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
 Floats = NDArray[np.float32]
 

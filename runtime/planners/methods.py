@@ -8,6 +8,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.pyramid import coarse_shapes
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
@@ -123,7 +124,7 @@ class Methods:
     def prepare_to_mend_map(self, goal: Cell) -> None:
         """Set D* Lite up for queries to this goal, all of its memory backed by the system."""
         dstar = self._dstar_to(goal)
-        dstar.touch()
+        touch(dstar.memory)
         dstar.read()
 
     def corridor(

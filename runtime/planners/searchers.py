@@ -17,6 +17,7 @@ from nnpp_edge.runtime.map.changes import ChangeReader
 from nnpp_edge.runtime.map.pyramid import quarters
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.query import Query, Work, problem_with
 from nnpp_edge.runtime.search.astar import Search, astar
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
@@ -119,7 +120,7 @@ class RegionMender:
     def prepare(self, goal: Cell) -> None:
         """Do now what the first query to this goal would else do, all of the memory backed by the system."""
         dstar = self.expect(goal)
-        dstar.touch()
+        touch(dstar.memory)
         dstar.plan(goal)  # so that the cells left out are dealt with now
 
     def read(self, query: Query) -> None:

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, Rectangle, common
 from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.kernels.encoding import mean_difference
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, StepCost
-from nnpp_edge.runtime.network.encoding import Frame, Point, map_planes, mean_difference
+from nnpp_edge.runtime.network.encoding import Frame, Point, map_planes
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.tuning import STRIPE_CELLS, WINDOW_ROUNDING, WINDOW_SHARE
 

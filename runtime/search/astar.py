@@ -1,9 +1,7 @@
 """Exact A* on an eight-connected grid, over the whole map or inside a region.
 
-The heuristic is the octile distance at the price of the map's cheapest cell: with n_d diagonal and n_s
-straight steps on an empty map it is n_d·step(diagonal, 2·w_min) + n_s·step(straight, 2·w_min). It never
-overestimates and is consistent. Landmarks sharpen it, see `landmarks`. With directed steps the price is that of the
-cheapest metre over all slopes (`map.directed`), which no steps undercut.
+The heuristic is the octile distance at the price of the map's cheapest cell, or with directed steps of the cheapest
+metre over all slopes: no steps undercut it, and it is consistent. `landmarks` sharpen it.
 """
 
 import math
@@ -17,19 +15,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.kernels.expansion import (
-    BELOW,
-    BEST_NODE,
-    EXHAUSTED,
-    FOUND,
-    FULL,
-    PAUSED,
-    SUCCESSORS,
-    Dominance,
-    expand,
-    read_field,
-    trace,
-)
+from nnpp_edge.runtime.kernels import expansion as kernels
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
@@ -81,12 +67,10 @@ def astar(
 
     Parameters
     ----------
-    grid : Grid
-        The map.
+    grid, workspace
+        The map, and scratch memory of its size.
     start, goal : (row, col)
         Passable cells; with a region, cells inside it.
-    workspace : Workspace
-        Scratch memory of the grid's size.
     region : Region
         Search only there.
     links : (nodes,) uint8
@@ -97,10 +81,8 @@ def astar(
         On a coarse level with directed steps: the path found is the cheapest from `goal` to `start`, reversed.
     beyond : float
         Settle also every cell on a path that costs less than 1 + `beyond` times the optimum.
-    limit : int
-        Give up with TIMEOUT after about so many expansions.
-    deadline : Deadline
-        When to give up with TIMEOUT.
+    limit, deadline
+        Give up with TIMEOUT after about so many expansions, or then.
 
     Notes
     -----
@@ -111,28 +93,29 @@ def astar(
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0)
     width = _bucket_width(grid) if hints is None else grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS
-    rule = (*grid.prices, width, SUCCESSORS[_dominance(grid, links)], 1.0 + beyond if beyond else BELOW)
+    rule = (*grid.prices, width, _successors(grid, links), 1.0 + beyond if beyond else kernels.BELOW)
     poses, edges = grid.steps.packed(backwards)
-    allowed = None if region is None else tuple(region)
+    allowed = kernels.NO_REGION if region is None else tuple(region)
+    ways, landmarks = kernels.NO_LINKS if links is None else links, kernels.NO_HINTS if hints is None else hints
     ws, begin, limits = workspace, first, (limit or _WITHOUT_END, deadline.at)
     ws.next_stamp()
     while True:
-        code, length, expansions, refused = expand(
-            grid.packed, poses, edges, links, allowed, hints, (begin, last), rule, ws.packed, limits
+        code, length, expansions, refused = kernels.expand(
+            grid.packed, poses, edges, ways, allowed, landmarks, (begin, last), rule, ws.packed, limits
         )
         begin = -1
-        if code != FULL or deadline.passed:
+        if code != kernels.FULL or deadline.passed:
             break
         ws.grow()
-    if code == EXHAUSTED:
+    if code == kernels.EXHAUSTED:
         return Search.without_path(Status.NO_PATH, expansions, refused)
-    end = last if code == FOUND else int(ws.counts[BEST_NODE])
-    if code == FULL:  # out of time just when the open list had to grow
-        length = trace(ws.meta, end, grid.stride, ws.path)
+    end = last if code == kernels.FOUND else int(ws.counts[kernels.BEST_NODE])
+    if code == kernels.FULL:  # out of time just when the open list had to grow
+        length = kernels.trace(ws.meta, end, grid.stride, ws.path)
     if length > len(ws.path):
         ws.path = np.empty((length, 2), np.int32)
-        trace(ws.meta, end, grid.stride, ws.path)
-    status = Status.OK if code == FOUND else Status.TIMEOUT
+        kernels.trace(ws.meta, end, grid.stride, ws.path)
+    status = Status.OK if code == kernels.FOUND else Status.TIMEOUT
     return Search(status, ws.path[length - 1 :: -1].copy(), expansions, refused)
 
 
@@ -156,26 +139,27 @@ def _settling(
     """
     ws = workspace
     ws.next_stamp()
-    rule = (0.0, 0.0, _bucket_width(grid), SUCCESSORS[_dominance(grid, links)], BELOW)
+    rule = (0.0, 0.0, _bucket_width(grid), _successors(grid, links), kernels.BELOW)
     (poses, edges), limits = grid.steps.packed(), (most, deadline.at)
+    ways, region, hints = kernels.NO_LINKS if links is None else links, kernels.NO_REGION, kernels.NO_HINTS
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
-    begin, code = grid.node(*source), FULL
-    while code in (FULL, PAUSED):
+    begin, code = grid.node(*source), kernels.FULL
+    while code in (kernels.FULL, kernels.PAUSED):
         ends = begin, corner_of_border
-        code, *_ = expand(grid.packed, poses, edges, links, None, None, ends, rule, ws.packed, limits)
+        code, *_ = kernels.expand(grid.packed, poses, edges, ways, region, hints, ends, rule, ws.packed, limits)
         begin = -1
-        if code in (FULL, PAUSED):
+        if code in (kernels.FULL, kernels.PAUSED):
             deadline.check()
-        if code == FULL:
+        if code == kernels.FULL:
             ws.grow()
-        yield math.inf if code == EXHAUSTED else ws.least_open
+        yield math.inf if code == kernels.EXHAUSTED else ws.least_open
 
 
 def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
     """Cost of the cheapest path from a passable cell to every other: (H, W) float32, inf where there is none."""
     settle_all(grid, source, workspace)
     field = np.empty(grid.shape, np.float32)
-    read_field(workspace.g, workspace.meta, workspace.stamp, grid.stride, field)
+    kernels.read_field(workspace.g, workspace.meta, workspace.stamp, grid.stride, field)
     return grid.steps.with_heights(field, source)
 
 
@@ -184,19 +168,15 @@ def costs_to_nearest(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Costs of the cheapest paths from each of N passable cells, but the last, to so many of the others.
 
-    OutOfTimeError at the deadline.
-
-    Returns
-    -------
-    (N, N) float64, (N, N) bool
-        What a path from one to another costs, and whether that is known; else it costs at least that.
+    Returns (N, N) float64, what a path from one to another costs, and (N, N) bool, whether that is known; else it
+    costs at least that. OutOfTimeError at the deadline.
     """
     nodes = np.array([grid.node(*stop) for stop in stops])
     costs, known = np.zeros((len(stops), len(stops))), np.eye(len(stops), dtype=np.bool_)
     for at, stop in enumerate(stops[:-1]):
         for within in _settling(grid, stop, workspace, most=_BETWEEN_LOOKS, deadline=deadline):
             reached = workspace.meta[2 * nodes + 1] >> STAMP_SHIFT == workspace.stamp
-            settled = reached & (workspace.g[2 * nodes] <= within * BELOW)
+            settled = reached & (workspace.g[2 * nodes] <= within * kernels.BELOW)
             if settled.sum() > count:  # the cell itself is one of them
                 break
         costs[at] = np.where(settled, workspace.g[2 * nodes], within)
@@ -209,8 +189,10 @@ def _bucket_width(grid: Grid) -> float:
     return grid.prices[0] * (DIRECTED_BUCKET_WIDTH if grid.steps.by_slope else BUCKET_WIDTH)
 
 
-def _dominance(grid: Grid, links: Links) -> Dominance:
-    if links is not None or grid.steps.by_poses or grid.steps.by_slope:
-        return Dominance.NONE
-    diagonal = grid.corner_cutting and grid.model.kind is StepCost.PAPER
-    return Dominance.DIAGONAL if diagonal else Dominance.STRAIGHT
+def _successors(grid: Grid, links: Links) -> NDArray[np.int64]:
+    """The steps from a cell that its best predecessor leaves to search."""
+    dominance = kernels.Dominance.NONE
+    if links is None and not grid.steps.by_poses and not grid.steps.by_slope:
+        diagonal = grid.corner_cutting and grid.model.kind is StepCost.PAPER
+        dominance = kernels.Dominance.DIAGONAL if diagonal else kernels.Dominance.STRAIGHT
+    return kernels.SUCCESSORS[dominance]

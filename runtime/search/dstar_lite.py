@@ -1,10 +1,8 @@
 """D* Lite: exact planning on a map that changes, towards one goal, from a start that moves.
 
-Koenig and Likhachev, "D* Lite" (AAAI 2002), in its optimised form: it searches from the goal to the start,
-keeps what it found, and after a change mends only what the change touched and the path needs.
-
-Costs are counted in whole units, of which the map's cheapest step has about a million. Sums of them are exact
-in float64, so the equalities and the order of keys that the algorithm's proof rests on hold to the letter.
+Koenig and Likhachev, "D* Lite" (AAAI 2002), in its optimised form. Costs are counted in whole units, of which the
+map's cheapest step has about a million. Sums of them are exact in float64, so the equalities and the order of keys
+that the algorithm's proof rests on hold to the letter.
 """
 
 import math
@@ -15,26 +13,11 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
-from nnpp_edge.runtime.kernels.dstar import (
-    EXACT,
-    SETTLED,
-    SPARE_SLOTS,
-    STALE,
-    UNREAD,
-    begin,
-    descend,
-    expand,
-    least_known,
-    mend,
-    octile,
-    read_rectangle,
-    read_rows,
-)
+from nnpp_edge.runtime.kernels import dstar as kernels
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepCost
-from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 from nnpp_edge.runtime.tuning import MOST_RATIO_FOR_DSTAR
@@ -60,7 +43,7 @@ class DStarMemory:
         """g of node n at 2n, rhs at 2n + 1."""
         self.position, self.heap_nodes = np.empty(nodes, np.int32), np.empty(nodes, np.int32)
         """Where a node stands on the open list, and the node at each place of it."""
-        self.firsts, self.seconds = np.empty(nodes + SPARE_SLOTS), np.zeros(nodes + SPARE_SLOTS)
+        self.firsts, self.seconds = np.empty(nodes + kernels.SPARE_SLOTS), np.zeros(nodes + kernels.SPARE_SLOTS)
         """The two parts of the key at each place of the heap, the first inf where there is none."""
         self.changed, self.is_changed = np.empty(nodes + 1, np.int32), np.zeros(nodes, np.uint8)
         """Nodes one of whose steps has changed since the last plan, each once, and a spare place."""
@@ -71,18 +54,9 @@ class DStarMemory:
 
 
 class DStarLite:
-    """Plans on one map towards one goal, again and again. Serves one thread at a time.
+    """Plans on one map towards one goal, again and again, in a region if given. Serves one thread at a time.
 
     It reads from the map's log what changed, and mends its search when it is asked for a path.
-
-    Parameters
-    ----------
-    state : MapState
-        The map.
-    goal : (row, col)
-        A cell of the map.
-    region : Region
-        As for `set_region`, to begin with.
 
     Notes
     -----
@@ -93,7 +67,8 @@ class DStarLite:
 
     def __init__(self, state: MapState, goal: Cell, region: Region | None = None) -> None:
         self._grid = state.grid
-        self._poses, self._directed = self._grid.steps.packed()
+        self._poses, directed = self._grid.steps.packed()
+        self._edges = None if directed is None else (directed, UNITS / self._grid.prices[0])
         self._changes = state.log.reader()
         self.memory = DStarMemory(len(self._grid.weights), 1 if self._poses is None else len(HEADINGS))
         """To be read only."""
@@ -102,18 +77,13 @@ class DStarLite:
         self._everywhere = Region.everywhere(*self._grid.shape)
         self._region = region or self._everywhere
         self._blocks = self._region.blocks()
-        self._rows_left = np.full(self._grid.rows + 2, UNREAD, np.uint8)
+        self._rows_left = np.full(self._grid.rows + 2, kernels.UNREAD, np.uint8)
         self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
         self._rows_to_check: list[tuple[int, int, int, int]] = []
         """Changed rows whose poses are not yet checked: that takes long, so it heeds the deadline."""
         self._pending, self._km = 0, 0.0
-        self._edges: tuple[NDArray[np.float32], float] | None = None
         self._restarts, self._begun = 0, False
         self.set_goal(goal)
-
-    def touch(self) -> None:
-        """Have the system back all arrays with memory now."""
-        touch(self.memory)
 
     @property
     def restarts(self) -> int:
@@ -139,7 +109,7 @@ class DStarLite:
             return
         left, self._start = self._start, node
         (row, col), (to_row, to_col) = self._grid.cell(left), self._grid.cell(node)
-        self._km += float(octile(to_row - row, to_col - col, self._prices))
+        self._km += float(kernels.octile(to_row - row, to_col - col, self._prices))
         if self._region is not self._everywhere:  # start and goal count as inside it
             for cell in ((row, col), (to_row, to_col)):
                 self._read_rectangle((*cell, 1, 1))
@@ -157,7 +127,7 @@ class DStarLite:
             differs = (blocks != self._blocks).any(axis=1)
         self._region, self._blocks = region, blocks
         rows = self._rows_left[1:-1]
-        np.maximum(rows, np.where(differs[region.row_block], STALE, 0), out=rows, casting="unsafe")
+        np.maximum(rows, np.where(differs[region.row_block], kernels.STALE, 0), out=rows, casting="unsafe")
 
     def reach(self) -> float:
         """Share of the way, by cost, that lies between the start and the farthest change: it may have to be mended.
@@ -167,10 +137,10 @@ class DStarLite:
         """
         self._read_changes()
         self._check_rows(NEVER)
-        if (self._rows_left == UNREAD).any():
+        if (self._rows_left == kernels.UNREAD).any():
             return 0.0
         memory = self.memory
-        nearest = least_known(memory.changed, self._pending, memory.inside, memory.state)
+        nearest = kernels.least_known(memory.changed, self._pending, memory.inside, memory.state)
         whole = min(memory.state[2 * self._start : 2 * self._start + 2].tolist())
         if not math.isfinite(nearest):
             return 0.0
@@ -188,11 +158,11 @@ class DStarLite:
             self._grid.complete(deadline)
         memory, region = self.memory, (self._blocks, self._region.row_block, self._region.col_block)
         ground, found = (region, self._source, self._poses), (memory.known, memory.state, memory.heap, memory.noted)
-        self._pending = read_rows(self._rows_left, *ground, *found, self._pending, deadline.at)
+        self._pending = kernels.read_rows(self._rows_left, *ground, *found, self._pending, deadline.at)
         if self._rows_left.any():
             raise OutOfTimeError
         if not self._begun:
-            self.open_nodes, self._begun = begin(self._goal, memory.state, memory.heap), True
+            self.open_nodes, self._begun = kernels.begin(self._goal, memory.state, memory.heap), True
 
     def plan(self, start: Cell, *, deadline: Deadline = NEVER) -> Search:
         """Cheapest path from `start` to the goal on the map as it is now.
@@ -245,33 +215,30 @@ class DStarLite:
     def _restart(self) -> None:
         """Forget the search, and read the whole map at the present prices."""
         self._restarts += 1
-        if self._directed is None:
-            self._set_prices()
-        else:
-            self._factor, self._steps = 0.0, (0.0, 0.0, 1.0)
-            scale = UNITS / self._grid.prices[0]
-            straight, diagonal = (float(np.rint(scale * price)) for price in self._grid.prices)
-            self._edges, self._prices = (self._directed, scale), (straight, min(diagonal, 2.0 * straight))
+        self._set_prices()
         memory = self.memory
         memory.is_changed[memory.changed[: self._pending]] = 0
-        memory.firsts[-SPARE_SLOTS:] = np.inf
+        memory.firsts[-kernels.SPARE_SLOTS :] = np.inf
         self._changes.skip()
         self._rows_to_check.clear()
         self._pending, self._km, self.open_nodes, self._begun = 0, 0.0, 0, False
-        self._rows_left[:] = UNREAD
+        self._rows_left[:] = kernels.UNREAD
 
     def _set_prices(self) -> None:
         """Units, and the heuristic's prices in them, by the least weight that is reckoned with."""
         model = self._grid.model
-        straight = model.step(0, 2.0 * self._least)
-        scale = UNITS / straight if straight > 0.0 else UNITS
-        self._factor = scale * model.weight_term[0]
-        diagonal_per_straight = model.weight_term[1] / model.weight_term[0]
-        lengths = [float(round(scale * length)) for length in model.length_term]
-        self._steps = lengths[0], lengths[1], diagonal_per_straight
-        cheapest = 2.0 * float(np.float32(np.rint(self._factor * self._least)))
-        straight = self._steps[0] + cheapest
-        diagonal = self._steps[1] + math.floor(diagonal_per_straight * cheapest)
+        if self._edges is not None:
+            self._factor, self._steps = 0.0, (0.0, 0.0, 1.0)
+            straight, diagonal = (float(np.rint(self._edges[1] * price)) for price in self._grid.prices)
+        else:
+            straight = model.step(0, 2.0 * self._least)
+            scale = UNITS / straight if straight > 0.0 else UNITS
+            self._factor = scale * model.weight_term[0]
+            diagonal_per_straight = model.weight_term[1] / model.weight_term[0]
+            straight, diagonal = (float(round(scale * length)) for length in model.length_term)
+            self._steps = straight, diagonal, diagonal_per_straight
+            cheapest = 2.0 * float(np.float32(np.rint(self._factor * self._least)))
+            straight, diagonal = straight + cheapest, diagonal + math.floor(diagonal_per_straight * cheapest)
         self._prices = (straight, min(diagonal, 2.0 * straight))
 
     def _read_changes(self) -> None:
@@ -279,7 +246,7 @@ class DStarLite:
         changes, least = self._changes.read(), self._grid.least
         if not changes:
             return
-        step, by_weight = self._grid.model.step, self._directed is None
+        step, by_weight = self._grid.model.step, self._edges is None
         # whether units of the present prices cannot tell apart what the dearest steps cost
         too_coarse = step(0, 2.0 * self._grid.greatest) > MOST_RATIO_FOR_DSTAR * step(0, 2.0 * self._least)
         if by_weight and least < self._least:
@@ -307,29 +274,27 @@ class DStarLite:
     def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
         memory = self.memory
         ground = self._rows_left, self._source, self._poses, self._edges
-        self._pending = read_rectangle(part, *ground, memory.known, memory.noted, self._pending)
+        self._pending = kernels.read_rectangle(part, *ground, memory.known, memory.noted, self._pending)
 
     def _search(self, deadline: Deadline) -> tuple[bool, int]:
         """Mend the search until the start is settled: whether it is, and the number of expansions."""
         memory = self.memory
-        if self._km > 0.5 * EXACT:
+        if self._km > 0.5 * kernels.EXACT:
             self._restart()
         self.read(deadline)
         search, known = self._packed_search, (memory.terrain, self._edges, memory.state, memory.heap)
-        self._pending, self.open_nodes = mend(
-            self._pending, search, *known, self.open_nodes, memory.noted, deadline.at
-        )
+        at, size = deadline.at, self.open_nodes
+        self._pending, size = kernels.mend(self._pending, search, *known, size, memory.noted, at)
+        self.open_nodes = size
         if self._pending:
             return False, 0
-        code, expansions, self.open_nodes = expand(search, *known, self.open_nodes, deadline.at)
-        return code == SETTLED, expansions
+        code, expansions, self.open_nodes = kernels.expand(search, *known, size, at)
+        return code == kernels.SETTLED, expansions
 
     def _trace(self) -> NDArray[np.int32]:
         """The path; empty if following g does not lead to the goal, which only rounding can bring about."""
-        known, path = (
-            (self._packed_search, self.memory.terrain, self._edges, self.memory.state),
-            np.empty((256, 2), np.int32),
-        )
-        while (length := descend(*known, self._grid.cells, path)) > len(path):
+        search, path = self._packed_search, np.empty((256, 2), np.int32)
+        known = search, self.memory.terrain, self._edges, self.memory.state
+        while (length := kernels.descend(*known, self._grid.cells, path)) > len(path):
             path = np.empty((length, 2), np.int32)
         return path[:length].copy()

@@ -1,10 +1,7 @@
 """Landmarks: the costs from a few cells to all others, computed once, sharpen the heuristic of every search.
 
 For a landmark l the triangle inequality gives cost(n, goal) >= |d(l, n) - d(l, goal)|: the greatest over the
-landmarks is a lower bound, and a consistent one (ALT, Goldberg and Harrelson 2005). So the optimum stays the
-optimum, while cells that lie away from it are no longer expanded. A landmark at the goal itself makes the
-bound exact, and a search goes straight along an optimal path.
-
+landmarks is a lower bound, and a consistent one (ALT, Goldberg and Harrelson 2005); at the goal itself it is exact.
 The bounds outlive changes of the map by which no cell becomes cheaper: costs then only rise above them.
 """
 

@@ -1,8 +1,7 @@
 """Scratch memory of the searches, allocated once for a map's size and never cleared.
 
-A node's g and its `meta` word stand side by side, in one cache line. The meta word holds the number of the
-search that wrote it, so what an earlier search left reads as unvisited, and starting a search costs
-nothing that grows with the map.
+A node's g and its `meta` word stand side by side, in one cache line. The meta word holds the number of the search
+that wrote it: what an earlier search left reads as unvisited, and to start one costs nothing that grows with the map.
 """
 
 import sys

@@ -3,7 +3,7 @@ import pytest
 
 from nnpp_edge.runtime import NetworkModel, plan_path
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.inference import ModelMetadata
+from nnpp_edge.runtime.network.model_file import ModelMetadata
 
 
 def test_a_model_answers_with_probabilities_of_its_blocks(network):

@@ -184,11 +184,11 @@ def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their
     planners = [Planner(COST, model=model) for model in (fresh_model, str(fresh_model), fresh_model)]
     plans = [planner.plan(*ENDS, method="nnpp") for planner in planners]
     plans += [plan_path(COST, *ENDS, "nnpp", model=fresh_model) for _ in range(2)]
-    one, other = NetworkModel(fresh_model), NetworkModel(fresh_model, threads=1)
+    one, other = NetworkModel(fresh_model), NetworkModel(fresh_model)
     begin_loading(one)
     begin_loading(fresh_model)
     assert not loaders() and sessions.paths == [fresh_model]
-    assert one.session is other.session  # one thread is what so small a network gets by default
+    assert one.session is other.session
     assert all(np.array_equal(plan.path, plans[0].path) for plan in plans)
     rng = np.random.default_rng(1)
     for network in (one, other):
@@ -198,8 +198,7 @@ def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their
     assert not np.array_equal(first, other.answer(*ends))
     np.testing.assert_array_equal(first, one.answer(*ends))
     NetworkModel(fresh_model, threads=2)
-    NetworkModel(fresh_model, spinning=True)
-    assert len(sessions.paths) == 3
+    assert len(sessions.paths) == 2
     by_name = NetworkModel("edge")
     assert NetworkModel(by_name.path).session is by_name.session
 
