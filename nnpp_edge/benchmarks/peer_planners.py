@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.profiling.ground import Ground
+from nnpp_edge.profiling.ground import whole_cost
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Plan
@@ -53,7 +54,7 @@ class PeerPlanner:
         """From elevations to one path; a library without cost maps of its own gets ours."""
         if self.of_elevation is not None:
             return self.of_elevation(ground, query)
-        return self.plan_once(weights_of(ground.cost()), query)
+        return self.plan_once(weights_of(whole_cost(ground)), query)
 
 
 def weights_of(cost: Float2D) -> Weights:
@@ -96,7 +97,7 @@ def _ours(method: str, objective: str) -> PeerPlanner:
         return _path(plan_path(weights, *query, method, "length", model=model()))
 
     def of_elevation(ground: Ground, query: Endpoints) -> CellPath | None:
-        return _path(ground.planner(model()).plan(*query, method=method))
+        return _path(Planner(ground, model=model()).plan(*query, method=method))
 
     return PeerPlanner(method, "nnpp-edge", objective, prepare, once, of_elevation)
 

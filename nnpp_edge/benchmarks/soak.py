@@ -19,6 +19,7 @@ from typing import Any
 import click
 import numpy as np
 
+from nnpp_edge.profiling.ground import heights_of
 from nnpp_edge.profiling.suites import TerrainFiles, check_sizes, synthetic_cases, terrain_cases
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, Status
@@ -196,9 +197,9 @@ def soak_ground(
     made = synthetic_cases(workload, size, seed, vehicle=vehicle)
     below = next(terrain_cases(dems, workload, size, seed, vehicle=vehicle) if dems else made).ground
     assert below is not None
-    bare, (height_m, width_m) = below.elevation, (below.cell_size_m, below.cell_width_m)
+    bare, (height_m, width_m), limits = heights_of(below), below.sides_m, below.traversability
     heights = with_rocks(bare, height_m, rocks, seed, cell_width_m=width_m) if rocks else bare
-    return SurveyedGround.of(heights, height_m, below.limits, 1, width_m, vehicle, bare=bare)
+    return SurveyedGround.of(heights, height_m, limits, 1, width_m, vehicle, bare=bare)
 
 
 @click.command()

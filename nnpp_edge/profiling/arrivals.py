@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nnpp_edge.profiling.ground import Ground, Patch
+from nnpp_edge.profiling.ground import Patch, cut_out, hill_on
 from nnpp_edge.profiling.harness import Harness
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.rivals import RivalPlanner
@@ -16,6 +16,7 @@ from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Origin, Output, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
 
@@ -36,11 +37,11 @@ def arrival_ms(rival: RivalPlanner, ground: Ground, query: Endpoints, harness: H
     """
 
     def arrive() -> tuple[Planner, Plan]:
-        planner = ground.planner(rival.model or "edge")
+        planner = Planner(ground, model=rival.model or "edge")
         return planner, planner.plan(*query, method=rival.method)
 
     map_s, (planner, plan) = harness.timed(arrive)
-    row, col, heights = ground.with_hill(_on(plan.path, 0.5) if plan.ok else query[0])
+    row, col, heights = hill_on(ground, _on(plan.path, 0.5) if plan.ok else query[0])
 
     def take_patch() -> None:
         planner.update_elevation(row, col, heights)
@@ -81,7 +82,7 @@ def reactions(
         loop.method, corner_cutting=loop.corner_cutting, model=loop.model, tolerance=loop.tolerance
     )
     hills = _Hills(ground, list(_script(queries[:_QUERIES], patches)), clock)
-    navigator = Navigator(ground.robot(), settings)
+    navigator = Navigator(ground, settings)
     running = Loop(
         navigator,
         hills,
@@ -148,10 +149,10 @@ class _Hills:
 
     def _patch(self) -> MapPatch:
         if self._hill is not None:
-            row, col, heights = self._ground.cut_out(self._hill)
+            row, col, heights = cut_out(self._ground, self._hill)
             self._hill = None
         else:
-            self._hill = self._ground.with_hill(_on(self._path, _PLACES[len(self.arrived) % len(_PLACES)]))
+            self._hill = hill_on(self._ground, _on(self._path, _PLACES[len(self.arrived) % len(_PLACES)]))
             row, col, heights = self._hill
         return MapPatch(row, col, elevation=heights)
 

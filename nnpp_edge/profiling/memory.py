@@ -8,6 +8,7 @@ from dataclasses import asdict
 import numpy as np
 
 from nnpp_edge.files import temporary_folder
+from nnpp_edge.profiling.ground import heights_of
 from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileQuery
 from nnpp_edge.runtime.errors import NnppEdgeError
 
@@ -44,10 +45,10 @@ def peak_memory_mb(on_map: ProfileMap, query: ProfileQuery, method: str, model: 
     """
     ground, body = on_map.ground, ""
     if ground.vehicle is not None:
-        body = json.dumps((ground.cell_size_m, ground.cell_width_m, asdict(ground.vehicle)))
+        body = json.dumps((*ground.sides_m, asdict(ground.vehicle)))
     with temporary_folder() as folder:
         path = folder / "map.npy"
-        np.save(path, ground.elevation if body else on_map.cost)
+        np.save(path, heights_of(ground) if body else on_map.cost)
         words = [str(path), method, str(model), body, *map(str, (*query.start, *query.goal))]
         command = [sys.executable, "-c", _PLAN_ONCE, *words]
         ended = subprocess.run(command, check=False, capture_output=True, text=True)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.profiling.profile_file import SAMPLE, Load
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, SYNTHETIC, TerrainFiles, cases_from, large_enough, source_of
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import TerrainError
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.dem import Dem
@@ -54,7 +54,7 @@ class ProfileMap:
 
     def connections(self) -> Callable[[ProfileQuery], bool]:
         """Whether there is a path, as a function of the query."""
-        planner = self.ground.planner() if self.has_body else Planner(self.cost)
+        planner = Planner(self.ground if self.has_body else self.cost)
         return lambda query: planner.plan(query.start, query.goal, method=Method.CORRIDOR).ok
 
 

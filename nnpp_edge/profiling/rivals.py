@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from nnpp_edge.profiling.ground import Ground
 from nnpp_edge.profiling.harness import Observer
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -69,7 +69,7 @@ class RivalPlanner:
 
     def planner(self, cost: Float2D, ground: Ground | None = None) -> FindsPlans:
         """A planner of its own for a map; `ground` is what it was made from, by which directed steps cost."""
-        if ground is not None and ground.is_directed:
+        if ground is not None and ground.by_slope:
             return self.planner_of(ground, lazy=False)
         if self.width is not None:
             return CorridorAlone(MapState(cost, StepModel.of("paper")), self.width)
@@ -79,7 +79,7 @@ class RivalPlanner:
         """A planner of its own for elevations."""
         if self.width is not None:
             return CorridorAlone(ground.state(lazy=lazy), self.width)
-        return ground.planner(self.model or "edge", lazy=lazy)
+        return Planner(ground, model=self.model or "edge", lazy=lazy)
 
 
 class FreshMap:

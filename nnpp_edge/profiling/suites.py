@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from nnpp_edge.profiling.ground import Ground
+from nnpp_edge.profiling.ground import whole_cost
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.dataset import read_recipe, read_shards
@@ -134,7 +135,9 @@ class Scene:
         """Of heights in metres; rocks are drawn by a child of `rng`, which itself goes on as it would without."""
         if self.rocks:
             heights = with_rocks(heights, sides_m[0], self.rocks, rng.spawn(1)[0], cell_width_m=sides_m[1])
-        return Ground(np.ascontiguousarray(heights), *sides_m, self.limits, self.vehicle)
+        size, width = sides_m
+        heights = np.ascontiguousarray(heights)
+        return Ground.of_elevation(heights, size, self.limits, cell_width_m=width, vehicle=self.vehicle)
 
 
 def terrain_cases(
@@ -222,7 +225,7 @@ def _with_queries(
     while True:
         for _ in range(_TRIES):
             below = ground(rng)
-            cost = below.cost()
+            cost = whole_cost(below)
             wanted = (random_query(rng, cost, least) for _ in range(QUERIES_PER_MAP))
             queries = tuple(query for query in wanted if query is not None)
             if queries:

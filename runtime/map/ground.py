@@ -95,6 +95,11 @@ class Ground:
         return sides_of(1.0 if self.cell_size_m is None else self.cell_size_m, self.cell_width_m)
 
     @property
+    def by_slope(self) -> bool:
+        """Whether steps cost by the slope that they lead up or down."""
+        return self.step_cost not in list(StepCost)
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
         values, name = (self.elevation, "dem") if self.cost is None else (self.cost, "cost")

@@ -322,16 +322,15 @@ def test_what_is_no_report_is_refused(nnpp_edge, tmp_path, content):
 def test_peak_memory_is_that_of_another_process(tiny_model):
     import numpy as np
 
-    from nnpp_edge.profiling.ground import Ground
     from nnpp_edge.profiling.memory import peak_memory_mb
     from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileQuery
-    from nnpp_edge.runtime import Traversability, Vehicle
+    from nnpp_edge.runtime import Ground, Vehicle
 
     query = ProfileQuery((5, 5), (90, 90), True)
 
     def peak(side, vehicle=None):
         flat = np.zeros((side, side), np.float32)
-        on_map = ProfileMap("flat", flat + 0.2, Ground(flat, 0.25, 0.25, Traversability(), vehicle), (query,))
+        on_map = ProfileMap("flat", flat + 0.2, Ground.of_elevation(flat, 0.25, vehicle=vehicle), (query,))
         return peak_memory_mb(on_map, query, "astar", str(tiny_model))
 
     mine = np.ones(200_000_000, np.uint8)  # must not count

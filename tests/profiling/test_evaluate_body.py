@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.profiling.evaluate import evaluate
+from nnpp_edge.profiling.ground import whole_cost
 from nnpp_edge.profiling.rivals import exact_and
 from nnpp_edge.profiling.suites import TerrainFiles, synthetic_cases, terrain_cases
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
@@ -97,10 +98,10 @@ def test_counts_are_those_of_planners_that_have_checked_nothing(rocky):
     rows = evaluate([rocky], rivals, 10, repeats=1)
     assert list(rows) == ["astar", "corridor"]
     ground, optima, own = rocky.ground, {}, {}
-    every = ground.planner(lazy=False)
+    every = Planner(ground, lazy=False)
     for query in rocky.queries:
         optima[query] = every.plan(*query, method="astar")
-        own[query] = ground.planner().plan(*query, method="corridor")
+        own[query] = Planner(ground).plan(*query, method="corridor")
     solvable = [query for query in rocky.queries if optima[query].ok]
     assert (rows["astar"]["n"], rows["astar"]["unsolvable"]) == (len(solvable), 10 - len(solvable))
     row = rows["corridor"]
@@ -119,7 +120,7 @@ def test_queries_on_a_map_share_one_planner(rocky):
         assert row["checks_mean"] < alone[key]["checks_mean"]
         assert row["gap_mean"] == pytest.approx(alone[key]["gap_mean"], abs=1e-6)
         assert row["time_ms_median"] == pytest.approx(row["time_ms_p95"])  # one mean, of one map
-    every, shared = rocky.ground.planner(), rocky.ground.planner()
+    every, shared = Planner(rocky.ground), Planner(rocky.ground)
     solvable = [query for query in rocky.queries if every.plan(*query, method="astar").ok][:3]
     checks = [shared.plan(*query, method="corridor").checks for query in solvable]
     assert together["corridor"]["checks_mean"] == pytest.approx(np.mean(checks))
@@ -183,7 +184,7 @@ def test_maps_without_any_path_are_not_asked_forever(rocky):
     def cases():
         ground = replace(rocky.ground, elevation=walled)
         while True:
-            yield replace(rocky, ground=ground, cost=ground.cost(), queries=(((24, 8), (24, 40)),))
+            yield replace(rocky, ground=ground, cost=whole_cost(ground), queries=(((24, 8), (24, 40)),))
 
     with pytest.raises(InvalidQueryError, match="no query has a path on 50 maps"):
         evaluate(cases(), exact_and(["astar"], {}), 1, repeats=1)

@@ -181,7 +181,7 @@ def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothi
     for of in found.workloads:
         grounds = [on_map.ground for _, on_map in zip(of.queries_by_map, maps.maps(of.workload, 64), strict=False)]
         wanted = [
-            ground.planner().plan(query.start, query.goal, method="astar")
+            Planner(ground).plan(query.start, query.goal, method="astar")
             for ground, queries in zip(grounds, of.queries_by_map, strict=True)
             for query in queries
         ]
