@@ -10,19 +10,14 @@ from nnpp_edge.runtime.errors import ModelError
 
 _DEEPEST = 8
 """Graphs inside graphs."""
-_PARTS = {
-    "model": {7: "graph"},
-    "graph": {1: "node", 5: "tensor"},
+_FIELDS = {
+    "model": {7: "graph", 25: "one with functions of its own"},
+    "graph": {1: "node", 5: "tensor", 15: "one with sparse tensors"},
     "node": {5: "attribute"},
     "attribute": {5: "tensor", 6: "graph", 10: "tensor", 11: "graph"},
-    "tensor": {},
+    "tensor": {13: "one with tensors in other files", 14: "one with tensors in other files"},
 }
-"""Messages that are looked into, by the number of their field in another."""
-_REFUSED = {
-    ("model", 25): "one with functions of its own",
-    ("graph", 15): "one with sparse tensors",
-    ("tensor", 13): "one with tensors in other files",
-}
+"""Of each message the numbers of fields that are looked into, or that speak against it."""
 _METADATA, _KEY, _VALUE = 14, 1, 2  # of ModelProto, StringStringEntryProto
 _OPERATOR, _DATA_LOCATION = 4, 14  # of NodeProto, TensorProto
 _VARINT, _EIGHT_BYTES, _LENGTH, _FOUR_BYTES = 0, 1, 2, 5
@@ -53,27 +48,32 @@ def _objections(message: memoryview, kind: str = "model", depth: int = 0, operat
     if (depth := depth + (kind == "graph")) > _DEEPEST:
         yield f"one with graphs nested more than {_DEEPEST} deep"
         return
+    fields, looked_at = list(_fields(message)), _FIELDS[kind]
     if kind == "node":
-        operator = b" ".join({bytes(part) for number, part in _fields(message) if number == _OPERATOR})
-    for number, part in _fields(message):
-        if inner := _PARTS[kind].get(number):
-            yield from _objections(part, inner, depth, operator)
-        elif objection := _REFUSED.get((kind, number)):
-            yield objection
-        elif (kind, number) == ("tensor", _DATA_LOCATION) and any(byte & 127 for byte in part):
-            yield _REFUSED["tensor", 13]
+        operator = b" ".join({bytes(part) for number, part in fields if number == _OPERATOR})
+    for number, part in fields:
+        if (found := looked_at.get(number)) is None:
+            continue
+        if found in _FIELDS:
+            yield from _objections(part, found, depth, operator)
+        elif (kind, number) != ("tensor", _DATA_LOCATION) or any(byte & 127 for byte in part):
+            yield found
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
     """Number and content of each field; ValueError or IndexError where the message breaks off."""
     at, end = 0, len(message)
     while at < end:
-        key, at = _varint(message, at)
+        key, at = message[at], at + 1
+        if key > 127:
+            key, at = _varint(message, at - 1)
         kind, start = key & 7, at
         if kind == _VARINT:
             _, at = _varint(message, at)
         elif kind == _LENGTH:
-            length, start = _varint(message, at)
+            length, start = message[at], at + 1
+            if length > 127:
+                length, start = _varint(message, at)
             at = start + length
         elif kind in (_EIGHT_BYTES, _FOUR_BYTES):
             at += 8 if kind == _EIGHT_BYTES else 4
