@@ -16,6 +16,7 @@ from pathlib import Path
 from drawing import run
 
 from nnpp_edge.robot.transports.rerun_view import RerunSink
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.simulation.drive_picture import Film
 from nnpp_edge.simulation.scene import SurveyedGround
@@ -29,7 +30,7 @@ def main(folder: Path, small: bool = False) -> Path:
     side = 64 if small else 200
     dem = sample_dem("moon_highlands").rescaled(20.0)
     dem = replace(dem, elevation=dem.elevation[100 : 100 + side, 60 : 60 + side].copy())
-    ground = SurveyedGround.of(dem.elevation, dem.cell_size_m, workload("limit20"), block=8)
+    ground = SurveyedGround.of(Ground.of_elevation(dem.elevation, dem.cell_size_m, workload("limit20")), block=8)
     start, goal = random_drive(ground, seed=3)
     film = Film()
 

@@ -28,6 +28,7 @@ from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Input, MapPatch, PathMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.realtime import rss_bytes
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.simulation.robots import Body, Disc
@@ -199,7 +200,8 @@ def soak_ground(
     assert below is not None
     bare, (height_m, width_m), limits = heights_of(below), below.sides_m, below.traversability
     heights = with_rocks(bare, height_m, rocks, seed, cell_width_m=width_m) if rocks else bare
-    return SurveyedGround.of(heights, height_m, limits, 1, width_m, vehicle, bare=bare)
+    ground = Ground.of_elevation(heights, height_m, limits, cell_width_m=width_m, vehicle=vehicle)
+    return SurveyedGround.of(ground, 1, bare)
 
 
 @click.command()

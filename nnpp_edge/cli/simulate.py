@@ -100,6 +100,7 @@ def command(
     if (start is None) != (goal is None):
         raise click.UsageError("give both --start and --goal, or neither")
 
+    from nnpp_edge.runtime.map.ground import Ground
     from nnpp_edge.simulation.drive_picture import Film, check_name, save_drive
     from nnpp_edge.simulation.scene import Scene, SurveyedGround
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
@@ -119,17 +120,18 @@ def command(
     part = _part(terrain.read(dem), size, seed)
     survey = survey or (_SURVEY if body is None else 1)
     heights = _with_rocks(part, rocks, seed)
-    size_m, width_m = part.cell_size_m, part.cell_width_m
     ground = SurveyedGround.of(
-        heights,
-        size_m,
-        limits,
+        Ground.of_elevation(
+            heights,
+            part.cell_size_m,
+            limits,
+            cell_width_m=part.cell_width_m,
+            vehicle=body,
+            step_cost=step_cost,
+            mobility=vehicle.mobility(part),
+        ),
         survey,
-        width_m,
-        body,
-        bare=part.elevation,
-        step_cost=step_cost,
-        mobility=vehicle.mobility(part),
+        part.elevation,
     )
     if start is None or goal is None:
         start, goal = random_drive(ground, seed)
@@ -144,7 +146,7 @@ def command(
     with ExitStack() as stack:
 
         def make_sinks(state: "MapState") -> "list[Sink]":
-            return _sinks(stack, state, log, view, ground.cell_size_m)
+            return _sinks(stack, state, log, view, part.cell_size_m)
 
         drive = simulate(ground, start, goal, settings, make_sinks=make_sinks, watch=watch)
     if picture is not None:

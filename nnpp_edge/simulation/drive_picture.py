@@ -59,7 +59,7 @@ def drive_picture(scene: Scene, drive: Drive) -> Picture:
     if drive.excess is not None:
         costs += f" (+{100 * drive.excess:.1f} %)"
     facts = [drive.method, f"{drive.counters.ticks} ticks, {drive.counters.planned} plans", costs]
-    scale = sheet.scale(scene.ground.cell_size_m)
+    scale = sheet.scale(scene.ground.robot.sides_m[0])
     return sheet.finish([[*ends, *lines], [*map(sheet.text_item, facts), *scale], [sheet.grey_bar()]])
 
 

@@ -1,106 +1,67 @@
-"""What a robot is to the simulation: a point that goes by costs, or a body that stands on heights.
-
-A map of the simulation holds the values that its robot goes by. The scene moves values about and puts obstacles on
-them; what they mean, its robot says.
-"""
+"""A robot in the simulation: what stands where, by costs or by heights. Its ground is the runtime's `Ground`."""
 
 import math
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.messages import MapPatch
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
-from nnpp_edge.runtime.terrain.vehicle import HEADINGS, Vehicle
+from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 from nnpp_edge.simulation.pose_check import PoseCheck, headings_of
 from nnpp_edge.terrain.obstacles import OBSTACLE
 
 
-class Robot(Protocol):
-    """What a scene asks of its robot. `values` is a map, (H, W) float32."""
+class Robot:
+    """A robot as large as a cell. `values` is always a map (H, W) float32 of the kind that its ground holds.
 
-    @property
-    def vehicle(self) -> Vehicle | None:
-        """Its body, to be drawn; None for a point."""
+    Costs, or heights in metres where steps cost by the slope. The scene moves values about and puts obstacles on
+    them; what they mean, its robot says.
+    """
 
-    @property
-    def sides_m(self) -> tuple[float, float]:
-        """Height and width of a cell, which a point need not know."""
+    reach = 0
+    """Cells from its own to the farthest that lies under it."""
 
-    @property
-    def reach(self) -> int:
-        """Cells from its own to the farthest that lies under it."""
+    def __init__(self, ground: Ground) -> None:
+        self._ground, self.vehicle, self.sides_m = ground, ground.vehicle, ground.sides_m
+        self._layer = "cost" if ground.elevation is None else "elevation"
 
     def obstacle(self, values: Float2D) -> float:
-        """The value of an obstacle's cells on this map."""
+        """The value of an obstacle's cells: the paper's cost, or unknown ground."""
+        return OBSTACLE if self._layer == "cost" else math.nan
 
     def stands(self, values: Float2D, cell: Cell) -> bool:
         """Whether it may be in a cell of the map."""
+        return bool(self.costs(values)[cell] < OBSTACLE)
 
     def steps(self, values: Float2D, path: NDArray[np.int32]) -> NDArray[np.bool_]:
         """(N - 1,) whether it may take each step of a path inside the map, of neighbouring cells."""
+        return np.asarray(self.costs(values)[path[1:, 0], path[1:, 1]] < OBSTACLE)
 
     def costs(self, values: Float2D) -> Float2D:
         """(H, W) traversability cost of each cell; impassable from 1 up."""
+        return values if self._layer == "cost" else self.ground(values).costs()
 
     def ground(self, values: Float2D) -> Ground:
         """Itself on the map, for planners and the onboard loop."""
+        return replace(self._ground, **{self._layer: values})
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """The message that tells the loop of values."""
+        return MapPatch(row, col, **{self._layer: values})
 
 
-class Point:
-    """A robot as large as a cell. Values are traversability costs."""
-
-    vehicle: Vehicle | None = None
-    sides_m = 1.0, 1.0
-    reach = 0
-
-    def obstacle(self, values: Float2D) -> float:
-        """The paper's."""
-        return OBSTACLE
-
-    def stands(self, values: Float2D, cell: Cell) -> bool:
-        """On passable cells."""
-        return bool(values[cell] < OBSTACLE)
-
-    def steps(self, values: Float2D, path: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """To passable cells."""
-        return np.asarray(values[path[1:, 0], path[1:, 1]] < OBSTACLE)
-
-    def costs(self, values: Float2D) -> Float2D:
-        """The values."""
-        return values
-
-    def ground(self, values: Float2D) -> Ground:
-        """Of costs."""
-        return Ground(values)
-
-    def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
-        """A patch of costs."""
-        return MapPatch(row, col, cost=values)
-
-
-class Disc(Point):
-    """A robot of which a radius is known. Values are a point's traversability costs.
-
-    Parameters
-    ----------
-    ground : Ground
-        The sides of the cells and the vehicle; its map counts for nothing.
-    """
+class Disc(Robot):
+    """A robot of which a radius is known, on costs."""
 
     def __init__(self, ground: Ground) -> None:
-        assert ground.vehicle is not None and ground.vehicle.radius_m is not None
-        self.sides_m, self._ground, self.radius_m = ground.sides_m, ground, ground.vehicle.radius_m
-        self.vehicle: Vehicle = ground.vehicle
+        super().__init__(ground)
+        assert self.vehicle is not None and self.vehicle.radius_m is not None
+        self.radius_m = self.vehicle.radius_m
         self.reach = math.ceil(self.radius_m / min(self.sides_m)) + 1
 
     def stands(self, values: Float2D, cell: Cell) -> bool:
@@ -129,79 +90,19 @@ class Disc(Point):
             nearest = min(nearest, float(np.hypot(down[:, None], along).min(where=around, initial=math.inf)))
         return nearest
 
-    def ground(self, values: Float2D) -> Ground:
-        """Of costs."""
-        return replace(self._ground, cost=values, elevation=None)
 
-
-class OnHeights:
-    """What robots have in common that go by heights, in metres, NaN where unknown.
-
-    Parameters
-    ----------
-    ground : Ground
-        The sides of the cells, the limits, the vehicle, and what steps cost; its heights count for nothing.
-    """
+class Body(Robot):
+    """A robot with a body, on heights; judged by `PoseCheck`."""
 
     def __init__(self, ground: Ground) -> None:
-        self.sides_m, self._ground = ground.sides_m, ground
-
-    def ground(self, values: Float2D) -> Ground:
-        """Of heights."""
-        return replace(self._ground, elevation=values)
-
-    def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
-        """A patch of heights."""
-        return MapPatch(row, col, elevation=values)
-
-
-class PointOnSlopes(OnHeights):
-    """A robot as large as a cell whose steps cost by the slope. Values are heights in metres, NaN where unknown."""
-
-    vehicle = None
-    reach = 0
-
-    def obstacle(self, values: Float2D) -> float:
-        """Unknown, and so impassable."""
-        return math.nan
-
-    def stands(self, values: Float2D, cell: Cell) -> bool:
-        """On passable cells."""
-        return bool(self.costs(values)[cell] < OBSTACLE)
-
-    def steps(self, values: Float2D, path: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """To passable cells."""
-        return np.asarray(self.costs(values)[path[1:, 0], path[1:, 1]] < OBSTACLE)
-
-    def costs(self, values: Float2D) -> Float2D:
-        """Traversability."""
-        return self.ground(values).costs()
-
-
-class Body(OnHeights):
-    """A robot with a body. Values are heights in metres, NaN where unknown.
-
-    Parameters
-    ----------
-    ground : Ground
-        As for `OnHeights`, with a vehicle.
-
-    Raises
-    ------
-    InvalidMapError
-        There is no vehicle, or it is a disc.
-    """
-
-    def __init__(self, ground: Ground) -> None:
-        if ground.vehicle is None or ground.vehicle.is_disc:
-            raise InvalidMapError("wanted a vehicle with length, width and clearance, got none or a disc")
         super().__init__(ground)
-        self.vehicle: Vehicle = ground.vehicle
+        assert ground.vehicle is not None
         self._check = PoseCheck(ground.vehicle, ground.sides_m)
         self.reach = self._check.reach
 
     def obstacle(self, values: Float2D) -> float:
         """Higher above every cell than the body is long: no pose reaches from the ground onto it."""
+        assert self.vehicle is not None
         return float(np.nanmax(values)) + self.vehicle.length_m + self.vehicle.clearance_m + self.vehicle.step_m
 
     def stands(self, values: Float2D, cell: Cell) -> bool:
@@ -220,6 +121,14 @@ class Body(OnHeights):
 
     def costs(self, values: Float2D) -> Float2D:
         """Of each cell's best pose; inf where all fail."""
+        assert self.vehicle is not None
         (size, width), rule = self.sides_m, self._ground.traversability
         best: Float2D = pose_costs(values, size, self.vehicle, cell_width_m=width, traversability=rule).min(0)
         return best
+
+
+def robot_on(ground: Ground) -> Robot:
+    """The robot that drives there."""
+    if ground.vehicle is None:
+        return Robot(ground)
+    return Disc(ground) if ground.vehicle.is_disc else Body(ground)

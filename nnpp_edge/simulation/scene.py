@@ -1,7 +1,8 @@
 """A small simulated world for the onboard loop: ground that is not what the map says, a robot, and obstacles."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -12,43 +13,28 @@ from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.slope_cost import Mobility
+from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.simulation.robots import Body, Disc, Point, PointOnSlopes, Robot
+from nnpp_edge.simulation.robots import Robot, robot_on
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
 
 
 @dataclass(frozen=True, eq=False)
 class SurveyedGround:
-    """A terrain as it is, and as a coarse survey has it, in the values that a robot goes by."""
+    """A terrain as it is, with the robot on it, and as a coarse survey has it."""
 
-    true: Float2D
-    """(H, W)."""
+    ground: Ground
+    """As it is."""
     surveyed: Float2D
-    """(H, W) of heights that are blurred, or lack the rocks."""
-    cell_size_m: float = 1.0
-    robot: Robot = field(default_factory=Point)
+    """(H, W) of heights that are blurred, or lack the rocks; of the kind that the ground holds."""
 
     @classmethod
-    def of(
-        cls,
-        elevation: Float2D,
-        cell_size_m: float,
-        limits: Traversability,
-        block: int,
-        cell_width_m: float | None = None,
-        vehicle: Vehicle | None = None,
-        *,
-        bare: Float2D | None = None,
-        step_cost: str = "paper",
-        mobility: Mobility | None = None,
-    ) -> "SurveyedGround":
-        """From heights; the survey has them blurred by a Gaussian of half a `block` of cells (1 knows all).
+    def of(cls, ground: Ground, block: int, bare: Float2D | None = None) -> "SurveyedGround":
+        """Of heights; the survey has them blurred by a Gaussian of half a `block` of cells (1 knows all).
 
         Of ground with rocks the survey has the `bare` heights. To a body, the edge of what it has seen of ground that
-        was much blurred is a step, and may shut it in.
+        was much blurred is a step, and may shut it in. Points and discs whose steps do not cost by the slope drive by
+        costs.
 
         Raises
         ------
@@ -56,22 +42,31 @@ class SurveyedGround:
             `block` is less than 1, or no cell's height is known.
         InvalidMapError
             The vehicle is a disc, and steps cost by the slope.
-        InvalidQueryError
-            There is no such step cost, or its model needs a mobility.
         """
         if block < 1:
             raise InvalidQueryError(f"the survey's blocks must be of at least 1 cell, got {block}")
-        bare = elevation if bare is None else bare
-        heights = (elevation, bare.copy() if block == 1 else _blurred(bare, block / 2.0))
-        ground = Ground(None, elevation, cell_size_m, cell_width_m, limits, vehicle, step_cost, mobility)
-        if vehicle is not None and not vehicle.is_disc:
-            return cls(*heights, cell_size_m, Body(ground))
-        if step_cost != "paper":
-            if vehicle is not None:
-                raise InvalidMapError("a disc drives by costs here: wanted step_cost='paper', or no vehicle")
-            return cls(*heights, cell_size_m, PointOnSlopes(ground))
-        true, surveyed = (replace(ground, elevation=each).costs() for each in heights)
-        return cls(true, surveyed, cell_size_m, Point() if vehicle is None else Disc(ground))
+        assert ground.elevation is not None
+        bare = ground.elevation if bare is None else bare
+        surveyed = bare.copy() if block == 1 else _blurred(bare, block / 2.0)
+        vehicle, by_slope = ground.vehicle, ground.step_cost != StepCost.PAPER
+        if vehicle is not None and vehicle.is_disc and by_slope:
+            raise InvalidMapError("a disc drives by costs here: wanted step_cost='paper', or no vehicle")
+        if by_slope or (vehicle is not None and not vehicle.is_disc):
+            return cls(ground, surveyed)
+        costs = replace(ground, elevation=surveyed).costs()
+        return cls(replace(ground, cost=ground.costs(), elevation=None), costs)
+
+    @cached_property
+    def robot(self) -> Robot:
+        """What drives on it."""
+        return robot_on(self.ground)
+
+    @property
+    def true(self) -> Float2D:
+        """(H, W) costs or heights, whichever the robot goes by."""
+        values = self.ground.cost if self.ground.elevation is None else self.ground.elevation
+        assert values is not None
+        return values
 
     def costs(self) -> Float2D:
         """(H, W) true traversability costs; impassable from 1 up."""
@@ -79,7 +74,7 @@ class SurveyedGround:
 
     def planner(self) -> Planner:
         """Of the truth."""
-        return Planner(self.robot.ground(self.true))
+        return Planner(self.ground)
 
 
 class Scene:

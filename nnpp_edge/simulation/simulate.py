@@ -1,10 +1,9 @@
 """A simulated robot drives to its goal through the onboard loop, over ground that the map knows only roughly."""
 
 import math
-import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +28,6 @@ _LEAST_DISTANCE = 0.6
 """Between a random start and goal, as a share of the map's longer side."""
 
 Watch = Callable[[Scene, PathMessage], None]
-
-
-@runtime_checkable
-class InputRecorder(Protocol):
-    """A sink that records inputs too."""
-
-    def record(self, message: Input) -> None:
-        """Record an input. It must not wait."""
 
 
 @dataclass(frozen=True)
@@ -150,19 +141,30 @@ def simulate(
     if not best.ok:
         raise InvalidQueryError(f"the goal {goal} cannot be reached from {start}: {best.status}")
     planning = NavigatorSettings(method=settings.method, model=settings.model)
-    _load_kernels(scene, planning)
+    first = Navigator(ground.robot.ground(scene.told), planning)
+    first.offer(Pose(*scene.robot))
+    first.offer(Goal(*scene.goal))
+    first.tick()  # beside the drive: what a process loads only once is no part of a tick
     navigator = Navigator(ground.robot.ground(scene.told), planning)
     sinks = list(make_sinks(navigator.map))
-    source = _RecordedScene(scene, [sink for sink in sinks if isinstance(sink, InputRecorder)])
-    histogram = Histogram()
+    recorders = [sink.record for sink in sinks if hasattr(sink, "record")]
+    histogram, late = Histogram(), Counter[bool]()
 
     def after_tick(message: PathMessage) -> None:
         histogram.add(1e-3 * message.planning_ms)
+        late[message.planning_ms > 1e3 * PERIOD_S] += 1
         scene.heard(message)
         watch(scene, message)
+        if scene.reached:
+            loop.finish()
 
-    run = _at_full_speed if settings.rate_hz is None else _at_rate
-    counters = run(navigator, source, sinks, settings, after_tick)
+    paced = settings.rate_hz is not None
+    rate_hz = settings.rate_hz or 1.0 / PERIOD_S
+    source = _RecordedScene(scene, recorders)
+    loop = Loop(navigator, source, sinks, rate_hz=rate_hz, paced=paced, after_tick=after_tick)
+    counters = loop.run(settings.ticks)
+    if not paced:
+        counters = replace(counters, overruns=late[True])
     driven = np.array(scene.driven, np.int32)
     return Drive(
         settings.method,
@@ -183,64 +185,11 @@ def simulate(
 class _RecordedScene:
     """A scene whose messages are recorded on their way to the loop."""
 
-    def __init__(self, scene: Scene, recorders: Sequence[InputRecorder]) -> None:
-        self.scene, self._recorders = scene, recorders
+    def __init__(self, scene: Scene, recorders: Sequence[Callable[[Input], None]]) -> None:
+        self._scene, self._recorders = scene, recorders
 
     def poll(self) -> Iterator[Input]:
-        for message in self.scene.poll():
-            for recorder in self._recorders:
-                recorder.record(message)
+        for message in self._scene.poll():
+            for record in self._recorders:
+                record(message)
             yield message
-
-
-def _load_kernels(scene: Scene, settings: NavigatorSettings) -> None:
-    """Plan once beside the drive: what a process loads only once is no part of a tick."""
-    navigator = Navigator(scene.ground.robot.ground(scene.told), settings)
-    navigator.offer(Pose(*scene.robot))
-    navigator.offer(Goal(*scene.goal))
-    navigator.tick()
-
-
-def _at_rate(
-    navigator: Navigator,
-    source: _RecordedScene,
-    sinks: Sequence[Sink],
-    settings: SimulationSettings,
-    after_tick: Callable[[PathMessage], None],
-) -> Counters:
-    """By the loop itself."""
-    assert settings.rate_hz is not None
-
-    def until_reached(message: PathMessage) -> None:
-        after_tick(message)
-        if source.scene.reached:
-            loop.stop()
-
-    loop = Loop(navigator, source, sinks, rate_hz=settings.rate_hz, after_tick=until_reached)
-    return loop.run(settings.ticks)
-
-
-def _at_full_speed(
-    navigator: Navigator,
-    source: _RecordedScene,
-    sinks: Sequence[Sink],
-    settings: SimulationSettings,
-    after_tick: Callable[[PathMessage], None],
-) -> Counters:
-    """The same steps without waiting; an overrun is an answer that took longer than `PERIOD_S`."""
-    overruns = 0
-    for _ in range(settings.ticks):
-        for message in source.poll():
-            navigator.offer(message)
-        deadline = time.monotonic() + PERIOD_S
-        answer = navigator.tick(deadline)
-        overruns += time.monotonic() > deadline
-        after_tick(answer)
-        for sink in sinks:
-            try:
-                sink.publish(answer)
-            except Exception:
-                navigator.count_error(f"sink {sink.name}")
-        if source.scene.reached:
-            break
-    return replace(navigator.counters(), overruns=overruns)

@@ -6,13 +6,14 @@ import pytest
 
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.simulation.pose_check import PoseCheck, headings_of
-from nnpp_edge.simulation.robots import Point
+from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.simulation.scene import Scene, SurveyedGround, walkable
 from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
 from nnpp_edge.terrain.obstacles import Obstacles
@@ -27,12 +28,12 @@ LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
 @pytest.fixture(scope="module")
 def ground():
     heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
-    return SurveyedGround.of(heights, 20.0, LIMITS, 6)
+    return SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS), 6)
 
 
 def flat(shape=(30, 40)):
     cost = np.full(shape, 0.2, np.float32)
-    return SurveyedGround(cost, cost.copy())
+    return SurveyedGround(Ground(cost), cost.copy())
 
 
 def answer(cells, goal):
@@ -50,10 +51,10 @@ def test_the_survey_is_the_terrain_blurred(ground):
     assert ground.surveyed[known].mean() < ground.true[known].mean()
     rough = [np.abs(np.diff(np.where(known, cost, np.nan), axis=1)) for cost in (ground.surveyed, ground.true)]
     assert np.nanmedian(rough[0]) < 0.7 * np.nanmedian(rough[1])
-    all_known = SurveyedGround.of(heights, 20.0, LIMITS, 1)
+    all_known = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS), 1)
     np.testing.assert_array_equal(all_known.true, all_known.surveyed)
     heights[10:20, 30:40] = np.nan
-    holed = SurveyedGround.of(heights, 20.0, LIMITS, 6)
+    holed = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS), 6)
     np.testing.assert_array_equal(np.isinf(holed.surveyed[10:20, 30:40]), True)
 
 
@@ -86,7 +87,7 @@ def test_the_robot_sees_what_is_around_it_and_tells_no_more():
     true = np.full((30, 40), 0.2, np.float32)
     true[:, 20] = 1.0
     true[29, 20] = 0.2
-    ground = SurveyedGround(true, np.full((30, 40), 0.1, np.float32))
+    ground = SurveyedGround(Ground(true), np.full((30, 40), 0.1, np.float32))
     scene = Scene(ground, (15, 12), (15, 35), np.random.default_rng(0), sight=4, changes=0)
     messages = list(scene.poll())
     assert [type(m) for m in messages] == [Goal, MapPatch, Pose]
@@ -134,7 +135,7 @@ def test_a_scene_moves_only_along_its_path():
 def test_what_can_be_walked_is_checked_by_the_definition(path, right):
     cost = np.full((5, 5), 0.3, np.float32)
     cost[4, 2], cost[4, 1] = np.nan, 1.0
-    assert walkable(Point(), np.array(path, np.int32).reshape(-1, 2), cost, (3, 2)) is right
+    assert walkable(Robot(Ground(cost)), np.array(path, np.int32).reshape(-1, 2), cost, (3, 2)) is right
 
 
 # --- the drive
@@ -162,7 +163,7 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(ground, method, ti
 
 def test_who_knows_all_and_meets_nothing_drives_the_optimum(ground):
     start, goal = random_drive(ground, 2)
-    known = SurveyedGround(ground.true, ground.true.copy())
+    known = SurveyedGround(ground.ground, ground.true.copy())
     drive = simulate(known, start, goal, SimulationSettings("astar", changes=0))
     assert drive.reached
     assert drive.driven_cost == pytest.approx(drive.optimal_cost)
@@ -208,7 +209,7 @@ def test_at_a_rate_or_not_the_loop_drives_and_sinks_get_everything(rate):
 
 def test_a_sink_that_raises_is_counted():
     drive = simulate(flat(), (5, 5), (9, 9), make_sinks=lambda state: [Sink(fails=True)])
-    assert drive.reached and drive.counters.errors == {"sink test": drive.counters.ticks}
+    assert drive.reached and drive.counters.errors["sink test"] >= drive.counters.ticks
 
 
 def test_a_drive_ends_after_its_ticks():
@@ -231,7 +232,7 @@ def test_what_makes_no_sense_is_refused(ground):
         with pytest.raises(InvalidQueryError, match="must be at least"):
             simulate(flat(), (5, 5), (9, 9), SimulationSettings(**bad))
     with pytest.raises(InvalidQueryError, match="blocks"):
-        SurveyedGround.of(np.zeros((9, 9), np.float32), 1.0, LIMITS, 0)
+        SurveyedGround.of(Ground.of_elevation(np.zeros((9, 9), np.float32), 1.0, LIMITS), 0)
     islands = flat((40, 40))
     islands.true[:, 3::4] = islands.true[3::4] = 1.0
     with pytest.raises(InvalidQueryError, match="give start and goal"):
@@ -248,7 +249,7 @@ def rocky():
     rng = np.random.default_rng(5)
     bare = synthetic_terrain(rng, 72, 0.4)
     bare[30:33, 40:50] = np.nan
-    return SurveyedGround.of(with_rocks(bare, 0.4, 0.04, rng), 0.4, Traversability(), 1, vehicle=BODY, bare=bare)
+    return SurveyedGround.of(Ground.of_elevation(with_rocks(bare, 0.4, 0.04, rng), 0.4, vehicle=BODY), 1, bare)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -291,11 +292,11 @@ def test_a_drive_by_the_slope_reaches_its_goal_and_costs_the_optimum_where_all_i
     heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
     heights[30:33, 20:50] = np.nan
     given = {"step_cost": step_cost, "mobility": load_mobility("large-rover")}
-    surveyed = SurveyedGround.of(heights, 20.0, LIMITS, 6, **given)
+    surveyed = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS, **given), 6)
     start, goal = random_drive(surveyed, 1)
     drive = simulate(surveyed, start, goal, SimulationSettings("dstar", ticks=1500))
     assert drive.reached and drive.forbidden == 0 and drive.counters.errors == {}
-    known = SurveyedGround.of(heights, 20.0, LIMITS, 1, **given)
+    known = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS, **given), 1)
     drive = simulate(known, start, goal, SimulationSettings("dstar", ticks=1500, changes=0))
     planner = Planner.of_elevation(heights, 20.0, LIMITS, warn=False, **given)
     assert drive.driven_cost == pytest.approx(planner.plan(start, goal, method="astar").cost, rel=1e-5)
@@ -305,7 +306,7 @@ def test_a_body_stops_before_a_rock_and_is_told_heights():
     flat = np.zeros((40, 60), np.float32)
     rocks = flat.copy()
     rocks[18:23, 40:43] = 1.0
-    ground = SurveyedGround.of(rocks, 0.25, Traversability(), 1, vehicle=BODY, bare=flat)
+    ground = SurveyedGround.of(Ground.of_elevation(rocks, 0.25, vehicle=BODY), 1, flat)
     scene = Scene(ground, (20, 10), (20, 55), np.random.default_rng(0), sight=1, changes=0)
     line = [(20, 10 + n) for n in range(46)]
     told = list(scene.poll())
@@ -323,7 +324,7 @@ def test_a_body_stops_before_a_rock_and_is_told_heights():
 
 
 def test_obstacles_stand_above_the_ground_and_out_of_the_bodys_reach():
-    ground = SurveyedGround.of(np.zeros((80, 80), np.float32), 0.25, Traversability(), 1, vehicle=BODY)
+    ground = SurveyedGround.of(Ground.of_elevation(np.zeros((80, 80), np.float32), 0.25, vehicle=BODY), 1)
     scene = Scene(ground, (40, 10), (40, 70), np.random.default_rng(0), changes=3)
     for _ in range(100):
         list(scene.poll())
