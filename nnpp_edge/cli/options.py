@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
@@ -130,13 +129,16 @@ class SettingType(click.ParamType):  # type: ignore[type-arg]  # as above
 
     name = "KEY=VALUE"
 
-    def __init__(self, keys: Callable[[], list[str]], example: str) -> None:
-        self.keys, self.example = keys, example
+    def __init__(self, keys: Callable[[], list[str]], example: str, *, bare: bool = False) -> None:
+        self.keys, self.example, self.bare = keys, example, bare  # whether words need no quotes
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Setting:
         """Parse a word."""
+        bare = re.fullmatch(r"(\w+)=([A-Za-z][\w.-]*)", str(value)) if self.bare else None
+        key, content = bare.groups() if bare else ("", "")
         try:
-            ((key, content),) = tomllib.loads(str(value)).items()
+            if bare is None or content in ("true", "false"):
+                ((key, content),) = tomllib.loads(str(value)).items()
         except (ValueError, RecursionError):
             self.fail(f"wanted KEY=VALUE in TOML, such as {self.example}, got {value!r}", param, ctx)
         if key not in (keys := self.keys()):
@@ -172,13 +174,6 @@ def _count(word: str) -> int:
     return count
 
 
-def _cores(word: str) -> tuple[int, ...]:
-    cores = tuple(map(int, word.split(",")))
-    if not set(cores) <= os.sched_getaffinity(0):
-        raise ValueError
-    return cores
-
-
 def _joined(item: Callable[[str], object]) -> Callable[[str], object]:
     return lambda word: tuple(map(item, word.split(",")))
 
@@ -186,12 +181,6 @@ def _joined(item: Callable[[str], object]) -> Callable[[str], object]:
 def Numbers(kind: Callable[[str], float] = int) -> Parsed:
     """Numbers joined by commas."""
     return Parsed("N,…", "numbers joined by commas", _joined(kind))
-
-
-def Cores() -> Parsed:
-    """Numbers of cores that this process may use."""
-    usable = ",".join(map(str, sorted(os.sched_getaffinity(0))))
-    return Parsed("N,…", f"cores of {usable}, joined by commas", _cores)
 
 
 Cell = functools.partial(Parsed, "R,C", "ROW,COL as two whole numbers", _cell)

@@ -48,11 +48,13 @@ class Robot:
 
     def ground(self, values: Float2D) -> Ground:
         """Itself on the map, for planners and the onboard loop."""
-        return replace(self._ground, **{self._layer: values})
+        of_costs = self._layer == "cost"
+        return replace(self._ground, cost=values) if of_costs else replace(self._ground, elevation=values)
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """The message that tells the loop of values."""
-        return MapPatch(row, col, **{self._layer: values})
+        of_costs = self._layer == "cost"
+        return MapPatch(row, col, cost=values) if of_costs else MapPatch(row, col, elevation=values)
 
 
 class Disc(Robot):

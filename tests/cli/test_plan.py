@@ -305,10 +305,3 @@ def test_the_time_shown_tells_waiting_for_the_network_apart(nnpp_edge, hills, ti
     times = [json.loads(nnpp_edge(*words, "--json").out)["timings_ms"] for _ in range(2)]
     assert 0.0 < times[0]["load"] < times[0]["total"]
     assert "load" not in times[1]
-
-
-def test_landmarks_change_the_work_and_not_the_answer(nnpp_edge, hills):
-    plain = json.loads(nnpp_edge("plan", hills, *EXACT, "--json").out)
-    told = json.loads(nnpp_edge("plan", hills, *EXACT, "--landmarks", "8", "--json").out)
-    assert told["cost"] == pytest.approx(plain["cost"])
-    assert told["expansions"] < plain["expansions"] / 2
