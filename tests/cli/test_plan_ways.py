@@ -162,14 +162,7 @@ def test_a_map_read_by_windows_has_the_same_numbers_and_tours(nnpp_edge, hills):
         "plan",
         hills,
         *ENDS,
-        "--method",
-        "corridor",
-        "--via",
-        "60,20",
-        "--via",
-        "20,60",
-        "--best-order",
-        "--json",
+        *["--method", "corridor", "--via", "60,20", "--via", "20,60", "--best-order", "--json"],
     )
     whole, windows = (json.loads(nnpp_edge(*words, *more).out) for more in ((), ("--memory", "1kB")))
     assert windows["windows"] and whole["via"] == windows["via"]

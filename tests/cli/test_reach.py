@@ -28,16 +28,8 @@ def test_areas_are_what_the_planner_reaches(nnpp_edge, hills, tmp_path):
     words = (
         "reach",
         hills,
-        "--start",
-        "40,30",
-        "--within-cost",
-        "60",
-        "--levels",
-        "3",
-        "-o",
+        *["--start", "40,30", "--within-cost", "60", "--levels", "3", "--format", "gpkg", "-o"],
         out,
-        "--format",
-        "gpkg",
     )
     told = json.loads(nnpp_edge(*words, "--json").out)
     ground = read_dem(hills)
@@ -103,16 +95,15 @@ def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(nnpp_edge, 
     nnpp_edge("reach", hills, "--start", "40,30", "--within-energy", "9e3").refused("[mobility.energy]")
 
 
-@pytest.mark.parametrize(
-    ("step_cost", "unit"), [("linear", ""), ("tobler", " s"), ("irmischer", " s"), ("time", " s"), ("energy", " J")]
-)
-def test_within_a_cost_of_any_step_cost_in_its_own_unit(nnpp_edge, hills, step_cost, unit):
+def test_within_a_cost_of_any_step_cost_in_its_own_unit(nnpp_edge, hills):
     ground, mobility = read_dem(hills).elevation, load_mobility("large-rover", gravity_m_s2=9.80665)
-    planner = Planner.of_elevation(ground, 2.0, warn=False, step_cost=step_cost, mobility=mobility)
-    field = planner.reach((40, 30))
-    most = round(float(np.median(field[np.isfinite(field)])), 3)
-    given = ("--step-cost", step_cost, "--mobility", "large-rover", "--levels", "1")
-    words = ("reach", hills, "--start", "40,30", "--within-cost", most, *given)
-    told = json.loads(nnpp_edge(*words, "--json").out)
-    assert told["areas"][0]["cells"] == int((field <= most).sum()) and told["unit"] == unit.strip()
-    assert f"within a cost of {most:.6g}{unit}  " in nnpp_edge(*words).out
+    units = {"linear": "", "tobler": " s", "irmischer": " s", "time": " s", "energy": " J"}
+    for step_cost, unit in units.items():
+        planner = Planner.of_elevation(ground, 2.0, warn=False, step_cost=step_cost, mobility=mobility)
+        field = planner.reach((40, 30))
+        most = round(float(np.median(field[np.isfinite(field)])), 3)
+        given = ("--step-cost", step_cost, "--mobility", "large-rover", "--levels", "1")
+        words = ("reach", hills, "--start", "40,30", "--within-cost", most, *given)
+        told = json.loads(nnpp_edge(*words, "--json").out)
+        assert told["areas"][0]["cells"] == int((field <= most).sum()) and told["unit"] == unit.strip()
+        assert f"within a cost of {most:.6g}{unit}  " in nnpp_edge(*words).out

@@ -56,32 +56,30 @@ def test_energy_is_in_joules_by_the_vehicles_own_table_or_another_file(nnpp_edge
     assert " J, the optimum" in nnpp_edge("plan", hill, *ENDS, "--step-cost", "energy", "--mobility", "mine.toml").out
 
 
-@pytest.mark.parametrize(
-    ("crs", "given", "gravity"),
-    [
-        ("IAU_2015:30110", (), 1.62),
-        ("IAU_2015:49910", (), 3.71),
-        ("IAU_2015:30110", ("--set", "mobility.energy.gravity_m_s2=2.5"), 2.5),
-        ("EPSG:32615", (), 9.80665),
-        (None, (), 3.71),  # its file's
-        (None, ("--set", "mobility.energy.gravity_m_s2=1.62"), 1.62),
-    ],
-)
-@pytest.mark.parametrize("more", [(), ("--memory", "1kB")])
-def test_energy_goes_by_the_gravity_of_the_maps_body_and_says_so(nnpp_edge, hill, crs, given, gravity, more):
-    place = {"transform": rasterio.Affine(2, 0, 5e5, 0, -2, 0)}
-    with rasterio.open("hill.tif", "w", "GTiff", 60, 40, 1, dtype="float32", crs=crs, tiled=True, **place) as file:
-        file.write(np.load(hill)["elevation_m"], 1)
-    words = ("plan", "hill.tif", *ENDS[:4], "--mobility", "large-rover", *given, *more)
-    ended = nnpp_edge(*words, "--json")
-    told = json.loads(ended.out)
-    assert told["gravity_m_s2"] == gravity
-    idle_j = 45.0 * told["ground_length_m"] / 0.042
-    up_and_along = 0.2 * told["length_m"] + told["climb_m"] - told["descent_m"]  # no step is too steep to roll
-    assert told["energy_j"] == pytest.approx(899.0 * gravity * up_and_along / 0.4 + idle_j, rel=1e-3)
-    assert f"kJ at {gravity:.3g} m/s²" in nnpp_edge(*words).out
-    warned = f"energy goes by {gravity:g} m/s², the gravity of the map's body, not by the vehicle's own 3.71"
-    assert (warned in ended.err) == (gravity not in (3.71, 2.5) and crs is not None)
+def test_energy_goes_by_the_gravity_of_the_maps_body_and_says_so(nnpp_edge, hill):
+    place = {"transform": rasterio.Affine(2, 0, 5e5, 0, -2, 0), "dtype": "float32", "tiled": True}
+    for crs, given, gravity in (
+        ("IAU_2015:30110", None, 1.62),
+        ("IAU_2015:49910", None, 3.71),
+        ("IAU_2015:30110", 2.5, 2.5),
+        ("EPSG:32615", None, 9.80665),
+        (None, None, 3.71),  # its file's
+        (None, 1.62, 1.62),
+    ):
+        with rasterio.open("hill.tif", "w", "GTiff", 60, 40, 1, crs=crs, **place) as file:
+            file.write(np.load(hill)["elevation_m"], 1)
+        own = ("--set", f"mobility.energy.gravity_m_s2={given}") if given else ()
+        for more in ((), ("--memory", "1kB")):
+            words = ("plan", "hill.tif", *ENDS[:4], "--mobility", "large-rover", *own, *more)
+            ended = nnpp_edge(*words, "--json")
+            told = json.loads(ended.out)
+            assert told["gravity_m_s2"] == gravity
+            idle_j = 45.0 * told["ground_length_m"] / 0.042
+            up_and_along = 0.2 * told["length_m"] + told["climb_m"] - told["descent_m"]  # all steps roll
+            assert told["energy_j"] == pytest.approx(899.0 * gravity * up_and_along / 0.4 + idle_j, rel=1e-3)
+            assert f"kJ at {gravity:.3g} m/s²" in nnpp_edge(*words).out
+            warned = f"energy goes by {gravity:g} m/s², the gravity of the map's body, not by the vehicle's own 3.71"
+            assert (warned in ended.err) == (gravity not in (3.71, 2.5) and crs is not None)
 
 
 def test_energy_got_back_downhill_is_a_cost_below_zero(nnpp_edge, hill):
