@@ -19,15 +19,16 @@ from onnxscript import optimizer
 from torch import Tensor, nn
 
 from nnpp_edge import __version__
-from nnpp_edge.files import write_whole
+from nnpp_edge.files import temporary_folder, write_whole
 from nnpp_edge.model import edge
 from nnpp_edge.model.edge import EdgeNet
 from nnpp_edge.model.network import Network, count_macs
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.errors import ModelError, OutputError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES
 from nnpp_edge.runtime.network.model_file import METADATA_KEY, QUERY_SPACING, ModelMetadata
 from nnpp_edge.runtime.reading import refused_as
@@ -80,11 +81,16 @@ def export_network(
         training=dict(training or {}),
         version=__version__,
     )
-    ModelMetadata.from_json(facts.to_json(), str(output))  # what the runtime would refuse is not written
     model = to_onnx(network)
     onnx.helper.set_model_props(model, {METADATA_KEY: facts.to_json()})
     onnx.checker.check_model(model, full_check=True)
     content = model.SerializeToString()
+    with temporary_folder() as folder:
+        (trial := folder / output.name).write_bytes(content)
+        try:
+            NetworkModel(trial)
+        except ModelError as error:  # what the runtime would refuse is not written
+            raise ModelError(f"{output}: {str(error).removeprefix(f'{trial}: ')}") from error
     write_whole(output, content)
     macs = count_macs(body, tuple(each for name, each in example_inputs(spec).items() if name != ASK))
     return ExportReport(str(output), len(content), len(model.graph.node), macs)

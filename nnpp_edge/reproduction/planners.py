@@ -84,10 +84,8 @@ class OneMap:
 
     def searched(self, names: dict[str, str], regions: dict[str, Region]) -> list[Row]:
         """What compiled searches in regions come to, under these names by the regions' kinds."""
-        return [
-            self.row(name, best_path(self.grid, self.query, regions[kind]), regions[kind])
-            for kind, name in names.items()
-        ]
+        paths = {kind: best_path(self.grid, self.query, regions[kind]) for kind in names}
+        return [self.row(name, paths[kind], regions[kind]) for kind, name in names.items()]
 
     def timed(self, planners: Sequence[str], repeats: int, harness: Harness) -> list[Row]:
         """Planners of `PLANNERS` in turns: ours `repeats` times, whose median time counts, plain Python once."""
@@ -100,7 +98,7 @@ class OneMap:
         ours = Planner(self.cost, model=self.networks.ours, ask_from=0)
         calls: dict[str, Callable[[Endpoints], Plan | list[Cell] | None]] = {PLAIN: self._plain}
         calls |= {name: partial(self._plain, make=makers[kind]) for kind, name in PLAIN_KINDS.items()}
-        calls |= {name: partial(_plan, ours, name) for name in OURS}
+        calls |= {name: lambda query, name=name: ours.plan(*query, method=name) for name in OURS}  # type: ignore[misc]
         taking_part = {name: calls[name] for name in planners}
         for name in set(OURS).intersection(planners):
             calls[name](self.query)  # the map's own work, and warm caches
@@ -121,10 +119,6 @@ class OneMap:
 
     def _plain(self, query: Endpoints, make: Callable[[Endpoints], Region] | None = None) -> list[Cell] | None:
         return search(build_graph(self.cost, make(query).mask() if make else None), *query)
-
-
-def _plan(planner: Planner, method: str, query: Endpoints) -> Plan:
-    return planner.plan(*query, method=method)
 
 
 def answers(cost: Float2D, query: Endpoints, networks: Networks, repeats: int, harness: Harness) -> list[Row]:

@@ -136,12 +136,8 @@ def fig9(
     looks = [{**row, "planner": "inference", "time_s": row["inference_s"]} for row in rows.of(PLAIN_NN)]
     styles = {paper.ASTAR: "o--", paper.ASTAR_NN: "s:", **dict.fromkeys(PLANNERS, "o-"), "inference": "x-"}
     of_mm = dict.fromkeys((PLAIN_NN, "corridor", "nnpp"), "o-")
-    figure = drawing.by_size(
-        [
-            (Rows([*everything, *looks]), "time_s", styles, "Mean time of a query", "seconds"),
-            (rows, "mm", of_mm, "Mean MM", "path's cells / region's cells"),
-        ]
-    )
+    times = Rows([*everything, *looks]), "time_s", styles, "Mean time of a query", "seconds"
+    figure = drawing.by_size([times, (rows, "mm", of_mm, "Mean MM", "path's cells / region's cells")])
     summary = planner_table(everything, "size", names, context.networks, more)
     return Result(summary, rows.averaged("size", "planner"), fig9_findings(rows), figure)
 
@@ -214,9 +210,8 @@ def _wins(fast: Rows, slow: Rows) -> float:
 
 def _slopes(rows: Rows, slow: str, fast: str) -> Iterator[Finding]:
     """Two planners, by the lines through their times."""
-    (slope_s, _, correlation), (fast_s, *_), wins = (
-        _fit(rows.of(slow)), _fit(rows.of(fast)), _wins(rows.of(fast), rows.of(slow))
-    )  # fmt: skip
+    (slope_s, _, correlation), (fast_s, *_) = _fit(rows.of(slow)), _fit(rows.of(fast))
+    wins = _wins(rows.of(fast), rows.of(slow))
     own, grows = f"{1e6 * slope_s:.3g} µs a cell, r = {correlation:.2f}", slope_s > 0.0 and correlation > 0.3
     yield judge(f"time grows with the path's length ({slow})", "yes", own, grows, "correlation above 0.3")
     claim, ours = f"it grows more slowly with the network ({fast} against {slow})", f"{1e6 * fast_s:.3g} µs a cell"
@@ -224,9 +219,8 @@ def _slopes(rows: Rows, slow: str, fast: str) -> Iterator[Finding]:
     yield judge(claim, "yes", ours, fast_s < slope_s, "a smaller slope", as_well)
     claim = f"the network's way is much the faster ({fast} against {slow})"
     as_well = met_by(rows, fast, lambda name: _wins(rows.of(name), rows.of(slow)) >= 0.9)
-    yield judge(
-        claim, "yes", f"faster on {percent(wins, 0)} of the queries", wins >= 0.9, "on at least 90 %", as_well
-    )
+    ours = f"faster on {percent(wins, 0)} of the queries"
+    yield judge(claim, "yes", ours, wins >= 0.9, "on at least 90 %", as_well)
 
 
 @experiment("Fig. 12 and Table 4, static", "Regions and paths on five maps", {"repeats": 2})

@@ -33,11 +33,9 @@ class Label:
 
 
 def random_points(rng: np.random.Generator, cost: NDArray[np.float32], count: int) -> NDArray[np.int32]:
-    """Passable cells, each drawn at random: (count, 2) int32; fewer rows where the map has fewer."""
-    passable = np.argwhere(cost < 1.0)
-    if len(passable) == 0:
-        return np.empty((0, 2), np.int32)
-    return passable[rng.integers(0, len(passable), count)].astype(np.int32)
+    """Passable cells, each drawn at random: (count, 2) int32; none where no cell is passable."""
+    passable = np.argwhere(cost < 1.0).astype(np.int32)
+    return passable[rng.integers(0, len(passable), count)] if len(passable) else passable
 
 
 def random_query(

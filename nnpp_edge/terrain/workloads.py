@@ -40,11 +40,9 @@ def body_rocks(name: str) -> float | None:
         return 0.0
     if not name.startswith(_ROCKS):
         return None
-    share = _number(name, _ROCKS) / 100.0
+    share, most = _number(name, _ROCKS) / 100.0, 100 * MOST_COVER
     if not 0.0 <= share <= MOST_COVER:
-        raise InvalidQueryError(
-            f"workload must be 'body-rocksN' with N from 0 to {100 * MOST_COVER:g} percent, got {name!r}"
-        )
+        raise InvalidQueryError(f"workload must be 'body-rocksN' with N from 0 to {most:g} percent, got {name!r}")
     return share
 
 

@@ -109,6 +109,8 @@ def load_checkpoint(path: Path) -> Checkpoint:
     try:
         found = msgspec.convert(torch.load(path, map_location="cpu", weights_only=True), Checkpoint)
         found.trained()
+        if not all(values.isfinite().all() for values in found.average.values()):
+            raise ValueError("its weights are not finite")
     except msgspec.ValidationError as error:
         raise ModelError(f"{wanted}, got {error}") from error
     except Exception as error:  # torch meets bad bytes with nearly every kind there is, and with many words

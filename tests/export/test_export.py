@@ -205,6 +205,11 @@ def test_what_is_no_checkpoint_is_refused_and_nothing_is_written(nnpp_edge, tmp_
 def test_what_the_runtime_would_refuse_is_not_written_and_a_data_set_is_told_without_its_folders(tmp_path):
     with pytest.raises(ModelError, match="region_factor"):
         export_network(lived_in(EDGE), tmp_path / "out.onnx", name="x", region_factor=1.5)
+    mad = lived_in(EDGE)
+    next(mad.body.encoder.parameters()).data.view(-1)[0] = 3e38
+    mad.body.head.way.weight.data[:] = 3e38
+    with pytest.raises(ModelError, match=f"^{tmp_path}/out.onnx: the head"):
+        export_network(mad, tmp_path / "out.onnx", name="x")
     assert not list(tmp_path.iterdir())
     recipe = Recipe(("/somewhere/private/moon.tif",))
     assert dataset_facts(recipe) == msgspec.structs.asdict(recipe) | {"terrain": ["moon.tif"]}

@@ -155,6 +155,10 @@ def test_a_checkpoint_of_another_time_is_read_and_a_file_that_is_none_refused(tr
     saved["settings"]["loss"] = "bce"
     torch.save(saved, path)
     assert load_checkpoint(path).spec == SMALL
+    next(iter(saved["average"].values())).view(-1)[0] = math.nan
+    torch.save(saved, path)
+    with pytest.raises(ModelError, match="wanted a checkpoint of nnpp-edge train, got another"):
+        load_checkpoint(path)
     for content in (b"", b"not a checkpoint", b"PK\x03\x04 half a zip"):
         path.write_bytes(content)
         with pytest.raises(ModelError, match="wanted a checkpoint"):
