@@ -24,8 +24,8 @@ def heights_of(ground: Ground) -> Float2D:
 
 
 def whole_cost(ground: Ground) -> Float2D:
-    """The whole cost map, (H, W) float32; with a body that of each cell's best pose, inf where all fail."""
-    if ground.vehicle is None or ground.vehicle.is_disc:
+    """The whole cost map, (H, W) float32; with a vehicle that of each cell's best pose, inf where all fail."""
+    if ground.vehicle is None:
         return ground.costs()
     (size, width), limits = ground.sides_m, ground.traversability
     poses = pose_costs(heights_of(ground), size, ground.vehicle, cell_width_m=width, traversability=limits)

@@ -146,7 +146,7 @@ def test_all_that_a_warm_up_compiled_is_found_by_the_next():
     python(WARM_UP, "warmup", "--keep-old", **HERE)
     told = json.loads(python(WARM_UP, "warmup", "--json", "--keep-old", **HERE).stdout)
     assert told["folder"] == str(CACHE_FOLDER) and told["compiled"] == 0
-    assert told["signatures"] >= told["kernels"] > 100
+    assert 40 < told["kernels"] <= 75 and told["signatures"] <= 120, "more take long to compile: only ever lowered"
 
 
 def test_who_waits_for_the_compiler_is_told_once(tmp_path):
