@@ -57,7 +57,7 @@ def push(heads, entries, bucket, node, block, fine_at, free, used):
     return (following, used) if recycled else (free, used + 1)
 
 
-@kernel
+@helper
 def pop(heads, entries, fine_at, free):
     """Take the newest node of the first bucket; node (NOTHING if the fine buckets are empty), fine_at, free."""
     while fine_at < FINE and heads[np.uint64(fine_at)] == NOTHING:

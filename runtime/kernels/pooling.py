@@ -130,7 +130,7 @@ def _pool_cell(fine, fine_links, shape, row, col, corner_cutting, obstacle):
     return piece, np.float32(total / cells)
 
 
-@kernel
+@helper
 def pool(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, coarse):
     """Weights and pieces of a rectangle of coarse cells; the least weight. As `pool_and_link`, without the links.
 

@@ -54,7 +54,7 @@ def put_heights(heights, base, unknown, out, row, col):
             there[c] = h - base if abs(h) < _INF else unknown
 
 
-@kernel
+@helper
 def _lift(heights, first, offsets, belly, heading, plane, gradients, halves):
     """How far the ground under the body comes above the lowest that the wheels' plane can be there.
 

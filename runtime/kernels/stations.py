@@ -66,7 +66,7 @@ def freed(grid, room, path, stages, tolerance, until):
     return points, cost
 
 
-@kernel
+@helper
 def _freed(grid, room, path, stages, tolerance, wary, until):
     """As `freed`; every leg is checked as it is chosen where `wary`, else those near something impassable."""
     points, on_path = path.astype(np.float64), True
@@ -231,7 +231,7 @@ def _leg_costs(ground, rows, cols, k, sums, samples, costs, legs):
             legs[line, to] = math.sqrt(down * down + right * right) * (base + factor * total) + costs[one, i]
 
 
-@kernel
+@helper
 def _choose(ground, rows, cols, k, legs, wary, near, costs, before):
     """Write the cheapest way to each of a station's places, its last leg clear where `wary`, or `near` anything."""
     count, slope = legs.shape[1], legs.shape[0] // 2
