@@ -48,11 +48,13 @@ class Robot:
 
     def ground(self, values: Float2D) -> Ground:
         """Itself on the map, for planners and the onboard loop."""
-        return replace(self._ground, **{self._layer: values})
+        cost, heights = (values, None) if self._layer == "cost" else (None, values)
+        return replace(self._ground, cost=cost, elevation=heights)
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """The message that tells the loop of values."""
-        return MapPatch(row, col, **{self._layer: values})
+        cost, heights = (values, None) if self._layer == "cost" else (None, values)
+        return MapPatch(row, col, heights, cost)
 
 
 class Disc(Robot):
