@@ -26,7 +26,7 @@ HELD_OUT_SHARE = 4
 
 @dataclass(frozen=True)
 class Latency:
-    """Of one query's inference, in milliseconds."""
+    """Of one query's inference."""
 
     median_ms: float
     p99_ms: float
@@ -81,19 +81,18 @@ def compare(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int,
     return Comparison(len(queries), *figures, one, other, *latencies(fp32, int8, queries, rounds))
 
 
-def feed(model: NetworkModel, samples: Samples, query: int) -> None:
-    """Write a query and its map into a network's inputs, as the runtime does."""
+def answer(model: NetworkModel, samples: Samples, query: int) -> NDArray[np.float32]:
+    """A network's probabilities for a query on its map; they, and the inputs, stay until the next."""
     planes, start, goal = samples.query(query)
     model.set_map(planes)
-    model.set_query(start, goal)
+    return model.answer(start, goal)
 
 
 def probabilities(model: NetworkModel, samples: Samples) -> NDArray[np.float32]:
     """(Q, B, B) of all the queries."""
     out = np.empty((len(samples), model.metadata.blocks, model.metadata.blocks), np.float32)
     for query in range(len(samples)):
-        feed(model, samples, query)
-        out[query] = model.run()
+        out[query] = answer(model, samples, query)
     return out
 
 
@@ -103,9 +102,10 @@ def latencies(one: NetworkModel, other: NetworkModel, samples: Samples, rounds: 
     models = (one, other)
     for at in range(-max(3, rounds // 10), rounds):
         for which in (0, 1) if at % 2 else (1, 0):
-            feed(models[which], samples, at % len(samples))
+            planes, start, goal = samples.query(at % len(samples))
+            models[which].set_map(planes)
             started = time.perf_counter()
-            models[which].run()
+            models[which].answer(start, goal)
             if at >= 0:
                 times[which].append(1e3 * (time.perf_counter() - started))
     a, b = (Latency(float(np.median(t)), float(np.percentile(t, 99))) for t in times)

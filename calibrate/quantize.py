@@ -13,11 +13,12 @@ from onnxruntime import quantization
 from onnxruntime.quantization import QuantType
 
 from nnpp_edge import __version__
-from nnpp_edge.calibrate.compare import Comparison, compare, feed, split, spread
+from nnpp_edge.calibrate.compare import Comparison, answer, compare, split, spread
 from nnpp_edge.export.to_onnx import nodes_leading_to, quiet
 from nnpp_edge.files import temporary_folder, write_whole
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, OutputError
-from nnpp_edge.runtime.network.inference import METADATA_KEY, NetworkModel
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.network.model_file import METADATA_KEY
 from nnpp_edge.terrain.dataset import Samples, read_recipe, read_samples
 
 OPERATORS = ("Conv", "Relu", "Add", "Resize", "Concat", "AveragePool", "MaxPool")
@@ -61,12 +62,10 @@ def quantize(
     seed: int = 1,
     rounds: int = ROUNDS,
 ) -> QuantizeReport:
-    """Make an int8 model (static, QDQ), and measure it against its source.
+    """Make an int8 model (static, QDQ) of an fp32 file or a shipped model, and measure it against its source.
 
     Parameters
     ----------
-    model : Path
-        In fp32, from `nnpp-edge export`; or the name of a shipped model.
     output : Path
         The int8 file; written last, whole or not at all, whatever the recommendation.
     dataset, validation : Path
@@ -75,12 +74,6 @@ def quantize(
         Queries to calibrate on, each from another map while there are maps; timed runs of each model.
     exclude : names
         Nodes to leave float, as those of the head are in any case.
-
-    Raises
-    ------
-    ModelError, DataSetError, InvalidQueryError, OutputError
-        The model is none of ours, is int8 already, or has no node of a name in `exclude`; a data set is none, or its
-        maps have another size; `output` is the model itself; the file cannot be written.
 
     Notes
     -----
@@ -161,7 +154,7 @@ def quantised_graph(
 
 
 class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
-    """Inputs of a network for all queries of `samples`, one at a time; `model` lays them out but does not run."""
+    """Inputs of a network for all queries of `samples`, one at a time, as `model` lays them out."""
 
     def __init__(self, model: NetworkModel, samples: Samples) -> None:
         self.model, self.samples, self.queries = model, samples, iter(range(len(samples)))
@@ -169,7 +162,7 @@ class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnx
     def get_next(self) -> dict[str, NDArray[np.generic]] | None:
         """The next query's inputs by name; None at the end."""
         for query in self.queries:
-            feed(self.model, self.samples, query)
+            answer(self.model, self.samples, query)  # lays out the inputs
             return {name: array.copy() for name, array in self.model.inputs.items()}
         return None
 

@@ -34,10 +34,8 @@ def main(folder: Path, small: bool = False) -> Path:
         gap = 100 * (plan.cost / exact.cost - 1)
         print(f"{name:<28}{plan.status}: {plan.checks} poses checked, {gap:.2f} % above the optimum")
         relief(panel, dem, f"{name}\n{plan.checks:,} poses checked, +{gap:.2f} %")
-        panel.plot(
-            point.path[:, 1], point.path[:, 0], "--", color="white", linewidth=1.2
-        )  # nothing that it can follow
-        panel.plot(plan.path[:, 1], plan.path[:, 0], color="tab:orange", linewidth=1.2)
+        panel.plot(*point.path.T[::-1], "--", color="white", linewidth=1.2)  # nothing that it can follow
+        panel.plot(*plan.path.T[::-1], color="tab:orange", linewidth=1.2)
         for outline in body_outlines(plan.path, rover, (dem.cell_size_m, dem.cell_width_m)):
             panel.plot(outline[:, 1], outline[:, 0], color="lime", linewidth=1.0)
         ends(panel, START, GOAL)

@@ -14,7 +14,7 @@ from nnpp_edge.viz.picture import hillshade
 
 OUT = Path(__file__).parent / "out"
 _TILE = 512
-"""Cells a side of the pieces in which a large file is made."""
+"""Cells a side of a tile of a large file."""
 
 
 def run(example: Callable[[Path, bool], Path]) -> None:
@@ -61,26 +61,20 @@ def save(figure: Figure, folder: Path, name: str) -> Path:
 
 
 def large_ground(path: Path, side: int) -> None:
-    """Write a square cloud-optimised GeoTIFF of cells of 1 m, tile by tile: it is never all in memory."""
+    """Write a square tiled GeoTIFF of cells of 1 m, row of tiles by row of tiles: it is never all in memory."""
     import rasterio
-    import rasterio.shutil
 
     from nnpp_edge.terrain.synthetic import fractal
 
     ground = fractal(np.random.default_rng(1), _TILE, 1.0, 8.0)
-    plain = path.with_suffix(".plain.tif")
-    kind = {"width": side, "height": side, "count": 1, "dtype": "float32", "nodata": np.nan, "crs": "EPSG:32615"}
-    tiles = {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE, "BIGTIFF": "YES"}
+    both = np.hstack((ground, ground[:, ::-1]))
+    strip = np.tile(both, -(-side // both.shape[1]))[:, :side] + 30.0 * np.sin(np.arange(side) / 500)
+    kind = {"driver": "GTiff", "width": side, "height": side, "count": 1, "dtype": "float32", "crs": "EPSG:32615"}
+    tiles = {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE, "compress": "deflate", "predictor": 3}
     place = rasterio.Affine(1, 0, 400_000, 0, -1, 5_000_000)
-    with rasterio.open(plain, "w", driver="GTiff", transform=place, **kind, **tiles) as dataset:
-        for row in range(0, side, _TILE):
-            for col in range(0, side, _TILE):
-                high, wide = min(_TILE, side - row), min(_TILE, side - col)
-                hills = np.add.outer(
-                    np.sin(np.arange(row, row + high) / 300), np.sin(np.arange(col, col + wide) / 500)
-                )
-                tile = ground[:: 1 - row // _TILE % 2 * 2, :: 1 - col // _TILE % 2 * 2][:high, :wide]
-                window = ((row, row + high), (col, col + wide))
-                dataset.write((tile + 30.0 * hills).astype(np.float32), 1, window=window)
-    rasterio.shutil.copy(plain, path, driver="COG", COMPRESS="DEFLATE", PREDICTOR="YES", BLOCKSIZE=_TILE)
-    plain.unlink()
+    with rasterio.open(path, "w", transform=place, **kind, **tiles) as dataset:
+        for at, row in enumerate(range(0, side, _TILE)):
+            high = min(_TILE, side - row)
+            hills = 30.0 * np.sin(np.arange(row, row + high) / 300)[:, None]
+            tile = strip[:: -1 if at % 2 else 1][:high] + hills
+            dataset.write(tile.astype(np.float32), 1, window=((row, row + high), (0, side)))

@@ -1,4 +1,4 @@
-"""A path across a cloud-optimised GeoTIFF of 20,000 x 20,000 cells, in less than 2 GB.
+"""A path across a tiled GeoTIFF of 20,000 x 20,000 cells, in less than 2 GB.
 
 The heights would take 1.6 GB, and a search of the whole map 16 GB more. Here they are read by windows: once to make
 coarse levels, and once more under the corridor that these lead to. `nnpp-edge plan` does the same for a file that
@@ -35,9 +35,8 @@ def main(folder: Path, small: bool = False) -> Path:
         again = planner.reading().read_again
     seconds, gigabytes = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024e-9
 
-    facts = (
-        f"{side:,} x {side:,} cells: {seconds:.1f} s, {gigabytes:.2f} GB, {100 * again:.0f} % of the file read twice"
-    )
+    size = f"{side:,} x {side:,} cells: {seconds:.1f} s, {gigabytes:.2f} GB"
+    facts = f"{size}, {100 * again:.0f} % of the file read twice"
     print(f"{plan.status}: {len(plan.path)} cells, at most {100 * (plan.bound - 1):.0f} % above the optimum\n{facts}")
     factor, costs = planner.coarse_costs(600)
     figure, (axes,) = panels(1, width=6.0, height=6.0)

@@ -1,6 +1,5 @@
 """Whether the exported model computes the same probabilities as the network."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import torch
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.terrain.dataset import Query, Samples
+from nnpp_edge.terrain.dataset import Samples
 
 LIMIT = 1e-4
 """Largest difference of two probabilities that passes; both sides compute in float32."""
@@ -32,31 +31,24 @@ class Parity:
 def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n: int = 32, seed: int = 1) -> Parity:
     """Compare a network in torch with its ONNX file as the runtime runs it, over `n` whole queries.
 
-    They are some of the `samples`, or random maps and ends without samples. The ONNX side goes through
-    `NetworkModel`: how the runtime lays out the map, encodes the query and reads the output is compared too.
+    They are some of the `samples`, or random maps and ends without samples. How `NetworkModel` lays out the map,
+    encodes the query and reads the output is compared too.
     """
     network.eval()
-    model = NetworkModel(onnx_path)
+    model, size, rng = NetworkModel(onnx_path), network.spec.input_size, np.random.default_rng(seed)
+    if samples is None:
+        drawn = rng.uniform(0, size - 1, (n, 2, 2)).tolist()
+        queries = [(rng.random((2, size, size), np.float32), tuple(start), tuple(goal)) for start, goal in drawn]
+    elif samples.planes.shape[-1] != size:
+        raise DataSetError(f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}")
+    else:
+        chosen = rng.choice(len(samples), min(n, len(samples)), replace=False)
+        queries = [samples.query(at) for at in chosen]
     differences = []
-    for planes, start, goal in _queries(network.spec.input_size, samples, n, seed):
+    for planes, start, goal in queries:
         query = torch.from_numpy(encode(network.spec, start, goal))
         wanted = torch.sigmoid(network(torch.from_numpy(planes)[None], query[None]))[0].numpy()
         model.set_map(planes)
-        model.set_query(start, goal)
-        differences.append(np.abs(model.run() - wanted))
-    worst = max(float(d.max()) for d in differences)
-    source = "random" if samples is None else "dataset"
+        differences.append(np.abs(model.answer(start, goal) - wanted))
+    worst, source = float(np.max(differences)), "random" if samples is None else "dataset"
     return Parity(len(differences), source, worst, float(np.mean(differences)), LIMIT, worst <= LIMIT)
-
-
-def _queries(size: int, samples: Samples | None, n: int, seed: int) -> Iterator[Query]:
-    """Planes, start and goal of each query."""
-    rng = np.random.default_rng(seed)
-    if samples is None:
-        for start, goal in rng.uniform(0, size - 1, (n, 2, 2)).tolist():
-            yield rng.random((2, size, size), np.float32), tuple(start), tuple(goal)
-        return
-    if samples.planes.shape[-1] != size:
-        raise DataSetError(f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}")
-    for query in rng.choice(len(samples), min(n, len(samples)), replace=False):
-        yield samples.query(query)

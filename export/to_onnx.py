@@ -24,10 +24,13 @@ from nnpp_edge.model import edge
 from nnpp_edge.model.edge import EdgeNet
 from nnpp_edge.model.network import Network, count_macs
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
+from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
-from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS
-from nnpp_edge.runtime.network.inference import ASK, HEAD, METADATA_KEY, OUTPUT, PLACES, ModelMetadata
-from nnpp_edge.runtime.network.place_head import ANSWERS
+from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES
+from nnpp_edge.runtime.network.model_file import METADATA_KEY, QUERY_SPACING, ModelMetadata
+from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.shards import Recipe
 
@@ -55,23 +58,10 @@ def export_network(
     limits: Traversability | None = None,
     training: Mapping[str, object] | None = None,
 ) -> ExportReport:
-    """Write a network as ONNX, whole or not at all; its norms' running statistics are what is written.
+    """Write a network as ONNX, whole or not at all. The other arguments are its metadata, or a ModelError.
 
-    Parameters
-    ----------
-    name, training
-        For the metadata.
-    region_factor : float
-        Factor on the adaptive threshold that the runtime is to use, in (0, 1].
-    omega : float
-        Weight of the traversability cost per grey level that the labels were made with.
-    limits : Traversability, optional
-        Of the cost maps that it was trained on; by default the paper's.
-
-    Raises
-    ------
-    ModelError, OutputError
-        A number is out of range; the file cannot be written.
+    `region_factor` is the factor on the adaptive threshold that the runtime is to use, in (0, 1]; `omega` and
+    `limits` (by default the paper's) are those of the cost maps that it was trained on.
     """
     spec, body = network.spec, network.body
     of_edge = isinstance(body, EdgeNet)
@@ -86,8 +76,6 @@ def export_network(
         omega=omega,
         cost_limits={k: v for k, v in asdict(limits or Traversability()).items() if math.isfinite(v)},
         region_factor=region_factor,
-        map_unshuffle=edge.UNSHUFFLE if of_edge else 1,
-        output_shuffle=edge.OUTPUT_SHUFFLE if of_edge else 1,
         head=body.head.sizes if isinstance(body, EdgeNet) else (),
         training=dict(training or {}),
         version=__version__,
@@ -106,7 +94,7 @@ def to_onnx(network: Network) -> onnx.ModelProto:
     """The network's graph for one query: norms folded (by torch's exporter), fixed shapes, a sigmoid at the end."""
     inputs, body = example_inputs(network.spec), copy.deepcopy(network.body).eval()
     with_head = isinstance(body, EdgeNet)
-    with quiet():
+    with quiet(), refused_as(OutputError, "torch could not export the network"):
         program = torch.onnx.export(
             _EncoderAndHead(body) if isinstance(body, EdgeNet) else _Probability(body),
             tuple(inputs.values()),
@@ -142,7 +130,7 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
     size = spec.input_size
     if spec.architecture == "nnpp":
         return {"input": torch.zeros(1, 3, size, size)}
-    map_side, query_side = size // edge.UNSHUFFLE, size // edge.QUERY_STRIDE
+    map_side, query_side = size // edge.UNSHUFFLE, size // QUERY_SPACING
     return {
         "map": torch.zeros(1, edge.MAP_CHANNELS * edge.UNSHUFFLE**2, map_side, map_side),
         "query": torch.zeros(1, ENDS_CHANNELS, query_side, query_side),

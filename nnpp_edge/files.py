@@ -27,12 +27,8 @@ def write_all(contents: Mapping[Path, Content]) -> None:
     """Put each content at its path: all or none, by way of temporary files beside them and then renames.
 
     A reader finds the old file or the whole new one. Links are followed. A character device, and what stdout or
-    stderr goes to, is written to and stays what it is.
-
-    Raises
-    ------
-    OutputError
-        One could not be written, or is a folder, a pipe, a socket or a disk; what stood in the files is untouched.
+    stderr goes to, is written to and stays what it is. OutputError where one could not be written, or is a folder, a
+    pipe, a socket or a disk.
     """
     staged: list[tuple[Path, Path]] = []
     path = Path()
@@ -64,8 +60,7 @@ def write_all(contents: Mapping[Path, Content]) -> None:
 def staged(path: Path) -> Iterator[Path]:
     """A temporary file's name beside `path`, for what is written as a stream: renamed at the end, or removed.
 
-    SIGTERM is an error here, and ends the process. For the main thread. Raises OutputError where `path` is no plain
-    file, or what was written cannot be put there.
+    For the main thread: SIGTERM is an error here, and ends the process. OutputError as of `write_all`.
     """
 
     def end(number: int, frame: object) -> NoReturn:
@@ -91,21 +86,10 @@ def staged(path: Path) -> Iterator[Path]:
 def check_outputs(
     outputs: Sequence[tuple[str, Path | None]], inputs: Iterable[Path], *, make_folders: bool = False
 ) -> None:
-    """Refuse, before any work, outputs that could not be written or would replace what is read.
+    """OutputError, before any work, for outputs that could not be written or would replace what is read.
 
-    Parameters
-    ----------
-    outputs : sequence of (str, Path or None)
-        Name of the option that asks for each, and the file; None where none was asked for.
-    inputs : paths
-        Files, and folders of files, that the command reads; those that are not there do not matter.
-    make_folders : bool
-        Whether the outputs' folders are made, or must be there.
-
-    Raises
-    ------
-    OutputError
-        An output is an input or another output, no file or character device, or its folder cannot be written to.
+    Outputs are the option that asks for each, and the file, None where none was asked for; inputs are files, and
+    folders of files, that need not be there. With `make_folders` the outputs' folders are made.
     """
     wanted = [(name, path) for name, path in outputs if path is not None]
     read = [os.path.realpath(path) for path in inputs if "\0" not in str(path)]

@@ -13,18 +13,8 @@ def in_bands(
     """Call `work` for all rows, as (first, one past the last), once or, on larger maps, once on each core.
 
     Threads are started for the occasion: a pool that waits between two maps costs as much, and has to be minded when
-    the process forks.
-
-    Parameters
-    ----------
-    work : function
-        Releases the interpreter's lock; its calls write to rows of their own.
-    rows, cols : int
-        Of the map.
-    multiple : int
-        Bands begin at multiples of so many rows.
-    threads_from : int
-        Cells from which on each core gets a band of its own; by default `THREADS_FROM`.
+    the process forks. `work` releases the interpreter's lock and writes to rows of its own; bands begin at multiples
+    of so many rows; `threads_from` is in cells, `THREADS_FROM` if 0.
     """
     cores = len(os.sched_getaffinity(0)) if rows * cols >= (threads_from or THREADS_FROM) else 1
     height = -(-rows // (cores * multiple)) * multiple

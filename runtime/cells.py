@@ -38,17 +38,8 @@ def enclosing(parts: Sequence[Rectangle]) -> Rectangle:
     return row, col, bottom - row, right - col
 
 
-def gather(parts: list[Rectangle], part: Rectangle, most: int) -> bool:
-    """Add to a list of at most so many; one more, and it becomes the one that holds them all. Whether it has."""
-    parts.append(part)
-    if len(parts) <= most:
-        return False
-    parts[:] = [enclosing(parts)]
-    return True
-
-
 def common(one: Rectangle, other: Rectangle) -> Rectangle | None:
-    """What two rectangles share; None where that is nothing."""
+    """The common part of two rectangles; None where there is none."""
     row, col = max(one[0], other[0]), max(one[1], other[1])
     rows, cols = min(one[0] + one[2], other[0] + other[2]) - row, min(one[1] + one[3], other[1] + other[3]) - col
     return (row, col, rows, cols) if rows > 0 and cols > 0 else None

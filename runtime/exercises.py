@@ -12,7 +12,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS
-from nnpp_edge.runtime.map.crossing import costs_of_crossing
+from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
@@ -20,13 +20,13 @@ from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import encode_gaussian
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
-from nnpp_edge.runtime.planners.map_planners import MapPlanners
+from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.refine import BodyLines
 from nnpp_edge.runtime.region.corridor import CoarseLevel
-from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
+from nnpp_edge.runtime.region.threshold import RegionFinder
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.search.connection import connected
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
@@ -75,10 +75,9 @@ def parts() -> list[Callable[[], None]]:
 
 
 def _exercise_network(network: NetworkModel) -> None:
-    network.set_query((0.0, 0.0), (1.0, 1.0))
-    network.run()
+    network.try_out()
     size = 16
-    encode_gaussian((1.0, 2.0), (9.0, 3.0), size, 1, 4.0, np.empty((GAUSSIAN_CHANNELS, size, size), np.float32))
+    encode_gaussian((1.0, 2.0), (9.0, 3.0), 4.0, np.empty((GAUSSIAN_CHANNELS, size, size), np.float32))
     finder = RegionFinder(size)
     finder.threshold((1, 2), (9, 3))
     finder.mark(lowered(3, 0.5), (1, 2), (9, 3), 1)
@@ -116,7 +115,7 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
     for method in ("astar", "corridor"):
         planner.plan(start, goal, method=method)
     planner.update_elevation(3, 4, dem[:5, :6].copy())
-    costs_of_crossing(pose_costs(dem[:148], 1.0, vehicle), 10.0)
+    pose_costs(dem[:148], 1.0, vehicle)
     moving = DynamicPlanner.of_elevation(
         dem, 1.0, goal, method="dstar", vehicle=vehicle, also=("corridor-dstar",), model=network
     )
@@ -126,7 +125,7 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
         moving.update_elevation(3, 4, dem[:5, :6] + np.float32(0.01))
         moving.standing()
     state = MapState.of_elevation(dem, (1.0, 1.0), Traversability(), StepModel.of("paper"), vehicle=vehicle)
-    MapPlanners(state, network).corridor_mended.find(Query(start, goal), Work())
+    _mend_corridor(Methods(state, network), Query(start, goal))
 
 
 def _exercise_directed(dem: Float2D, network: NetworkModel) -> None:
@@ -157,7 +156,7 @@ def _exercise_directed(dem: Float2D, network: NetworkModel) -> None:
         moving.update_elevation(3, 4, dem[:5, :6] + np.float32(0.01))
         moving.standing()
         moving.replan()
-        MapPlanners(moving.state, network).corridor_mended.find(Query(start, goal), Work())
+        _mend_corridor(Methods(moving.state, network), Query(start, goal))
 
 
 def warmup_shapes() -> list[tuple[int, int]]:
@@ -219,9 +218,13 @@ def _exercise_dynamic(cost: Float2D, goal: Cell, step_cost: str, corner_cutting:
             planner.update(1, 4, patch)
         planner.standing()
         planner.replan(method=method, time_limit_s=60.0)
-    planners = MapPlanners(MapState(cost, StepModel.of(step_cost), corner_cutting=corner_cutting), network)
-    for planner_of_region in (planners.corridor_mended, planners.corridor_mending):
-        planner_of_region.find(Query((1, 2), goal), Work())
+    methods = Methods(MapState(cost, StepModel.of(step_cost), corner_cutting=corner_cutting), network)
+    _mend_corridor(methods, Query((1, 2), goal))
+    methods.find(DynamicMethod.CORRIDOR_DSTAR, Query((1, 2), goal), Work())
+
+
+def _mend_corridor(methods: Methods, query: Query) -> None:
+    methods.corridor(query, Work(), methods.always_mending)
 
 
 def _read_only(array: Float2D) -> Float2D:

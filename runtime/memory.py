@@ -1,11 +1,11 @@
 """Memory: how much is left, what planning takes, and how to have it before it is needed, or not before.
 
-The system backs an array's pages with memory when they are first written to. For a loop that is to keep its rate for
-days this is the wrong moment: the first search that comes to a part of the map would wait, and what the process holds
-would seem to grow.
+The system backs an array's pages with memory when they are first written to. In a loop that is to keep its rate for
+days, the first search that comes to a part of the map would wait, and the process would seem to grow.
 """
 
 import ctypes
+import itertools
 import mmap
 import resource
 from collections.abc import Iterator
@@ -31,9 +31,9 @@ Number = TypeVar("Number", bound=np.generic)
 
 
 def touch(*owners: object) -> None:
-    """Write to every page of the arrays among these objects' attributes; their values stay.
+    """Write to every page of the arrays, but for read-only and strided ones, among these objects' attributes.
 
-    Read-only and strided arrays are left out.
+    Their values stay.
     """
     for owner in owners:
         for value in vars(owner).values():
@@ -61,16 +61,14 @@ def virtual_zeros(count: int, dtype: type[Number]) -> NDArray[Number]:
 def small_pages() -> Iterator[None]:
     """Have the system back this process's arrays with small pages for a while: where a strip of one is touched, a
     huge page of 2 MiB would bring the rows beside it along."""
-    try:
-        prctl = ctypes.CDLL(None).prctl
-    except (AttributeError, OSError):  # not on this system
-        yield
-        return
-    prctl(_PR_SET_THP_DISABLE, 1, 0, 0, 0)
+    prctl = getattr(ctypes.CDLL(None), "prctl", None)  # not on every system
+    if prctl:
+        prctl(_PR_SET_THP_DISABLE, 1, 0, 0, 0)
     try:
         yield
     finally:
-        prctl(_PR_SET_THP_DISABLE, 0, 0, 0, 0)
+        if prctl:
+            prctl(_PR_SET_THP_DISABLE, 0, 0, 0, 0)
 
 
 def check_planner_fits(shape: tuple[int, ...], *, directed: bool = False) -> None:
@@ -88,8 +86,7 @@ def check_planner_fits(shape: tuple[int, ...], *, directed: bool = False) -> Non
 
 def peak_bytes() -> int:
     """The most memory that this process has held at once; 0 where the system does not say."""
-    lines = _lines(Path("/proc/self/status"))
-    return next((_number(line) * 1024 for line in lines if line.startswith("VmHWM:")), 0)
+    return next((1024 * held for held in _numbers(Path("/proc/self/status"), "VmHWM:")), 0)
 
 
 def available_bytes(system: Path = Path("/")) -> int:
@@ -97,17 +94,16 @@ def available_bytes(system: Path = Path("/")) -> int:
 
     `system` is where the system's own files lie, ``/proc`` and ``/sys``.
     """
-    found = [_number(line) * 1024 for line in _lines(system / "proc/meminfo") if line.startswith("MemAvailable:")]
+    found = [1024 * free for free in _numbers(system / "proc/meminfo", "MemAvailable:")]
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY:
-        found.append(limit - _number(_lines(Path("/proc/self/statm"))[0]) * mmap.PAGESIZE)
+        found.append(limit - next(_numbers(Path("/proc/self/statm"))) * mmap.PAGESIZE)
     return max(0, min([*found, *_left_in_groups(system)], default=1 << 62))
 
 
 def _left_in_groups(system: Path) -> Iterator[int]:
-    """What each control group around this process leaves: pages of files that can be dropped count as free."""
-    groups = [line.split(":", 2) for line in _lines(system / "proc/self/cgroup")]
-    for _, kind, name in groups:
+    """Memory that each control group around this process leaves; pages of files that can be dropped are free."""
+    for _, kind, name in (line.split(":", 2) for line in _lines(system / "proc/self/cgroup")):
         if kind == "":
             root, files = system / "sys/fs/cgroup", ("memory.max", "memory.current", "inactive_file ")
         elif "memory" in kind.split(","):  # version 1; from within a container, the name may be that outside of it
@@ -116,13 +112,9 @@ def _left_in_groups(system: Path) -> Iterator[int]:
         else:
             continue
         group = root / name.lstrip("/")
-        for folder in (group, *group.parents):
-            if root not in (folder, *folder.parents):
-                break
-            limit, used = _lines(folder / files[0]), _lines(folder / files[1])
-            if limit and used and limit[0].isdecimal():
-                dropped = [_number(line) for line in _lines(folder / "memory.stat") if line.startswith(files[2])]
-                yield int(limit[0]) - int(used[0]) + sum(dropped)
+        for folder in (each for each in (group, *group.parents) if each.is_relative_to(root)):
+            for limit, used in zip(_numbers(folder / files[0]), _numbers(folder / files[1]), strict=False):
+                yield limit - used + sum(_numbers(folder / "memory.stat", files[2]))
 
 
 def _lines(path: Path) -> list[str]:
@@ -133,6 +125,8 @@ def _lines(path: Path) -> list[str]:
         return []
 
 
-def _number(line: str) -> int:
-    """The first number in a line."""
-    return next(int(word) for word in line.split() if word.isdecimal())
+def _numbers(path: Path, start: str = "") -> Iterator[int]:
+    """The first number, where there is one, in each line of a system's file that begins so."""
+    for line in _lines(path):
+        if line.startswith(start):
+            yield from itertools.islice((int(word) for word in line.split() if word.isdecimal()), 1)

@@ -23,9 +23,8 @@ class CorridorWidth(NamedTuple):
     nearby: float
     """Added to the band for short paths, divided by the coarse cells between start and goal."""
     coarse_radius: int
-    """Added to the radius between two coarse levels, where room costs little."""
     coarse_band: float
-    """Added to the band between two coarse levels."""
+    """Added to radius and band between two coarse levels, where room costs little."""
 
 
 # Changes of a map
@@ -48,14 +47,12 @@ MOST_SAMPLED = 24
 
 # Maps read by windows
 
-BAND_CELLS = 1 << 22
-"""Cells of a band of rows that is read and computed as one, about: 16 MB of heights."""
-LEAST_WINDOW = 256
-"""Cells: windows under a corridor are at least so high and wide, where blocks are smaller."""
-LEG_CELLS = 256
-"""Cells of a path whose heights are read by one window."""
-BANDS_AHEAD = 3
-"""Bands that are read ahead: blocks are decoded for several bands at once, which the others then wait for."""
+BAND_CELLS, BANDS_AHEAD = 1 << 22, 3
+"""Cells of a band of rows that is read and computed as one, about: 16 MB of heights; bands that are read ahead, as
+blocks are decoded for several bands at once, which the others then wait for."""
+LEAST_WINDOW, LEG_CELLS = 256, 256
+"""Cells: windows under a corridor are at least so high and wide, where blocks are smaller; those of a path whose
+heights are read by one window."""
 
 # Exact search
 
@@ -67,11 +64,9 @@ DIRECTED_BUCKET_WIDTH = 1.0 / 1024.0
 ``energy`` expanded 4,200 cells (median) in place of 290,000, by ``tobler`` 5,300 in place of 19,000."""
 NEAREST_STOPS = 5
 """Stops nearest each stop of a tour that one search of steps reaches, for the best order of exact paths."""
-MOST_RATIO_FOR_LANDMARKS = 1e6
-"""Of the dearest step to the cheapest: float32 then rounds off a few cheap steps of a cost. With 1e15
-cells were expanded hundreds of times."""
-MOST_RATIO_FOR_DSTAR = 1e12
-"""Of the dearest step to the cheapest: sums of more are too coarse to tell apart paths that share a dear step."""
+MOST_RATIO_FOR_LANDMARKS, MOST_RATIO_FOR_DSTAR = 1e6, 1e12
+"""Of the dearest step to the cheapest. float32 rounds off a few cheap steps of a cost: with 1e15 cells were expanded
+hundreds of times. D* Lite's sums of more are too coarse to tell apart paths that share a dear step."""
 
 # Coarse levels
 
@@ -79,10 +74,9 @@ ANOTHER_LEVEL_FROM = 256
 """Cells of a coarse level's longer side from which on another level is put on top of it."""
 SECOND_LEVEL_FROM = MapSize(1021)
 """The smallest map with a second coarse level, by the number above and four cells to a side."""
-LEVEL_LANDMARKS = 4
-"""Landmarks that a coarse level gets when it is searched often."""
-LANDMARK_PATIENCE = 3
-"""A landmark is set whenever a level's searches have expanded so many times as many cells as that takes."""
+LEVEL_LANDMARKS, LANDMARK_PATIENCE = 4, 3
+"""Landmarks that a coarse level gets when it is searched often: one whenever searches have expanded so many times as
+many cells as setting it takes."""
 MOST_CELLS_FOR_LANDMARKS = 1 << 15
 """Cells of a level that may get landmarks: on one of so many, setting one takes two milliseconds."""
 CELLS_APART = 16
@@ -109,10 +103,9 @@ REFINE_FROM = MapSize(192)
 """Cells of a map's longer side from which on a learned region is searched coarsely first."""
 WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1
 """To widen a learned region, its threshold is multiplied by the first, and so many blocks are added all around."""
-WINDOW_ROUNDING = 32
-"""Cells: the corner and the side of the window that the network is shown are multiples of it."""
-WINDOW_SHARE = 0.6
-"""Share of the map's longer side from which on the network is shown the whole map instead of a window."""
+WINDOW_ROUNDING, WINDOW_SHARE = 32, 0.6
+"""Corner and side of the window that the network is shown are multiples of so many cells; from so large a share of
+the map's longer side on, it is shown the whole map instead."""
 
 # Any angle
 
@@ -149,16 +142,12 @@ UNSEEN_CHANGE = 0.02
 and to run the network takes as long as a short search."""
 MOST_JOINED = 3
 """Regions of D* Lite are joined as long as they hold at most so many times the blocks of the newest."""
-DSTAR_SLOWER = 2.5
-"""Time that D* Lite takes to expand a cell, over what A* takes."""
-EXPANDED_TWICE = 2.0
-"""Cells that became dearer, and all whose path led over them, are expanded twice: first to be given up."""
-MEND_FROM = 192
-"""Cells to the goal from which on `auto` mends; a shorter corridor is as quickly made anew."""
-MEND_WITHIN = 0.25
-"""`auto` mends only where all changes lie nearer to the start than this share of the way to the goal."""
-MEND_SHARE = 1.0 / 1024.0
-"""`auto` mends only where at most this share of the map's cells has changed."""
+DSTAR_SLOWER, EXPANDED_TWICE = 2.5, 2.0
+"""Time that D* Lite takes to expand a cell, over what A* takes; cells that became dearer, and all whose path led over
+them, are expanded twice: first to be given up."""
+MEND_FROM, MEND_WITHIN, MEND_SHARE = 192, 0.25, 1.0 / 1024.0
+"""`auto` mends from so many cells to the goal on, as a shorter corridor is as quickly made anew; and only where all
+changes lie nearer to the start than this share of the way, and at most this share of the map's cells has changed."""
 MOST_DRIFT = 1.02
 """Mended paths are taken until they may cost so many times what paths of a new corridor would."""
 

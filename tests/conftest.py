@@ -56,7 +56,7 @@ def write_tiny_model(path: Path, **changes: Any) -> Path:
     """
     from onnx import TensorProto, checker, helper, save
 
-    from nnpp_edge.runtime.network.inference import METADATA_KEY, ModelMetadata
+    from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata
 
     blocks, sigma = TINY_SIDE // 8, 0.25
 

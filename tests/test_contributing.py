@@ -90,7 +90,7 @@ def test_names_in_the_guide_are_in_the_code():
         "tests/runtime/test_slope_cost.py": ("MODELS",),
         "nnpp_edge/profiling/measure.py": ("rivals_of",),
         "nnpp_edge/reproduction/experiment.py": ("experiment", "Context", "Result"),
-        "nnpp_edge/reproduction/experiments.py": ("EXPERIMENTS",),
+        "nnpp_edge/reproduction/runner.py": ("EXPERIMENTS",),
     }
     guide = (ROOT / "CONTRIBUTING.md").read_text()
     for path, names in named.items():
@@ -118,7 +118,7 @@ def test_every_place_that_lists_step_costs_has_each_of_them():
     }
     for place, names in has.items():
         assert names == set(SLOPE_COSTS), place
-    assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values()), "runtime/__init__.py"
+    assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values()), "runtime/__init__.pyi"
     assert all(kind.function for kind in SLOPE_COSTS.values() if issubclass(kind, SpeedCost))
 
 

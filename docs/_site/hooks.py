@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import ast
-import inspect
 import os
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -175,17 +173,12 @@ def _gallery() -> dict[str, str]:
 
 
 def _api() -> dict[str, str]:
-    tree = ast.parse((ROOT / "runtime/__init__.py").read_text())
-    table = next(
-        node.value
-        for node in tree.body
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_MODULES"
-    )
-    modules: dict[str, tuple[str, ...]] = ast.literal_eval(table)
-    names = [f"{module}.{name}" for module, each in modules.items() for name in each]
+    listed = ast.parse((ROOT / "runtime/__init__.pyi").read_text()).body
+    imports = [node for node in listed if isinstance(node, ast.ImportFrom) and node.module]
+    names = [f"{node.module}.{node.names[0].name}".removeprefix("nnpp_edge.runtime.") for node in imports]
     first = ["planners.planner.Planner", "planners.plan.Plan", "planners.dynamic.DynamicPlanner"]
     ordered = [*first, *(name for name in names if name not in first), *RUNTIME_MORE]
-    text = "# nnpp_edge.runtime\n\nWhat runs on a robot. Every name down to `update_cost` can be imported from here: "
+    text = "# nnpp_edge.runtime\n\nWhat runs on a robot. Every name down to `Vehicle` can be imported from here: "
     text += "`from nnpp_edge.runtime import Planner`.\n\n"
     made = {"api/runtime.md": text + _shown(f"runtime.{name}" for name in ordered)}
     what = "What runs on a robot: planners, plans, costs, regions, the loop. One import for all."
@@ -216,9 +209,9 @@ def _cli() -> dict[str, str]:
     lines, made = ["# Commands\n", "| command | what it does |", "| --- | --- |"], {}
     for name, command in commands().items():
         lines.append(f"| [nnpp-edge {name}]({name}.md) | {command.get_short_help_str(200)} |")
-        parts = [f"---\ntitle: {name}\n---\n\n# nnpp-edge {name}\n", *_told(f"nnpp-edge {name}", command)]
+        parts = [f"---\ntitle: {name}\n---\n\n# nnpp-edge {name}\n", _help(f"nnpp-edge {name}", command)]
         for inner, each in getattr(command, "commands", {}).items():
-            parts += [f"## nnpp-edge {name} {inner}\n", *_told(f"nnpp-edge {name} {inner}", each)]
+            parts += [f"## nnpp-edge {name} {inner}\n", _help(f"nnpp-edge {name} {inner}", each)]
         made[f"cli/{name}.md"] = "\n".join(parts)
     lines.append(
         "\nExit codes: 0 done; 1 no path, or a budget missed; 2 wrong use or bad input; 3 too noisy to tell."
@@ -226,27 +219,9 @@ def _cli() -> dict[str, str]:
     return made | {"cli/index.md": "\n".join(lines)}
 
 
-def _told(called: str, command: click.Command) -> Iterator[str]:
-    """What `--help` says of a command, as Markdown: usage, text with its examples, and a table of options."""
+def _help(called: str, command: click.Command) -> str:
+    """What `--help` says of a command."""
     import click
 
-    context = click.Context(command, info_name=called)
-    yield f"```\n{called} {' '.join(command.collect_usage_pieces(context))}\n```\n"
-    for paragraph in inspect.cleandoc(command.help or "").split("\n\n"):
-        example = paragraph.startswith("\b")
-        text = paragraph.removeprefix("\b").strip()
-        yield f"```sh\n{text}\n```\n" if example else f"{_plain(text)}\n"
-    yield "| option | | default, range |\n| --- | --- | --- |"
-    for option in command.params:
-        record = option.get_help_record(context) if isinstance(option, click.Option) else None
-        if record is not None:
-            words, _, facts = record[1].removesuffix("]").rpartition("  [")
-            words, facts = (words, facts) if record[1].endswith("]") else (record[1], "")
-            shown = record[0], _plain(words), _plain(facts.removeprefix("default: "))
-            yield "| `{}` | {} | {} |".format(*shown)
-    yield ""
-
-
-def _plain(text: str) -> str:
-    """Text in which nothing is taken for Markdown."""
-    return re.sub(r"([*_<>|\[\]])", r"\\\1", text)
+    context = click.Context(command, info_name=called, terminal_width=100, max_content_width=100)
+    return f"```text\n{command.get_help(context)}\n```\n"

@@ -25,6 +25,9 @@ from nnpp_edge.terrain.shipped import sample_dem  # noqa: E402
 from nnpp_edge.terrain.workloads import workload  # noqa: E402
 
 MOON = sample_dem("moon_highlands").rescaled(20.0)
+SOFT, LIMIT20 = (
+    traversability_cost(MOON.elevation, MOON.cell_size_m, workload(name), warn=False) for name in ("soft", "limit20")
+)
 START, GOAL = (90, 60), (450, 470)
 
 
@@ -56,8 +59,8 @@ def played(recording: Path, target: Path) -> None:
     stream.send_chunks(RrdReader(recording).stream().drop(content=["/map/cost", "/__properties"]))
     for chunk in RrdReader(recording).stream().filter(content="/map/cost"):
         rows = chunk.to_record_batch()
-        columns = [rows.column("tick"), rows.column("time").cast("int64")]
-        columns += [rows.column(name) for name in ("Image:format", "Image:buffer")]
+        columns = [rows.column(name) for name in ("tick", "time", "Image:format", "Image:buffer")]
+        columns[1] = columns[1].cast("int64")
         for tick, time_ns, (form,), (pixels,) in zip(*(column.to_pylist() for column in columns), strict=True):
             picture = Image.frombytes("RGB", (form["width"], form["height"]), bytes(pixels))
             picture.quantize(32, dither=Image.Dither.NONE).save(packed := io.BytesIO(), "PNG", optimize=True)
@@ -70,8 +73,7 @@ def played(recording: Path, target: Path) -> None:
 def _cost() -> None:
     figure, axes = panels(3, width=3.6, height=3.9)
     relief(axes[0], MOON, "elevations")
-    for panel, name in zip(axes[1:], ("soft", "limit20"), strict=True):
-        cost = traversability_cost(MOON.elevation, MOON.cell_size_m, workload(name), warn=False)
+    for panel, (name, cost) in zip(axes[1:], {"soft": SOFT, "limit20": LIMIT20}.items(), strict=True):
         panel.imshow(np.where(np.isfinite(cost), cost, np.nan), cmap="gray", vmin=0, vmax=1)
         panel.set(title=f"cost T, {name}", xticks=[], yticks=[], facecolor="#602c22")
     save(figure, OUT, "cost")
@@ -79,13 +81,12 @@ def _cost() -> None:
 
 def _regions() -> None:
     """Where each method may search."""
-    cost = traversability_cost(MOON.elevation, MOON.cell_size_m, workload("limit20"), warn=False)
-    planner = Planner(cost)
+    planner = Planner(LIMIT20)
     figure, axes = panels(2)
     for panel, (method, title) in zip(axes, {"corridor": "corridor", "nnpp": "learned region"}.items(), strict=True):
         plan = planner.plan(START, GOAL, method=method, keep_regions=True)
         assert plan.region is not None
-        relief(panel, MOON, f"{title}: {plan.region.area() / cost.size:.1%} of the map")
+        relief(panel, MOON, f"{title}: {plan.region.area() / LIMIT20.size:.1%} of the map")
         panel.imshow(np.where(plan.region.mask(), 1.0, np.nan), cmap="cool", vmin=1, vmax=3, alpha=0.9)
         panel.plot(plan.path[:, 1], plan.path[:, 0], color="tab:red", linewidth=1.0)
         ends(panel, START, GOAL)
@@ -93,14 +94,12 @@ def _regions() -> None:
 
 
 def _corridor() -> None:
-    cost = traversability_cost(MOON.elevation, MOON.cell_size_m, workload("soft"), warn=False)
     figure, axes = panels(3, width=3.6, height=3.9)
     for panel, factor in zip(axes, (16, 4, 1), strict=True):
         side = 512 // factor
-        coarse = cost.reshape(side, factor, side, factor).mean((1, 3))
-        plan = Planner(coarse).plan(
-            (START[0] // factor, START[1] // factor), (GOAL[0] // factor, GOAL[1] // factor), method="astar"
-        )
+        coarse = SOFT.reshape(side, factor, side, factor).mean((1, 3))
+        ends_on_it = ((row // factor, col // factor) for row, col in (START, GOAL))
+        plan = Planner(coarse).plan(*ends_on_it, method="astar")
         panel.imshow(coarse, cmap="gray", vmin=0, vmax=1)
         panel.set(title=f"blocks of {factor} x {factor} cells" if factor > 1 else "cells", xticks=[], yticks=[])
         line(panel, plan.path)
@@ -109,8 +108,7 @@ def _corridor() -> None:
 
 def _bounds() -> None:
     """What each method's path costs, and below what no path can."""
-    cost = traversability_cost(MOON.elevation, MOON.cell_size_m, workload("limit20"), warn=False)
-    planner = Planner(cost)
+    planner = Planner(LIMIT20)
     figure, (panel,) = panels(1, width=7.0, height=2.6)
     asked = {"astar": {}, "corridor": {}, "nnpp": {}, "corridor, epsilon 0.05": {"epsilon": 0.05}}
     for name, more in asked.items():

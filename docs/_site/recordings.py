@@ -48,18 +48,12 @@ def viewer() -> dict[str, bytes]:
         folder = Path(str(distribution("rerun-notebook").locate_file("rerun_notebook/static")))
     except PackageNotFoundError:
         return {}
-    return {MODULE: unpacking((folder / MODULE).read_text()).encode()} | {
-        PACKED: gzip.compress((folder / WASM).read_bytes(), 6, mtime=0)
-    }
-
-
-def unpacking(module: str) -> str:
-    """The viewer's module, reading the packed file in place of the other; its makers mark the lines that do it."""
-    before, marked, rest = module.partition(_OPEN)
+    before, _, rest = (folder / MODULE).read_text().partition(_OPEN)  # its makers mark the lines that fetch the other
     _, closed, after = rest.partition(_CLOSE)
-    if not marked or not closed:
+    if not closed:
         raise SystemExit(f"{MODULE} of rerun-notebook: wanted {_OPEN} and {_CLOSE}, got a module without them")
-    return before + _FETCH + after
+    packed = gzip.compress((folder / WASM).read_bytes(), 6, mtime=0)
+    return {MODULE: f"{before}{_FETCH}{after}".encode(), PACKED: packed}
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
@@ -76,13 +70,8 @@ def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
 
 def recorded(page: str) -> str | None:
     """The example that a page shows, if there is a recording of it."""
-    name = page.removeprefix("gallery/").removesuffix(".md")
-    return name if page == f"gallery/{name}.md" and recording(name).exists() else None
-
-
-def recording(name: str) -> Path:
-    """Where an example's recording is kept."""
-    return ROOT / f"docs/gallery/{name}.rrd"
+    recording = ROOT / "docs" / Path(page).with_suffix(".rrd")
+    return recording.stem if recording.exists() else None
 
 
 def with_player(markdown: str, name: str, megabytes: float) -> str:
@@ -91,7 +80,7 @@ def with_player(markdown: str, name: str, megabytes: float) -> str:
     before, found, after = markdown.partition(picture)
     if not found:
         raise SystemExit(f"gallery/{name}.md: wanted {picture} to put the recording beside, got no such line")
-    size = recording(name).stat().st_size / 1e6
+    size = (ROOT / f"docs/gallery/{name}.rrd").stat().st_size / 1e6
     file = f"[{name}.rrd]({name}.rrd) ({size:.1f} MB) is the recording."
     if not megabytes:
         return f"{before}{found}\n\n{file}\n{after}"

@@ -16,8 +16,7 @@ from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.runtime.planners.plan_path import plan_path
-from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.planners.planner import Planner, plan_path
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

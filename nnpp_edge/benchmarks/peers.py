@@ -66,13 +66,9 @@ def compare(
     """Have every planner answer the same queries on maps of one size, in turns: a row of figures for each.
 
     Our exact A*, `REFERENCE`, must be among them; queries that it finds no path for are passed over. A planner that
-    would take longer than `limit_s` for a query is left out; `expected_s` is the time by planner that a smaller size
-    has shown. `progress` is called with the number of queries that are done.
-
-    Notes
-    -----
-    Before the clock starts, each planner prepares the map (counted apart) and answers the map's first query
-    once: for ``nnpp`` that is when the network is shown the map.
+    takes longer than `limit_s` for a query is left out, and one that would by `expected_s`, the time by planner that
+    a smaller size has shown. `progress` is called with the number of queries that are done. Before the clock starts,
+    each planner prepares the map (counted apart) and answers the map's first query once.
     """
     harness, rows, done = Harness(), list[Row](), 0
     left_out = {

@@ -19,10 +19,9 @@ from typing import Any
 import click
 import numpy as np
 
-from nnpp_edge.benchmarks.dynamic_scene import dynamic_methods, run_alone
 from nnpp_edge.profiling.suites import TerrainFiles, check_sizes, synthetic_cases, terrain_cases
 from nnpp_edge.runtime.cells import Cell, Endpoints
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, Status
 from nnpp_edge.runtime.loop.histogram import Histogram
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Input, MapPatch, PathMessage
@@ -220,7 +219,9 @@ def main(ticks: int, methods: str, model: str, refine: bool, changes: int, seed:
     """Plan for many ticks and print what came of it as JSON; exit code 1 if a path was invalid."""
     from nnpp_edge.progress import bar
 
-    names, rows = dynamic_methods(methods), []
+    names, rows = [name.strip() for name in methods.split(",")], []
+    if unknown := set(names) - set(DynamicMethod):
+        raise click.UsageError(f"--methods must be of {', '.join(DynamicMethod)}, got {', '.join(sorted(unknown))}")
     vehicle = None if of_ground["vehicle"] is None else load_vehicle(of_ground["vehicle"])
     dems = TerrainFiles(of_ground["terrain"], of_ground["rescale"]).read()
     ground = soak_ground(of_ground["size"], seed, dems, vehicle, of_ground["rocks"])
@@ -233,4 +234,8 @@ def main(ticks: int, methods: str, model: str, refine: bool, changes: int, seed:
 
 
 if __name__ == "__main__":
-    run_alone(main)
+    try:
+        main()
+    except NnppEdgeError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(2)

@@ -75,8 +75,8 @@ def command(
 
     \b
     nnpp-edge dataset train/*.tif -o data/train --maps 9216
-    nnpp-edge dataset dem.tif -o data/train --validation-share 0.2 --own-cell-size --hard-slope 20
-    nnpp-edge dataset dem.tif -o data/val --validation-share 0.2 --held-out --own-cell-size --hard-slope 20
+    nnpp-edge dataset dem.tif -o data/train --validation-share 0.2 --own-cell-size --limit hard_slope_deg=20
+    nnpp-edge dataset dem.tif -o data/val --validation-share 0.2 --held-out --own-cell-size --limit hard_slope_deg=20
     """
     if workers and scheduler:
         raise click.UsageError("--workers counts processes on this machine; leave it out with --scheduler")

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -18,24 +17,22 @@ if TYPE_CHECKING:
     from nnpp_edge.terrain.georeference import Place
 
 PLACES = "ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a vector file"
-_CELL = re.compile(r"\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*")
-_COORDINATES = re.compile(r"(xy|lonlat):([^,]+),([^,]+)")
+_NUMBERS = re.compile(r"\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*|(xy|lonlat):([^,]+),([^,]+)")
 
 
-@dataclass(frozen=True)
-class End:
+class End(NamedTuple):
     """A place, or several in the order of a layer's points, as the user named them."""
 
     word: str
     cell: Cell | None = None
-    coordinates: tuple[float, float] | None = None
-    """In the map's own system, or longitude and latitude in degrees where `lonlat`."""
-    lonlat: bool = False
+    xy: tuple[float, float] | None = None
+    """In the map's own system."""
+    lonlat: tuple[float, float] | None = None
 
     @property
     def file(self) -> Path | None:
         """The vector file, if it is one."""
-        if self.cell is not None or self.coordinates is not None:
+        if self.cell or self.xy or self.lonlat:
             return None
         from nnpp_edge.terrain.vectors import named_file
 
@@ -48,14 +45,14 @@ class End:
         """
         if self.cell is not None:
             return [self.cell]
-        if self.coordinates is not None and not self.lonlat:
-            return [place.cell_of(*self.coordinates)]
-        import numpy as np
+        if self.xy is not None:
+            return [place.cell_of(*self.xy)]
+        if self.lonlat is not None:
+            import numpy as np
 
-        if self.coordinates is not None:
             from nnpp_edge.terrain.coordinates import lonlat_on_map
 
-            points = lonlat_on_map(place, np.array([self.coordinates]))
+            points = lonlat_on_map(place, np.array([self.lonlat]))
         else:
             from nnpp_edge.terrain.vectors import points_of
 
@@ -64,15 +61,24 @@ class End:
                 click.echo(word, err=True)
         return [place.cell_of(x, y) for x, y in points.tolist()]
 
+    def one_cell(self, place: Place, option: str) -> Cell:
+        """The cell below; InvalidQueryError where the layer has another number of points."""
+        from nnpp_edge.runtime.errors import InvalidQueryError
+
+        if len(cells := self.cells(place)) != 1:
+            raise InvalidQueryError(f"{option} must be one place, got {len(cells)}")
+        return cells[0]
+
 
 def _end(word: str) -> End:
-    if found := _CELL.fullmatch(word):
-        return End(word, (int(found[1]), int(found[2])))
-    if found := _COORDINATES.fullmatch(word):
-        x, y = float(found[2]), float(found[3])
-        if not (math.isfinite(x) and math.isfinite(y)):
+    if found := _NUMBERS.fullmatch(word):
+        row, col, system, x, y = found.groups()
+        if system is None:
+            return End(word, (int(row), int(col)))
+        at = float(x), float(y)
+        if not all(map(math.isfinite, at)):
             raise ValueError
-        return End(word, None, (x, y), found[1] == "lonlat")
+        return End(word, xy=at) if system == "xy" else End(word, lonlat=at)
     from nnpp_edge.terrain.vectors import VectorFileError, named_file
 
     if "," in word or not word:

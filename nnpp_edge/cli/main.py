@@ -95,6 +95,8 @@ def main() -> None:
         click.echo("stopped", err=True)
         sys.exit(1)
     except click.UsageError as error:
+        if isinstance(error, click.NoSuchOption) and (instead := _instead_of(error)):
+            _refuse(f"{error.option_name} was removed: {instead}")
         command = error.ctx.command_path if error.ctx else "nnpp-edge"
         _refuse(f"{_plain(error.format_message())}; see {command} --help")
     except (NnppEdgeError, click.ClickException) as error:
@@ -110,6 +112,13 @@ def main() -> None:
         _refuse(f"this needs {package}: pip install 'nnpp-edge[{extra}]'")
     finally:  # what the interpreter does at its end, a KeyboardInterrupt would break off with a traceback
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_DFL)
+
+
+def _instead_of(error: click.NoSuchOption) -> str | None:
+    """What to write in place of an option that was removed."""
+    from nnpp_edge.cli.removed import instead_of
+
+    return instead_of(error.option_name, (error.ctx and error.ctx.info_name) or "")
 
 
 def _refuse(message: str) -> NoReturn:

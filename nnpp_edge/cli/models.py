@@ -1,7 +1,8 @@
 """`nnpp-edge models`: the shipped models, and what is known of one."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
@@ -11,10 +12,14 @@ from nnpp_edge.cli import options
 if TYPE_CHECKING:
     from nnpp_edge.runtime.network.model_file import Figures, ModelFile
 
+_PURPOSES = {
+    "edge": "planning on board; the default of --method nnpp",
+    "edge-fp32": "edge before quantisation, from which quantize shows its work",
+    "paper": "the paper's network, to reproduce its experiments",
+}
 _SIZE = 256
 """Side of the maps whose figures stand in the list."""
 _MISSING = "–"
-
 _FIGURES = {
     "first\nregion": ("success_raw", ".1%"),
     "after\nfallback": ("success", ".1%"),
@@ -47,7 +52,8 @@ def command(model: str | None, as_json: bool) -> None:
 
     if model is None:
         listed = list_models()
-        click.echo(json.dumps([found.summary() for found in listed], indent=1) if as_json else table(listed))
+        told = [found.summary() | {"purpose": _PURPOSES.get(found.name)} for found in listed]
+        click.echo(json.dumps(told, indent=1) if as_json else table(listed))
         return
     found = read_model_file(model)
     click.echo(json.dumps({**found.summary(), "card": found.card}, indent=1) if as_json else text(found))
@@ -57,62 +63,40 @@ def table(listed: "Sequence[ModelFile]") -> str:
     """The models for people, one a row."""
     from nnpp_edge.progress import render_table
 
-    rows = [_row(found) for found in listed]
-    lines = [render_table(list(rows[0]), [list(row.values()) for row in rows]).strip("\n"), ""]
-    if any(_own_rows(found) for found in listed):
-        lines.append(f"First region, gap and ms are the least and the greatest of the workloads at {_SIZE}².")
-    lines.append("`nnpp-edge models NAME` shows one in full.")
-    return "\n".join(lines)
+    titles = ("first\nregion", "gap\nmean", "ms\nmedian")
+    rows = [
+        [
+            found.name,
+            _PURPOSES.get(found.name, _MISSING),
+            found.metadata.precision,
+            f"{found.size_bytes / 1e6:.2f}",
+            *(_span(found, *_FIGURES[title]) for title in titles),
+            found.sha256[:8],
+        ]
+        for found in listed
+    ]
+    head = ("name", "for", "precision", "MB", *titles, "sha256")
+    return (
+        f"{render_table(head, rows)}\n"
+        f"First region, gap and ms are the least and the greatest of the workloads at {_SIZE}².\n"
+        "`nnpp-edge models NAME` shows one in full."
+    ).strip("\n")
 
 
 def text(found: "ModelFile") -> str:
     """All that is known of one model, for people."""
+    from nnpp_edge.model.registry import architecture_name
+
     head = {
         "model": found.name,
         "file": str(found.path),
-        "size": f"{_megabytes(found)} MB",
+        "size": f"{found.size_bytes / 1e6:.2f} MB",
         "sha256": found.sha256,
-        "producer": found.producer or _MISSING,
-        "inputs": _shapes(found.inputs),
-        "outputs": _shapes(found.outputs),
     }
-    metadata = found.metadata.facts() | {"architecture": _architecture(found)}
+    metadata = asdict(found.metadata) | {"architecture": architecture_name(found.metadata.architecture)}
     parts = [_aligned(head.items()), "metadata\n" + _aligned(_flat(metadata), "  ")]
     parts.append(f"figures     {_MISSING}" if found.figures is None else _figures(found.figures))
-    if found.card is not None:
-        parts.append(found.card.strip())
-    return "\n\n".join(parts)
-
-
-def _row(found: "ModelFile") -> dict[str, str]:
-    """A model's row in the list, by the columns' titles."""
-    m = found.metadata
-    dataset = m.training.get("dataset")
-    shown = (str(getattr(m, name, _MISSING)) for name in ("input_size", "blocks", "encoding"))
-    numbers = (getattr(m, name, None) for name in ("sigma", "omega", "region_factor"))
-    size, blocks, encoding, sigma, omega, factor = *shown, *(_MISSING if n is None else f"{n:g}" for n in numbers)
-    return {
-        "name": found.name,
-        "preci-\nsion": m.precision,
-        "archi-\ntecture": _architecture(found),
-        "MB": _megabytes(found),
-        "input": size,
-        "blocks": blocks,
-        "enco-\nding": encoding,
-        "σ": sigma,
-        "ω": omega,
-        "region\nfactor": factor,
-        "trained\nmaps": str(dataset.get("maps", _MISSING)) if isinstance(dataset, dict) else _MISSING,
-        **{title: _span(found, *_FIGURES[title]) for title in ("first\nregion", "gap\nmean", "ms\nmedian")},
-        "sha256": found.sha256[:8],
-    }
-
-
-def _architecture(found: "ModelFile") -> str:
-    """Today's name of the model's architecture."""
-    from nnpp_edge.model.registry import architecture_name
-
-    return architecture_name(found.metadata.architecture)
+    return "\n\n".join([*parts, *([found.card.strip()] if found.card else [])])
 
 
 def _figures(figures: "Figures") -> str:
@@ -136,27 +120,15 @@ def _shown(value: str | float | None, form: str) -> str:
     return _MISSING if value is None else format(value, form).replace("%", " %")
 
 
-def _own_rows(found: "ModelFile") -> list[dict[str, str | float | None]]:
-    """The listed size's rows of figures that are the model's own, not another planner's."""
-    rows = [] if found.figures is None else found.figures.rows
-    return [row for row in rows if row["size"] == _SIZE and row["method"] in ("nnpp", f"nnpp:{found.name}")]
-
-
 def _span(found: "ModelFile", key: str, form: str) -> str:
-    """Least and greatest of one figure."""
-    values = [value for row in _own_rows(found) if isinstance(value := row[key], int | float)]
+    """Least and greatest of one figure, of the model's own rows at the listed size."""
+    rows = found.figures.rows if found.figures else []
+    own = [row[key] for row in rows if row["size"] == _SIZE and row["method"] in ("nnpp", f"nnpp:{found.name}")]
+    values = [value for value in own if isinstance(value, int | float)]
     if not values:
         return _MISSING
     least, greatest = (_shown(value, form) for value in (min(values), max(values)))
     return least if least == greatest else f"{least.removesuffix(' %')}–{greatest}"
-
-
-def _megabytes(found: "ModelFile") -> str:
-    return f"{found.size_bytes / 1e6:.2f}"
-
-
-def _shapes(tensors: Mapping[str, tuple[int | str, ...]]) -> str:
-    return ", ".join(f"{name} ({', '.join(map(str, shape))})" for name, shape in tensors.items()) or _MISSING
 
 
 def _aligned(lines: Iterable[tuple[str, str]], indent: str = "") -> str:

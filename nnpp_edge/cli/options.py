@@ -6,16 +6,19 @@ import functools
 import math
 import os
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import click
 
 if TYPE_CHECKING:
+    import numpy as np
     from _typeshed import DataclassInstance
+    from numpy.typing import NDArray
 
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.terrain.dem import Dem
@@ -113,6 +116,34 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]  # click has made it ge
             self.fail(f"wanted {self.wanted}, got {value!r}", param, ctx)
 
 
+class Setting(NamedTuple):
+    """A value that takes the place of another."""
+
+    word: str
+    """As it was given."""
+    values: dict[str, object]
+    """The key, or its first part, with the value or the table that holds it."""
+
+
+class SettingType(click.ParamType):  # type: ignore[type-arg]  # as above
+    """``KEY=VALUE`` in TOML; the keys are asked for when they are needed."""
+
+    name = "KEY=VALUE"
+
+    def __init__(self, keys: Callable[[], list[str]], example: str) -> None:
+        self.keys, self.example = keys, example
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Setting:
+        """Parse a word."""
+        try:
+            ((key, content),) = tomllib.loads(str(value)).items()
+        except (ValueError, RecursionError):
+            self.fail(f"wanted KEY=VALUE in TOML, such as {self.example}, got {value!r}", param, ctx)
+        if key not in (keys := self.keys()):
+            self.fail(f"{key} is unknown: wanted one of {', '.join(keys)}", param, ctx)
+        return Setting(str(value), {key: content})
+
+
 def _cell(word: str) -> tuple[int, int]:
     row, col = map(int, word.split(","))
     return row, col
@@ -192,6 +223,10 @@ allow_vrt = click.option("--allow-vrt", is_flag=True, help="Read a GDAL VRT, too
 omega = click.option(
     "--omega", type=NOT_NEGATIVE, default=0.011, help="Weight of the cost against length, per grey level."
 )
+corner_cutting = click.option(
+    "--corner-cutting/--no-corner-cutting", default=True, help="Allow diagonal steps beside impassable cells."
+)
+hillshade = click.option("--hillshade", is_flag=True, help="Draw the relief in place of the cost.")
 rescale = click.option(
     "--rescale", type=POSITIVE, help="Make cells this many metres wide and scale heights alike, so that slopes stay."
 )
@@ -232,19 +267,19 @@ def terrain_files(default: str = "") -> Callable[[Command], Command]:
     return together(files, cell_size, rescale, allow_vrt)
 
 
-traversability = together(
-    click.option("--slope-limit", type=ANGLE, default=30.0, help="φ_s, degrees."),
-    click.option("--roughness-limit", type=POSITIVE, default=0.6, help="r_s, metres."),
-    click.option("--step-limit", type=POSITIVE, default=0.2, help="H_s, metres."),
-    click.option(
-        "--hard-slope",
-        type=ANGLE,
-        help="Cells are impassable whose fitted plane, with their neighbours, is steeper than this many degrees.",
-    ),
-    click.option("--hard-roughness", type=POSITIVE, help="Cells rougher than this many metres are impassable."),
-    click.option("--hard-step", type=POSITIVE, help="Cells with a larger step, in metres, are impassable."),
+def _limit_keys() -> list[str]:
+    from nnpp_edge.runtime.terrain.traversability import Traversability
+
+    return [field.name for field in fields(Traversability) if not field.name.endswith("_weight")]
+
+
+limit = click.option(
+    "--limit",
+    type=SettingType(_limit_keys, "hard_slope_deg=20"),
+    multiple=True,
+    help="Set a limit of the cost; by default slope_limit_deg=30, roughness_limit_m=0.6 and step_limit_m=0.2. Cells "
+    "beyond hard_slope_deg, hard_roughness_m or hard_step_m are impassable. May be repeated.",
 )
-"""Eq. 1's limits."""
 
 workload = click.option(
     "--workload",
@@ -260,18 +295,13 @@ class TerrainOptions:
     vertical_scale: float | None
     rescale: float | None
     allow_vrt: bool
-    slope_limit: float
-    roughness_limit: float
-    step_limit: float
-    hard_slope: float | None
-    hard_roughness: float | None
-    hard_step: float | None
+    limit: tuple[Setting, ...]
     workload: str | None
 
     @property
     def limits_given(self) -> bool:
         """Whether the user has set a limit or a workload."""
-        return any("limit" in name or "hard" in name or name == "workload" for name in given_options())
+        return bool(self.limit or self.workload)
 
     def read(self, path: Path) -> Dem:
         """The elevation map in a file."""
@@ -292,20 +322,13 @@ class TerrainOptions:
         from nnpp_edge.terrain.workloads import SOFT
         from nnpp_edge.terrain.workloads import workload as limits_of
 
-        limits = Traversability(
-            slope_limit_deg=self.slope_limit,
-            roughness_limit_m=self.roughness_limit,
-            step_limit_m=self.step_limit,
-            hard_slope_deg=math.inf if self.hard_slope is None else self.hard_slope,
-            hard_roughness_m=math.inf if self.hard_roughness is None else self.hard_roughness,
-            hard_step_m=math.inf if self.hard_step is None else self.hard_step,
-        )
+        values = {name: value for each in self.limit for name, value in each.values.items()}
+        limits = Traversability(**values)  # type: ignore[arg-type]  # it checks them
         if self.workload is None:
             return limits
-        given = [name for name in given_options() if name in ("slope_limit", "hard_slope")]
-        if given and self.workload != SOFT:
-            option = given[0].replace("_", "-")
-            raise click.UsageError(f"--workload {self.workload} sets the slope limits: leave out --{option}")
+        twice = [name for name in values if name in ("slope_limit_deg", "hard_slope_deg")]
+        if twice and self.workload != SOFT:
+            raise click.UsageError(f"--workload {self.workload} sets the slope limits: leave out --limit {twice[0]}")
         return limits_of(self.workload, limits)
 
 
@@ -323,7 +346,7 @@ def gathered(name: str, kind: type[DataclassInstance]) -> Callable[[Callable[...
     return gather
 
 
-terrain = together(dem_input, traversability, workload, gathered("terrain", TerrainOptions))
+terrain = together(dem_input, limit, workload, gathered("terrain", TerrainOptions))
 """How an elevation map is read and becomes a cost map; the command is given them as `terrain`."""
 
 
@@ -336,6 +359,13 @@ def check_outputs(
     context, names = click.get_current_context(), {name for name, _ in outputs}
     read = [context.params[p.name] for p in context.command.params if p.name and not names.intersection(p.opts)]
     check_outputs(outputs, _paths([*read, *more_inputs]), make_folders=make_folders)
+
+
+def shade_of(dem: Dem) -> NDArray[np.uint8]:
+    """The relief that --hillshade asks for."""
+    from nnpp_edge.viz.picture import hillshade
+
+    return hillshade(dem.elevation, dem.cell_size_m, dem.cell_width_m)
 
 
 def view_file(view: str | None) -> Path | None:

@@ -1,38 +1,35 @@
-"""What `nnpp-edge plan` answers: for people, for programs, and as files."""
-
-from __future__ import annotations
+"""The answer of `nnpp-edge plan`: for people, for programs, and as files."""
 
 import json
 import math
 import warnings
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
 from math import isfinite, nan
-from typing import TYPE_CHECKING, NamedTuple, NoReturn
+from pathlib import Path
 
-import click
+import numpy as np
+from numpy.typing import NDArray
 
-from nnpp_edge.cli.cost_summary import MapSize
+from nnpp_edge.cli.maps import size_in_words, size_of
+from nnpp_edge.files import write_all
+from nnpp_edge.progress import render_table
+from nnpp_edge.runtime import Vehicle
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.map.along import crossings
+from nnpp_edge.runtime.map.slope_cost import unit_of
+from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.tour import Tour
+from nnpp_edge.terrain.route import Route
+from nnpp_edge.viz.picture import BodyDrawing, body_outlines, plan_picture, png_bytes
+from nnpp_edge.viz.sheet import Cells, metres
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from nnpp_edge.runtime.arrays import Float2D
-    from nnpp_edge.runtime.cells import Cell
-    from nnpp_edge.runtime.planners.plan import Plan
-    from nnpp_edge.runtime.planners.tour import Tour
-    from nnpp_edge.runtime.terrain.vehicle import Vehicle
-    from nnpp_edge.terrain.georeference import Place
-    from nnpp_edge.terrain.route import Route
-    from nnpp_edge.viz.sheet import Cells
-
-_MOST_UNEQUAL_SIDES = 0.02
-"""Cells whose sides differ by more than this share are warned of."""
 _PROPERTIES = ("status", "method", "source", "cost")
 """Figures that path.geojson repeats, beside those along the way."""
-_ANGLES = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
-_COMPARED = ("method", "source", "status", "cost", "length", "expansions")
-"""Figures of a plan that the comparison repeats."""
+_OF_LEGS = ("status", "method", "source", "cost", "length_m", "time_s", "energy_j", "climb_m", "descent_m")
+_OF_COMPARED = ("method", "source", "status", "cost", "length", "expansions")
+_COLUMNS = ("method", "source", "status", "cost", "gap", "ms", "speed-up", "expansions")
 
 
 @dataclass(frozen=True)
@@ -54,109 +51,42 @@ class Compared:
 
     def figures(self) -> dict[str, object]:
         """Ready for JSON."""
-        summary = self.plan.summary()
-        speedup = None if self.gap is None else self.exact_time_ms / self.time_ms
-        own = {"gap": self.gap, "time_ms": self.time_ms, "speedup": speedup}
-        return {**{name: summary[name] for name in _COMPARED}, **own}
+        summary, gap = self.plan.summary(), self.gap
+        speedup = None if gap is None else self.exact_time_ms / self.time_ms
+        return {name: summary[name] for name in _OF_COMPARED} | {
+            "gap": gap,
+            "time_ms": self.time_ms,
+            "speedup": speedup,
+        }
 
     def row(self) -> list[str]:
         """For people."""
-        cost = gap = speedup = "–"
-        if self.plan.ok:
-            cost = f"{self.plan.cost:.6g}"
-        if self.gap is not None:
-            gap, speedup = f"{100.0 * self.gap:.2f} %", f"{self.exact_time_ms / self.time_ms:.2f}"
-        ends = [str(self.plan.method), str(self.plan.source), str(self.plan.status)]
-        return [*ends, cost, gap, f"{self.time_ms:.2f}", speedup, str(self.plan.expansions)]
-
-
-class Near(NamedTuple):
-    """A part of a map, from its first cell on: what lies around a start or goal."""
-
-    origin: Cell
-    elevation: Float2D
-    cost: Float2D
-
-
-class Planned(NamedTuple):
-    """An answer, and what to draw and to say of its map."""
-
-    answer: Answer
-    cost: Float2D
-    """Of the map, or of one whose cells are `factor` times as large."""
-    shade: NDArray[np.uint8] | None
-    factor: int
-    near: Near
-    """The whole map, or what lies around an end that is impassable."""
-
-
-def refuse_impassable(place: Place) -> NoReturn:
-    """InvalidMapError for a map without a passable cell; for programs, the status as well."""
-    from nnpp_edge.runtime.errors import InvalidMapError
-
-    if click.get_current_context().params["as_json"]:
-        click.echo(json.dumps({"status": "INVALID_MAP"}))
-    raise InvalidMapError(f"{place.source}: wanted a map to plan on, got {MapSize.of(place)}, all impassable")
-
-
-def warn_if_not_square(place: Place) -> None:
-    """Warn of cells whose sides differ."""
-    size, width = place.cell_size_m, place.cell_width_m
-    if abs(size - width) > _MOST_UNEQUAL_SIDES * size:
-        warnings.warn(
-            f"cells are {size:.4g} m from north to south and {width:.4g} m from east to west. Slopes and the path's "
-            "length in metres allow for it; the search takes cells as square",
-            stacklevel=2,
-        )
-
-
-def warn_if_steep(answer: Answer) -> None:
-    """Warn of steps that are steeper than the limit on the ground around a cell."""
-    if steps := answer.steep_steps:
-        warnings.warn(
-            f"steps of the path above {answer.hard_slope_deg:g}°: {len(steps)}, the steepest {max(steps):.1f}°. "
-            "The limit is on the plane through a cell and its neighbours, not on a single step",
-            stacklevel=2,
-        )
-
-
-@dataclass(frozen=True)
-class WindowsRead:
-    """What planning on a map that is read by windows took."""
-
-    gigabytes: float
-    """Of heights, as they are stored uncompressed."""
-    read_again: float
-    """Cells read again, as a share of the map's."""
-    map_s: float
-    """Seconds for reading all heights once and making the coarse levels."""
-    peak_memory_gb: float
-    """Of the whole process."""
-
-    def __str__(self) -> str:
-        again = f"{100 * self.read_again:.1f} % of the cells again"
-        return (
-            f"{self.gigabytes:.2f} GB by windows, {again}, coarse levels in {self.map_s:.1f} s, peak memory "
-            f"{self.peak_memory_gb:.2f} GB"
-        )
+        told, gap = self.figures(), self.gap
+        cost = f"{self.plan.cost:.6g}" if self.plan.ok else "–"
+        compared = ("–", "–") if gap is None else (f"{100.0 * gap:.2f} %", f"{told['speedup']:.2f}")
+        ends = [str(told[name]) for name in ("method", "source", "status")]
+        return [*ends, cost, compared[0], f"{self.time_ms:.2f}", compared[1], str(self.plan.expansions)]
 
 
 @dataclass(frozen=True)
 class Answer:
-    """A plan on its map, and what was planned beside it."""
+    """A plan on its map, what was planned beside it, and what to draw."""
 
     plan: Plan
     route: Route
     start: Cell
     goal: Cell
-    goals: list[tuple[Cell, Plan]]
+    cost: Float2D
+    """Of the map, or of one whose cells are `factor` times as large."""
+    factor: int = 1
+    goals: list[tuple[Cell, Plan]] = field(default_factory=list)
     """Where several goals were given: each with its plan, the nearest first."""
-    compared: list[Compared]
-    exact_path: Cells | None
+    compared: list[Compared] = field(default_factory=list)
+    exact_path: Cells | None = None
     """The exact optimum where another method was compared with it."""
-    loading_included: bool
+    loading_included: bool = True
     """Whether the plan's times hold those of loading compiled code and the network."""
-    windows: WindowsRead | None = None
+    windows: dict[str, float] | None = None
     """What was read, where the map was read by windows."""
     vehicle: Vehicle | None = None
     """Whose poses the path goes by; None for a point."""
@@ -165,13 +95,14 @@ class Answer:
     point_path: Cells | None = None
     """The optimum of a point between the same ends, for the picture."""
     step_cost: str = "paper"
-    """By which steps cost."""
     tour: Tour | None = None
     """Where the path leads by way of other places."""
     reached: int | None = None
     """Cells that can be reached from the start, where no path leads to the goal."""
     hard_slope_deg: float = math.inf
     """Slope of a cell's fitted plane beyond which it is impassable; inf without a limit, or where poses decide."""
+    shade: NDArray[np.uint8] | None = None
+    """The relief, to be drawn in place of the cost."""
 
     @property
     def steep_steps(self) -> list[float]:
@@ -181,19 +112,27 @@ class Answer:
         slopes = abs(self.plan.along.slopes_deg)
         return list(slopes[slopes > self.hard_slope_deg].tolist())
 
+    def warn_if_steep(self) -> None:
+        """Warn of steps that are steeper than the limit on the ground around a cell."""
+        if steps := self.steep_steps:
+            warnings.warn(
+                f"steps of the path above {self.hard_slope_deg:g}°: {len(steps)}, the steepest {max(steps):.1f}°. "
+                "The limit is on the plane through a cell and its neighbours, not on a single step",
+                stacklevel=2,
+            )
+
     def figures(self, files: list[str]) -> dict[str, object]:
         """Ready for JSON."""
-        plan = self.plan
+        plan, steps = self.plan, self.steep_steps
         figures: dict[str, object] = {
             **plan.summary(),
             **self.route.worst,
             "loading_included": self.loading_included,
             "start": self.start,
             "goal": self.goal,
-            **asdict(MapSize.of(self.route.dem)),
+            **size_of(self.route.dem),
         }
         if isfinite(self.hard_slope_deg):
-            steps = self.steep_steps
             steepest = round(max(steps), 4) if steps else None
             figures["steps_above_hard_slope"] = {"count": len(steps), "steepest_deg": steepest}
         if plan.along is not None and plan.along.mobility.energy is not None:
@@ -205,58 +144,49 @@ class Answer:
         if self.reached is not None:
             figures["reached_cells"] = self.reached
         if self.tour:
-            figures["via"] = self._via()
+            figures["via"] = {
+                "stops": self.tour.stops,
+                "order": [each + 1 for each in self.tour.order],
+                "given_cost": round(self.tour.given_cost, 6) if isfinite(self.tour.given_cost) else None,
+                "legs": [{name: leg.summary()[name] for name in _OF_LEGS} for leg in self.tour.legs],
+            }
         if self.goals:
             plans = ((goal, plan.summary()) for goal, plan in self.goals)
             figures["goals"] = [{"goal": goal, "status": s["status"], "cost": s["cost"]} for goal, s in plans]
         if self.windows:
-            figures["windows"] = asdict(self.windows)
+            figures["windows"] = self.windows
         if self.vehicle is not None:
-            figures["vehicle"] = asdict(self.vehicle)
-            figures["checks"] = plan.checks
-            figures["waypoints"] = self.route.stands()
+            figures |= {
+                "vehicle": asdict(self.vehicle),
+                "checks": plan.checks,
+                "waypoints": self.route.stands(),
+            }
         if plan.waypoints is not None:
             figures["line"] = {
                 "row_col": plan.waypoints.round(4).tolist(),
                 "heading_deg": plan.waypoint_headings_deg.round(3).tolist(),
                 "curvature_per_m": plan.curvatures.round(6).tolist(),
             }
-        if files:
-            figures["files"] = files
-        return figures
+        return figures | ({"files": files} if files else {})
 
-    def _line(self) -> str:
-        """Of the way points, in words."""
-        plan, sharpest = self.plan, self.plan.curvatures.max(initial=0.0)
-        turns = f", sharpest turn of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""
-        points = 0 if plan.waypoints is None else len(plan.waypoints)
-        return f"{points} way points, line integral {plan.line_cost:.6g}{turns}"
+    def properties(self) -> dict[str, object]:
+        """Figures that the path carries in files for maps."""
+        figures = self.figures([])
+        line = () if self.plan.waypoints is None else ("line_cost", "sharpest_curvature_per_m")
+        return {name: figures[name] for name in (*_PROPERTIES, *line, *self.plan.numbers._fields, *self.route.worst)}
 
     def text(self, files: list[str]) -> str:
         """For people."""
-        from nnpp_edge.progress import render_table
-        from nnpp_edge.runtime.map.slope_cost import unit_of
-        from nnpp_edge.viz.sheet import metres
-
-        plan, length = self.plan, metres(self.route.length_m)
+        plan = self.plan
         why = plan.choice if plan.ok else plan.reason
         lines = {str(plan.status): f"{plan.method} ({plan.source})" + (f": {why}" if why else "")}
-        lines["map"] = str(MapSize.of(self.route.dem))
+        lines["map"] = size_in_words(self.route.dem)
         if self.tour:
-            lines["via"] = self._order()
+            lines["via"] = self._order(self.tour)
         if self.goals:
             results = (f"{goal} {f'{plan.cost:.6g}' if plan.ok else plan.status}" for goal, plan in self.goals)
             lines["goals"] = ", ".join(results)
-        if plan.ok:
-            lines["path"] = f"{len(plan.path)} cells, {length}"
-            lines |= self.on_the_ground()
-            cost = f"{plan.cost:.6g} {unit_of(self.step_cost)}".rstrip()
-            lines["cost"] = f"{cost}, {self._optimality()}"
-            if plan.waypoints is not None:
-                lines["line"] = self._line()
-            lines["CC"] = f"{plan.traverse_cost:.6g}"
-        elif len(plan.path):
-            lines["path"] = f"{len(plan.path)} cells so far, {length}"
+        lines |= self._path_lines()
         if self.reached is not None:
             lines["reached"] = f"{self.reached} cells of the map, from the start"
         if self.vehicle is not None and plan.ok and "tilt_deg" in self.route.standing:
@@ -266,56 +196,47 @@ class Answer:
         loading = ", loading included" if self.loading_included else ""
         lines["time"] = f"{plan.timings_ms['total']:.2f} ms{loading} ({stages})"
         if self.windows:
-            lines["read"] = str(self.windows)
+            lines["read"] = (
+                "{gigabytes:.2f} GB by windows, {again:.1f} % of the cells again, coarse levels in {map_s:.1f} s, "
+                "peak memory {peak_memory_gb:.2f} GB"
+            ).format(**self.windows, again=100.0 * self.windows["read_again"])
         if files:
             lines["written"] = ", ".join(files)
         text = "\n".join(f"{name:<12}{value}" for name, value in lines.items())
         if not self.compared:
             return text
-        header = ("method", "source", "status", "cost", "gap", "ms", "speed-up", "expansions")
-        return text + "\n" + render_table(header, [compared.row() for compared in self.compared])
+        return text + "\n" + render_table(_COLUMNS, [compared.row() for compared in self.compared])
 
-    def properties(self) -> dict[str, object]:
-        """Figures that the path carries in files for maps."""
-        figures = self.figures([])
-        line = () if self.plan.waypoints is None else ("line_cost", "sharpest_curvature_per_m")
-        return {name: figures[name] for name in (*_PROPERTIES, *line, *self.plan.numbers._fields, *self.route.worst)}
+    def _path_lines(self) -> dict[str, str]:
+        plan, length = self.plan, metres(self.route.length_m)
+        if not plan.ok:
+            return {"path": f"{len(plan.path)} cells so far, {length}"} if len(plan.path) else {}
+        cost = f"{plan.cost:.6g} {unit_of(self.step_cost)}".rstrip()
+        lines = {"path": f"{len(plan.path)} cells, {length}", **self.on_the_ground()}
+        lines["cost"] = f"{cost}, {self._optimality()}"
+        if plan.waypoints is not None:
+            sharpest = plan.curvatures.max(initial=0.0)
+            turns = f", sharpest turn of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""
+            lines["line"] = f"{len(plan.waypoints)} way points, line integral {plan.line_cost:.6g}{turns}"
+        return lines | {"CC": f"{plan.traverse_cost:.6g}"}
 
     def on_the_ground(self) -> dict[str, str]:
         """What is known of the way where its heights are."""
-        from nnpp_edge.viz.sheet import metres
-
         numbers, along = self.plan.numbers, self.plan.along
         if along is None or not isfinite(numbers.climb_m):
             return {}
-        lines = {
-            "ground": f"{metres(numbers.ground_length_m)} long, {metres(numbers.climb_m)} up and "
-            f"{metres(numbers.descent_m)} down, at most {numbers.steepest_up_deg:.1f}° up and "
-            f"{numbers.steepest_down_deg:.1f}° down",
-        }
         energy, model = "", along.mobility.energy
         if model is not None:
             energy = f", {numbers.energy_j / 1000.0:.4g} kJ at {model.gravity_m_s2:.3g} m/s²"
-        lines["way"] = f"{duration(numbers.time_s)} {along.time_by}{energy}"
-        return lines
-
-    def _via(self) -> dict[str, object]:
-        """The tour, ready for JSON."""
-        assert self.tour is not None
-        names = ("status", "method", "source", "cost", "length_m", "time_s", "energy_j", "climb_m", "descent_m")
-        legs = [{name: leg.summary()[name] for name in names} for leg in self.tour.legs]
-        given = self.tour.given_cost
         return {
-            "stops": self.tour.stops,
-            "order": [each + 1 for each in self.tour.order],
-            "given_cost": round(given, 6) if isfinite(given) else None,
-            "legs": legs,
+            "ground": f"{metres(numbers.ground_length_m)} long, {metres(numbers.climb_m)} up and "
+            f"{metres(numbers.descent_m)} down, at most {numbers.steepest_up_deg:.1f}° up and "
+            f"{numbers.steepest_down_deg:.1f}° down",
+            "way": f"{duration(numbers.time_s)} {along.time_by}{energy}",
         }
 
-    def _order(self) -> str:
+    def _order(self, tour: Tour) -> str:
         """In which order the places between are visited, and what that saves."""
-        tour = self.tour
-        assert tour is not None
         cells = ", ".join(f"{number + 1} {cell}" for number, cell in zip(tour.order, tour.stops[1:-1], strict=True))
         if not (self.plan.ok and tour.given_cost > 0.0):
             return cells
@@ -324,7 +245,8 @@ class Answer:
     def _worst(self) -> str:
         """The steepest that the vehicle may stand on the path, its least clearance, and the poses checked."""
         worst = self.route.worst
-        angles = [f"{word} by at most {worst[f'steepest_{name}_deg'] or nan:.1f}°" for word, name in _ANGLES]
+        names = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
+        angles = [f"{word} by at most {worst[f'steepest_{name}_deg'] or nan:.1f}°" for word, name in names]
         clearance = worst["least_clearance_m"]
         clear = "no clearance known" if clearance is None else f"clear by at least {clearance:.2f} m"
         return f"{', '.join(angles)}, {clear}, {self.plan.checks} poses checked"
@@ -339,6 +261,59 @@ class Answer:
         if math.isinf(self.plan.bound):
             return f"no path costs less than {least}"
         return f"at most {self.plan.bound:.3f} times the optimum (no path costs less than {least})"
+
+    def save(self, paths: list[Path]) -> list[str]:
+        """Write all files, or none; their names."""
+        files = [str(path) for path in paths]
+        write_all({path: _content(path, self, files) for path in paths})
+        return files
+
+
+def _content(path: Path, answer: Answer, files: list[str]) -> bytes:
+    """The content of a file, by its name."""
+    route, stops = answer.route, answer.tour.stops[1:-1] if answer.tour else ()
+    makers: dict[str, Callable[[], bytes]] = {
+        "path.geojson": lambda: route.geojson(answer.properties()),
+        "path.csv": route.csv,
+        "plan.json": lambda: json.dumps(answer.figures(files), indent=1).encode(),
+        "plan.png": lambda: _picture(answer, stops),
+        "path.gpkg": lambda: route.geopackage(answer.properties()),
+        "path.gpx": lambda: route.gpx(
+            "nnpp-edge plan",
+            {"start": answer.start, **{f"via {at}": stop for at, stop in enumerate(stops, 1)}, "goal": answer.goal},
+        ),
+    }
+    if path.name in makers:
+        return makers[path.name]()
+    from nnpp_edge.viz.profile_picture import profile_picture
+
+    legs = [len(crossings(leg.line)) - 1 for leg in (answer.tour.legs if answer.tour and answer.plan.ok else ())]
+    between = [sum(legs[:at]) for at in range(1, len(legs))]
+    return profile_picture(path, route.along, route.cost, "\n".join(answer.on_the_ground().values()), between)
+
+
+def _picture(answer: Answer, stops: tuple[Cell, ...]) -> bytes:
+    """The plan on the cost map, or on one whose cells are `factor` times as large."""
+
+    dem, plan, factor, vehicle = answer.route.dem, answer.plan, answer.factor, answer.vehicle
+    start, goal, *between = [(row // factor, col // factor) for row, col in (answer.start, answer.goal, *stops)]
+    body = {}
+    if vehicle is not None:
+        outlines = body_outlines(plan.path, vehicle, (dem.cell_size_m, dem.cell_width_m))
+        body["body"] = BodyDrawing(outlines, answer.stands, answer.point_path)
+    picture = plan_picture(
+        answer.cost,
+        plan if factor == 1 else replace(plan, path=plan.path // factor),
+        start=start,
+        goal=goal,
+        via=between,
+        shade=answer.shade,
+        reference_path=answer.exact_path,
+        cell_size_m=dem.cell_width_m * factor,
+        length_m=answer.route.length_m,
+        **body,
+    )
+    return png_bytes(picture)
 
 
 def duration(seconds: float) -> str:

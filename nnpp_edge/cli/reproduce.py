@@ -9,7 +9,6 @@ import click
 
 from nnpp_edge.cli import options
 
-_DATASET = "Training set for fig13; by default one is made from the terrain."
 _STEPS = "Training steps for each encoding of fig13; by default 1000."
 _MODEL = "Network of the paper's method; given twice, the second is ours; by default paper and edge."
 _QUERIES = "Timed queries at each size (table2, fig9, fig11), by default 200, 30 and 300."
@@ -20,7 +19,6 @@ _OUTPUT = "Folder for the results; what is complete in it is kept."
 @click.argument("experiments", nargs=-1, metavar="[EXPERIMENT]...")
 @options.terrain_files("; by default the bundled sample at cells of 20 m")
 @click.option("--model", "models", type=options.ModelName(), multiple=True, help=_MODEL)
-@click.option("--dataset", type=options.FOLDER, help=_DATASET)
 @click.option("--steps", type=options.COUNT, help=_STEPS)
 @click.option("--queries", type=options.COUNT, help=_QUERIES)
 @click.option("--quick", is_flag=True, help="A smoke run of less than a minute; its figures mean nothing.")
@@ -35,7 +33,6 @@ def command(
     rescale: float | None,
     allow_vrt: bool,
     models: tuple[str, ...],
-    dataset: Path | None,
     steps: int | None,
     queries: int | None,
     quick: bool,
@@ -59,8 +56,7 @@ def command(
     nnpp-edge reproduce table2 fig7 --quick
     """
     from nnpp_edge.profiling.suites import TerrainFiles
-    from nnpp_edge.reproduction.experiments import EXPERIMENTS
-    from nnpp_edge.reproduction.runner import Request, reproduce
+    from nnpp_edge.reproduction.runner import EXPERIMENTS, Request, reproduce
 
     if unknown := [name for name in experiments if name not in EXPERIMENTS]:
         raise click.UsageError(f"wanted EXPERIMENT of {', '.join(EXPERIMENTS)}, got {', '.join(unknown)}")
@@ -69,7 +65,7 @@ def command(
     both = (models[0], models[-1]) if models else ("paper", "edge")
     names = [name for name in EXPERIMENTS if not experiments or name in experiments]
     files = TerrainFiles.or_sample(terrain, rescale, cell_size, allow_vrt)
-    request = Request(names, files, output, seed, both, quick, steps, queries, dataset, again)
+    request = Request(names, files, output, seed, both, quick, steps, queries, again)
     told = []
     for made, ran in reproduce(request):
         findings = [asdict(finding) for finding in made.findings]

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 import click
 
 from nnpp_edge.cli import options, vehicle_options
-from nnpp_edge.cli.cost_summary import MapSize
 from nnpp_edge.cli.ends import Where
 from nnpp_edge.cli.options import TerrainOptions
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.cli.ends import End
-    from nnpp_edge.runtime.cells import Cell
     from nnpp_edge.terrain.dem import Dem
     from nnpp_edge.view.site import Body
 
@@ -59,6 +57,7 @@ def command(
 
     from msgspec.structs import replace
 
+    from nnpp_edge.cli.maps import size_in_words
     from nnpp_edge.view.asked import Asked
     from nnpp_edge.view.landscape import Landscape, likely_ends
     from nnpp_edge.view.server import listen, make_app, serve
@@ -72,8 +71,8 @@ def command(
         site = Site.of(read, reading, given)
         body = vehicle.vehicle or POINT if given is None else GIVEN if given.vehicle else POINT
         asked = Asked(
-            start=_cell(start, site.dem, "--start") or (0, 0),
-            goal=_cell(goal, site.dem, "--goal") or (0, 0),
+            start=start.one_cell(site.dem, "--start") if start else (0, 0),
+            goal=goal.one_cell(site.dem, "--goal") if goal else (0, 0),
             step_cost=step_cost,  # type: ignore[arg-type]  # click has checked it
             omega=omega,
             slope_limit=limits.slope_limit_deg,
@@ -86,7 +85,7 @@ def command(
         )
         landscape = Landscape(site, asked)  # what cannot be planned on is refused here
         if (likely := likely_ends(landscape.cost, landscape.stands)) is None:
-            raise InvalidMapError(f"{dem}: wanted a map to plan on, got {MapSize.of(site.dem)}, all impassable")
+            raise InvalidMapError(f"{dem}: wanted a map to plan on, got {size_in_words(site.dem)}, all impassable")
         asked = replace(asked, start=asked.start if start else likely[0], goal=asked.goal if goal else likely[1])
         first = [Trial(site, asked, landscape)]
         address = f"http://127.0.0.1:{listening.getsockname()[1]}/"
@@ -119,21 +118,10 @@ def _given_body(options_given: VehicleOptions, place: Dem) -> Body | None:
 
 def _words(option: click.Parameter, value: object) -> list[str]:
     """An option with its value, as it is typed; files by their whole names."""
-    if isinstance(value, bool):
-        return [option.opts[0] if value else option.secondary_opts[0]]
+    if isinstance(value, tuple):
+        return [word for setting in value for word in (option.opts[0], setting.word)]
     word = str(value)
     return [option.opts[0], str(Path(word).resolve()) if Path(word).is_file() else word]
-
-
-def _cell(end: End | None, dem: Dem, name: str) -> Cell | None:
-    """The one cell that an option names."""
-    if end is None:
-        return None
-    from nnpp_edge.runtime.errors import InvalidQueryError
-
-    if len(cells := end.cells(dem)) != 1:
-        raise InvalidQueryError(f"{name} must be one place, got {len(cells)}")
-    return cells[0]
 
 
 def _finite(limit: float) -> float | None:

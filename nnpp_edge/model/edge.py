@@ -12,15 +12,14 @@ from torch.nn import functional
 from nnpp_edge.model.nnpp import PRIOR_LOGIT, ConvBNReLU
 from nnpp_edge.model.registry import OUTPUT_STRIDES
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.encoding import BETWEEN_CHANNELS, END_CHANNELS
-from nnpp_edge.runtime.network.place_head import ANSWERS
+from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS
+from nnpp_edge.runtime.kernels.place_head import ANSWERS
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
 MAP_CHANNELS = 2
 UNSHUFFLE = 4
 """The map's input has 4 × 4 cells to a pixel, as channels."""
-QUERY_STRIDE = 8
-"""Cells of the input between the points of an encoded query."""
-OUTPUT_SHUFFLE = QUERY_STRIDE // OUTPUT_STRIDES["edge"]
+OUTPUT_SHUFFLE = QUERY_SPACING // OUTPUT_STRIDES["edge"]
 """The output has 2 × 2 blocks to a pixel, as channels."""
 SIZE_STEP = 64
 
@@ -31,13 +30,9 @@ class EdgeNet(nn.Module):
     """An encoder of the map and a head for each query.
 
     `input_size` is the map's side S, a multiple of 64; `widths` are the encoder's channels at 1/8, 1/16, 1/32 and
-    1/64 resolution, `stem` those after its first convolution; `relation` and `hidden` are the `Head`'s.
-
-    Notes
-    -----
-    Where it departs from the paper's network, and why: the map comes as 4 × 4 cells to a pixel, so that the first
-    convolution is one large node; the share of impassable cells is a second plane, as averages alone hide walls and
-    passes on large maps; start and goal enter after the encoder, so that its work is shared by all queries on a map.
+    1/64 resolution, `stem` those after its first convolution; `relation` and `hidden` are the `Head`'s. Unlike the
+    paper's network it is shown 4 × 4 cells as a pixel, so that the first convolution is one large node, and the share
+    of impassable cells, as averages hide walls and passes on large maps.
     """
 
     def __init__(
@@ -125,7 +120,7 @@ class Head(nn.Module):
 
 
 class FeaturePyramid(nn.Module):
-    """Down from 1/8 resolution to 1/64, and up again, with so many channels: (N, C, S/8, S/8) to the same."""
+    """Down from 1/8 resolution to 1/64, and up again, with so many channels."""
 
     def __init__(self, at8: int, at16: int, at32: int, at64: int) -> None:
         super().__init__()

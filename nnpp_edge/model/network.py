@@ -13,7 +13,9 @@ from torch.utils.flop_counter import FlopCounterMode
 from nnpp_edge.model import edge
 from nnpp_edge.model.nnpp import NNPP
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.network.encoding import ENDS_CHANNELS, GAUSSIAN_CHANNELS, encode_ends, encode_gaussian
+from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS, GAUSSIAN_CHANNELS
+from nnpp_edge.runtime.network.encoding import encode_ends, encode_gaussian
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
 _BODIES: dict[str, Callable[..., nn.Module]] = {"edge": edge.EdgeNet, "nnpp": NNPP}
 
@@ -45,13 +47,13 @@ def encode(spec: Spec, start: Sequence[float], goal: Sequence[float]) -> NDArray
     size, sigma = spec.input_size, spec.sigma * spec.input_size
     ends = (float(start[0]), float(start[1])), (float(goal[0]), float(goal[1]))
     if spec.encoding == "ends":
-        side = size // edge.QUERY_STRIDE
+        side = size // QUERY_SPACING
         out = np.empty((ENDS_CHANNELS, side, side), np.float32)
-        encode_ends(*ends, side, edge.QUERY_STRIDE, sigma, out)
+        encode_ends(*ends, sigma, out)
         return out
     out = np.zeros((GAUSSIAN_CHANNELS, size, size), np.float32)
     if spec.encoding == "gaussian":
-        encode_gaussian(*ends, size, 1, sigma, out)
+        encode_gaussian(*ends, sigma, out)
         return out
     axis = np.arange(size, dtype=np.float32)
     for plane, (row, col) in zip(out, ends, strict=True):

@@ -5,6 +5,7 @@ real-time semantic segmentation") and PP-LiteSeg (arXiv 2204.02681). The paper g
 are PP-LiteSeg-T's at full width.
 """
 
+from functools import reduce
 from itertools import pairwise
 
 import torch
@@ -49,18 +50,9 @@ class ConvBNReLU(nn.Sequential):
 class NNPP(nn.Module):
     """STDC1 encoder, simple pyramid pooling, a decoder of two attention fusions, a classifier of one channel.
 
-    Parameters
-    ----------
-    input_size : int
-        Side S of the input; a multiple of 128 (1/32 of it is pooled to 4×4).
-    width : int
-        Channels after the encoder's second stage; a multiple of 2. 64 is the paper's full width.
-
-    Notes
-    -----
-    The output is at 1/8, where the decoder ends, and nothing enlarges it: a region is wider than a cell, and whoever
-    reads it looks up its cell in the small map. Averages and features are repeated to full size (nearest) where
-    PP-LiteSeg interpolates: the 3×3 convolutions smooth the seams, and int8 values stay as they are.
+    `input_size`, S, is a multiple of 128 (1/32 of it is pooled to 4×4); `width`, even, are the channels after the
+    encoder's second stage, 64 in the paper. The output is at 1/8, where the decoder ends, and nothing enlarges it.
+    Averages and features are repeated (nearest) where PP-LiteSeg interpolates, so that int8 values stay as they are.
     """
 
     def __init__(self, input_size: int = 256, width: int = 64) -> None:
@@ -94,10 +86,7 @@ class NNPP(nn.Module):
 
 
 class STDC(nn.Module):
-    """Short-term dense concatenation: five stages, each halves the resolution (STDC, Table 2, no classifier).
-
-    Stages 1 to 5 have width × (1/2, 1, 4, 8, 16) channels, stages 3 to 5 two modules each.
-    """
+    """Five stages, each at half the resolution (STDC, Table 2), of width × (1/2, 1, 4, 8, 16) channels."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -119,11 +108,7 @@ class STDC(nn.Module):
 
 
 class STDCModule(nn.Module):
-    """Four convolutions in a row, 1/2, 1/4, 1/8 and 1/8 of `outputs` wide, concatenated (STDC, Fig. 3 b and c).
-
-    The first is 1×1 and stays at full resolution; at stride 2 a depthwise 3×3 takes it down for the second one, and
-    an average over 3×3 for the concatenation.
-    """
+    """Four convolutions in a row, 1/2, 1/4, 1/8 and 1/8 of `outputs` wide, concatenated (STDC, Fig. 3 b and c)."""
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
         super().__init__()
@@ -149,10 +134,8 @@ class STDCModule(nn.Module):
 class SPPM(nn.Module):
     """Simple pyramid pooling: averages over 1×1, 2×2 and 4×4 parts of the map, projected, repeated and summed.
 
-    (N, inputs, size, size) to (N, outputs, size, size). The pyramid pooling of PSPNet with three scales in place of
-    four, and no concatenation with the input; the sum and the convolution after it are PP-LiteSeg's (section 3.3).
-    Both pool adaptively: fixed kernels give the same figures, and export to ONNX. While training, the 1×1 branch has
-    one value per map to normalise over: it needs a batch of two or more.
+    (N, inputs, size, size) to (N, outputs, size, size), as in PP-LiteSeg (section 3.3), but with fixed kernels,
+    which export to ONNX. While training, the 1×1 branch needs a batch of two or more to normalise over.
     """
 
     def __init__(self, inputs: int, outputs: int, size: int) -> None:
@@ -163,13 +146,11 @@ class SPPM(nn.Module):
         self.out = ConvBNReLU(outputs, outputs, 3)
 
     def forward(self, x: Tensor) -> Tensor:
-        whole, *parts = (
+        parts = (
             functional.interpolate(branch(pool(x)), scale_factor=float(factor), mode="nearest")
             for pool, branch, factor in zip(self.pools, self.branches, self.factors, strict=True)
         )
-        for part in parts:
-            whole = whole + part
-        pooled: Tensor = self.out(whole)
+        pooled: Tensor = self.out(reduce(torch.add, parts))
         return pooled
 
 

@@ -51,7 +51,7 @@ class Ground:
 
     def planner(self, model: str | NetworkModel = "edge", *, lazy: bool = True) -> Planner:
         """A planner of its own."""
-        return Planner.on(self.robot(), model=model, lazy=lazy)
+        return Planner(self.robot(), model=model, lazy=lazy)
 
     @property
     def is_directed(self) -> bool:

@@ -30,8 +30,6 @@ class Device(Table, frozen=True):
     """Numbers of the cores to pin to."""
     threads: Count | None = None
     """Of onnxruntime; None for what the runtime chooses by the network's size."""
-    spinning: bool = False
-    """Whether onnxruntime's threads spin after a run."""
 
     def __post_init__(self) -> None:
         self.check_different("cores")

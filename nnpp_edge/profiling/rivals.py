@@ -11,8 +11,7 @@ from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.corridor import CorridorPlanner
-from nnpp_edge.runtime.planners.map_planners import MapPlanners
+from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
@@ -40,18 +39,14 @@ class CorridorAlone:
     """
 
     def __init__(self, state: MapState, first: CorridorWidth) -> None:
-        self._state, self._first = state, first
-        self._planners = MapPlanners(state, "edge")
-        self._corridor: CorridorPlanner | None = None
+        self._methods, self._widths = Methods(state), (first, WIDENED_CORRIDOR)
 
     def plan(self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False) -> Plan:
         """As `Planner.plan`; there is but one method. The first plan makes what it needs."""
-        work, checked, planners = Work(), self._state.checked, self._planners
-        if self._corridor is None:
-            widths = self._first, WIDENED_CORRIDOR
-            self._corridor = CorridorPlanner(planners.coarse_to_fine, planners.astar, planners.exact, widths)
-        found = self._corridor.find(Query(start, goal), work)
-        computed, checks = self._state.costs_computed, self._state.checked - checked
+        work, state = Work(), self._methods.state
+        checked = state.checked
+        found = self._methods.corridor(Query(start, goal), work, widths=self._widths)
+        computed, checks = state.costs_computed, state.checked - checked
         return found.plan(
             Method.CORRIDOR, work, planner=method, keep_regions=keep_regions, costs_computed=computed, checks=checks
         )

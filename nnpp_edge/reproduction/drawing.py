@@ -1,4 +1,4 @@
-"""What the experiments' pictures share: charts of rows, maps with regions and paths, and an animated episode."""
+"""What the experiments' pictures share: charts of rows, and maps with regions and paths."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.benchmarks.dynamic_episode import Episode, Patch
+from nnpp_edge.reproduction.episode import Episode, Patch
 from nnpp_edge.reproduction.planners import PLANNERS
 from nnpp_edge.reproduction.regions import PaperRegions, best_path
 from nnpp_edge.reproduction.rows import Rows
@@ -27,8 +27,6 @@ COLOURS = {name: f"C{at}" for at, name in enumerate((*PLANNERS, "inference"))}
 """Of the planners; grey for the paper's."""
 _OPTIMUM, _PATH, _BEFORE, _CHANGED, _DRIVEN = "#e0218a", "#ffe100", "#b8b8b8", "#ff3b1f", "#ff9e3d"
 _CYAN, _TINT = np.array([0.0, 0.9, 1.0]), 0.45
-_PAUSE_MS, _STEP_MS = 1100, 90
-"""For which a picture of the animation is shown: of a new plan, and of a robot on its way."""
 
 
 def new_figure(width: float, height: float) -> "Figure":
@@ -144,22 +142,19 @@ def draw_ends(axes: "Axes", start: Cell | Cells, goal: Cell | Cells) -> None:
 
 def draw_view(axes: "Axes", view: View, title: str, *, before: View | None = None) -> None:
     """A plan; and the path before, where that is another, with what has changed since."""
+    from matplotlib.patches import Rectangle
+
     draw_map(axes, view.cost, title, view.region)
     if before is not None:
         draw_path(axes, before.optimum, "path before")
-        _outline(axes, view.patches)
+        for at, (row, col, patch) in enumerate(view.patches):
+            sides = patch.shape[1], patch.shape[0]
+            box = Rectangle((col - 0.5, row - 0.5), *sides, fill=False, ec=_CHANGED, lw=1.3, zorder=4)
+            box.set_label("_" * bool(at) + "changed")
+            axes.add_patch(box)
     draw_path(axes, view.optimum, "optimal path")
     draw_path(axes, view.path, "path in the region")
     draw_ends(axes, view.optimum[0], view.optimum[-1])
-
-
-def _outline(axes: "Axes", patches: Sequence[Patch]) -> None:
-    from matplotlib.patches import Rectangle
-
-    for at, (row, col, patch) in enumerate(patches):
-        box = Rectangle((col - 0.5, row - 0.5), patch.shape[1], patch.shape[0], fill=False, ec=_CHANGED, lw=1.3)
-        box.set(zorder=4, label="_" * bool(at) + "changed")
-        axes.add_patch(box)
 
 
 def map_legend(figure: "Figure", axes: "Axes") -> None:
@@ -174,33 +169,3 @@ def map_legend(figure: "Figure", axes: "Axes") -> None:
 def driven(views: Sequence[View], stride: int) -> Cells:
     """The robot's way: so many cells of each path, and the last one to its end."""
     return np.concatenate([*(view.optimum[:stride] for view in views[:-1]), views[-1].optimum])
-
-
-def animate(views: Sequence[View], stride: int, cells_a_frame: int) -> bytes:
-    """The episode as a GIF: the map changes, the path is planned anew, the robot drives on.
-
-    The robot drives `stride` cells between two plans, and `cells_a_frame` from one picture to the next.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from PIL import Image
-
-    figure, shots, durations_ms, way = new_figure(4.6, 4.8), [], list[int](), np.empty((0, 2), np.int32)
-    canvas, axes = FigureCanvasAgg(figure), figure.subplots()
-    for at, view in enumerate(views):
-        part = view.optimum if at + 1 == len(views) else view.optimum[: stride + 1]
-        for end in [1, *range(1 + cells_a_frame, len(part), cells_a_frame), len(part)]:
-            axes.clear()
-            draw_view(axes, view, f"{frame(at)}: {'the map has changed' if at else 'planned'}")
-            _outline(axes, view.patches)
-            draw_path(axes, np.concatenate([way, part[:end]]), "driven")
-            axes.plot(part[end - 1, 1], part[end - 1, 0], "o", color="white", mec="black", zorder=6)
-            canvas.draw()  # type: ignore[no-untyped-call]
-            shots.append(np.array(canvas.buffer_rgba())[..., :3])  # type: ignore[no-untyped-call]
-            durations_ms.append(_PAUSE_MS if end in (1, len(part)) else _STEP_MS)
-        way = np.concatenate([way, part])
-    # one palette for all: only what moves differs from picture to picture, and only that is stored
-    palette = Image.fromarray(np.concatenate(shots[:: max(len(shots) // 8, 1)])).quantize()
-    first, *rest = (Image.fromarray(shot).quantize(palette=palette, dither=Image.Dither.NONE) for shot in shots)
-    content = io.BytesIO()
-    first.save(content, format="GIF", save_all=True, append_images=rest, duration=durations_ms, loop=0)
-    return content.getvalue()

@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from nnpp_edge.reproduction.findings import Finding, judge
 from nnpp_edge.reproduction.rows import Columns, Rows, percent, table
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
-from nnpp_edge.terrain.dataset import Samples, read_samples
+from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.shards import Recipe, make_shard
 from nnpp_edge.terrain.workloads import SOFT
@@ -52,16 +52,9 @@ def fig13(
     training, validation = make_samples(context, maps, validation_maps)
     if len(training) < batch:
         raise DataSetError(f"wanted at least {batch} training queries for one batch, got {len(training)}")
-    settings = TrainSettings(
-        epochs=steps,
-        steps=steps,
-        batch=batch,
-        seed=context.seed,
-        average_decay=0.99,
-        target="path",
-        warmup_steps=max(1, min(100, steps // 10)),
-        validate_every_s=math.inf,
-    )
+    of_run: dict[str, Any] = {"epochs": steps, "steps": steps, "batch": batch, "seed": context.seed, "target": "path"}
+    warmup = max(1, min(100, steps // 10))
+    settings = TrainSettings(average_decay=0.99, warmup_steps=warmup, validate_every_s=math.inf, **of_run)
     rows = Rows()
     for at, label in enumerate(encodings):
         kind, sigma = KINDS.get(label, "gaussian"), SIGMAS.get(label, paper.BEST_SIGMA)
@@ -104,34 +97,14 @@ def fig13(
 
 def make_samples(context: Context, maps: int, validation_maps: int) -> tuple[Samples, Samples]:
     """Training and validation queries, from different ground."""
-    if context.dataset is not None:
-        samples = read_samples(context.dataset, maps + validation_maps, size=_SIDE)
-        first = math.ceil((1.0 - _HELD_OUT) * len(samples.planes))
-        if not 0 < first < len(samples.planes):
-            raise DataSetError(f"wanted at least 2 maps to train and to validate with, got {len(samples.planes)}")
-        return _part(samples, samples.map_index < first), _part(samples, samples.map_index >= first)
-    recipe = Recipe(
-        (),
-        size=_SIDE,
-        blocks=_BLOCKS,
-        synthetic_share=0.0,
-        obstacle_share=0.0,
-        margin_share=0.0,
-        workloads=((SOFT, 1.0),),
-        poolings=((1, 1.0),),
-        cell_sizes_m=(context.terrain[0].cell_size_m,),
-        least_distance=0.25,
-    )
+    plain: dict[str, Any] = dict.fromkeys(("synthetic_share", "obstacle_share", "margin_share"), 0.0)
+    plain |= {"workloads": ((SOFT, 1.0),), "poolings": ((1, 1.0),), "least_distance": 0.25}
+    recipe = Recipe((), size=_SIDE, blocks=_BLOCKS, cell_sizes_m=(context.terrain[0].cell_size_m,), **plain)
     parts = []
     for part, count in enumerate((maps, validation_maps)):
         tiles = [side_of(dem, bool(part)) for dem in context.terrain]
         parts.append(Samples.of(make_shard(recipe, tiles, np.random.default_rng([context.seed, part]), count)))
     return parts[0], parts[1]
-
-
-def _part(samples: Samples, kept: np.ndarray) -> Samples:
-    names = ("map_index", "start", "goal", "excess", "on_path")
-    return replace(samples, **{name: getattr(samples, name)[kept] for name in names})
 
 
 def side_of(dem: Dem, held_out: bool) -> Dem:

@@ -19,19 +19,16 @@ from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.planners.plan import path_costs
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 
 Floats = NDArray[np.float64]
 
 
-@experiment(
-    "Table 1",
-    "Building the graph against searching it",
-    {"sizes": (64, 128, 256), "maps": 1, "repeats": 1},
-    asks_networks=False,
-)
+_QUICK = {"sizes": (64, 128, 256), "maps": 1, "repeats": 1}
+
+
+@experiment("Table 1", "Building the graph against searching it", _QUICK, asks_networks=False)
 def table1(
     context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), maps: int = 5, repeats: int = 5
 ) -> Result:
@@ -53,14 +50,9 @@ def table1(
     summary = planner_table(everything.sorted("size"), "size", "AT | over A*", context.networks, more)
     shares = Rows({**row, "share": 100.0 * row["graph_s"] / row["time_s"]} for row in everything)
     styles = {paper.ASTAR: "o--", PLAIN: "o-", "astar": "^-"}
-    times_title, shares_title = (
-        "Mean time of a query, the graph or the map included",
-        "Share of the graph in the time",
-    )
-    figure = drawing.by_size(
-        [(everything, "time_s", styles, times_title, "seconds"), (shares, "share", styles, shares_title, "%")]
-    )
-    return Result(summary, rows, table1_findings(rows), figure)
+    of_times = everything, "time_s", styles, "Mean time of a query, the graph or the map included", "seconds"
+    of_shares = shares, "share", styles, "Share of the graph in the time", "%"
+    return Result(summary, rows, table1_findings(rows), drawing.by_size([of_times, of_shares]))
 
 
 def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
@@ -88,10 +80,10 @@ def _timed(cost: Float2D, query: Endpoints, repeats: int) -> list[Row]:
         astar_s, _ = harness.timed(lambda grid=grid: astar(grid, *query, workspace))  # type: ignore[misc]
         ours_s.append((grid_s, astar_s))
     times_s = {PLAIN: (graph_s, search_s), "astar": np.median(ours_s, axis=0).tolist()}
+    names = ("graph_s", "search_s", "time_s", "path_cells")
     return [
-        {"planner": name, "graph_s": graph_s, "search_s": search_s, "time_s": graph_s + search_s}
-        | {"path_cells": len(path)}
-        for name, (graph_s, search_s) in times_s.items()
+        {"planner": name} | dict(zip(names, (*parts_s, sum(parts_s), len(path)), strict=True))
+        for name, parts_s in times_s.items()
     ]
 
 
@@ -144,7 +136,7 @@ def fig6(context: Context, *, size: int = 256, omegas: Sequence[float] = (0.0, 0
 
 def _length_and_cc(grid: Grid, path: NDArray[np.int32], cost: Float2D) -> tuple[float, float]:
     """Of a path: cells, a diagonal step counting √2, and the sum of the map's costs, which no grid at ω = 0 knows."""
-    return path_costs(grid, path)[1], float(cost[tuple(path.T)].sum(dtype=np.float64))
+    return grid.costs_of(path)[1], float(cost[tuple(path.T)].sum(dtype=np.float64))
 
 
 @experiment("Fig. 7", "The weight ω of the traversability cost", {"maps": 8, "fine": 25}, asks_networks=False)
@@ -194,8 +186,7 @@ _THEIRS = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
 
 def by_range(values: Floats) -> Floats:
     """(M, N) brought to [0, 1] on each of M maps: least to 0, greatest to 1."""
-    least = values.min(axis=1, keepdims=True)
-    return by_greatest(values - least)
+    return by_greatest(values - values.min(axis=1, keepdims=True))
 
 
 def by_greatest(values: Floats) -> Floats:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAPS_TRIED = 20
-"""Maps tried for each that is wanted, before giving up on finding one with a path."""
+"""For each that is wanted, before giving up on finding one with a path."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,6 @@ class Context:
     networks: Networks
     work: Path
     """Folder for what an experiment that is interrupted goes on from; removed once it is done."""
-    dataset: Path | None = None
-    """Training set for the experiments that train; without it they make one from the terrain."""
     advance: Callable[[int], None] = lambda done: None
     notes: list[str] = field(default_factory=list)
     """Whole sentences for the page."""
@@ -89,8 +87,6 @@ class Result:
     networks: str | None = None
     """Which networks took part, and where; by default both, or none where the experiment asks none."""
     controls: str | None = None
-    animation: bytes | None = None
-    """GIF."""
 
 
 @dataclass(frozen=True)
@@ -118,5 +114,5 @@ class Experiment:
 def experiment(
     where: str, title: str, quick: Mapping[str, object], *, asks_networks: bool = True
 ) -> Callable[[Callable[..., Result]], Experiment]:
-    """Make a function an `Experiment`; `quick` are the settings of a smoke run."""
+    """Make a function an `Experiment`."""
     return lambda run: Experiment(where, title, run, quick, asks_networks)

@@ -1,6 +1,6 @@
 """The paper's claims beside what was measured, judged by plain rules."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -41,10 +41,7 @@ def judge(
     *,
     better: bool = False,
 ) -> Finding:
-    """A finding by a rule that was worked out: it agrees, or it is better, or neither.
-
-    `controls` says of each control whether it does as well, by the same rule.
-    """
+    """A finding by a rule that was worked out; `controls` says of each control whether it does as well."""
     verdict = Verdict.AGREES if agrees else Verdict.BETTER if better else Verdict.DIFFERS
     earned = tuple(name for name, as_well in (controls or {}).items() if as_well)
     return Finding(claim, paper, ours, rule, verdict, () if verdict is Verdict.DIFFERS else earned)
@@ -56,27 +53,32 @@ def judge_speedup(claim: str, theirs: float, rows: Rows, pair: tuple[str, str], 
     With `near` a control counts where its CC increase is no more than a point above the network's.
     """
     slower, faster = pair
-    ours, own = rows.speedup(slower, faster), rows.increase(faster)
-    controls = {
-        kind: rows.speedup(CONTROLS_OF.get(slower, {}).get(kind, slower), name) >= 0.75 * theirs
-        for kind, name in controls_in(rows, faster).items()
-        if not near or rows.increase(name) <= own + 0.01
-    }
+    ours, most = rows.speedup(slower, faster), rows.increase(faster) + 0.01
+
+    def as_well(name: str, kind: str) -> bool:
+        slow = CONTROLS_OF.get(slower, {}).get(kind, slower)
+        return rows.speedup(slow, name) >= 0.75 * theirs and (not near or rows.increase(name) <= most)
+
+    controls = {kind: as_well(name, kind) for kind, name in controls_in(rows, faster).items()}
     texts, agrees = (f"{theirs:.1f}×", f"{ours:.3g}×"), abs(ours - theirs) <= 0.25 * theirs
     return judge(claim, *texts, agrees, "within 25 % of the paper's", controls, better=ours > theirs)
 
 
 def judge_increase(claim: str, theirs: float, rows: Rows, planner: str) -> Finding:
     """A finding on the share by which a planner's CC lies above the optimum: theirs within one point, or less."""
-    ours = rows.increase(planner)
-    controls = {kind: rows.increase(name) <= theirs + 0.01 for kind, name in controls_in(rows, planner).items()}
+    ours, met = rows.increase(planner), met_by(rows, planner, lambda name: rows.increase(name) <= theirs + 0.01)
     texts, agrees = (percent(theirs), percent(ours, 2)), abs(ours - theirs) <= 0.01
-    return judge(claim, *texts, agrees, "within one point", controls, better=ours < theirs)
+    return judge(claim, *texts, agrees, "within one point", met, better=ours < theirs)
 
 
 def controls_in(rows: Rows, planner: str) -> dict[str, str]:
     """The controls of a planner that took part, by their kinds."""
     return {kind: name for kind, name in CONTROLS_OF.get(planner, {}).items() if rows.of(name)}
+
+
+def met_by(rows: Rows, planner: str, rule: Callable[[str], bool]) -> dict[str, bool]:
+    """Whether each of a planner's controls meets a rule."""
+    return {kind: rule(name) for kind, name in controls_in(rows, planner).items()}
 
 
 def findings_table(findings: Sequence[Finding]) -> str:

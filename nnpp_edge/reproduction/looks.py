@@ -64,11 +64,8 @@ def fig8(
     here = OneMap(case.cost, query, context.networks)
     found = Rows(here.searched({kind: kind for kind in here.regions}, here.regions))
     small = {kind: found.of(kind, found=1.0).mean("share") < 0.2 for kind in (NETWORK, *CONTROLS)}
-    own, claim = (
-        found.of(NETWORK).mean("share"),
-        "the greatest td that joins start and goal leaves a small part of the map",
-    )
-    findings = [judge(claim, "yes (picture)", percent(own), small.pop(NETWORK), "below 20 %", small)]
+    own, claim = found.of(NETWORK).mean("share"), "the greatest td that joins start and goal leaves a small part"
+    findings = [judge(f"{claim} of the map", "yes (picture)", percent(own), small.pop(NETWORK), "below 20 %", small)]
     summary = table("td", {(f"{row['td']:.4g}",): Rows([row]) for row in rows}, columns)
     named = f"{name} in the paper's method; ours does not take part"
     return Result(summary, rows, findings, figure, named)

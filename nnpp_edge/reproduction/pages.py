@@ -24,7 +24,6 @@ class Stored(msgspec.Struct):
     """Networks, controls, and how many maps, queries and repetitions."""
     findings: list[Finding]
     notes: list[str]
-    animated: bool
     summary: str
 
 
@@ -35,11 +34,10 @@ _HEADS |= {Verdict.AGREES: "What agrees"}
 def experiment_page(facts: Stored) -> str:
     """Markdown of one experiment: picture, ours beside the paper's, findings, how it was made."""
     name = facts.name
-    animation = f"![{facts.title}, animated]({name}.gif)\n\n" if facts.animated else ""
     findings = f"## Findings\n\n{findings_table(facts.findings)}"
     return f"""# {facts.where}: {facts.title}
 
-{_quick_warning([facts])}{_section(facts, name, animation, findings)}
+{_quick_warning([facts])}{_section(facts, name, findings)}
 ## How it was made
 
 {_making(facts)}
@@ -83,17 +81,16 @@ def index_page(stored: Sequence[Stored]) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _section(facts: Stored, place: str, animation: str = "", findings: str = "") -> str:
+def _section(facts: Stored, place: str, findings: str = "") -> str:
     about = "\n".join(f"- {what}: {text}" for what, text in facts.about.items())
     notes = "".join(f"{note}\n\n" for note in facts.notes)
-    return f"{about}\n\n![{facts.title}]({place}.png)\n\n{animation}{facts.summary}\n{findings}\n{notes}"
+    return f"{about}\n\n![{facts.title}]({place}.png)\n\n{facts.summary}\n{findings}\n{notes}"
 
 
 def _counts(stored: Sequence[Stored]) -> str:
     lines = []
     for facts in stored:
-        verdicts = [f.verdict for f in facts.findings]
-        counts = [verdicts.count(verdict) for verdict in (Verdict.AGREES, Verdict.BETTER, Verdict.DIFFERS)]
+        counts = [sum(f.verdict is verdict for f in facts.findings) for verdict in Verdict]
         counts.append(sum(bool(f.controls) for f in facts.findings))
         lines.append((f"[{facts.where}](#{facts.name})", facts.title, *(str(count or "–") for count in counts)))
     return markdown_table(("", "experiment", "agrees", "better", "does not agree", "a control does as well"), lines)
@@ -112,7 +109,6 @@ def _making(facts: Stored) -> str:
     made = facts.made_with
     terrain = ", ".join(f"`{t['name']}` (cells of {t['cell_size_m']:g} m)" for t in made["terrain"])
     files = [f"{whose} `{file['name']}` (SHA-256 {file['sha256'][:12]}…)" for whose, file in made["networks"].items()]
-    data = f"\n- data set for training: `{made['dataset']['name']}`" if made["dataset"] else ""
     return f"""- machine: {facts.machine}
 - nnpp-edge {made["version"]}, seed {made["seed"]}, networks: {", ".join(files) or "none handed in"}
-- terrain: {terrain}{data}"""
+- terrain: {terrain}"""

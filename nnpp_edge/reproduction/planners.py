@@ -30,7 +30,7 @@ from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.planners.plan import Plan, Source, path_costs
+from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
 
 Path = NDArray[np.int32]
@@ -67,11 +67,11 @@ class OneMap:
         self.maker, self.grid = PaperRegions(cost, networks.paper), Grid.of(cost, StepModel.of("paper"))
         self.regions = all_regions(self.maker, query)
         self.optimum = best_path(self.grid, query)
-        self._least_cost, _, self._exact_cc = path_costs(self.grid, self.optimum)
+        self._least_cost, _, self._exact_cc = self.grid.costs_of(self.optimum)
 
     def row(self, planner: str, path: Path, region: Region | None = None) -> Row:
         """What a path, found in this region or on the whole map, comes to."""
-        cost, _, cc = path_costs(self.grid, path)
+        cost, _, cc = self.grid.costs_of(path)
         start, goal = (f"{row},{col}" for row, col in self.query)
         row: Row = {"planner": planner, "start": start, "goal": goal, "path_cells": len(self.optimum)}
         row["found"] = float(len(path) > 0)

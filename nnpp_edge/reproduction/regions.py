@@ -73,9 +73,9 @@ class PaperRegions:
     def find(self, query: Endpoints) -> Region:
         """The region at td."""
         self.model.set_map(planes_of(self.grid, self.frame))
-        self.model.set_query(self.frame.place(query[0]), self.frame.place(query[1]))
+        ends = self.frame.place(query[0]), self.frame.place(query[1])
         began = time.perf_counter()
-        probability = self.model.run(anew=True)
+        probability = self.model.answer(*ends, anew=True)
         self.inference_s = time.perf_counter() - began
         self.finder.read(probability)
         self.td = self.finder.threshold(*(block_of(self.lookup, cell) for cell in query))
@@ -88,9 +88,9 @@ class PaperRegions:
 
 
 def planes_of(grid: Grid, frame: Frame) -> NDArray[np.float32]:
-    """(2, S, S) mean cost and share of impassable cells of a map, averaged as the frame says."""
+    """(2, S, S) mean cost and share of impassable cells of a map."""
     planes = np.empty((2, frame.size, frame.size), np.float32)
-    map_planes(grid.weights, grid.stride, frame, *grid.as_traversability(), planes)
+    map_planes(grid, frame, planes)
     return planes
 
 
@@ -100,10 +100,7 @@ def block_of(lookup: tuple[NDArray[np.int32], NDArray[np.int32]], cell: Cell) ->
 
 
 def corridor_region(grid: Grid, query: Endpoints, like: Region) -> Region:
-    """A region without a network: around the path over the map averaged to blocks, as many blocks as `like` has.
-
-    All of the path's blocks belong to it, even where that makes more.
-    """
+    """A region around the path over the map averaged to blocks: as many blocks as `like` has, or as the path has."""
     cost, blocked = planes_of(grid, Frame(*grid.shape, len(like.bitmap) - 1))
     passable = np.where(blocked < 1.0, np.minimum(cost, np.float32(0.999)), np.float32(np.inf))
     start, goal = (block_of((like.row_block, like.col_block), cell) for cell in query)

@@ -15,17 +15,26 @@ from nnpp_edge.profiling.machine import environment
 from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.progress import bar
 from nnpp_edge.reproduction.drawing import png
+from nnpp_edge.reproduction.dynamic import table3, table4
+from nnpp_edge.reproduction.encodings import fig13
+from nnpp_edge.reproduction.exact import fig6, fig7, table1
 from nnpp_edge.reproduction.experiment import Context, Result
-from nnpp_edge.reproduction.experiments import EXPERIMENTS
+from nnpp_edge.reproduction.looks import fig8, fig14
 from nnpp_edge.reproduction.pages import Stored, experiment_page, index_page
 from nnpp_edge.reproduction.regions import CONTROLS_NOTE, Networks
 from nnpp_edge.reproduction.rows import Row
-from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, OutputError
+from nnpp_edge.reproduction.static import fig9, fig11, fig12, table2
+from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
 
 FORMAT = "nnpp-edge-reproduction-2"
+EXPERIMENTS = {
+    each.run.__name__: each
+    for each in (table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3, table4, fig13)
+}
+"""The experiments of the paper by name, in the order in which they run."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +53,6 @@ class Request:
     """Training steps for each encoding of Fig. 13, where not the settings' own."""
     queries: int | None = None
     """Timed queries, where not the settings' own."""
-    dataset: Path | None = None
     again: bool = False
     """Run what is complete, too."""
 
@@ -75,7 +83,7 @@ def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
         machine = environment(cores)
         exercise()  # no kernel is compiled or loaded while the clock runs
         with bar(name, 1000, quiet=True) as advance:
-            context = Context(dems, request.seed, networks, work, request.dataset, advance)
+            context = Context(dems, request.seed, networks, work, advance)
             result = experiment.run(context, **settings)
         about = {"networks": result.networks or networks.named, "controls": result.controls or CONTROLS_NOTE}
         about["samples"] = ", ".join(f"{name} {value}" for name, value in settings.items())
@@ -84,7 +92,7 @@ def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
         facts = Stored(
             *(FORMAT, name, experiment.where, experiment.title),
             *(f"{machine['cpu']}, {len(cores)} core(s)", machine["load_average"][0], made_with, about),
-            *(list(result.findings), context.notes, result.animation is not None, result.summary),
+            *(list(result.findings), context.notes, result.summary),
         )
         _store(request.output / name, facts, result)
         shutil.rmtree(work, ignore_errors=True)
@@ -97,13 +105,7 @@ def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
 
 def _made_with(request: Request, cell_sizes_m: list[float]) -> Row:
     """All that decides the figures, except the settings: names and contents of files, never their places."""
-    models, dataset = [read_model_file(model) for model in request.models], None
-    if request.dataset is not None:
-        try:
-            recipe = (request.dataset / "dataset.json").read_bytes()
-        except OSError as error:
-            raise DataSetError(f"{request.dataset}: wanted a data set's folder with dataset.json") from error
-        dataset = {"name": request.dataset.name, "sha256": _digest(recipe)}
+    models = [read_model_file(model) for model in request.models]
     terrain = [
         {"name": path.name, "sha256": _digest(path.read_bytes()), "cell_size_m": side}
         for path, side in zip(request.terrain.paths, cell_sizes_m, strict=True)
@@ -113,7 +115,7 @@ def _made_with(request: Request, cell_sizes_m: list[float]) -> Row:
         for whose, model in zip(("the paper's method", "ours"), models, strict=True)
     }
     facts = {"version": __version__, "quick": request.quick, "seed": request.seed}
-    return facts | {"terrain": terrain, "networks": networks, "dataset": dataset}
+    return facts | {"terrain": terrain, "networks": networks}
 
 
 def _digest(content: bytes) -> str:
@@ -128,7 +130,7 @@ def _store(folder: Path, facts: Stored, result: Result) -> None:
         "md": experiment_page(facts).encode(),
         "png": png(result.picture),
         "json": msgspec.json.format(msgspec.json.encode(facts), indent=1),
-    } | ({} if result.animation is None else {"gif": result.animation})
+    }
     try:
         for path in (fresh, old):
             shutil.rmtree(path, ignore_errors=True)
@@ -149,8 +151,7 @@ def read_experiment(folder: Path) -> Stored | None:
         stored = msgspec.json.decode((folder / f"{folder.name}.json").read_bytes(), type=Stored)
     except (OSError, msgspec.DecodeError):
         return None
-    endings = ("csv", "md", "png", "gif") if stored.animated else ("csv", "md", "png")
-    whole = all((folder / f"{folder.name}.{ending}").is_file() for ending in endings)
+    whole = all((folder / f"{folder.name}.{ending}").is_file() for ending in ("csv", "md", "png"))
     return stored if whole and stored.format == FORMAT else None
 
 

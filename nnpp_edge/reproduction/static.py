@@ -8,7 +8,7 @@ from nnpp_edge.profiling.harness import Harness
 from nnpp_edge.profiling.suites import LEAST_DISTANCE
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.experiment import Context, Result, experiment
-from nnpp_edge.reproduction.findings import Finding, controls_in, judge, judge_increase, judge_speedup
+from nnpp_edge.reproduction.findings import Finding, judge, judge_increase, judge_speedup, met_by
 from nnpp_edge.reproduction.planners import (
     OURS,
     OWN,
@@ -86,28 +86,19 @@ def table2_findings(rows: Rows) -> list[Finding]:
     """Of the rows of all sizes."""
     found = list[Finding]()
     for (size,), of in rows.by("size").items():
-        theirs = paper.TABLE_2.of(size=size)
-        for pair, label in _PAIRS.items():
-            if theirs:
-                gain, more = theirs.speedup(*_THEIRS), theirs.increase(paper.ASTAR_NN)
+        if theirs := paper.TABLE_2.of(size=size):
+            gain, more = theirs.speedup(*_THEIRS), theirs.increase(paper.ASTAR_NN)
+            for pair, label in _PAIRS.items():
                 found.append(judge_speedup(f"{size}²: speed-up of {label}", gain, of, pair, near=True))
                 found.append(judge_increase(f"{size}²: CC increase of {label}", more, of, pair[1]))
-        if theirs:
             known, own = theirs.of(paper.ASTAR_NN).mean("found"), of.of(PLAIN_NN).mean("found")
-            as_well = {
-                kind: of.of(name).mean("found") >= known - 0.01 for kind, name in controls_in(of, PLAIN_NN).items()
-            }
-            claim, texts, near = (
-                f"{size}²: success of A*NN in its first region",
-                (percent(known), percent(own)),
-                abs(own - known) <= 0.01,
-            )
+            as_well = met_by(of, PLAIN_NN, lambda name, of=of, least=known - 0.01: of.of(name).mean("found") >= least)  # type: ignore[misc]
+            claim, near = f"{size}²: success of A*NN in its first region", abs(own - known) <= 0.01
+            texts = percent(known), percent(own)
             found.append(judge(claim, *texts, near, "within one point", as_well, better=own > known))
         fastest = min(OURS, key=lambda name, of=of: of.of(name).mean("time_s"))  # type: ignore[misc]
-        claim, rule = (
-            f"{size}²: the network's region is the fastest way to plan",
-            "`nnpp` has the least mean time of ours",
-        )
+        claim = f"{size}²: the network's region is the fastest way to plan"
+        rule = "`nnpp` has the least mean time of ours"
         found.append(judge(claim, "A*NN", f"`{fastest}`", fastest == "nnpp", rule))
     return [*found, *_growth(rows, "the network gains more on larger maps")]
 
@@ -115,19 +106,18 @@ def table2_findings(rows: Rows) -> list[Finding]:
 def _growth(rows: Rows, claim: str) -> Iterator[Finding]:
     """Whether the network gains more on larger maps."""
     by_size = {size: of for (size,), of in rows.by("size").items()}
-    small, *_, large = [*by_size, *by_size]
+    small, large = next(iter(by_size)), list(by_size)[-1]
     if small == large:
         return
     known = [f"{of.speedup(*_THEIRS):.1f}×" for size in (small, large) if (of := paper.TABLE_2.of(size=size))]
     for pair, label in _PAIRS.items():
-        gains = {size: of.speedup(*pair) for size, of in by_size.items()}
-        as_well = {
-            kind: by_size[large].speedup(pair[0], name) > by_size[small].speedup(pair[0], name)
-            for kind, name in controls_in(rows, pair[1]).items()
-        }
-        ours, theirs = ", ".join(f"{size}² {gain:.2f}×" for size, gain in gains.items()), " → ".join(known)
-        rule = f"more at {large}² than at {small}²"
-        yield judge(f"{claim} ({label})", theirs or "yes", ours, gains[large] > gains[small], rule, as_well)
+
+        def grows(name: str, slow: str = pair[0]) -> bool:
+            return by_size[large].speedup(slow, name) > by_size[small].speedup(slow, name)
+
+        ours = ", ".join(f"{size}² {of.speedup(*pair):.2f}×" for size, of in by_size.items())
+        rule, as_well = f"more at {large}² than at {small}²", met_by(rows, pair[1], grows)
+        yield judge(f"{claim} ({label})", " → ".join(known) or "yes", ours, grows(pair[1]), rule, as_well)
 
 
 @experiment(
@@ -142,9 +132,7 @@ def fig9(
     theirs = [row for row in (*paper.TABLE_1, *paper.TABLE_2.of(paper.ASTAR_NN)) if row["size"] in sizes]
     everything = Rows([*theirs, *rows]).sorted("size")
     more: Columns = {"inference": lambda of: seconds(of.mean("inference_s"))}
-    summary = planner_table(
-        everything, "size", "network | AT | over A* | CC increase | success | MM", context.networks, more
-    )
+    names = "network | AT | over A* | CC increase | success | MM"
     looks = [{**row, "planner": "inference", "time_s": row["inference_s"]} for row in rows.of(PLAIN_NN)]
     styles = {paper.ASTAR: "o--", paper.ASTAR_NN: "s:", **dict.fromkeys(PLANNERS, "o-"), "inference": "x-"}
     of_mm = dict.fromkeys((PLAIN_NN, "corridor", "nnpp"), "o-")
@@ -154,6 +142,7 @@ def fig9(
             (rows, "mm", of_mm, "Mean MM", "path's cells / region's cells"),
         ]
     )
+    summary = planner_table(everything, "size", names, context.networks, more)
     return Result(summary, rows.averaged("size", "planner"), fig9_findings(rows), figure)
 
 
@@ -161,26 +150,23 @@ def fig9_findings(rows: Rows) -> list[Finding]:
     """Of the rows of all sizes."""
     inference = [of.mean("inference_s") for of in rows.by("size").values()]
     average, least, greatest = float(np.mean(inference)), min(inference), max(inference)
-    claim, theirs = (
-        "inference takes the same time whatever the map's size",
-        f"{1e3 * paper.INFERENCE_S:.0f} ms throughout",
-    )
     ours, steady = f"{1e3 * least:.2f} to {1e3 * greatest:.2f} ms", greatest - least <= 0.3 * average
-    found = [judge(claim, theirs, ours, steady, "the means within 30 % of their mean")]
-    claim, theirs = "inference keeps up 17 frames a second on a CPU", f"{1.0 / paper.INFERENCE_S:.0f} a second"
-    fast = average <= paper.INFERENCE_S
-    found.append(judge(claim, theirs, f"{1.0 / average:.0f} a second", fast, "at least the paper's"))
+    theirs, rule = f"{1e3 * paper.INFERENCE_S:.0f} ms throughout", "the means within 30 % of their mean"
+    found = [judge("inference takes the same time whatever the map's size", theirs, ours, steady, rule)]
+    claim, fast = "inference keeps up 17 frames a second on a CPU", average <= paper.INFERENCE_S
+    texts = f"{1.0 / paper.INFERENCE_S:.0f} a second", f"{1.0 / average:.0f} a second"
+    found += [judge(claim, *texts, fast, "at least the paper's")]
     found += _growth(rows, "the larger the map, the more the network gains")
     small, large = min(rows.all("size")), max(rows.all("size"))
     if small < large:
-        names = {"": PLAIN_NN, **controls_in(rows, PLAIN_NN)}
-        falls = {
-            kind: rows.of(name, size=large).mean("mm") < rows.of(name, size=small).mean("mm")
-            for kind, name in names.items()
-        }
+
+        def falls(name: str) -> bool:
+            return rows.of(name, size=large).mean("mm") < rows.of(name, size=small).mean("mm")
+
         ours = ", ".join(f"{size:.0f}² {rows.of(PLAIN_NN, size=size).mean('mm'):.3f}" for size in (small, large))
         rule = f"less at {large:.0f}² than at {small:.0f}², plain A*NN"
-        found.append(judge("MM falls as the map grows", "yes", ours, falls.pop(""), rule, falls))
+        as_well = met_by(rows, PLAIN_NN, falls)
+        found.append(judge("MM falls as the map grows", "yes", ours, falls(PLAIN_NN), rule, as_well))
     return found
 
 
@@ -228,19 +214,19 @@ def _wins(fast: Rows, slow: Rows) -> float:
 
 def _slopes(rows: Rows, slow: str, fast: str) -> Iterator[Finding]:
     """Two planners, by the lines through their times."""
-    (slope_s, _, correlation), (fast_s, *_) = _fit(rows.of(slow)), _fit(rows.of(fast))
-    wins, controls = _wins(rows.of(fast), rows.of(slow)), controls_in(rows, fast)
+    (slope_s, _, correlation), (fast_s, *_), wins = (
+        _fit(rows.of(slow)), _fit(rows.of(fast)), _wins(rows.of(fast), rows.of(slow))
+    )  # fmt: skip
     own, grows = f"{1e6 * slope_s:.3g} µs a cell, r = {correlation:.2f}", slope_s > 0.0 and correlation > 0.3
     yield judge(f"time grows with the path's length ({slow})", "yes", own, grows, "correlation above 0.3")
     claim, ours = f"it grows more slowly with the network ({fast} against {slow})", f"{1e6 * fast_s:.3g} µs a cell"
-    as_well = {kind: _fit(rows.of(name))[0] < slope_s for kind, name in controls.items()}
+    as_well = met_by(rows, fast, lambda name: _fit(rows.of(name))[0] < slope_s)
     yield judge(claim, "yes", ours, fast_s < slope_s, "a smaller slope", as_well)
-    claim, ours = (
-        f"the network's way is much the faster ({fast} against {slow})",
-        f"faster on {percent(wins, 0)} of the queries",
+    claim = f"the network's way is much the faster ({fast} against {slow})"
+    as_well = met_by(rows, fast, lambda name: _wins(rows.of(name), rows.of(slow)) >= 0.9)
+    yield judge(
+        claim, "yes", f"faster on {percent(wins, 0)} of the queries", wins >= 0.9, "on at least 90 %", as_well
     )
-    as_well = {kind: _wins(rows.of(name), rows.of(slow)) >= 0.9 for kind, name in controls.items()}
-    yield judge(claim, "yes", ours, wins >= 0.9, "on at least 90 %", as_well)
 
 
 @experiment("Fig. 12 and Table 4, static", "Regions and paths on five maps", {"repeats": 2})
@@ -250,7 +236,6 @@ def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5)
     rows = contest(context, (size,), maps, repeats=repeats).of(*PLANNERS)
     theirs = paper.TABLE_4.of(scene=paper.STATIC)
     names = "network | AT | over A* | CC | CC increase | MM"
-    summary = planner_table(Rows([*rows, *theirs]), "map", names, context.networks)
     figure = drawing.new_figure(2.6 * maps, 5.9)
     grid = figure.subplots(2, maps, squeeze=False)
     for at, (case, query) in enumerate(context.maps(size, maps), 1):
@@ -261,11 +246,10 @@ def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5)
         views = {PLAIN_NN: view, "nnpp": view._replace(region=searched, path=plan.path)}
         for axes, (name, each) in zip(grid[:, at - 1], views.items(), strict=True):
             own = rows.of(name, map=at)
-            title = (
-                f"{name}, map {at}: MM {own.mean('mm'):.3f},\ncost {percent(own.mean('excess'), 2)} above the optimum"
-            )
-            drawing.draw_view(axes, each, title)
+            above = f"cost {percent(own.mean('excess'), 2)} above the optimum"
+            drawing.draw_view(axes, each, f"{name}, map {at}: MM {own.mean('mm'):.3f},\n{above}")
     drawing.map_legend(figure, grid[1, 0])
+    summary = planner_table(Rows([*rows, *theirs]), "map", names, context.networks)
     return Result(summary, rows, fig12_findings(rows), figure)
 
 
@@ -273,12 +257,13 @@ def fig12_findings(rows: Rows) -> list[Finding]:
     """Of the rows of all maps, beside the static rows of Table 4."""
     theirs, label, own = paper.TABLE_4.of(scene=paper.STATIC), _PAIRS[PLAIN, PLAIN_NN], rows.of(PLAIN_NN)
     mms, known, most = own.all("mm"), theirs.all("mm"), own.increase() + 0.01
-    near = {
-        kind: of for kind, name in controls_in(rows, PLAIN_NN).items() if (of := rows.of(name)).increase() <= most
-    }
+
+    def as_narrow(name: str) -> bool:
+        return rows.of(name).increase() <= most and rows.of(name).mean("mm") >= min(known)
+
     texts = (f"{min(known):.2f} to {max(known):.2f}", f"{min(mms):.3f} to {max(mms):.3f}")
-    agrees, rule = min(known) <= own.mean("mm") <= max(known), "our mean lies within the paper's range"
-    as_well, better = {kind: of.mean("mm") >= min(known) for kind, of in near.items()}, own.mean("mm") > max(known)
+    agrees, better = min(known) <= own.mean("mm") <= max(known), own.mean("mm") > max(known)
+    rule, as_well = "our mean lies within the paper's range", met_by(rows, PLAIN_NN, as_narrow)
     return [
         judge_speedup(f"speed-up of {label}", theirs.speedup(*_THEIRS), rows, (PLAIN, PLAIN_NN), near=True),
         judge("MM of the network's region at td", *texts, agrees, rule, as_well, better=better),

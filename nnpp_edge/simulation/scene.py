@@ -74,7 +74,7 @@ class SurveyedGround:
 
     def planner(self) -> Planner:
         """Of the truth."""
-        return Planner.on(self.ground)
+        return Planner(self.ground)
 
 
 class Scene:

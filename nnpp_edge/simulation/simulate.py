@@ -17,7 +17,6 @@ from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.loop.sinks import Sink
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.planners.plan import path_costs
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
 
@@ -175,7 +174,7 @@ def simulate(
         counters,
         waited=scene.waited,
         forbidden=scene.forbidden,
-        driven_cost=path_costs(planner.state.grid, driven)[0],
+        driven_cost=planner.state.grid.costs_of(driven)[0],
         optimal_cost=best.cost,
         planning_ms=histogram.summary_ms(),
         driven=driven,

@@ -15,30 +15,28 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.heights import Reading, Window, check_grid, check_room, checked_window, metres
+from nnpp_edge.terrain.heights import Reading, check_grid, check_room, metres
 
-_ZIP_STARTS = (b"PK\x03\x04", b"PK\x05\x06")
 _ARRAY_NAMES = ("elevation_m", "elevation", "dem")
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
-def read_arrays(path: Path, vertical_scale: float | None, window: Window | None) -> Reading:
+def read_arrays(path: Path, vertical_scale: float | None) -> Reading:
     """Elevation and cell (size, width) of a NumPy file; its first bytes show whether it is an archive.
 
     Raises TerrainError and InvalidQueryError as `read_dem` does, and whatever else NumPy raises for a broken file.
     """
     with path.open("rb") as file, ExitStack() as stack:
-        archive = stack.enter_context(_Archive(path)) if file.read(4) in _ZIP_STARTS else None
+        zipped = file.read(4) in (b"PK\x03\x04", b"PK\x05\x06")
         file.seek(0)
+        archive = stack.enter_context(_Archive(path)) if zipped else None
         cell, name = (archive.cell(), archive.elevation_name()) if archive else (None, "")
         promised = archive.promised(name) if archive else _promised(file)
         check_grid(path, promised)
-        row0, col0, rows, cols = checked_window(path, promised.shape, window)
-        check_room(path, (rows, cols), promised.dtype, promised.nbytes if archive else 0)
-        loaded = archive.array(name) if archive else np.load(path, mmap_mode="r", allow_pickle=False)
+        check_room(path, promised.shape, promised.dtype, promised.nbytes if archive else 0)
+        loaded = archive.array(name) if archive else np.load(path, allow_pickle=False)
         place = archive.place() if archive else None
-    part = loaded[row0 : row0 + rows, col0 : col0 + cols]
-    return metres(part, vertical_scale or 1.0), cell, place and place.of_part(row0, col0)
+    return metres(loaded, vertical_scale or 1.0), cell, place
 
 
 def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
@@ -64,34 +62,30 @@ class _Archive(zipfile.ZipFile):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self.path = path
-        self.names = {name.removesuffix(".npy"): name for name in self.namelist()}
+        self.path, self.names = path, {name.removesuffix(".npy"): name for name in self.namelist()}
 
     def promised(self, name: str) -> npt.NDArray[np.generic]:
-        """As `_promised`."""
         with self.open(self.names[name]) as member:
             return _promised(member)
 
     def array(self, name: str) -> npt.NDArray[np.generic]:
-        """The array itself."""
         with self.open(self.names[name]) as member:
             found: npt.NDArray[np.generic] = npy.read_array(member, allow_pickle=False)
         return found
 
     def elevation_name(self) -> str:
         """That of the array of heights: one of ours, or the only one of two dimensions; TerrainError for others."""
-        name = next((name for name in _ARRAY_NAMES if name in self.names), None)
-        if name is None and "cost" in self.names:
+        if name := next((name for name in _ARRAY_NAMES if name in self.names), None):
+            return name
+        if "cost" in self.names:
             raise TerrainError(
                 f"{self.path}: wanted heights, got costs: `nnpp-edge run` takes them, no other command"
             )
-        if name is None:
-            grids = [name for name in self.names if self.promised(name).ndim == 2]
-            if len(grids) != 1:
-                wanted, got = ", ".join(_ARRAY_NAMES), ", ".join(self.names) or "nothing"
-                raise TerrainError(f"{self.path}: wanted {wanted} or a single 2-D array, got {got}")
-            name = grids[0]
-        return name
+        grids = [name for name in self.names if self.promised(name).ndim == 2]
+        if len(grids) != 1:
+            wanted, got = ", ".join(_ARRAY_NAMES), ", ".join(self.names) or "nothing"
+            raise TerrainError(f"{self.path}: wanted {wanted} or a single 2-D array, got {got}")
+        return grids[0]
 
     def cell(self) -> tuple[float, float] | None:
         """Size and width of a cell; None where the archive does not say."""
@@ -114,22 +108,21 @@ class _Archive(zipfile.ZipFile):
 
     def _number(self, *names: str) -> float | None:
         """The scalar under the first of `names` that is there, above 0 and finite; None without one."""
-        name = next((name for name in names if name in self.names), None)
-        if name is None:
-            return None
-        promised = self.promised(name)
-        got = f"{promised.dtype} {promised.shape}"
-        if promised.size == 1 and promised.dtype.kind in "iuf":
-            if 0 < (value := float(self.array(name).item())) < math.inf:
-                return value
-            got = f"{value:g}"
-        raise TerrainError(f"{self.path}: {name} must be one number above 0, got {got}")
+        for name in names:
+            if name in self.names:
+                promised = self.promised(name)
+                got = f"{promised.dtype} {promised.shape}"
+                if promised.size == 1 and promised.dtype.kind in "iuf":
+                    if 0 < (value := float(self.array(name).item())) < math.inf:
+                        return value
+                    got = f"{value:g}"
+                raise TerrainError(f"{self.path}: {name} must be one number above 0, got {got}")
+        return None
 
 
 def _promised(file: IO[bytes]) -> npt.NDArray[np.generic]:
     """An array that takes no memory, of the shape and type that the header of a `.npy` promises."""
-    version = npy.read_magic(file)
-    if version not in _HEADERS:
+    if (version := npy.read_magic(file)) not in _HEADERS:
         raise ValueError(f"wanted version 1 or 2 of NumPy's format, got {version}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a damaged header is parsed as Python, which warns of odd spellings

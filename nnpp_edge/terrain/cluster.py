@@ -10,6 +10,7 @@ from types import ModuleType
 
 from nnpp_edge import __version__
 from nnpp_edge.runtime.errors import NnppEdgeError, optional_module
+from nnpp_edge.runtime.reading import reason
 from nnpp_edge.terrain.dataset import Shards
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.shards import Recipe, shard_content
@@ -26,20 +27,13 @@ def shards_on_cluster(address: str, recipe: Recipe, tiles: Sequence[Dem], indice
     """Make shards on the workers of a Dask cluster, and bring them here: numbers and contents, in the order done.
 
     The `address` is the scheduler's, such as ``tcp://10.0.0.5:8786``; TLS and timeouts are as Dask's configuration
-    says. The workers need no file system shared with this machine. Without indices no connection is made.
-
-    Raises
-    ------
-    ClusterError, MissingExtraError, DataSetError
-        The address makes no sense, no scheduler answers there, no worker came within `WORKER_WAIT_S`, the
-        scheduler was lost, workers died under the same shard several times (Dask's `allowed-failures`), or
-        the workers have another version of nnpp-edge; distributed is not installed; as for shards made here.
+    says. The workers need no file system shared with this machine. Raises ClusterError, MissingExtraError, and
+    DataSetError as for shards made here.
 
     Notes
     -----
-    The elevation arrays are an argument of one task, on which all shards depend: they leave this machine once,
-    workers pass them on, and the scheduler hands them out again where all who had them died (scattered data would be
-    lost). Shards travel compressed.
+    The elevation arrays are an argument of one task, on which all shards depend: they leave this machine once, and
+    are handed out again where all workers who had them died (scattered data would be lost).
     """
     if not indices:
         return
@@ -47,21 +41,20 @@ def shards_on_cluster(address: str, recipe: Recipe, tiles: Sequence[Dem], indice
     dask = optional_module("dask", "a Dask cluster", "cluster")
     with _one_line_error(address, distributed):
         asyncio.run(_try(address, distributed))
-    with (
-        _one_line_error(address, distributed),
-        dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}),
-        distributed.Client(address, set_as_default=False) as client,
-    ):
-        terrain = client.submit(lambda received: received, tiles, pure=False)
-        jobs = {client.submit(_make, __version__, recipe, terrain, i, pure=False): i for i in indices}
-        try:
-            client.wait_for_workers(1, timeout=WORKER_WAIT_S)
-        except TimeoutError as error:
-            got = f"none within {WORKER_WAIT_S:g} s (one that lacks nnpp-edge leaves at once, as its log says)"
-            raise ClusterError(f"wanted a Dask scheduler with workers at {address!r}, got {got}") from error
-        for job in distributed.as_completed(list(jobs), loop=client.loop):
-            content = zlib.decompress(job.result())
-            yield jobs.pop(job), content
+        with (
+            dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}),
+            distributed.Client(address, set_as_default=False) as client,
+        ):
+            terrain = client.submit(lambda received: received, tiles, pure=False)
+            jobs = {client.submit(_make, __version__, recipe, terrain, i, pure=False): i for i in indices}
+            try:
+                client.wait_for_workers(1, timeout=WORKER_WAIT_S)
+            except TimeoutError as error:
+                got = f"none within {WORKER_WAIT_S:g} s (one that lacks nnpp-edge leaves at once, as its log says)"
+                raise ClusterError(f"wanted a Dask scheduler with workers at {address!r}, got {got}") from error
+            for job in distributed.as_completed(list(jobs), loop=client.loop):
+                content = zlib.decompress(job.result())
+                yield jobs.pop(job), content
 
 
 def _make(version: str, recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
@@ -88,12 +81,11 @@ def _one_line_error(address: str, distributed: ModuleType) -> Iterator[None]:
     except NnppEdgeError:
         raise
     except distributed.KilledWorker as error:
-        reason = f"{error.allowed_failures + 1} of the workers died under the same shard; their logs say why"
-        raise ClusterError(f"{address}: {reason}") from error
+        died = f"{error.allowed_failures + 1} of the workers died under the same shard; their logs say why"
+        raise ClusterError(f"{address}: {died}") from error
     except CancelledError as error:
         raise ClusterError(f"{address}: the connection to the scheduler was lost") from error
     except Exception as error:  # Dask's errors have no base class of their own
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise ClusterError(f"wanted a Dask scheduler with workers at {address!r}, got: {reason}") from error
+        raise ClusterError(f"wanted a Dask scheduler with workers at {address!r}, got: {reason(error)}") from error
     finally:
         log.setLevel(level)

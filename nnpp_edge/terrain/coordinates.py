@@ -40,38 +40,30 @@ _SCALE_TOLD, _RIM_TOLD = 0.01, 0.03
 def lonlat_on_map(place: Place, points: Points) -> Points:
     """Map coordinates of longitudes and latitudes: WGS 84 on the Earth, elsewhere those of the body's own system.
 
-    Raises InvalidQueryError where the map has no coordinate system, or a point no place in it.
+    Here and below InvalidQueryError where the map has no coordinate system, or a point no place in it.
     """
     own = _system_of(place.georeference, place.source)
     return _moved(points, _lonlat_system(own), own)
 
 
 def lonlat_corners(place: Place) -> Points:
-    """(4, 2) longitudes and latitudes of the middles of a map's corner cells, as `lonlat_on_map` takes them.
-
-    Raises InvalidQueryError where the map has no coordinate system, or a corner no place on the globe.
-    """
+    """(4, 2) longitudes and latitudes of the middles of a map's corner cells, as `lonlat_on_map` takes them."""
     own, (rows, cols) = _system_of(place.georeference, place.source), place.shape
     corners = np.array([place.map_coordinates(row, col) for row in (0, rows - 1) for col in (0, cols - 1)])
     return _moved(corners, own, _lonlat_system(own))
 
 
 def lonlat_of(place: Place, points: Points) -> Points:
-    """WGS 84 longitudes and latitudes of map coordinates.
-
-    Raises InvalidQueryError where the map has no coordinate system, or one of another body than the Earth.
-    """
+    """WGS 84 longitudes and latitudes of map coordinates; InvalidQueryError on another body than the Earth."""
     own = _system_of(place.georeference, place.source)
-    if _other_body(own):
+    globe = _lonlat_system(own)
+    if not globe.equals(_pyproj().CRS.from_user_input(WGS84)):
         raise InvalidQueryError(f"{place.source}: longitude and latitude on the Earth are wanted, got {own.name}")
-    return _moved(points, own, _pyproj().CRS.from_user_input(WGS84))
+    return _moved(points, own, globe)
 
 
 def on_map(place: Place, points: Points, crs: str, source: str) -> tuple[Points, str]:
-    """Map coordinates of points in a layer's system, and a word on it where that is not the map's; `source` has them.
-
-    Raises InvalidQueryError where the map has no coordinate system, or a point no place in it.
-    """
+    """Map coordinates of points of the layer `source`, and a word on it where its system is not the map's."""
     own, theirs = _system_of(place.georeference, place.source), _pyproj().CRS.from_user_input(crs)
     if own.equals(theirs, ignore_axis_order=True):
         return points, ""
@@ -172,17 +164,13 @@ def _system_of(place: Georeference | None, source: Path) -> "CRS":
 
 def _lonlat_system(own: "CRS") -> "CRS":
     """In which a map's longitudes and latitudes are given: WGS 84 on the Earth, elsewhere the system's own globe."""
-    wgs84: CRS = _pyproj().CRS.from_user_input(WGS84)
-    return own.geodetic_crs or wgs84 if _other_body(own) else wgs84
-
-
-def _other_body(system: "CRS") -> bool:
-    """Whether a system is another body's than the Earth: then there is no way from WGS 84."""
+    pyproj = _pyproj()
+    wgs84: CRS = pyproj.CRS.from_user_input(WGS84)
     try:
-        _transformer(WGS84, system.to_wkt())
-    except _pyproj().exceptions.ProjError:
-        return True
-    return False
+        _transformer(WGS84, own.to_wkt())
+    except pyproj.exceptions.ProjError:  # there is no way to another body
+        return own.geodetic_crs or wgs84
+    return wgs84
 
 
 def _moved(points: Points, begin: "CRS", end: "CRS") -> Points:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.runtime.errors import DataSetError
+from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.shards import Recipe, left_out, read_terrain, shard_content
 
@@ -28,6 +29,7 @@ Query = tuple[NDArray[np.float32], tuple[float, float], tuple[float, float]]
 """Planes (2, S, S) in [0, 1]; start and goal, (row, col) in network cells."""
 Arrays = dict[str, NDArray[np.generic]]
 """The arrays of a shard, by name."""
+_OF_QUERIES = ("map_index", "start", "goal", "excess", "on_path")
 
 
 @dataclass(frozen=True)
@@ -61,10 +63,7 @@ class Samples:
         return self.planes[self.map_index[at]].astype(np.float32) / 255.0, tuple(start), tuple(goal)
 
     def averaged(self, size: int) -> "Samples":
-        """The same on maps of `size` cells a side, each averaged over a whole number of these; the labels stay.
-
-        Raises DataSetError where the maps' side is not a multiple of `size`.
-        """
+        """The same on maps averaged to `size` cells a side, a whole part of theirs, or DataSetError."""
         count, planes, side, _ = self.planes.shape
         if side % size:
             raise DataSetError(f"wanted maps of {size} cells a side or a multiple of that, got {side}")
@@ -80,8 +79,7 @@ class Samples:
 
     def pick(self, queries: NDArray[np.generic] | range) -> "Samples":
         """Some of the queries, by a mask or by their numbers; the maps stay."""
-        names = ("map_index", "start", "goal", "excess", "on_path")
-        return replace(self, **{name: getattr(self, name)[queries] for name in names})
+        return replace(self, **{name: getattr(self, name)[queries] for name in _OF_QUERIES})
 
 
 def make_dataset(
@@ -115,9 +113,8 @@ def make_dataset(
     Raises
     ------
     DataSetError, TerrainError, OutputError
-        The folder holds shards of another recipe or damaged ones, `part` makes no sense, a terrain file is too small
-        or has no two cells to plan between (noticed before anything is written), or a process died; a terrain file
-        cannot be read; the folder cannot be written to.
+        The folder holds another set, damaged shards, or cannot be written to; terrain cannot be read, is too small or
+        has no two cells to plan between; a process died.
     """
     k, n = part
     if not 1 <= k <= n:
@@ -146,15 +143,13 @@ def make_dataset(
 def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
     """The arrays of each shard in the folder, by name; DataSetError for one that is damaged or of another recipe."""
     for path in sorted(folder.glob("shard-*.npz")):
-        try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
-                shard = {name: content[name] for name in content.files}
+        with (
+            refused_as(DataSetError, f"{path}: wanted a shard of this data set, got a file that is none"),
+            path.open("rb") as file,
+            np.load(file, allow_pickle=False) as content,
+        ):
+            shard = {name: content[name] for name in content.files}
             _check_shard(shard, recipe)
-        except Exception as error:  # NumPy meets bad bytes with nearly every kind there is
-            reason = " ".join(str(error).split()) or type(error).__name__
-            raise DataSetError(
-                f"{path}: wanted a shard of this data set, got a file that is none ({reason})"
-            ) from error
         yield shard
 
 
@@ -185,19 +180,16 @@ def read_recipe(folder: Path) -> Recipe:
     """The recipe in a data set's folder; DataSetError if there is none."""
     try:
         stored = msgspec.json.decode((folder / RECIPE_FILE).read_bytes(), type=dict[str, object])
-        if stored.pop("format", None) != FORMAT:
-            raise DataSetError(f"{folder}: wanted a data set of format {FORMAT}")
-        return msgspec.convert(stored, Recipe)
+        if (of := stored.pop("format", None)) == FORMAT:
+            return msgspec.convert(stored, Recipe)
     except (OSError, RecursionError, ValueError, msgspec.MsgspecError) as error:
-        if isinstance(error, DataSetError):
-            raise
         raise DataSetError(f"{folder}: wanted a data set's folder with {RECIPE_FILE}, got {error}") from error
+    raise DataSetError(f"{folder}: wanted a data set of format {FORMAT}, got {of!r}")
 
 
 def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None = None) -> Samples:
-    """All samples of a data set (or of its first shards, up to `most_maps`).
+    """All samples of a data set (or of its first shards, up to `most_maps`), averaged down to maps of `size`.
 
-    Maps that are larger than the network's input, of side `size`, by a whole factor are averaged down to it.
     DataSetError where the set cannot be read, or has no maps of that size.
     """
     recipe = read_recipe(folder)
@@ -236,7 +228,6 @@ _tiles: Sequence[Dem]
 
 
 def _shards_here(recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int], workers: int | None) -> Shards:
-    """Number and content of each shard as it is done, by processes on this machine."""
     context = multiprocessing.get_context("spawn")
     workers = workers or len(os.sched_getaffinity(0))
     with ProcessPoolExecutor(workers, context, _start_worker, (recipe, tiles)) as pool:

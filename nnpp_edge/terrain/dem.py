@@ -19,8 +19,8 @@ from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, TerrainErro
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
-from nnpp_edge.terrain.georeference import Georeference, Place
-from nnpp_edge.terrain.heights import Window, check_grid, known_heights, metres
+from nnpp_edge.terrain.georeference import Georeference, Place, check_sides
+from nnpp_edge.terrain.heights import check_grid, known_heights, metres
 from nnpp_edge.terrain.rasters import geotiff_bytes, read_raster
 
 ARRAY_ENDINGS = (".npy", ".npz")
@@ -28,18 +28,9 @@ ARRAY_ENDINGS = (".npy", ".npz")
 
 @dataclass(frozen=True, eq=False)
 class Dem(Place):
-    """An elevation map and the size of its cells; TerrainError for anything else than below.
+    """An elevation map: (H, W) float32 metres, NaN where unknown, and the size of its cells (`Place`).
 
-    Attributes
-    ----------
-    elevation : (H, W) float32
-        Metres; NaN where unknown, finite in at least one cell. Masked cells become unknown.
-    cell_size_m, cell_width_m : float
-        Side of a cell along a column of the map (north-south) and along a row (east-west).
-    georeference : Georeference or None
-        Where the cells lie, in the coordinates of the file.
-    source : Path
-        The file, for messages.
+    Masked cells become unknown. TerrainError where no cell is known, or a number makes no sense.
     """
 
     elevation: npt.NDArray[np.float32]
@@ -55,7 +46,7 @@ class Dem(Place):
             raise TerrainError(f"{self.source}: elevation must be float32, got {self.elevation.dtype}")
         if not np.isfinite(self.elevation).any():
             raise TerrainError(f"{self.source}: wanted an elevation map, got no cell with a known height")
-        self.check_sides()
+        self.check_place()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -66,8 +57,7 @@ class Dem(Place):
     def rescaled(self, cell_size_m: float) -> "Dem":
         """The same terrain grown or shrunk to cells of `cell_size_m`: heights follow, so slopes stay.
 
-        The georeference stays as it is: it still says where each cell lay on the map. Raises
-        InvalidQueryError where `cell_size_m` is not above 0 and finite.
+        The georeference stays as it is: it still says where each cell lay on the map.
         """
         check_option("cell size", cell_size_m)
         factor = cell_size_m / self.cell_size_m
@@ -81,7 +71,6 @@ def read_dem(
     path: Path | str,
     cell_size_m: float | None = None,
     vertical_scale: float | None = None,
-    window: Window | None = None,
     *,
     allow_vrt: bool = False,
 ) -> Dem:
@@ -90,17 +79,15 @@ def read_dem(
     Parameters
     ----------
     path : Path or str
-        A raster of one band in one of `gdal_files.FORMATS` (for a PDS3 `.img` with a `.lbl` beside it, the label is
-        opened), whatever its name; files and addresses that it names elsewhere are not opened; a 2-D `.npy`; an
-        `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D array, and perhaps `cell_size_m` (or `cell_m`),
-        `cell_width_m` and `transform`, as of `Georeference`.
+        A raster of one band in one of `gdal_files.FORMATS`, whatever its name (for a PDS3 `.img` with a `.lbl` beside
+        it, the label is opened); a 2-D `.npy`; an `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D
+        array, and perhaps `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`. Files
+        and addresses that it names elsewhere are not opened.
     cell_size_m : float, optional
         Side of a cell, north-south. Wins over the file's; the ratio of width to height is kept.
     vertical_scale : float, optional
         Metres per unit of the file's heights, after the band's own scale and offset. A PNG needs it;
         elsewhere it wins over the unit that the file names, which is metres where it names none.
-    window : (row0, col0, rows, cols), optional
-        The part to read; the georeference is the part's own.
     allow_vrt : bool
         Whether a GDAL VRT is read, too, if it is made of GeoTIFFs in its own folder.
 
@@ -112,24 +99,22 @@ def read_dem(
     Raises
     ------
     TerrainError, InvalidQueryError, MissingExtraError
-        The file is missing, broken, not an elevation map, too large for the memory that is left, or lacks a cell size
-        that was not given; an option makes no sense; the format needs rasterio, which is not installed.
+        The file is missing, broken, no elevation map, too large for the memory that is left, or lacks a cell size;
+        an option makes no sense; the format needs rasterio, which is not installed.
 
     Notes
     -----
-    Cells are as long as the ground under them: geodesics on the system's own ellipsoid, from projected coordinates
-    as from degrees, along a column and along a row at the middle of the map (or of the window). A UserWarning says
-    where a projection's metre is more than 1 % off there, and where ground elsewhere on the map is more than 3 % off
-    that at the middle. A transform without a system, or with a local one, is taken as it is.
-
-    An offset over 100 km is a body's radius (PDS3 labels of the Moon): it is left out, so heights count from
-    that sphere and keep float32's precision.
+    Cells are as long as the ground under them: geodesics on the system's own ellipsoid, along a column and a row at
+    the middle of the map. A UserWarning says where a projection's metre is more than 1 % off
+    there, and ground elsewhere on the map more than 3 %. A transform without a system, or with a local one, is taken
+    as it is. An offset over 100 km is a body's radius (PDS3 labels of the Moon): it is left out, so heights count
+    from that sphere and keep float32's precision.
     """
     path = Path(path)
     arrays = path.suffix.lower() in ARRAY_ENDINGS
     read = read_arrays if arrays else partial(read_raster, allow_vrt=allow_vrt)
     with checked_file(path, cell_size_m, vertical_scale):
-        elevation, cell, georeference = read(path, vertical_scale, window)
+        elevation, cell, georeference = read(path, vertical_scale)
     sides = cell_sides(path, elevation.shape, cell, georeference, cell_size_m)
     return Dem(known_heights(elevation), *sides, georeference, path)
 
@@ -155,6 +140,8 @@ def cell_sides(
     """A cell's (size, width): the file's or its ground's, or of the size that was asked for; TerrainError without."""
     if cell is None and place is not None:
         cell = cell_on_ground(path, place, shape, warn=wanted is None)
+    if cell is not None:
+        check_sides(path, *cell)
     if wanted is not None:
         return wanted, wanted * cell[1] / cell[0] if cell else wanted
     if cell is None:
@@ -163,11 +150,9 @@ def cell_sides(
 
 
 def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
-    """Write a map of `dem`'s cells as a float32 GeoTIFF (deflate, nodata NaN) with `dem`'s georeference.
+    """Write a map of `dem`'s cells, numbers or bools, as a float32 GeoTIFF (deflate, nodata NaN), whole or not.
 
-    The array holds numbers or bools; masked ones become NaN. A reader finds the old file or the whole new one.
-    OutputError where the shape or type does not fit, or the file could not be written: what stood there is untouched;
-    MissingExtraError where rasterio is not installed.
+    Masked cells become NaN. OutputError where the shape or type does not fit, or the file could not be written.
     """
     path = Path(path)
     write_whole(path, raster_bytes(path, array, dem))

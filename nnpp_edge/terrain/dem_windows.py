@@ -33,7 +33,7 @@ class DemWindows(Place):
     """Of heights, where the map is grown or shrunk."""
 
     def __post_init__(self) -> None:
-        self.check_sides()
+        self.check_place()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -69,20 +69,9 @@ def open_dem(
     rescale_m: float | None = None,
     allow_vrt: bool = False,
 ) -> Iterator[DemWindows]:
-    """An elevation map to be read by windows.
+    """An elevation map in a raster, to be read by windows; arguments and errors as of `read_dem` and `Dem.rescaled`.
 
-    Parameters
-    ----------
-    path, cell_size_m, vertical_scale, allow_vrt
-        As for `read_dem`; a raster.
-    rescale_m : float, optional
-        As for `Dem.rescaled`.
-
-    Raises
-    ------
-    TerrainError
-        As `read_dem`, but for cells that are broken, which `DemWindows.read` meets; or the raster is stored in blocks
-        too large to be read one at a time.
+    TerrainError, too, for one stored in blocks too large to be read one at a time.
     """
     path = Path(path)
     with ExitStack() as stack:
@@ -95,7 +84,7 @@ def open_dem(
                     f"{path}: wanted a raster that can be read by windows, got one stored {stored}: "
                     "make it tiled with gdal_translate -of COG"
                 )
-            georeference = raster.place((0, 0, *raster.shape))
+            georeference = raster.place()
         size, width = cell_sides(path, raster.shape, None, georeference, cell_size_m)
         factor = 1.0 if rescale_m is None else rescale_m / size
         yield DemWindows(size * factor, width * factor, georeference, path, raster, factor)

@@ -1,8 +1,7 @@
 """Which files GDAL may open: rasters of known formats that hold their heights themselves.
 
-GDAL opens far more than elevation maps. Some formats name other files and addresses, which it would then read, and it
-looks for such files beside a raster, too, whatever the raster is. So the file's driver is one of `DRIVERS`, and what
-that driver would open besides is checked here before GDAL sees it.
+GDAL opens far more than elevation maps, and reads files and addresses that some formats name, or that lie beside a
+raster. So the driver is one of `DRIVERS`, and what it would open besides is checked here before GDAL sees it.
 """
 
 import re
@@ -91,11 +90,9 @@ def _check_label(path: Path, opened: Path, head: bytes) -> None:
     names = _LABEL_FILE.findall(label)
     if end is None or len(names) != label.upper().count(b"FILE_NAME"):
         raise TerrainError(f"{path}: wanted a PDS3 label of at most 1 MiB that names files in its own folder alone")
-    if b"COMPRESSED_FILE" in label.upper():
-        for name in names:
-            compressed = opened.with_name(name.decode())
-            if compressed.is_file():
-                _check_plain(path, compressed)
+    for name in names if b"COMPRESSED_FILE" in label.upper() else ():
+        if (compressed := opened.with_name(name.decode())).is_file():
+            _check_plain(path, compressed)
 
 
 def _check_plain(path: Path, other: Path) -> None:

@@ -1,13 +1,15 @@
 """Where the cells of a map lie: from cells to map coordinates and back."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 
 _FARTHEST = 2.0**53
 """Cells from the map's corner: whole numbers up to here are floats."""
+LEAST_SIDE_M, MOST_SIDE_M = 1e-6, 1e9
+"""Of a cell: beyond, slopes leave float32."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +42,6 @@ class Georeference:
             raise InvalidQueryError(f"map coordinates must be finite and near the map, got ({x:g}, {y:g})")
         return math.floor(row), math.floor(col)
 
-    def of_part(self, row0: int, col0: int) -> "Georeference":
-        """The georeference of the part of the map that begins with this cell."""
-        a, b, c, d, e, f = self.transform
-        return replace(self, transform=(a, b, a * col0 + b * row0 + c, d, e, d * col0 + e * row0 + f))
-
 
 class Place:
     """Where a map lies, and how large its cells are: what maps in memory and maps read by windows share."""
@@ -62,11 +59,14 @@ class Place:
         """Rows and columns."""
         raise NotImplementedError
 
-    def check_sides(self) -> None:
-        """TerrainError for cells without a size."""
-        for side in (self.cell_size_m, self.cell_width_m):
-            if not (math.isfinite(side) and side > 0):
-                raise TerrainError(f"{self.source}: wanted cells with sides above 0 m, got {side:g} m")
+    def check_place(self) -> None:
+        """TerrainError for cells without a size, or that lie nowhere."""
+        check_sides(self.source, self.cell_size_m, self.cell_width_m)
+        if self.georeference is None:
+            return
+        corners = [self.georeference.map_coordinates(*at) for at in ((0, 0), self.shape)]
+        if not all(math.isfinite(number) for corner in corners for number in corner):
+            raise TerrainError(f"{self.source}: wanted corners with finite coordinates, got {corners}")
 
     def map_coordinates(self, row: float, col: float) -> tuple[float, float]:
         """`Georeference.map_coordinates`; InvalidQueryError where the map has no georeference."""
@@ -80,3 +80,11 @@ class Place:
         if self.georeference is None:
             raise InvalidQueryError(f"{self.source}: map coordinates need a georeference, the file has none")
         return self.georeference
+
+
+def check_sides(source: Path, *sides: float) -> None:
+    """TerrainError for cells without a size, or of one that no map has."""
+    for side in sides:
+        if not LEAST_SIDE_M <= side <= MOST_SIDE_M:
+            wanted = f"wanted cells with sides of {LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m"
+            raise TerrainError(f"{source}: {wanted}, got {side:g} m")

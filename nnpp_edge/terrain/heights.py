@@ -7,12 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
+from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.terrain.georeference import Georeference
 
-Window = tuple[int, int, int, int]
-"""A part of a map: row0, col0, rows, cols."""
 Reading = tuple[Float2D, tuple[float, float] | None, Georeference | None]
 """(H, W) heights in metres, a cell's (size, width) in metres and the map's place, if known."""
 _BYTES_PER_CELL = 20
@@ -21,10 +19,9 @@ _FARTHEST_M = 1e9
 
 
 def check_room(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], more_bytes: int = 0) -> None:
-    """TerrainError where the memory that is left cannot hold an array of this shape while it becomes a map.
+    """TerrainError where an array of this shape cannot become a map in the memory that is left, before it is read.
 
-    To be asked before the array is read: a small compressed file may hold a huge one. `more_bytes` is what reading it
-    takes besides.
+    `more_bytes` is what reading it takes besides.
     """
     wanted = math.prod(shape) * (dtype.itemsize + _BYTES_PER_CELL) + more_bytes
     room = available_bytes()
@@ -50,16 +47,6 @@ def known_heights(elevation: Float2D) -> Float2D:
     """The same array, with NaN for infinities and for heights beyond 1e9 m."""
     elevation[~(np.abs(elevation) < _FARTHEST_M)] = np.nan
     return elevation
-
-
-def checked_window(path: Path, shape: tuple[int, ...], window: Window | None) -> Window:
-    """The window, or the whole map of `shape`; InvalidQueryError unless it holds a cell and lies inside."""
-    if window is None:
-        return 0, 0, shape[0], shape[1]
-    row0, col0, rows, cols = window
-    if min(row0, col0) < 0 or min(rows, cols) < 1 or row0 + rows > shape[0] or col0 + cols > shape[1]:
-        raise InvalidQueryError(f"{path}: window {window} must lie in {shape[0]} rows, {shape[1]} columns")
-    return row0, col0, rows, cols
 
 
 def check_grid(path: Path, array: npt.NDArray[np.generic]) -> None:

@@ -54,11 +54,7 @@ def random_query(
 def label_queries(
     cost: NDArray[np.float32], points: NDArray[np.int32], least_distance: float, blocks: int, omega: float
 ) -> list[Label]:
-    """The labels of every pair of points that is at least so many cells apart and connected.
-
-    Of (H, W) costs on whose blocks × blocks blocks the excess is given; the points are (N, 2) cells, and one cost
-    field is computed for each.
-    """
+    """The labels of every pair of points (N, 2) on (H, W) costs that is so many cells apart, and connected."""
     grid = Grid.of(cost, StepModel.of("paper", omega))
     workspace = Workspace(len(grid.weights))
     cells = [_cell(point) for point in points]

@@ -13,20 +13,13 @@ OBSTACLE = 1.0
 """Traversability cost of an obstacle: impassable (the paper's)."""
 CLEAR = 3
 """Cells around robot and goal that no obstacle covers."""
-_MOST = 12
-"""Obstacles at a time, of single events."""
-_APPEARS, _DISAPPEARS = 0.4, 0.4
-"""Chance that an event is a new obstacle; else, that one vanishes rather than moves."""
-_ACROSS_THE_PATH = 0.5
-"""Share of these obstacles that appear on the path ahead; the others appear anywhere."""
-_REACH = 2
-"""Cells that they move at most, to each side."""
+# of single events: obstacles at a time; chances of a new one, else of one that vanishes rather than moves, and of a
+# new one on the path ahead; cells that one moves at most, to each side
+_MOST, _APPEARS, _DISAPPEARS, _ACROSS_THE_PATH, _REACH = 12, 0.4, 0.4, 0.5, 2
 PAPERS_SIDES = (1 / 20, 1 / 8)
 """Sides of an obstacle of the paper's scene, as shares of the map's."""
-_ON_PATH = (0.15, 0.85)
-"""Where on what is left of the path it appears, as a share of it."""
-_VANISHES, _MOVES = 0.25, 0.35
-"""Its chances at each step."""
+_ON_PATH, _VANISHES, _MOVES = (0.15, 0.85), 0.25, 0.35
+"""Where on what is left of the path one appears in the paper's scene, and the chances of each there."""
 
 
 class Obstacles:
@@ -105,10 +98,8 @@ class Obstacles:
         return self._inside(int(middle[0]) - rows // 2, int(middle[1]) - cols // 2, rows, cols)
 
     def _moved(self, block: Rectangle, most_rows: int, most_cols: int) -> Rectangle:
-        row, col, rows, cols = block
-        row += int(self._rng.integers(-most_rows, most_rows + 1))
-        col += int(self._rng.integers(-most_cols, most_cols + 1))
-        return self._inside(row, col, rows, cols)
+        down, across = (int(self._rng.integers(-most, most + 1)) for most in (most_rows, most_cols))
+        return self._inside(block[0] + down, block[1] + across, *block[2:])
 
     def _inside(self, row: int, col: int, rows: int, cols: int) -> Rectangle:
         height, width = self.shape

@@ -9,6 +9,7 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, cast
@@ -18,11 +19,12 @@ import numpy.typing as npt
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.bands import in_bands
+from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
 from nnpp_edge.runtime.tuning import THREADS_FROM
 from nnpp_edge.terrain.gdal_files import FORMATS, NO_NETWORK, openable
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.heights import Reading, Window, check_room, checked_window, metres
+from nnpp_edge.terrain.heights import Reading, check_room, metres
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -71,7 +73,7 @@ class Raster:
         self._right: set[tuple[int, int]] = set()
         """Blocks whose checksums are right."""
 
-    def heights(self, part: Window) -> Float2D:
+    def heights(self, part: Rectangle) -> Float2D:
         """Metres in a window (row0, col0, rows, cols), NaN where unknown; TerrainError where a block is damaged."""
         row0, col0, rows, cols = part
         window = ((row0, row0 + rows), (col0, col0 + cols))
@@ -81,13 +83,13 @@ class Raster:
         heights[self.dataset.read_masks(1, window=window) == 0] = np.nan
         return heights
 
-    def place(self, part: Window) -> Georeference | None:
-        """The georeference of a window; None where the file has no transform."""
+    def place(self) -> Georeference | None:
+        """The georeference; None where the file has no transform."""
         if self.dataset.transform.is_identity:  # how rasterio says that
             return None
         a, b, c, d, e, f = self.dataset.transform[:6]
         crs = self.dataset.crs.to_wkt() if self.dataset.crs else None
-        return Georeference(crs, (a, b, c, d, e, f)).of_part(*part[:2])
+        return Georeference(crs, (a, b, c, d, e, f))
 
     def check_whole(self) -> None:
         """TerrainError for a file cut short where GDAL would fill in zeros and say nothing."""
@@ -103,7 +105,7 @@ class Raster:
             if bytes_ < wanted:
                 raise TerrainError(f"{self.path}: wanted {wanted} bytes of heights, got {bytes_} with the label")
 
-    def _check_blocks(self, part: Window) -> None:
+    def _check_blocks(self, part: Rectangle) -> None:
         """TerrainError where a deflated block under a window is damaged; each block is checked once.
 
         libtiff gives up on a stream when the block is full, before the checksum at the stream's end: it takes many a
@@ -113,13 +115,9 @@ class Raster:
         high, wide = self.block
         across = range(col // wide, -(-(col + cols) // wide))
         blocks = {(i, j) for i in range(row // high, -(-(row + rows) // high)) for j in across} - self._right
-        places = []
-        for i, j in sorted(blocks):
-            at, size = (
-                self.dataset.get_tag_item(f"BLOCK_{what}_{j}_{i}", "TIFF", bidx=1) for what in ("OFFSET", "SIZE")
-            )
-            if at and size:  # else the block was left out
-                places.append((int(at), int(size)))
+        tag = partial(self.dataset.get_tag_item, dm="TIFF", bidx=1)
+        found = [(tag(f"BLOCK_OFFSET_{j}_{i}"), tag(f"BLOCK_SIZE_{j}_{i}")) for i, j in sorted(blocks)]
+        places = [(int(at), int(size)) for at, size in found if at and size]  # others were left out
 
         def check(first: int, last: int) -> None:
             with self.path.open("rb") as file:
@@ -127,9 +125,8 @@ class Raster:
                     try:
                         zlib.decompress(os.pread(file.fileno(), size, at))
                     except zlib.error as error:
-                        raise TerrainError(
-                            f"{self.path}: wanted whole blocks, got a damaged one at byte {at}"
-                        ) from error
+                        wanted = f"{self.path}: wanted whole blocks, got a damaged one at byte {at}"
+                        raise TerrainError(wanted) from error
 
         if len(places) > _FEW_BLOCKS:
             in_bands(check, len(places), THREADS_FROM)
@@ -142,10 +139,9 @@ class Raster:
 def opened_raster(
     path: Path, vertical_scale: float | None, allow_vrt: bool = False, *, by_windows: bool = False
 ) -> Iterator[Raster]:
-    """An open raster of one band of heights, all in files of its own folder.
+    """An open raster of one band of heights, all in files of its own folder; raises as `read_raster`.
 
     One to be read by windows keeps a row of blocks, decoded by several threads, and forgets what it has read before.
-    Raises as `read_raster`.
     """
     rasterio = optional_module("rasterio", f"reading {path.name}", "geo")
     # An ASCII grid without a decimal point would be read as whole numbers, and its nan as 0.
@@ -166,24 +162,16 @@ def opened_raster(
             yield raster
 
 
-def read_raster(path: Path, vertical_scale: float | None, window: Window | None, allow_vrt: bool = False) -> Reading:
-    """Elevation and georeference of a raster in one of `FORMATS`; the cell's size is the georeference's.
-
-    Raises TerrainError, InvalidQueryError and MissingExtraError as `read_dem` does, and whatever else rasterio
-    raises for a broken file.
-    """
+def read_raster(path: Path, vertical_scale: float | None, allow_vrt: bool = False) -> Reading:
+    """Elevation and georeference of a raster of `FORMATS`; errors of `read_dem`, and whatever rasterio raises."""
     with opened_raster(path, vertical_scale, allow_vrt) as raster:
-        part = checked_window(path, raster.shape, window)
-        check_room(path, part[2:], raster.dtype, raster.dtype.itemsize * math.prod(raster.block))
+        check_room(path, raster.shape, raster.dtype, raster.dtype.itemsize * math.prod(raster.block))
         raster.check_whole()
-        return raster.heights(part), None, raster.place(part)
+        return raster.heights((0, 0, *raster.shape)), None, raster.place()
 
 
 def geotiff_bytes(name: str, values: npt.NDArray[np.generic], place: Georeference | None) -> bytes:
-    """A float32 GeoTIFF of `values` (H, W), made in memory: GDAL may meet a full disk in silence, Python does not.
-
-    Raises MissingExtraError, with the file's `name`, where rasterio is not installed.
-    """
+    """A float32 GeoTIFF of `values` (H, W), made in memory: GDAL may meet a full disk in silence, Python does not."""
     rasterio = optional_module("rasterio", f"writing {name}", "geo")
     with _quiet(rasterio), rasterio.MemoryFile() as memory:
         with memory.open(**_geotiff(rasterio, values.shape, place)) as dataset:
@@ -197,8 +185,7 @@ def geotiff_stream(
 ) -> Iterator[Callable[[int, Float2D], None]]:
     """A tiled GeoTIFF to be written by bands of rows: a function that takes a band's first row and its values.
 
-    At the end it is read again: GDAL may meet a full disk in silence. OutputError where it is not what was written;
-    rasterio's errors, and MissingExtraError, as they come.
+    At the end it is read again, as GDAL may meet a full disk in silence: OutputError where it is something else.
     """
     rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
     tiles = {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE}

@@ -62,14 +62,10 @@ class Reach:
 
     def geojson(self) -> bytes:
         """A feature for each level, the widest first; coordinates as in a path's GeoJSON."""
-        found = [
-            {
-                "type": "Feature",
-                "geometry": {"type": "MultiPolygon", "coordinates": self.polygons(level)},
-                "properties": properties,
-            }
-            for level, properties in self._layers()
-        ]
+        found = []
+        for level, properties in self._layers():
+            geometry = {"type": "MultiPolygon", "coordinates": self.polygons(level)}
+            found.append({"type": "Feature", "geometry": geometry, "properties": properties})
         return json.dumps({"type": "FeatureCollection", "features": found} | named_crs(self.dem)).encode()
 
     def geopackage(self) -> bytes:

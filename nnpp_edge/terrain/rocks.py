@@ -47,11 +47,6 @@ def covered_share(cover: float, diameter_m: ArrayLike) -> NDArray[np.float64]:
         return np.asarray(cover * np.exp(-(1.79 + 0.152 / cover) * diameters))
 
 
-def rocks_per_m2(cover: float, least_m: float, greatest_m: float) -> float:
-    """How many rocks of these diameters lie on a square metre: the integral of -dF / (π D² / 4)."""
-    return float(_numbers(cover, least_m, greatest_m)[1][-1])
-
-
 def draw_rocks(
     shape: tuple[int, int],
     sides_m: tuple[float, float],
@@ -59,10 +54,7 @@ def draw_rocks(
     rng: np.random.Generator | int,
     diameters_m: tuple[float, float],
 ) -> Rocks:
-    """Rocks at random places of a map of (H, W) cells of these (height, width), as many as the law has on average.
-
-    Raises InvalidQueryError as `with_rocks` does.
-    """
+    """Rocks at random places of a map of (H, W) cells of these (height, width), as many as the law has on average."""
     rng = np.random.default_rng(rng)
     table, numbers = _numbers(cover, *diameters_m)
     count = int(rng.poisson(numbers[-1] * math.prod(shape) * math.prod(sides_m)))
@@ -79,30 +71,19 @@ def with_rocks(
     cell_width_m: float | None = None,
     diameters_m: tuple[float, float] | None = None,
 ) -> Float2D:
-    """An elevation map with rocks on it: a new (H, W) float32 array.
+    """An elevation map (metres, NaN where unknown) with rocks on it: a new (H, W) float32 array.
 
     A rock is half a ball that lies on the ground. It raises every cell that it touches by its greatest height over
-    that cell, so that none is lost between cells' middles; where rocks overlap, the highest counts. So a rock smaller
-    than a cell is as wide as the cells that it touches.
+    that cell, so that none is lost between cells' middles; where rocks overlap, the highest counts.
 
     Parameters
     ----------
-    dem : (H, W) array
-        Elevation in metres; NaN where unknown, which it stays.
     cover : float
         Share of the ground under rocks of any size, from 0 to 0.2: the law's k. Those that are drawn cover
         `covered_share` of the least diameter less that of the greatest.
-    rng : Generator or int
-        The source of all choices, or its seed.
     diameters_m : (float, float), optional
         Of the least and the greatest rock. By default the least is 0.2 m or half a cell, whichever is more, and the
-        greatest 3 m.
-
-    Raises
-    ------
-    InvalidMapError, InvalidQueryError
-        `dem` is no map of numbers, or the cells' sides are not positive; the share lies outside [0, 0.2], or the
-        diameters are not positive and in order: also where cells are so large that no rock is drawn by default.
+        greatest 3 m. InvalidQueryError where they are not in order, as on cells of more than 6 m by default.
     """
     heights, sides = as_map(dem, "dem"), sides_of(cell_size_m, cell_width_m)
     wanted = (max(_LEAST_M, _LEAST_CELLS * max(sides)), _GREATEST_M) if diameters_m is None else diameters_m
@@ -129,13 +110,13 @@ def _raise(
     out: Float2D, rocks: Rocks, first: NDArray[np.int64], window: tuple[int, int], sides_m: tuple[float, float]
 ) -> None:
     """Raise the cells that rocks touch, all in windows of one size from their `first` cells on."""
-    (height, width), axes = out.shape, [first[:, axis, None] + np.arange(window[axis]) for axis in (0, 1)]
+    (height, width), places = out.shape, rocks.places[:, :, None, None]
+    row, col = (first[:, axis, None, None] + np.indices((1, *window))[axis + 1] for axis in (0, 1))
     down, across = (
-        np.maximum(np.abs(cells - rocks.places[:, axis, None]) - 0.5, 0.0) * sides_m[axis]
-        for axis, cells in enumerate(axes)
+        np.maximum(np.abs(cells - places[:, axis]) - 0.5, 0.0) * sides_m[axis]
+        for axis, cells in enumerate((row, col))
     )
-    row, col = axes[0][:, :, None], axes[1][:, None, :]
-    rest = (0.5 * rocks.diameters_m)[:, None, None] ** 2 - down[:, :, None] ** 2 - across[:, None, :] ** 2
+    rest = (0.5 * rocks.diameters_m)[:, None, None] ** 2 - down**2 - across**2
     touched = (rest > 0.0) & (row >= 0) & (row < height) & (col >= 0) & (col < width)
     raised = (2.0 * HEIGHT * np.sqrt(rest[touched])).astype(np.float32)
     np.maximum.at(out.reshape(-1), (row * width + col)[touched], raised)

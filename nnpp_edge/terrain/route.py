@@ -1,6 +1,5 @@
 """A planned path on the ground: where its points lie, what is there, and the files that say so."""
 
-import io
 import json
 import math
 import re
@@ -56,21 +55,20 @@ class Route:
 
     def stands(self) -> dict[str, list[float | None]]:
         """`standing`, ready for JSON: None for what is not finite."""
-        return {name: [_known(number) for number in numbers.tolist()] for name, numbers in self.standing.items()}
+        return {name: list(map(_known, numbers.tolist())) for name, numbers in self.standing.items()}
 
     def csv(self) -> bytes:
         """A line a cell, or a point along way points, under a header; with a vehicle, how it stands there too."""
-        along, out = self.along, io.StringIO()
+        along = self.along
         sums = {"distance_m": along.distance_m, "ground_m": along.ground_m, "time_s": along.time_s}
         if along.mobility.energy is not None:
             sums["energy_j"] = along.energy_j
-        out.write(",".join(("row,col,x,y,elevation_m,cost", *sums, *self.standing)) + "\n")
-        columns = (*along.points.T, *self._places(along.points).T, along.heights_m, self.cost)
+        lines = [",".join(("row,col,x,y,elevation_m,cost", *sums, *self.standing))]
+        columns = (*along.points.T, *places_of(self.dem, along.points).T, along.heights_m, self.cost)
         formats = [".10g", ".10g", "", "", ".7g", ".6g", *(".10g" for _ in sums), *(".6g" for _ in self.standing)]
-        numbers = (*columns, *sums.values(), *self.standing.values())
-        for row in zip(*(column.tolist() for column in numbers), strict=True):
-            out.write(",".join(f"{number:{form}}" for number, form in zip(row, formats, strict=True)) + "\n")
-        return out.getvalue().encode()
+        for row in zip(*(each.tolist() for each in (*columns, *sums.values(), *self.standing.values())), strict=True):
+            lines.append(",".join(f"{number:{form}}" for number, form in zip(row, formats, strict=True)))
+        return "\n".join([*lines, ""]).encode()
 
     def geojson(self, properties: dict[str, object]) -> bytes:
         """A feature with the path as a line: a point where it is one cell, no geometry where there is none.
@@ -79,27 +77,23 @@ class Route:
         other bodies have neither. `crs` in the properties is the coordinate system as WKT, or null; `named_crs`
         names it to GDAL and QGIS.
         """
-        places = self._places(self.line).tolist()
+        places = places_of(self.dem, self.line).tolist()
         geometry: dict[str, object] | None = None
         if places:
             one = len(places) == 1
             geometry = {"type": "Point" if one else "LineString", "coordinates": places[0] if one else places}
         place = self.dem.georeference
         meaning = "metres from the centre of cell (0, 0), y downwards" if place is None else "the map's own"
-        crs = place.crs if place else None
-        feature = {
-            "type": "Feature",
-            "geometry": geometry,
-            "properties": {**properties, **self.stands(), "coordinates": meaning, "crs": crs},
-        } | named_crs(self.dem)
-        return json.dumps(feature, allow_nan=False).encode()
+        properties = {**properties, **self.stands(), "coordinates": meaning, "crs": place and place.crs}
+        feature = {"type": "Feature", "geometry": geometry, "properties": properties}
+        return json.dumps(feature | named_crs(self.dem), allow_nan=False).encode()
 
     def geopackage(self, properties: dict[str, object]) -> bytes:
         """A GeoPackage whose layer `path` has the path with its heights as one line, empty where there is none.
 
         MissingExtraError where pyogrio is not installed.
         """
-        line = np.column_stack((self._places(self.along.points), self.along.heights_m))
+        line = np.column_stack((places_of(self.dem, self.along.points), self.along.heights_m))
         shapes = [line_wkb(np.repeat(line, 2, axis=0) if len(line) == 1 else line)] if len(line) else []
         fields = {name: [value] for name, value in properties.items() if shapes and value is not None}
         return geopackage_bytes("path", "LineString Z", shapes, fields, self.dem)
@@ -107,13 +101,9 @@ class Route:
     def gpx(self, name: str, stops: Mapping[str, tuple[int, int]]) -> bytes:
         """A GPX track, and stops (row, col) by name; InvalidQueryError where the map does not lie on the Earth."""
         cells = np.array(list(stops.values()), np.float64).reshape(-1, 2)
-        lonlat = lonlat_of(self.dem, self._places(np.concatenate((cells, self.along.points))))
+        lonlat = lonlat_of(self.dem, places_of(self.dem, np.concatenate((cells, self.along.points))))
         ends = dict(zip(stops, [(lon, lat) for lon, lat in lonlat[: len(cells)].tolist()], strict=True))
         return gpx_bytes(name, lonlat[len(cells) :], self.along.heights_m, ends)
-
-    def _places(self, points: Line) -> NDArray[np.float64]:
-        """(N, 2) x and y of points (row, col)."""
-        return places_of(self.dem, points)
 
 
 def _known(number: float) -> float | None:

@@ -17,6 +17,7 @@ from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.network.encoding import Frame, map_planes
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dem import Dem, read_dem
+from nnpp_edge.terrain.georeference import LEAST_SIDE_M, MOST_SIDE_M
 from nnpp_edge.terrain.labels import label_queries, random_points
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import SOFT, workload
@@ -26,6 +27,8 @@ BARREN_MAPS = 100
 """Maps of the terrain without a query, one after another, after which a shard is given up."""
 _SIZE_STEP = 32
 """Of the network's side, so that the labels' blocks fill whole bytes."""
+_ARRAYS = ("planes", "workload", "pooling", "map_index", "start", "goal", "excess", "on_path")
+"""Of a shard: of each map, then of each query."""
 T = TypeVar("T")
 
 
@@ -74,7 +77,7 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         counts = (self.maps, self.maps_per_shard, self.points_per_map - 1, *(pooling for pooling, _ in self.poolings))
         shares = (self.synthetic_share, self.obstacle_share, self.margin_share, self.least_distance)
         drawn = [[share for _, share in chances] for chances in (self.poolings, self.workloads)]
-        lengths = (self.omega, *self.cell_sizes_m)
+        span = f"{LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m, got {self.cell_sizes_m}"
         for met, wanted in (
             (size > 0 == size % _SIZE_STEP, f"size must be a multiple of {_SIZE_STEP}, got {size}"),
             (blocks > 0 == blocks % 8, f"blocks must be a multiple of 8, got {blocks}"),
@@ -82,7 +85,8 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             (min(counts) > 0 <= self.seed, "numbers of maps and points must be above 0"),
             (all(0.0 <= share <= 1.0 for share in shares), f"shares must lie in [0, 1], got {shares}"),
             (all(min(s, default=-1) >= 0 < sum(s) < math.inf for s in drawn), f"shares must be above 0, got {drawn}"),
-            (all(0.0 < m < math.inf for m in lengths), f"ω and cell sizes must be above 0, got {lengths}"),
+            (0.0 < self.omega < math.inf, f"ω must be above 0, got {self.omega}"),
+            (all(LEAST_SIDE_M <= m <= MOST_SIDE_M for m in self.cell_sizes_m), f"cell sizes must be {span}"),
             (0.0 <= start < end <= 1.0, f"a stripe must lie in [0, 1], got {self.stripe}"),
             (bool(self.cell_sizes_m or self.terrain), "synthetic terrain needs a cell size"),
         ):
@@ -163,13 +167,11 @@ def make_shard(
     """
     poolings = [(p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)]
     barren, blocks = 0, recipe.blocks
-    made: list[tuple[NDArray[np.uint8], str, int]] = []
-    queries: list[tuple[object, ...]] = []
+    made, queries = list[tuple[object, ...]](), list[tuple[object, ...]]()
     while len(made) < maps:
         name, pooling = _pick(rng, recipe.workloads), _pick(rng, poolings)
         cost, measured = _random_cost(recipe, tiles, rng, name, recipe.size * pooling)
-        side = len(cost)
-        points = random_points(rng, cost, recipe.points_per_map)
+        side, points = len(cost), random_points(rng, cost, recipe.points_per_map)
         least = recipe.least_distance * side
         labelled = label_queries(cost, points, least, blocks, recipe.omega)
         if not labelled:
@@ -185,28 +187,18 @@ def make_shard(
         for label in labelled:
             crossed = np.zeros((blocks, blocks), bool)
             crossed[tuple((label.path * blocks // side).T)] = True
-            ends = frame.place(label.start), frame.place(label.goal)
-            queries.append((len(made), *ends, label.excess, np.packbits(crossed, axis=-1)))
-        made.append((_seen_by_network(cost, frame, recipe.omega), name, pooling))
-    planes, names, pooled = zip(*made, strict=True)
-    index, start, goal, excess, on_path = zip(*queries, strict=True)
-    return {
-        "planes": np.stack(planes),
-        "workload": np.array(names),
-        "pooling": np.array(pooled, np.int32),
-        "map_index": np.array(index, np.int32),
-        "start": np.array(start, np.float32),
-        "goal": np.array(goal, np.float32),
-        "excess": np.stack(excess),
-        "on_path": np.stack(on_path),
-    }
+            ends = (np.array(frame.place(end), np.float32) for end in (label.start, label.goal))
+            queries.append((np.int32(len(made)), *ends, label.excess, np.packbits(crossed, axis=-1)))
+        made.append((_seen_by_network(cost, frame, recipe.omega), name, np.int32(pooling)))
+    columns = (*zip(*made, strict=True), *zip(*queries, strict=True))
+    return dict(zip(_ARRAYS, map(np.array, columns), strict=True))
 
 
 def _seen_by_network(cost: NDArray[np.float32], frame: Frame, omega: float) -> NDArray[np.uint8]:
     """The map's two planes (2, S, S), in 255ths."""
     grid = Grid.of(cost, StepModel.of("paper", omega))
     planes = np.empty((2, frame.size, frame.size), np.float32)
-    map_planes(grid.weights, grid.stride, frame, *grid.as_traversability(), planes)
+    map_planes(grid, frame, planes)
     return np.asarray(np.rint(planes * 255.0), np.uint8)
 
 

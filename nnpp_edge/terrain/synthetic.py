@@ -16,7 +16,8 @@ def fractal(rng: np.random.Generator, size: int, cell_size_m: float, median_slop
     noise = rng.normal(size=(2, *frequency.shape))
     spectrum = (noise[0] + 1j * noise[1]) * frequency ** (-exponent / 2.0)
     heights = np.fft.irfft2(spectrum)[:size, :size]  # twice the size, as the whole would wrap around
-    return _scaled(heights, cell_size_m, median_slope_deg)
+    median = np.median(np.hypot(*np.gradient(heights, cell_size_m)))
+    return np.asarray(heights * (np.tan(np.radians(median_slope_deg)) / max(median, 1e-12)), np.float32)
 
 
 def add_craters(
@@ -44,9 +45,3 @@ def synthetic_terrain(rng: np.random.Generator, size: int, cell_size_m: float) -
     if rng.random() < 0.7:
         ground = add_craters(rng, ground, cell_size_m, int(rng.integers(1, 30)))
     return ground
-
-
-def _scaled(heights: NDArray[np.floating], cell_size_m: float, median_slope_deg: float) -> NDArray[np.float32]:
-    gy, gx = np.gradient(heights, cell_size_m)
-    median = np.median(np.hypot(gy, gx))
-    return np.asarray(heights * (np.tan(np.radians(median_slope_deg)) / max(median, 1e-12)), np.float32)

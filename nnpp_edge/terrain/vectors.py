@@ -37,25 +37,16 @@ class VectorFileError(InvalidQueryError):
 def points_of(name: str, place: Place) -> tuple[Points, str]:
     """Map coordinates (N, 2) of a layer's points, in their order, and a word where they had to be reprojected.
 
-    Parameters
-    ----------
-    name : str
-        The file, one of `FORMATS`, or FILE:LAYER where several of its layers hold points.
-    place : Place
-        The map. Points of a layer that names no coordinate system are in the map's own.
-
-    Raises
-    ------
-    VectorFileError, InvalidQueryError, MissingExtraError
-        There is no such file or layer, it is not one of `FORMATS`, or it holds other things than points, or none; the
-        layer's coordinate system does not lead to the map's; pyogrio or pyproj is not installed.
+    The name is that of a file of one of `FORMATS`, or FILE:LAYER where several of its layers hold points. Points of a
+    layer that names no coordinate system are in the map's own. VectorFileError where there is no such file or layer,
+    or it holds other things than points, or none; InvalidQueryError where its system does not lead to the map's.
     """
     path, layer = named_file(name)
     _check_plain(path)
     refused = refused_as(VectorFileError, f"{path}: wanted {FORMATS} with a layer of points")
     with _pyogrio(f"reading {path.name}") as pyogrio, refused:
         layer = layer or _only_layer(pyogrio, path)
-        meta, _, shapes, _ = pyogrio.raw.read(path, layer=layer, columns=[])
+        meta, _, shapes, _ = pyogrio.raw.read(path, layer=layer, columns=[], force_2d=True)
     found = np.array([point for shape in shapes for point in _points(path, shape)]).reshape(-1, 2)
     if not len(found):
         raise VectorFileError(f"{path}: wanted a layer of points, got {layer!r}, which holds none")
@@ -76,14 +67,10 @@ def named_file(name: str) -> tuple[Path, str | None]:
 def geopackage_bytes(
     layer: str, kind: str, shapes: Sequence[bytes], fields: Mapping[str, Sequence[object]], place: Place
 ) -> bytes:
-    """A GeoPackage of one layer of shapes (WKB) of a kind (in OGR's words) with a value of each field for each.
-
-    Its coordinates are the map's, in the map's system. MissingExtraError where pyogrio is not installed.
-    """
+    """A GeoPackage of one layer of shapes (WKB) of a kind (in OGR's words) with a value of each field for each."""
     out = io.BytesIO()
-    columns = [
-        np.array(values, object if any(isinstance(v, str) for v in values) else None) for values in fields.values()
-    ]
+    texts = {name: any(isinstance(value, str) for value in values) for name, values in fields.items()}
+    columns = [np.array(values, object if texts[name] else None) for name, values in fields.items()]
     with _pyogrio("writing a GeoPackage") as pyogrio:
         pyogrio.raw.write(
             out,
@@ -158,29 +145,25 @@ def _only_layer(pyogrio: ModuleType, path: Path) -> str:
     layers = {str(layer): str(kind or "") for layer, kind in pyogrio.list_layers(path)}
     if len(layers) == 1:
         return next(iter(layers))
-    count = {"force_feature_count": True}
-    found = [
-        name for name, kind in layers.items()
-        if "Point" in kind and pyogrio.read_info(path, layer=name, **count)["features"]
-    ]  # fmt: skip
-    if len(found) != 1:
-        several = f"several: name one as {path.name}:LAYER ({', '.join(found)})"
-        which = several if found else f"none ({', '.join(layers)})"
-        raise VectorFileError(f"{path}: wanted one layer of points, got {which}")
-    return found[0]
+
+    def count(name: str) -> int:
+        return int(pyogrio.read_info(path, layer=name, force_feature_count=True)["features"])
+
+    found = [name for name, kind in layers.items() if "Point" in kind and count(name)]
+    if len(found) == 1:
+        return found[0]
+    several = f"several: name one as {path.name}:LAYER ({', '.join(found)})"
+    which = several if found else f"none ({', '.join(layers)})"
+    raise VectorFileError(f"{path}: wanted one layer of points, got {which}")
 
 
 def _points(path: Path, shape: bytes | None) -> list[tuple[float, float]]:
-    """The points in a shape (WKB); VectorFileError for another kind."""
+    """The points in a shape (WKB, little-endian, of two dimensions); VectorFileError for another kind."""
     if shape is None:
         return []
-    order = "<" if shape[0] else ">"
-    (kind,) = struct.unpack_from(order + "I", shape, 1)
-    flat = (kind & 0xFFFFFFF) % 1000
-    if flat == 1:
-        x, y = struct.unpack_from(order + "dd", shape, 5)
-        return [(x, y)] if math.isfinite(x) else []
-    if flat == 4:
-        size = 21 + 8 * ((kind // 1000 in (1, 2)) + 2 * (kind // 1000 == 3) + bool(kind >> 31))
-        return [each for at in range(9, len(shape), size) for each in _points(path, shape[at : at + size])]
-    raise VectorFileError(f"{path}: wanted points, got {_SHAPES.get(flat, 'another shape')}")
+    (kind,) = struct.unpack_from("<I", shape, 1)
+    if kind not in (1, 4):
+        raise VectorFileError(f"{path}: wanted points, got {_SHAPES.get(kind, 'another shape')}")
+    starts = (5,) if kind == 1 else range(14, len(shape), 21)
+    found = [struct.unpack_from("<dd", shape, start) for start in starts]
+    return [(x, y) for x, y in found if math.isfinite(x)]

@@ -7,6 +7,7 @@ from dataclasses import fields
 from importlib.resources import files
 from inspect import signature
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
@@ -16,16 +17,8 @@ from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reaso
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 _SHIPPED = Path(str(files("nnpp_edge.profiles"))) / "vehicles"
-_KINDS = {
-    "float": "a number",
-    "int": "a whole number",
-    "bool": "true or false",
-    "float | null": "a number",
-    "array": "numbers in brackets",
-    "object": "a table",
-    "object | null": "a table",
-}
-"""Of values, in msgspec's words and in ours."""
+_WORDS = {"int": "a whole number", "float": "a number", "bool": "true or false"}
+T = TypeVar("T")
 
 
 class VehicleError(InvalidQueryError):
@@ -60,15 +53,13 @@ def load_mobility(name: str | Path, gravity_m_s2: float | None = None) -> Mobili
 
 def mobility_of(values: object, source: str) -> Mobility:
     """A mobility of the values of its table; VehicleError, which begins with `source`, says what was wrong."""
+    source = f"{source}: mobility"
     tables = values if isinstance(values, dict) else {}
-    _refuse_unknown(tables, SLOPE_COSTS, f"{source}: mobility")
+    _refuse_unknown(tables, SLOPE_COSTS, source)
     for name, model in SLOPE_COSTS.items():
         if isinstance(table := tables.get(name), dict):
-            _refuse_unknown(table, signature(model).parameters, f"{source}: mobility.{name}")
-    try:
-        return msgspec.convert(values, Mobility)
-    except msgspec.ValidationError as error:
-        raise VehicleError(f"{source}: {_explained(str(error), {'mobility': values}, 'mobility')}") from None
+            _refuse_unknown(table, signature(model).parameters, f"{source}.{name}")
+    return _converted(values, Mobility, source)
 
 
 def read_vehicle(name: str | Path) -> dict[str, object]:
@@ -93,10 +84,7 @@ def vehicle_of(values: Mapping[str, object], source: str) -> Vehicle:
     for name in () if "radius_m" in values else ("length_m", "width_m", "clearance_m"):
         if name not in values:
             raise VehicleError(f"{source}: {name} is missing")
-    try:
-        return msgspec.convert(values, Vehicle)
-    except msgspec.ValidationError as error:
-        raise VehicleError(f"{source}: {_explained(str(error), values)}") from None
+    return _converted(values, Vehicle, source)
 
 
 def _refuse_unknown(values: Mapping[str, object], known: Iterable[str], source: str) -> None:
@@ -105,15 +93,12 @@ def _refuse_unknown(values: Mapping[str, object], known: Iterable[str], source: 
             raise VehicleError(f"{source}: {name} is unknown: wanted one of {', '.join(known)}")
 
 
-def _explained(problem: str, values: Mapping[str, object], table: str = "") -> str:
-    """msgspec's sentence on a value as ours, with the value that came; ours, from the model itself, as it is."""
-    if missing := re.fullmatch(r"Object missing required field `(\w+)` - at `\$\.?(.*)`", problem):
-        return f"{'.'.join(filter(None, (table, missing[2], missing[1])))} is missing"
-    problem, _, place = problem.partition(" - at `$")
-    keys = re.findall(r"\w+", f"{table}{place}")
-    if wrong := re.fullmatch(r"Expected `(.+?)`, got `.+`", problem):
-        came: object = values
-        for key in keys:
-            came = came[int(key)] if isinstance(came, list) else came[key]  # type: ignore[index]  # as msgspec found it
-        return f"{'.'.join(keys)}: wanted {_KINDS[wrong[1]]}, got {came!r}"
-    return f"{'.'.join(keys)}: {problem}" if table and keys else problem
+def _converted(values: object, kind: type[T], source: str) -> T:
+    try:
+        return msgspec.convert(values, kind)
+    except msgspec.ValidationError as error:
+        problem, _, place = str(error).partition(" - at `$")
+        name, wanted = place.strip(".`"), re.match(r"Expected `(int|float|bool)\b", problem)
+        if wanted and isinstance(values, Mapping) and name in values:
+            problem = f"wanted {_WORDS[wanted[1]]}, got {values[name]!r}"
+        raise VehicleError(f"{source}: {name}: {problem}" if place else f"{source}: {problem}") from None

@@ -28,8 +28,7 @@ class Batches:
 
     The settings' ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of the best path
     through a block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in the paper. Every process, `rank`
-    of `world`, draws the same order, symmetries and swaps, and takes every `world`-th query of each batch: together
-    they see the same samples as one process would.
+    of `world`, takes every `world`-th query of each batch: together they see the samples of one process.
     """
 
     def __init__(

@@ -1,6 +1,7 @@
 """The processes that share one training: this one alone, or those that torchrun started."""
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -39,17 +40,17 @@ class Processes:
 
     def of_the_first(self, value: float) -> float:
         """The first process's value, so that all of them decide alike."""
-        shared = torch.tensor(value, dtype=torch.float64, device=self.device)
-        if self.world > 1:
-            distributed.broadcast(shared, 0)
-        return shared.item()
+        return self._shared(value, lambda shared: distributed.broadcast(shared, 0))
 
     def mean(self, value: float) -> float:
         """Mean over the processes."""
+        return self._shared(value, distributed.all_reduce) / self.world
+
+    def _shared(self, value: float, exchange: Callable[[torch.Tensor], object]) -> float:
         shared = torch.tensor(value, dtype=torch.float64, device=self.device)
         if self.world > 1:
-            distributed.all_reduce(shared)
-        return shared.item() / self.world
+            exchange(shared)
+        return shared.item()
 
     def leave(self) -> None:
         """Wait for the others and end the group."""

@@ -23,7 +23,6 @@ from nnpp_edge.training.processes import Processes
 from nnpp_edge.training.validation import Validator
 
 __all__ = ["Progress", "TrainSettings", "train"]
-
 CHECKPOINT = "checkpoint.pt"
 Loss = Callable[[Tensor, Tensor], Tensor]
 """Mean loss of (N, B, B) logits against targets in [0, 1]."""
@@ -57,23 +56,18 @@ def train(
     begin_with : Path, optional
         Checkpoint of another run whose averaged weights a new run begins with; its input may have another size.
     small_checkpoints : bool
-        Save the running mean of the weights alone, convolutions in 16 bits: an eighth of the size. A resumed run goes
-        on from the mean with a new optimiser, whose learning rate is warmed up again.
+        Save the running mean of the weights alone, convolutions in 16 bits. A resumed run goes on from the mean with
+        a new optimiser, whose learning rate is warmed up again.
     pause_after_s : float
         Save and return after so many seconds, wherever the training is; called again it goes on.
     report : callable
         Called after each step with the progress, the latest mean loss and the share of the training that is done.
 
-    Raises
-    ------
-    InvalidQueryError, ModelError, DataSetError
-        The batch cannot be shared out evenly over the processes; the folder's checkpoint is of another spec, or
-        `begin_with` of another network; the training set does not fit the spec, or is smaller than a batch.
-
     Notes
     -----
     Under ``torchrun`` each process takes its share of every batch and gradients are averaged; only the first
-    validates, writes and reports.
+    validates, writes and reports. ModelError where the folder's checkpoint is of another spec or `begin_with` of
+    another network, DataSetError where the training set does not fit or is smaller than a batch.
     """
     processes = Processes.join()
     if settings.batch % processes.world:
@@ -136,10 +130,8 @@ class _Run:
         self.losses: list[float] = []
         """Of the steps since the last validation."""
         self.progress = Progress()
-        named = getattr(loss, "__name__", type(loss).__name__)
-        self.origin: dict[str, object] = {
-            "torch": str(torch.__version__), "threads": torch.get_num_threads(), "loss": named
-        }  # fmt: skip
+        self.origin: dict[str, object] = {"torch": str(torch.__version__), "threads": torch.get_num_threads()}
+        self.origin["loss"] = getattr(loss, "__name__", type(loss).__name__)
         saved = load_checkpoint(path) if path.exists() else None
         if saved is not None:
             self._resume(saved, path)

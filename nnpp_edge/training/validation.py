@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.cells import Endpoints
+from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame
-from nnpp_edge.runtime.planners.plan import path_costs
-from nnpp_edge.runtime.region.threshold import RegionFinder, lowered
+from nnpp_edge.runtime.region.threshold import RegionFinder
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.dataset import Samples
@@ -60,11 +60,8 @@ class Validator:
 
     def _endpoints(self, query: int) -> Endpoints:
         """Start and goal, as cells of the data set's map."""
-        (r0, c0), (r1, c1) = (
-            np.rint(place[query].astype(np.float64)).astype(int).tolist()
-            for place in (self.samples.start, self.samples.goal)
-        )
-        return (r0, c0), (r1, c1)
+        ends = np.rint((self.samples.start[query], self.samples.goal[query])).astype(int)
+        return tuple(ends[0].tolist()), tuple(ends[1].tolist())
 
     def _search(self, query: int, region: Region | None) -> tuple[float, int]:
         """Cost and number of cells of the cheapest path; inf if there is none."""
@@ -73,7 +70,7 @@ class Validator:
         cost[planes[1] == 255] = np.inf
         grid = Grid.of(cost, self.model)
         found = astar(grid, *self._endpoints(query), self.workspace, region=region)
-        return path_costs(grid, found.path)[0], len(found.path)
+        return grid.costs_of(found.path)[0], len(found.path)
 
     @torch.no_grad()
     def probabilities(self, network: Network, batch: int = 32) -> NDArray[np.float32]:

@@ -41,7 +41,7 @@ class Landscape:
             """(H, W) traversability costs, inf where impassable or painted."""
         self.warnings = [str(warning.message) for warning in told]
         self._heights = site.dem.elevation
-        self._planner = Planner.on(self.ground, omega=asked.weight, corner_cutting=asked.corner_cutting, model="edge")
+        self._planner = Planner(self.ground, omega=asked.weight, corner_cutting=asked.corner_cutting, model="edge")
         for part in asked.obstacles:
             self.lay(part, asked.obstacles)
 

@@ -29,7 +29,7 @@ class Mended:
 
 
 class Mending:
-    """D* Lite's search towards the goal that is asked for, kept while obstacles appear. Serves one thread at a time."""
+    """D* Lite's search towards the goal that is asked for, kept while obstacles appear. For one thread at a time."""
 
     def __init__(self, ground: Ground, asked: Asked) -> None:
         self.goal = asked.goal
@@ -55,7 +55,7 @@ class Mending:
 
 
 def _planner(ground: Ground, asked: Asked, goal: Cell) -> DynamicPlanner:
-    return DynamicPlanner.on(
+    return DynamicPlanner(
         ground, goal, "dstar", also=("astar",), omega=asked.weight, corner_cutting=asked.corner_cutting
     )
 

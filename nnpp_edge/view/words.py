@@ -1,14 +1,13 @@
 """What a tab asks as a command and as Python, to be run elsewhere."""
 
-import math
 import shlex
+from dataclasses import asdict
 
 from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
 from nnpp_edge.view.asked import Asked
 from nnpp_edge.view.site import Site
 
 _DEFAULTS = Asked(start=(0, 0), goal=(0, 0))
-_OPTIONS = ("slope_limit", "roughness_limit", "step_limit", "hard_slope", "hard_roughness", "hard_step")
 
 
 def command_of(site: Site, asked: Asked) -> str:
@@ -17,9 +16,8 @@ def command_of(site: Site, asked: Asked) -> str:
     for name, (row, col) in (("--start", asked.start), ("--goal", asked.goal)):
         words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
     words += ["--method", asked.method]
-    for name in _OPTIONS:
-        if (value := getattr(asked, name)) != getattr(_DEFAULTS, name):
-            words += [f"--{name.replace('_', '-')}", _number(value)]
+    for name, value in _limits(asked).items():
+        words += ["--limit", f"{name}={_number(value)}"]
     if asked.slope_cost != "paper":
         words += ["--step-cost", asked.slope_cost]
     elif asked.weight != _DEFAULTS.omega:
@@ -27,8 +25,7 @@ def command_of(site: Site, asked: Asked) -> str:
     words += [] if asked.corner_cutting else ["--no-corner-cutting"]
     words += asked.chosen(site).options
     for name, value in asked.changes(site).items():
-        option = f"--{name.removesuffix('_m').removesuffix('_deg').replace('_', '-')}"
-        words += [option, _number(value)]
+        words += ["--set", f"{name}={_number(value)}"]
     words += ["--refine", asked.freed] if asked.freed else []
     return shlex.join(words)
 
@@ -37,6 +34,7 @@ def python_of(site: Site, asked: Asked) -> str:
     """Lines of Python that plan the same path, painted obstacles included, as `plan`."""
     body, changes = asked.chosen(site), asked.changes(site)
     vehicle, used = body.vehicle_code, f"{body.vehicle_code} {body.mobility_code}"
+    limits = ", ".join(f"{name}={value!r}" for name, value in _limits(asked).items())
     lines = ["import numpy as np", ""] if asked.obstacles else []
     names = ["Planner", "Traversability"]
     if changes:
@@ -54,7 +52,7 @@ def python_of(site: Site, asked: Asked) -> str:
         "",
         f"dem = {site.reading.code}",
         "planner = Planner.of_elevation(",
-        f"    dem.elevation, dem.cell_size_m, Traversability({_limits(asked)}),",
+        f"    dem.elevation, dem.cell_size_m, Traversability({limits}),",
         f"    cell_width_m=dem.cell_width_m, vehicle={vehicle},",
         f"    step_cost={asked.slope_cost!r}, mobility={body.mobility_code},",
         f"    omega={asked.weight!r}, corner_cutting={asked.corner_cutting},",
@@ -67,19 +65,10 @@ def python_of(site: Site, asked: Asked) -> str:
     return "\n".join([*lines, "print(plan.status, plan.cost, plan.timings_ms)", ""])
 
 
-def _limits(asked: Asked) -> str:
-    """Arguments of `Traversability` that are not its own defaults."""
-    names = (
-        "slope_limit_deg",
-        "roughness_limit_m",
-        "step_limit_m",
-        "hard_slope_deg",
-        "hard_roughness_m",
-        "hard_step_m",
-    )
-    limits, plain = asked.limits, _DEFAULTS.limits
-    given = [(name, getattr(limits, name)) for name in names if getattr(limits, name) != getattr(plain, name)]
-    return ", ".join(f"{name}={value!r}" for name, value in given if value != math.inf)
+def _limits(asked: Asked) -> dict[str, float]:
+    """Limits that are not the defaults of `Traversability`."""
+    plain = asdict(_DEFAULTS.limits)
+    return {name: value for name, value in asdict(asked.limits).items() if value != plain[name]}
 
 
 def _number(value: float) -> str:

@@ -42,7 +42,7 @@ def page(report: Report, profile: Profile) -> str:
 def example_plans(profile: Profile) -> Iterator[tuple[str, Picture]]:
     """Up to three plans of the learned region beside the optimum, of each workload, and what they show."""
     size, names = min(profile.load.sizes), profile.load.workloads[:_EXAMPLES]
-    model = NetworkModel(profile.networks.int8, threads=profile.device.threads, spinning=profile.device.spinning)
+    model = NetworkModel(profile.networks.int8, threads=profile.device.threads)
     per_workload = -(-_EXAMPLES // len(names)) if len(names) > 1 else _EXAMPLES
     maps = ProfileMaps(profile.load)
     found = (islice(_examples(maps, name, size, model), per_workload) for name in names)

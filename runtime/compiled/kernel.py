@@ -16,6 +16,7 @@ from pathlib import Path
 from types import FunctionType
 
 import numba
+from numba.core.types import unliteral
 
 from nnpp_edge import __version__
 from nnpp_edge.runtime.compiled.cache import KernelCache, NumbaObject, make_private
@@ -73,7 +74,22 @@ def kernel(function: FunctionType) -> NumbaObject:
     may not be entered from two threads at once, nor after a fork. A division by zero gives what the processor
     gives: to look for it would keep the compiler from computing several cells at once.
     """
-    compiled: NumbaObject = numba.njit(nogil=True, error_model="numpy")(function)
+    compiled = helper(function)
     if CACHE_FOLDER is not None and compiled is not function:  # as it is under NUMBA_DISABLE_JIT
         compiled._cache = KernelCache(function, CACHE_FOLDER)
+    return compiled
+
+
+def helper(function: FunctionType) -> NumbaObject:
+    """As `kernel`, for one that only kernels call: their files hold its code, and none of its own keeps it."""
+    compile_it: NumbaObject = numba.njit
+    compiled = compile_it(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
+    if compiled is not function:
+        template = compiled.get_call_template
+
+        def of_types(args: tuple[NumbaObject, ...], named: dict[str, NumbaObject]) -> NumbaObject:
+            """Without literals: numba would compile a version for every constant in a call."""
+            return template(tuple(map(unliteral, args)), {name: unliteral(kind) for name, kind in named.items()})
+
+        compiled.get_call_template = of_types
     return compiled

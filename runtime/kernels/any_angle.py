@@ -23,7 +23,7 @@ import math
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.tiles import open_there
 
@@ -41,7 +41,7 @@ _ROUNDING = 1.0 - 1e-7
 """Share of the radius that is kept away."""
 
 
-@kernel
+@helper
 def ground_of(grid, room):
     """What the kernels below go by: (weights, stride, cost of a cell's length, what a weight adds, cutting, room)."""
     weights, stride, steps, corner_cutting, _ = grid
@@ -50,7 +50,7 @@ def ground_of(grid, room):
     return borrowed(weights), stride, steps[0], 2.0 * steps[2], corner_cutting, around
 
 
-@kernel
+@helper
 def open_between(grid, low, high):
     """See to it that the weights are there of all cells of a rectangle between two places, and of those around it."""
     tiles = grid[4]
@@ -61,7 +61,7 @@ def open_between(grid, low, high):
                 open_there(tiles, i, j)
 
 
-@kernel
+@helper
 def is_passable(ground, row, col):
     """Whether a cell can be stood on; those outside the map cannot."""
     weights, stride = ground[0], ground[1]
@@ -69,7 +69,7 @@ def is_passable(ground, row, col):
     return weights[node] < np.inf
 
 
-@kernel
+@helper
 def mean_of_four(weights, stride, row, col):
     """Weight at a place by the four cells around it; inf or NaN where one of them is impassable."""
     i, j = np.int64(row + 1.0), np.int64(col + 1.0)
@@ -80,7 +80,7 @@ def mean_of_four(weights, stride, row, col):
     return (1.0 - down) * ((1.0 - right) * one + right * two) + down * ((1.0 - right) * three + right * four)
 
 
-@kernel
+@helper
 def weight_at(ground, row, col):
     """Weight at a place in a passable cell."""
     weights, stride = ground[0], ground[1]
@@ -99,7 +99,7 @@ def weight_at(ground, row, col):
     return total / shares if shares > 0.0 else np.inf
 
 
-@kernel
+@helper
 def _touches(ground, row, col):
     """Whether a place lies in an impassable cell, or touches one."""
     up, down = np.int64(math.floor(row + 0.5 - TOUCH)), np.int64(math.floor(row + 0.5 + TOUCH))
@@ -113,7 +113,7 @@ def _touches(ground, row, col):
     )
 
 
-@kernel
+@helper
 def _along_sides(ground, row, col, rows, cols):
     """Whether a leg along cells' sides touches an impassable one."""
     steps = np.int64(2.0 * max(abs(rows), abs(cols))) + 1
@@ -123,7 +123,7 @@ def _along_sides(ground, row, col, rows, cols):
     return False
 
 
-@kernel
+@helper
 def _beside(row, col, to_row, to_col, height, width):
     """Square of the metres from a leg to a cell's square; the leg's ends are in metres, from the square's middle."""
     near = np.inf
@@ -144,7 +144,7 @@ def _beside(row, col, to_row, to_col, height, width):
     return 0.0 if overlaps and abs(sides) < 4 else near
 
 
-@kernel
+@helper
 def _keeps_away(room, row, col, to_row, to_col):
     """Whether a disc that follows a leg touches no obstacle: by the distance of the leg from each cell's square."""
     costs, rows, cols, ceiling, radius, height, width = room
@@ -169,13 +169,13 @@ def _keeps_away(room, row, col, to_row, to_col):
     return True
 
 
-@kernel
+@helper
 def is_clear(ground, row, col, to_row, to_col):
     """Whether every cell that a leg touches is passable, and a disc that follows it touches no obstacle."""
     return _is_passable_along(ground, row, col, to_row, to_col) and _keeps_away(ground[5], row, col, to_row, to_col)
 
 
-@kernel
+@helper
 def _is_passable_along(ground, row, col, to_row, to_col):
     """Whether every cell that a leg touches is passable.
 
@@ -214,7 +214,7 @@ def _is_passable_along(ground, row, col, to_row, to_col):
             j, next_col = j + left, next_col + per_col
 
 
-@kernel
+@helper
 def _beside_obstacles(ground, row, col, rows, cols, at, end):
     """The integral of the weight over a leg's share from `at` to `end`, where cells are left out of its means."""
     total, half = 0.0, 0.25 * (end - at)
@@ -226,7 +226,7 @@ def _beside_obstacles(ground, row, col, rows, cols, at, end):
     return total
 
 
-@kernel
+@helper
 def leg_cost(ground, row, col, to_row, to_col):
     """The line integral along a clear leg, between the lines through the cells' middles.
 
@@ -271,7 +271,7 @@ def line_cost(grid, room, points):
     return total
 
 
-@kernel
+@helper
 def _sampled_cost(ground, row, col, to_row, to_col, per_cell):
     """About `leg_cost`, by so many samples a cell; inf where the leg is not clear."""
     if not is_clear(ground, row, col, to_row, to_col):
@@ -286,7 +286,7 @@ def _sampled_cost(ground, row, col, to_row, to_col, per_cell):
     return length * (ground[2] + ground[3] * total / samples)
 
 
-@kernel
+@helper
 def shortened(grid, room, points, every, most, penalty, per_cell):
     """Way points without those that may be left out: the cheapest choice, each way point costing `penalty` more.
 

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.pose_weights import body_weight_at, headings_of
 from nnpp_edge.runtime.kernels.poses import (
@@ -35,7 +35,7 @@ _ON_GRID = 1e-9
 _INSIDE = 1e-9
 
 
-@kernel
+@helper
 def under_body(body):
     """What the check reads, references to which are not counted: as a call with `body` would, for every pose."""
     poses, wheels, sizes = body
@@ -50,7 +50,7 @@ def under_body(body):
     )
 
 
-@kernel
+@helper
 def _rows_near(middle, ahead, half, sides):
     """The first row whose cells may lie near a rectangle, and the one after the last."""
     down = abs(ahead[0]) * half[0] + abs(ahead[1]) * half[1] + sides[0] * (1.0 - _INSIDE)
@@ -58,7 +58,7 @@ def _rows_near(middle, ahead, half, sides):
     return np.int64(row0), np.int64(row1)
 
 
-@kernel
+@helper
 def _cols_near(down, middle, ahead, half, sides):
     """Of a row so far below a rectangle's middle: the first cell whose middle lies less than a cell from the
     rectangle, along rows and along columns, and the one after the last; see `terrain.vehicle`.
@@ -76,7 +76,7 @@ def _cols_near(down, middle, ahead, half, sides):
     return np.int64(math.ceil((middle[1] + low) / sides[1])), np.int64(math.floor((middle[1] + high) / sides[1])) + 1
 
 
-@kernel
+@helper
 def _line_at(ground, row, col0, col1):
     """Where a row's cells lie among the heights; those outside the padded map are moved onto its rim, as unknown."""
     heights, high, wide, width, margin = ground
@@ -85,7 +85,7 @@ def _line_at(ground, row, col0, col1):
     return first + begin, first + max(end, begin + 1)
 
 
-@kernel
+@helper
 def _stand_on_wheels(under, at, ahead, sweep, contacts):
     """Write the least and greatest height under each wheel; the greatest pitch and roll, as gradients, and step."""
     ground, (gradients, _), wheels, halves, sides = under
@@ -119,7 +119,7 @@ def _stand_on_wheels(under, at, ahead, sweep, contacts):
     return abs(pitch) + more_pitch, abs(roll) + more_roll, step
 
 
-@kernel
+@helper
 def _lift(under, at, ahead, sweep, contacts):
     """How far the ground under the body comes above the lowest that the wheels' plane can be there.
 
@@ -156,7 +156,7 @@ def _lift(under, at, ahead, sweep, contacts):
     return rise
 
 
-@kernel
+@helper
 def pose_cost(under, row, col, ahead, sweep, contacts):
     """T of a pose at a place, with a heading (down, right) of length 1 in metres; inf where it fails.
 
@@ -210,7 +210,7 @@ def stands_along(body, points):
     return found
 
 
-@kernel
+@helper
 def _steps_of_grid(row, col, to_row, to_col):
     """How many steps of the grid a leg consists of; 0 where it is another."""
     rows, cols = to_row - row, to_col - col
@@ -220,7 +220,7 @@ def _steps_of_grid(row, col, to_row, to_col):
     return np.int64(max(abs(rows), abs(cols)) + 0.5) if whole and straight else 0
 
 
-@kernel
+@helper
 def _stands_on_grid(poses, stride, row, col, to_row, to_col, count):
     """Whether the poses that the search goes by pass on all cells of a leg of whole steps."""
     up, left = np.int64(round((to_row - row) / count)), np.int64(round((to_col - col) / count))
@@ -232,7 +232,7 @@ def _stands_on_grid(poses, stride, row, col, to_row, to_col, count):
     return True
 
 
-@kernel
+@helper
 def stands_on_leg(under, contacts, body, stride, ends):
     """Whether the body can follow a leg (row, col, row, col).
 
@@ -254,7 +254,7 @@ def stands_on_leg(under, contacts, body, stride, ends):
     return True
 
 
-@kernel
+@helper
 def _poses_along(rows, cols):
     return np.int64(math.ceil(POSES_PER_CELL * math.sqrt(rows * rows + cols * cols)))
 
@@ -266,7 +266,7 @@ def places_on_leg(row, col, to_row, to_col):
     return count if count > 0 else max(_poses_along(to_row - row, to_col - col), 1)
 
 
-@kernel
+@helper
 def body_leg_price(poses, grid, ends):
     """The line integral along a leg (row, col, row, col), by the weights at its poses, whether or not they pass."""
     row, col, to_row, to_col = ends
@@ -279,7 +279,7 @@ def body_leg_price(poses, grid, ends):
     return math.sqrt(rows * rows + cols * cols) * (steps[0] + 2.0 * steps[2] * total / count)
 
 
-@kernel
+@helper
 def body_leg_cost(body, grid, row, col, to_row, to_col):
     """The line integral along a leg, by the weights at its poses; inf where one of them fails."""
     if row == to_row and col == to_col:

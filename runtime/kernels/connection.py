@@ -1,9 +1,9 @@
 """Which cells of a map are connected, row after row. See `search.connection`."""
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 
 
-@kernel
+@helper
 def _root(parents, label):
     """The label that stands for all that are connected to this one."""
     while parents[label] != label:
@@ -12,7 +12,7 @@ def _root(parents, label):
     return label
 
 
-@kernel
+@helper
 def _joined(parents, one, other):
     """Connect two labels, of which either may be 0 for none; the label that stands for both."""
     if one == 0 or other == 0:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPEN_BIT, OPPOSITE, ROW_STEP, STAMP_SHIFT
 from nnpp_edge.runtime.kernels.pooling import FACTOR
@@ -12,7 +12,7 @@ _LOOK_EVERY = 256
 """Cells between two looks at the clock."""
 
 
-@kernel
+@helper
 def _mark(path, radius, stamp, bitmap):
     """Mark the quarters of a path's cells, and those within `radius` (as the king moves) of them."""
     rows, cols = bitmap.shape
@@ -22,7 +22,7 @@ def _mark(path, radius, stamp, bitmap):
                 bitmap[i, j] = stamp
 
 
-@kernel
+@helper
 def _mark_cell(row, col, stamp, bitmap):
     """Mark the four quarters of a cell."""
     for i in range(2 * row, 2 * row + 2):
@@ -30,7 +30,7 @@ def _mark_cell(row, col, stamp, bitmap):
             bitmap[i, j] = stamp
 
 
-@kernel
+@helper
 def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
     """Mark the cells on paths from `start` that cost at most `limit`, and find what it costs to reach them.
 
@@ -85,7 +85,7 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
                 tail += 1
 
 
-@kernel
+@helper
 def _read_ahead(path, finer):
     """Read what the next finer search will, along a path of cells: in any order, memory answers many times as soon.
 
@@ -136,7 +136,7 @@ def surround(grid, edges, links, start, found, scratch, path, width, marks, fine
     return _read_ahead(path, finer)
 
 
-@kernel
+@helper
 def _was_reached(meta, stamp, shape, row, col):
     """Whether a search came to any cell of the finest level below a cell of the next."""
     rows, cols = shape

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPPOSITE, ROW_STEP
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 
@@ -18,7 +18,7 @@ LARGEST_EXPONENT = 60.0
 """Of Tobler's function, so that no wall's cost overflows: 0.6 s · e^60 a metre."""
 
 
-@kernel
+@helper
 def _exponential(x):
     """e^x for x from 0 to `LARGEST_EXPONENT`, to 1e-12 of it; for several x at once, unlike the library's."""
     x *= 1.0 / 256.0
@@ -30,7 +30,7 @@ def _exponential(x):
     return e
 
 
-@kernel
+@helper
 def _arc_tangent(x):
     """The angle whose tangent is x, to 1e-15: eight times an eighth of it, by its series; for several x at once."""
     for _ in range(3):
@@ -41,7 +41,7 @@ def _arc_tangent(x):
     return 8.0 * x * (1.0 - y * (1.0 / 3.0 - y * tail))
 
 
-@kernel
+@helper
 def _price_by_time(values, length, rises, costs):
     """As `price_ways`, by the speeds on slopes: `values` has the slopes, radians, then the speeds."""
     speeds, slopes = len(values) // 2, np.empty(len(rises))
@@ -57,7 +57,7 @@ def _price_by_time(values, length, rises, costs):
         costs[at] = math.sqrt(length * length + rises[at] * rises[at]) / costs[at]
 
 
-@kernel
+@helper
 def price_ways(model, values, length, rises, costs):
     """What ways of one length with these rises cost by a model, as `SlopeCost.cost`, into `costs`.
 

@@ -21,7 +21,7 @@ given in `open_list` and `expansion`. In a loop with two ways out, that takes a 
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPPOSITE, ROW_STEP, lowest_bit
 from nnpp_edge.runtime.kernels.poses import HEADING, weight_of_pose
@@ -49,7 +49,7 @@ def octile(rows, cols, prices):
     return prices[1] * near + prices[0] * (far - near)
 
 
-@kernel
+@helper
 def _read(node, weights, poses, factor, stride, ends, known):
     """Read what one node weighs; whether its steps have changed."""
     costs, walls, inside = known
@@ -75,7 +75,7 @@ def _read(node, weights, poses, factor, stride, ends, known):
     return changed
 
 
-@kernel
+@helper
 def _note(node, stride, changed, is_changed, pending):
     """Put a node and its neighbours down as changed; the number of nodes put down so far."""
     for k in range(9):  # unrolled by the compiler
@@ -147,19 +147,19 @@ def read_rows(rows_left, region, source, poses, known, state, heap, noted, pendi
     return pending
 
 
-@kernel
+@helper
 def _step(k, pair, steps):
     """Cost of a step in direction k between cells whose weights sum to `pair`, in units."""
     return steps[0] + pair if k < 4 else steps[1] + np.floor(steps[2] * pair)
 
 
-@kernel
+@helper
 def _directed_step(node, k, pair, edges):
     """Cost of the step that leaves a node in direction k, in units; `pair` is inf where it may not be made."""
     return np.rint(edges[1] * edges[0][np.uint64(node), np.uint64(k)]) + pair
 
 
-@kernel
+@helper
 def _least_by_way(node, row_steps, corner_cutting, steps, edges, costs, walls, span, state):
     """The least cost to the goal by way of a neighbour of a passable node, and the direction of that neighbour."""
     best, direction = np.inf, -1
@@ -176,7 +176,7 @@ def _least_by_way(node, row_steps, corner_cutting, steps, edges, costs, walls, s
     return best, direction
 
 
-@kernel
+@helper
 def _rise(firsts, seconds, nodes, position, i, first, second, node):
     """Put a node at slot i of the heap, or as far above as its key wants; the slot that it got."""
     while i > 0:
@@ -193,7 +193,7 @@ def _rise(firsts, seconds, nodes, position, i, first, second, node):
     return i
 
 
-@kernel
+@helper
 def _sink(firsts, seconds, nodes, position, size, i, first, second, node):
     """Put a node at slot i of the heap, or as far below as its key wants."""
     child = 4 * i + 1
@@ -219,7 +219,7 @@ def _sink(firsts, seconds, nodes, position, size, i, first, second, node):
     position[np.uint64(node)] = i
 
 
-@kernel
+@helper
 def _take_last(firsts, seconds, nodes, size):
     """Take the last entry off the heap: its key and its node."""
     end = np.uint64(size - 1)
@@ -228,7 +228,7 @@ def _take_last(firsts, seconds, nodes, size):
     return first, second, np.int64(nodes[end])
 
 
-@kernel
+@helper
 def _update_vertex(node, ahead, state, position, firsts, seconds, nodes, size):
     """Have a node on the open list exactly if its g and rhs differ; `ahead` is its h + km.
 
@@ -250,7 +250,7 @@ def _update_vertex(node, ahead, state, position, firsts, seconds, nodes, size):
     return slot, first, second, node, size
 
 
-@kernel
+@helper
 def _touched(node, value, raised, row_steps, costs, span, steps, edges, state):
     """Directions, as bits, of the neighbours that a node touches whose g becomes, or where `raised` was, `value`.
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 
 GAUSSIAN_CHANNELS = 2
 BETWEEN_CHANNELS = 3
@@ -12,7 +12,7 @@ END_CHANNELS = 6
 ENDS_CHANNELS = 2 * END_CHANNELS + BETWEEN_CHANNELS
 
 
-@kernel
+@helper
 def _bounds(n, inner, cells):
     """First and one past the last map cell under network cell n."""
     first = n * cells // inner
@@ -66,13 +66,13 @@ def encode_gaussian_into(out, row, col, spacing, sigma):
             out[i, j] = over_rows[i] * over_cols[j]
 
 
-@kernel
+@helper
 def _detour(row, col, row_a, col_a, row_b, col_b, apart):
     """How much longer the way from a to b, which lie so far apart, is by way of a point."""
     return max(math.hypot(row - row_a, col - col_a) + math.hypot(row - row_b, col - col_b) - apart, 0.0)
 
 
-@kernel
+@helper
 def _end(out, row, col, spacing, sigma):
     """Where one end lies: the share that each point has in it, and the way to it from each."""
     size = out.shape[1]
@@ -94,7 +94,7 @@ def _end(out, row, col, spacing, sigma):
             out[5, i, j] = math.exp(sharp * square)
 
 
-@kernel
+@helper
 def _between(out, row_a, col_a, row_b, col_b, spacing):
     """How much of a detour each point is from the straight way between the two ends."""
     size = out.shape[1]

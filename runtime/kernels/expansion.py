@@ -13,7 +13,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
     COL_STEP,
@@ -53,6 +53,10 @@ LANES = 8
 """Landmarks that a node has room for."""
 LOOK_EVERY, LOOK_EVERY_OF_POSES = 1024, 16
 """Expansions between two looks at the clock, and where each may check a body's poses."""
+NO_LINKS = np.empty(0, np.uint8)
+NO_HINTS = np.empty((0, LANES), np.float32), np.empty(LANES, np.float32), 0.0
+NO_REGION = np.empty((0, 0), np.int32), np.empty(0, np.int32), np.empty(0, np.int32), 0
+"""Of a search without these: a flag, where None would compile another search."""
 BELOW = 1.0 - 1e-6
 """Nodes that promise an improvement smaller than g's rounding are left alone."""
 
@@ -83,7 +87,7 @@ def _successors(dominance: Dominance) -> NDArray[np.int64]:
 SUCCESSORS = {dominance: _successors(dominance) for dominance in Dominance}
 
 
-@kernel
+@helper
 def _apart(fields, at_goal, node):
     """The greatest difference to the goal's costs from the landmarks."""
     furthest = np.float32(0.0)
@@ -94,37 +98,36 @@ def _apart(fields, at_goal, node):
     return furthest
 
 
-@kernel
+@helper
 def _bucket(f, base, inverse_width):
     """Number of the bucket that an f belongs to."""
     return np.int64(min(max((f - base) * inverse_width, 0.0), float(SPAN)))
 
 
-@kernel
+@helper
 def _last_bucket(bound, base, inverse_width):
     """Number of the last bucket that holds an f below a bound; -1 where none does."""
     return np.int64(min(max((bound - base) * inverse_width, -1.0), float(SPAN)))
 
 
-@kernel
+@helper
 def _least_f(chain, towards, hints, g, meta, entries):
     """The least f of the entries of a chain that are still open; inf without any."""
     stride, goal_row, goal_col, h_straight, h_diagonal = towards
-    if hints is not None:
-        fields, at_goal, slack = hints
+    fields, at_goal, slack = hints
     least = np.inf
     while chain != NOTHING:
         node = np.int64(entries[2 * chain])
         if meta[2 * node + 1] & OPEN_BIT:
             h = octile(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
-            if hints is not None:
+            if len(fields):
                 h = max(h, _apart(fields, at_goal, node) - slack)
             least = min(least, g[2 * node] + h)
         chain = np.int64(entries[2 * chain + 1])
     return least
 
 
-@kernel
+@helper
 def _deal_out(chain, block, towards, order, hints, g, meta, heads, entries, free):
     """Put a coarse bucket's entries into the fine buckets, dropping those no longer open; free, how many dropped.
 
@@ -133,15 +136,14 @@ def _deal_out(chain, block, towards, order, hints, g, meta, heads, entries, free
     """
     stride, goal_row, goal_col, h_straight, h_diagonal = towards
     base, inverse_width = order
-    if hints is not None:
-        fields, at_goal, slack = hints
+    fields, at_goal, slack = hints
     dropped = 0
     while chain != NOTHING:
         following = np.int64(entries[2 * chain + 1])
         node = np.int64(entries[2 * chain])
         if meta[2 * node + 1] & OPEN_BIT:
             h = octile(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
-            if hints is not None:
+            if len(fields):
                 h = max(h, _apart(fields, at_goal, node) - slack)
             bucket = _bucket(g[2 * node] + h, base, inverse_width)
             slot = max(bucket - block * FINE, np.int64(0)) if block >= 0 else FINE + bucket // FINE
@@ -181,16 +183,16 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
     Parameters
     ----------
     grid, region
-        As everywhere.
+        As everywhere; `NO_REGION` for the whole map.
     poses : tuple or None
         Of a body, see `kernels.poses`; None where the cells' weights decide. What a step needs of them is checked.
     edges : (nodes, 8) float32 or None
         What the step that leaves a node in each direction costs, inf where there is none; with poses, these decide
         where steps lead. None where steps cost by the weights of their ends.
-    links : (nodes,) uint8 or None
-        The directions in which each cell may be left, as bits; None where passability decides.
-    hints : (fields, at_goal, slack) or None
-        Of the landmarks.
+    links : (nodes,) uint8
+        The directions in which each cell may be left, as bits; `NO_LINKS` where passability decides.
+    hints : (fields, at_goal, slack)
+        Of the landmarks; `NO_HINTS` without any.
     ends : (start, goal)
         Nodes.
     rule : (h_straight, h_diagonal, width, successors, beyond)
@@ -216,10 +218,9 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
     h_straight, h_diagonal, width, successors, beyond = rule
     most, until = limits
     g, meta, stamp, heads, entries, control, reals, counts, path = memory
-    if region is not None:
-        bitmap, row_block, col_block, region_stamp = region
-    if hints is not None:
-        fields, at_goal, slack = hints
+    bitmap, row_block, col_block, region_stamp = region
+    fields, at_goal, slack = hints
+    linked, regional, hinted = len(links) > 0, len(bitmap) > 0, len(fields) > 0
     length_s, length_d = np.float32(steps[0]), np.float32(steps[1])
     weight_s, weight_d = np.float32(steps[2]), np.float32(steps[3])
     goal_row, goal_col = goal // stride, goal % stride
@@ -228,7 +229,7 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     if start >= 0:
         h = octile(start // stride, start % stride, goal_row, goal_col, h_straight, h_diagonal)
-        if hints is not None:
+        if hinted:
             h = max(h, _apart(fields, at_goal, start) - slack)
         clear(heads, control)
         control[FREE], control[USED] = push(heads, entries, 0, start, 0, 0, NOTHING, 0)
@@ -321,7 +322,7 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
             known = g[there * np.uint64(2)] if visited else np.float32(np.inf)
             better |= np.int64(reached < known) << k
         better &= successors[np.uint64(word & DIRECTION_BITS)]
-        if links is not None:
+        if linked:
             better &= np.int64(links[np.uint64(node)])
         while better:
             k = lowest_bit(better)
@@ -350,12 +351,12 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
                 reached = g_node + (length_d + weight_d * sum_of_two)
             i, j = row + up, col + left
             h = octile(i, j, goal_row, goal_col, h_straight, h_diagonal)
-            if hints is not None:  # numba drops this branch, and the two below, where there is nothing to look at
+            if hinted:
                 h = max(h, _apart(fields, at_goal, across) - slack)
             f = reached + h
             if f >= bound:
                 continue
-            if region is not None:  # noqa: SIM102
+            if regional:  # noqa: SIM102
                 if (
                     bitmap[np.uint64(row_block[np.uint64(i - 1)]), np.uint64(col_block[np.uint64(j - 1)])]
                     != region_stamp

@@ -14,7 +14,7 @@ they cover at least as much again as f has come to, and begin anew a few times a
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 
 FINE = 1024
 COARSE = 4096
@@ -34,7 +34,7 @@ CONTROL_SLOTS = 5
 # in a called kernel, and these atomic operations once took a third of a search's time.
 
 
-@kernel
+@helper
 def clear(heads, control):
     """Empty the list."""
     heads[:] = NOTHING
@@ -42,7 +42,7 @@ def clear(heads, control):
     control[FREE] = NOTHING
 
 
-@kernel
+@helper
 def push(heads, entries, bucket, node, block, fine_at, free, used):
     """Put `node` into bucket ⌊(f - base)/δ⌋, at most `SPAN`; the new `free` and `used`. There must be room."""
     recycled = free != NOTHING
@@ -70,7 +70,7 @@ def pop(heads, entries, fine_at, free):
     return np.int64(entries[np.uint64(2 * entry)]), fine_at, entry
 
 
-@kernel
+@helper
 def next_block(heads, block):
     """The next coarse bucket that holds something (`COARSE`: what lies beyond), emptied: its number and its chain."""
     block += 1

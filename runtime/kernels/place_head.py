@@ -4,20 +4,20 @@ import math
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS, fill_ends
 
 ANSWERS = 4
 """Blocks to a place, two by two."""
 
 
-@kernel
+@helper
 def _matrix(numbers, first, rows, cols):
     """The next rows × cols of `numbers`, and where what comes after them begins."""
     return numbers[first : first + rows * cols].reshape(rows, cols), first + rows * cols
 
 
-@kernel
+@helper
 def _relate(places, query, way, bias, at_end, related):
     """Numbers that relate each place to an end: relu(place + what lies at the end + the way there)."""
     side, width = query.shape[1], way.shape[1]
@@ -40,7 +40,7 @@ def _relate(places, query, way, bias, at_end, related):
             related[p, c] = max(total, np.float32(0.0))
 
 
-@kernel
+@helper
 def _across(share, related, across, out):
     """Add to `out` what one end, where `share` is not 0, is to the other by way of `across`."""
     side = share.shape[0]
@@ -53,7 +53,7 @@ def _across(share, related, across, out):
                     out[h] += factor * across[c, h]
 
 
-@kernel
+@helper
 def answer_query(places, query, parameters, units, scratch, out):
     """Probabilities of all blocks.
 

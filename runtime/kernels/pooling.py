@@ -5,7 +5,7 @@ See `map.pyramid` for what a level stands for.
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, DIRECTION, ROW_STEP
 
 FACTOR = 4
@@ -20,7 +20,7 @@ _ALL, _EVERY_WAY, _SIXTEENTH = np.uint16(ALL), np.uint8(255), np.float32(1 / 16)
 _1, _2, _3 = np.uint64(1), np.uint64(2), np.uint64(3)
 
 
-@kernel
+@helper
 def _spread(piece, diagonally):
     """A set of a coarse cell's 16 cells, as bits row by row, and their neighbours within it."""
     beside = piece | (piece & ~_LAST_COL) << 1 | (piece & ~_FIRST_COL) >> 1
@@ -28,7 +28,7 @@ def _spread(piece, diagonally):
     return (beside | up_and_down << FACTOR | up_and_down >> FACTOR) & ALL
 
 
-@kernel
+@helper
 def _largest_of(passable, diagonally):
     """The largest connected set of the passable cells under a coarse cell, where passability alone decides.
 
@@ -49,7 +49,7 @@ def _largest_of(passable, diagonally):
     return best
 
 
-@kernel
+@helper
 def _largest_piece(weights, links, rows, cols, row, col, corner_cutting):
     """The largest connected piece of the passable cells under a coarse cell, as 16 bits, row by row."""
     stride = cols + 2
@@ -85,7 +85,7 @@ def _largest_piece(weights, links, rows, cols, row, col, corner_cutting):
     return best
 
 
-@kernel
+@helper
 def _pool_row(fine, first, stride, n, weights, at):
     """Means of `n` coarse cells that cover sixteen cells each, the first of which begin at `first`."""
     r0, r1 = fine[first : first + FACTOR * n], fine[first + stride : first + stride + FACTOR * n]
@@ -99,7 +99,7 @@ def _pool_row(fine, first, stride, n, weights, at):
         out[c] = ((c0 + c1) + (c2 + c3)) * _SIXTEENTH
 
 
-@kernel
+@helper
 def _common_below(fine, fine_cols, row, col):
     """The bits that the sixteen cells under a coarse cell, none of which may lie off the map, have in common.
 
@@ -114,7 +114,7 @@ def _common_below(fine, fine_cols, row, col):
     return common
 
 
-@kernel
+@helper
 def _pool_cell(fine, fine_links, shape, row, col, corner_cutting, obstacle):
     """The piece that a coarse cell stands for, and its weight."""
     fine_rows, fine_cols = shape
@@ -161,7 +161,7 @@ def pool(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, c
     return np.float64(least)
 
 
-@kernel
+@helper
 def _touching(weights, stride, row, col, here, there, up, left, corner_cutting):
     """Whether a step leads from a coarse cell's piece into that of its neighbour, where passability alone decides."""
     if left == 0:
@@ -182,7 +182,7 @@ def _touching(weights, stride, row, col, here, there, up, left, corner_cutting):
     return corner_cutting or (weights[node + up * stride] != np.inf and weights[node + left] != np.inf)
 
 
-@kernel
+@helper
 def _link_free_row(pieces, first, stride, n, links):
     """All links of those of `n` coarse cells in and beside which no impassable cell lies; none of the others."""
     top, bottom = first - stride, first + stride
@@ -195,7 +195,7 @@ def _link_free_row(pieces, first, stride, n, links):
         out[c] = _EVERY_WAY if every == _ALL else np.uint8(0)
 
 
-@kernel
+@helper
 def _link_finest(fine, stride, corner_cutting, area, pieces, links, coarse_stride):
     """As `_link`, where passability alone decides."""
     row0, row1, col0, col1 = area
@@ -215,7 +215,7 @@ def _link_finest(fine, stride, corner_cutting, area, pieces, links, coarse_strid
             links[node] = found
 
 
-@kernel
+@helper
 def _link(fine_links, fine_cols, area, pieces, links, coarse_stride):
     """For a rectangle of coarse cells, the directions in which their pieces touch a neighbour's, as bits."""
     row0, row1, col0, col1 = area
@@ -282,7 +282,7 @@ def pool_and_link(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle
     return least
 
 
-@kernel
+@helper
 def link(fine, fine_links, shape, corner_cutting, area, coarse):
     """Links of a rectangle of coarse cells. As `pool_and_link`, whose pieces are up to date."""
     _, pieces, links, stride, _, _ = coarse

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper
 from nnpp_edge.runtime.kernels.poses import FAILS, MOST_CODE, UNCHECKED, check_there
 
 _NO_SHARE = 1e-9
 
 
-@kernel
+@helper
 def headings_of(rows, cols):
     """Numbers of the straight and the diagonal heading beside a direction, and the diagonal one's share."""
     straight = 0 if abs(rows) >= abs(cols) else 2
@@ -16,7 +16,7 @@ def headings_of(rows, cols):
     return straight, diagonal, min(abs(rows), abs(cols)) / max(abs(rows), abs(cols))
 
 
-@kernel
+@helper
 def known_weight(codes, unit, stride, row, col, headings):
     """Weight at a place, as `body_weight_at`; -1 where a pose around it is unchecked."""
     i, j = np.int64(row), np.int64(col)
@@ -47,7 +47,7 @@ def known_weight(codes, unit, stride, row, col, headings):
     return mean * np.float64(unit)
 
 
-@kernel
+@helper
 def body_weight_at(poses, stride, row, col, headings):
     """Weight at a place in a direction (`headings_of`): the mean of the grid's poses around it and of two headings.
 

@@ -18,7 +18,7 @@ The kernels are given `poses`, a tuple (codes, unit, source, address):
 import numpy as np
 from numba.extending import overload
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.by_address import address_of, borrowed, call_at
 from nnpp_edge.runtime.kernels.lanes import LANES, chosen, in_all, put_run, root, rounded_up, run_at
 from nnpp_edge.runtime.kernels.traversability import arc_tangent
@@ -37,7 +37,7 @@ _ONE, _TWO, _HALF = np.float32(1.0), np.float32(2.0), np.float32(0.5)
 _ZERO, _INF, _MOST = np.float32(0.0), np.float32(np.inf), np.float32(MOST_CODE)
 
 
-@kernel
+@helper
 def pose_weight(code, unit):
     """Weight of a pose by its code: inf where it fails; 0, which no pose weighs less than, where unchecked."""
     weight = np.float32(max(np.int32(code), np.int32(1)) - np.int32(1)) * unit
@@ -77,7 +77,7 @@ def _lift(heights, first, offsets, belly, heading, plane, gradients, halves):
     return rise
 
 
-@kernel
+@helper
 def _verdicts(pitch, roll, step, rise, limits, heading):
     """Codes of a run's poses by their greatest gradients along and across, and by how far the ground is above."""
     tilt = arc_tangent(root(pitch * pitch + roll * roll))
@@ -179,7 +179,7 @@ def forget_poses(poses, area, reach):
     return forgotten
 
 
-@kernel
+@helper
 def weight_of_pose(poses, node, stride, heading):
     """Weight of a pose, which is checked if it was not."""
     codes, unit, source, _ = poses

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.any_heading import body_leg_price, stands_on_leg, under_body
 from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.clock import late
@@ -60,7 +60,7 @@ def with_shortcuts(body, grid, path, skips, tolerance, until):
     return _line_of(body, grid, path, skips, before)
 
 
-@kernel
+@helper
 def _prices(body, grid, path, skips, until):
     """(N, S) about what the legs to each cell cost, by one sample a cell; inf where the path is not so long."""
     codes, unit, stride, steps = borrowed(body[0][0]), body[0][1], grid[1], grid[2]
@@ -82,7 +82,7 @@ def _prices(body, grid, path, skips, until):
     return legs
 
 
-@kernel
+@helper
 def _choose(legs, skips, first, costs, before):
     """Write the cheapest way to each cell from `first` on, and the number of its last leg's skip."""
     for k in range(first, len(legs)):
@@ -92,7 +92,7 @@ def _choose(legs, skips, first, costs, before):
                 costs[k], before[k] = costs[k - skips[s]] + legs[k, s], s
 
 
-@kernel
+@helper
 def _line_of(body, grid, path, skips, before):
     """The chosen way points, and the line integral along them."""
     count, k = 1, len(path) - 1

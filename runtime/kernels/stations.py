@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.any_angle import (
     ground_of,
     is_clear,
@@ -87,7 +87,7 @@ def _freed(grid, room, path, stages, tolerance, wary, until):
     return moved(grid, room, points, LAST_STEP, 1, 1, 1.5, wary, until)
 
 
-@kernel
+@helper
 def moved(grid, room, stations, step, half, slope, per_cell, wary, until):
     """Stations moved across the path by multiples of `step`, `half` to each side at most: the cheapest choice.
 
@@ -119,7 +119,7 @@ def moved(grid, room, stations, step, half, slope, per_cell, wary, until):
     return out
 
 
-@kernel
+@helper
 def _with_stations(points, spacing):
     """Way points with others put between them, at most about `spacing` cells apart."""
     lengths = np.empty(len(points), np.int64)
@@ -139,7 +139,7 @@ def _with_stations(points, spacing):
     return out
 
 
-@kernel
+@helper
 def _evenly(points, spacing):
     """Stations about `spacing` cells apart along way points, each the mean of three, but for the ends."""
     n = len(points)
@@ -164,7 +164,7 @@ def _evenly(points, spacing):
     return out
 
 
-@kernel
+@helper
 def _places(grid, stations, step, half, rows, cols):
     """Write the places of each station across the path, those outside the map moved onto its rim. Ends stay."""
     stride = grid[1]
@@ -179,7 +179,7 @@ def _places(grid, stations, step, half, rows, cols):
             cols[k, j] = min(max(stations[k, 1] + aside * down, 0.0), last_col)
 
 
-@kernel
+@helper
 def _sum_between(grid, ground, rows, cols, k, samples, sums):
     """Write sums of weights along both halves of the way from each place of a station to the next one's.
 
@@ -211,7 +211,7 @@ def _sum_between(grid, ground, rows, cols, k, samples, sums):
             sums[part, j] = total
 
 
-@kernel
+@helper
 def _leg_costs(ground, rows, cols, k, sums, samples, costs, legs):
     """Costs of the ways to a station's places: `legs[d, j]` by the leg to place j from that d - slope before it."""
     count, slope, base, factor = rows.shape[1], legs.shape[0] // 2, ground[2], 0.5 * ground[3] / samples
@@ -254,7 +254,7 @@ def _choose(ground, rows, cols, k, legs, wary, near, costs, before):
             legs[best, j] = np.inf
 
 
-@kernel
+@helper
 def _length(points):
     total = 0.0
     for k in range(len(points) - 1):

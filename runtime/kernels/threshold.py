@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP, STAMP_SHIFT
 from nnpp_edge.runtime.kernels.tiles import open_there
@@ -82,7 +82,7 @@ def adaptive_threshold(levels, start_row, start_col, goal_row, goal_col, heads, 
                     heads[bucket] = there
 
 
-@kernel
+@helper
 def linked(weights, links, node, k, stride, corner_cutting):
     """Whether a step in direction k leads from a passable cell to another."""
     if links is not None:
@@ -95,7 +95,7 @@ def linked(weights, links, node, k, stride, corner_cutting):
     return weights[node + ROW_STEP[k] * stride] != np.inf and weights[node + COL_STEP[k]] != np.inf
 
 
-@kernel
+@helper
 def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, search, until):
     """The largest level at which two nodes of a grid are joined by steps through cells whose blocks reach it.
 

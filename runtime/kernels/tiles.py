@@ -21,7 +21,7 @@ numba would else compile it anew into each kernel that calls it. `source` is a t
 import numpy as np
 from numba.extending import overload
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.by_address import address_of, call_at
 from nnpp_edge.runtime.kernels.pooling import FACTOR, link, pool
 from nnpp_edge.runtime.kernels.traversability import SCALE, fill_weights
@@ -31,7 +31,7 @@ COSTED, SURROUNDED, POOLED, LINKED = 1, 2, 4, 8
 _ROWS, _COLS, _STRIDE, _FIRST = 0, 1, 2, 3
 
 
-@kernel
+@helper
 def _level(source, number):
     """A coarse level as the kernels of `pooling` take it."""
     _, _, _, levels, coarse, pieces, links, _, _, _ = source
@@ -40,7 +40,7 @@ def _level(source, number):
     return coarse[first:last], pieces[first:last], links[first:last], stride, rows, levels[number, _COLS]
 
 
-@kernel
+@helper
 def _pool_levels(source, area):
     """Coarse cells above a rectangle of the map whose sides the coarsest cells divide, and the links within."""
     _, rule, weights, levels, _, _, _, _, shape, _ = source
@@ -65,7 +65,7 @@ def _pool_levels(source, area):
         pool(fine[0], fine[2], fine[1], (fine[4], fine[5]), corner_cutting, rule[SCALE], part, coarse)
 
 
-@kernel
+@helper
 def _link_levels(source, area):
     """Links of the coarse cells above a rectangle of the map, all pieces in and around it being there."""
     _, _, weights, levels, _, _, _, _, shape, _ = source
@@ -81,7 +81,7 @@ def _link_levels(source, area):
             link(fine[0], fine[2], (fine[4], fine[5]), corner_cutting, part, coarse)
 
 
-@kernel
+@helper
 def _weigh(source, area, out, first, stride):
     """Weights of a rectangle of the map, by heights and costs told; what is written as by `fill_weights`."""
     heights, rule, _, _, _, _, _, counts, shape, told = source
@@ -98,14 +98,14 @@ def _weigh(source, area, out, first, stride):
                 out[at] = max(out[at], weight)
 
 
-@kernel
+@helper
 def _fill(source, area):
     """Weights of a rectangle of the map, into their places."""
     stride = source[8][1] + 2
     _weigh(source, area, source[2], stride + 1, stride)
 
 
-@kernel
+@helper
 def _tile_area(source, i, j):
     """First row, one past the last, and so for the columns, of a tile."""
     _, _, _, levels, _, _, _, _, shape, _ = source
@@ -113,7 +113,7 @@ def _tile_area(source, i, j):
     return i * high, min((i + 1) * high, shape[0]), j * wide, min((j + 1) * wide, shape[1])
 
 
-@kernel
+@helper
 def _cost_tile(tiles, i, j):
     """Compute the weights of a tile that are not there yet."""
     state, source = tiles[0], tiles[4]
@@ -191,7 +191,7 @@ def link_rows(tiles, row0, row1):
     _link_levels(source, (row0, row1, np.int64(0), source[8][1]))
 
 
-@kernel
+@helper
 def _weigh_anew(tiles, area, found, nodes, old_weights):
     """Weights of a rectangle within one computed tile; what changed is added to all three, see `write_layer`."""
     source = tiles[4]
@@ -271,7 +271,7 @@ def write_layer(tiles, layer, rim, patch, row, col, found, nodes, old_weights):
         _pool_anew(tiles, found)
 
 
-@kernel
+@helper
 def _pool_anew(tiles, found):
     """Coarse cells above a rectangle whose weights changed, in the tiles that have any, and their links."""
     state, _, _, _, source, _ = tiles
@@ -309,7 +309,7 @@ def _pool_anew(tiles, found):
                             pool(fine[0], fine[2], fine[1], size, corner_cutting, obstacle, part, coarse)
 
 
-@kernel
+@helper
 def _pixel(n, inner, cells):
     """First and one past the last map cell under network cell n."""
     first = n * cells // inner
@@ -367,7 +367,7 @@ def sample_planes(tiles, window, parts, inner, planes):
                 planes[0, n, m], planes[1, n, m] = total * over_cells, blocked * over_cells
 
 
-@kernel
+@helper
 def _add(line, per_weight, sums, walls):
     """Add weights as costs to sums, impassable cells as 1, and count those in `walls`. All (n,) float32."""
     for c in range(len(line)):

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.lanes import chosen
 
 RULE_SLOTS = 12
@@ -42,7 +42,7 @@ _THIRD, _QUARTER, _SIXTH, _NINTH = np.float32(1 / 3), np.float32(1 / 4), np.floa
 _TWELFTH, _EIGHTEENTH, _THIRTY_SIXTH = np.float32(1 / 12), np.float32(1 / 18), np.float32(1 / 36)
 
 
-@kernel
+@helper
 def _moments_plane(heights, rows, cols, row, col, dy, dx):
     """Slope (rad), roughness and elevation difference of one known cell, from the known cells of its patch."""
     here = np.float64(heights[row * cols + col])
@@ -87,7 +87,7 @@ def _moments_plane(heights, rows, cols, row, col, dy, dx):
     return math.atan(steepness), math.sqrt(residual / n) * upright, abs(own) * upright
 
 
-@kernel
+@helper
 def arc_tangent(x):
     """Of a float32 from 0 up, or of a run of them, within 2.5e-7."""
     steep = x > _ONE
@@ -97,7 +97,7 @@ def arc_tangent(x):
     return chosen(steep, _QUARTER_TURN - angle, angle)
 
 
-@kernel
+@helper
 def _of_plane(a, b, variance, own):
     """Slope (rad), roughness and elevation difference by a plane's gradients, all float32.
 
@@ -108,7 +108,7 @@ def _of_plane(a, b, variance, own):
     return arc_tangent(math.sqrt(square)), math.sqrt(variance * upright), abs(own) * math.sqrt(upright)
 
 
-@kernel
+@helper
 def _whole_plane(top, middle, bottom, over_dx, over_dy):
     """The same of a cell all of whose patch is known, three rows of three; not finite where it is not.
 
@@ -132,7 +132,7 @@ def _whole_plane(top, middle, bottom, over_dx, over_dy):
     )
 
 
-@kernel
+@helper
 def _side_plane(side, beside, over_along, over_across):
     """The same of a cell at a side of the map, of whose patch there are the three cells of the side and three beside.
 
@@ -149,7 +149,7 @@ def _side_plane(side, beside, over_along, over_across):
     return _of_plane((sum_r - sum_l) * over_along, (rises + xm) * over_across, residual * _SIXTH, own)
 
 
-@kernel
+@helper
 def _constants(rule):
     """What cells need of a rule, in float32: inverse limits, weights, hard limits, scale, and inverse distances.
 
@@ -173,7 +173,7 @@ def _constants(rule):
     )
 
 
-@kernel
+@helper
 def _of_terms(slope, roughness, step, constants):
     """Weight of a cell by Eq. 1, inf where impassable; NaN where a term is not finite."""
     inverse, weights, hard, scale, _ = constants
@@ -186,7 +186,7 @@ def _of_terms(slope, roughness, step, constants):
     return weight if terms - terms == _ZERO else _NAN
 
 
-@kernel
+@helper
 def _fill_row(heights, first, cols, n, constants, out, at):
     """Weights of `n` cells of a row, neither the map's first nor its last, from index `first` on: NaN beside a hole.
 
@@ -208,7 +208,7 @@ def _fill_row(heights, first, cols, n, constants, out, at):
     return holes
 
 
-@kernel
+@helper
 def _weight(heights, rows, cols, row, col, rule):
     """Weight of one cell, from whatever is known around it."""
     if not math.isfinite(heights[row * cols + col]):
@@ -224,7 +224,7 @@ def _weight(heights, rows, cols, row, col, rule):
     return t * np.float32(rule[SCALE])
 
 
-@kernel
+@helper
 def _border_weight(heights, rows, cols, row, col, rule, constants):
     """The same of a cell at the border, sooner done where its patch has no hole."""
     at = row * cols + col
@@ -281,7 +281,7 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
             out[at + cols - 1] = _border_weight(heights, rows, cols, row, cols - 1, rule, constants)
 
 
-@kernel
+@helper
 def _plane(heights, rows, cols, row, col, dy, dx):
     """Slope (rad), roughness and elevation difference of one known cell, in the shortest way."""
     if 0 < row < rows - 1 and 0 < col < cols - 1:

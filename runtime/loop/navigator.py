@@ -124,7 +124,7 @@ class Navigator:
         try:
             present = self.model.path if isinstance(self.model, NetworkModel) else self.model
             loaded = NetworkModel(present if model is None else model)
-            loaded.run()
+            loaded.try_out()
         except Exception:
             self.count_error("reload")
             raise
@@ -251,7 +251,7 @@ class Navigator:
         settings = self.settings
         if settings.asks_network:
             begin_loading(self.model)
-        planner = DynamicPlanner.on(
+        planner = DynamicPlanner(
             ground,
             (0, 0),
             settings.method,

@@ -47,21 +47,9 @@ class Numbers(NamedTuple):
 class Along:
     """A line over the ground, point by point from start to goal.
 
-    Heights are read when it is made, all else is computed when it is asked for.
-
-    Attributes
-    ----------
-    places : (N, 2) int or float
-        Row and column: a path's cells. Of way points, these and each place between two of them where the line crosses
-        a row or a column of cells' middles: between two places the ground is then as good as even.
-    sampled_m : (N,) float
-        Heights of the ground, bilinear between the cells' middles; NaN where unknown.
-    sides_m : (float, float)
-        Height and width of a cell.
-    mobility : Mobility
-        By what time and energy are computed.
-    walker : SpeedCost, optional
-        By whose time where the vehicle's is not known; by default Tobler's hiker.
+    Heights are read when it is made, all else is computed when it is asked for. Places are a path's cells; of way
+    points, these and each place between two of them where the line crosses a row or a column of cells' middles:
+    between two places the ground is then as good as even.
     """
 
     places: Line
@@ -87,7 +75,7 @@ class Along:
         return cls(places, heights_at(heights, places), sides_m, mobility, like.walker if like else None)
 
     def back(self) -> "Along":
-        """The same line from goal to start."""
+        """This line from goal to start."""
         return replace(self, places=self.places[::-1], sampled_m=self.sampled_m[::-1])
 
     @cached_property
@@ -146,7 +134,7 @@ class Along:
         return self._by(self.mobility.energy)
 
     def _by(self, model: SlopeCost) -> NDArray[np.float64]:
-        """What a model says of the way to each point; points may coincide."""
+        """A model's sum on the way to each point; points may coincide."""
         costs, moves = np.zeros(len(self.points)), self.steps_m > 0.0
         costs[moves] = model.cost(self.steps_m[moves], self.rises_m[moves])
         return costs.cumsum()

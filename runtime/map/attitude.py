@@ -23,23 +23,10 @@ class Attitudes(NamedTuple):
 
 
 def attitudes(heights: Float2D, sides_m: tuple[float, float], vehicle: Vehicle, path: NDArray[np.int32]) -> Attitudes:
-    """How the vehicle stands on each cell of a path.
+    """How the vehicle stands on each cell of a path (N, 2), on heights (H, W) in metres.
 
-    Parameters
-    ----------
-    heights : (H, W) float
-        Metres; NaN where unknown.
-    sides_m : (float, float)
-        Height and width of a cell.
-    vehicle : Vehicle
-        The body.
-    path : (N, 2) int
-        Cells, each beside the one before; N may be 1, which counts as leaving along the first heading.
-
-    Returns
-    -------
-    Attitudes
-        inf or NaN where unknown cells lie below, unless these pass.
+    Each cell lies beside the one before; a single one counts as left along the first heading. inf or NaN where
+    unknown cells lie below, unless these pass.
     """
     steps = np.diff(path, axis=0)
     steps = np.concatenate((steps, steps[-1:] if len(steps) else np.array([HEADINGS[0]])))[: len(path)]

@@ -23,7 +23,7 @@ _NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
 
 
 class Change(NamedTuple):
-    """What one update of a map changed, or several in a row."""
+    """The cells that one update of a map changed, or several in a row."""
 
     part: Rectangle
     """The least rectangle that holds every changed cell."""
@@ -42,10 +42,7 @@ class Change(NamedTuple):
 class ChangeLog:
     """Numbered changes, and the readers that have not seen all of them. Serves one thread at a time.
 
-    Parameters
-    ----------
-    most : int
-        Changes that are kept apart; where more wait, neighbouring ones are merged.
+    Where more than `most` changes wait, neighbouring ones are merged.
     """
 
     def __init__(self, most: int = MOST_LOGGED_CHANGES) -> None:

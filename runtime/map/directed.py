@@ -20,22 +20,14 @@ from nnpp_edge.runtime.terrain.traversability import with_rim
 _ROUNDED_DOWN = 1.0 - 1e-6
 """Of the cheapest step: edges are rounded to float32, the prices of the heuristic are not."""
 _OBSTACLE = 1.5
-"""What an impassable cell counts for in a coarse cell's mean, in times of a level step (docs/decisions.md)."""
+"""Cost of an impassable cell in a coarse cell's mean, in times of a level step (docs/decisions.md)."""
 _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
 Edges = NDArray[np.float32]
 
 
 class CoarseSteps:
-    """What the steps of a coarse level cost, from one cell to the next and back.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Rows and columns of the level.
-    prices : (float, float)
-        Of the map's own steps.
-    """
+    """Costs of the steps of a coarse level, both ways; `prices` are those of the map's own steps."""
 
     def __init__(self, shape: Cell, prices: tuple[float, float]) -> None:
         rows, cols = shape
@@ -49,16 +41,10 @@ class CoarseSteps:
         """(nodes, 8) of the step by which a node is come to from its neighbour in each direction."""
 
     def pool(self, finer: Edges, pieces: NDArray[np.uint16], area: Rectangle, obstacle: NDArray[np.float32]) -> None:
-        """Bring a rectangle of cells up to date, and their steps.
+        """Bring a rectangle of this level's cells up to date, and their steps.
 
-        Parameters
-        ----------
-        finer : (H + 2, W + 2, 8) float32
-            Means of the finer level, or steps of the map.
-        pieces, obstacle
-            As for `kernels.directed.pool_steps`.
-        area : (row, col, rows, cols)
-            Of cells of this level.
+        `finer` are (H + 2, W + 2, 8) means of the finer level, or steps of the map; `pieces` and `obstacle` as for
+        `kernels.directed.pool_steps`.
         """
         edges, backwards = (each.reshape(self.means.shape) for each in (self.edges, self.backwards))
         (row, col, rows, cols), (top, left, tall, wide) = area, with_rim(area, self.shape)
@@ -71,20 +57,14 @@ class CoarseSteps:
 
 
 class DirectedSteps:
-    """What the steps of a map of heights cost.
+    """Costs of the steps of a map of heights.
 
     Parameters
     ----------
     heights : (H, W) float32
         Metres, C-contiguous; not finite where unknown. Kept: whoever changes them says so (`follow`).
-    sides_m : (float, float)
-        Height and width of a cell.
-    model : SlopeCost
-        What a way costs.
     weights : (nodes,) float32 or None
         Of the map's grid, inf where it is impassable; kept. None where a body's poses decide.
-    corner_cutting : bool
-        Whether a diagonal step may pass beside an impassable cell.
     """
 
     def __init__(
@@ -123,7 +103,7 @@ class DirectedSteps:
 
     @property
     def padded(self) -> Edges:
-        """The same within a border."""
+        """`map` within a border."""
         return self.edges.reshape(self.shape[0] + 2, self.shape[1] + 2, 8)
 
     def follow(self, change: Change, heights: Rectangle) -> Change:
@@ -149,7 +129,7 @@ class DirectedSteps:
         return change._replace(part=whole, cells=max(change.cells, len(found)), cheaper=cheaper)
 
     def worth_of_height(self, start: Cell, goal: Cell) -> float:
-        """What the height from one cell to another is worth: by so much a path costs more than its steps here."""
+        """Worth of the height from one cell to another: by so much a path costs more than its steps here."""
         rise = float(self._heights[goal[0], goal[1]]) - float(self._heights[start[0], start[1]])
         return self.model.height_price * rise
 

@@ -25,14 +25,7 @@ from nnpp_edge.runtime.terrain.vehicle import Vehicle
 class Disc:
     """The cells around each cell that a disc touches, on its way to the cells beside it too.
 
-    Parameters
-    ----------
-    radius_m : float
-        Of the disc.
-    sides_m : (float, float)
-        Height and width of a cell.
-    ceiling : float
-        Cost from which on a cell is an obstacle; NaN is one, and so is what lies off the map.
+    A cell is an obstacle from the cost `ceiling` on; NaN is one, and so is what lies off the map.
     """
 
     def __init__(self, radius_m: float, sides_m: tuple[float, float], ceiling: float) -> None:
@@ -73,18 +66,8 @@ class Disc:
 class DiscState(MapState):
     """The map of a disc. Costs are all computed at once; those of cells that the disc cannot stand on are inf.
 
-    Parameters
-    ----------
-    cost, model, corner_cutting
-        As for `MapState`; the costs are a point's.
-    vehicle : Vehicle
-        The disc.
-    sides_m : (float, float)
-        Height and width of a cell.
-    surface : (dem, Traversability)
-        The elevations that the costs come from, copied, and what made costs of them; for `update_elevation`.
-    slope_cost : SlopeCost
-        With a surface: what ways up and down it cost.
+    `cost` are a point's. `surface` is the elevations that these come from, copied, and what made costs of them; with
+    it steps may cost by the slope.
     """
 
     def __init__(
@@ -190,7 +173,7 @@ class DiscState(MapState):
 
 
 class _Surface(NamedTuple):
-    """What the costs of a map of heights come from."""
+    """Source of the costs of a map of heights."""
 
     heights: Float2D
     base: float

@@ -10,17 +10,14 @@ from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, patch_at
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.nodes import octile
-from nnpp_edge.runtime.kernels.paths import walk
-from nnpp_edge.runtime.kernels.poses import walk_poses
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
-from nnpp_edge.runtime.map.poses import PackedPoses, Poses
+from nnpp_edge.runtime.map.poses import Poses
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, LEAST_WEIGHT, PAPER_OMEGA, StepCost, StepModel
-from nnpp_edge.runtime.map.tiles import COMPLETE, PackedTiles, Tiles
+from nnpp_edge.runtime.map.steps import CoarseSlopeSteps, PackedGrid, PointSteps, PoseSteps, SlopeSteps
+from nnpp_edge.runtime.map.tiles import COMPLETE, Tiles
 
-PackedGrid = tuple[NDArray[np.float32], int, tuple[float, float, float, float], bool, PackedTiles]
-"""A grid as the kernels take it: (weights, stride, steps, corner_cutting, tiles)."""
 _FAR = 0.25
 """A bound is measured anew when it lies beyond this share, or one over it, of what was measured last."""
 _NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
@@ -31,18 +28,8 @@ _ALL = np.empty((0, 0), np.bool_)
 class Grid:
     """Weights of a map's cells, and what a step between two of them costs.
 
-    Cell (row, col) stands at the flat index, the `node`, (row + 1) · stride + col + 1.
-
-    Parameters
-    ----------
-    rows, cols : int
-        Of the map.
-    model : StepModel
-        What a step costs.
-    corner_cutting : bool
-        Whether a diagonal step may pass beside an impassable cell.
-    weights : (nodes,) float32
-        Of the cells and the border; by default all are impassable at first.
+    Cell (row, col) stands at the flat index, the `node`, (row + 1) · stride + col + 1, within a border. By default
+    all cells are impassable at first.
     """
 
     def __init__(
@@ -66,6 +53,8 @@ class Grid:
         """Of a vehicle, by which steps cost and cells can be stood on; None for a point."""
         self.directed: DirectedSteps | CoarseSteps | None = None
         """By which steps cost; None where they cost by the weights, or the poses, of their ends."""
+        self.steps = PointSteps()
+        """Costs of steps, and where they may lead."""
         self.packed: PackedGrid = (self.weights, self.stride, model.steps, corner_cutting, COMPLETE)
         floor, most, ceiling = map(np.float32, model.costs)
         self._limits = floor, most, np.float32(model.scale), ceiling
@@ -84,7 +73,7 @@ class Grid:
         """
         cost = as_map(cost, "cost")
         rows, cols = cost.shape
-        grid = cls(rows, cols, model, corner_cutting, _bordered(rows, cols))
+        grid = cls(rows, cols, model, corner_cutting, bordered(rows, cols))
         bands: list[NDArray[np.int32]] = []
 
         def fill(row0: int, row1: int) -> None:
@@ -113,7 +102,7 @@ class Grid:
         `heights` and `rule` as for `Tiles`; the cells of the coarsest level will have sides of `coarsest` cells.
         """
         rows, cols = heights.shape
-        grid = cls(rows, cols, model, corner_cutting, _bordered(rows, cols))
+        grid = cls(rows, cols, model, corner_cutting, bordered(rows, cols))
         grid.compute_by(Tiles(heights, rule, grid.weights, corner_cutting, coarsest), 0)
         return grid
 
@@ -125,38 +114,22 @@ class Grid:
 
     def stand_by(self, poses: Poses) -> None:
         """From now on steps cost by these poses; the weights remain what the coarse levels are made of."""
-        self.poses = poses
+        self.poses, self.steps = poses, PoseSteps(poses)
         self.set_bounds(0.0, self.model.scale)
 
     def go_by(self, directed: DirectedSteps | CoarseSteps) -> None:
         """From now on steps cost by these; weights, or poses, decide where they may lead."""
-        self.directed = directed
-        self.prices = directed.prices
-
-    @property
-    def packed_poses(self) -> PackedPoses | None:
-        """The poses as searches take them: with directed steps they only decide, and none weighs anything."""
-        if self.poses is None or self.directed is None:
-            return None if self.poses is None else self.poses.packed
-        return self.poses.packed[0], np.float32(0.0), *self.poses.packed[2:]
-
-    def packed_edges(self, backwards: bool = False) -> NDArray[np.float32] | None:
-        """The directed steps as searches take them, or, of a coarse level, `backwards`; None without any."""
-        if self.directed is None:
-            return None
-        if not backwards:
-            return self.directed.edges
-        assert isinstance(self.directed, CoarseSteps)
-        return self.directed.backwards
-
-    def worth_of_height(self, start: Cell, goal: Cell) -> float:
-        """By how much a path between two cells costs more than its directed steps; 0 where steps are not directed."""
-        return self.directed.worth_of_height(start, goal) if isinstance(self.directed, DirectedSteps) else 0.0
+        self.directed, self.prices = directed, directed.prices
+        if isinstance(directed, CoarseSteps):
+            self.steps = CoarseSlopeSteps(directed)
+        else:
+            self.steps = SlopeSteps(self.steps, directed)
 
     def least_cost(self, start: Cell, goal: Cell) -> float:
-        """What a path between two cells, which may lie outside the map, costs at the least."""
+        """Least cost of a path between two cells, which may lie outside the map."""
         straight = float(octile.py_func(*start, *goal, *self.prices))
-        return straight + self.worth_of_height(start, goal) if self.holds(start) and self.holds(goal) else straight
+        both = self.holds(start) and self.holds(goal)
+        return straight + self.steps.worth_of_height(start, goal) if both else straight
 
     def complete(self, deadline: Deadline = NEVER) -> None:
         """See to it that all weights are there, and all poses checked; OutOfTimeError at the deadline."""
@@ -184,10 +157,8 @@ class Grid:
 
     @property
     def step_ratio(self) -> float:
-        """What the dearest step costs, in times of the cheapest."""
-        if isinstance(self.directed, DirectedSteps):
-            return self.directed.greatest / self.prices[0]
-        return self.model.step(0, 2.0 * self.greatest) / self.prices[0]
+        """Cost of the dearest step, in times of the cheapest."""
+        return self.steps.greatest(self) / self.prices[0]
 
     def measure_bounds(self) -> None:
         """Set the bounds to what the weights are."""
@@ -203,26 +174,12 @@ class Grid:
         keep_old_weights: bool = False,
         seen: NDArray[np.bool_] | None = None,
     ) -> Change:
-        """Put new costs into a rectangle of the map.
+        """Put new costs (h, w), as for `of`, into a rectangle of the map, whose first cell is `origin`.
 
         The bounds on the weights widen; they are measured anew where they have become much wider, and a cell at one
-        of them has changed.
-
-        Parameters
-        ----------
-        cost : (h, w) float
-            As for `of`; must lie inside the map.
-        origin : (row, col)
-            Where its first cell goes.
-        keep_old_weights : bool
-            Whether the change says what the changed cells weighed before.
-        seen : (h, w) bool
-            The cells that get new costs; by default all.
-
-        Raises
-        ------
-        InvalidMapError
-            The rectangle does not lie inside the map; or a cost is out of range. The map is as it was.
+        of them has changed. `seen` are the cells that get new costs, by default all; with `keep_old_weights` the
+        change says what the changed cells weighed before. InvalidMapError where the rectangle does not lie inside the
+        map or a cost is out of range: the map is as it was.
         """
         cost = as_map(cost, "patch")
         row, col, rows, cols = patch_at(origin, cost.shape, self.shape)
@@ -290,36 +247,18 @@ class Grid:
 
         Returns the number of the first cell, from `first` on, that cannot be stepped on; -1 if all can.
         """
-        if isinstance(self.directed, DirectedSteps):
-            return self._walk_directed(self.directed, path[first:], costs[first:], first)
-        if self.poses is not None:
-            return int(walk_poses(self.poses.packed, self.stride, self.model.steps, path, first, costs))
-        if self.tiles is not None:
-            self.tiles.open_along(path[first:])
-        return int(walk(self.packed, path, first, costs))
+        return self.steps.walk(self, path, first, costs)
 
-    def _walk_directed(
-        self, steps: DirectedSteps, path: NDArray[np.int32], costs: NDArray[np.float64], first: int
-    ) -> int:
-        if self.poses is not None:
-            blocked = self.poses.walk(path)
-        else:
-            row, col = path[0].tolist()
-            blocked = steps.first_blocked(path) if self.is_passable((row, col)) else 0
-        costs[0] = 0.0
-        np.cumsum(steps.costs_along(path), out=costs[1:])
-        return blocked if blocked < 0 else first + blocked
+    def costs_of(self, path: NDArray[np.int32]) -> tuple[float, float, float]:
+        """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
+        return self.steps.costs_of(self, path)
 
     def is_passable(self, cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
-        if self.poses is not None:
-            return self.poses.stands_at(cell)
-        if self.tiles is not None:
-            self.tiles.open_at(*cell)
-        return math.isfinite(self.weights[self.node(*cell)])
+        return self.steps.stands_at(self, cell)
 
 
-def _bordered(rows: int, cols: int) -> NDArray[np.float32]:
+def bordered(rows: int, cols: int) -> NDArray[np.float32]:
     """Room for a map's weights within an impassable border. Pages of it that nobody touches take no time."""
     padded = np.empty((rows + 2) * (cols + 2), np.float32)
     close_border(padded, rows, cols)

@@ -1,10 +1,11 @@
 """One ground that one robot plans on: heights or costs, the sides of a cell, limits, vehicle, and what steps cost."""
 
 from dataclasses import dataclass, field
+from typing import TypedDict, Unpack
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, numbers
-from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.map.disc import DiscState
 from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.state import MapState
@@ -12,6 +13,15 @@ from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.memory import check_planner_fits
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
+
+
+class GroundOptions(TypedDict, total=False):
+    """Attributes of `Ground` that have a default, as options of what makes one."""
+
+    cell_width_m: float | None
+    vehicle: Vehicle | None
+    step_cost: str
+    mobility: Mobility | None
 
 
 @checked(InvalidMapError)
@@ -39,11 +49,14 @@ class Ground:
     traversability: Traversability = field(default_factory=Traversability)
     """How heights become costs, and where they are too steep."""
     vehicle: Vehicle | None = None
-    """Whose poses the path must hold for, or a disc; None for a point."""
+    """A body, on heights: its poses, checked where a search looks, decide where the path may go and what it costs.
+    A disc (`radius_m`): it may not touch impassable cells, nor leave the map. None for a point."""
     step_cost: str = StepCost.PAPER
-    """What steps cost: ``paper`` or ``length`` with costs; with heights ``paper``, or by the slope."""
+    """``paper``: a step costs L + 255·omega·(T_i + T_j) (NNPP, Eq. 2-4). ``length``, of costs alone: L × the mean
+    weight. With heights also by the slope that the step leads up or down: ``time``, ``energy``, ``tobler`` or
+    ``linear``, see `map.slope_cost`; limits or poses decide all the same where paths may go."""
     mobility: Mobility | None = None
-    """Parameters of the step costs by the slope."""
+    """Parameters of the step costs by the slope; ``time`` and ``energy`` have none by default."""
 
     def __post_init__(self) -> None:
         """Check what goes together; what only the map's values tell is checked by `state`."""
@@ -71,15 +84,10 @@ class Ground:
         elevation: Float2D,
         cell_size_m: float,
         traversability: Traversability | None = None,
-        *,
-        cell_width_m: float | None = None,
-        vehicle: Vehicle | None = None,
-        step_cost: str = StepCost.PAPER,
-        mobility: Mobility | None = None,
+        **options: Unpack[GroundOptions],
     ) -> "Ground":
         """Of heights; arguments as the attributes."""
-        limits = traversability or Traversability()
-        return cls(None, elevation, cell_size_m, cell_width_m, limits, vehicle, step_cost, mobility)
+        return cls(None, elevation, cell_size_m, traversability=traversability or Traversability(), **options)
 
     @property
     def sides_m(self) -> tuple[float, float]:
@@ -101,6 +109,7 @@ class Ground:
         size, width = self.sides_m
         return traversability_cost(self.elevation, size, self.traversability, cell_width_m=width, warn=False)
 
+    @checked(InvalidQueryError)
     def state(
         self,
         omega: float = PAPER_OMEGA,
@@ -115,7 +124,7 @@ class Ground:
         Parameters
         ----------
         omega, corner_cutting, lazy, warn
-            As for `Planner.of_elevation`.
+            As in `PlannerOptions`.
         tell_unknown : bool
             As for `MapState`.
 

@@ -61,18 +61,13 @@ class Poses:
     sides_m : (float, float)
         Height and width of a cell.
     vehicle : Vehicle
-        The body.
+        The body. InvalidMapError where it is larger than the map.
     weights : (float, float, float)
         Of tilt, rise and step in T; they sum to 1.
     scale : float
         Weight of T = 1.
     shut : (H, W) bool
         Cells that no part of the body may be above, whatever their heights; by default none.
-
-    Raises
-    ------
-    InvalidMapError
-        The body is larger than the map.
     """
 
     def __init__(
@@ -259,7 +254,7 @@ def _address() -> int:
 
 
 class _Geometry(NamedTuple):
-    """What the check goes by, of all headings, one after another."""
+    """Tables of the check, of all headings, one after another."""
 
     cells: NDArray[np.int64]
     """(N, 2) cells of each heading's wheels, then of its belly, as (row, col) from the pose's own."""

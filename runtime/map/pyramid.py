@@ -23,22 +23,14 @@ from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.pooling import FACTOR, pool_and_link
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
-from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.grid import Grid, bordered
 from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, BODY_WEIGHT
 
 
 class Level:
-    """The map at one resolution.
-
-    Parameters
-    ----------
-    grid : Grid
-        Its cells.
-    pieces, links : (nodes,) uint16, uint8
-        See the attributes. The finest level has none: there passability decides which neighbours a cell has.
-    """
+    """The map at one resolution. The finest has no pieces or links: there passability decides."""
 
     def __init__(
         self, grid: Grid, pieces: NDArray[np.uint16] | None = None, links: NDArray[np.uint8] | None = None
@@ -69,7 +61,7 @@ class Pyramid:
             for rows, cols in shapes:
                 nodes = (rows + 2) * (cols + 2)
                 pieces, links = np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)
-                self.levels.append(Level(Grid(rows, cols, model), pieces, links))
+                self.levels.append(Level(Grid(rows, cols, model, weights=bordered(rows, cols)), pieces, links))
         else:
             parts = grid.tiles.add_levels(shapes)
             for number, (weights, pieces, links) in enumerate(parts, 1):
@@ -144,7 +136,7 @@ class Pyramid:
 
     @property
     def obstacle_weight(self) -> float:
-        """What an impassable cell counts for in the mean: T = 1, or as the dearest passable cell."""
+        """Weight of an impassable cell in the mean: T = 1, or as the dearest passable cell."""
         finest = self.levels[0].grid
         return finest.model.scale if finest.model.kind is StepCost.PAPER else finest.greatest
 

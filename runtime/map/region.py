@@ -57,7 +57,7 @@ class Region(NamedTuple):
         )
 
     def copy(self) -> "Region":
-        """The same region with arrays of its own, which no later search overwrites."""
+        """This region with arrays of its own, which no later search overwrites."""
         return Region(self.blocks().astype(np.int32), self.row_block.copy(), self.col_block.copy())
 
 

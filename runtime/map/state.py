@@ -34,7 +34,7 @@ _PAPER = StepModel.of(StepCost.PAPER)
 
 
 class _Elevation(NamedTuple):
-    """What a map of elevations is laid out from."""
+    """All that a map of elevations is laid out from."""
 
     heights: Float2D
     base: float
@@ -56,25 +56,9 @@ class MapState:
     of what was told, and is shut where either says so. To a body, and where steps cost by the slope, a cost below 1
     says nothing but that the cell is not shut.
 
-    Whoever keeps something that depends on it reads the log of changes when asked.
-
-    Serves one thread at a time.
-
-    Parameters
-    ----------
-    cost : (H, W) float
-        As for `Grid.of`.
-    model : StepModel
-        What a step costs.
-    corner_cutting : bool
-        Whether a diagonal step may pass beside an impassable cell.
-    tell_unknown : bool
-        Whether to keep which cells are unknown, apart from those that are impassable; see `unknown`.
-
-    Raises
-    ------
-    InvalidMapError
-        The map is not two-dimensional, is empty, or holds a cost out of range.
+    Whoever keeps something that depends on it reads the log of changes when asked. Serves one thread at a time.
+    `cost` as for `Grid.of`; with `tell_unknown` it is kept which cells are unknown, apart from those that are
+    impassable.
     """
 
     mobility = Mobility()
@@ -119,7 +103,7 @@ class MapState:
         state = cls.__new__(cls)
         rule = traversability.rule(*sides_m, scale=model.scale)
         if warn:
-            warn_of_saturation(heights, rule, stacklevel=6)  # whoever called `Planner.of_elevation`
+            warn_of_saturation(heights, rule, stacklevel=8)  # whoever called `Planner.of_elevation`
         state._unknown = None
         surface = sides_m, traversability, vehicle, slope_cost
         state._lay_out(_Elevation(heights, base, rule, model, corner_cutting, lazy, *surface))
@@ -191,7 +175,7 @@ class MapState:
         return self.pyramid_by(NEVER)
 
     def pyramid_by(self, deadline: Deadline) -> Pyramid:
-        """The same; at the deadline OutOfTimeError, and the next call goes on from there."""
+        """As `pyramid`; at the deadline OutOfTimeError, and the next call goes on from there."""
         if self._pyramid is None or self._unpooled is None:
             self._pyramid, self._unpooled = Pyramid(self.grid, later=True), self.log.reader()
             if self._elevation is not None and not self._elevation.lazy:
@@ -205,22 +189,11 @@ class MapState:
         return self._pyramid
 
     def update(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
-        """Put new costs into the map, and what that changed into the log, unless it changed nothing.
+        """Put new costs (h, w) into the map at (row, col), and what that changed into the log.
 
-        Parameters
-        ----------
-        row, col : int
-            Where the patch's first cell goes.
-        patch : (h, w) float
-            New costs, NaN where nothing is known: there a map of costs becomes impassable, and on a map of heights
-            nothing is told. Must lie inside the map.
-        seen : (h, w) bool
-            The cells that get new costs; by default all.
-
-        Raises
-        ------
-        InvalidMapError
-            As for `Grid.update`; the map is as it was.
+        Where nothing is known (NaN) a map of costs becomes impassable, and on a map of heights nothing is told.
+        `seen` are the cells that get new costs, by default all. InvalidMapError as for `Grid.update`; the map is as
+        it was.
         """
         costs = as_map(patch, "patch")
         row, col, rows, cols = part = patch_at((row, col), costs.shape, self.shape)
@@ -235,7 +208,7 @@ class MapState:
             _PAPER.refuse(float(np.nanmin(costs)))
         tiles, poses = self._tiles, self.grid.poses
         before = tiles.told[row : row + rows, col : col + cols]
-        told = costs_told(before, costs, seen, shut_alone=poses is not None or self.grid.directed is not None)
+        told = costs_told(before, costs, seen, shut_alone=self.grid.steps.by_poses or self.grid.steps.by_slope)
         part = trimmed(part, told != before)
         if not part[2]:
             return Change(part, 0)
@@ -255,21 +228,9 @@ class MapState:
         return change
 
     def update_elevation(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
-        """Put new elevations into a map that was made from such, and what that changed into the log.
+        """Put new elevations into a map that was made from such, and what that changed into the log; as `update`.
 
-        Parameters
-        ----------
-        row, col : int
-            Where the patch's first cell goes.
-        patch : (h, w) float
-            Metres, NaN where unknown; must lie inside the map. Heights that the map has already change nothing.
-        seen : (h, w) bool
-            The cells that get new heights; by default all.
-
-        Raises
-        ------
-        InvalidMapError
-            The patch does not lie inside the map, or this was made from costs. The map is as it was.
+        Metres, NaN where unknown; heights that the map has already change nothing.
         """
         if self._elevation is None:
             raise InvalidMapError("wanted costs, as the map was made from such: update takes them")
@@ -317,7 +278,7 @@ class MapState:
 
     @property
     def room(self) -> Room:
-        """What lines must keep away from, see `kernels.any_angle`."""
+        """Obstacles that lines must keep away from, see `kernels.any_angle`."""
         return NO_DISC
 
     @property
@@ -348,7 +309,7 @@ class MapState:
         return None if self.vehicle is None else self.vehicle.turning_radius_m
 
     def along(self, line: Line, at: Line | None = None) -> Along | None:
-        """What lies under a line (N, 2) inside the map; None on a map of costs, whose heights are not known.
+        """Ground under a line (N, 2) inside the map; None on a map of costs, whose heights are not known.
 
         It is told at places `at` (M, 2), by default where the line crosses rows and columns of cells' middles.
         """

@@ -1,4 +1,4 @@
-"""What a step between two cells costs.
+"""Costs of a step between two cells.
 
 Both models have one form, so that the searches need not know which is in use:
 
@@ -30,7 +30,7 @@ LEAST_WEIGHT, MOST_WEIGHT = float(np.finfo(np.float32).tiny), 1e30
 
 
 class StepCost(StrEnum):
-    """What a step costs; see the module's description."""
+    """Kinds of costs of a step; see the module's description."""
 
     PAPER = "paper"
     LENGTH = "length"
@@ -60,7 +60,7 @@ class StepModel:
 
     @property
     def costs(self) -> tuple[float, float, float]:
-        """What a cell may cost: least and most of a passable one, and from where on it is impassable."""
+        """Range of a cell's cost: least and most of a passable one, and from where on it is impassable."""
         return (0.0, 1.0, 1.0) if self.kind is StepCost.PAPER else (LEAST_WEIGHT, MOST_WEIGHT, math.inf)
 
     def refuses(self, cost: NDArray[np.float32]) -> bool:
@@ -80,7 +80,7 @@ class StepModel:
         return (*self.length_term, *self.weight_term)
 
     def weighing(self, factor: float) -> "StepModel":
-        """The same, but that weights count `factor` times."""
+        """This model, but that weights count `factor` times."""
         straight, diagonal = self.weight_term
         return replace(self, weight_term=(factor * straight, factor * diagonal))
 

@@ -50,21 +50,9 @@ class VirtualGrid(Grid):
 class StreamedMap:
     """Coarse levels as `Pyramid` makes them, and a finest one that is filled (`grid.put`) where a search goes.
 
-    Costs are taken band by band from top to bottom, with `take`, and `finish` ends that. Serves one thread at a time.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Rows and columns of the map.
-    model : StepModel
-        What a step costs: ``paper`` only, as ``length`` weighs obstacles by the dearest cell of the whole map.
-    corner_cutting : bool
-        Whether a diagonal step may pass beside an impassable cell.
-
-    Raises
-    ------
-    InvalidMapError
-        The map is empty, or has more cells than nodes have numbers.
+    Costs are taken band by band from top to bottom, with `take`, and `finish` ends that. Steps cost as in ``paper``
+    only, as ``length`` weighs obstacles by the dearest cell of the whole map. Serves one thread at a time.
+    InvalidMapError where the map is empty, or has more cells than nodes have numbers.
     """
 
     def __init__(self, shape: tuple[int, int], model: StepModel, *, corner_cutting: bool = True) -> None:
@@ -87,11 +75,11 @@ class StreamedMap:
 
     @property
     def pyramid(self) -> "StreamedMap":
-        """What has the levels."""
+        """The owner of the levels."""
         return self
 
     def pyramid_by(self, _: Deadline) -> "StreamedMap":
-        """The same: levels that are there."""
+        """Levels that are there already."""
         return self
 
     def take(self, cost: Float2D) -> None:
@@ -147,5 +135,5 @@ class StreamedMap:
 
     @property
     def _obstacle(self) -> float:
-        """What an impassable cell counts for in the mean: T = 1."""
+        """Weight of an impassable cell in the mean: T = 1."""
         return self.grid.model.scale

@@ -82,18 +82,9 @@ def _address() -> int:
 class Tiles:
     """Which parts of a map of heights have been computed, and what it takes to compute the others.
 
-    Parameters
-    ----------
-    heights : (H, W) float32
-        Metres, C-contiguous; not finite where unknown. Kept, and changed by `write_heights` alone.
-    rule : (RULE_SLOTS,) float64
-        As for `fill_weights`.
-    weights : (nodes,) float32
-        Of the map's grid; written.
-    corner_cutting : bool
-        Of the map's grid.
-    coarsest : int
-        Cells to the side of a cell of the coarsest level: tiles consist of whole ones.
+    `heights` (H, W) float32 in metres, not finite where unknown, are kept, and changed by `write_heights` alone;
+    `rule` as for `fill_weights`; `weights` and `corner_cutting` are those of the map's grid. Tiles consist of whole
+    cells of the coarsest level, which are `coarsest` cells to the side.
     """
 
     def __init__(

@@ -10,12 +10,21 @@ from nnpp_edge.runtime.errors import ModelError
 
 _DEEPEST = 8
 """Graphs inside graphs."""
-_GRAPH, _METADATA, _FUNCTIONS = 7, 14, 25  # of ModelProto
-_KEY, _VALUE = 1, 2  # of StringStringEntryProto
-_NODE, _INITIALIZER, _SPARSE = 1, 5, 15  # of GraphProto
-_OPERATOR, _ATTRIBUTE = 4, 5  # of NodeProto
-_ATTRIBUTE_GRAPHS, _ATTRIBUTE_TENSORS = (6, 11), (5, 10)  # of AttributeProto
-_EXTERNAL_DATA, _DATA_LOCATION = 13, 14  # of TensorProto
+_PARTS = {
+    "model": {7: "graph"},
+    "graph": {1: "node", 5: "tensor"},
+    "node": {5: "attribute"},
+    "attribute": {5: "tensor", 6: "graph", 10: "tensor", 11: "graph"},
+    "tensor": {},
+}
+"""Messages that are looked into, by the number of their field in another."""
+_REFUSED = {
+    ("model", 25): "one with functions of its own",
+    ("graph", 15): "one with sparse tensors",
+    ("tensor", 13): "one with tensors in other files",
+}
+_METADATA, _KEY, _VALUE = 14, 1, 2  # of ModelProto, StringStringEntryProto
+_OPERATOR, _DATA_LOCATION = 4, 14  # of NodeProto, TensorProto
 _VARINT, _EIGHT_BYTES, _LENGTH, _FOUR_BYTES = 0, 1, 2, 5
 
 
@@ -25,80 +34,46 @@ def checked_metadata(content: bytes, source: str) -> dict[bytes, bytes]:
     A node that holds a graph may be an `If` only: loops hold theirs, too, and may run forever. Functions of the
     file's own can double their work with each that calls another. Tensors are in the file itself.
     """
-    metadata: dict[bytes, bytes] = {}
+    model, metadata = memoryview(content), {}
     try:
-        found = next(_objections(memoryview(content), metadata), "")
+        objection = "one in onnxruntime's own format" if content[4:8] == b"ORTM" else next(_objections(model), "")
+        entries = [dict(_fields(part)) for number, part in _fields(model) if number == _METADATA and not objection]
+        metadata = {bytes(entry.get(_KEY, b"")): bytes(entry.get(_VALUE, b"")) for entry in entries}
     except (IndexError, ValueError) as error:
         raise ModelError(f"{source}: wanted an ONNX model, got a file that is none or is cut short") from error
-    if found:
-        raise ModelError(f"{source}: wanted an ONNX model that nnpp-edge export might write, got {found}")
+    if objection:
+        raise ModelError(f"{source}: wanted an ONNX model that nnpp-edge export might write, got {objection}")
     return metadata
 
 
-def _objections(model: memoryview, metadata: dict[bytes, bytes]) -> Iterator[str]:
-    """What speaks against a model; its metadata are put into `metadata`."""
-    if bytes(model[4:8]) == b"ORTM":
-        yield "one in onnxruntime's own format"
-    for number, part in _fields(model):
-        if number == _METADATA:
-            entry = {inner: bytes(value) for inner, value in _fields(part)}
-            metadata[entry.get(_KEY, b"")] = entry.get(_VALUE, b"")
-        elif number == _FUNCTIONS:
-            yield "one with functions of its own"
-        elif number == _GRAPH:
-            yield from _in_graph(part, 1)
-
-
-def _in_graph(graph: memoryview, depth: int) -> Iterator[str]:
-    if depth > _DEEPEST:
+def _objections(message: memoryview, kind: str = "model", depth: int = 0, operator: bytes = b"If") -> Iterator[str]:
+    """Objections to a message of this kind, in so many graphs, inside a node of this operator."""
+    if kind == "graph" and operator != b"If":
+        yield f"one with the operator {operator.decode('ascii', 'replace')!r}, which may run forever"
+    if (depth := depth + (kind == "graph")) > _DEEPEST:
         yield f"one with graphs nested more than {_DEEPEST} deep"
         return
-    for number, part in _fields(graph):
-        if number == _NODE:
-            yield from _in_node(part, depth)
-        elif number == _INITIALIZER:
-            yield from _in_tensor(part)
-        elif number == _SPARSE:
-            yield "one with sparse tensors"
-
-
-def _in_node(node: memoryview, depth: int) -> Iterator[str]:
-    operators, loops = set(), False
-    for number, part in _fields(node):
-        if number == _OPERATOR:
-            operators.add(bytes(part))
-        elif number == _ATTRIBUTE:
-            for inner, value in _fields(part):
-                if inner in _ATTRIBUTE_GRAPHS:
-                    loops = True
-                    yield from _in_graph(value, depth + 1)
-                elif inner in _ATTRIBUTE_TENSORS:
-                    yield from _in_tensor(value)
-    if loops and operators != {b"If"}:
-        name = b" ".join(operators).decode("ascii", "replace")
-        yield f"one with the operator {name!r}, which may run forever"
-
-
-def _in_tensor(tensor: memoryview) -> Iterator[str]:
-    for number, part in _fields(tensor):
-        if number == _EXTERNAL_DATA or (number == _DATA_LOCATION and any(byte & 127 for byte in part)):
-            yield "one with tensors in other files"
+    if kind == "node":
+        operator = b" ".join({bytes(part) for number, part in _fields(message) if number == _OPERATOR})
+    for number, part in _fields(message):
+        if inner := _PARTS[kind].get(number):
+            yield from _objections(part, inner, depth, operator)
+        elif objection := _REFUSED.get((kind, number)):
+            yield objection
+        elif (kind, number) == ("tensor", _DATA_LOCATION) and any(byte & 127 for byte in part):
+            yield _REFUSED["tensor", 13]
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
     """Number and content of each field; ValueError or IndexError where the message breaks off."""
     at, end = 0, len(message)
     while at < end:
-        key, at = message[at], at + 1
-        if key > 127:
-            key, at = _varint(message, at - 1)
+        key, at = _varint(message, at)
         kind, start = key & 7, at
         if kind == _VARINT:
             _, at = _varint(message, at)
         elif kind == _LENGTH:
-            length, start = message[at], at + 1
-            if length > 127:
-                length, start = _varint(message, at)
+            length, start = _varint(message, at)
             at = start + length
         elif kind in (_EIGHT_BYTES, _FOUR_BYTES):
             at += 8 if kind == _EIGHT_BYTES else 4

@@ -1,5 +1,6 @@
 """Running a network on the CPU: an ONNX file with our metadata, through onnxruntime."""
 
+import functools
 import math
 import time
 from collections.abc import Callable
@@ -12,22 +13,11 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.encoding import Point, encode_ends, encode_gaussian
-from nnpp_edge.runtime.network.loading import (
-    ASK,
-    HEAD,
-    OUTPUT,
-    PLACES,
-    QUERY_SPACING,
-    LoadedModel,
-    blocks_in_place,
-    opened,
-    places_in_rows,
-)
-from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata, model_errors, model_path
+from nnpp_edge.runtime.network.encoding import Point, encode_gaussian
+from nnpp_edge.runtime.network.loading import ASK, OUTPUT, PLACES, LoadedModel, opened, places_in_rows
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING, model_path
 from nnpp_edge.runtime.network.place_head import PlaceHead
-
-__all__ = ["ASK", "HEAD", "METADATA_KEY", "OUTPUT", "PLACES", "ModelMetadata", "NetworkModel", "model_path"]
+from nnpp_edge.runtime.reading import refused_as
 
 _FORGET = 0.9
 
@@ -35,8 +25,9 @@ _FORGET = 0.9
 class NetworkModel:
     """A network ready to run, with inputs and outputs of its own. Serves one thread at a time.
 
-    A file is opened once in a process, and again when it has changed: networks of the same file, threads and spinning
-    share a session. In a forked child a session of several threads, which the child lacks, is opened again.
+    A file is opened once in a process, and again when it has changed: networks of the same file and threads share a
+    session. In a forked child a session of several threads, which the child lacks, is opened again. A copy
+    opens the file again, and has been shown nothing.
 
     Parameters
     ----------
@@ -45,8 +36,6 @@ class NetworkModel:
     threads : int
         Of onnxruntime; by default two for inputs of 256 and more (one where the process may use one core only),
         and one for smaller ones, which two threads do not make faster.
-    spinning : bool
-        Whether onnxruntime's threads spin after a run. They would take the cores from the search.
 
     Raises
     ------
@@ -56,16 +45,15 @@ class NetworkModel:
     """
 
     @checked(ModelError)
-    def __init__(self, model: str | Path = "edge", *, threads: int | None = None, spinning: bool = False) -> None:
+    def __init__(self, model: str | Path = "edge", *, threads: int | None = None) -> None:
         self.path = model_path(model)
         """Of the file."""
-        loaded, self.waited = opened(self.path, threads, spinning)
+        loaded, self.waited = opened(self.path, threads)
         """Whether the file had to be opened, or was just being opened by another thread."""
         self._bind(loaded)
 
-    def __reduce__(self) -> "tuple[Callable[[Path, int, bool], NetworkModel], tuple[Path, int, bool]]":
-        """A copy opens the file again, and has been shown nothing."""
-        return _reopened, (self.path, self._loaded.threads, self._loaded.spinning)
+    def __reduce__(self) -> "tuple[Callable[[Path], NetworkModel], tuple[Path]]":
+        return functools.partial(NetworkModel, threads=self._loaded.threads), (self.path,)
 
     def share(self) -> "NetworkModel":
         """Another network on the same session: it has a map, a query and an answer of its own."""
@@ -76,45 +64,35 @@ class NetworkModel:
 
     def set_map(self, planes: NDArray[np.float32]) -> None:
         """Show the network a map: (2, S, S) float32, mean cost and share of impassable cells, both in [0, 1]."""
-        m = self.metadata
         self._encoded = False
-        if m.encoding == "gaussian":
+        if self._head is None:
             self.inputs["input"][0, 0] = planes[0]
             return
-        side, n = m.input_size // m.map_unshuffle, m.map_unshuffle
+        _, channels, side, _ = self.inputs["map"].shape
+        n = planes.shape[1] // side
         parts = planes.reshape(2, side, n, side, n).transpose(0, 2, 4, 1, 3)
-        self.inputs["map"][0] = parts.reshape(2 * n * n, side, side)
+        self.inputs["map"][0] = parts.reshape(channels, side, side)
 
-    def set_query(self, start: Point, goal: Point) -> None:
-        """Show the network start and goal, (row, col) in network cells."""
-        m = self.metadata
-        sigma = m.sigma * m.input_size
-        if m.encoding == "gaussian":
-            encode_gaussian(start, goal, m.input_size, 1, sigma, self._query[1:])
-        else:
-            encode_ends(start, goal, m.input_size // QUERY_SPACING, QUERY_SPACING, sigma, self._query)
-
-    def run(self, *, anew: bool = False) -> Float2D:
+    def answer(self, start: Point, goal: Point, *, anew: bool = False) -> Float2D:
         """The probability that a nearly optimal path passes: (B, B) float32 in [0, 1]. The next call overwrites it.
 
-        The encoder of a network in two parts runs only once after `set_map`, but with `anew`, for timing, again.
+        For timing, `anew` runs the encoder of a network in two parts, too, which is else run once after `set_map`.
         """
+        sigma = self.metadata.sigma * self.metadata.input_size
         if self._head is None:
+            encode_gaussian(start, goal, sigma, self.inputs["input"][0, 1:])
             self._infer()
-            return self._in_place()
-        self._encode(self._head, anew)
-        self._head.answer(self._query, self._answer)
+            return self._answer
+        if anew or not self._encoded:
+            self._infer()
+            self._head.places[:] = places_in_rows(self._outputs[PLACES])
+            self._encoded = True
+        self._head.answer(start, goal, sigma, self.inputs["query"][0], self._answer)
         return self._answer
 
-    def answer(self, start: Point, goal: Point) -> Float2D:
-        """`set_query` and `run`; for a network in two parts in one call of compiled code."""
-        if self._head is None:
-            self.set_query(start, goal)
-            return self.run()
-        self._encode(self._head)
-        sigma = self.metadata.sigma * self.metadata.input_size
-        self._head.answer_ends(start, goal, float(QUERY_SPACING), sigma, self._query, self._answer)
-        return self._answer
+    def try_out(self) -> None:
+        """Answer some query by all of the network: ModelError where its graph fails."""
+        self.answer((0.0, 0.0), (1.0, 1.0), anew=True)
 
     @property
     def in_parts(self) -> bool:
@@ -133,13 +111,13 @@ class NetworkModel:
     def _bind(self, loaded: LoadedModel) -> None:
         """Allocate inputs and outputs once, of the shapes that the metadata implies, and bind them."""
         self.metadata = m = loaded.metadata
-        self.inputs: dict[str, NDArray[np.float32 | np.bool_]] = {
+        self.inputs: dict[str, NDArray[np.float32]] = {
             name: np.zeros(shape, np.bool_ if name == ASK else np.float32) for name, shape in loaded.inputs.items()
         }
         self._outputs = {name: np.zeros(shape, np.float32) for name, shape in loaded.outputs.items()}
-        self._query: NDArray[np.float32] = self.inputs.get("query", next(iter(self.inputs.values())))[0]
         self._use_session(loaded)
         self._head: PlaceHead | None = None
+        self._answer: Float2D = self._outputs[OUTPUT][0, 0]
         self._encoded = False
         if loaded.head_parameters is not None:
             self._head = PlaceHead(loaded.head_parameters, m.head, m.input_size // QUERY_SPACING)
@@ -154,34 +132,14 @@ class NetworkModel:
         for name, output in self._outputs.items():
             self._binding.bind_output(name, "cpu", 0, np.float32, output.shape, output.ctypes.data)
 
-    def _encode(self, head: PlaceHead, anew: bool = False) -> None:
-        if anew or not self._encoded:
-            self._infer()
-            head.places[:] = places_in_rows(self._outputs[PLACES])
-            self._encoded = True
-
     def _infer(self) -> None:
-        """Run the session; ModelError where its graph fails."""
+        """Run the session; ModelError where its graph fails, or in a fork whose file is another by now."""
         if self._loaded.lacks_threads():
-            self._open_again()
+            loaded, _ = opened(self.path, self._loaded.threads)
+            if loaded.identity != self._loaded.identity:
+                raise ModelError(f"{self.path}: wanted the file that was opened before a fork, got another")
+            self._use_session(loaded)
         began = time.perf_counter()
-        with model_errors(self.path, "got one whose graph fails"):
+        with refused_as(ModelError, f"{self.path}: wanted an ONNX model, got one whose graph fails"):
             self.session.run_with_iobinding(self._binding)
         self._loaded.fastest_s = min(time.perf_counter() - began, self._loaded.fastest_s or math.inf)
-
-    def _open_again(self) -> None:
-        """Take a session of this process; ModelError where the file is another by now."""
-        loaded, _ = opened(self.path, self._loaded.threads, self._loaded.spinning)
-        if loaded.identity != self._loaded.identity:
-            raise ModelError(
-                f"{self.path}: wanted the file that was opened before this process was forked, got another"
-            )
-        self._use_session(loaded)
-
-    def _in_place(self) -> Float2D:
-        """The session's answer with each block where it lies."""
-        return blocks_in_place(self._outputs[OUTPUT], self.metadata)
-
-
-def _reopened(path: Path, threads: int, spinning: bool) -> NetworkModel:
-    return NetworkModel(path, threads=threads, spinning=spinning)

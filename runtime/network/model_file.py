@@ -1,28 +1,21 @@
 """Model files: where they are, what they say of themselves, and what was measured with them."""
 
 import hashlib
-import itertools
 import json
-import math
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Annotated, Final, Literal
 
 import msgspec
 
-from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
+from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.graph_check import checked_metadata
-from nnpp_edge.runtime.reading import problem_with_file
-
-if TYPE_CHECKING:
-    from onnxruntime import InferenceSession, SessionOptions
+from nnpp_edge.runtime.reading import problem_with_file, refused_as
 
 METADATA_KEY = "nnpp_edge"
-FORMAT = "nnpp-edge-model-1"
+FORMAT: Final = "nnpp-edge-model-1"
 FIGURES_FORMAT = "nnpp-edge-figures-1"
 FIGURE_NAMES = (
     *("workload", "size", "method", "n", "success_raw", "success", "gap_mean", "gap_p99"),
@@ -30,106 +23,79 @@ FIGURE_NAMES = (
 )
 """The keys that every row of figures has, as `nnpp-edge evaluate --json` prints them."""
 
-_CHANNELS = {
-    "gaussian": ("cost", "start_map", "goal_map"),
-    "ends": ("cost", "blocked", "ends"),
-}
-_MOST_CELLS = 4096
-"""To a side of a network's input."""
+_Row = msgspec.defstruct(
+    "Row", [(name, str if name in ("workload", "method") else float | None) for name in FIGURE_NAMES]
+)
+_CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "ends": ("cost", "blocked", "ends")}
+QUERY_SPACING = 8
+"""Network cells between the points of a query that is encoded as ``ends``."""
 _DEEPEST = 20
 """Lists and objects inside one another in the facts of a training."""
 _MODELS = Path(str(files("nnpp_edge.models")))
 
+Count = Annotated[int, msgspec.Meta(gt=0)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+
 
 @dataclass(frozen=True)
 class ModelMetadata:
-    """What network and runtime must agree on; travels in the ONNX file as JSON and is checked at load."""
+    """The terms of network and runtime; they travel in the ONNX file as JSON and are checked at load."""
 
     name: str
     architecture: str
-    input_size: int
+    input_size: Annotated[int, msgspec.Meta(gt=0, le=4096)]
     """Side S of the network's square, in cells."""
-    blocks: int
+    blocks: Count
     """The answer comes on blocks × blocks."""
     encoding: str
     """``gaussian`` (the paper's): cost, start and goal map in one input. ``ends``: an encoder sees the map alone."""
     channels: tuple[str, ...]
     """Their order in the input."""
-    sigma: float
+    sigma: Positive
     """Of the Gaussians, as a share of S."""
-    omega: float
+    omega: Positive
     """Weight of the traversability cost per grey level that the labels were made with."""
     cost_limits: dict[str, float]
     """Limits and weights of the cost maps that it was trained on."""
-    region_factor: float = 0.5
+    region_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.5
     """Factor on the adaptive threshold, chosen on validation terrain."""
-    map_unshuffle: int = 1
-    """The map's input has this many cells, squared, to a pixel, as channels."""
-    output_shuffle: int = 1
-    """The output has this many blocks, squared, to a pixel, as channels."""
-    head: tuple[int, ...] = ()
+    head: tuple[Count, ...] = ()
     """With ``ends``: the numbers that relate a place to an end, and the units of the head's two hidden layers."""
     precision: str = "fp32"
     training: dict[str, object] = field(default_factory=dict)
     version: str = ""
-    format: str = FORMAT
-
-    def facts(self) -> dict[str, object]:
-        """All of it, as it stands in the file."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+    format: Literal["nnpp-edge-model-1"] = FORMAT
 
     def to_json(self) -> str:
         """One line of JSON."""
-        return json.dumps(self.facts())
+        return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, text: str | bytes | None, source: str) -> "ModelMetadata":
         """Read and check; ModelError names `source`, what was wanted and what came."""
         if not text:
             raise ModelError(f"{source}: wanted an ONNX model with '{METADATA_KEY}' metadata, got one without")
-        try:
-            stored = json.loads(text)
-            if not isinstance(stored, dict) or stored.get("format") != FORMAT:
-                got = stored.get("format") if isinstance(stored, dict) else stored
-                raise ModelError(f"{source}: wanted metadata of format {FORMAT}, got {got!r}")
-            found = msgspec.convert(stored, cls)
-            wanted = _CHANNELS.get(found.encoding)
-            numbers_fit = (
-                0 < found.blocks <= found.input_size <= _MOST_CELLS
-                and found.input_size % found.blocks == 0
-                and 0.0 < found.region_factor <= 1.0
-                and all(0.0 < number < math.inf for number in (found.sigma, found.omega))
-                and min(found.map_unshuffle, found.output_shuffle) > 0
-                and len(found.head) == (3 if found.encoding == "ends" else 0)
-                and all(size > 0 for size in found.head)
-                and _depth(found.training) <= _DEEPEST
-            )
-        except (ValueError, RecursionError, msgspec.ValidationError) as error:
-            if isinstance(error, ModelError):
-                raise
-            raise ModelError(f"{source}: its metadata cannot be read: {error}") from error
-        if wanted is None or found.channels != wanted:
-            raise ModelError(
-                f"{source}: wanted encoding and channels to be one of {_CHANNELS}, "
-                f"got {found.encoding!r} {found.channels}"
-            )
-        if not numbers_fit:
-            raise ModelError(f"{source}: its metadata holds numbers out of range: {found}")
+        with refused_as(ModelError, f"{source}: wanted metadata of format {FORMAT}"):
+            found = msgspec.json.decode(text, type=cls)
+            too_deep = _depth(found.training) > _DEEPEST
+        if _CHANNELS.get(found.encoding) != found.channels:
+            got = f"{found.encoding!r} {found.channels}"
+            raise ModelError(f"{source}: wanted encoding and channels to be one of {_CHANNELS}, got {got}")
+        in_parts, blocks, size = found.encoding == "ends", found.blocks, found.input_size
+        fits = size % blocks == 0 and (blocks == 2 * (size // QUERY_SPACING) or not in_parts)
+        if too_deep or not fits or len(found.head) != 3 * in_parts:
+            raise ModelError(f"{source}: its metadata holds numbers that do not go together: {found}")
         return found
 
 
 def _depth(value: object) -> int:
     """How many lists and objects lie inside one another."""
-    depth, level = 0, [value]
-    while level:
-        inner = [v.values() if isinstance(v, dict) else v for v in level if isinstance(v, dict | list)]
-        depth, level = depth + 1, list(itertools.chain.from_iterable(inner))
-    return depth
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return 1 + max(map(_depth, inner), default=0)
 
 
-@dataclass(frozen=True)
-class Figures:
-    """What was measured with a model; in the JSON file beside it."""
+class Figures(msgspec.Struct, rename={"rows": "figures"}):
+    """Figures measured with a model; in the JSON file beside it."""
 
     rows: list[dict[str, str | float | None]]
     """With the keys of `FIGURE_NAMES`; the planners that it was compared with have rows of their own."""
@@ -137,20 +103,12 @@ class Figures:
     """That printed the rows."""
     machine: str
     """They ran on."""
-
-
-class _FigureFile(msgspec.Struct):
-    """The file that figures are read from."""
-
     model_sha256: str
-    figures: list[dict[str, str | float | None]]
-    commands: list[str]
-    machine: str
 
 
 @dataclass(frozen=True)
 class ModelFile:
-    """What a model file says of itself."""
+    """A model file, with its metadata, figures and card."""
 
     name: str
     """The file's, without its ending: what `model_path` takes if the model is shipped."""
@@ -158,41 +116,20 @@ class ModelFile:
     size_bytes: int
     sha256: str
     metadata: ModelMetadata
-    inputs: dict[str, tuple[int | str, ...]]
-    """Shape of each; a dimension that is not fixed has its name, or ``?``."""
-    outputs: dict[str, tuple[int | str, ...]]
-    producer: str
-    """The program that wrote the file."""
     figures: Figures | None
     card: str | None
     """Text of the Markdown file beside it."""
 
     def summary(self) -> dict[str, object]:
         """For JSON: all but the card."""
-        figures = self.figures
-        return {
-            "name": self.name,
-            "path": str(self.path),
-            "size_bytes": self.size_bytes,
-            "sha256": self.sha256,
-            "metadata": self.metadata.facts(),
-            "inputs": self.inputs,
-            "outputs": self.outputs,
-            "producer": self.producer,
-            "figures": figures and figures.rows,
-            "commands": figures and figures.commands,
-            "machine": figures and figures.machine,
-        }
+        facts, figures = asdict(self) | {"path": str(self.path)}, self.figures
+        del facts["card"]
+        measured = (figures.rows, figures.commands, figures.machine) if figures else (None, None, None)
+        return facts | dict(zip(("figures", "commands", "machine"), measured, strict=True))
 
 
 def model_path(name: str | Path) -> Path:
-    """Path of a shipped model by its name (``edge``), or of a model file.
-
-    Raises
-    ------
-    ModelError
-        There is neither.
-    """
+    """Path of a shipped model by its name (``edge``), or of a model file; ModelError where there is neither."""
     shipped = _MODELS / f"{name}.onnx"
     for path in (shipped, Path(name)):
         if (problem := problem_with_file(path)) is None:
@@ -201,48 +138,10 @@ def model_path(name: str | Path) -> Path:
     raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r} ({problem})")
 
 
-def read_metadata(path: Path) -> ModelMetadata:
-    """What a model says of itself; ModelError where it cannot be read, or `checked_metadata` refuses the file."""
-    return _metadata_in(_bytes(path), path)
-
-
-def _metadata_in(content: bytes, path: Path) -> ModelMetadata:
-    text = checked_metadata(content, str(path)).get(METADATA_KEY.encode())
-    return ModelMetadata.from_json(text, str(path))
-
-
-def open_session(path: Path, options: "SessionOptions | None" = None) -> "InferenceSession":
-    """onnxruntime's session of a model file; by default one that does not prepare the network for speed.
-
-    Raises
-    ------
-    ModelError
-        The file does not load.
-
-    Notes
-    -----
-    `read_metadata` is to be called first: it refuses what onnxruntime would never come back from.
-    """
-    import onnxruntime as ort
-
-    if options is None:
-        options = ort.SessionOptions()
-        options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
-    options.log_severity_level = 4
-    with model_errors(path, "got a file that does not load"):
-        return ort.InferenceSession(str(path), options, ["CPUExecutionProvider"], enable_fallback=0)
-
-
-@contextmanager
-def model_errors(path: Path, got: str) -> Iterator[None]:
-    """Turn whatever onnxruntime raises over a model file into a ModelError of one line."""
-    try:
-        yield
-    except NnppEdgeError:
-        raise
-    except Exception as error:  # onnxruntime's errors share no base class
-        line = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ModelError(f"{path}: wanted an ONNX model, {got}: {line}") from error
+def read_metadata(path: Path, content: bytes | None = None) -> ModelMetadata:
+    """A model's metadata; ModelError where they cannot be read, or `checked_metadata` refuses the file."""
+    found = checked_metadata(_bytes(path) if content is None else content, str(path))
+    return ModelMetadata.from_json(found.get(METADATA_KEY.encode()), str(path))
 
 
 def list_models() -> list[ModelFile]:
@@ -251,79 +150,42 @@ def list_models() -> list[ModelFile]:
 
 
 def read_model_file(model: str | Path = "edge") -> ModelFile:
-    """What a model says of itself, and the card and the figures that lie beside it.
+    """All about a shipped model, by its name, or an ONNX file with our metadata.
 
-    Parameters
-    ----------
-    model : str or Path
-        Name of a shipped model, or an ONNX file with our metadata.
-
-    Raises
-    ------
-    ModelError
-        The file is missing, truncated or without our metadata, or its figures cannot be read.
-
-    Notes
-    -----
     Beside MODEL.onnx may lie MODEL.md, the card, and MODEL.json, the figures: ``format``, ``model_sha256``,
     ``machine``, ``commands`` and ``figures``. Figures of another file of that name are left out with a warning.
+    ModelError where the file is missing, truncated or without our metadata, or its figures cannot be read.
     """
     path = model_path(model)
-    content = _bytes(path)
+    content, card = _bytes(path), path.with_suffix(".md")
     sha256 = hashlib.sha256(content).hexdigest()
-    metadata = _metadata_in(content, path)
-    session = open_session(path)
-    with model_errors(path, "got one whose texts cannot be read"):
-        facts = session.get_modelmeta()
-        producer = facts.producer_name
-        inputs, outputs = (
-            {value.name: tuple(value.shape) for value in values}
-            for values in (session.get_inputs(), session.get_outputs())
-        )
     return ModelFile(
         name=path.stem,
         path=path,
         size_bytes=len(content),
         sha256=sha256,
-        metadata=metadata,
-        inputs=inputs,
-        outputs=outputs,
-        producer=producer,
+        metadata=read_metadata(path, content),
         figures=_figures(path.with_suffix(".json"), sha256),
-        card=_card(path.with_suffix(".md")),
+        card=_bytes(card).decode(errors="replace") if problem_with_file(card) is None else None,
     )
 
 
 def _bytes(path: Path) -> bytes:
-    try:
+    with refused_as(ModelError, f"{path}: wanted a file to read"):
         return path.read_bytes()
-    except OSError as error:
-        raise ModelError(f"{path}: wanted a file to read, got: {error.strerror}") from error
-
-
-def _card(path: Path) -> str | None:
-    return _bytes(path).decode(errors="replace") if problem_with_file(path) is None else None
 
 
 def _figures(path: Path, sha256: str) -> Figures | None:
     """Those in `path`; None if there is no such file, or it is a JSON file of another kind or another model."""
     if problem_with_file(path) is not None:
         return None
-    try:
-        stored = json.loads(_bytes(path))
+    with refused_as(ModelError, f"{path}: wanted figures as JSON"):
+        stored = msgspec.json.decode(_bytes(path))
         if not isinstance(stored, dict) or stored.get("format") != FIGURES_FORMAT:
             return None
-        found = msgspec.convert(stored, _FigureFile)
-        for row, key in itertools.product(found.figures, FIGURE_NAMES):
-            if key not in row:
-                raise ModelError(f"{path}: wanted figures as JSON, got some without {key!r}")
-            if isinstance(row[key], str) != (key in ("workload", "method")):
-                raise ModelError(f"{path}: wanted figures as JSON, got some whose {key} is {row[key]!r}")
-    except (ValueError, RecursionError, msgspec.ValidationError) as error:
-        if isinstance(error, ModelError):
-            raise
-        raise ModelError(f"{path}: wanted figures as JSON, got a file that cannot be read: {error}") from error
+        found = msgspec.convert(stored, Figures)
+        msgspec.convert(found.rows, list[_Row])  # type: ignore[valid-type]
     if found.model_sha256 != sha256:
         warnings.warn(f"{path}: its figures are of another model file and are left out", stacklevel=3)
         return None
-    return Figures(found.figures, found.commands, found.machine)
+    return found

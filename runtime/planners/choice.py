@@ -1,4 +1,4 @@
-"""Which method `auto` picks: by the distance of the goal and the size of the map (docs/decisions.md)."""
+"""Which method ``auto`` picks, by figures of docs/decisions.md: on a standing map, and on one that changes."""
 
 from pathlib import Path
 
@@ -13,17 +13,7 @@ _MEASURED = "edge"
 
 
 class MethodChooser:
-    """Picks methods on maps of one shape.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Rows and columns of the map.
-    model : str, Path or NetworkModel
-        The network that ``nnpp`` would use.
-    has_body : bool
-        Whether it is a vehicle's poses that are searched.
-    """
+    """Picks methods on maps of one shape, for a network that ``nnpp`` would use, and for a vehicle's body or not."""
 
     def __init__(self, shape: tuple[int, int], model: str | Path | NetworkModel, has_body: bool = False) -> None:
         self._shape, self._model, self._has_body = shape, model, has_body
@@ -35,23 +25,17 @@ class MethodChooser:
         except ValueError:
             raise InvalidQueryError(f"method must be one of {', '.join(Method)}, got {method!r}") from None
         if wanted is Method.NNPP and self._has_body:
-            return (
-                wanted,
-                "no network is asked for a vehicle's body: the corridor is as fast, closer to optimal",
-            )
+            return wanted, "no network is asked for a vehicle's body: the corridor is as fast, closer to optimal"
         return (wanted, "") if wanted is not Method.AUTO else self.pick(query.apart)
 
     def pick(self, apart: int) -> tuple[Method, str]:
         """Method and reason for a goal `apart` cells away, as the king moves."""
         if apart < NEAR:
             return Method.ASTAR, f"the goal is less than {NEAR} cells away"
-        side = max(self._shape)
         if self._has_body:
-            return (
-                Method.CORRIDOR,
-                "for a body as fast as exact search on small maps, faster on large ones",
-            )
-        if side >= LARGE_MAP and apart >= FAR and _name(self._model) == _MEASURED:
+            return Method.CORRIDOR, "for a body as fast as exact search on small maps, faster on large ones"
+        model = self._model.path if isinstance(self._model, NetworkModel) else self._model
+        if max(self._shape) >= LARGE_MAP and apart >= FAR and Path(model).stem == _MEASURED:
             return Method.NNPP, f"the fastest from {FAR} cells on, on a large map"
         return Method.CORRIDOR, "as fast as the learned region, closer to optimal"
 
@@ -66,7 +50,3 @@ def expects_network(method: str, shape: tuple[int, ...], model: str | Path | Net
     if method == Method.AUTO and len(shape) == 2:
         method, _ = MethodChooser((shape[0], shape[1]), model).pick(apart)
     return method == Method.NNPP
-
-
-def _name(model: str | Path | NetworkModel) -> str:
-    return Path(model.path if isinstance(model, NetworkModel) else model).stem

@@ -18,17 +18,8 @@ from nnpp_edge.runtime.tuning import CELLS_APART, MOST_CORRECTIONS, CorridorWidt
 
 
 class CoarseToFine:
-    """Searches of a map's coarse levels. Serves one thread at a time.
+    """Searches of a map's coarse levels; `finest` is memory of those at full resolution, which `descend` is given.
 
-    Parameters
-    ----------
-    state : MapState or StreamedMap
-        The map.
-    finest : Workspace
-        Memory of the searches at full resolution, which are made by whoever is given to `descend`.
-
-    Notes
-    -----
     Coarse levels can only guess where a vehicle's poses pass. A region without a path shows, at the price of many
     checks, where they do not: links from what its search reached to what it did not are closed, and the first coarse
     level is searched again. Poses that have been checked cost nothing the second time.
@@ -38,7 +29,7 @@ class CoarseToFine:
         self._state, self._finest = state, finest
         self._levels = state.pyramid.levels
         self._coarse = [CoarseLevel(level) for level in self._levels[1:]]
-        self._corrects = state.grid.poses is not None
+        self._corrects = state.grid.steps.by_poses
         self._last: Region | None = None
         """Where the last descent let the map itself be searched."""
 
@@ -63,22 +54,9 @@ class CoarseToFine:
     ) -> tuple[Search, Region] | None:
         """From level `top` down to the map, each level inside a corridor around the path on the one above.
 
-        Parameters
-        ----------
-        searcher : Searcher
-            Of the map itself.
-        top : int
-            Number of the level to begin at.
-        region : Region
-            Of that level, to search there; None for all of a coarse level.
-        width : CorridorWidth
-            Of the corridors.
-
-        Returns
-        -------
-        (Search, Region)
-            The search at full resolution and where it was allowed to go; None where a level or the region holds no
-            way. Where time was up before that, OutOfTimeError.
+        `searcher` looks on the map itself; `region` is where to look on level `top`, None for all of a coarse level.
+        The search at full resolution, and where it was allowed to go; None where a level or the region holds no way.
+        OutOfTimeError where time was up before that.
         """
         self._levels = self._state.pyramid_by(query.deadline).levels  # brought up to date
         for number in range(top, 0, -1):

@@ -1,4 +1,4 @@
-"""What a planner answers with."""
+"""The answer of a planner, its methods, and where a path was found."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -9,14 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.kernels.paths import measure
-from nnpp_edge.runtime.kernels.poses import measure_poses
 from nnpp_edge.runtime.map.along import Along, Line, Numbers
-from nnpp_edge.runtime.map.directed import DirectedSteps
-from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import SQRT2
 from nnpp_edge.runtime.map.turns import curvatures
 from nnpp_edge.runtime.planners.plan_shown import Axes, draw, html_of
 
@@ -67,7 +62,7 @@ class DynamicMethod(StrEnum):
 
     @property
     def base(self) -> Method:
-        """What it does at each step, whatever it keeps from one to the next."""
+        """The method of each step, whatever is kept from one to the next."""
         if self in (DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR):
             return Method.NNPP
         if self in (DynamicMethod.CORRIDOR, DynamicMethod.CORRIDOR_DSTAR):
@@ -158,10 +153,8 @@ class Plan:
 
     @property
     def curvatures(self) -> NDArray[np.float64]:
-        """(N,) of the line at each way point, 0 at the ends; empty without way points.
-
-        One over the radius of the widest arc that fits into the turn, see `map.turns`: a metre, where elevations are
-        known, else a cell.
+        """(N,) of the line at each way point, one over a radius in metres, or cells without elevations; see
+        `map.turns`.
         """
         if self.waypoints is None:
             return np.empty(0)
@@ -173,7 +166,7 @@ class Plan:
         return self.path if self.waypoints is None else self.waypoints
 
     def over(self, state: MapState, at: Line | None = None) -> "Plan":
-        """The same plan with what lies below it on this map, at places (M, 2) of its line; as `MapState.along`."""
+        """This plan with what lies below it on this map, at places (M, 2) of its line; as `MapState.along`."""
         along = state.along(self.line, at)
         return self if along is None else replace(self, along=along)
 
@@ -240,26 +233,14 @@ class Plan:
         }
 
     def plot(self, ax: Axes | None = None, *, background: ArrayLike | None = None) -> Axes:
-        """Draw the path, and the region where it was kept, with matplotlib.
+        """Draw the path, and the region where it was kept, with matplotlib, a cell a unit.
 
         Parameters
         ----------
         ax : matplotlib Axes
-            Where to; by default those of a new figure.
+            Where to; by default those of a new figure, which are returned.
         background : (H, W) float, or (H, W, 3) or (H, W, 4) picture
-            What to draw below: costs, say, or elevations. A plan holds no map.
-
-        Returns
-        -------
-        matplotlib Axes
-            Column to the right, row down, a cell a unit.
-
-        Raises
-        ------
-        MissingExtraError
-            matplotlib is not installed.
-        InvalidMapError
-            The background has another shape.
+            Drawn below: costs, say, or elevations. A plan holds no map. InvalidMapError for another shape.
         """
         title = f"{self.status}: {self.planner or self.method}"
         return draw(self.line, self.region, title, ax, background)
@@ -288,22 +269,6 @@ class Plan:
         if "total" in self.timings_ms:
             rows["time"] = f"{self.timings_ms['total']:.3g} ms"
         return rows
-
-
-def path_costs(grid: Grid, path: NDArray[np.int32]) -> tuple[float, float, float]:
-    """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
-    if not len(path):
-        return math.inf, math.inf, math.inf
-    if grid.poses is None:
-        straight, diagonal, by_straight, by_diagonal, total = measure(grid.weights, grid.stride, path)
-    else:
-        straight, diagonal, by_straight, by_diagonal, total = measure_poses(grid.poses.packed, grid.stride, path)
-    length_s, length_d, weight_s, weight_d = grid.model.steps
-    cost = length_s * straight + length_d * diagonal + weight_s * by_straight + weight_d * by_diagonal
-    if isinstance(grid.directed, DirectedSteps):
-        cost = float(grid.directed.costs_along(path).sum())
-    scale = grid.model.scale
-    return cost, straight + SQRT2 * diagonal, total / scale if scale else 0.0
 
 
 def _finite(number: float) -> float | None:

@@ -20,7 +20,7 @@ _ROW = "<tr><th style='text-align:left;font-weight:normal'>{}</th><td style='tex
 
 
 class Axes(Protocol):
-    """What is used of matplotlib's, which the runtime does not import."""
+    """The part used of matplotlib's, which the runtime does not import."""
 
     def imshow(self, picture: NDArray[np.generic], /, **how: object) -> object:
         """Draw a picture, a cell a unit."""

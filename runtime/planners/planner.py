@@ -2,64 +2,52 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
+from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.slope_cost import Mobility
-from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
-from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.answers import Answers
-from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.runtime.planners.query import PlanOptions, Wishes, Work, options_of
-from nnpp_edge.runtime.planners.tour import Tour
-from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
+from nnpp_edge.runtime.network.loading import begin_loading
+from nnpp_edge.runtime.planners.choice import expects_network
+from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, split
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Wishes, Work, options_of, problem_with, told
+from nnpp_edge.runtime.planners.refine import Refinement
+from nnpp_edge.runtime.planners.tour import Tour, tour
+from nnpp_edge.runtime.planners.turns import one_at_a_time
+from nnpp_edge.runtime.search.astar import costs_to_nearest
 from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.runtime.tuning import NEAR
+from nnpp_edge.runtime.tuning import NEAREST_STOPS
 
 
-class Planner:
+class Planner(OnMap):
     """Plans on one map, many times. Serves one thread at a time; several planners may run in parallel.
-
-    After a call that was broken off, by a KeyboardInterrupt for one, the planner makes anew all but the map itself
-    (landmarks are gone); an `update` that was broken off is in the map whole or not at all.
 
     Parameters
     ----------
-    cost : (H, W) float
+    cost : (H, W) float, or Ground
         With ``step_cost="paper"`` the traversability cost T in [0, 1], impassable where T >= 1 or NaN. With
-        ``"length"`` a weight greater than 0, impassable where inf or NaN.
-    step_cost : str
-        ``"paper"``: a step costs L + 255·omega·(T_i + T_j) (Eq. 2-4). ``"length"``: L × the mean weight.
-    omega : float
-        Weight of T per grey level; the paper's 0.011.
-    corner_cutting : bool
-        Whether a diagonal step may pass beside an impassable cell.
-    model : str, Path or NetworkModel
-        The network for ``nnpp``: a shipped model's name, a file, or one already loaded, which planners may share.
-        It is loaded when first needed.
-    ask_from : int
-        Cells between start and goal from which on ``nnpp`` asks the network. Nearer goals A* has mostly found before
-        it has answered, and is tried first.
-    vehicle : Vehicle
-        A disc (`radius_m`): it may not touch impassable cells, nor leave the map. A body needs `of_elevation`.
+        ``"length"`` a weight greater than 0, impassable where inf or NaN. Or a `Ground`, whose arrays are copied.
     cell_size_m : float
-        Side of a cell, wanted with a vehicle alone.
+        Side of a cell, wanted with costs and a disc.
+    **options : PlannerOptions
+        What steps cost, for whom, and the network; see there.
 
     Raises
     ------
     InvalidMapError
         The map is not two-dimensional, is empty, holds a cost out of range, or is too large for the memory that is
         left.
-    ConcurrentUseError
-        From every method: another thread is in the middle of one.
+    InvalidQueryError
+        An option is of another kind, or out of range.
 
     Examples
     --------
@@ -74,218 +62,35 @@ class Planner:
     <Status.NO_PATH: 'NO_PATH'>
     """
 
-    @checked(InvalidQueryError)
     def __init__(
-        self,
-        cost: Float2D,
-        *,
-        step_cost: str = "paper",
-        omega: float = PAPER_OMEGA,
-        corner_cutting: bool = True,
-        model: str | Path | NetworkModel = "edge",
-        ask_from: int = NEAR,
-        vehicle: Vehicle | None = None,
-        cell_size_m: float | None = None,
+        self, cost: Float2D | Ground, *, cell_size_m: float | None = None, **options: Unpack[PlannerOptions]
     ) -> None:
-        ground = Ground(cost, cell_size_m=cell_size_m, vehicle=vehicle, step_cost=step_cost)
-        self._begin(ground.state(omega, corner_cutting), model, ask_from)
+        super().__init__(cost, cell_size_m, options)
 
     @classmethod
-    @checked(InvalidQueryError)
     def of_elevation(
         cls,
         dem: Float2D,
         cell_size_m: float,
         traversability: Traversability | None = None,
-        *,
-        cell_width_m: float | None = None,
-        lazy: bool = True,
-        omega: float = PAPER_OMEGA,
-        corner_cutting: bool = True,
-        model: str | Path | NetworkModel = "edge",
-        ask_from: int = NEAR,
-        warn: bool = True,
-        vehicle: Vehicle | None = None,
-        step_cost: str = "paper",
-        mobility: Mobility | None = None,
+        **options: Unpack[PlannerOptions],
     ) -> "Planner":
         """A planner of a map that has just arrived: costs and coarse levels are computed where a search looks.
 
         Plans are those of ``Planner(traversability_cost(dem, …))``, but for ties, and that the network is shown means
-        of a sample of the cells.
-
-        Parameters
-        ----------
-        dem, cell_size_m, traversability, cell_width_m, warn
-            As for `traversability_cost`. The elevations are copied; they are changed by `update_elevation`.
-        lazy : bool
-            Whether to compute costs only where they are looked at. Else all are computed now; plans are the same.
-        omega, corner_cutting, model, ask_from
-            As for `Planner`.
-        vehicle : Vehicle
-            The body whose poses decide where the path may go and what it costs, checked where a search looks; without
-            one, the robot is a point.
-        step_cost : str
-            ``"paper"``, or what a way costs by the slope that it leads up or down: ``"time"``, ``"energy"``,
-            ``"tobler"`` or ``"linear"``, see `map.slope_cost`. Where paths may go is decided by the traversability
-            (or the poses) all the same. All costs of steps are then computed now, `lazy` or not, and `omega` is
-            of no effect.
-        mobility : Mobility
-            Parameters of these models; ``time`` and ``energy`` have none by default.
-
-        Raises
-        ------
-        InvalidMapError
-            As for `traversability_cost`.
-        InvalidQueryError
-            There is no such step cost, or it needs a mobility.
+        of a sample of the cells. Arguments are those of `Ground.of_elevation` and `PlannerOptions`; the elevations
+        are copied, and changed by `update_elevation`. Errors as of the class.
         """
-        ground = Ground.of_elevation(
-            dem,
-            cell_size_m,
-            traversability,
-            cell_width_m=cell_width_m,
-            vehicle=vehicle,
-            step_cost=step_cost,
-            mobility=mobility,
-        )
-        planner = cls.__new__(cls)
-        planner._begin(ground.state(omega, corner_cutting, lazy=lazy, warn=warn), model, ask_from)
-        return planner
-
-    @classmethod
-    @checked(InvalidQueryError)
-    def on(
-        cls,
-        ground: Ground,
-        *,
-        lazy: bool = True,
-        omega: float = PAPER_OMEGA,
-        corner_cutting: bool = True,
-        model: str | Path | NetworkModel = "edge",
-        ask_from: int = NEAR,
-    ) -> "Planner":
-        """A planner of a ground, whose map is copied; other arguments and errors as of `of_elevation`."""
-        planner = cls.__new__(cls)
-        planner._begin(ground.state(omega, corner_cutting, lazy=lazy), model, ask_from)
-        return planner
-
-    def _begin(self, state: MapState, model: str | Path | NetworkModel, ask_from: int) -> None:
-        self._turns = Turns()
-        self._state, self._model, self._ask_from = state, model, ask_from
-        self._make_answers()
-
-    def _make_answers(self) -> None:
-        self._answers = Answers(self._state, self._model, self._ask_from)
-
-    def __getstate__(self) -> dict[str, object]:
-        """The map and the model: copies, pickled or not, are to be prepared anew."""
-        return {"_state": self._state, "_model": self._model, "_ask_from": self._ask_from}
-
-    def __setstate__(self, state: dict[str, object]) -> None:
-        self.__dict__.update(state, _turns=Turns())
-        self._make_answers()
-
-    def _begin_anew(self) -> None:
-        """Keep the map's weights alone: landmarks are gone, and the network is loaded again."""
-        self._state.begin_anew()
-        self._make_answers()
-
-    @property
-    def state(self) -> MapState:
-        """The map, its coarse levels and the log of its changes; to be changed by `update` alone."""
-        return self._state
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the map."""
-        return self._state.shape
-
-    @checked(InvalidQueryError)
-    @one_at_a_time
-    def use_model(self, model: str | Path | NetworkModel) -> None:
-        """Ask this network from now on. A name or a file is loaded and tried now; on an error the old one stays.
-
-        Raises
-        ------
-        ModelError
-            The model cannot be loaded.
-        """
-        self._model = self._answers.use_model(model)
+        own, rest = split(options)
+        rest.setdefault("warn", True)
+        return cls(Ground.of_elevation(dem, cell_size_m, traversability, **own), **rest)
 
     @one_at_a_time
     def load_network(self) -> None:
-        """Do now what the first query of ``nnpp`` would: load the network and show it the map.
-
-        Raises
-        ------
-        ModelError
-            The model cannot be loaded.
+        """Do now what the first query of ``nnpp`` would: load the network and show it the map. ModelError as of
+        `plan`.
         """
-        self._answers.planners.prepare_network()
-
-    @one_at_a_time
-    def touch(self) -> None:
-        """Have the system back the planner's arrays with memory now, rather than when they are first written to."""
-        touch(self._answers.planners.astar.workspace)
-        self._answers.planners.coarse_to_fine.touch()
-
-    @checked(InvalidQueryError)
-    @one_at_a_time
-    def update(self, row: int, col: int, patch: Float2D) -> int:
-        """Put new costs into the map.
-
-        On a map of elevations what costs tell is a layer of its own: a cell costs the greater of that and of what its
-        heights make of it, and is impassable where either says so. A body, and steps that cost
-        by the slope, take no more from a cost below 1 than that the cell is not impassable by what was told.
-
-        Parameters
-        ----------
-        row, col : int
-            Where the patch's first cell goes.
-        patch : (h, w) float
-            New costs; must lie inside the map. NaN is impassable on a map of costs, and tells a map of elevations
-            nothing.
-
-        Returns
-        -------
-        int
-            Number of cells that are other ones now.
-
-        Raises
-        ------
-        InvalidMapError
-            The patch does not lie inside the map, or holds a cost out of range. The map is as it was.
-        InvalidQueryError
-            Row or column is no whole number. The map is as it was.
-        """
-        return self._state.update(row, col, patch).cells
-
-    @checked(InvalidQueryError)
-    @one_at_a_time
-    def update_elevation(self, row: int, col: int, patch: Float2D) -> int:
-        """Put new elevations into a planner made by `of_elevation`.
-
-        Parameters
-        ----------
-        row, col : int
-            Where the patch's first cell goes.
-        patch : (h, w) float
-            Metres, NaN where unknown; must lie inside the map.
-
-        Returns
-        -------
-        int
-            Number of cells whose cost is another one now, those counted whose cost has not been computed yet.
-
-        Raises
-        ------
-        InvalidMapError
-            The patch does not lie inside the map, or the planner was made from costs. The map is as it was.
-        InvalidQueryError
-            Row or column is no whole number. The map is as it was.
-        """
-        return self._state.update_elevation(row, col, patch).cells
+        self._methods.load_network()
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -306,46 +111,9 @@ class Planner:
         Raises
         ------
         InvalidQueryError
-            More than 8 in all, or a goal that is outside the map or impassable.
+            More than 8 in all, steps that cost by their slope, or a goal that is outside the map or impassable.
         """
-        self._answers.planners.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
-
-    @checked(InvalidQueryError)
-    @one_at_a_time
-    def nearest(
-        self,
-        start: Cell,
-        goals: Sequence[Cell],
-        *,
-        count: int = 1,
-        **options: Unpack[PlanOptions],
-    ) -> list[tuple[int, Plan]]:
-        """Paths to the goals that cost least to reach, cheapest first.
-
-        Parameters
-        ----------
-        start : (row, col)
-            A cell.
-        goals : sequence of (row, col)
-            At least one.
-        count : int
-            How many are wanted.
-        **options : PlanOptions
-            As for `plan`; the time is each goal's own. Only exact methods are certain to know the order of goals that
-            are nearly as near.
-
-        Returns
-        -------
-        list of (int, Plan)
-            Numbers of the goals and the plans that lead there; last those that cannot be reached, if fewer than
-            `count` can. Goals that cannot be among the nearest, by the octile distance, are not planned to.
-
-        Raises
-        ------
-        InvalidQueryError
-            There is no goal, or as `plan`.
-        """
-        return self._answers.nearest(start, goals, count, options_of(**options))
+        self._methods.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
 
     def plan(self, start: Cell, goal: Cell, **options: Unpack[PlanOptions]) -> Plan:
         """A path from start to goal.
@@ -375,7 +143,52 @@ class Planner:
 
     @one_at_a_time
     def _plan_in_turn(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
-        return self._answers.plan(start, goal, wishes, work)
+        return self._planned(start, goal, wishes, work)
+
+    @checked(InvalidQueryError)
+    @one_at_a_time
+    def nearest(
+        self, start: Cell, goals: Sequence[Cell], *, count: int = 1, **options: Unpack[PlanOptions]
+    ) -> list[tuple[int, Plan]]:
+        """Paths to the goals that cost least to reach, cheapest first.
+
+        Parameters
+        ----------
+        start : (row, col)
+            A cell.
+        goals : sequence of (row, col)
+            At least one.
+        count : int
+            How many are wanted.
+        **options : PlanOptions
+            As for `plan`; the time is each goal's own. Only exact methods are certain to know the order of goals that
+            are nearly as near.
+
+        Returns
+        -------
+        list of (int, Plan)
+            Numbers of the goals and the plans that lead there; last those that cannot be reached, if fewer than
+            `count` can. Goals that cannot be among the nearest, by the octile distance, are not planned to.
+
+        Raises
+        ------
+        InvalidQueryError
+            There is no goal, or as `plan`.
+        """
+        if not len(goals):
+            raise InvalidQueryError("wanted at least one goal, got none")
+        if not count >= 1:
+            raise InvalidQueryError(f"count must be at least 1, got {count}")
+        cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
+        wishes = options_of(**options)
+        bounds = [self._state.grid.least_cost(begin, cell) for cell in cells]
+        plans: dict[int, Plan] = {}
+        for at in sorted(range(len(cells)), key=bounds.__getitem__):
+            known = sorted(plan.cost for plan in plans.values())
+            if len(known) >= count and known[count - 1] <= bounds[at]:
+                break
+            plans[at] = self._planned(begin, cells[at], wishes, Work())
+        return sorted(plans.items(), key=lambda item: (not item[1].ok, item[1].cost))[:count]
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -413,12 +226,27 @@ class Planner:
         InvalidQueryError
             A place between lies outside the map or is impassable, too many are to be ordered, or as `plan`.
         """
-        return self._answers.via(start, goal, via, best_order, options_of(**options))
+        wishes, grid = options_of(**options), self._state.grid
+        refining, deadline = Refinement.named(wishes.refine, grid), Deadline.within(wishes.time_limit_s)
+        between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
+        stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
+        memory = self._methods.astar.workspace
+        nearest = partial(costs_to_nearest, grid, stops, NEAREST_STOPS, memory, deadline)
+        found = tour(
+            lambda begin, end: self._on_grid(begin, end, wishes, Work(), deadline),
+            stops,
+            grid,
+            best_order=best_order,
+            nearest=nearest if wishes.method == Method.ASTAR else None,
+            finish=lambda leg: self._refined(leg, refining, wishes, deadline),
+            deadline=deadline,
+        )
+        return replace(found, plan=found.plan.over(self._state, self._refiner.places(found.plan.waypoints)))
 
     @checked(InvalidQueryError)
     @one_at_a_time
     def reach(self, start: Cell, within: float = math.inf) -> Float2D:
-        """What can be reached from a cell, and at what cost.
+        """Costs of reaching every cell from one.
 
         Parameters
         ----------
@@ -437,4 +265,65 @@ class Planner:
         InvalidQueryError
             The cell is not two integers, lies outside the map or is impassable; or `within` is below 0.
         """
-        return self._answers.reach(start, within)
+        return self._reach(start, within)
+
+    def _planned(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
+        refining = Refinement.named(wishes.refine, self._state.grid)
+        deadline = Deadline.within(wishes.time_limit_s)
+        return self._refined(self._on_grid(start, goal, wishes, work, deadline), refining, wishes, deadline)
+
+    def _on_grid(self, start: Cell, goal: Cell, wishes: Wishes, work: Work, deadline: Deadline) -> Plan:
+        """The plan by the search alone."""
+        query, methods, state = Query.of(start, goal, deadline, wishes.epsilon), self._methods, self._state
+        chosen, choice = methods.chooser.choose(wishes.method, query)
+        if problem := problem_with(state.grid, query.start, query.goal):
+            return Plan(problem, chosen, planner=chosen, reason=told(problem, query))
+        checked_before, found = state.checked, None
+        try:
+            if wishes.method == Method.AUTO and chosen is Method.ASTAR:
+                found = methods.search_briefly(query, work)
+                if found is None:
+                    chosen, choice = Method.CORRIDOR, f"{choice}, but the way is long"
+            found = found or methods.find(chosen, query, work)
+        except OutOfTimeError:
+            found = Found.too_late(Source.REGION)
+        return found.plan(
+            chosen,
+            work,
+            planner=chosen,
+            choice=choice,
+            keep_regions=wishes.keep_regions,
+            costs_computed=state.costs_computed,
+            checks=state.checked - checked_before,
+            along=state.along(found.search.path),
+        )
+
+    def _refined(self, plan: Plan, refining: Refinement | None, wishes: Wishes, deadline: Deadline) -> Plan:
+        """The plan, freed from the grid if that is asked for."""
+        return plan if refining is None else self._refiner.refined(plan, wishes.turning_radius_m, deadline)
+
+
+@checked(InvalidQueryError)
+def plan_path(
+    cost: Float2D,
+    start: Cell,
+    goal: Cell,
+    method: str = Method.AUTO,
+    step_cost: str = "paper",
+    corner_cutting: bool = True,
+    omega: float = PAPER_OMEGA,
+    *,
+    model: str | Path | NetworkModel = "edge",
+    epsilon: float = math.inf,
+    time_limit_s: float = math.inf,
+    refine: str | None = None,
+) -> Plan:
+    """Plan once, without keeping a planner; the arguments are those of `Planner` and `Planner.plan`.
+
+    Where the network is expected to be asked, its file is opened while the map is made ready.
+    """
+    query = Query(as_cell(start, "start"), as_cell(goal, "goal"))
+    if expects_network(method, getattr(cost, "shape", ()), model, query.apart):
+        begin_loading(model)
+    planner = Planner(cost, step_cost=step_cost, omega=omega, corner_cutting=corner_cutting, model=model)
+    return planner.plan(start, goal, method=method, epsilon=epsilon, time_limit_s=time_limit_s, refine=refine)

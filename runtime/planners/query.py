@@ -1,9 +1,8 @@
-"""What a planner is asked, and what its searches find on the way to a plan."""
+"""A planner's query, and what its searches find on the way to a plan."""
 
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple, TypedDict
 
 from nnpp_edge.runtime.arguments import checked
@@ -13,14 +12,13 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source, path_costs
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.stopwatch import Stopwatch
 
 
 class Query(NamedTuple):
-    """What was asked."""
+    """Where from and where to, how good, and until when."""
 
     start: Cell
     goal: Cell
@@ -87,16 +85,8 @@ options_of: Callable[..., Wishes] = checked(InvalidQueryError)(Wishes)
 """From keywords; InvalidQueryError for a value of another kind."""
 
 
-class PlannerOptions(TypedDict, total=False):
-    """Options of `Planner` and `Planner.of_elevation`."""
-
-    omega: float
-    corner_cutting: bool
-    model: str | Path | NetworkModel
-
-
 class Work(Stopwatch):
-    """What answering a query has taken so far."""
+    """Time and expansions of a query so far."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -107,7 +97,7 @@ class Work(Stopwatch):
 
 
 class Found(NamedTuple):
-    """What a method came to: the search that it ended with, and where that was made."""
+    """The search that a method ended with, and where that was made."""
 
     search: Search
     source: Source
@@ -122,12 +112,12 @@ class Found(NamedTuple):
 
     @classmethod
     def of(cls, grid: Grid, search: Search, source: Source, region: Region | None, work: Work) -> "Found":
-        """What a search of the map, or of a region of it, found."""
-        costs, bound = path_costs(grid, search.path), 0.0
+        """Of a search of the map, or of a region of it."""
+        costs, bound = grid.costs_of(search.path), 0.0
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
             start, goal = search.path[[0, -1]].tolist()
-            bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + grid.worth_of_height(start, goal))
+            bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + grid.steps.worth_of_height(start, goal))
         work.stage_ends("path")
         return cls(search, source, *costs, bound, region)
 
@@ -140,10 +130,6 @@ class Found(NamedTuple):
     def too_late(cls, source: Source) -> "Found":
         """Nothing: time was up before a search of the map could begin."""
         return cls(Search.without_path(Status.TIMEOUT), source, math.inf, math.inf, math.inf, 0.0, None)
-
-    def by_network(self, threshold: float, region: Region) -> "Found":
-        """The same, found by a network's region."""
-        return self._replace(threshold=threshold, network_region=region)
 
     def plan(
         self,
@@ -189,7 +175,7 @@ class Found(NamedTuple):
 
 
 def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
-    """What forbids planning between two cells, if anything does: one lies outside the map, or is impassable."""
+    """The reason not to plan between two cells, if there is one: one lies outside the map, or is impassable."""
     for cell, outside, blocked in (
         (start, Status.START_OUTSIDE_MAP, Status.START_BLOCKED),
         (goal, Status.GOAL_OUTSIDE_MAP, Status.GOAL_BLOCKED),
@@ -209,5 +195,5 @@ def told(problem: Status, query: Query) -> str:
 
 
 def in_words(problem: Status) -> str:
-    """What is wrong with a cell, by what `problem_with` says of it."""
+    """In words, what is wrong with a cell, by what `problem_with` says of it."""
     return "lies outside the map" if problem.endswith("OUTSIDE_MAP") else "is impassable"

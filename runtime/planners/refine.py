@@ -48,7 +48,7 @@ _ON_GRID = 1e-6
 
 
 class Refinement(StrEnum):
-    """What is made of the grid's path."""
+    """Ways to free a path from the grid."""
 
     ANY_ANGLE = "any-angle"
 
@@ -61,7 +61,7 @@ class Refinement(StrEnum):
             found = cls(name)
         except ValueError:
             raise InvalidQueryError(f"refine must be one of {', '.join(cls)}, got {name!r}") from None
-        if grid.directed is not None:
+        if grid.steps.by_slope:
             raise InvalidQueryError(
                 f"refine={name!r} prices lines by the map's cost: wanted step_cost='paper' or 'length', got steps "
                 "that cost by their slope"
@@ -77,33 +77,18 @@ class Line(NamedTuple):
 
 
 class Refiner:
-    """Frees paths of one map from the grid. Serves one thread at a time.
-
-    Parameters
-    ----------
-    state : MapState
-        The map.
-    """
+    """Frees paths of one map from the grid. Serves one thread at a time."""
 
     def __init__(self, state: MapState) -> None:
         self._state, self._grid = state, state.grid
-        self._body = None if state.grid.poses is None else BodyLines(state.grid)
+        self._body = BodyLines(state.grid) if state.grid.steps.by_poses else None
 
     def refined(self, plan: Plan, turning_radius_m: float | None = None, deadline: Deadline = NEVER) -> Plan:
         """The plan with way points, where it has a path; the time that this takes is its stage ``refine``.
 
-        From the deadline on nothing better is looked for: the line may then be the grid's path.
-
-        Parameters
-        ----------
-        turning_radius_m : float
-            No turn is to be sharper; by default the vehicle's. Where no such line is found near the path, the plan
-            says NO_PATH and why.
-
-        Raises
-        ------
-        InvalidQueryError
-            The radius is not positive, or the map's cells have no known size.
+        No turn is sharper than the radius, by default the vehicle's: where no such line is found near the path, the
+        plan says NO_PATH and why. From the deadline on nothing better is looked for: the line may then be the grid's
+        path. InvalidQueryError where the radius is not positive, or the map's cells have no known size.
         """
         wanted = self._state.turning_radius_m if turning_radius_m is None else turning_radius_m
         radius = self._radius(wanted)
@@ -207,9 +192,9 @@ class BodyLines:
         return np.concatenate([*legs, points[-1:]])
 
     def attitudes(self, points: Points) -> Attitudes:
-        """How the body stands at checked places (N, 2), each left for the next, the last as it is arrived at.
+        """How the body stands at checked places (N, 2), N at least 2, each left for the next, the last as arrived at.
 
-        As the check sees it: on steps of the grid the search's, elsewhere that of legs. Needs two places.
+        As the check sees it: on steps of the grid the search's, elsewhere that of legs.
         """
         found = stands_along(self.body, points)
         found[:3] = np.degrees(np.arctan(found[:3]))

@@ -17,6 +17,7 @@ from nnpp_edge.runtime.map.changes import ChangeReader
 from nnpp_edge.runtime.map.pyramid import quarters
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.query import Query, Work, problem_with
 from nnpp_edge.runtime.search.astar import Search, astar
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
@@ -36,13 +37,7 @@ class Searcher(Protocol):
 
 
 class AStarSearcher:
-    """A* afresh for each query, over the whole map or a region. Serves one thread at a time.
-
-    Parameters
-    ----------
-    state : MapState
-        The map.
-    """
+    """A* afresh for each query, over the whole map or a region. Serves one thread at a time."""
 
     def __init__(self, state: MapState) -> None:
         self.grid, self.workspace = state.grid, Workspace(len(state.grid.weights))
@@ -53,9 +48,10 @@ class AStarSearcher:
 
     def search(self, query: Query, work: Work, region: Region | None, *, limit: int | None = None) -> Search:
         """As `Searcher`; without a region the whole map, and after `limit` expansions it gives up with TIMEOUT."""
-        (start, goal, _, deadline), hints = query, self.landmarks
+        (start, goal, _, deadline), landmarks = query, self.landmarks
+        hints = landmarks.towards(goal) if landmarks else None
         found = astar(
-            self.grid, start, goal, self.workspace, region=region, landmarks=hints, limit=limit, deadline=deadline
+            self.grid, start, goal, self.workspace, region=region, hints=hints, limit=limit, deadline=deadline
         )
         work.expansions += found.expansions
         work.stage_ends("search")
@@ -63,22 +59,15 @@ class AStarSearcher:
 
     @property
     def landmarks(self) -> Landmarks | None:
-        """What `prepare` computed; None before, after a cell has become cheaper, and where weights lie far apart."""
+        """From `prepare`; None before, after a cell has become cheaper, and where weights lie far apart."""
         if self._changes is not None and any(change.cheaper for change in self._changes.read()):
             self._landmarks = self._changes = None
         return self._landmarks if self.grid.step_ratio <= MOST_RATIO_FOR_LANDMARKS else None
 
     def prepare(self, landmarks: int, goals: Sequence[Cell]) -> None:
-        """Set landmarks at these goals, and so many more spread over the map.
-
-        Raises
-        ------
-        InvalidQueryError
-            More than `MOST_LANDMARKS` in all, or any where steps are directed, or a goal that is outside the map or
-            impassable.
-        """
+        """Set landmarks at these goals, and so many more spread over the map; errors as of `Planner.prepare`."""
         count = landmarks + len(goals)
-        if count and self.grid.directed is not None:
+        if count and self.grid.steps.by_slope:
             raise InvalidQueryError("landmarks need steps that cost alike both ways: wanted step_cost='paper'")
         if not 0 <= count <= MOST_LANDMARKS:
             raise InvalidQueryError(f"landmarks and goals must be at most {MOST_LANDMARKS}, got {count}")
@@ -96,24 +85,20 @@ class RegionMender:
     """D* Lite in regions, kept from one query to the next. Serves one thread at a time.
 
     Worth it for queries towards one goal: another goal starts D* Lite afresh.
-
-    Parameters
-    ----------
-    state : MapState
-        The map.
     """
 
     def __init__(self, state: MapState) -> None:
         self._state = state
         self._dstar: DStarLite | None = None
         self._known: Region | None = None
-        """What D* Lite has searched; None where it has forgotten all."""
+        """Where D* Lite has searched; None where it has forgotten all."""
         self._latest: Region | None = None
-        """What was searched last, by D* Lite or afresh."""
+        """Where was searched last, by D* Lite or afresh."""
         self._restarts = 0
         """How often D* Lite had forgotten all by its last search."""
         self._saving_missed = 0.0
-        """What mending would have saved since it was last done, had it been done each time, in fresh searches."""
+        """Work that mending would have saved since it was last done, had it been done each time, in fresh searches.
+        """
         self._changes = state.log.reader()
         """Since the last region was searched."""
 
@@ -135,7 +120,7 @@ class RegionMender:
     def prepare(self, goal: Cell) -> None:
         """Do now what the first query to this goal would else do, all of the memory backed by the system."""
         dstar = self.expect(goal)
-        dstar.touch()
+        touch(dstar.memory)
         dstar.plan(goal)  # so that the cells left out are dealt with now
 
     def read(self, query: Query) -> None:
@@ -221,17 +206,7 @@ class RegionMender:
 
 
 class MendingSearcher:
-    """D* Lite in a region where that is expected to be less work than A* afresh, or always.
-
-    Parameters
-    ----------
-    mender : RegionMender
-        Keeps D* Lite.
-    fresh : AStarSearcher
-        Searches where mending is not worth it.
-    always : bool
-        Whether to mend whatever it takes.
-    """
+    """D* Lite in a region where that is expected to be less work than A* afresh; `always`, whatever it takes."""
 
     def __init__(self, mender: RegionMender, fresh: AStarSearcher, *, always: bool = False) -> None:
         self._mender, self._fresh, self._always = mender, fresh, always

@@ -49,7 +49,7 @@ class Footing(StrEnum):
 
 @dataclass(frozen=True)
 class Standing:
-    """What is left of the standing path, on the map as it is now."""
+    """The rest of the standing path, on the map as it is now."""
 
     footing: Footing
     index: int = -1
@@ -86,21 +86,16 @@ class StandingPath:
 
     What has changed it reads from the map's log when it is checked: that takes time by the cells of the path and
     those that changed, not by the map.
-
-    Parameters
-    ----------
-    state : MapState
-        The map; read, never written.
     """
 
     def __init__(self, state: MapState) -> None:
-        self._grid, self._by_parts = state.grid, state.grid.poses is not None or state.grid.directed is not None
+        self._grid, self._by_parts = state.grid, state.grid.steps.by_poses or state.grid.steps.by_slope
         nodes = 0 if self._by_parts else len(state.grid.weights)
         self._changes = state.log.reader(keeps_old_weights=not self._by_parts)
         self._parts: list[Rectangle] = []
         """Where poses or directed steps have changed since the path was set: of these no old costs are kept."""
         self._before = np.empty(nodes, np.float32)
-        """What changed nodes weighed when the path was set."""
+        """Weights of changed nodes when the path was set."""
         self._noted = np.zeros(nodes, np.int32)
         """The stamp, for nodes that stand in `_before`."""
         self._touched = np.empty(nodes, np.int32)
@@ -116,10 +111,7 @@ class StandingPath:
     def set(self, plan: Plan) -> None:
         """Follow this plan's path from now on; the plan must have been made on the map as it is now.
 
-        Raises
-        ------
-        InvalidQueryError
-            The plan has no path to the goal, or its path cannot be walked.
+        InvalidQueryError where it has no path to the goal, or the path cannot be walked.
         """
         if not plan.ok or not len(plan.path):
             raise InvalidQueryError(f"a standing path must lead to the goal, got a plan of status {plan.status}")
@@ -154,7 +146,7 @@ class StandingPath:
             return Standing(Footing.OFF_PATH)
         index, goal = int(hits[0]), (int(path[-1, 0]), int(path[-1, 1]))
         walked = float(self._walked[index])
-        straight = octile.py_func(*at, *goal, *grid.prices) + grid.worth_of_height(at, goal)
+        straight = octile.py_func(*at, *goal, *grid.prices) + grid.steps.worth_of_height(at, goal)
         rest = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self._plan.lower_bound - walked
         floor, lower = (max(bound, straight) for bound in self._bounds_now(rest, at, goal))
         blocked = self._grid.walk(path, index, self._scratch)
@@ -177,7 +169,7 @@ class StandingPath:
             )
 
     def _bounds_now(self, bounds: tuple[float, ...], at: Cell, goal: Cell) -> list[float]:
-        """What bounds the paths of now, given bounds of those on the map as it was."""
+        """Bounds of the paths of now, given bounds of those on the map as it was."""
         grid = self._grid
         if self._by_parts:
             by_way = min((self._by_way_of(part, at, goal) for part in self._parts), default=math.inf)
@@ -192,7 +184,7 @@ class StandingPath:
 
     def _by_way_of(self, part: Rectangle, at: Cell, goal: Cell) -> float:
         """The least that a path by way of a rectangle's cells costs."""
-        (row, col, rows, cols), cost = part, self._grid.worth_of_height(at, goal)
+        (row, col, rows, cols), cost = part, self._grid.steps.worth_of_height(at, goal)
         for end in (at, goal):
             nearest = min(max(end[0], row), row + rows - 1), min(max(end[1], col), col + cols - 1)
             cost += octile.py_func(*end, *nearest, *self._grid.prices)

@@ -14,7 +14,7 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.along import joined
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source, path_costs
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.query import in_words
 from nnpp_edge.runtime.stopwatch import Stopwatch
 
@@ -26,7 +26,6 @@ _TIE = 1e-5
 PlanLeg = Callable[[Cell, Cell], Plan]
 Order = tuple[int, ...]
 """Numbers of the places between, counted from 0 as they were given."""
-AtLeast = Callable[[Cell, Cell], float]
 Costs = NDArray[np.float64]
 Nearest = Callable[[], tuple[Costs, NDArray[np.bool_]]]
 
@@ -57,7 +56,7 @@ class Tour:
     given_cost: float = math.nan
 
     def told(self, on_the_ground: Callable[[Plan], Plan]) -> "Tour":
-        """The same tour with what the function adds to each of its plans."""
+        """This tour with what the function adds to each of its plans."""
         return replace(self, legs=tuple(map(on_the_ground, self.legs)), plan=on_the_ground(self.plan))
 
 
@@ -67,9 +66,7 @@ def tour(
     grid: Grid,
     *,
     best_order: bool = False,
-    at_least: AtLeast | None = None,
     nearest: Nearest | None = None,
-    symmetric: bool = True,
     finish: Callable[[Plan], Plan] = lambda leg: leg,
     deadline: Deadline = NEVER,
 ) -> Tour:
@@ -85,16 +82,11 @@ def tour(
         Of the map, filled where paths lead.
     best_order : bool
         Visit the places between in the order that costs least, by what lies between each two stops.
-    at_least : callable
-        What a path from one cell to another costs at the least; the better it knows, the fewer legs are planned for
-        the order. By default nothing.
     nearest : callable
         Gives what the cheapest paths between the stops cost, (N, N), and of which that is known; others cost at least
         as much. To be given where plans are the cheapest paths.
-    symmetric : bool
-        Whether a path costs the same both ways: then one plan serves a leg and its reverse.
     finish : callable
-        What is done to the plans of the legs in the end, and not to those that were made for the order alone.
+        Applied to the plans of the legs in the end, and not to those that were made for the order alone.
     deadline : Deadline
         When to stop looking for a better order: then it is the one given.
 
@@ -104,14 +96,14 @@ def tour(
         A place between start and goal lies outside the map or is impassable, or more than `MOST_ORDERED` are to be
         ordered.
     """
-    watch, legs = Stopwatch(), _Legs(plan, stops, symmetric)
+    watch, legs = Stopwatch(), _Legs(plan, stops, grid)
     count, given_cost = len(stops) - 2, math.nan
     order = tuple(range(count))
     if best_order and count:
         if count > MOST_ORDERED:
             raise InvalidQueryError(f"the best order is found of at most {MOST_ORDERED} places, got {count}")
         with suppress(OutOfTimeError):
-            order, given_cost = legs.best_order(at_least or (lambda begin, end: 0.0), nearest, deadline)
+            order, given_cost = legs.best_order(nearest, deadline)
     found = []
     for begin, end in legs.along(order):
         found.append(finish(legs.plan(begin, end)))
@@ -128,8 +120,10 @@ def tour(
 class _Legs:
     """Plans between stops, each made once."""
 
-    def __init__(self, plan: PlanLeg, stops: Sequence[Cell], symmetric: bool) -> None:
-        self._plan, self._stops, self._symmetric = plan, stops, symmetric
+    def __init__(self, plan: PlanLeg, stops: Sequence[Cell], grid: Grid) -> None:
+        self._plan, self._stops, self._grid = plan, stops, grid
+        self._symmetric = not grid.steps.by_slope
+        """Whether a path costs the same both ways: then one plan serves a leg and its reverse."""
         self._made: dict[tuple[int, int], Plan] = {}
 
     def plan(self, begin: int, end: int) -> Plan:
@@ -145,7 +139,7 @@ class _Legs:
             self._made[begin, end] = plan
         return self._made[begin, end]
 
-    def best_order(self, at_least: AtLeast, nearest: Nearest | None, deadline: Deadline) -> tuple[Order, float]:
+    def best_order(self, nearest: Nearest | None, deadline: Deadline) -> tuple[Order, float]:
         """The cheapest order of the stops between the first and the last, and what the order given costs.
 
         The order given, and NaN, where a leg that was planned has no path. The legs of the cheapest order by what is
@@ -154,7 +148,7 @@ class _Legs:
         """
         stops, given = self._stops, tuple(range(len(self._stops) - 2))
         known, legs = np.eye(len(stops), dtype=np.bool_), self.along(given)
-        costs = np.array([[at_least(begin, end) for end in stops] for begin in stops])
+        costs = np.array([[self._grid.least_cost(begin, end) for end in stops] for begin in stops])
         while legs:
             for leg in legs:
                 if not (plan := self.plan(*leg)).ok:
@@ -244,6 +238,6 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
         line_cost=sum(leg.line_cost for leg in legs),
         cost=sum(leg.cost for leg in legs),
         length=sum(leg.length for leg in legs),
-        traverse_cost=path_costs(grid, path)[2],
+        traverse_cost=grid.costs_of(path)[2],
         lower_bound=sum(leg.lower_bound for leg in legs),
     )

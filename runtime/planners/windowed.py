@@ -51,7 +51,7 @@ class VirtualWorkspace(Workspace):
 
 @dataclass(frozen=True)
 class Reading:
-    """What planning by windows has read."""
+    """Counts of what planning by windows has read."""
 
     cells_read: int
     """Heights; those that were read again are counted again."""
@@ -72,14 +72,8 @@ class WindowedPlanner:
     ----------
     heights : HeightWindows
         Of the map.
-    traversability : Traversability
-        Limits and weights of Eq. 1; the paper's if not given.
-    omega : float
-        Weight of T per grey level.
-    corner_cutting : bool
-        Whether a diagonal step may pass beside an impassable cell.
-    mobility : Mobility
-        By what time and energy along the way are computed.
+    traversability, omega, corner_cutting, mobility
+        As for `Planner.of_elevation`.
     progress : callable
         Called with what the map is read for, and the number of rows that have been read.
 
@@ -132,7 +126,7 @@ class WindowedPlanner:
         return math.isfinite(self._map.grid.least)
 
     def reading(self) -> Reading:
-        """What has been read so far."""
+        """Counts so far."""
         rows, cols = self.shape
         cells = self.costs.cells_read
         return Reading(cells, cells / (rows * cols) - 1.0, self._map_ms)
@@ -140,27 +134,9 @@ class WindowedPlanner:
     def plan(self, start: Cell, goal: Cell, *, epsilon: float = math.inf, time_limit_s: float = math.inf) -> Plan:
         """A path from start to goal.
 
-        Parameters
-        ----------
-        start, goal : (row, col)
-            Cells.
-        epsilon : float
-            The corridor is widened unless the path is certain to cost at most 1 + epsilon times the optimum. What the
-            wide one holds is taken; `Plan.bound` says how good it is.
-        time_limit_s : float
-            After this the status is TIMEOUT.
-
-        Returns
-        -------
-        Plan
-            NO_PATH where there is none. UNKNOWN where there is one, but not in a corridor; or no time to find out.
-
-        Raises
-        ------
-        InvalidQueryError
-            Start or goal are not two integers, or another number is out of range.
-        InvalidMapError
-            The cells under the corridor need more memory than there is.
+        As `Planner.plan`, but that the wide corridor is the last: what it holds is taken, whatever `epsilon`, and
+        `Plan.bound` says how good it is. UNKNOWN where there is a path, but not in a corridor, or no time to find
+        out. InvalidMapError where the cells under the corridor need more memory than there is.
         """
         return self._over(self._plan(start, goal, epsilon, Deadline.within(time_limit_s)))
 
@@ -211,7 +187,6 @@ class WindowedPlanner:
             [start, *between, goal],
             self._map.grid,
             best_order=best_order,
-            at_least=self._map.grid.least_cost,
             finish=self._over,
             deadline=deadline,
         )
@@ -245,24 +220,14 @@ class WindowedPlanner:
 
 
 class CorridorCells:
-    """A `Searcher` that reads what lies under a corridor before it searches there.
-
-    Parameters
-    ----------
-    state : StreamedMap
-        Whose finest level is filled.
-    costs : CostWindows
-        Of the map.
-    workspace : Workspace
-        Of the finest level.
-    """
+    """A `Searcher` that reads what lies under a corridor before it searches there."""
 
     def __init__(self, state: StreamedMap, costs: CostWindows, workspace: Workspace) -> None:
         self._map, self._costs, self._workspace = state, costs, workspace
         block_rows, block_cols = costs.heights.block
         self._unit = max(block_rows, LEAST_WINDOW), max(min(block_cols, 4 * LEAST_WINDOW), LEAST_WINDOW)
         self._known: dict[Cell, Rectangle] = {}
-        """What has been read, by the row and column of the unit that it lies in."""
+        """Rectangles that have been read, by the row and column of the unit that it lies in."""
 
     def search(self, query: Query, work: Work, region: Region) -> Search:
         """A* inside the region, whose cells, and those beside them, are read first."""

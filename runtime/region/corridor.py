@@ -19,10 +19,7 @@ from nnpp_edge.runtime.tuning import LANDMARK_PATIENCE, LEVEL_LANDMARKS, MOST_CE
 class CoarseLevel:
     """Scratch memory and landmarks for searches of one coarse level. Serves one search at a time.
 
-    Parameters
-    ----------
-    level : Level
-        The cells and their links; read as they are when a search begins.
+    The level's cells and links are read as they are when a search begins.
     """
 
     def __init__(self, level: Level) -> None:
@@ -31,8 +28,7 @@ class CoarseLevel:
         self.landmarks: Landmarks | None = None
         """Of the level as it was at `_version`."""
         self._version, self._spent = level.version, 0.0
-        self._reached = np.empty(nodes, np.float32)
-        self._queued = np.zeros(nodes, np.uint8)
+        self._reached, self._queued = np.empty(nodes, np.float32), np.zeros(nodes, np.uint8)
         self._queue = np.empty(1 << (nodes - 1).bit_length(), np.int32)
         self._bitmaps = np.zeros((2, 2 * grid.rows, 2 * grid.cols), np.int32)
         self._stamp = 0
@@ -42,34 +38,20 @@ class CoarseLevel:
     def search(
         self, start: Cell, goal: Cell, region: Region | None, *, beyond: float, deadline: Deadline = NEVER
     ) -> Search:
-        """`astar` on this level, by its landmarks where all of it is searched, from a query's goal to its start.
+        """`astar` on this level from a query's goal to its start, by landmarks where all of it is searched.
 
-        Directed steps are taken backwards, and have no landmarks.
-
-        Searches of a whole level get landmarks, one at a time, once they have expanded several times the cells
-        that this takes: so a map that is searched often is answered sooner, and one that changes loses little.
+        Directed steps are taken backwards, and have no landmarks. Else searches of a whole level get them, one at a
+        time, once they have expanded several times the cells that this takes: so a map that is searched often is
+        answered sooner, and one that changes loses little.
         """
         if self._version != self.level.version:
             self.landmarks, self._version, self._spent = None, self.level.version, 0.0
-        grid, ws, links, hints = (
-            self.grid,
-            self.workspace,
-            self.level.links,
-            self.landmarks if region is None else None,
-        )
+        grid, ws, links, back = self.grid, self.workspace, self.level.links, self.grid.steps.by_slope
+        hints = None if region is not None or self.landmarks is None else self.landmarks.towards(goal)
         found = astar(
-            grid,
-            start,
-            goal,
-            ws,
-            region=region,
-            links=links,
-            landmarks=hints,
-            backwards=grid.directed is not None,
-            beyond=beyond,
-            deadline=deadline,
+            grid, start, goal, ws, region, links=links, hints=hints, backwards=back, beyond=beyond, deadline=deadline
         )
-        if region is None and grid.directed is None and self.grid.cells <= MOST_CELLS_FOR_LANDMARKS:
+        if region is None and not back and grid.cells <= MOST_CELLS_FOR_LANDMARKS:
             self._spent += found.expansions
         return found
 
@@ -84,7 +66,7 @@ class CoarseLevel:
 
     def set_landmarks(self, count: int) -> Landmarks:
         """See to it that the level has so many landmarks, as far as there is place for them."""
-        self.landmarks = self.landmarks or Landmarks(self.grid, self.workspace, links=self.level.links)
+        self.landmarks = self.landmarks or Landmarks(self.grid, self.workspace, self.level.links)
         self.landmarks.spread(count)
         return self.landmarks
 
@@ -114,36 +96,25 @@ class CoarseLevel:
         finer_workspace: Workspace,
         deadline: Deadline = NEVER,
     ) -> Region:
-        """What the next finer level is to search, as a region of that level.
+        """Where to search the next finer level, around what the last search here found, from the goal to `start`.
+
+        The region's bitmap is overwritten by the call after the next. OutOfTimeError at the deadline.
 
         Parameters
         ----------
-        found : Search
-            The last search here, from the goal to `start`, that settled the band.
-        start : (row, col)
-            Where the query starts.
-        radius : int
-            The quarters of cells within so many of the path's belong to the region.
-        band : float
-            So do those of cells on paths that cost at most 1 + `band` times as much.
+        radius, band
+            As in `tuning.CorridorWidth`: cells within so many quarters of the path's, and those on paths that cost
+            at most 1 + `band` times as much, which the search settled.
         finer, finer_workspace
             The next finer level, and the memory of its search.
-        deadline : Deadline
-            When to give up with OutOfTimeError.
-
-        Returns
-        -------
-        Region
-            Its bitmap is overwritten by the call after the next.
         """
         self._stamp += 1
         marks = self._bitmaps[self._stamp % 2], self._stamp
         ws, below, grid = self.workspace, finer.grid, self.grid
         searched, scratch = (ws.g, ws.meta, ws.stamp), (self._reached, self._queued, self._queue)
         ahead = below.weights, below.stride, below.rows, below.cols, finer_workspace.meta
-        links, node = self.level.links, grid.node(*start)
-        edges = None if grid.directed is None else grid.directed.edges
-        width = radius, band, deadline.at
-        surround(grid.packed, edges, links, node, searched, scratch, found.path, width, marks, ahead)
+        edges, width = grid.steps.packed()[1], (radius, band, deadline.at)
+        node, path = grid.node(*start), found.path
+        surround(grid.packed, edges, self.level.links, node, searched, scratch, path, width, marks, ahead)
         deadline.check()
         return Region(marks[0], *finer.quarters, self._stamp)

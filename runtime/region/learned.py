@@ -9,7 +9,7 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.pyramid import Level
-from nnpp_edge.runtime.map.region import Lookup, Region
+from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.region.map_view import MapView
@@ -20,7 +20,7 @@ from nnpp_edge.runtime.tuning import WIDENED_BLOCKS, WIDENED_THRESHOLD
 
 
 class NetworkAnswer(NamedTuple):
-    """What the network made of a query."""
+    """A network's answer to a query."""
 
     threshold: float
     """The adaptive threshold td, a probability."""
@@ -29,16 +29,9 @@ class NetworkAnswer(NamedTuple):
 
 
 class LearnedRegions:
-    """Regions from a network's answers, for one map. The network is loaded when first needed.
+    """Regions from a network's answers, for one map; with `MapView`'s arguments.
 
-    Parameters
-    ----------
-    state : MapState
-        The map.
-    model : str, Path or NetworkModel
-        As for `MapView`.
-    unseen_change : float
-        As for `MapView`.
+    The network is loaded when first needed; ModelError where it cannot be.
     """
 
     def __init__(self, state: MapState, model: str | Path | NetworkModel, unseen_change: float = 0.0) -> None:
@@ -52,18 +45,12 @@ class LearnedRegions:
         self._finder = RegionFinder(1)
 
     def prepare(self, level: Level, number: int) -> None:
-        """Do now what the first query on this level, the pyramid's of that number, would do before it is answered.
-
-        Raises
-        ------
-        ModelError
-            The model cannot be loaded.
-        """
+        """Do now what the first query on this level, the pyramid's of that number, would do before it is answered."""
         view = self._loaded_view(Stopwatch())
         view.lookup_at(level.grid, number)
         view.refresh()
         if view.network.in_parts:
-            view.network.answer((0.0, 0.0), (1.0, 1.0))
+            view.network.try_out()
 
     def regions(
         self,
@@ -84,33 +71,21 @@ class LearnedRegions:
         ----------
         start, goal : (row, col)
             Cells of the map.
-        level, number
-            The pyramid's level of that number.
-        workspace : Workspace
-            Of the level's grid.
+        level, number, workspace
+            The pyramid's level of that number, and memory of its grid.
         stopwatch : Stopwatch
             The stages ``encode``, ``inference`` and ``threshold`` are timed by it, and ``load`` where the model's
             file had to be opened, or was just being opened by another thread.
         deadline : Deadline
             When to give up with OutOfTimeError. Neither loading nor running a network can be stopped; it is not run
             where its fastest run so far took longer than there is time left.
-
-        Raises
-        ------
-        ModelError
-            The model cannot be loaded.
         """
         view = self._loaded_view(stopwatch)
         places = view.show(start, goal, deadline)
         deadline.check()
         view.network.check_time(deadline)
-        if view.network.in_parts:
-            stopwatch.stage_ends("encode")
-            probability = view.network.answer(*places)
-        else:
-            view.network.set_query(*places)
-            stopwatch.stage_ends("encode")
-            probability = view.network.run()
+        stopwatch.stage_ends("encode")
+        probability = view.network.answer(*places)
         stopwatch.stage_ends("inference")
         deadline.check()
         factor, finder, share = FACTOR**number, self._finder, view.network.metadata.region_factor
@@ -120,23 +95,22 @@ class LearnedRegions:
         td = finder.first(probability, level, workspace, lookup, ends, share, touching=touching, deadline=deadline)
         answer = NetworkAnswer(probability_of(td), Region(finder.at_td, *view.lookup, finder.stamp))
         stopwatch.stage_ends("threshold")
-        return answer, self._widening(view, td, ends, lookup, bool(number), stopwatch)
 
-    def _widening(
-        self, view: MapView, td: int, ends: Ends, lookup: Lookup, coarse: bool, stopwatch: Stopwatch
-    ) -> Iterator[Region | None]:
-        """The region that is marked, a wider one, and with `coarse` None."""
-        finder, share = self._finder, view.network.metadata.region_factor
-        if td > 0:
-            yield finder.region(lookup)
-            finder.mark(lowered(td, share * WIDENED_THRESHOLD), ends.start_block, ends.goal_block, WIDENED_BLOCKS)
-            stopwatch.stage_ends("threshold")
-            yield finder.region(lookup)
-        if coarse:
-            yield None
+        def widening() -> Iterator[Region | None]:
+            if td > 0:
+                yield finder.region(lookup)
+                finder.mark(lowered(td, share * WIDENED_THRESHOLD), ends.start_block, ends.goal_block, WIDENED_BLOCKS)
+                stopwatch.stage_ends("threshold")
+                yield finder.region(lookup)
+            if number:
+                yield None
+
+        return answer, widening()
 
     def _loaded_view(self, stopwatch: Stopwatch) -> MapView:
         if self._view is None:
-            self._view = MapView(self._state, self.model, self._unseen_change, stopwatch)
+            self._view = MapView(self._state, self.model, self._unseen_change)
             self._finder = RegionFinder(self._view.blocks)
+            if self._view.network.waited:
+                stopwatch.stage_ends("load")
         return self._view

@@ -1,4 +1,4 @@
-"""What the network is shown of a map: a window, averaged to the network's size, brought up to date when needed."""
+"""The network's view of a map: a window, averaged to the network's size, brought up to date when needed."""
 
 import math
 import warnings
@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, Rectangle, common
 from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.kernels.encoding import mean_difference
 from nnpp_edge.runtime.kernels.pooling import FACTOR
-from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, StepCost
-from nnpp_edge.runtime.network.encoding import Frame, Point, map_planes, mean_difference
+from nnpp_edge.runtime.network.encoding import Frame, Point, map_planes
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import STRIPE_CELLS, WINDOW_ROUNDING, WINDOW_SHARE
 
 
@@ -29,58 +28,55 @@ class MapView:
     state : MapState
         The map.
     model : str, Path or NetworkModel
-        A shipped model's name, a file, or a model already loaded, whose session is then shared.
+        A shipped model's name, a file, or a model already loaded, whose session is then shared; ModelError where it
+        cannot be loaded.
     unseen_change : float
         With 0, what the network is shown depends on the map and the query alone. Else a network in two parts is
         shown a changed map only once more than this share of the cells it saw is different, and so is its view of
         them (by the mean difference of a cell's cost, and of its share of impassable cells, in [0, 1]); and it is
         shown another window only where the standing one does not hold start and goal, or is over four times as wide
         as need be.
-    stopwatch : Stopwatch
-        Times the stage ``load``, where the model's file had to be waited for.
-
-    Raises
-    ------
-    ModelError
-        The model cannot be loaded.
     """
 
-    def __init__(
-        self,
-        state: MapState,
-        model: str | Path | NetworkModel,
-        unseen_change: float = 0.0,
-        stopwatch: Stopwatch | None = None,
-    ) -> None:
+    def __init__(self, state: MapState, model: str | Path | NetworkModel, unseen_change: float = 0.0) -> None:
         self.network = model.share() if isinstance(model, NetworkModel) else NetworkModel(model)
-        if self.network.waited and stopwatch is not None:
-            stopwatch.stage_ends("load")
-        metadata = self.network.metadata
+        metadata, steps = self.network.metadata, state.grid.model
         self.size, self.blocks = metadata.input_size, metadata.blocks
         self._grid = state.grid
-        _warn_of_another_omega(state, self.network)
         self._unseen_change = unseen_change if self.network.in_parts else 0.0
         self.planes: NDArray[np.float32] = np.empty((2, self.size, self.size), np.float32)
         """The window at the network's size, as it was when the network was last shown it, or later."""
         self._shown = np.full_like(self.planes, np.inf)
-        """What the network saw last."""
+        """The planes that the network saw last."""
         self._counted, self._averaged = state.log.reader(), state.log.reader()
         """Up to where changes are counted in the drift, and up to where they are averaged in the planes."""
         self._drift = math.inf
         """Share of the window that has changed since the network saw it: by its cells or, where measured, planes."""
         self._show_window((0, 0, *self._grid.shape))
+        trained = GREY_LEVELS * metadata.omega
+        if steps.kind is StepCost.PAPER and not 0.5 * trained <= steps.scale <= 2.0 * trained:
+            warnings.warn(
+                f"the network {metadata.name} was trained for omega = {metadata.omega:g}, the planner uses "
+                f"{steps.scale / GREY_LEVELS:g}: its regions may miss the optimum by more than stated",
+                stacklevel=11,
+            )
 
     def show(self, start: Cell, goal: Cell, deadline: Deadline = NEVER) -> tuple[Point, Point]:
         """Show the network what a query between two cells needs of the map; where they lie, in network cells.
 
         At the deadline OutOfTimeError: the next call goes on from there.
         """
-        self._count_changes()
+        for change in self._counted.read():
+            if change.rescaled or common(change.part, self.window):
+                cells = self._grid.cells if change.rescaled else change.cells
+                self._drift += cells / (self.window[2] * self.window[3])
         if (window := self._window_for(start, goal)) != self.window:
             self._show_window(window)
         if self._drift and self._differs(deadline):
             self.refresh(deadline)
-        return self._place(start), self._place(goal)
+        row, col = self.window[:2]
+        places = [self.frame.place((cell[0] - row, cell[1] - col)) for cell in (start, goal)]
+        return places[0], places[1]
 
     def refresh(self, deadline: Deadline = NEVER) -> None:
         """Show the network the window as it is now."""
@@ -112,12 +108,10 @@ class MapView:
         self.window = window
         row0, col0, rows, cols = window
         self.frame = Frame(rows, cols, self.size)
-        lookup = []
-        inner = self.frame.lookup(self.blocks)
-        for first, seen, cells in zip((row0, col0), inner, self._grid.shape, strict=True):
-            whole = np.full(cells, self.blocks, np.int32)  # outside: the bitmap's last row or column
+        # cells outside the window lie in the bitmap's last row or column
+        lookup = [np.full(cells, self.blocks, np.int32) for cells in self._grid.shape]
+        for whole, first, seen in zip(lookup, (row0, col0), self.frame.lookup(self.blocks), strict=True):
             whole[first : first + len(seen)] = seen
-            lookup.append(whole)
         self.lookup: Lookup = (lookup[0], lookup[1])
         """The block that each row and column of the map lies in."""
         self._level_lookups: dict[int, tuple[Lookup, bool]] = {}
@@ -127,14 +121,6 @@ class MapView:
         self.planes[:] = 1.0
         self._stale = [(0, 0, rows, cols)]
         """Rectangles of the window that the planes are not of."""
-
-    def _count_changes(self) -> None:
-        """Add what changed in the window to the drift."""
-        _, _, rows, cols = self.window
-        for change in self._counted.read():
-            if change.rescaled or common(change.part, self.window):
-                cells = self._grid.cells if change.rescaled else change.cells
-                self._drift += cells / (rows * cols)
 
     def _differs(self, deadline: Deadline) -> bool:
         """Whether the network should be shown the map again."""
@@ -146,68 +132,47 @@ class MapView:
 
     def _average_changes(self, deadline: Deadline) -> None:
         """Bring the planes up to date with the map."""
-        self._stale += [part for change in self._averaged.read() if (part := self._part_of_window(change))]
+        row0, col0, rows, cols = self.window
+        for change in self._averaged.read():
+            if change.rescaled:
+                self._stale.append((0, 0, rows, cols))
+            elif part := common(change.part, self.window):
+                self._stale.append((part[0] - row0, part[1] - col0, *part[2:]))
         while self._stale:
             deadline.check()
             row, col, rows, cols = self._stale[-1]
             tall = rows if deadline.at == math.inf else min(max(STRIPE_CELLS // cols, 1), rows)
-            self._average((row, col, tall, cols))
+            stripe = (row, col, tall, cols)
+            if (tiles := self._grid.tiles) is not None:
+                tiles.planes(self.window, self.frame.inner, [stripe], self.planes)
+            else:
+                map_planes(self._grid, self.frame, self.planes, [stripe], (row0, col0))
             self._stale[-1:] = [(row + tall, col, rows - tall, cols)] if tall < rows else []
 
-    def _part_of_window(self, change: Change) -> Rectangle | None:
-        """The changed part in the window's own rows and columns; None outside it."""
-        row0, col0, rows, cols = self.window
-        if change.rescaled:
-            return (0, 0, rows, cols)
-        part = common(change.part, self.window)
-        return part and (part[0] - row0, part[1] - col0, *part[2:])
-
-    def _average(self, part: Rectangle) -> None:
-        """Bring the planes up to date with a part of the window."""
-        grid, (row0, col0, _, _) = self._grid, self.window
-        if grid.tiles is not None:
-            grid.tiles.planes(self.window, self.frame.inner, [part], self.planes)
-            return
-        first = grid.weights[row0 * grid.stride + col0 :]
-        map_planes(first, grid.stride, self.frame, *grid.as_traversability(), self.planes, [part])
-
     def _window_for(self, start: Cell, goal: Cell) -> Rectangle:
-        """What to show the network: a square around start and goal where it shows them finer than the whole map.
+        """A square around start and goal where it shows them finer than the whole map, else that.
 
         Its side is twice the distance, so that there is room for detours, and its corners are rounded: a robot
         on its way sees the same window for a while.
         """
-        rows, cols = self._grid.shape
-        unit, apart = WINDOW_ROUNDING, max(abs(start[0] - goal[0]), abs(start[1] - goal[1]))
+        shape, unit = self._grid.shape, WINDOW_ROUNDING
+        apart = max(abs(start[0] - goal[0]), abs(start[1] - goal[1]))
         side = max((2 * apart // unit + 2) * unit, self.size)
         if self._unseen_change and max(self.window[2:]) <= 4 * side and self._holds(start, goal):
             return self.window
-        if side > WINDOW_SHARE * max(rows, cols):
-            return (0, 0, rows, cols)
-        corner = [
+        if side > WINDOW_SHARE * max(shape):
+            return (0, 0, *shape)
+        row, col = (
             min(max((a + b - side + unit) // (2 * unit) * unit, 0), max(cells - side, 0))
-            for a, b, cells in zip(start, goal, (rows, cols), strict=True)
-        ]
-        return corner[0], corner[1], min(side, rows), min(side, cols)
+            for a, b, cells in zip(start, goal, shape, strict=True)
+        )
+        return row, col, min(side, shape[0]), min(side, shape[1])
 
     def _holds(self, *cells: Cell) -> bool:
         """Whether the window holds these cells, and an eighth of its side around them where the map goes on."""
-        row, col, rows, cols = self.window
-        low_row, low_col = row + rows // 8 if row else 0, col + cols // 8 if col else 0
-        high_row = row + rows - (rows // 8 if row + rows < self._grid.rows else 0)
-        high_col = col + cols - (cols // 8 if col + cols < self._grid.cols else 0)
-        return all(low_row <= r < high_row and low_col <= c < high_col for r, c in cells)
-
-    def _place(self, cell: Cell) -> Point:
-        return self.frame.place((cell[0] - self.window[0], cell[1] - self.window[1]))
-
-
-def _warn_of_another_omega(state: MapState, network: NetworkModel) -> None:
-    model, metadata = state.grid.model, network.metadata
-    trained = GREY_LEVELS * metadata.omega
-    if model.kind is StepCost.PAPER and not 0.5 * trained <= model.scale <= 2.0 * trained:
-        warnings.warn(
-            f"the network {metadata.name} was trained for omega = {metadata.omega:g}, "
-            f"the planner uses {model.scale / GREY_LEVELS:g}: its regions may miss the optimum by more than stated",
-            stacklevel=12,
-        )
+        for axis, whole in enumerate(self._grid.shape):
+            first, side = self.window[axis], self.window[axis + 2]
+            low, high = first + side // 8 * (first > 0), first + side - side // 8 * (first + side < whole)
+            if not all(low <= cell[axis] < high for cell in cells):
+                return False
+        return True

@@ -9,22 +9,11 @@ from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.kernels.connection import label_rows, renumber
 
 
-def connected(
-    bands: Iterable[Float2D], ends: Endpoints, *, ceiling: float = 1.0, corner_cutting: bool = True
-) -> bool:
-    """Whether there is a path between two passable cells.
+def connected(bands: Iterable[Float2D], ends: Endpoints, *, corner_cutting: bool = True) -> bool:
+    """Whether there is a path between two cells whose costs are below 1.
 
-    Parameters
-    ----------
-    bands : iterable of (h, w) float32
-        Costs of the map's rows, from top to bottom. It is read no further than is needed.
-    ends : ((row, col), (row, col))
-        Cells.
-    ceiling : float
-        Costs below it are passable.
-    corner_cutting : bool
-        Whether a diagonal step may pass beside an impassable cell. One that may not connects nothing that straight
-        steps do not.
+    `bands` are (h, w) float32 costs of the map's rows, from top to bottom, read no further than is needed. Without
+    `corner_cutting` a diagonal step connects nothing that straight steps do not.
     """
     above = parents = numbers = np.empty(0, np.int32)
     found, used, row = np.zeros(2, np.int32), 1, 0
@@ -34,7 +23,7 @@ def connected(
         if len(parents) < used + cost.size:
             parents = np.arange(len(above) + 4 + cost.size, dtype=np.int32)
             numbers = np.zeros(len(parents), np.int32)
-        used = label_rows(cost, ceiling, corner_cutting, above, parents, used, row, ends, found)
+        used = label_rows(cost, 1.0, corner_cutting, above, parents, used, row, ends, found)
         row += len(cost)
         used = renumber(parents, above, found, numbers)
         if found.all() and found[0] == found[1]:

@@ -1,10 +1,8 @@
 """D* Lite: exact planning on a map that changes, towards one goal, from a start that moves.
 
-Koenig and Likhachev, "D* Lite" (AAAI 2002), in its optimised form: it searches from the goal to the start,
-keeps what it found, and after a change mends only what the change touched and the path needs.
-
-Costs are counted in whole units, of which the map's cheapest step has about a million. Sums of them are exact
-in float64, so the equalities and the order of keys that the algorithm's proof rests on hold to the letter.
+Koenig and Likhachev, "D* Lite" (AAAI 2002), in its optimised form. Costs are counted in whole units, of which the
+map's cheapest step has about a million. Sums of them are exact in float64, so the equalities and the order of keys
+that the algorithm's proof rests on hold to the letter.
 """
 
 import math
@@ -15,26 +13,11 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
-from nnpp_edge.runtime.kernels.dstar import (
-    EXACT,
-    SETTLED,
-    SPARE_SLOTS,
-    STALE,
-    UNREAD,
-    begin,
-    descend,
-    expand,
-    least_known,
-    mend,
-    octile,
-    read_rectangle,
-    read_rows,
-)
+from nnpp_edge.runtime.kernels import dstar as kernels
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepCost
-from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 from nnpp_edge.runtime.tuning import MOST_RATIO_FOR_DSTAR
@@ -49,27 +32,21 @@ def serves(grid: Grid) -> bool:
 
 
 class DStarMemory:
-    """What one D* Lite search knows of each node that has been read, and its open list."""
+    """One D* Lite search's knowledge of each node that has been read, and its open list."""
 
     def __init__(self, nodes: int, headings: int = 1) -> None:
         self.costs = np.empty(headings * nodes, np.float32)
         """Weight of each node in units, whole numbers; inf where impassable or outside the region. By headings."""
-        self.walls = np.empty(nodes, np.uint8)
-        """Whether a node is impassable on the map itself, region or none: what corners are judged by."""
-        self.inside = np.empty(nodes, np.uint8)
-        """Whether the region holds a node."""
+        self.walls, self.inside = np.empty(nodes, np.uint8), np.empty(nodes, np.uint8)
+        """Whether the map itself is impassable there, which corners are judged by; whether it is in the region."""
         self.state = np.empty(2 * nodes, np.float64)
         """g of node n at 2n, rhs at 2n + 1."""
-        self.position = np.empty(nodes, np.int32)
-        """Where a node stands on the open list."""
-        self.firsts = np.empty(nodes + SPARE_SLOTS)
-        """First part of the key at each slot of the heap; inf where there is none."""
-        self.seconds = np.zeros(nodes + SPARE_SLOTS)
-        """Second part of it."""
-        self.heap_nodes = np.empty(nodes, np.int32)
-        self.changed = np.empty(nodes + 1, np.int32)
+        self.position, self.heap_nodes = np.empty(nodes, np.int32), np.empty(nodes, np.int32)
+        """Where a node stands on the open list, and the node at each place of it."""
+        self.firsts, self.seconds = np.empty(nodes + kernels.SPARE_SLOTS), np.zeros(nodes + kernels.SPARE_SLOTS)
+        """The two parts of the key at each place of the heap, the first inf where there is none."""
+        self.changed, self.is_changed = np.empty(nodes + 1, np.int32), np.zeros(nodes, np.uint8)
         """Nodes one of whose steps has changed since the last plan, each once, and a spare place."""
-        self.is_changed = np.zeros(nodes, np.uint8)
         self.terrain = self.costs, self.walls, nodes if headings > 1 else 0
         self.known = self.costs, self.walls, self.inside
         self.heap = self.position, self.firsts, self.seconds, self.heap_nodes
@@ -77,18 +54,9 @@ class DStarMemory:
 
 
 class DStarLite:
-    """Plans on one map towards one goal, again and again. Serves one thread at a time.
+    """Plans on one map towards one goal, again and again, in a region if given. Serves one thread at a time.
 
-    What changed it reads from the map's log, and mends its search when it is asked for a path.
-
-    Parameters
-    ----------
-    state : MapState
-        The map.
-    goal : (row, col)
-        A cell of the map.
-    region : Region
-        As for `set_region`, to begin with.
+    It reads from the map's log what changed, and mends its search when it is asked for a path.
 
     Notes
     -----
@@ -99,38 +67,29 @@ class DStarLite:
 
     def __init__(self, state: MapState, goal: Cell, region: Region | None = None) -> None:
         self._grid = state.grid
-        self._poses, self._directed = self._grid.packed_poses, self._grid.packed_edges()
+        self._poses, directed = self._grid.steps.packed()
+        self._edges = None if directed is None else (directed, UNITS / self._grid.prices[0])
         self._changes = state.log.reader()
-        self._memory = DStarMemory(len(self._grid.weights), 1 if self._poses is None else len(HEADINGS))
+        self.memory = DStarMemory(len(self._grid.weights), 1 if self._poses is None else len(HEADINGS))
+        """To be read only."""
+        self.open_nodes = 0
+        """Number of nodes on the open list."""
         self._everywhere = Region.everywhere(*self._grid.shape)
         self._region = region or self._everywhere
         self._blocks = self._region.blocks()
-        self._rows_left = np.full(self._grid.rows + 2, UNREAD, np.uint8)
+        self._rows_left = np.full(self._grid.rows + 2, kernels.UNREAD, np.uint8)
         self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
-        self._pending, self._size, self._km = 0, 0, 0.0
-        self._edges: tuple[NDArray[np.float32], float] | None = None
+        self._rows_to_check: list[tuple[int, int, int, int]] = []
+        """Changed rows whose poses are not yet checked: that takes long, so it heeds the deadline."""
+        self._pending, self._km = 0, 0.0
         self._restarts, self._begun = 0, False
         self.set_goal(goal)
-
-    def touch(self) -> None:
-        """Have the system back all arrays with memory now."""
-        touch(self._memory)
-
-    @property
-    def memory(self) -> DStarMemory:
-        """What is known of each node, and the open list; to be read only."""
-        return self._memory
 
     @property
     def restarts(self) -> int:
         """How often all that was found has been forgotten by now: with a new goal, or as cells became too cheap."""
         self._read_changes()
         return self._restarts
-
-    @property
-    def open_nodes(self) -> int:
-        """Number of nodes on the open list."""
-        return self._size
 
     @property
     def goal(self) -> Cell:
@@ -150,7 +109,7 @@ class DStarLite:
             return
         left, self._start = self._start, node
         (row, col), (to_row, to_col) = self._grid.cell(left), self._grid.cell(node)
-        self._km += float(octile(to_row - row, to_col - col, self._prices))
+        self._km += float(kernels.octile(to_row - row, to_col - col, self._prices))
         if self._region is not self._everywhere:  # start and goal count as inside it
             for cell in ((row, col), (to_row, to_col)):
                 self._read_rectangle((*cell, 1, 1))
@@ -168,23 +127,20 @@ class DStarLite:
             differs = (blocks != self._blocks).any(axis=1)
         self._region, self._blocks = region, blocks
         rows = self._rows_left[1:-1]
-        np.maximum(rows, np.where(differs[region.row_block], STALE, 0), out=rows, casting="unsafe")
+        np.maximum(rows, np.where(differs[region.row_block], kernels.STALE, 0), out=rows, casting="unsafe")
 
     def reach(self) -> float:
-        """How far changes reach: the share of the way, by cost, that lies between the start and the farthest of them.
+        """Share of the way, by cost, that lies between the start and the farthest change: it may have to be mended.
 
-        Returns
-        -------
-        float
-            From 0 (none matters: all lie behind the start, or where no search has come) to 1 (at the goal, or the
-            start lies where no search has come, and a change does not). What was found on that part of the way may
-            have to be mended.
+        From 0 (none matters: all lie behind the start, or where no search has come) to 1 (at the goal, or the start
+        lies where no search has come, and a change does not).
         """
         self._read_changes()
-        if (self._rows_left == UNREAD).any():
+        self._check_rows(NEVER)
+        if (self._rows_left == kernels.UNREAD).any():
             return 0.0
-        memory = self._memory
-        nearest = least_known(memory.changed, self._pending, memory.inside, memory.state)
+        memory = self.memory
+        nearest = kernels.least_known(memory.changed, self._pending, memory.inside, memory.state)
         whole = min(memory.state[2 * self._start : 2 * self._start + 2].tolist())
         if not math.isfinite(nearest):
             return 0.0
@@ -195,68 +151,49 @@ class DStarLite:
 
         The next call goes on from there.
         """
+        self._check_rows(deadline)
         if not self._rows_left.any():
             return
         if self._poses is None:
             self._grid.complete(deadline)
-        memory = self._memory
-        region = self._blocks, self._region.row_block, self._region.col_block
-        self._pending = read_rows(
-            self._rows_left,
-            region,
-            self._source,
-            self._poses,
-            memory.known,
-            memory.state,
-            memory.heap,
-            memory.noted,
-            self._pending,
-            deadline.at,
-        )
+        memory, region = self.memory, (self._blocks, self._region.row_block, self._region.col_block)
+        ground, found = (region, self._source, self._poses), (memory.known, memory.state, memory.heap, memory.noted)
+        self._pending = kernels.read_rows(self._rows_left, *ground, *found, self._pending, deadline.at)
         if self._rows_left.any():
             raise OutOfTimeError
         if not self._begun:
-            self._size, self._begun = begin(self._goal, memory.state, memory.heap), True
+            self.open_nodes, self._begun = kernels.begin(self._goal, memory.state, memory.heap), True
 
     def plan(self, start: Cell, *, deadline: Deadline = NEVER) -> Search:
         """Cheapest path from `start` to the goal on the map as it is now.
 
-        Parameters
-        ----------
-        start : (row, col)
-            A cell of the map.
-        deadline : Deadline
-            When to give up with TIMEOUT. The next call goes on from there.
-
-        Returns
-        -------
-        Search
-            What a fresh search would find, and where several paths cost the same perhaps another of them; NO_PATH
-            also where start or goal is impassable.
+        Where several cost the same it may be another than a fresh search's. NO_PATH also where start or goal is
+        impassable; TIMEOUT at the deadline, from where the next call goes on.
         """
         self.move_start(start)
         self._read_changes()
-        expansions, memory = 0, self._memory
+        expansions, memory = 0, self.memory
         try:
             self.read(deadline)
-        except OutOfTimeError:
-            return Search.without_path(Status.TIMEOUT)
-        ends = memory.costs.reshape(-1, len(memory.inside))[:, [self._start, self._goal]]
-        if np.isfinite(ends).any(0).all():
+            ends = memory.costs.reshape(-1, len(memory.inside))[:, [self._start, self._goal]]
+            if not np.isfinite(ends).any(0).all():
+                return Search.without_path(Status.NO_PATH)
             for afresh in (False, True):
                 if afresh:
                     self._restart()
                 settled, expanded = self._search(deadline)
                 expansions += expanded
                 if not settled:
-                    return Search.without_path(Status.TIMEOUT, expansions)
-                if not math.isfinite(memory.state[2 * self._start + 1]):
                     break
+                if not math.isfinite(memory.state[2 * self._start + 1]):
+                    return Search.without_path(Status.NO_PATH, expansions)
                 if len(path := self._trace()):
                     return Search(Status.OK, path, expansions)
             else:
                 raise InvalidMapError(f"no step may cost more than {MOST_RATIO_FOR_DSTAR:g} times the cheapest")
-        return Search.without_path(Status.NO_PATH, expansions)
+        except OutOfTimeError:
+            pass
+        return Search.without_path(Status.TIMEOUT, expansions)
 
     def _node(self, cell: Cell, name: str) -> int:
         if not self._grid.holds(cell):
@@ -278,32 +215,30 @@ class DStarLite:
     def _restart(self) -> None:
         """Forget the search, and read the whole map at the present prices."""
         self._restarts += 1
-        if self._directed is None:
-            self._set_prices()
-        else:
-            self._factor, self._steps = 0.0, (0.0, 0.0, 1.0)
-            scale = UNITS / self._grid.prices[0]
-            straight, diagonal = (float(np.rint(scale * price)) for price in self._grid.prices)
-            self._edges, self._prices = (self._directed, scale), (straight, min(diagonal, 2.0 * straight))
-        memory = self._memory
+        self._set_prices()
+        memory = self.memory
         memory.is_changed[memory.changed[: self._pending]] = 0
-        memory.firsts[-SPARE_SLOTS:] = np.inf
+        memory.firsts[-kernels.SPARE_SLOTS :] = np.inf
         self._changes.skip()
-        self._pending, self._km, self._size, self._begun = 0, 0.0, 0, False
-        self._rows_left[:] = UNREAD
+        self._rows_to_check.clear()
+        self._pending, self._km, self.open_nodes, self._begun = 0, 0.0, 0, False
+        self._rows_left[:] = kernels.UNREAD
 
     def _set_prices(self) -> None:
         """Units, and the heuristic's prices in them, by the least weight that is reckoned with."""
         model = self._grid.model
-        straight = model.step(0, 2.0 * self._least)
-        scale = UNITS / straight if straight > 0.0 else UNITS
-        self._factor = scale * model.weight_term[0]
-        diagonal_per_straight = model.weight_term[1] / model.weight_term[0]
-        lengths = [float(round(scale * length)) for length in model.length_term]
-        self._steps = lengths[0], lengths[1], diagonal_per_straight
-        cheapest = 2.0 * float(np.float32(np.rint(self._factor * self._least)))
-        straight = self._steps[0] + cheapest
-        diagonal = self._steps[1] + math.floor(diagonal_per_straight * cheapest)
+        if self._edges is not None:
+            self._factor, self._steps = 0.0, (0.0, 0.0, 1.0)
+            straight, diagonal = (float(np.rint(self._edges[1] * price)) for price in self._grid.prices)
+        else:
+            straight = model.step(0, 2.0 * self._least)
+            scale = UNITS / straight if straight > 0.0 else UNITS
+            self._factor = scale * model.weight_term[0]
+            diagonal_per_straight = model.weight_term[1] / model.weight_term[0]
+            straight, diagonal = (float(round(scale * length)) for length in model.length_term)
+            self._steps = straight, diagonal, diagonal_per_straight
+            cheapest = 2.0 * float(np.float32(np.rint(self._factor * self._least)))
+            straight, diagonal = straight + cheapest, diagonal + math.floor(diagonal_per_straight * cheapest)
         self._prices = (straight, min(diagonal, 2.0 * straight))
 
     def _read_changes(self) -> None:
@@ -311,64 +246,55 @@ class DStarLite:
         changes, least = self._changes.read(), self._grid.least
         if not changes:
             return
-        if self._directed is not None:
-            for change in changes:
-                self._read_rectangle(change.part)
-        elif least < self._least:
+        step, by_weight = self._grid.model.step, self._edges is None
+        # whether units of the present prices cannot tell apart what the dearest steps cost
+        too_coarse = step(0, 2.0 * self._grid.greatest) > MOST_RATIO_FOR_DSTAR * step(0, 2.0 * self._least)
+        if by_weight and least < self._least:
             self._least = 0.5 * least
             if self._grid.model.kind is StepCost.PAPER and self._least < 1e-2:
                 self._least = 0.0
             self._restart()
-        elif self._least < least and self._too_coarse:
+        elif by_weight and self._least < least and too_coarse:
             self._least = least
             self._restart()
         else:
-            for change in changes:
-                self._read_rectangle(change.part)
+            for row, col, rows, cols in (change.part for change in changes):
+                if self._poses is None:
+                    self._read_rectangle((row, col, rows, cols))
+                else:
+                    self._rows_to_check += [(row + r, col, 1, cols) for r in range(rows)]
 
-    @property
-    def _too_coarse(self) -> bool:
-        """Whether units of the present prices cannot tell apart what the dearest steps cost."""
-        step, dearest = self._grid.model.step, self._grid.greatest
-        return step(0, 2.0 * dearest) > MOST_RATIO_FOR_DSTAR * step(0, 2.0 * self._least)
+    def _check_rows(self, deadline: Deadline) -> None:
+        """Read what waits in `_rows_to_check`; at the deadline OutOfTimeError."""
+        while self._rows_to_check:
+            self._read_rectangle(self._rows_to_check[-1])
+            self._rows_to_check.pop()
+            deadline.check()
 
     def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
-        memory = self._memory
-        self._pending = read_rectangle(
-            part,
-            self._rows_left,
-            self._source,
-            self._poses,
-            self._edges,
-            memory.known,
-            memory.noted,
-            self._pending,
-        )
+        memory = self.memory
+        ground = self._rows_left, self._source, self._poses, self._edges
+        self._pending = kernels.read_rectangle(part, *ground, memory.known, memory.noted, self._pending)
 
     def _search(self, deadline: Deadline) -> tuple[bool, int]:
         """Mend the search until the start is settled: whether it is, and the number of expansions."""
-        memory = self._memory
-        if self._km > 0.5 * EXACT:
+        memory = self.memory
+        if self._km > 0.5 * kernels.EXACT:
             self._restart()
-        try:
-            self.read(deadline)
-        except OutOfTimeError:
-            return False, 0
+        self.read(deadline)
         search, known = self._packed_search, (memory.terrain, self._edges, memory.state, memory.heap)
-        self._pending, self._size = mend(self._pending, search, *known, self._size, memory.noted, deadline.at)
+        at, size = deadline.at, self.open_nodes
+        self._pending, size = kernels.mend(self._pending, search, *known, size, memory.noted, at)
+        self.open_nodes = size
         if self._pending:
             return False, 0
-        code, expansions, self._size = expand(search, *known, self._size, deadline.at)
-        return code == SETTLED, expansions
+        code, expansions, self.open_nodes = kernels.expand(search, *known, size, at)
+        return code == kernels.SETTLED, expansions
 
     def _trace(self) -> NDArray[np.int32]:
         """The path; empty if following g does not lead to the goal, which only rounding can bring about."""
-        memory, grid, length = self._memory, self._grid, 0
-        search = self._packed_search
-        path = np.empty((256, 2), np.int32)
-        for _ in range(2):
-            length = descend(search, memory.terrain, self._edges, memory.state, grid.cells, path)
-            if length <= len(path):
-                break
+        search, path = self._packed_search, np.empty((256, 2), np.int32)
+        known = search, self.memory.terrain, self._edges, self.memory.state
+        while (length := kernels.descend(*known, self._grid.cells, path)) > len(path):
             path = np.empty((length, 2), np.int32)
         return path[:length].copy()

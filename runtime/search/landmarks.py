@@ -1,10 +1,7 @@
 """Landmarks: the costs from a few cells to all others, computed once, sharpen the heuristic of every search.
 
 For a landmark l the triangle inequality gives cost(n, goal) >= |d(l, n) - d(l, goal)|: the greatest over the
-landmarks is a lower bound, and a consistent one (ALT, Goldberg and Harrelson 2005). So the optimum stays the
-optimum, while cells that lie away from it are no longer expanded. A landmark at the goal itself makes the
-bound exact, and a search goes straight along an optimal path.
-
+landmarks is a lower bound, and a consistent one (ALT, Goldberg and Harrelson 2005); at the goal itself it is exact.
 The bounds outlive changes of the map by which no cell becomes cheaper: costs then only rise above them.
 """
 
@@ -12,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.expansion import LANES, read_lane
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.search.astar import Links, settle_all
+from nnpp_edge.runtime.search.astar import Hints, Links, settle_all
 from nnpp_edge.runtime.search.workspace import Workspace
 
 MOST_LANDMARKS = LANES
@@ -27,19 +23,12 @@ _RIM = ((0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.0, 0.5), (1.0, 0.5), 
 
 
 class Landmarks:
-    """Costs from up to eight cells of a grid to all others.
+    """Costs from at most `MOST_LANDMARKS` cells of a grid to all others.
 
-    Parameters
-    ----------
-    grid : Grid
-        The map.
-    workspace : Workspace
-        Scratch memory of the grid's size.
-    links : (nodes,) uint8
-        As in `astar`.
+    `workspace` is scratch memory of the grid's size; `links` are as in `astar`.
     """
 
-    def __init__(self, grid: Grid, workspace: Workspace, *, links: Links = None) -> None:
+    def __init__(self, grid: Grid, workspace: Workspace, links: Links = None) -> None:
         self._grid, self._workspace, self._links = grid, workspace, links
         self.cells: list[Cell] = []
         """Where the landmarks stand."""
@@ -48,18 +37,9 @@ class Landmarks:
         self._slack = 0.0
 
     def add(self, cell: Cell) -> None:
-        """Set a landmark at a passable cell: one search of the whole map.
-
-        Raises
-        ------
-        InvalidQueryError
-            All eight are taken.
-        """
-        lane = len(self.cells)
-        if lane == LANES:
-            raise InvalidQueryError(f"there is room for {LANES} landmarks, got one more")
-        ws = self._workspace
-        settle_all(self._grid, cell, ws, links=self._links)
+        """Set a landmark at a passable cell: one search of the whole map."""
+        ws, lane = self._workspace, len(self.cells)
+        settle_all(self._grid, cell, ws, self._links)
         read_lane(ws.g, ws.meta, ws.stamp, self.fields, lane)
         self.cells.append(cell)
         costs = self.fields[:, lane]
@@ -72,28 +52,26 @@ class Landmarks:
         behind almost any goal. Each stands on the nearest cell that is connected to the first landmark or,
         when there is none yet, to the cell nearest the middle.
         """
-        grid, missing = self._grid, count - len(self.cells)
-        if missing <= 0:
+        if len(self.cells) >= (count := min(count, LANES)):
             return
+        grid, ws = self._grid, self._workspace
         grid.complete()
         connected = np.isfinite(grid.weights)
         if self.cells:
             connected &= np.isfinite(self.fields[:, 0])
         elif (middle := _nearest(connected, grid, 0.5, 0.5)) is not None:
-            ws = self._workspace
-            settle_all(grid, middle, ws, links=self._links)
+            settle_all(grid, middle, ws, self._links)
             connected = ws.meta[1::2] >> STAMP_SHIFT == ws.stamp
         for spot in _RIM:
-            if missing == 0:
+            if len(self.cells) == count:
                 return
             cell = _nearest(connected, grid, *spot)
             if cell is not None and cell not in self.cells:
                 self.add(cell)
-                missing -= 1
 
-    def towards(self, goal: int) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
-        """The ``hints`` of a search to a goal's node: the fields, theirs at the goal, and what they may be off by."""
-        return self.fields, self.fields[goal].copy(), self._slack
+    def towards(self, goal: Cell) -> Hints:
+        """Hints of a search to a goal: the fields, theirs at the goal, and what they may be off by."""
+        return self.fields, self.fields[self._grid.node(*goal)].copy(), self._slack
 
 
 def _nearest(chosen: NDArray[np.bool_], grid: Grid, up: float, left: float) -> Cell | None:

@@ -1,8 +1,7 @@
 """Scratch memory of the searches, allocated once for a map's size and never cleared.
 
-A node's g and its `meta` word stand side by side, in one cache line. The meta word holds the number of the
-search that wrote it, so what an earlier search left reads as unvisited, and starting a search costs
-nothing that grows with the map.
+A node's g and its `meta` word stand side by side, in one cache line. The meta word holds the number of the search
+that wrote it: what an earlier search left reads as unvisited, and to start one costs nothing that grows with the map.
 """
 
 import sys
@@ -19,20 +18,6 @@ LAST_STAMP = (1 << (31 - STAMP_SHIFT)) - 1
 MOST_KEPT = 1 << 23
 """Numbers in the memory that a workspace leaves to the next one; more (32 MiB) is not kept."""
 Int32s = NDArray[np.int32]
-PackedWorkspace = tuple[
-    NDArray[np.float32],
-    Int32s,
-    int,
-    Int32s,
-    Int32s,
-    NDArray[np.int64],
-    NDArray[np.float64],
-    NDArray[np.int64],
-    Int32s,
-]
-"""A workspace as `expand` takes it: (g, meta, stamp, heads, entries, control, reals, counts, path)."""
-
-
 _KEPT: dict[int, tuple[Int32s, list[int]]] = {}
 """The memory of the newest workspace of each size, and the number of the last search in it: of four sizes at most."""
 _IN_USE = 3
@@ -40,10 +25,10 @@ _IN_USE = 3
 
 
 def _memory(size: int) -> tuple[Int32s, list[int]]:
-    """So many numbers for a workspace, and that of the last search in them.
+    """Memory of this size for a workspace, and the number of the last search in it.
 
-    To a search whatever an earlier one left reads as unvisited, so memory that was used is as good as new. New memory
-    takes longer: it is cleared first, or given by the system page by page.
+    Memory that was used is as good as new. New memory takes longer: it is cleared first, or given by the system page
+    by page.
     """
     kept = _KEPT.pop(size, None)  # from now on no other thread finds it
     if kept is None or sys.getrefcount(kept[0]) >= _IN_USE:
@@ -64,8 +49,7 @@ class Workspace:
         """g of node n at 2n."""
         self.meta: Int32s = state
         """stamp, open bit and direction of node n at 2n + 1."""
-        self.heads = np.empty(BUCKETS, np.int32)
-        self.control = np.zeros(CONTROL_SLOTS, np.int64)
+        self.heads, self.control = np.empty(BUCKETS, np.int32), np.zeros(CONTROL_SLOTS, np.int64)
         self.entries = np.empty(2 * min(max(nodes // 2, 1024), 1 << 16), np.int32)
         self.reals, self.counts = np.zeros(4), np.zeros(2, np.int64)
         self.path = np.empty((min(nodes, 4096), 2), np.int32)
@@ -80,8 +64,8 @@ class Workspace:
         self._searches[0] = number
 
     @property
-    def packed(self) -> PackedWorkspace:
-        """All of it, for the newest search."""
+    def packed(self) -> tuple[NDArray[np.generic] | int, ...]:
+        """All of it, for the newest search, as `expand` takes it."""
         state = self.g, self.meta, self.stamp
         return *state, self.heads, self.entries, self.control, self.reals, self.counts, self.path
 
@@ -89,9 +73,9 @@ class Workspace:
         """Number of a new search; all nodes read as unvisited to it."""
         if self.stamp == LAST_STAMP:
             self.meta[1::2] = 0
-            self._searches[0] = 0
-        self._searches[0] += 1
-        return self._searches[0]
+            self.stamp = 0
+        self.stamp += 1
+        return self.stamp
 
     @property
     def least_open(self) -> float:

@@ -1,10 +1,8 @@
 """Traversability cost of an elevation map (NNPP, arXiv 2308.04792v3, Eq. 1).
 
-A plane is fitted by least squares to each cell's 3×3 patch. Its tilt is the slope; the root mean square
-of the patch's distances from it is the roughness; the distance of the cell's own point from it is the
-elevation difference. Distances are taken at right angles to the plane. The paper leaves open which point's
-distance makes the elevation difference and how the residuals are summed up: this module is the one place
-where that is decided.
+A plane is fitted by least squares to each cell's 3×3 patch. Its tilt is the slope, the root mean square of the
+patch's distances from it the roughness, the cell's own distance the elevation difference, all at right angles to the
+plane. Which point's distance counts, and how residuals are summed up, the paper leaves open; it is decided here.
 """
 
 import math
@@ -17,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.cells import Rectangle, common
 from nnpp_edge.runtime.errors import InvalidMapError, shown
 from nnpp_edge.runtime.kernels.traversability import count_saturated, fill_terms, fill_weights
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
@@ -28,7 +26,7 @@ TERMS = ("slope", "roughness", "elevation difference")
 @checked(InvalidMapError)
 @dataclass(frozen=True)
 class Traversability:
-    """What the rover can take: the limits and weights of Eq. 1, and the hard limits.
+    """Limits of the rover and weights of Eq. 1, and the hard limits.
 
     The defaults are the paper's, made for a rover with wheels of decimetres on cells of a metre or less;
     on coarser cells the two lengths saturate (see `SaturationWarning`).
@@ -49,7 +47,6 @@ class Traversability:
     hard_step_m: float = math.inf
 
     def __post_init__(self) -> None:
-        """Refuse limits that are not positive and weights that do not sum to 1."""
         if not 0.0 < self.slope_limit_deg < 90.0:
             raise InvalidMapError(f"slope limit must lie in (0, 90) degrees, got {self.slope_limit_deg}")
         for name in ("roughness_limit_m", "step_limit_m", "hard_slope_deg", "hard_roughness_m", "hard_step_m"):
@@ -113,16 +110,11 @@ def traversability_cost(
     """
     heights, _ = relative_heights(dem)
     rule = (traversability or Traversability()).rule(*sides_of(cell_size_m, cell_width_m))
-    cost: Float2D = np.empty(heights.shape, np.float32)
-    flat, (rows, cols) = heights.reshape(-1), heights.shape
-
-    def fill(row0: int, row1: int) -> None:
-        fill_weights(flat, rows, cols, rule, (row0, row1, 0, cols), cost.reshape(-1), 0, cols)
-
-    in_bands(fill, rows, cols)
+    (rows, cols), known, cost = heights.shape, heights.reshape(-1), np.empty(heights.size, np.float32)
+    in_bands(lambda top, end: fill_weights(known, rows, cols, rule, (top, end, 0, cols), cost, 0, cols), rows, cols)
     if warn:
         warn_of_saturation(heights, rule)
-    return cost
+    return cost.reshape(heights.shape)
 
 
 @checked(InvalidMapError)
@@ -135,25 +127,11 @@ def update_cost(
     *,
     cell_width_m: float | None = None,
 ) -> Rectangle:
-    """Bring `cost` up to date after `dem` has changed in a rectangle.
+    """Bring `cost`, (H, W) float32, up to date in place after `dem` has changed in a rectangle.
 
-    Only that rectangle and the rim of one cell around it are computed; both are clipped to the map.
-
-    Parameters
-    ----------
-    cost : (H, W) float32
-        Written in place.
-    dem : (H, W) float
-        Elevation in metres, the change already in it.
-    changed : (row, col, rows, cols)
-        The cells of `dem` that changed.
-    cell_size_m, traversability, cell_width_m
-        As for `traversability_cost`.
-
-    Returns
-    -------
-    (row, col, rows, cols)
-        The cells of `cost` that were computed; rows or cols is 0 where the rectangle misses the map.
+    Only that rectangle of (row, col, rows, cols) and the rim of one cell around it are written, clipped to the map:
+    what is returned, with no rows and columns where it misses the map. The other arguments are as for
+    `traversability_cost`.
     """
     values = unmasked(dem)
     shape = values.shape
@@ -161,15 +139,14 @@ def update_cost(
         got = f"{cost.shape} {cost.dtype}" if isinstance(cost, np.ndarray) else shown(cost)
         raise InvalidMapError(f"cost must be {shape} float32, got {got}")
     rule = (traversability or Traversability()).rule(*sides_of(cell_size_m, cell_width_m))
-    part = with_rim(changed, shape)
-    if part[2] == 0:
-        return part
-    (row, col, rows, cols), (row0, col0, high, wide) = part, with_rim(part, shape)
-    heights, _ = relative_heights(values[row0 : row0 + high, col0 : col0 + wide])
-    new = np.empty((rows, cols), np.float32)
-    area = (row - row0, row - row0 + rows, col - col0, col - col0 + cols)
-    fill_weights(heights.reshape(-1), high, wide, rule, area, new.reshape(-1), -area[0] * cols - area[2], cols)
-    cost[row : row + rows, col : col + cols] = new
+    row, col, rows, cols = part = with_rim(changed, shape)
+    if rows:
+        row0, col0, high, wide = with_rim(part, shape)
+        heights, _ = relative_heights(values[row0 : row0 + high, col0 : col0 + wide])
+        area = (row - row0, row - row0 + rows, col - col0, col - col0 + cols)
+        new = np.empty((rows, cols), np.float32)
+        fill_weights(heights.reshape(-1), high, wide, rule, area, new.reshape(-1), -area[0] * cols - area[2], cols)
+        cost[row : row + rows, col : col + cols] = new
     return part
 
 
@@ -210,11 +187,8 @@ def relative_heights(dem: ArrayLike, base: float | None = None) -> tuple[Float2D
 def with_rim(part: Rectangle, shape: tuple[int, ...]) -> Rectangle:
     """A rectangle and the cells around it, as far as they lie on the map; no rows and columns where it misses it."""
     row, col, rows, cols = part
-    row0, row1 = max(row - 1, 0), min(row + rows + 1, shape[0])
-    col0, col1 = max(col - 1, 0), min(col + cols + 1, shape[1])
-    if rows < 1 or cols < 1 or row0 >= row1 or col0 >= col1:
-        return (0, 0, 0, 0)
-    return (row0, col0, row1 - row0, col1 - col0)
+    whole = common((row - 1, col - 1, rows + 2, cols + 2), (0, 0, shape[0], shape[1]))
+    return whole if whole and rows > 0 and cols > 0 else (0, 0, 0, 0)
 
 
 def warn_of_saturation(heights: Float2D, rule: NDArray[np.float64], stacklevel: int = 4) -> None:

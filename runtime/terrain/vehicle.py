@@ -7,6 +7,7 @@ See docs/vehicle.md for what follows, and `kernels.poses` for the check.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -32,8 +33,8 @@ class Vehicle:
     """A body on wheels, or on tracks, each of which is a row of wheels with long contact patches; or a disc.
 
     The wheels stand in pairs, symmetric about the body's middle, on `axles` axles that are evenly spaced over the
-    wheelbase. A value of None is taken from the others. A disc has a radius and nothing else: it may not touch
-    impassable cells, and needs no elevations.
+    wheelbase. A disc has a radius and nothing else but a turning radius: it may not touch impassable cells, and needs
+    no elevations.
     """
 
     length_m: float = 0.0
@@ -44,33 +45,30 @@ class Vehicle:
     max_tilt_deg: float = 25.0
     """Steepest inclination of the body in any direction, in (0, 90)."""
     max_pitch_deg: float | None = None
-    """Steepest inclination along the heading; None for the tilt's."""
     max_roll_deg: float | None = None
-    """Steepest inclination across the heading; None for the tilt's."""
+    """Steepest inclination along the heading, and across it; None for the tilt's."""
     max_step_m: float | None = None
     """Greatest difference of heights under one wheel's contact patch; None for the clearance."""
     axles: int = 2
     wheelbase_m: float | None = None
-    """From the first axle to the last; None for the length less a wheel's."""
     track_m: float | None = None
-    """From the left wheels' middles to the right ones'; None for the width less a wheel's."""
+    """From first axle to last, and from left wheels' middles to right ones'; None for the body less a wheel."""
     wheel_length_m: float | None = None
-    """Of a contact patch, along the heading; None for an eighth of the body's length."""
     wheel_width_m: float | None = None
-    """Of a contact patch; None for an eighth of the body's width."""
+    """Of a contact patch, along the heading and across it; None for an eighth of the body's."""
     unknown_passes: bool = False
     """Whether unknown cells count as no higher and no lower than those that are known; else none may lie below."""
     radius_m: float | None = None
-    """Of a disc, of which no more is known."""
+    """Of a disc."""
     turning_radius_m: float | None = None
     """Of the sharpest turn on a path freed from the grid; None where the vehicle turns on the spot."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no body: InvalidMapError."""
         if self.radius_m is not None:
             self._check_metres(_LARGEST_M, "radius_m")
             self._check_metres(_WIDEST_TURN * self.radius_m, "turning_radius_m")
-            if self._has_more:
+            of_a_disc = "radius_m", "turning_radius_m"
+            if any(getattr(self, each.name) != each.default for each in fields(self) if each.name not in of_a_disc):
                 raise InvalidMapError("a vehicle with a radius is a disc: wanted no other values beside radius_m")
             return
         self._check_metres(_LARGEST_M, "length_m", "width_m")
@@ -79,35 +77,31 @@ class Vehicle:
         self._check_metres(_TALLEST * longest, "clearance_m", "max_step_m")
         self._check_metres(_WIDEST_TURN * longest, "turning_radius_m")
         self._check_metres(math.inf, "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m")
-        for name in ("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < 90.0:
+        for name, value in self._given("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
+            if not 0.0 < value < 90.0:
                 raise InvalidMapError(f"{name} must lie in (0, 90) degrees, got {value}")
-            if value is not None and value <= 0.5 * math.pi:
-                raise InvalidMapError(
-                    f"{name} must be in degrees, above {0.5 * math.pi:.2f}, got {value} "
-                    f"({math.degrees(value):.3g}° if that is in radians)"
-                )
+            if value <= 0.5 * math.pi:
+                meant = f"{math.degrees(value):.3g}° if that is in radians"
+                raise InvalidMapError(f"{name} must be in degrees, above {0.5 * math.pi:.2f}, got {value} ({meant})")
         if type(self.axles) is not int or self.axles not in range(2, 9):
             raise InvalidMapError(f"axles must be a whole number from 2 to 8, got {self.axles}")
-        (base, track), (long, wide) = self.stance_m, self.contact_m
-        for name, apart, contact, most in (
-            ("wheelbase_m", base, long, self.length_m),
-            ("track_m", track, wide, self.width_m),
-        ):
+        names, sides = ("wheelbase_m", "track_m"), (self.length_m, self.width_m)
+        for name, apart, contact, most in zip(names, self.stance_m, self.contact_m, sides, strict=True):
             if not 0.0 < apart <= (most - contact) * (1.0 + _INSIDE):
                 raise InvalidMapError(
                     f"the wheels must lie under the body: {name} must be at most {most:g} m less a contact patch of "
                     f"{contact:g} m and more than 0, got {apart:g}"
                 )
 
+    def _given(self, *names: str) -> Iterator[tuple[str, float]]:
+        return ((name, value) for name in names if (value := getattr(self, name)) is not None)
+
     def _check_metres(self, most: float, *names: str) -> None:
         """Refuse what is no length, and what is so long for the body that it must be in another unit."""
-        for name in names:
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
+        for name, value in self._given(*names):
+            if not 0.0 < value < math.inf:
                 raise InvalidMapError(f"{name} must be a positive number of metres, got {value}")
-            if value is not None and value > most:
+            if value > most:
                 raise InvalidMapError(
                     f"{name} must be in metres, at most {most:g} for such a vehicle, got {value:g} "
                     f"({value / 1000.0:g} m if that is in millimetres)"
@@ -119,13 +113,6 @@ class Vehicle:
         return self.radius_m is not None
 
     @property
-    def _has_more(self) -> bool:
-        of_a_disc = "radius_m", "turning_radius_m"
-        return any(
-            getattr(self, field.name) != field.default for field in fields(self) if field.name not in of_a_disc
-        )
-
-    @property
     def contact_m(self) -> tuple[float, float]:
         """Length and width of a wheel's contact patch."""
         long = self.length_m / 8.0 if self.wheel_length_m is None else self.wheel_length_m
@@ -135,8 +122,8 @@ class Vehicle:
     def stance_m(self) -> tuple[float, float]:
         """Wheelbase and track."""
         long, wide = self.contact_m
-        base = self.length_m - long if self.wheelbase_m is None else self.wheelbase_m
-        return base, self.width_m - wide if self.track_m is None else self.track_m
+        base, track = self.wheelbase_m, self.track_m
+        return self.length_m - long if base is None else base, self.width_m - wide if track is None else track
 
     @property
     def wheels_m(self) -> NDArray[np.float64]:
@@ -166,9 +153,8 @@ class Footprint(NamedTuple):
     """The cells that a pose of one heading takes to check, as (row, col) from the pose's own."""
 
     wheels: list[NDArray[np.int64]]
-    """(N, 2) cells that bound the heights under each wheel."""
     belly: NDArray[np.int64]
-    """(N, 2) cells that bound the ground below the body."""
+    """(N, 2) cells that bound the heights under each wheel, and the ground below the body."""
     places: NDArray[np.float64]
     """(N, 2) metres, where the belly's cells lie: ahead of the body's middle and to the left of it."""
     half_step: float
@@ -178,7 +164,7 @@ class Footprint(NamedTuple):
 
 
 def footprint(vehicle: Vehicle, heading: int, dy: float, dx: float) -> Footprint:
-    """What lies under the body on cells of `dy` × `dx` metres.
+    """Cells under the body, where a cell has `dy` × `dx` metres.
 
     On its way from a cell to the next the body is at most half a step from a checked pose. The belly's cells are
     those under it all along that half step, both ways. Wheels need that along diagonals alone: between two cells of
@@ -187,20 +173,16 @@ def footprint(vehicle: Vehicle, heading: int, dy: float, dx: float) -> Footprint
     """
     row, col = HEADINGS[heading]
     step = math.hypot(row * dy, col * dx)
-    ahead = np.array((row * dy, col * dx)) / step
+    ahead, half_step, diagonal = np.array((row * dy, col * dx)) / step, 0.5 * step, bool(row and col)
     left = np.array((-ahead[1], ahead[0]))  # rows go down
-    shift = 0.5 * step
     long, wide = vehicle.contact_m
-    swept = shift if row and col else 0.0
-    wheels = [
-        _cells_near(along * ahead + side * left, ahead, (0.5 * long + swept, 0.5 * wide), dy, dx)
-        for along, side in vehicle.wheels_m
-    ]
-    belly = _cells_near(np.zeros(2), ahead, (0.5 * vehicle.length_m + shift, 0.5 * vehicle.width_m), dy, dx)
+    wheel = 0.5 * long + half_step * diagonal, 0.5 * wide
+    wheels = [_cells_near(along * ahead + side * left, ahead, wheel, dy, dx) for along, side in vehicle.wheels_m]
+    belly = _cells_near(np.zeros(2), ahead, (0.5 * vehicle.length_m + half_step, 0.5 * vehicle.width_m), dy, dx)
     metres = belly * (dy, dx)
     steepest = math.tan(math.radians(min(vehicle.tilts_deg[0], vehicle.tilts_deg[2])))
-    margin = 0.0 if row and col else step / 16.0 * steepest
-    return Footprint(wheels, belly, np.stack((metres @ ahead, metres @ left), 1), shift, margin)
+    margin = 0.0 if diagonal else step / 16.0 * steepest
+    return Footprint(wheels, belly, np.stack((metres @ ahead, metres @ left), 1), half_step, margin)
 
 
 def _cells_near(

@@ -1,5 +1,6 @@
 """Costs of a map whose heights are read by windows: a band after another, or only where they are wanted."""
 
+import itertools
 from _thread import start_new_thread
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Rectangle
-from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
+from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost, with_rim
 from nnpp_edge.runtime.tuning import BAND_CELLS, BANDS_AHEAD, LEG_CELLS
 
 T = TypeVar("T")
@@ -42,15 +43,7 @@ class HeightWindows(Protocol):
 
 
 class CostWindows:
-    """Traversability costs of a map by windows; each as it would be in the cost map of the whole.
-
-    Parameters
-    ----------
-    heights : HeightWindows
-        Of the map.
-    traversability : Traversability
-        Limits and weights; the paper's if not given.
-    """
+    """Traversability costs of a map by windows, as in the cost map of the whole; by default by the paper's limits."""
 
     def __init__(self, heights: HeightWindows, traversability: Traversability | None = None) -> None:
         self.heights, self._limits = heights, traversability or Traversability()
@@ -65,22 +58,24 @@ class CostWindows:
         rows, cols = self.heights.shape
         step = _rows_per_band(self.heights.block[0], cols)
         parts = [(row, 0, min(step, rows - row), cols) for row in range(0, rows, step)]
-        above = np.empty((0, cols), np.float32)
-        waiting: tuple[Rectangle, Float2D] | None = None
-        for part, heights in _ahead(self._read, parts):
-            if waiting is not None:
-                yield self._band(*waiting, above, heights[:1])
-                above = waiting[1][-1:]
-            waiting = part, heights
-        if waiting is not None:
-            yield self._band(*waiting, above, np.empty((0, cols), np.float32))
+        none = np.empty((0, cols), np.float32)
+        above, read = none, itertools.chain(_ahead(self._read, parts), [((rows, 0, 0, 0), none)])
+        for (part, heights), (_, below) in itertools.pairwise(read):
+            cost = self._cost(np.concatenate([above, heights, below[:1]]))
+            yield part[0], heights, cost[len(above) : len(above) + len(heights)]
+            above = heights[-1:]
 
     def windows(self, parts: Iterable[Rectangle]) -> Iterator[tuple[Rectangle, Float2D, Float2D]]:
         """Rectangles of the map with their heights and costs."""
-        for part, (heights, (top, left)) in _ahead(self._with_rim, parts):
-            cost = self._cost(heights)
+
+        def read(part: Rectangle) -> tuple[Float2D, Rectangle]:
+            whole = with_rim(part, self.heights.shape)
+            return self._read(whole), whole
+
+        for part, (heights, whole) in _ahead(read, parts):
+            top, left = part[0] - whole[0], part[1] - whole[1]
             inside = slice(top, top + part[2]), slice(left, left + part[3])
-            yield part, heights[inside], cost[inside]
+            yield part, heights[inside], self._cost(heights)[inside]
 
     def along(self, path: NDArray[np.int32]) -> tuple[Float2D, Float2D]:
         """(N,) heights and costs of the cells of a path (N, 2)."""
@@ -93,19 +88,6 @@ class CostWindows:
             found.append(np.stack([heights[at], cost[at]]))
         heights, cost = np.concatenate(found, axis=1)
         return heights, cost
-
-    def _band(
-        self, part: Rectangle, heights: Float2D, above: Float2D, below: Float2D
-    ) -> tuple[int, Float2D, Float2D]:
-        cost = self._cost(np.concatenate([above, heights, below]))
-        return part[0], heights, cost[len(above) : len(above) + len(heights)]
-
-    def _with_rim(self, part: Rectangle) -> tuple[Float2D, tuple[int, int]]:
-        """Heights of a rectangle and the cells around it; the cells above it and left of it."""
-        row, col, rows, cols = part
-        row0, row1 = max(row - 1, 0), min(row + rows + 1, self.heights.shape[0])
-        col0, col1 = max(col - 1, 0), min(col + cols + 1, self.heights.shape[1])
-        return self._read((row0, col0, row1 - row0, col1 - col0)), (row - row0, col - col0)
 
     def _read(self, part: Rectangle) -> Float2D:
         self.cells_read += part[2] * part[3]

@@ -25,7 +25,7 @@ def hills(tmp_path):
 
 def test_a_geotiff_keeps_the_place_and_marks_what_is_impassable(nnpp_edge, hills, tmp_path):
     path, heights = hills
-    ended = nnpp_edge("costmap", path, "-o", tmp_path / "cost.tif", "--hard-slope", 15)
+    ended = nnpp_edge("costmap", path, "-o", tmp_path / "cost.tif", "--limit", "hard_slope_deg=15")
     assert (ended.code, ended.err) == (0, "")
     cost = traversability_cost(heights, 2.0, Traversability(hard_slope_deg=15))
     back = read_dem(tmp_path / "cost.tif")
@@ -88,45 +88,3 @@ def test_a_bad_elevation_map_is_one_line(nnpp_edge, bad_dem, tmp_path):
     path, word = bad_dem
     nnpp_edge("costmap", path, "-o", tmp_path / "out.tif").refused(word)
     assert not (tmp_path / "out.tif").exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
-        (("-o", "cost.gif"), "must end in .tif"),
-        (("-o", ""), "wanted a path, got nothing"),
-        (("-o", "hills.tif"), "would replace hills.tif, which is read"),
-        (("-o", "cost.tif", "--picture", "cost.jpg"), "must end in .png"),
-        (("-o", "cost.tif", "--workload", "limit20", "--slope-limit", "25"), "leave out --slope-limit"),
-        (("-o", "cost.tif", "--workload", "limit20", "--hard-slope", "25"), "leave out --hard-slope"),
-        ((), "--output"),
-    ],
-)
-def test_wrong_use_ends_with_2(nnpp_edge, hills, tmp_path, monkeypatch, words, complaint):
-    monkeypatch.chdir(tmp_path)
-    before = hills[0].read_bytes()
-    ended = nnpp_edge("costmap", "hills.tif", *words)
-    assert ended.code == 2 and complaint in ended.err
-    assert hills[0].read_bytes() == before
-    assert [p.name for p in tmp_path.iterdir()] == ["hills.tif"]
-
-
-def test_the_picture_never_replaces_a_png_that_was_the_input(nnpp_edge, tmp_path):
-    cv2.imwrite(str(tmp_path / "hills.png"), np.arange(400, dtype=np.uint16).reshape(20, 20))
-    before = (tmp_path / "hills.png").read_bytes()
-    words = ("costmap", tmp_path / "hills.png", "-o", tmp_path / "hills.tif")
-    ended = nnpp_edge(*words, "--cell-size", 1, "--vertical-scale", 0.01)
-    assert ended.code == 2 and "--picture would replace" in ended.err
-    assert (tmp_path / "hills.png").read_bytes() == before
-
-
-@pytest.mark.parametrize("words", [("--slope-limit", 95), ("--step-limit", 0), ("--workload", "steep")])
-def test_limits_that_make_no_sense_are_one_line(nnpp_edge, hills, tmp_path, words):
-    nnpp_edge("costmap", hills[0], "-o", tmp_path / "cost.tif", *words).refused(str(words[1]))
-
-
-@pytest.mark.parametrize("name", ["cost.tif", "cost.npy", "cost.npz"])
-def test_a_place_that_cannot_be_written_is_one_line(nnpp_edge, hills, tmp_path, name):
-    (tmp_path / "file").write_text("")
-    nnpp_edge("costmap", hills[0], "-o", tmp_path / "file" / name).refused("could not be written")
-    nnpp_edge("costmap", hills[0], "-o", tmp_path / "none" / name).refused("could not be written")

@@ -77,8 +77,8 @@ def test_options_that_make_no_sense_are_refused(nnpp_edge, dem, tmp_path):
         (("--held-out",), "--validation-share"),
         (("--own-cell-size", "--rescale", 2), "--own-cell-size"),
         (("--papers-maps", "--workload", "soft"), "--papers-maps"),
-        (("--workload", "limit20", "--hard-slope", 20), "leave out --hard-slope"),
-        (("--hard-step", -1), "-1.0 is not in the range 0.0<x"),
+        (("--workload", "limit20", "--limit", "hard_slope_deg=20"), "leave out --limit hard_slope_deg"),
+        (("--limit", "hard_step_m=-1"), "hard_step_m must be greater than 0, got -1"),
         (("--omega", "nan"), "wanted a finite number, got nan"),
         (("--seed", -1), "-1 is not in the range 0<=x"),
     ):
@@ -88,7 +88,7 @@ def test_options_that_make_no_sense_are_refused(nnpp_edge, dem, tmp_path):
 
 def test_ones_own_limits_weight_and_cells_are_in_the_recipe(nnpp_edge, dem, tmp_path, in_this_process):
     words = ("dataset", dem, *FEW, "--size", 32, "--validation-share", 0.4)
-    own = ("--own-cell-size", "--hard-slope", 20, "--roughness-limit", 0.3, "--omega", 0.03)
+    own = ("--own-cell-size", "--limit", "hard_slope_deg=20", "--limit", "roughness_limit_m=0.3", "--omega", 0.03)
     for folder, more in (("train", ()), ("val", ("--held-out",))):
         assert nnpp_edge(*words, *own, *more, "-o", tmp_path / folder).code == 0
     training, validation = (read_recipe(tmp_path / folder) for folder in ("train", "val"))
@@ -113,7 +113,7 @@ def test_ones_own_limits_weight_and_cells_are_in_the_recipe(nnpp_edge, dem, tmp_
 
 def test_from_ones_own_terrain_to_a_plan(nnpp_edge, dem, tmp_path, in_this_process):
     """The commands of docs/models.md, with tiny settings; the model says what it was made for."""
-    own = ("--own-cell-size", "--hard-slope", 25, "--omega", 0.02)
+    own = ("--own-cell-size", "--limit", "hard_slope_deg=25", "--omega", 0.02)
     split = ("--validation-share", 0.4, *own, "--synthetic-share", 0, "--maps", 12)
     train, val, run = (tmp_path / name for name in ("train", "val", "run"))
     assert nnpp_edge("dataset", dem, "-o", train, "--size", 64, *split).code == 0

@@ -22,24 +22,6 @@ def test_reading_a_geotiff_without_rasterio_names_the_extra(nnpp_edge, tmp_path,
     nnpp_edge("costmap", tmp_path / "dem.tif", "-o", tmp_path / "cost.npy").refused("nnpp-edge[geo]")
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
-        (["fly"], "no such command 'fly'; see nnpp-edge --help"),
-        (["plan"], "missing argument 'DEM'; see nnpp-edge plan --help"),
-        (
-            ["plan", "dem.tif", "--start", "1", "--goal", "2,2"],
-            "wanted ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a vector file, got '1'",
-        ),
-        (["costmap", "dem.tif"], "missing option '-o' / '--output'"),
-    ],
-)
-def test_wrong_use_is_one_line_that_says_where_to_look(nnpp_edge, words, complaint):
-    ended = nnpp_edge(*words)
-    ended.refused(complaint)
-    assert ended.err.count("\n") == 1
-
-
 def test_without_a_command_the_commands_are_listed(nnpp_edge):
     ended = nnpp_edge()
     assert ended.code == 2 and all(name in ended.err for name in ("plan", "warmup"))

@@ -3,29 +3,19 @@
 import csv
 import json
 import math
-import struct
 import sys
 
 import cv2
 import numpy as np
 import pyogrio
 import pytest
-from pyproj import CRS, Transformer
+from pyproj import Transformer
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.map.along import Along, Numbers
 from nnpp_edge.terrain.dem import Dem, read_dem, write_raster
-from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
-
-GRID = "EPSG:3414"  # whose metres are those of the ground, here
-PLACE = Georeference(CRS(GRID).to_wkt(), (2.0, 0.0, 28_000.0, 0.0, -2.0, 39_000.0))
-ENDS = ("--start", "5,5", "--goal", "70,80")
-
-
-def rolling(rows=80, cols=90):
-    row, col = np.mgrid[0:rows, 0:cols]
-    return (1.5 * np.sin(row / 7.0) * np.cos(col / 9.0)).astype(np.float32)
+from tests.cli.grounds import ENDS, GRID, PLACE, layer, rolling
 
 
 @pytest.fixture
@@ -37,17 +27,9 @@ def hills(tmp_path):
     return tmp_path / "hills.tif"
 
 
-def layer(path, cells, crs=GRID):
-    """Points in the middles of cells, as a GeoPackage in a system."""
-    move = Transformer.from_crs(GRID, crs, always_xy=True)
-    places = [move.transform(*PLACE.map_coordinates(*cell)) for cell in cells]
-    shapes = np.array([*(struct.pack("<BIdd", 1, 1, *place) for place in places), None], object)[:-1]
-    names = {"field_data": [np.arange(len(cells))], "fields": np.array(["number"], object)}
-    pyogrio.raw.write(path, shapes, geometry_type="Point", crs=crs, layer="stops", driver="GPKG", **names)
-    return path
-
-
-@pytest.mark.parametrize("body", [(), ("--vehicle", "large-rover", "--max-tilt", "40", "--clearance", "1.5")])
+@pytest.mark.parametrize(
+    "body", [(), ("--vehicle", "large-rover", "--set", "max_tilt_deg=40", "--set", "clearance_m=1.5")]
+)
 def test_all_outputs_say_the_same_numbers(nnpp_edge, hills, tmp_path, body):
     words = ("plan", hills, *ENDS, *body, "-o", tmp_path / "out", "--format", "gpkg")
     told = json.loads(nnpp_edge(*words, "--json").out)
@@ -124,39 +106,6 @@ def test_a_leg_that_cannot_be_is_named_and_ends_with_1(nnpp_edge, hills):
     assert told["status"] == "NO_PATH" and told["cost"] is None and told["climb_m"] is None
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
-        ((*ENDS, "--via", "20,86"), "via 1, (20, 86), is impassable"),
-        ((*ENDS, "--via", "1,1", "--via", "80,3"), "via 2, (80, 3), lies outside the map"),
-        (("--start", "5,5", "--goal", "9,86", "--via", "1,1"), "goal (9, 86) is impassable"),
-        ((*ENDS, "--best-order"), "--best-order is of way points"),
-        ((*ENDS, "--via", "1,1", "--compare"), "--compare is of one leg"),
-        ((*ENDS, "--goal", "1,1", "--via", "3,3"), "--goal, with --via, must be one place, got 2"),
-        ((*ENDS, *(("--via", "3,3") * 13), "--best-order"), "at most 12 places, got 13"),
-        ((*ENDS, "--via", "none.gpkg"), "lonlat:LON,LAT, or a vector file, got 'none.gpkg'"),
-        ((*ENDS, "--via", "xy:1,nan"), "xy:X,Y"),
-        (
-            ("--start", "lonlat:-94.3,95", "--goal", "1,1"),
-            "longitude -94.3, latitude 95 of WGS 84 has no place in SVY21 / Singapore TM",
-        ),
-        (("--start", "lonlat:10,50", "--goal", "1,1"), "lies outside the map of 80 × 90 cells"),
-        (("--start", "lonlat:103.83,1", "--goal", "1,1"), "longitude 103.8333 to 103.8349 and latitude 1.3675"),
-        (
-            (*ENDS, "--step-cost", "energy"),
-            "with mass_kg and rolling_resistance, such as the shipped vehicles have (--mobility small-rover",
-        ),
-        ((*ENDS, "--format", "gpx"), "give -o too"),
-        ((*ENDS, "--profile-plot"), "needs a file's name, or -o"),
-        ((*ENDS, "--profile-plot", "a.txt"), "must end with .png, .svg, .pdf, got '.txt'"),
-    ],
-)
-def test_wrong_use_and_places_that_are_none_are_one_line(nnpp_edge, hills, words, complaint):
-    ended = nnpp_edge("plan", hills, *words)
-    ended.refused(complaint)
-    assert ended.out == ""
-
-
 def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(nnpp_edge, hills, tmp_path):
     cells = [(5, 5), (40, 30), (70, 80)]
     wanted = json.loads(nnpp_edge("plan", hills, *ENDS, "--via", "40,30", "--json").out)
@@ -180,18 +129,6 @@ def test_a_layer_in_another_system_is_reprojected_and_its_points_are_visited_in_
     assert goals["goal"] == [12, 30] and len(goals["goals"]) == 2
     ended = nnpp_edge("plan", hills, "--start", path, "--goal", "1,1")
     assert ended.code == 2 and "--start must be one place, got 2" in ended.err
-
-
-def test_what_is_read_is_not_written_over(nnpp_edge, hills, tmp_path):
-    (tmp_path / "out").mkdir()
-    path = layer(tmp_path / "out" / "path.gpkg", [(60, 70)])
-    words = ("plan", hills, *ENDS, "--via", path, "-o", tmp_path / "out", "--format", "gpkg")
-    nnpp_edge(*words).refused("would replace", "path.gpkg")
-
-
-def test_points_beside_the_map_are_refused(nnpp_edge, hills, tmp_path):
-    path = layer(tmp_path / "far.gpkg", [(60, 70), (200, 300)])
-    nnpp_edge("plan", hills, *ENDS, "--via", path).refused("via 2, (200, 300), lies outside the map")
 
 
 def test_the_profile_is_drawn_where_it_is_wanted(nnpp_edge, hills, tmp_path):
@@ -225,14 +162,7 @@ def test_a_map_read_by_windows_has_the_same_numbers_and_tours(nnpp_edge, hills):
         "plan",
         hills,
         *ENDS,
-        "--method",
-        "corridor",
-        "--via",
-        "60,20",
-        "--via",
-        "20,60",
-        "--best-order",
-        "--json",
+        *["--method", "corridor", "--via", "60,20", "--via", "20,60", "--best-order", "--json"],
     )
     whole, windows = (json.loads(nnpp_edge(*words, *more).out) for more in ((), ("--memory", "1kB")))
     assert windows["windows"] and whole["via"] == windows["via"]

@@ -11,7 +11,7 @@ import pytest
 from nnpp_edge.runtime import Planner, Vehicle, traversability_cost
 from nnpp_edge.terrain.dem import Dem, read_dem, write_raster
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
-from tests.cli.test_plan_ways import PLACE, layer, rolling
+from tests.cli.grounds import BODY, PLACE, layer, rolling
 
 
 @pytest.fixture
@@ -28,16 +28,8 @@ def test_areas_are_what_the_planner_reaches(nnpp_edge, hills, tmp_path):
     words = (
         "reach",
         hills,
-        "--start",
-        "40,30",
-        "--within-cost",
-        "60",
-        "--levels",
-        "3",
-        "-o",
+        *["--start", "40,30", "--within-cost", "60", "--levels", "3", "--format", "gpkg", "-o"],
         out,
-        "--format",
-        "gpkg",
     )
     told = json.loads(nnpp_edge(*words, "--json").out)
     ground = read_dem(hills)
@@ -65,10 +57,8 @@ def test_limits_and_vehicles_bound_what_is_reached(nnpp_edge, hills):
     words = ("reach", hills, "--start", "40,30", "--within-cost", "60", "--levels", "1", "--json")
     every = json.loads(nnpp_edge(*words).out)["areas"][0]["cells"]
     limited = json.loads(nnpp_edge(*words, "--workload", "limit12").out)["areas"][0]["cells"]
-    body = json.loads(nnpp_edge(*words, "--vehicle", "large-rover", "--max-tilt", "40", "--clearance", "1.5").out)[
-        "areas"
-    ][0]["cells"]
-    disc = json.loads(nnpp_edge(*words, "--radius", "3").out)["areas"][0]["cells"]
+    body = json.loads(nnpp_edge(*words, *BODY).out)["areas"][0]["cells"]
+    disc = json.loads(nnpp_edge(*words, "--set", "radius_m=3").out)["areas"][0]["cells"]
     ground = read_dem(hills).elevation
     vehicle = Vehicle(radius_m=3.0)
     wanted = Planner.of_elevation(ground, 2.0, vehicle=vehicle, warn=False).reach((40, 30), 60.0)
@@ -83,51 +73,19 @@ def test_the_start_is_any_place_that_plan_takes(nnpp_edge, hills, tmp_path):
         assert json.loads(nnpp_edge(*words, place).out) == wanted
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
-        (("--start", "1,1"), "give one of --within-cost, --within-time and --within-energy"),
-        (("--start", "1,1", "--within-cost", "3", "--within-time", "3"), "give one of"),
-        (("--start", "1,1", "--within-time", "soon"), "a time such as 90, 90s, 30min or 2h"),
-        (("--start", "1,1", "--within-cost", "-3"), "within-cost"),
-        (
-            ("--start", "40,40", "--within-cost", "3"),
-            "start (40, 40) is impassable: its elevation is unknown; the nearest passable cell is (40, 39)",
-        ),
-        (("--start", "80,40", "--within-cost", "3"), "start (80, 40) lies outside the map"),
-        (
-            ("--start", "1,1", "--within-time", "3", "--step-cost", "linear"),
-            "--within-time counts time already: leave out --step-cost, or give --within-cost with it; one in seconds",
-        ),
-        (
-            ("--start", "1,1", "--within-energy", "3", "--step-cost", "tobler"),
-            "--within-energy counts energy already: leave out --step-cost",
-        ),
-        (("--start", "1,1", "--within-cost", "3", "--step-cost", "energy"), "needs a table [mobility.energy]"),
-        (("--within-cost", "3"), "missing option '--start'"),
-        (("--start", "1,1", "--within-cost", "3", "--format", "gpkg"), "give -o too"),
-    ],
-)
-def test_wrong_use_is_one_line(nnpp_edge, hills, words, complaint):
-    ended = nnpp_edge("reach", hills, *words)
-    ended.refused(complaint)
-    assert ended.out == ""
-
-
 def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(nnpp_edge, hills):
     ground, mobility = read_dem(hills).elevation, load_mobility("large-rover", gravity_m_s2=9.80665)
-    body = ("--vehicle", "large-rover", "--max-tilt", "40", "--clearance", "1.5")
     vehicle = replace(load_vehicle("large-rover"), max_tilt_deg=40.0, clearance_m=1.5)
     for words, most, made in (
         (("--within-time", "1min"), 60.0, {"step_cost": "tobler"}),
         (("--within-time", "1min", "--step-cost", "irmischer"), 60.0, {"step_cost": "irmischer"}),
         (
-            ("--within-time", "1min", "--step-cost", "tobler", *body),
+            ("--within-time", "1min", "--step-cost", "tobler", *BODY),
             60.0,
             {"step_cost": "tobler", "vehicle": vehicle},
         ),
-        (("--within-time", "1h", *body), 3600.0, {"step_cost": "time", "mobility": mobility, "vehicle": vehicle}),
-        (("--within-energy", "3e4", *body), 3e4, {"step_cost": "energy", "mobility": mobility, "vehicle": vehicle}),
+        (("--within-time", "1h", *BODY), 3600.0, {"step_cost": "time", "mobility": mobility, "vehicle": vehicle}),
+        (("--within-energy", "3e4", *BODY), 3e4, {"step_cost": "energy", "mobility": mobility, "vehicle": vehicle}),
     ):
         told = json.loads(nnpp_edge("reach", hills, "--start", "40,30", *words, "--levels", "2", "--json").out)
         wanted = Planner.of_elevation(ground, 2.0, warn=False, **made).reach((40, 30), most)
@@ -137,21 +95,15 @@ def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(nnpp_edge, 
     nnpp_edge("reach", hills, "--start", "40,30", "--within-energy", "9e3").refused("[mobility.energy]")
 
 
-@pytest.mark.parametrize(
-    ("step_cost", "unit"), [("linear", ""), ("tobler", " s"), ("irmischer", " s"), ("time", " s"), ("energy", " J")]
-)
-def test_within_a_cost_of_any_step_cost_in_its_own_unit(nnpp_edge, hills, step_cost, unit):
+def test_within_a_cost_of_any_step_cost_in_its_own_unit(nnpp_edge, hills):
     ground, mobility = read_dem(hills).elevation, load_mobility("large-rover", gravity_m_s2=9.80665)
-    planner = Planner.of_elevation(ground, 2.0, warn=False, step_cost=step_cost, mobility=mobility)
-    field = planner.reach((40, 30))
-    most = round(float(np.median(field[np.isfinite(field)])), 3)
-    given = ("--step-cost", step_cost, "--mobility", "large-rover", "--levels", "1")
-    words = ("reach", hills, "--start", "40,30", "--within-cost", most, *given)
-    told = json.loads(nnpp_edge(*words, "--json").out)
-    assert told["areas"][0]["cells"] == int((field <= most).sum()) and told["unit"] == unit.strip()
-    assert f"within a cost of {most:.6g}{unit}  " in nnpp_edge(*words).out
-
-
-def test_several_starts_are_refused(nnpp_edge, hills, tmp_path):
-    path = layer(tmp_path / "a.gpkg", [(40, 30), (1, 1)])
-    nnpp_edge("reach", hills, "--start", path, "--within-cost", "9").refused("--start must be one place, got 2")
+    units = {"linear": "", "tobler": " s", "irmischer": " s", "time": " s", "energy": " J"}
+    for step_cost, unit in units.items():
+        planner = Planner.of_elevation(ground, 2.0, warn=False, step_cost=step_cost, mobility=mobility)
+        field = planner.reach((40, 30))
+        most = round(float(np.median(field[np.isfinite(field)])), 3)
+        given = ("--step-cost", step_cost, "--mobility", "large-rover", "--levels", "1")
+        words = ("reach", hills, "--start", "40,30", "--within-cost", most, *given)
+        told = json.loads(nnpp_edge(*words, "--json").out)
+        assert told["areas"][0]["cells"] == int((field <= most).sum()) and told["unit"] == unit.strip()
+        assert f"within a cost of {most:.6g}{unit}  " in nnpp_edge(*words).out

@@ -7,87 +7,85 @@ from click.testing import CliRunner
 from nnpp_edge.cli import options, vehicle_options
 from nnpp_edge.runtime.errors import NnppEdgeError
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.terrain.vehicle_files import VehicleError, load_vehicle
+from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 
 
 @pytest.fixture
-def make():
-    """What a command with these options makes of words on its command line."""
+def given():
+    """The options that a command makes of words on its command line."""
 
-    def make(*words):
+    def given(*words):
         made = []
 
         @click.command()
         @vehicle_options.vehicle
         @options.seed
         def drive(vehicle, seed):
-            made.append(vehicle.make())
+            made.append(vehicle)
 
         ended = CliRunner().invoke(drive, [str(word) for word in words], standalone_mode=False)
         if ended.exception is not None:
             raise ended.exception
         return made[0]
 
-    return make
+    return given
 
 
-def test_no_option_is_no_vehicle(make):
-    assert make() is None and make("--seed", 3) is None
-
-
-def test_a_vehicle_by_name_or_file(make, tmp_path):
-    assert make("--vehicle", "large-rover") == load_vehicle("large-rover")
-    (tmp_path / "own.toml").write_text("length_m = 2.0\nwidth_m = 1.0\nclearance_m = 0.4\n")
-    assert make("--vehicle", tmp_path / "own.toml") == Vehicle(2.0, 1.0, 0.4)
-
-
-def test_every_value_can_be_set_in_place_of_the_vehicles_own(make):
+def test_every_value_can_be_set_in_place_of_the_vehicles_own(given, tmp_path):
     own = load_vehicle("large-rover")
-    names = {"length_m": "--vehicle-length", "width_m": "--vehicle-width"}
+    assert given().make() is None and given("--seed", 3).make() is None
+    assert given("--vehicle", "large-rover").make() == own
+    assert given("--set", "radius_m=0.5").make() == Vehicle(radius_m=0.5)
     for field in fields(Vehicle):
-        option = names.get(field.name, "--" + field.name.removesuffix("_m").removesuffix("_deg").replace("_", "-"))
-        if field.name == "radius_m":
-            assert make("--radius", 0.5) == Vehicle(radius_m=0.5)
-            continue
-        if field.name == "unknown_passes":
-            assert make("--vehicle", "large-rover", option) == replace(own, unknown_passes=True)
-            continue
-        value = {"axles": 4, "length_m": 3.5, "width_m": 3.5, "wheel_width_m": 0.3}.get(field.name, 0.5)
-        value = 20.0 if field.name.endswith("_deg") else value
-        assert make("--vehicle", "large-rover", option, value) == replace(own, **{field.name: value}), field.name
-
-
-def test_a_value_in_millimetres_or_radians_is_refused(make):
-    with pytest.raises(VehicleError, match="large-rover: clearance_m must be in metres, at most 9"):
-        make("--vehicle", "large-rover", "--clearance", 400)
-    with pytest.raises(VehicleError, match="max_tilt_deg must be in degrees"):
-        make("--vehicle", "large-rover", "--max-tilt", 0.5)
-
-
-def test_what_a_file_says_of_unknown_cells_can_be_taken_back(make, tmp_path):
+        value = {"axles": 4, "length_m": 3.5, "width_m": 3.5, "wheel_width_m": 0.3, "unknown_passes": True}.get(
+            field.name, 20.0 if field.name.endswith("_deg") else 0.5
+        )
+        if field.name != "radius_m":
+            made = given("--vehicle", "large-rover", "--set", f"{field.name}={str(value).lower()}").make()
+            assert made == replace(own, **{field.name: value}), field.name
+    alone = (word for key in ("length_m=1.5", "width_m=1.2", "clearance_m=0.3") for word in ("--set", key))
+    assert given(*alone, "--set", "max_tilt_deg=20").make() == Vehicle(1.5, 1.2, 0.3, max_tilt_deg=20.0)
     (tmp_path / "own.toml").write_text("length_m = 2.0\nwidth_m = 1.0\nclearance_m = 0.4\nunknown_passes = true\n")
-    assert make("--vehicle", tmp_path / "own.toml").unknown_passes
-    assert not make("--vehicle", tmp_path / "own.toml", "--unknown-fails").unknown_passes
+    words = ("--vehicle", tmp_path / "own.toml")
+    assert given(*words).make() == Vehicle(2.0, 1.0, 0.4, unknown_passes=True)
+    assert given(*words, "--set", "unknown_passes=false").make() == Vehicle(2.0, 1.0, 0.4)
 
 
-def test_values_make_a_vehicle_by_themselves(make):
-    words = ("--vehicle-length", 1.5, "--vehicle-width", 1.2, "--clearance", 0.3)
-    assert make(*words, "--max-tilt", 20) == Vehicle(1.5, 1.2, 0.3, max_tilt_deg=20.0)
+def test_values_of_the_mobility_can_be_set_one_by_one(given):
+    own = load_mobility("large-rover")
+    for words in (("--vehicle", "large-rover"), ("--mobility", "large-rover")):
+        found = given(*words, "--set", "mobility.energy.mass_kg=77").mobility()
+        assert found.energy == replace(own.energy, mass_kg=77.0) and found.time == own.time
+    assert given("--set", "mobility.linear.up_per_m=3").make() is None
+    with pytest.raises(NnppEdgeError, match="large-rover: mobility: energies is unknown"):
+        given("--vehicle", "large-rover", "--set", "mobility.energies.mass_kg=1").mobility()
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
+def test_what_makes_no_vehicle_is_one_line(given):
+    for words, complaint in (
         (("--vehicle", "nope"), "large-rover, small-rover, tracked"),
-        (("--clearance", 0.3), "length_m is missing"),
-        (("--vehicle", "tracked", "--max-tilt", 90), "90"),
-        (("--vehicle", "tracked", "--max-tilt", "nan"), "nan"),
-        (("--vehicle", "tracked", "--clearance", -1), "-1"),
-        (("--vehicle", "tracked", "--axles", 1), "1"),
-        (("--vehicle", "tracked", "--track", 5), "under the body"),
-    ],
-)
-def test_what_makes_no_vehicle_is_one_line(make, words, complaint):
-    with pytest.raises((NnppEdgeError, click.UsageError), match=complaint) as caught:
-        make(*words)
-    assert "\n" not in str(caught.value)
+        (("--set", "clearance_m=0.3"), "length_m is missing"),
+        (("--vehicle", "tracked", "--set", "max_tilt_deg=90"), "90"),
+        (("--vehicle", "tracked", "--set", "axles=1"), "1"),
+        (("--vehicle", "tracked", "--set", "track_m=5"), "under the body"),
+        (("--vehicle", "large-rover", "--set", "clearance_m=400"), "clearance_m must be in metres, at most 9"),
+        (("--vehicle", "large-rover", "--set", "max_tilt_deg=0.5"), "max_tilt_deg must be in degrees"),
+        (("--set", "clearance"), "wanted KEY=VALUE in TOML, such as clearance_m=0.3, got 'clearance'"),
+        (("--set", ""), "wanted KEY=VALUE"),
+        (("--set", "axles=2\nlength_m=3"), "wanted KEY=VALUE"),
+        (("--set", "a=" + "[" * 5000), "wanted KEY=VALUE"),
+        (("--set", "clearance=0.3"), "clearance is unknown: wanted one of length_m, width_m, clearance_m"),
+        (("--vehicle", "tracked", "--set", "axles='two'"), "axles: wanted a whole number, got 'two'"),
+    ):
+        with pytest.raises((NnppEdgeError, click.UsageError), match=complaint) as caught:
+            given(*words).make()
+        assert "\n" not in str(caught.value).replace("\\n", "")
+
+
+def test_no_number_that_could_overflow_is_set(given):
+    for field in fields(Vehicle):
+        for number in ("nan", "inf", "-inf", "1e308", "-1e308", "9" * 40, "-1", "1e-400"):
+            if field.name == "unknown_passes":
+                continue
+            with pytest.raises(NnppEdgeError):
+                given("--vehicle", "large-rover", "--set", f"{field.name}={number}").make()

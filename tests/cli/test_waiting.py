@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from nnpp_edge.cli import plan as plan_module
+from nnpp_edge.cli import planning
 from nnpp_edge.runtime import exercises
 from nnpp_edge.runtime.compiled import notice
 
@@ -48,7 +48,7 @@ def never(*_, **__):
 
 @pytest.mark.parametrize("limit", [(), ("--time-limit", "1"), ("--landmarks", "2")])
 def test_a_place_off_the_map_is_refused_before_anything_is_computed(nnpp_edge, flat, monkeypatch, limit):
-    monkeypatch.setattr(plan_module, "cost_of", never)
+    monkeypatch.setattr(planning, "cost_of", never)
     for start, goal, words in (("5,5", "5,900", "goal (5, 900)"), ("-1,5", "70,80", "start (-1, 5)")):
         ended = nnpp_edge("plan", flat, "--start", start, "--goal", goal, *limit)
         ended.refused(f"{words} lies outside the map of 80 × 90 cells")

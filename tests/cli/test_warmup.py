@@ -64,7 +64,7 @@ WARM_UP = "from nnpp_edge.cli.main import main; import sys; sys.argv[0] = 'nnpp-
 WARM_UP_LITTLE = (
     """
 from nnpp_edge.runtime import warmup
-from nnpp_edge.runtime.region.threshold import lowered
+from nnpp_edge.runtime.kernels.threshold import lowered
 warmup.exercise = lambda: lowered(3, 0.5)
 """
     + WARM_UP
@@ -75,7 +75,7 @@ from nnpp_edge.runtime.compiled import notice
 heard = []
 notice.tell, notice.AFTER_S = heard.append, 0.0
 from nnpp_edge.runtime.kernels.expansion import octile
-from nnpp_edge.runtime.region.threshold import lowered
+from nnpp_edge.runtime.kernels.threshold import lowered
 octile(1, 2, 3, 4, 1.0, 1.4)
 lowered(3, 0.5)
 print(heard)

@@ -29,7 +29,7 @@ LOGGING_COMMANDS = ("run", "simulate")  # they log what they refuse, before they
 PLAIN = ("null", "pipe", "pipe")
 _TEMPORARY = re.compile(r"^\..*\.[0-9a-f]{6,}$")
 _PROGRESS = re.compile(
-    r"^([\w ]+: \d+ %, [\d.]+ min|(ready|recording|metrics|listening): .*|warning: .*|others use .*)$"
+    r"^([\w ]+: \d+ %, [\d.]+ min|(ready|recording|metrics|listening|warning): .*|(others use|peak memory, in) .*)$"
 )
 _CHATTER = re.compile(
     r"^(libpng|ERROR \d|Warning \d|CPLE_|TIFF|.*\[[WEF]:onnxruntime|\[ ?(WARN|ERROR)|OpenCV|corrupted|free\(\)|"

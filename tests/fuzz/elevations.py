@@ -48,7 +48,7 @@ def draw_sizes(rng: random.Random) -> dict[str, int]:
         "map.tiles.TILE_ROWS": rows,
         "map.tiles.TILE_COLS": cols,
         "map.pyramid.ANOTHER_LEVEL_FROM": level,
-        "planners.learned.REFINE_FROM": level,
+        "planners.methods.REFINE_FROM": level,
         "bands.THREADS_FROM": threads,
     }
 

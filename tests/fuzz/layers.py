@@ -21,7 +21,6 @@ from nnpp_edge.runtime import (
     traversability_cost,
 )
 from nnpp_edge.runtime.loop.messages import Goal
-from nnpp_edge.runtime.planners.plan import path_costs
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 
 CELL_M = 0.5
@@ -123,8 +122,8 @@ def _planner(case: Case, layers: Layers) -> Planner:
         return Planner(layers.cost(), vehicle=case.vehicle, cell_size_m=CELL_M)
     if not disc:
         holes = Layers(np.where(shut, np.float32(np.nan), layers.heights), case.cost, case.limits)
-        return Planner.on(holes.ground(**_robot(case)))
-    planner = Planner.on(layers.ground(**_robot(case)))
+        return Planner(holes.ground(**_robot(case)))
+    planner = Planner(layers.ground(**_robot(case)))
     planner.update(0, 0, np.where(shut, np.inf, 0.0))
     return planner
 
@@ -165,7 +164,7 @@ def _wrong(message: PathMessage, planner: Planner, at: tuple[int, int], case: Ca
         return f"{message.outcome} where the map has {best.status}"
     if message.outcome is not Status.OK:
         return ""
-    cost, near = path_costs(planner.state.grid, message.path)[0], 1e-4 * abs(best.cost) + 1e-5
+    cost, near = planner.state.grid.costs_of(message.path)[0], 1e-4 * abs(best.cost) + 1e-5
     if not np.isfinite(cost):
         return "published: a path that cannot be walked"
     if abs(cost - message.cost) > 1e-4 * abs(cost) + 1e-5:

@@ -50,7 +50,7 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     if case.kind == "body":
         planner = Planner.of_elevation(case.heights, **sides, warn=False)
     else:
-        planner = Planner.on(Ground(case.cost, **sides))
+        planner = Planner(Ground(case.cost, **sides))
     for start, goal in zip(case.ends[::2], case.ends[1::2], strict=True):
         plan = planner.plan(start, goal, refine="any-angle", turning_radius_m=case.turning_m)
         if not plan.ok or plan.waypoints is None or len(plan.waypoints) < 2:

@@ -45,7 +45,7 @@ def _odd_metadata(rng: random.Random, place: Place) -> bytes:
     """The metadata's values changed, or something else in its place."""
     from onnx import helper
 
-    from nnpp_edge.runtime.network.inference import METADATA_KEY
+    from nnpp_edge.runtime.network.model_file import METADATA_KEY
 
     model = _load(place)
     stored = {prop.key: prop.value for prop in model.metadata_props}

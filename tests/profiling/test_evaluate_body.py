@@ -197,7 +197,7 @@ def test_maps_without_any_path_are_not_asked_forever(rocky):
         (("--workload", "body-rocks"), "N from 0 to 20 percent, got 'body-rocks'"),
         (("--workload", "bodyrocks5"), "'bodyrocks5'"),
         (
-            ("--workload", "body", "--vehicle-length", 200, "--vehicle-width", 9, "--max-tilt", 20),
+            ("--workload", "body", "--set", "length_m=200", "--set", "width_m=9", "--set", "max_tilt_deg=20"),
             "wanted a map that the vehicle fits on",
         ),
         (("--workload", "body", "--rocks", 0.5), "--rocks"),

@@ -36,7 +36,7 @@ def test_what_is_shipped_can_be_read_and_has_budgets():
 def test_a_profile_says_what_stands_in_it(write):
     profile = read_profile(write(GOOD))
     assert (profile.name, profile.planner) == ("mine", "corridor")
-    assert (profile.device.cores, profile.device.threads, profile.device.spinning) == ((0, 1), 1, False)
+    assert (profile.device.cores, profile.device.threads) == ((0, 1), 1)
     assert (profile.load.sizes, profile.load.workloads, profile.load.terrain) == ((64, 128), ("soft",), ("sample",))
     fast, gap = profile.budgets
     assert (fast.planner, fast.size, fast.limit) == ("corridor", None, 10.0)

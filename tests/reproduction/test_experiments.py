@@ -1,20 +1,16 @@
 import csv
-import io
 import json
-import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from PIL import Image, ImageSequence
+from PIL import Image
 
-from nnpp_edge.benchmarks.dynamic_episode import make_episode
 from nnpp_edge.profiling.harness import Harness
 from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.reproduction import dynamic, encodings, exact, paper, runner, static
-from nnpp_edge.reproduction.drawing import animate, driven, view_episode
-from nnpp_edge.reproduction.experiment import Context
-from nnpp_edge.reproduction.experiments import EXPERIMENTS
+from nnpp_edge.reproduction.drawing import driven, view_episode
+from nnpp_edge.reproduction.episode import make_episode
 from nnpp_edge.reproduction.findings import Verdict, findings_table
 from nnpp_edge.reproduction.planners import (
     CONTROLS_OF,
@@ -29,12 +25,10 @@ from nnpp_edge.reproduction.planners import (
 )
 from nnpp_edge.reproduction.regions import CORRIDOR, Networks
 from nnpp_edge.reproduction.rows import Rows, table
-from nnpp_edge.reproduction.runner import Request, reproduce
+from nnpp_edge.reproduction.runner import EXPERIMENTS, Request, reproduce
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.terrain.dataset import make_dataset, read_samples
 from nnpp_edge.terrain.dem import read_dem
-from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 TINY = {
@@ -47,7 +41,7 @@ TINY = {
     "fig11": {"size": 64, "queries": 4, "repeats": 1},
     "fig12": {"size": 64, "maps": 2, "repeats": 1},
     "fig14": {"size": 64, "goals": 3},
-    "table3": {"size": 64, "episodes": 2, "cells_a_frame": 20, "repeats": 1},
+    "table3": {"size": 64, "episodes": 2, "repeats": 1},
     "table4": {"size": 64, "maps": 2, "repeats": 1},
     "fig13": EXPERIMENTS["fig13"].quick | {"steps": 1, "batch": 4, "maps": 3, "validation_maps": 2},
 }
@@ -106,8 +100,8 @@ def test_every_experiment_writes_its_tables_picture_and_findings(made, terrain):
     heads = {Verdict.AGREES: "What agrees", Verdict.BETTER: "What is better", Verdict.DIFFERS: "What does not agree"}
     for made_of, _ in outcomes:
         name = made_of.name
-        endings = {"csv", "md", "png", "json"} | ({"gif"} if name == "table3" else set())
-        assert {p.name for p in (folder / name).iterdir()} == {f"{name}.{end}" for end in endings}
+        files = {f"{name}.{end}" for end in ("csv", "md", "png", "json")}
+        assert {path.name for path in (folder / name).iterdir()} == files
         with (folder / name / f"{name}.csv").open() as file:
             header, *rows = csv.reader(file)
         assert rows and len(set(header)) == len(header) and all(len(row) == len(header) for row in rows), name
@@ -295,7 +289,7 @@ def test_table_4_is_judged_by_the_figures():
     assert all(f.verdict is Verdict.DIFFERS for f in late if "A*NN over A*" in f.claim or "CC increase" in f.claim)
 
 
-def test_an_episode_is_driven_by_all_and_animated(tiny_model):
+def test_an_episode_is_driven_by_all(tiny_model):
     cost = np.random.default_rng(3).uniform(0.0, 0.8, (96, 96)).astype(np.float32)
     networks, stride = Networks(NetworkModel(tiny_model), NetworkModel(tiny_model)), dynamic.stride_on(96)
     episode = make_episode(cost, (5, 5), (90, 88), seed=2, stride=stride)
@@ -316,19 +310,6 @@ def test_an_episode_is_driven_by_all_and_animated(tiny_model):
     views = view_episode(episode, NetworkModel(tiny_model))
     way = driven(views, stride)
     assert tuple(way[0]) == (5, 5) and tuple(way[-1]) == (90, 88) and np.abs(np.diff(way, axis=0)).max() == 1
-    with Image.open(io.BytesIO(animate(views, stride, 20))) as gif:
-        frames = [np.asarray(frame.convert("RGB"), int) for frame in ImageSequence.Iterator(gif)]
-        assert gif.info["loop"] == 0
-    assert len(frames) >= 2 * len(views) - 1
-    assert all(np.abs(b - a).max() > 40 for a, b in zip(frames, frames[1:], strict=False))
-
-
-def test_an_animation_that_is_missing_is_noticed(made, tmp_path):
-    folder = tmp_path / "table3"
-    shutil.copytree(made[0] / "table3", folder)
-    assert runner.read_experiment(folder).animated and "table3.gif" in (folder / "table3.md").read_text()
-    (folder / "table3.gif").unlink()
-    assert runner.read_experiment(folder) is None
 
 
 def test_the_best_omega_is_where_length_and_cc_together_are_least():
@@ -357,11 +338,6 @@ def test_training_and_validation_see_different_ground(terrain, tmp_path):
     mine, held_out = encodings.side_of(dem, False).elevation, encodings.side_of(dem, True).elevation
     assert mine.shape[1] + held_out.shape[1] == 256 and held_out.shape[1] == 128
     assert np.array_equal(np.hstack([mine, held_out]), dem.elevation)
-    make_dataset(Recipe((), maps=8, size=128, blocks=32, maps_per_shard=8), tmp_path, workers=1)
-    samples = read_samples(tmp_path)
-    mine, held_out = encodings.make_samples(Context([], 1, None, tmp_path, dataset=tmp_path), 1536, 96)
-    assert set(mine.map_index) == set(range(6)) and set(held_out.map_index) == {6, 7}
-    assert len(mine) + len(held_out) == len(samples)
 
 
 def test_rows_become_csv_tables_and_figures():
@@ -409,7 +385,6 @@ def test_wrong_use_and_bad_input_are_refused_in_a_line(nnpp_edge, terrain, tiny_
     path, word = bad_dem
     nnpp_edge("reproduce", "fig12", "--quick", "--terrain", path, "-o", out).refused(word)
     nnpp_edge("reproduce", "--terrain", terrain, "--model", tmp_path / "no.onnx", "-o", out).refused("no.onnx")
-    nnpp_edge("reproduce", "--terrain", terrain, "--dataset", tmp_path / "none", "-o", out).refused("dataset.json")
     np.savez(tmp_path / "small.npz", elevation_m=np.zeros((40, 50)), cell_size_m=1.0)
     words = ["--quick", "--terrain", tmp_path / "small.npz", "--model", tiny_model, "-o", out]
     nnpp_edge("reproduce", "fig6", *words).refused("wanted terrain of at least 64 cells a side, got 40")

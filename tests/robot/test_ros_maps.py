@@ -134,8 +134,6 @@ def test_a_saved_layer_lies_where_the_grid_map_does(tmp_path):
     for cell in ((0, 0), (1, 2)):
         x, y = grid.frame.metres([cell])[0]
         assert dem.map_coordinates(*cell) == pytest.approx((x, y)) and dem.cell_of(x, y) == cell
-    part = read_dem(tmp_path / "map.npz", window=(1, 1, 1, 2))
-    assert part.map_coordinates(0, 0) == dem.map_coordinates(1, 1)
 
 
 def test_an_occupancy_grid_is_read_row_by_row_along_y():

@@ -387,7 +387,7 @@ def test_the_command_drives_writes_and_tells(nnpp_edge, tmp_path):
         (("--start", "3,3", "--goal", "900,3", "--size", "32"), "outside the map"),
         (("--model", "missing.onnx", "--method", "nnpp", "--size", "32"), "missing.onnx"),
         (("--rate", "0"), "--rate"),
-        (("--radius", "1", "--step-cost", "tobler"), "a disc drives by costs here"),
+        (("--set", "radius_m=1", "--step-cost", "tobler"), "a disc drives by costs here"),
         (("--vehicle", "bicycle"), "small-rover"),
         (("--rocks", "0.3"), "--rocks"),
         (("--vehicle", "small-rover", "--rescale", "0.02", "--size", "16"), "that the vehicle fits on"),

@@ -88,8 +88,6 @@ ENTRIES = {
     Loop: {"navigator": navigator(), "source": InProcessSource()},
     Ground: {"elevation": HEIGHTS, "cell_size_m": 1.0},
     Ground.of_elevation: {"elevation": HEIGHTS, "cell_size_m": 1.0},
-    Planner.on: {"ground": Ground(COST)},
-    DynamicPlanner.on: {"ground": Ground(COST), "goal": (9, 11), "method": "astar"},
     Navigator: {"ground": Ground(COST), "settings": NavigatorSettings("astar")},
 }
 """Functions and classes, with arguments that do."""

@@ -3,7 +3,7 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime.cells import apart, common, enclosing, gather
+from nnpp_edge.runtime.cells import apart, common, enclosing
 
 rectangles = st.tuples(st.integers(-5, 5), st.integers(-5, 5), st.integers(1, 6), st.integers(1, 6))
 
@@ -26,13 +26,3 @@ def test_what_two_rectangles_share_and_what_holds_them(one, other):
 @given(rectangles, st.tuples(st.integers(-9, 9), st.integers(-9, 9)))
 def test_cells_between_a_rectangle_and_a_cell(part, cell):
     assert apart(part, cell) == min(max(abs(r - cell[0]), abs(c - cell[1])) for r, c in cells(part))
-
-
-@given(st.lists(rectangles, min_size=1, max_size=9), st.integers(1, 4))
-def test_gathered_rectangles_are_at_most_so_many_and_hold_all(parts, most):
-    gathered = []
-    for part in parts:
-        wanted = [*gathered, part]
-        joined = gather(gathered, part, most)
-        assert joined == (len(wanted) > most)
-        assert gathered == ([enclosing(wanted)] if joined else wanted)

@@ -21,8 +21,8 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners import dynamic_choice
 from nnpp_edge.runtime.planners.dynamic_choice import DynamicChooser
-from nnpp_edge.runtime.planners.map_planners import MapPlanners
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, path_costs
+from nnpp_edge.runtime.planners.methods import Methods
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, RegionMender
 from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath
@@ -58,8 +58,8 @@ class ChangingMap:
         self.view_in_parts = MapView(self.state, self.network_in_parts, UNSEEN_CHANGE)
         self.path, self.unmerged_path = StandingPath(self.state), StandingPath(self.unmerged)
         self.astar, self.dearer_only = AStarSearcher(self.state), True
-        planners, self.chooser_path = MapPlanners(self.state, self.network), StandingPath(self.state)
-        self.chooser = DynamicChooser(self.state, planners, self.chooser_path)
+        self.chooser_path = StandingPath(self.state)
+        self.chooser = DynamicChooser(Methods(self.state, self.network), self.chooser_path)
         self.since_answer = []
         self.plain = self.state.log.reader()
         self.weighing = self.state.log.reader(keeps_old_weights=True)
@@ -88,7 +88,7 @@ class ChangingMap:
         """It leads from start to goal, and costs what the map says; its cost."""
         assert (tuple(path[0]), tuple(path[-1])) == (start, self.goal)
         assert walkable(path, self.cost, self.corner_cutting)
-        cost = path_costs(self.state.grid, path)[0]
+        cost = self.state.grid.costs_of(path)[0]
         assert cost == pytest.approx(oracles.path_cost(path, self.cost, self.step_cost), **CLOSE)
         return cost
 
@@ -168,12 +168,12 @@ class ChangingMap:
         found, optimum = self.mender.search(query, Work(), region), self.optimum(self.start)
         again = self.mender.search(query, Work(), None)
         new = RegionMender(self.afresh()).search(query, Work(), region)
-        inside = path_costs(self.state.grid, new.path)[0]
+        inside = self.state.grid.costs_of(new.path)[0]
         assert np.isfinite(inside) <= (found.status is Status.OK) <= np.isfinite(optimum)
         if found.status is Status.OK:
             cost = self.check_path(found.path, self.start)
             assert optimum - 1e-4 <= cost <= inside * (1.0 + 1e-5) + 1e-5
-            assert path_costs(self.state.grid, again.path)[0] == pytest.approx(cost, **CLOSE)
+            assert self.state.grid.costs_of(again.path)[0] == pytest.approx(cost, **CLOSE)
             if region.blocks().all():
                 assert cost == pytest.approx(optimum, **CLOSE)
 
@@ -202,7 +202,7 @@ class ChangingMap:
             search = AStarSearcher(self.state)
             query, work = Query(self.start, self.goal), Work()
             for state, path in ((self.state, self.path), (self.unmerged, self.unmerged_path)):
-                found = MapPlanners(state, self.network).exact.find(query, work)
+                found = Methods(state, self.network).search_map(query, work)
                 path.set(found.plan(Method.ASTAR, work, planner="astar"))
             assert search.landmarks is None
 

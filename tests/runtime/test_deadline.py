@@ -95,6 +95,15 @@ def test_dstar_reads_the_map_in_pieces_and_searches_on_where_it_was_broken_off(k
     assert ask(planner, None).ok
 
 
+def test_changed_poses_are_checked_a_row_at_a_time():
+    planner, tries = made("body", "dstar"), 1
+    assert ask(planner, None).ok
+    planner.update_elevation(20, 20, ground()[20:80, 20:60] + 0.1 * np.eye(60, 40))
+    while ask(planner, None, 0.0).status is Status.TIMEOUT:
+        tries += 1
+    assert tries > 40
+
+
 def test_no_path_has_a_reason_of_its_own():
     cost = np.full((300, 200), 0.3, np.float32)
     cost[100] = 1.0
@@ -136,7 +145,7 @@ def test_a_network_is_neither_shown_a_map_nor_run_without_time(tiny_model):
     state, network = made("costs").state, NetworkModel(tiny_model)
     with pytest.raises(OutOfTimeError):
         MapView(state, network).show(*ENDS, Deadline(0.0))
-    network.run()
+    network.try_out()
     network.set_map(np.zeros((2, network.metadata.input_size, network.metadata.input_size), np.float32))
     network.check_time(NEVER)
     with pytest.raises(OutOfTimeError):

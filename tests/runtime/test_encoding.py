@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame, encode_ends, encode_gaussian, map_planes
@@ -12,7 +11,7 @@ from nnpp_edge.runtime.network.encoding import Frame, encode_ends, encode_gaussi
 def planes_of(cost, size, parts=None, out=None):
     grid = Grid.of(cost, StepModel.of("paper"))
     out = np.full((2, size, size), -1, np.float32) if out is None else out
-    map_planes(grid.weights, grid.stride, Frame(*cost.shape, size), *grid.as_traversability(), out, parts)
+    map_planes(grid, Frame(*cost.shape, size), out, parts)
     return out
 
 
@@ -64,7 +63,7 @@ def test_every_cell_has_a_block_and_neighbours_have_neighbouring_ones(rows, cols
 
 def test_the_gaussian_is_equation_5_with_a_peak_of_one():
     out = np.empty((2, 64, 64), np.float32)
-    encode_gaussian((10.0, 20.0), (50.0, 3.0), 64, 1, 16.0, out)
+    encode_gaussian((10.0, 20.0), (50.0, 3.0), 16.0, out)
     i, j = np.mgrid[:64, :64]
     for plane, (r, c) in zip(out, ((10, 20), (50, 3)), strict=True):
         np.testing.assert_allclose(plane, np.exp(-((i - r) ** 2 + (j - c) ** 2) / (2 * 16**2)), atol=1e-6)
@@ -73,7 +72,7 @@ def test_the_gaussian_is_equation_5_with_a_peak_of_one():
 @given(st.floats(0.0, 63.0), st.floats(0.0, 63.0), st.floats(0.0, 63.0), st.floats(0.0, 63.0))
 def test_an_end_is_read_off_the_points_and_the_way_leads_there(row_a, col_a, row_b, col_b):
     out = np.empty((15, 8, 8), np.float32)
-    encode_ends((row_a, col_a), (row_b, col_b), 8, 8, 16.0, out)
+    encode_ends((row_a, col_a), (row_b, col_b), 16.0, out)
     centres = 8.0 * np.arange(8) + 3.5
     for planes, row, col in ((out[:6], row_a, col_a), (out[6:12], row_b, col_b)):
         share = planes[0].astype(float)
@@ -90,14 +89,8 @@ def test_an_end_is_read_off_the_points_and_the_way_leads_there(row_a, col_a, row
     length = np.hypot(row_a - row_b, col_a - col_b)
     np.testing.assert_allclose(out[14], max(length, 8.0) / 64.0, atol=1e-6)
     back = np.empty_like(out)
-    encode_ends((row_b, col_b), (row_a, col_a), 8, 8, 16.0, back)
+    encode_ends((row_b, col_b), (row_a, col_a), 16.0, back)
     np.testing.assert_allclose(back, out[[*range(6, 12), *range(6), 12, 13, 14]], atol=1e-6)
-
-
-def test_what_is_to_be_written_must_have_the_right_shape():
-    for write, channels in ((encode_gaussian, 2), (encode_ends, 15)):
-        with pytest.raises(InvalidQueryError, match=rf"out must be \({channels}, 8, 8\)"):
-            write((1.0, 1.0), (5.0, 5.0), 8, 8, 16.0, np.empty((channels + 1, 8, 8), np.float32))
 
 
 def test_a_place_is_the_centre_of_the_map_cell():

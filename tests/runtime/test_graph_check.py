@@ -105,8 +105,8 @@ def test_a_graph_that_fails_while_it_answers_is_one_line(make_tiny_model, nnpp_e
     model.graph.initializer.append(constant("far_away", 1.0, TensorProto.FLOAT, (1,)))
     onnx.save(model, path)
     network = NetworkModel(path)
-    with pytest.raises(ModelError, match="got one whose graph fails: ") as caught:
-        network.run()
+    with pytest.raises(ModelError, match="got one whose graph fails ") as caught:
+        network.try_out()
     assert "\n" not in str(caught.value)
     ground = np.random.default_rng(0).random((64, 64)).astype(np.float32)
     np.savez(tmp_path / "dem.npz", elevation_m=ground, cell_size_m=5.0)
@@ -134,7 +134,7 @@ def test_damage_anywhere_ends_in_an_answer_or_in_one_line(tiny_model, tmp_path, 
         path.write_bytes(content)
         try:
             read_model_file(path)
-            NetworkModel(path).run()
+            NetworkModel(path).try_out()
         except ModelError as error:
             assert "\n" not in str(error)
             refused += 1
@@ -163,16 +163,15 @@ def test_metadata_that_cannot_be_read_or_is_out_of_range_is_one_line(make_tiny_m
     for text in (*odd, '{"format": ["nnpp-edge-model-1"]}', '{"format": "nnpp-edge-model-1"}', "9" * 6000):
         assert "metadata" in refusal(with_metadata(make_tiny_model(), text))
     for changes in (
-        {"map_unshuffle": 0},
-        {"output_shuffle": 0},
-        {"output_shuffle": -1},
+        {"blocks": 0},
+        {"blocks": 24},
         {"omega": 0.0},
         {"omega": float("nan")},
         {"sigma": float("inf")},
         {"input_size": 1 << 40, "blocks": 8},
-        {"training": {"deep": json.loads("[" * 500 + "]" * 500)}},
+        {"training": {"deep": json.loads("[" * 100 + "]" * 100)}},
     ):
-        assert "out of range" in refusal(make_tiny_model(**changes))
+        assert "metadata" in refusal(make_tiny_model(**changes))
 
 
 def test_figures_that_cannot_be_read_are_one_line(make_tiny_model):

@@ -3,20 +3,17 @@ import pytest
 
 from nnpp_edge.runtime import NetworkModel, plan_path
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.inference import ModelMetadata
+from nnpp_edge.runtime.network.model_file import ModelMetadata
 
 
 def test_a_model_answers_with_probabilities_of_its_blocks(network):
     rng = np.random.default_rng(0)
     network.set_map(rng.random((2, 64, 64)).astype(np.float32))
-    network.set_query((5.0, 6.0), (50.0, 40.0))
-    first = network.run().copy()
+    first = network.answer((5.0, 6.0), (50.0, 40.0)).copy()
     assert first.shape == (8, 8)
     assert 0.0 <= first.min() <= first.max() <= 1.0
-    network.set_query((60.0, 60.0), (3.0, 5.0))
-    assert not np.array_equal(first, network.run())
-    network.set_query((5.0, 6.0), (50.0, 40.0))
-    np.testing.assert_array_equal(first, network.run())
+    assert not np.array_equal(first, network.answer((60.0, 60.0), (3.0, 5.0)))
+    np.testing.assert_array_equal(first, network.answer((5.0, 6.0), (50.0, 40.0)))
 
 
 def test_metadata_that_does_not_fit_is_refused(make_tiny_model):
@@ -26,9 +23,9 @@ def test_metadata_that_does_not_fit_is_refused(make_tiny_model):
         ({"encoding": "sine"}, "encoding"),
         ({"input_size": 128}, "inputs"),
         ({"blocks": 16}, "output"),
-        ({"blocks": 7}, "out of range"),
-        ({"region_factor": 0.0}, "out of range"),
-        ({"sigma": -1.0}, "out of range"),
+        ({"blocks": 7}, "go together"),
+        ({"region_factor": 0.0}, "region_factor"),
+        ({"sigma": -1.0}, "sigma"),
     ):
         path = make_tiny_model(**change)
         with pytest.raises(ModelError, match=word) as caught:

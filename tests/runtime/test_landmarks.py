@@ -8,7 +8,6 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.planners.plan import path_costs
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.landmarks import Landmarks
@@ -36,7 +35,7 @@ def test_a_landmarks_bound_is_never_above_the_cost(case, count):
     grid = Grid.of(case.cost, StepModel.of(case.step_cost), case.corner_cutting)
     landmarks = Landmarks(grid, Workspace(len(grid.weights)))
     landmarks.spread(count)
-    fields, at_goal, slack = landmarks.towards(grid.node(*case.goal))
+    fields, at_goal, slack = landmarks.towards(case.goal)
     with np.errstate(invalid="ignore"):
         apart = np.abs(fields - at_goal)
     bounds = np.where(np.isnan(apart), 0.0, apart).max(axis=1) - slack
@@ -64,7 +63,7 @@ def test_landmarks_outlive_what_makes_cells_dearer_and_nothing_else(seed, dearer
         ends = [tuple(int(x) for x in end) for end in rng.choice(np.argwhere(cost < 1.0), 2)]
         found = searcher.search(Query(*ends), Work(), None)
         optimum = oracles.dijkstra(cost, ends[0], "paper", True)[ends[1]]
-        assert path_costs(state.grid, found.path)[0] == pytest.approx(optimum, rel=1e-5, abs=1e-6)
+        assert state.grid.costs_of(found.path)[0] == pytest.approx(optimum, rel=1e-5, abs=1e-6)
 
 
 def test_landmarks_save_work():

@@ -23,8 +23,7 @@ from nnpp_edge.runtime import (
     Vehicle,
     pose_costs,
 )
-from nnpp_edge.runtime.planners.answers import Answers
-from nnpp_edge.runtime.planners.map_planners import MapPlanners
+from nnpp_edge.runtime.planners.methods import Methods
 from tests.fuzz import layers
 
 CELL_M, SIDE = 0.5, 40
@@ -131,7 +130,7 @@ def test_what_was_told_outlives_copies_and_interrupts(vehicle, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
-        patched.setattr(Answers, "plan", interrupted)
+        patched.setattr(Planner, "_planned", interrupted)
         planner.plan((5, 5), (34, 34))
     for one in (copy, planner):
         assert one.plan((5, 5), (34, 34)).status is Status.NO_PATH
@@ -145,7 +144,7 @@ def test_a_standing_path_outlives_an_interrupt(monkeypatch):
     planner.move((5, 5))
     before = planner.replan()
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
-        patched.setattr(MapPlanners, "dynamic", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        patched.setattr(Methods, "find", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         planner.replan()
     standing = planner.standing()
     assert standing.valid and standing.cost == pytest.approx(before.cost)

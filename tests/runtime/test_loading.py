@@ -149,8 +149,7 @@ loading.open_session = slowly
 
 def answer(network):
     network.set_map(np.full((2, 64, 64), 0.25, np.float32))
-    network.set_query((5.0, 6.0), (50.0, 40.0))
-    return network.run().copy()
+    return network.answer((5.0, 6.0), (50.0, 40.0)).copy()
 
 model = sys.argv[1]
 for way in ("while it loads", "its own", "dropped"):
@@ -165,12 +164,12 @@ for way in ("while it loads", "its own", "dropped"):
         if way == "its own":
             assert np.array_equal(answer(network), wanted)
         again = NetworkModel(model, threads=2)
-        assert again.run().shape == (8, 8)
+        assert again.answer((5.0, 6.0), (50.0, 40.0)).shape == (8, 8)
         if way == "dropped":
             del network
         os._exit(7)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7, way
-    assert NetworkModel(model, threads=2).run().shape == (8, 8)
+    assert NetworkModel(model, threads=2).answer((5.0, 6.0), (50.0, 40.0)).shape == (8, 8)
 """
 
 
@@ -185,22 +184,21 @@ def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their
     planners = [Planner(COST, model=model) for model in (fresh_model, str(fresh_model), fresh_model)]
     plans = [planner.plan(*ENDS, method="nnpp") for planner in planners]
     plans += [plan_path(COST, *ENDS, "nnpp", model=fresh_model) for _ in range(2)]
-    one, other = NetworkModel(fresh_model), NetworkModel(fresh_model, threads=1)
+    one, other = NetworkModel(fresh_model), NetworkModel(fresh_model)
     begin_loading(one)
     begin_loading(fresh_model)
     assert not loaders() and sessions.paths == [fresh_model]
-    assert one.session is other.session  # one thread is what so small a network gets by default
+    assert one.session is other.session
     assert all(np.array_equal(plan.path, plans[0].path) for plan in plans)
     rng = np.random.default_rng(1)
     for network in (one, other):
         network.set_map(rng.random((2, 64, 64)).astype(np.float32))
-        network.set_query((5.0, 6.0), (50.0, 40.0))
-    first = one.run().copy()
-    assert not np.array_equal(first, other.run())
-    np.testing.assert_array_equal(first, one.run())
+    ends = (5.0, 6.0), (50.0, 40.0)
+    first = one.answer(*ends).copy()
+    assert not np.array_equal(first, other.answer(*ends))
+    np.testing.assert_array_equal(first, one.answer(*ends))
     NetworkModel(fresh_model, threads=2)
-    NetworkModel(fresh_model, spinning=True)
-    assert len(sessions.paths) == 3
+    assert len(sessions.paths) == 2
     by_name = NetworkModel("edge")
     assert NetworkModel(by_name.path).session is by_name.session
 

@@ -31,7 +31,7 @@ from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.ticker import Ticker
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network import loading
-from nnpp_edge.runtime.planners.plan import Method, Plan, path_costs
+from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from tests.conftest import write_tiny_model
@@ -436,7 +436,7 @@ def raising(*_, **__):
 
 def test_a_network_that_raises_leaves_the_corridor(network, monkeypatch):
     nav = navigator(method="nnpp", model=network)
-    monkeypatch.setattr(NetworkModel, "run", raising)
+    monkeypatch.setattr(NetworkModel, "answer", raising)
     message = nav.tick()
     assert (message.outcome, message.origin) == (Status.OK, Origin.CORRIDOR)
     assert (message.method, message.degraded) == ("corridor", True)
@@ -519,7 +519,9 @@ def slow_network(path, monkeypatch):
 def test_after_a_slow_inference_the_corridor_answers_until_the_network_is_tried_again(make_tiny_model, monkeypatch):
     model, session = slow_network(make_tiny_model(), monkeypatch)
     nav = navigator(free((100, 100)), goal=(90, 90), method="nnpp", model=model)
-    assert nav.tick().origin is Origin.FULL
+    for n in range(5):  # of which one at least is as fast as the network can be
+        nav.offer(Goal(85 + n, 90))
+        assert nav.tick().origin is Origin.FULL
     session.seconds, answers = 0.6, []
     for n in range(30):
         nav.offer(Goal(90, 60 + n))
@@ -576,7 +578,7 @@ def test_way_points_and_cost_are_those_of_the_map_that_the_path_was_checked_on(m
     message = nav.tick()
     assert message.ok and message.map_version == 1
     assert message.waypoints is None, "the line was not checked on the map with the patch"
-    cost, _, _ = path_costs(Planner(nav.map.cost()).state.grid, message.path)
+    cost, _, _ = Planner(nav.map.cost()).state.grid.costs_of(message.path)
     assert message.cost == pytest.approx(cost)
     monkeypatch.undo()
     assert nav.tick().waypoints is not None

@@ -22,7 +22,6 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.planners.plan import path_costs
 from tests import oracles
 
 SHAPE = (210, 250)
@@ -157,12 +156,12 @@ def test_a_paths_costs_are_the_sums_over_its_steps_and_cells(step_cost):
     cost = rough()[:20, :30] + np.float32(0.01)
     grid = Grid.of(cost, StepModel.of(step_cost))
     path = np.array([(1, 1), (2, 2), (2, 3), (3, 3), (4, 2)], np.int32)
-    total, length, traverse = path_costs(grid, path)
+    total, length, traverse = grid.costs_of(path)
     assert total == pytest.approx(oracles.path_cost(path, cost, step_cost), rel=1e-6)
     assert length == pytest.approx(2 + 2 * math.sqrt(2))
     assert traverse == pytest.approx(cost[tuple(path.T)].sum(), rel=1e-5)
-    assert path_costs(grid, path[:0]) == (math.inf, math.inf, math.inf)
-    assert path_costs(grid, path[:1])[:2] == (0.0, 0.0)
+    assert grid.costs_of(path[:0]) == (math.inf, math.inf, math.inf)
+    assert grid.costs_of(path[:1])[:2] == (0.0, 0.0)
 
 
 COPY_COST = np.random.default_rng(2).random((200, 220)).astype(np.float32)

@@ -1,12 +1,14 @@
+import gc
 import math
 import threading
+import weakref
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import DynamicPlanner, NetworkModel, Planner, Source, Status, plan_path
+from nnpp_edge.runtime import DynamicPlanner, NetworkModel, Planner, Source, Status, Vehicle, plan_path
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, ModelError
 from tests import oracles
 from tests.strategies import cases
@@ -166,3 +168,17 @@ def test_what_makes_no_sense_is_refused():
             plan_path(np.zeros((3, 3)), **{"start": (0, 0), "goal": (2, 2)} | wrong)
     with pytest.raises(InvalidQueryError, match="at least one goal"):
         Planner(np.zeros((4, 4), np.float32)).nearest((0, 0), [])
+
+
+def test_a_planner_gives_its_memory_back_at_once():
+    """Large maps come and go: nothing waits for the collector of garbage in circles."""
+    gc.disable()
+    try:
+        for vehicle in (None, Vehicle(radius_m=1.0), Vehicle(3.0, 2.0, 0.5)):
+            planner = Planner.of_elevation(np.zeros((40, 40), np.float32), 1.0, vehicle=vehicle)
+            planner.plan((5, 5), (34, 34), method="corridor")
+            grid = weakref.ref(planner.state.grid)
+            del planner
+            assert grid() is None
+    finally:
+        gc.enable()

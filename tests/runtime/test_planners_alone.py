@@ -12,11 +12,8 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
-from nnpp_edge.runtime.planners.corridor import CorridorPlanner
-from nnpp_edge.runtime.planners.exact import ExactPlanner
-from nnpp_edge.runtime.planners.learned import LearnedPlanner
-from nnpp_edge.runtime.planners.map_planners import MapPlanners
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Source
+from nnpp_edge.runtime.planners.methods import Methods
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
 from nnpp_edge.runtime.planners.query import Query, Work, problem_with
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender
 from nnpp_edge.runtime.region.learned import LearnedRegions, NetworkAnswer
@@ -65,19 +62,21 @@ class Recording:
         return self.answers.pop(0) if self.answers else self.searcher.search(query, work, region)
 
 
-class RecordingExact:
-    """An exact planner that notes why it is asked for a path."""
+class RecordingMethods(Methods):
+    """Methods that note why the whole map is searched, and search regions by a `Recording`."""
 
-    def __init__(self, searcher):
-        self.exact, self.sources = ExactPlanner(searcher), []
+    def __init__(self, state, answers=(), regions=None, ask_from=0):
+        super().__init__(state, ask_from=ask_from)
+        self.recording, self.sources = Recording(self.astar, answers), []
+        self.regions = regions
 
-    def find(self, query, work, source=Source.MAP):
+    def search_map(self, query, work, source=Source.MAP):
         self.sources.append(source)
-        return self.exact.find(query, work, source)
+        return super().search_map(query, work, source)
 
-    def find_briefly(self, query, work):
+    def search_briefly(self, query, work):
         self.sources.append("briefly")
-        return self.exact.find_briefly(query, work)
+        return super().search_briefly(query, work)
 
 
 class GivenRegions:
@@ -98,16 +97,13 @@ class GivenRegions:
 
 
 def corridor_of(state, answers=()):
-    astar = AStarSearcher(state)
-    recording, exact = Recording(astar, answers), RecordingExact(astar)
-    return CorridorPlanner(CoarseToFine(state, astar.workspace), recording, exact), recording, exact
+    methods = RecordingMethods(state, answers)
+    return lambda query: methods.corridor(query, Work(), methods.recording), methods.recording, methods
 
 
-def learned_of(state, regions, answers=(), network_from=0):
-    astar = AStarSearcher(state)
-    recording, exact = Recording(astar, answers), RecordingExact(astar)
-    descent = CoarseToFine(state, astar.workspace)
-    return LearnedPlanner(state, regions, descent, recording, exact, network_from), recording, exact
+def learned_of(state, regions, answers=(), ask_from=0):
+    methods = RecordingMethods(state, answers, regions, ask_from)
+    return lambda query: methods.network_region(query, Work(), methods.recording), methods.recording, methods
 
 
 def test_astar_gives_up_after_its_limit_and_has_at_most_so_many_landmarks_of_which_the_first_are_goals(state):
@@ -154,14 +150,14 @@ def test_a_mending_searcher_mends_or_searches_afresh(state, always):
 
 
 def test_the_exact_planner_finds_the_optimum_and_says_why_it_searched(state, cost):
-    planner, work = ExactPlanner(AStarSearcher(state)), Work()
+    methods, work = Methods(state), Work()
     work.remark = "left by another"
-    found = planner.find(QUERY, work, Source.FALLBACK)
+    found = methods.search_map(QUERY, work, Source.FALLBACK)
     assert (found.source, found.region, work.remark) == (Source.FALLBACK, None, "")
     assert found.cost == pytest.approx(optimum(cost), rel=1e-5) == found.lower_bound
     assert found.suffices(QUERY._replace(epsilon=0.0))
     near = QUERY._replace(goal=(20, 22))
-    assert planner.find_briefly(near, work).cost == pytest.approx(planner.find(near, work).cost)
+    assert methods.search_briefly(near, work).cost == pytest.approx(methods.search_map(near, work).cost)
 
 
 def test_a_descent_hands_its_searcher_a_corridor_around_the_coarse_path_if_there_is_one(state):
@@ -189,17 +185,17 @@ def test_a_descent_hands_its_searcher_a_corridor_around_the_coarse_path_if_there
 def test_a_corridor_is_widened_then_given_up_for_the_map(state, cost):
     for failures, source in enumerate((Source.REGION, Source.WIDENED, Source.FALLBACK)):
         planner, recording, exact = corridor_of(state, [NO_WAY] * failures)
-        found = planner.find(QUERY, Work())
+        found = planner(QUERY)
         assert found.source is source and (found.region is None) == (failures == 2)
         assert recording.areas == sorted(recording.areas) and len(recording.areas) == min(failures + 1, 2)
         assert exact.sources == [Source.FALLBACK] * (failures == 2)
         assert found.cost >= optimum(cost) * (1 - 1e-5)
     planner, recording, exact = corridor_of(state)  # until the path is good enough
-    assert planner.find(QUERY._replace(epsilon=0.0), Work()).cost == pytest.approx(optimum(cost), rel=1e-5)
+    assert planner(QUERY._replace(epsilon=0.0)).cost == pytest.approx(optimum(cost), rel=1e-5)
     assert exact.sources == [Source.FALLBACK] and len(recording.areas) == 2
-    assert planner.find(QUERY._replace(epsilon=9.0), Work()).source is Source.REGION and len(recording.areas) == 3
+    assert planner(QUERY._replace(epsilon=9.0)).source is Source.REGION and len(recording.areas) == 3
     planner, recording, exact = corridor_of(state, [Search.without_path(Status.TIMEOUT)])  # nor without time
-    assert planner.find(QUERY, Work()).search.status is Status.TIMEOUT
+    assert planner(QUERY).search.status is Status.TIMEOUT
     assert (len(recording.areas), exact.sources) == (1, [])
 
 
@@ -208,7 +204,7 @@ def test_learned_regions_are_searched_in_turn_and_then_the_map(state, cost):
     for failures, source in enumerate((Source.REGION, Source.WIDENED, Source.WIDENED, Source.FALLBACK)):
         regions = GivenRegions(EVERYWHERE, EVERYWHERE, EVERYWHERE)
         planner, recording, exact = learned_of(state, regions, [NO_WAY] * failures)
-        found = planner.find(QUERY, Work())
+        found = planner(QUERY)
         assert (found.source, found.threshold) == (source, 0.25)
         assert found.network_region is not None
         assert found.cost == pytest.approx(optimum(cost), rel=1e-5)
@@ -218,18 +214,18 @@ def test_learned_regions_are_searched_in_turn_and_then_the_map(state, cost):
     shape = (REFINE_FROM, 120)  # a larger map is searched on the coarsest level
     regions = GivenRegions(None)
     planner, recording, _ = learned_of(MapState(rough(shape), StepModel.of("paper")), regions)
-    found = planner.find(QUERY._replace(goal=(110, 100)), Work())
+    found = planner(QUERY._replace(goal=(110, 100)))
     assert regions.asked[0][2:] == ((REFINE_FROM // 4, 30), 1)
     assert found.search.status is Status.OK and recording.areas[0] < shape[0] * shape[1]
 
 
 def test_near_goals_are_found_without_asking_the_network(state):
     regions = GivenRegions()
-    planner, _, exact = learned_of(state, regions, network_from=40)
-    found = planner.find(Query((4, 5), (20, 30)), Work())
+    planner, _, exact = learned_of(state, regions, ask_from=40)
+    found = planner(Query((4, 5), (20, 30)))
     assert (found.source, exact.sources, regions.asked) == (Source.MAP, ["briefly"], [])
     assert math.isnan(found.threshold)
-    planner.find(QUERY, Work())
+    planner(QUERY)
     assert exact.sources == ["briefly", Source.FALLBACK] and len(regions.asked) == 1
 
 
@@ -250,11 +246,18 @@ def test_a_networks_regions_widen_and_hold_start_and_goal(state, network):
     assert {"encode", "inference", "threshold"} <= set(work.timings_ms)
 
 
+def test_a_late_query_does_not_wait_for_the_coarse_levels(cost, network, monkeypatch):
+    monkeypatch.setattr(MapState, "pyramid", property(lambda _: pytest.fail("without a deadline")))
+    for method in (Method.CORRIDOR, Method.NNPP, DynamicMethod.CORRIDOR_DSTAR, DynamicMethod.NNPP_DSTAR):
+        with pytest.raises(OutOfTimeError):
+            Methods(MapState(cost, StepModel.of("paper")), network, ask_from=0).find(method, LATE, Work())
+
+
 def test_every_method_finds_a_path_that_costs_little_more_than_the_optimum(state, network, cost):
-    planners, best = MapPlanners(state, network), optimum(cost)
+    methods, best = Methods(state, network), optimum(cost)
     for method in set(DynamicMethod) - {DynamicMethod.AUTO}:
         work = Work()
-        found = planners.dynamic(method).find(QUERY, work)
+        found = methods.find(method, QUERY, work)
         assert found.search.status is Status.OK and best * (1 - 1e-5) <= found.cost <= 1.1 * best
         plan = found.plan(method.base, work, planner=method)
         assert (plan.planner, plan.method, plan.expansions) == (method, method.base, work.expansions)

@@ -80,7 +80,7 @@ def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(seed, bl
     ends = [grid.cell(int(node)) for node in rng.choice(np.flatnonzero(np.isfinite(grid.weights)), 2)]
     fields = []
     for end in ends:
-        settle_all(grid, end, scratch, links=level.links)
+        settle_all(grid, end, scratch, level.links)
         fields.append(np.empty((grid.rows, grid.cols), np.float32))
         read_field(scratch.g, scratch.meta, scratch.stamp, grid.stride, fields[-1])
     if with_landmarks:

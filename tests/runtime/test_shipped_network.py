@@ -84,13 +84,3 @@ def test_int8_answers_as_the_network_did_before(answers):
     apart = [np.abs(each.probability - each.unquantised) for each in answers]
     assert np.mean(apart) < 0.005 and np.max(apart) < 0.25
     assert min(np.corrcoef(each.probability.ravel(), each.unquantised.ravel())[0, 1] for each in answers) > 0.99
-
-
-def test_both_ways_to_ask_answer_alike():
-    network, rng = NetworkModel("edge"), np.random.default_rng(3)
-    network.set_map(rng.random((2, 64, 64)).astype(np.float32))
-    for _ in range(4):
-        start, goal = (tuple(rng.uniform(0.0, 63.0, 2).tolist()) for _ in range(2))
-        answer = network.answer(start, goal).copy()
-        network.set_query(start, goal)
-        np.testing.assert_allclose(network.run(), answer, atol=1e-6)

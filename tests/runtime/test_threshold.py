@@ -4,12 +4,13 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Level, Pyramid
 from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame
-from nnpp_edge.runtime.region.threshold import Ends, RegionFinder, lowered, probability_of
+from nnpp_edge.runtime.region.threshold import Ends, RegionFinder, probability_of
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from tests import oracles

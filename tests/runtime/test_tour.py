@@ -66,19 +66,13 @@ def test_where_there_costs_another_than_back_the_best_order_is_the_cheapest_too(
         return Plan(Status.OK, Method.ASTAR, Source.MAP, ends, cost=between[begin[1], end[1]])
 
     grid = Planner(np.zeros((1, count), np.float32)).state.grid
+    grid.steps.by_slope = True
     best, given_cost = cheapest_order(between.tolist())
     known = np.random.default_rng(seed).random(between.shape) < 0.5
     partly = np.where(known, between, 0.7 * between), known
     for nearest, share in ((None, 0.0), (None, 0.6), (lambda: partly, 0.0), (lambda: partly, 0.9)):
-        found = tour(
-            leg,
-            stops,
-            grid,
-            best_order=True,
-            symmetric=False,
-            nearest=nearest,
-            at_least=lambda begin, end, share=share: share * between[begin[1], end[1]],
-        )
+        grid.least_cost = lambda begin, end, share=share: share * between[begin[1], end[1]]
+        found = tour(leg, stops, grid, best_order=True, nearest=nearest)
         assert found.plan.cost == pytest.approx(best)
         assert found.given_cost == pytest.approx(given_cost)
 
@@ -117,7 +111,7 @@ def test_the_cheapest_costs_to_the_nearest_stops_are_those_of_the_whole_field():
         assert not known.all(), "some are too far away"
 
 
-def test_where_a_path_costs_the_same_both_ways_each_two_places_are_planned_between_once_at_most():
+def test_where_a_path_costs_the_same_both_ways_each_two_places_are_planned_between_once_at_most(monkeypatch):
     cost, stops = map_with_stops(5, 8, side=64, blocked=0.1)
     planner, asked = Planner(cost), []
 
@@ -128,7 +122,8 @@ def test_where_a_path_costs_the_same_both_ways_each_two_places_are_planned_betwe
     def at_least(begin, end):
         return 0.8 * planner.plan(begin, end, method="corridor").cost
 
-    found = tour(leg, stops, planner.state.grid, best_order=True, at_least=at_least)
+    monkeypatch.setattr(planner.state.grid, "least_cost", at_least)
+    found = tour(leg, stops, planner.state.grid, best_order=True)
     assert len(asked) == len(set(map(frozenset, asked))) < 8 * 7 // 2 - 1, "and not all that might be"
     assert oracles.path_problem(found.plan.path, cost, stops[0], stops[-1]) == ""
     assert found.plan.cost == pytest.approx(oracles.path_cost(found.plan.path, cost), rel=1e-5)

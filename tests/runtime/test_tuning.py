@@ -15,8 +15,7 @@ from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners import dynamic_choice, searchers
 from nnpp_edge.runtime.planners.choice import MethodChooser
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
-from nnpp_edge.runtime.planners.exact import ExactPlanner
-from nnpp_edge.runtime.planners.plan import path_costs
+from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.region.corridor import CoarseLevel
@@ -101,9 +100,8 @@ def test_near_goals_are_found_before_the_network_is_shown_anything(network):
 def test_a_brief_search_gives_up_after_its_expansions():
     cost = free(150, 150)
     cost[75, 1:] = np.inf
-    searcher = AStarSearcher(MapState(cost, StepModel.of("paper")))
-    work = Work()
-    assert ExactPlanner(searcher).find_briefly(Query((73, 140), (77, 140)), work) is None
+    methods, work = Methods(MapState(cost, StepModel.of("paper"))), Work()
+    assert methods.search_briefly(Query((73, 140), (77, 140)), work) is None
     limit = tuning.BRIEF_EXPANSIONS + 2 * 4**2
     assert limit <= work.expansions <= limit + 8
 
@@ -159,7 +157,7 @@ def test_a_wider_corridor_holds_more_cells_and_a_path_that_is_no_dearer():
     for width in (tuning.LEARNED_CORRIDOR, tuning.CORRIDOR, tuning.WIDENED_CORRIDOR):
         search, region = descent.descend(Query((5, 5), (290, 280)), Work(), searcher, 1, None, width)
         areas.append(region.area())
-        costs.append(path_costs(state.grid, search.path)[0])
+        costs.append(state.grid.costs_of(search.path)[0])
     assert areas == sorted(areas) and 1.1 * areas[0] < areas[-1]
     assert costs == sorted(costs, reverse=True)
 

@@ -58,12 +58,14 @@ def test_a_cost_map_is_read_with_its_cell_size(good):
     cost, size = read_cost_map(good / "no_size.npz")
     assert (cost.dtype, size) == (np.float32, 1.0)
     assert read_cost_map(good / "heights.npz") is None and read_cost_map(good / "none.npz") is None
+    with pytest.raises(TerrainError, match="wanted heights, got costs"):
+        read_dem(good / "plain.npz")
 
 
-@pytest.mark.parametrize("name", ["packed.npz", "plain.npz", "heights.npz", "heights.npy", "heights.png"])
 @pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ["packed.npz", "plain.npz", "heights.npy", "heights.png"])
 def test_however_a_file_is_damaged_it_is_read_or_refused_in_one_line(good, capfd, name):
-    """Cut short, bytes changed, pieces replaced; libpng is not heard of."""
+    """Cut short, bytes changed, pieces replaced; libpng is not heard of. Other formats: the fuzzer."""
     content, rng = (good / name).read_bytes(), np.random.default_rng(1)
     path, refused = good / f"damaged{name[-4:]}", 0
     for case in range(150):
@@ -140,11 +142,6 @@ def test_arrays_that_are_not_wanted_are_not_unpacked_and_nothing_advises_to_unpi
         with pytest.raises(TerrainError) as caught:
             read_dem(tmp_path / "dem.npy", cell_size_m=1.0)
         assert "pickle" not in str(caught.value)
-
-
-def test_costs_are_not_taken_for_heights(good):
-    with pytest.raises(TerrainError, match="wanted heights, got costs"):
-        read_dem(good / "plain.npz")
 
 
 def test_a_png_whose_checksums_are_right_and_whose_lines_are_not_is_refused_silently(tmp_path, capfd):

@@ -1,4 +1,6 @@
 import io
+import subprocess
+import sys
 from concurrent.futures.process import BrokenProcessPool
 
 import msgspec
@@ -160,8 +162,9 @@ def test_numbers_out_of_range_are_no_recipe(whole, tmp_path):
     for changes in (
         {"size": 16, "blocks": 4}, {"size": 33}, {"blocks": 0}, {"blocks": 24}, {"maps": 0}, {"points_per_map": 1},
         {"poolings": ()}, {"poolings": ((0, 1.0),)}, {"workloads": (("soft", 0.0),)}, {"workloads": (("hard", 1.0),)},
-        {"synthetic_share": 1.5}, {"omega": float("nan")}, {"cell_sizes_m": (0.0,)}, {"cell_sizes_m": ()},
-        {"limits": {"slope": 3.0}}, {"limits": {"hard_step_m": -1.0}}, {"stripe": (0.5, 0.5)}, {"seed": -1},
+        {"synthetic_share": 1.5}, {"omega": float("nan")}, {"cell_sizes_m": (1e-320,)},
+        {"cell_sizes_m": ()}, {"limits": {"slope": 3.0}}, {"limits": {"hard_step_m": -1.0}},
+        {"stripe": (0.5, 0.5)}, {"seed": -1},
     ):  # fmt: skip
         with pytest.raises(DataSetError):
             msgspec.structs.replace(RECIPE, **changes)
@@ -269,6 +272,12 @@ def test_cells_that_are_not_square_are_judged_by_both_sides(tmp_path):
     np.savez(recipe.terrain[0], elevation_m=cols, cell_size_m=1.0, cell_width_m=10.0)
     planes = make_shard(recipe, read_terrain(recipe), np.random.default_rng(0), 2)["planes"]
     assert planes[:, 1, 2:-2, 2:-2].max() == 0  # a slope of 6°, not of 45°
+
+
+def test_a_data_set_made_here_needs_no_dask():
+    code = "import sys; import nnpp_edge.cli.dataset, nnpp_edge.terrain.cluster; print('dask' in sys.modules)"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "False"
 
 
 def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):

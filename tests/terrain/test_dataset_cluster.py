@@ -3,7 +3,6 @@
 import gc
 import os
 import signal
-import subprocess
 import sys
 from functools import partial
 
@@ -116,12 +115,3 @@ def test_a_cluster_without_workers_and_a_worker_of_another_version_are_refused(m
         list(shards_on_cluster(empty.scheduler_address, Recipe(()), [], [0]))
     with pytest.raises(ClusterError, match=r"wanted workers with nnpp-edge 0\.0\.0"):
         cluster._make("0.0.0", RECIPE, [], 0)
-
-
-def test_a_data_set_made_here_needs_no_dask():
-    code = (
-        "import sys; import nnpp_edge.cli.dataset, nnpp_edge.terrain.cluster\n"
-        "print(sorted({'dask', 'distributed'} & set(sys.modules)))"
-    )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ended.stdout.strip() == "[]"

@@ -56,15 +56,15 @@ def ground(crs, points):
 
 
 @pytest.mark.filterwarnings("ignore:.* draws a metre of ground")
-@pytest.mark.parametrize(("crs", "lon", "lat", "side"), SYSTEMS)
-def test_cells_are_as_long_as_the_ground_under_them(tmp_path, crs, lon, lat, side):
-    path = written(tmp_path / "map.tif", crs, lon, lat, side, np.zeros((40, 60)))
-    dem = read_dem(path)
-    column = ground(crs, [dem.map_coordinates(row, 29.5) for row in (0, 39)])[0] / 39.0
-    row = ground(crs, [dem.map_coordinates(19.5, col) for col in (0, 59)])[0] / 59.0
-    assert (dem.cell_size_m, dem.cell_width_m) == pytest.approx((column, row), rel=1e-5)
-    with open_dem(path) as windows:
-        assert (windows.cell_size_m, windows.cell_width_m) == (dem.cell_size_m, dem.cell_width_m)
+def test_cells_are_as_long_as_the_ground_under_them(tmp_path):
+    for crs, *middle in SYSTEMS:
+        path = written(tmp_path / "map.tif", crs, *middle, np.zeros((40, 60)))
+        dem = read_dem(path)
+        column = ground(crs, [dem.map_coordinates(row, 29.5) for row in (0, 39)])[0] / 39.0
+        row = ground(crs, [dem.map_coordinates(19.5, col) for col in (0, 59)])[0] / 59.0
+        assert (dem.cell_size_m, dem.cell_width_m) == pytest.approx((column, row), rel=1e-5), crs
+        with open_dem(path) as windows:
+            assert (windows.cell_size_m, windows.cell_width_m) == (dem.cell_size_m, dem.cell_width_m)
 
 
 @pytest.mark.filterwarnings("ignore:.* draws a metre of ground")
@@ -88,22 +88,20 @@ def test_a_plan_is_as_long_as_the_geodesic_and_the_projections_scale_is_told(tmp
     assert "draws a metre of ground at the map's middle as 1.998 m along columns and 1.995 m" in ended.err
 
 
-@pytest.mark.parametrize(
-    ("system", "side", "told"),
-    [
-        (("EPSG:32633", 15.0, 50.0), 1.0, None),
-        ((MARS, 20.0, 80.0), 0.01, None),
-        ((MARS, 20.0, 80.0), 0.1, "up to 19 % off"),
-        (("ESRI:54008", 90.0, 50.0), 10.0, "up to 77 % off"),  # sinusoidal: skewed even on a small map
-    ],
-)
-def test_lengths_that_are_off_on_the_map_are_told(tmp_path, recwarn, system, side, told):
-    path = written(tmp_path / "map.tif", *system, side, np.zeros((40, 40)))
-    read_dem(path)
-    words = [str(each.message) for each in recwarn if "some lengths and slopes" in str(each.message)]
-    assert len(words) == (told is not None) and all(told in word for word in words)
-    recwarn.clear()
-    assert read_dem(path, cell_size_m=5.0).cell_size_m == 5.0 and not recwarn.list
+def test_lengths_that_are_off_on_the_map_are_told(tmp_path, recwarn):
+    for *system, side, told in (
+        ("EPSG:32633", 15.0, 50.0, 1.0, None),
+        (MARS, 20.0, 80.0, 0.01, None),
+        (MARS, 20.0, 80.0, 0.1, "up to 19 % off"),
+        ("ESRI:54008", 90.0, 50.0, 10.0, "up to 77 % off"),  # sinusoidal: skewed even on a small map
+    ):
+        path = written(tmp_path / "map.tif", *system, side, np.zeros((40, 40)))
+        recwarn.clear()
+        read_dem(path)
+        words = [str(each.message) for each in recwarn if "some lengths and slopes" in str(each.message)]
+        assert len(words) == (told is not None) and all(told in word for word in words)
+        recwarn.clear()
+        assert read_dem(path, cell_size_m=5.0).cell_size_m == 5.0 and not recwarn.list
 
 
 def test_a_map_whose_middle_lies_off_the_globe_is_taken_as_drawn(tmp_path):

@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -5,7 +6,7 @@ import pytest
 from scipy.integrate import quad
 
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.terrain.rocks import Rocks, covered_share, draw_rocks, rock_heights, rocks_per_m2, with_rocks
+from nnpp_edge.terrain.rocks import Rocks, covered_share, draw_rocks, rock_heights, with_rocks
 
 SIDES = (0.25, 0.25)
 
@@ -15,32 +16,24 @@ def hills(rows=60, cols=50):
     return (np.sin(row / 7.0) * np.cos(col / 9.0)).astype(np.float32)
 
 
-@pytest.mark.parametrize(("least", "greatest"), [(0.1, 3.0), (0.5, 1.0)])
-def test_numbers_and_covered_ground_follow_the_law(least, greatest):
-    for cover in (0.02, 0.05, 0.1, 0.2):
-        numbers_follow_the_law(cover, least, greatest)
+def test_numbers_and_covered_ground_follow_the_law():
+    for cover, (least, greatest) in itertools.product((0.02, 0.05, 0.1, 0.2), ((0.1, 3.0), (0.5, 1.0))):
+        q = 1.79 + 0.152 / cover
 
+        def density(diameter, cover=cover, q=q):
+            return cover * q * math.exp(-q * diameter) * 4.0 / (math.pi * diameter**2)
 
-def numbers_follow_the_law(cover, least, greatest):
-    q = 1.79 + 0.152 / cover
-
-    def density(diameter):
-        return cover * q * math.exp(-q * diameter) * 4.0 / (math.pi * diameter**2)
-
-    expected = quad(density, least, greatest, epsabs=0.0)[0]
-    assert rocks_per_m2(cover, least, greatest) == pytest.approx(expected, rel=1e-4)
-
-    side = math.ceil(math.sqrt(20_000 / max(expected, 1e-4)))  # metres; some 20,000 rocks
-    drawn = draw_rocks((side, side), (1.0, 1.0), cover, 1, (least, greatest))
-    area = float(side**2)
-    assert len(drawn.places) == pytest.approx(expected * area, abs=4.0 * math.sqrt(expected * area))
-    assert least <= drawn.diameters_m.min() and drawn.diameters_m.max() <= greatest
-    ground = 0.25 * math.pi * drawn.diameters_m**2
-    wanted = float(covered_share(cover, least) - covered_share(cover, greatest)) * area
-    assert ground.sum() == pytest.approx(wanted, abs=4.0 * math.sqrt((ground**2).sum()))
-    middle = math.sqrt(least * greatest)
-    more = int((drawn.diameters_m >= middle).sum())
-    assert more == pytest.approx(rocks_per_m2(cover, middle, greatest) * area, abs=4.0 * math.sqrt(more + 9.0))
+        expected = quad(density, least, greatest, epsabs=0.0)[0]
+        side = math.ceil(math.sqrt(20_000 / max(expected, 1e-4)))  # metres; some 20,000 rocks
+        drawn, area = draw_rocks((side, side), (1.0, 1.0), cover, 1, (least, greatest)), float(side**2)
+        assert len(drawn.places) == pytest.approx(expected * area, abs=4.0 * math.sqrt(expected * area))
+        assert least <= drawn.diameters_m.min() and drawn.diameters_m.max() <= greatest
+        ground = 0.25 * math.pi * drawn.diameters_m**2
+        wanted = float(covered_share(cover, least) - covered_share(cover, greatest)) * area
+        assert ground.sum() == pytest.approx(wanted, abs=4.0 * math.sqrt((ground**2).sum()))
+        middle = math.sqrt(least * greatest)
+        more = int((drawn.diameters_m >= middle).sum())
+        assert more == pytest.approx(quad(density, middle, greatest)[0] * area, abs=4.0 * math.sqrt(more + 9.0))
 
 
 def test_the_ground_under_large_rocks_is_the_laws():
@@ -88,16 +81,12 @@ def test_heights_only_rise_what_is_unknown_stays_so_and_the_input_is_untouched()
     assert found.dtype == np.float32 and (found - before)[known].max() <= 1.5 + 1e-4
 
 
-def test_the_seed_decides_and_no_cover_changes_nothing():
+def test_the_seed_decides_and_cells_of_two_sides_hold_as_many_by_area():
     dem = hills()
     one, same = with_rocks(dem, 0.25, 0.1, 7), with_rocks(dem, 0.25, 0.1, np.random.default_rng(7))
     assert np.array_equal(one, same) and not np.array_equal(one, with_rocks(dem, 0.25, 0.1, 8))
     assert np.array_equal(with_rocks(dem, 0.25, 0.0, 1), dem)
-
-
-def test_cells_of_two_sides_hold_as_many_rocks_by_area():
-    square = draw_rocks((400, 400), (0.5, 0.5), 0.1, 1, (0.3, 2.0))
-    oblong = draw_rocks((400, 400), (0.25, 1.0), 0.1, 1, (0.3, 2.0))
+    square, oblong = (draw_rocks((400, 400), sides, 0.1, 1, (0.3, 2.0)) for sides in ((0.5, 0.5), (0.25, 1.0)))
     assert len(square.diameters_m) == len(oblong.diameters_m) > 1000
 
 

@@ -51,17 +51,14 @@ def test_points_of_a_layer_in_the_maps_system_are_taken_as_they_are_in_their_ord
         found, word = points_of(str(path), dem())
         order = sorted if driver == "FlatGeobuf" else list  # which packs its features by place
         assert order(map(tuple, found.tolist())) == order(PLACES) and word == ""
-    with pytest.warns(UserWarning, match="crs"):
-        path = write_layer(tmp_path / "b.shp", [point(*PLACES[0])], crs=None, driver="ESRI Shapefile")
-    assert points_of(str(path), dem())[0].tolist() == [list(PLACES[0])]
-
-
-def test_points_with_heights_and_several_points_in_one_are_points(tmp_path):
     several = struct.pack("<BII", 1, 4, 2) + point(*PLACES[0]) + point(*PLACES[1])
     high = write_layer(tmp_path / "z.gpkg", [point(*place, kind=1001) for place in PLACES], kind="Point Z")
     multi = write_layer(tmp_path / "m.gpkg", [several], kind="MultiPoint")
     assert list(map(tuple, points_of(str(high), dem())[0].tolist())) == PLACES
     assert list(map(tuple, points_of(str(multi), dem())[0].tolist())) == PLACES[:2]
+    with pytest.warns(UserWarning, match="crs"):
+        path = write_layer(tmp_path / "b.shp", [point(*PLACES[0])], crs=None, driver="ESRI Shapefile")
+    assert points_of(str(path), dem())[0].tolist() == [list(PLACES[0])]
 
 
 def test_a_layer_in_another_system_is_reprojected_and_it_is_said(tmp_path):

@@ -139,7 +139,7 @@ def test_a_training_limited_by_time_is_repeated_by_its_number_of_steps(samples, 
     limited = load_checkpoint(path)
     progress, facts = limited.progress, limited.facts()
     assert facts["steps"] == progress.step == progress.steps and (progress.step > 5) == (limit_s == 4.0)
-    assert progress.spent_s == pytest.approx(limit_s, rel=0.3)
+    assert progress.spent_s == pytest.approx(limit_s, rel=0.5)
     again = load_checkpoint(run(samples, tmp_path / "again", epochs=10_000, steps=facts["steps"]))
     assert again.progress.step == facts["steps"]
     for name, weights in limited.average.items():

@@ -180,7 +180,7 @@ def test_an_obstacle_is_painted_mended_and_undone(tab):
 
 def test_what_is_copied_is_what_is_seen(tab, nnpp_edge):
     tab.slide("slope_limit", "12")
-    tab.until("document.querySelector('#command').textContent.includes('--slope-limit 12')")
+    tab.until("document.querySelector('#command').textContent.includes('--limit slope_limit_deg=12')")
     tab.page.click("#copy-command")
     tab.until("document.querySelector('#copied').textContent.startsWith('Copied')")
     words = tab.page.evaluate("navigator.clipboard.readText()").split()

@@ -16,7 +16,7 @@ from tests.view_cases import COMMAND, serving, write_ground
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     path = write_ground(tmp_path_factory.mktemp("ground"))
-    with serving(path, "--hard-slope", "25") as running:
+    with serving(path, "--limit", "hard_slope_deg=25") as running:
         yield running
         assert running.end() == (0, "")  # Ctrl-C, after all that the tests did
 
@@ -122,7 +122,7 @@ def test_a_broken_file_is_refused_in_a_line(nnpp_edge, bad_dem):
     [
         (("--step-cost", "energy"), "mobility.energy"),
         (("--vehicle", "hovercraft"), "hovercraft"),
-        (("--hard-slope", "0.001"), "all impassable"),
+        (("--limit", "hard_slope_deg=0.001"), "all impassable"),
         (("--start", "lonlat:1,2"), "coordinate system"),
     ],
 )

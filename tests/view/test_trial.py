@@ -73,7 +73,7 @@ def test_the_copied_python_plans_the_same_path_around_obstacles(site, name):
 
 
 def test_what_the_command_line_describes_is_copied_too(nnpp_edge, site):
-    options = ("--vehicle", "large-rover", "--max-step", "0.6", "--mobility", "tracked")
+    options = ("--vehicle", "large-rover", "--set", "max_step_m=0.6", "--mobility", "tracked")
     vehicle = replace(Body.shipped("large-rover").vehicle, max_step_m=0.6)
     given = Site.of(site.dem, site.reading, Body.given(vehicle, Body.shipped("tracked").mobility, options))
     trial = Trial(given, Asked(**ENDS, body="as given", step_cost="time"))

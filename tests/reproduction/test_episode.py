@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 
-from nnpp_edge.benchmarks.dynamic_episode import make_episode
-from nnpp_edge.benchmarks.dynamic_scene import render, run_scene, totals
-from nnpp_edge.runtime import DynamicMethod
+from nnpp_edge.reproduction.episode import make_episode
 from nnpp_edge.runtime.errors import InvalidQueryError
 from tests import oracles
 
@@ -34,23 +32,6 @@ def test_near_the_robot_smaller_rectangles_come_and_go():
     for (row, col), (top, left, patch) in changed:
         assert max(patch.shape) <= 128 / 30
         assert max(abs(top - row), abs(left - col)) <= 4 * 5 + 2 * 128 / 30
-
-
-def test_the_scene_asks_every_method_the_same(tiny_model):
-    cost = (np.random.default_rng(1).random((128, 128)) * 0.5).astype(np.float32)
-    episodes = [make_episode(cost, (5, 5), (120, 120), seed) for seed in (1, 2)]
-    rows = run_scene(episodes, list(DynamicMethod), model=tiny_model, repeats=1)
-    assert len(rows) == sum(len(e.steps) for e in episodes) * len(DynamicMethod)
-    for row in rows:
-        f = row.figures
-        assert f["solved"] and f["cost"] >= f["optimal_cost"] * (1 - 1e-5) and f["time_ms"] > 0.0
-        if row.rival in ("astar", "dstar"):
-            assert f["cost"] == pytest.approx(f["optimal_cost"], rel=1e-5)
-    by_method = {total["method"]: total for total in totals(rows)}
-    assert by_method["astar"]["speedup_astar"] == by_method["dstar"]["speedup_dstar"] == 1.0
-    assert all(t["solved"] == 1.0 and 0.0 <= t["cost_excess"] + 1e-6 < 0.05 for t in by_method.values())
-    assert {t["plans"] for t in totals(rows, static=True)} == {2}
-    assert all(name in render(rows) for name in DynamicMethod)
 
 
 def test_an_episode_needs_a_way():

@@ -1,0 +1,126 @@
+"""The files that `nnpp-edge costmap` writes, and what a cost map holds."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from nnpp_edge.cli.maps import cost_of, size_in_words, size_of
+from nnpp_edge.files import staged, write_all
+from nnpp_edge.files import write_whole as write_file
+from nnpp_edge.progress import bar
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.reading import refused_as
+from nnpp_edge.runtime.terrain.traversability import TERMS, Traversability, terrain_terms
+from nnpp_edge.runtime.terrain.windows import CostWindows
+from nnpp_edge.terrain.dem import Dem, raster_bytes
+from nnpp_edge.terrain.dem_windows import DemWindows
+from nnpp_edge.terrain.georeference import Place
+from nnpp_edge.terrain.rasters import geotiff_stream
+from nnpp_edge.viz.picture import cost_map_picture, png_bytes
+
+_SHARES = (0.1, 0.5, 0.9, 0.99)
+"""Of the passable cells, whose greatest cost is told."""
+_STEPS = 1 << 16
+"""Costs are counted in so many steps from 0 to 1, for their quantiles."""
+_MOST_PIXELS = 2000
+"""Of the picture's longer side: as many as are drawn of any map."""
+
+
+class Tally:
+    """Counts of a cost map, band by band."""
+
+    def __init__(self, place: Place, limits: Traversability) -> None:
+        self._place = place
+        self._limits = np.radians(limits.slope_limit_deg), limits.roughness_limit_m, limits.step_limit_m
+        self._counts = np.zeros(_STEPS, np.int64)
+        self._known, self._full = 0, np.zeros(len(TERMS), np.int64)
+
+    def add(self, heights: Float2D, cost: Float2D) -> None:
+        """Count a band. At its rim the terms are those of a patch cut in two."""
+        passable = cost[np.isfinite(cost)]
+        self._counts += np.bincount((passable * _STEPS).astype(np.int32), minlength=_STEPS)
+        terms = terrain_terms(heights, self._place.cell_size_m, cell_width_m=self._place.cell_width_m)
+        self._known += int(np.isfinite(terms[0]).sum())
+        self._full += [int((term >= limit).sum()) for term, limit in zip(terms, self._limits, strict=True)]
+
+    def figures(self) -> dict[str, object]:
+        """Share that is passable, costs that shares of these cells do not pass, and shares at a term's limit."""
+        return size_of(self._place) | {
+            "passable_share": self._passable(),
+            "cost_quantiles": {f"{share:g}": quantile for share, quantile in self._quantiles().items()},
+            "saturated_share": self._saturated(),
+        }
+
+    def text(self, name: str, files: list[str]) -> str:
+        """For people."""
+        quantiles = {share: cost for share, cost in self._quantiles().items() if cost is not None}
+        costs = ", ".join(f"{100 * share:.0f} % of cells up to {cost:.3f}" for share, cost in quantiles.items())
+        at_limit = ", ".join(f"{term} {100 * share:.1f} %" for term, share in self._saturated().items())
+        return (
+            f"map       {name}: {size_in_words(self._place)}\n"
+            f"passable  {100 * self._passable():.2f} % of cells\n"
+            f"cost      {costs or 'no cell is passable'}\n"
+            f"at limit  {at_limit}\n"
+            f"written   {', '.join(files)}"
+        )
+
+    def _passable(self) -> float:
+        rows, cols = self._place.shape
+        return int(self._counts.sum()) / (rows * cols)
+
+    def _quantiles(self) -> dict[float, float | None]:
+        """True to the step; None where no cell is passable."""
+        below = np.cumsum(self._counts)
+        at = np.searchsorted(below, np.array(_SHARES) * (below[-1] - 1), side="right")
+        costs = [round((step + 0.5) / _STEPS, 6) if below[-1] else None for step in at.tolist()]
+        return dict(zip(_SHARES, costs, strict=True))
+
+    def _saturated(self) -> dict[str, float]:
+        return dict(zip(TERMS, (self._full / max(self._known, 1)).round(6).tolist(), strict=True))
+
+
+def write_whole(dem: Dem, limits: Traversability, output: Path, picture: Path) -> Tally:
+    """Write cost map and picture of a map in memory: both, or none."""
+    cost, tally = cost_of(dem, limits), Tally(dem, limits)
+    drawn = png_bytes(cost_map_picture(cost, cell_size_m=dem.cell_width_m))
+    write_all({output: _content(output, cost, dem), picture: drawn})
+    tally.add(dem.elevation, cost)
+    return tally
+
+
+def write_by_windows(ground: DemWindows, limits: Traversability, output: Path, picture: Path) -> Tally:
+    """Write cost map, a GeoTIFF, and picture, a band after another."""
+    tally, sampled = Tally(ground, limits), []
+    step = -(-max(ground.shape) // _MOST_PIXELS)
+    with staged(output) as temporary:
+        with (
+            refused_as(OutputError, f"{output}: could not be written"),
+            bar("cost map", ground.shape[0]) as progress,
+            geotiff_stream(temporary, ground.shape, ground.georeference) as write,
+        ):
+            for row, heights, cost in CostWindows(ground, limits).bands():
+                write(row, _with_nodata(cost))
+                tally.add(heights, cost)
+                sampled.append(cost[-row % step :: step, ::step].copy())
+                progress(row + len(cost))
+        drawn = cost_map_picture(np.concatenate(sampled), cell_size_m=ground.cell_width_m * step)
+        write_file(picture, png_bytes(drawn))
+    return tally
+
+
+def _with_nodata(cost: Float2D) -> Float2D:
+    return np.where(np.isfinite(cost), cost, np.float32(np.nan))
+
+
+def _content(output: Path, cost: Float2D, dem: Dem) -> bytes:
+    """The cost in the format that the name's ending asks for."""
+    content = io.BytesIO()
+    if output.suffix.lower() == ".npy":
+        np.save(content, cost)
+    elif output.suffix.lower() == ".npz":
+        np.savez_compressed(content, cost=cost, cell_size_m=dem.cell_size_m, cell_width_m=dem.cell_width_m)
+    else:
+        return raster_bytes(output, _with_nodata(cost), dem)
+    return content.getvalue()

@@ -1,0 +1,58 @@
+"""Options that were removed, and what to write instead. Kept for one release."""
+
+_SET = {
+    "--vehicle-length": "length_m",
+    "--vehicle-width": "width_m",
+    "--clearance": "clearance_m",
+    "--max-tilt": "max_tilt_deg",
+    "--max-pitch": "max_pitch_deg",
+    "--max-roll": "max_roll_deg",
+    "--max-step": "max_step_m",
+    "--axles": "axles",
+    "--wheelbase": "wheelbase_m",
+    "--track": "track_m",
+    "--wheel-length": "wheel_length_m",
+    "--wheel-width": "wheel_width_m",
+    "--turning-radius": "turning_radius_m",
+    "--radius": "radius_m",
+    "--gravity": "mobility.energy.gravity_m_s2",
+}
+_LIMITS = {
+    "--slope-limit": "slope_limit_deg",
+    "--roughness-limit": "roughness_limit_m",
+    "--step-limit": "step_limit_m",
+    "--hard-slope": "hard_slope_deg",
+    "--hard-roughness": "hard_roughness_m",
+    "--hard-step": "hard_step_m",
+}
+_REPORT = "-o DIR writes all of a run"
+_CORRIDOR = "Eq. 1's price is the only one"
+_EXCLUDE = "ranges are minimum and maximum, weights have 7 bits; --exclude NODE,… leaves nodes float"
+INSTEAD = {
+    **{option: f"write --set {key}=VALUE" for option, key in _SET.items()},
+    **{option: f"write --limit {key}=VALUE" for option, key in _LIMITS.items()},
+    "--unknown-passes": "write --set unknown_passes=true",
+    "--unknown-fails": "write --set unknown_passes=false",
+    "--start-xy": "write --start xy:X,Y",
+    "--goal-xy": "write --goal xy:X,Y",
+    "--price": _CORRIDOR,
+    "--prices": f"{_CORRIDOR}; write --methods astar,corridor",
+    "--widths": "each corridor is measured as wide as `plan` searches it",
+    "--html": _REPORT,
+    "--board-row": _REPORT,
+    "profile --trace": _REPORT,
+    "--save-choice": "`auto` goes by the shipped figures; name another --method where you measured otherwise",
+    "--poses": "no network is trained for a vehicle; plan with --method corridor",
+    "dataset --picture": "the sheet is samples.png in the folder of -o",
+    "--loss": "the loss is binary cross-entropy; `nnpp_edge.training` takes another",
+    "--opset": "files have opset 18",
+    "quantize --method": _EXCLUDE,
+    "--full-range": _EXCLUDE,
+    "--rank": _EXCLUDE,
+}
+"""What to write, by the option; with its command where others have an option of that name."""
+
+
+def instead_of(option: str, command: str) -> str | None:
+    """What to write in place of a removed option of a command; None for one that never was."""
+    return INSTEAD.get(option) or INSTEAD.get(f"{command} {option}")

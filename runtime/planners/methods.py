@@ -1,0 +1,178 @@
+"""The ways of finding a path on one map: what they share is made when first needed."""
+
+from functools import cached_property
+from pathlib import Path
+
+from nnpp_edge.runtime.arguments import checked
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.map.pyramid import coarse_shapes
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.memory import touch
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.choice import MethodChooser
+from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
+from nnpp_edge.runtime.planners.query import Found, Query, Work
+from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender, Searcher
+from nnpp_edge.runtime.region.learned import LearnedRegions
+from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
+from nnpp_edge.runtime.tuning import (
+    BODY_CORRIDOR,
+    BRIEF_EXPANSIONS,
+    CORRIDOR,
+    LEARNED_CORRIDOR,
+    NEAR,
+    REFINE_FROM,
+    WIDENED_BODY_CORRIDOR,
+    WIDENED_CORRIDOR,
+    CorridorWidth,
+)
+
+
+class Methods:
+    """Finds paths on one map. Serves one thread at a time.
+
+    Every method returns a path that is good enough for the query, and adds what that takes to `work`. OutOfTimeError
+    where time was up before a search of the map could begin. `model` and `ask_from` as in `PlannerOptions`,
+    `unseen_change` as for `MapView`.
+    """
+
+    @checked(InvalidQueryError)
+    def __init__(
+        self,
+        state: MapState,
+        model: str | Path | NetworkModel = "edge",
+        ask_from: int = NEAR,
+        unseen_change: float = 0.0,
+    ) -> None:
+        self.state, self._ask_from = state, ask_from
+        self.has_poses = state.grid.steps.by_poses
+        """Whether a vehicle's poses are searched."""
+        self.astar = AStarSearcher(state)
+        self.regions = LearnedRegions(state, model, unseen_change)
+        self.chooser = MethodChooser(state.shape, model, self.has_poses)
+        self._dstar: DStarLite | None = None
+
+    @cached_property
+    def descent(self) -> CoarseToFine:
+        """Searches of the coarse levels."""
+        return CoarseToFine(self.state, self.astar.workspace)
+
+    @cached_property
+    def mender(self) -> RegionMender:
+        """D* Lite in regions."""
+        return RegionMender(self.state)
+
+    @cached_property
+    def mending(self) -> Searcher:
+        """Searches regions by D* Lite where that is expected to be less work."""
+        return MendingSearcher(self.mender, self.astar)
+
+    @cached_property
+    def always_mending(self) -> Searcher:
+        """Searches regions by D* Lite."""
+        return MendingSearcher(self.mender, self.astar, always=True)
+
+    def use_model(self, model: str | Path | NetworkModel) -> NetworkModel:
+        """Ask this network from now on, once it has been loaded and tried; ModelError, and the old one stays."""
+        if not isinstance(model, NetworkModel):
+            model = NetworkModel(model)
+            model.try_out()
+        self.regions.use_model(model)
+        self.chooser = MethodChooser(self.state.shape, model, self.has_poses)
+        return model
+
+    def load_network(self) -> None:
+        """Load the network now, and show it the map; ModelError if it cannot be loaded. With poses none is asked."""
+        if not self.has_poses:
+            self.regions.prepare(self.state.pyramid.levels[self._network_level], self._network_level)
+
+    def find(self, method: Method | DynamicMethod, query: Query, work: Work) -> Found:
+        """A path by a method that is not ``auto``."""
+        by = DynamicMethod(method)
+        if by is DynamicMethod.DSTAR:
+            return self.mend_map(query, work)
+        if by is DynamicMethod.ASTAR:
+            return self.search_map(query, work)
+        searcher = self.mending if by.mends_regions else self.astar
+        if by.base is Method.NNPP and not self.has_poses:
+            return self.network_region(query, work, searcher)
+        return self.corridor(query, work, searcher)
+
+    def search_map(self, query: Query, work: Work, source: Source = Source.MAP) -> Found:
+        """The optimal path, by A* over the whole map; `source` says why that was searched."""
+        work.remark = ""
+        return Found.of(self.state.grid, self.astar.search(query, work, None), source, None, work)
+
+    def search_briefly(self, query: Query, work: Work) -> Found | None:
+        """The optimal path; None where the way to the goal turns out too long for its distance."""
+        limit = BRIEF_EXPANSIONS + 2 * query.apart**2
+        found = self.astar.search(query, work, None, limit=limit)
+        timeout = found.status is Status.TIMEOUT
+        return None if timeout else Found.of(self.state.grid, found, Source.MAP, None, work)
+
+    def mend_map(self, query: Query, work: Work) -> Found:
+        """The optimal path, by D* Lite over the whole map; by A* where steps cost too differently for that."""
+        if not serves(self.state.grid):
+            return self.search_map(query, work)
+        found = self._dstar_to(query.goal).plan(query.start, deadline=query.deadline)
+        work.expansions += found.expansions
+        work.stage_ends("search")
+        return Found.of(self.state.grid, found, Source.MAP, None, work)
+
+    def prepare_to_mend_map(self, goal: Cell) -> None:
+        """Set D* Lite up for queries to this goal, all of its memory backed by the system."""
+        dstar = self._dstar_to(goal)
+        touch(dstar.memory)
+        dstar.read()
+
+    def corridor(
+        self,
+        query: Query,
+        work: Work,
+        searcher: Searcher | None = None,
+        widths: tuple[CorridorWidth, CorridorWidth] | None = None,
+    ) -> Found:
+        """A path in a corridor around the coarse path, else in a wider one, else on the whole map."""
+        self.state.pyramid_by(query.deadline)
+        by_robot = (BODY_CORRIDOR, WIDENED_BODY_CORRIDOR) if self.has_poses else (CORRIDOR, WIDENED_CORRIDOR)
+        searcher, top = searcher or self.astar, self.descent.top_for(query)
+        for width, source in zip(widths or by_robot, (Source.REGION, Source.WIDENED), strict=True):
+            found = self.descent.find(query, work, searcher, top, None, width, source)
+            if found is not None and found.suffices(query):
+                return found
+        return self.search_map(query, work, Source.FALLBACK)
+
+    def network_region(self, query: Query, work: Work, searcher: Searcher | None = None) -> Found:
+        """A path in the network's region, else in a wider one, else on the whole map; a near goal by A*.
+
+        NNPP, sections 4.2 and 4.3. Raises ModelError where the network cannot be loaded.
+        """
+        if query.apart < self._ask_from and (near := self.search_briefly(query, work)) is not None:
+            return near
+        top, deadline = self._network_level, query.deadline
+        level = self.state.pyramid_by(deadline).levels[top]  # before `descent`, which waits for all of them
+        memory = self.descent.workspace(top)
+        answer, regions = self.regions.regions(query.start, query.goal, level, top, memory, work, deadline)
+        for number, region in enumerate(regions):
+            source = Source.WIDENED if number else Source.REGION
+            found = self.descent.find(query, work, searcher or self.astar, top, region, LEARNED_CORRIDOR, source)
+            if found is not None and found.suffices(query):
+                break
+        else:
+            found = self.search_map(query, work, Source.FALLBACK)
+        return found._replace(threshold=answer.threshold, network_region=answer.region)
+
+    @property
+    def _network_level(self) -> int:
+        """Number of the level that the network's region is searched on first."""
+        return len(coarse_shapes(*self.state.shape)) if max(self.state.shape) >= REFINE_FROM else 0
+
+    def _dstar_to(self, goal: Cell) -> DStarLite:
+        """D* Lite over the whole map, with this goal."""
+        if self._dstar is None:
+            self._dstar = DStarLite(self.state, goal)
+        elif self._dstar.goal != goal:
+            self._dstar.set_goal(goal)
+        return self._dstar

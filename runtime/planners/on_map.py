@@ -1,0 +1,192 @@
+"""The common part of planners of a standing and of a changing map: the map, its patches, and one thread's turn."""
+
+import math
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.arguments import checked
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell, as_cell
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
+from nnpp_edge.runtime.map.ground import Ground, GroundOptions
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.memory import touch
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.methods import Methods
+from nnpp_edge.runtime.planners.query import in_words, problem_with
+from nnpp_edge.runtime.planners.refine import Refiner
+from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
+from nnpp_edge.runtime.search.astar import cost_field
+from nnpp_edge.runtime.tuning import NEAR
+
+
+class PlannerOptions(GroundOptions, total=False):
+    """Options of `Planner` and `DynamicPlanner`, and of their `of_elevation`; those of `Ground` are the ground's."""
+
+    omega: float
+    """Weight of T per grey level (NNPP, section 4.2), by default the paper's 0.011; of no effect with ``length`` and
+    where steps cost by the slope."""
+    corner_cutting: bool
+    """Whether a diagonal step may pass beside an impassable cell; by default it may."""
+    lazy: bool
+    """Whether costs of heights are computed, and poses checked, only where a search looks, as by default. Else all
+    are now; plans are the same. Costs of steps by the slope always are."""
+    warn: bool
+    """Whether to warn of heights whose slopes all lie beyond the limits; by default `of_elevation` does."""
+    model: str | Path | NetworkModel
+    """The network for ``nnpp``: a shipped model's name (by default ``edge``), a file, or one already loaded, which
+    planners may share. It is loaded when first needed."""
+    ask_from: int
+    """Cells between start and goal from which on ``nnpp`` asks the network. Nearer goals A* has mostly found before
+    it has answered, and is tried first."""
+
+
+class OnMap:
+    """A planner's map. Serves one thread at a time: another thread's call meanwhile is a ConcurrentUseError.
+
+    After a call that was broken off, by a KeyboardInterrupt for one, the planner makes anew all but the map itself
+    (landmarks are gone); an update that was broken off is in the map whole or not at all.
+    """
+
+    def __init__(
+        self,
+        cost: Float2D | Ground,
+        cell_size_m: float | None,
+        options: PlannerOptions,
+        *,
+        tell_unknown: bool = False,
+    ) -> None:
+        own, rest = split(options)
+        if isinstance(cost, Ground) and (own or cell_size_m is not None):
+            raise InvalidQueryError(f"with a Ground wanted its own {', '.join(own) or 'cell_size_m'}, got another")
+        ground = cost if isinstance(cost, Ground) else Ground(cost, cell_size_m=cell_size_m, **own)
+        self._turns = Turns()
+        self._model, self._ask_from = rest.pop("model", "edge"), rest.pop("ask_from", NEAR)
+        self._state: MapState = ground.state(tell_unknown=tell_unknown, **rest)  # type: ignore[misc]  # what is left
+        self._make()
+
+    def _make(self, unseen_change: float = 0.0) -> None:
+        """Make from the map all that is kept beside it."""
+        self._methods = Methods(self._state, self._model, self._ask_from, unseen_change)
+        self._refiner = Refiner(self._state)
+
+    def _begin_anew(self) -> None:
+        self._state.begin_anew()
+        self._make()
+
+    def __getstate__(self) -> dict[str, object]:
+        """The map and the model: copies, pickled or not, are to be prepared anew."""
+        return {name: getattr(self, name) for name in ("_state", "_model", "_ask_from")}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state, _turns=Turns())
+        self._make()
+
+    @property
+    def state(self) -> MapState:
+        """The map, its coarse levels and the log of its changes; to be changed by `update` alone."""
+        return self._state
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the map."""
+        return self._state.shape
+
+    def is_passable(self, cell: Cell) -> bool:
+        """Whether a cell of the map can be stood on."""
+        return self._state.grid.is_passable(as_cell(cell, "cell"))
+
+    @checked(InvalidQueryError)
+    @one_at_a_time
+    def update(self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None) -> int:
+        """Put new costs into the map.
+
+        On a map of elevations what costs tell is a layer of its own: a cell costs the greater of that and of what its
+        heights make of it, and is impassable where either says so. A body, and steps that cost
+        by the slope, take no more from a cost below 1 than that the cell is not impassable by what was told.
+
+        Parameters
+        ----------
+        row, col : int
+            Where the patch's first cell goes.
+        patch : (h, w) float
+            New costs; must lie inside the map. NaN is impassable on a map of costs, and tells a map of elevations
+            nothing.
+        seen : (h, w) bool
+            The cells that get new costs; by default all.
+
+        Returns
+        -------
+        int
+            Number of cells that are other ones now.
+
+        Raises
+        ------
+        InvalidMapError, InvalidQueryError
+            The patch does not lie inside the map, or holds a cost out of range; row or column is no whole number. The
+            map is as it was.
+        """
+        change = self._state.update(row, col, patch, _mask(seen, patch))
+        self._changed()
+        return change.cells
+
+    @checked(InvalidQueryError)
+    @one_at_a_time
+    def update_elevation(self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None) -> int:
+        """Put new elevations, metres and NaN where unknown, into a map of such; otherwise as `update`.
+
+        Cells whose cost has not been computed yet count as changed. InvalidMapError for a map of costs.
+        """
+        change = self._state.update_elevation(row, col, patch, _mask(seen, patch))
+        self._changed()
+        return change.cells
+
+    def _changed(self) -> None:
+        """The map is another one."""
+
+    @checked(InvalidQueryError)
+    @one_at_a_time
+    def use_model(self, model: str | Path | NetworkModel) -> None:
+        """Ask this network from now on. A name or a file is loaded and tried now.
+
+        ModelError where that fails: the old one stays.
+        """
+        self._use_model(model)
+
+    def _use_model(self, model: str | Path | NetworkModel) -> None:
+        self._model = self._methods.use_model(model)
+
+    @one_at_a_time
+    def touch(self) -> None:
+        """Have the system back the planner's arrays with memory now, rather than when they are first written to."""
+        touch(self._methods.astar.workspace)
+        self._methods.descent.touch()
+
+    def _reach(self, start: Cell, within: float = math.inf) -> Float2D:
+        """As `Planner.reach`."""
+        if not within >= 0.0:
+            raise InvalidQueryError(f"within must be a number of at least 0, got {within}")
+        cell, grid = as_cell(start, "start"), self._state.grid
+        if problem := problem_with(grid, cell, cell):
+            raise InvalidQueryError(f"start {cell} {in_words(problem)}")
+        field = cost_field(grid, cell, self._methods.astar.workspace)
+        field[field > within] = np.inf
+        return field
+
+
+def split(options: PlannerOptions) -> tuple[GroundOptions, PlannerOptions]:
+    """The options of the ground, and the others."""
+    own = {name: value for name, value in options.items() if name in GroundOptions.__annotations__}
+    rest = {name: value for name, value in options.items() if name not in own}
+    return cast(GroundOptions, own), cast(PlannerOptions, rest)
+
+
+def _mask(seen: NDArray[np.bool_] | None, patch: Float2D) -> NDArray[np.bool_] | None:
+    if seen is None:
+        return None
+    if not isinstance(seen, np.ndarray) or seen.dtype != np.bool_ or seen.shape != np.shape(patch):
+        raise InvalidMapError(f"seen must be {np.shape(patch)} truth values, got {shown(seen)}")
+    return np.ascontiguousarray(seen)

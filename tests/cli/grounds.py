@@ -1,0 +1,30 @@
+"""Grounds that several tests of commands share."""
+
+import struct
+
+import numpy as np
+import pyogrio
+from pyproj import CRS, Transformer
+
+from nnpp_edge.terrain.georeference import Georeference
+
+GRID = "EPSG:3414"  # whose metres are those of the ground, here
+PLACE = Georeference(CRS(GRID).to_wkt(), (2.0, 0.0, 28_000.0, 0.0, -2.0, 39_000.0))
+ENDS = ("--start", "5,5", "--goal", "70,80")
+BODY = ("--vehicle", "large-rover", "--set", "max_tilt_deg=40", "--set", "clearance_m=1.5")
+
+
+def rolling(rows=80, cols=90):
+    """Heights of rolling ground."""
+    row, col = np.mgrid[0:rows, 0:cols]
+    return (1.5 * np.sin(row / 7.0) * np.cos(col / 9.0)).astype(np.float32)
+
+
+def layer(path, cells, crs=GRID):
+    """Points in the middles of cells, as a GeoPackage in a system."""
+    move = Transformer.from_crs(GRID, crs, always_xy=True)
+    places = [move.transform(*PLACE.map_coordinates(*cell)) for cell in cells]
+    shapes = np.array([*(struct.pack("<BIdd", 1, 1, *place) for place in places), None], object)[:-1]
+    names = {"field_data": [np.arange(len(cells))], "fields": np.array(["number"], object)}
+    pyogrio.raw.write(path, shapes, geometry_type="Point", crs=crs, layer="stops", driver="GPKG", **names)
+    return path

@@ -1,0 +1,308 @@
+"""What makes no sense ends with exit code 2 and one line that says why, before anything is written."""
+
+import json
+import os
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nnpp_edge.terrain.dem import Dem, write_raster
+from tests.cli.grounds import PLACE, layer, rolling
+
+ENERGY = "[mobility.energy]\nmass_kg = 50\nrolling_resistance = 0.1\n"
+GOOD = "length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\n"
+SHORT = {
+    "$PLAN": "plan hills.tif --start 5,5 --goal 70,80",
+    "$HILL": "plan hill.npz --start 10,10 --goal 45,48 -o new",
+    "$BODY": "plan hill.npz --start 10,10 --goal 45,48 -o new --vehicle small-rover",
+    "$SMALL": "plan hills.tif --memory 100kB --start 5,5 --goal 70,80",
+    "$REACH": "reach hills.tif --start 1,1",
+    "$EVAL": "evaluate --terrain hill.npz --sizes 60 --queries 1 --plot a.png",
+    "$COST": "costmap hills.tif -o cost.tif",
+}
+CASES = """
+fly                                            | no such command 'fly'; see nnpp-edge --help
+plan                                           | missing argument 'DEM'; see nnpp-edge plan --help
+costmap dem.tif                                | missing option '-o' / '--output'
+plan hills.tif --goal 1,1                      | missing option '--start'
+plan hills.tif --start 1,1                     | missing option '--goal'
+plan hills.tif --start 1 --goal 2,2            | wanted ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a v
+plan hills.tif --start xy:1,1,1 --goal 2,2     | xy:X,Y
+plan hills.tif --start xy:nan,1 --goal 2,2     | xy:X,Y
+plan hills.tif --start '1;1' --goal 2,2        | two whole numbers
+plan hills.tif --start 1.5,1 --goal 2,2        | two whole numbers
+plan hills.npz --start xy:1,1 --goal 2,2       | georeference
+plan hills.tif --start xy:1e308,1e308 --goal 2,2 | near the map
+plan hills.tif --start xy:-1e308,0 --goal 2,2  | near the map
+plan hills.tif --start lonlat:-94.3,95 --goal 1,1 | latitude 95 of WGS 84 has no place in SVY21 / Singapore TM
+plan hills.tif --start lonlat:10,50 --goal 1,1 | lies outside the map of 80 × 90 cells
+plan hills.tif --start lonlat:103.83,1 --goal 1,1 | longitude 103.8333 to 103.8349 and latitude 1.3675
+plan hills.tif --start 5,5 --goal xy:0,0       | lies outside the map of 80 × 90 cells, which spans x 28000 to 28180
+plan hills.tif --start two.gpkg --goal 1,1     | --start must be one place, got 2
+plan hills.tif --start 5,5 --goal 9,86 --via 1,1 | goal (9, 86) is impassable
+plan drive.mcap --start 1,1 --goal 2,2         | drive.mcap: wanted an elevation map, got a recording of messages; `G
+$PLAN --method rrt                             | rrt
+$PLAN --time-limit 0                           | --time-limit
+$PLAN --epsilon -1                             | --epsilon
+$PLAN --omega 1e308                            | --omega
+$PLAN --model nope                             | wanted a model file or the name of a shipped model | 'nope'
+$PLAN --via 20,86                              | via 1, (20, 86), is impassable
+$PLAN --via 1,1 --via 80,3                     | via 2, (80, 3), lies outside the map
+$PLAN --via far.gpkg                           | via 2, (200, 300), lies outside the map
+$PLAN --best-order                             | --best-order is of way points
+$PLAN --via 1,1 --compare                      | --compare is of one leg
+$PLAN --goal 1,1 --via 3,3                     | --goal, with --via, must be one place, got 2
+$PLAN --via none.gpkg                          | lonlat:LON,LAT, or a vector file, got 'none.gpkg'
+$PLAN --step-cost energy                       | with mass_kg and rolling_resistance, such as the shipped vehicles
+$PLAN --step-cost energy                       | step_cost='energy' needs a table [mobility.energy]
+$PLAN --step-cost time --mobility mine.toml    | needs a table [mobility.time]
+$PLAN --step-cost tobler --landmarks 3         | landmarks need steps that cost alike both ways
+$PLAN --step-cost tobler --mobility nope       | wanted a vehicle's file | 'nope'
+$PLAN --step-cost tobler --memory 1kB          | in memory alone | directed
+$PLAN --step-cost tobler --refine any-angle    | refine='any-angle' prices lines by the map's cost
+$PLAN --step-cost downhill                     | 'downhill' is not one of
+$PLAN --refine smooth                          | any-angle
+$PLAN --set radius_m=2 --set turning_radius_m=4 | turning_radius_m needs --refine any-angle
+$PLAN --format gpx                             | give -o too
+$PLAN --profile-plot                           | needs a file's name, or -o
+$PLAN --profile-plot a.txt                     | must end with .png, .svg, .pdf, got '.txt'
+$PLAN --rocks 0.1                              | no such option '--rocks'
+$PLAN --workload body-rocks30                  | 0 to 20 percent
+$PLAN --via path.gpkg -o . --format gpkg       | would replace | path.gpkg
+plan cost.npz --start 1,1 --goal 9,9 --vehicle small-rover | wanted heights, got costs
+$HILL --vehicle none.toml                      | got 'none.toml' (no such file)
+$HILL --vehicle .                              | (a folder)
+$HILL --set clearance_m=0.3                    | length_m is missing
+$HILL --set clearance=0.3                      | clearance is unknown: wanted one of length_m, width_m
+$HILL --set length_m=50 --set width_m=2 --set clearance_m=1 | a map that the vehicle fits on
+$HILL --set radius_m=50                        | the map's edge lies within the vehicle's radius
+$BODY --set clearance_m=-1                     | small-rover: clearance_m must be a positive number
+$BODY --set max_tilt_deg=90                    | max_tilt_deg must lie in (0, 90)
+$BODY --set track_m=5                          | under the body
+$BODY --set radius_m=1                         | a vehicle with a radius is a disc
+$BODY --method nnpp --model none.onnx          | none.onnx
+$BODY --workload body                          | is a vehicle's
+$BODY --start 24,25                            | the nearest cell where it does is (
+plan hill.npz --start 10,10 --goal 24,25 --vehicle small-rover | goal (24, 25) is impassable: the vehicle stands
+$BODY --start 0,0                              | start (0, 0) is impassable: the vehicle stands there in no
+$BODY --start 60,0                             | lies outside the map
+$SMALL --vehicle small-rover                   | in memory alone
+$SMALL --set radius_m=0.5                      | in memory alone
+$SMALL --method astar                          | --method astar needs the whole map
+$SMALL --method nnpp                           | --method nnpp needs the whole map
+$SMALL --compare --hillshade                   | --compare, --hillshade needs the whole map
+$SMALL --landmarks 2                           | --landmarks needs the whole map
+$SMALL --refine any-angle                      | --refine needs the whole map
+$SMALL --start 400,5                           | start (400, 5) lies outside the map of 80 × 90 cells
+$SMALL --goal -1,5 --start -1,5                | start (-1, 5) lies outside
+$SMALL --start 9,86                            | start (9, 86) is impassable: its elevation is unknown; the nearest
+$SMALL --memory much                           | a size such as 2GB
+$SMALL --memory 0GB                            | a size such as 2GB
+plan nothing.tif --memory 1kB --workload limit20 --start 1,1 --goal 2,2 | all impassable
+plan bare.tif --memory 1kB --start 1,1 --goal 2,2 | no cell size in the file
+plan bare.tif --memory 1kB --start xy:1,1 --goal 2,2 --cell-size 2 | georeference
+plan grid.asc --memory 1kB --start 1,1 --goal 2,2 | stored as text | gdal_translate
+run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: a vehicle stands on elevations
+run --map hills.npz --set radius_m=2 --set turning_radius_m=6 | turning_radius_m needs --refine any-angle
+run --map hills.npz --cores 4294967296         | wanted cores of
+run --map hills.npz --cores 99999              | wanted cores of
+run --map hills.npz --rate 1e-10               | --rate
+run --map hills.npz --output foo               | output must be stdout, zenoh[:ENDPOINT] or none, got 'foo'
+run --map hills.npz --profile own.toml --ticks 1 | 'nope'
+run --map hills.npz --method astar --model nope --ticks 1 | 'nope'
+run --map hills.npz --metrics-file pipe.npy    | it is a pipe
+simulate --map hills.npz --method astar --model nope | 'nope'
+simulate --seed -1                             | --seed
+simulate --map hills.npz --log pipe.npy        | it is a pipe
+reproduce table1 --quick --model nope          | 'nope'
+profile compare none.json none.json            | none.json: wanted a report of nnpp-edge profile (no such file)
+profile --profile quick --vehicle small-rover -o out | vehicle: wanted none without the workload body
+profile --profile rover --vehicle none.toml -o out | got 'none.toml' (no such file)
+profile --peers --vehicle small-rover          | --vehicle does not go with --peers
+evaluate --synthetic --sizes 999999999         | sides of 2 to 32768 cells
+evaluate --terrain hills.npz --methods astar --model nope | 'nope'
+evaluate --terrain hills.npz --plot pipe.npy   | it is a pipe
+evaluate --terrain hills.npz --plot none/a.png | no such folder
+evaluate --dataset . --step-cost tobler        | --step-cost needs elevations
+evaluate --dataset . --workload body --vehicle small-rover | a data set holds cost maps
+$EVAL --rocks -0.1                             | --rocks
+$EVAL --rocks 0.3                              | --rocks
+$EVAL --workload body                          | --workload body needs a vehicle
+$EVAL --workload body-rocks10                  | --workload body-rocks10 needs a vehicle
+$EVAL --vehicle small-rover                    | for the workloads body and body-rocksN
+$EVAL --vehicle small-rover --workload body-rocks-1 | 0 to 20 percent
+$EVAL --set radius_m=1 --workload body         | a disc has no poses
+$REACH                                         | give one of --within-cost, --within-time and --within-energy
+$REACH --within-cost 3 --within-time 3         | give one of
+$REACH --within-time soon                      | a time such as 90, 90s, 30min or 2h
+$REACH --within-cost -3                        | --within-cost
+$REACH --within-cost 3 --start 9,86            | start (9, 86) is impassable: its elevation is unknown; the nearest
+$REACH --within-cost 3 --start 80,40           | start (80, 40) lies outside the map
+$REACH --within-cost 3 --start two.gpkg        | --start must be one place, got 2
+$REACH --within-time 3 --step-cost linear      | --within-time counts time already: leave out --step-cost, or give
+$REACH --within-energy 3 --step-cost tobler    | --within-energy counts energy already: leave out --step-cost
+$REACH --within-energy 3                       | needs a table [mobility.energy]
+$REACH --within-cost 3 --step-cost energy      | needs a table [mobility.energy]
+$REACH --within-cost 3 --format gpkg           | give -o too
+reach hills.tif --within-cost 3                | missing option '--start'
+costmap hills.tif -o cost.gif                  | must end in .tif
+costmap hills.tif -o ''                        | wanted a path, got nothing
+costmap hills.tif -o pipe.npy                  | it is a pipe
+costmap hills.tif -o cost.npz --memory 1kB  | must end in .tif
+$COST --picture cost.jpg                       | must end in .png
+$COST --limit slope_limit_deg=95               | got 95
+$COST --limit step_limit_m=0                   | step_limit_m must be greater than 0
+$COST --limit step_limit_m=high                | wanted KEY=VALUE in TOML, such as hard_slope_deg=20
+$COST --limit "hard_slope_deg='x'"             | hard_slope_deg
+$COST --limit slope=3                          | slope is unknown: wanted one of slope_limit_deg
+$COST --workload steep                         | steep
+$COST --workload limit20 --limit slope_limit_deg=25 | leave out --limit slope_limit_deg
+$COST --workload limit20 --limit hard_slope_deg=25 | leave out --limit hard_slope_deg
+costmap sample:mars -o cost.npz                | moon_highlands | 'mars'
+$PLAN -o out                                   | out/plan.json: could not be written (it is a folder)
+$PLAN -o loop                                  | symbolic links
+$PLAN -o text.txt                              | text.txt | folder to write to
+$PLAN -o text.txt/out                          | text.txt/out | folder to write to
+costmap hills.tif -o text.txt/cost.tif         | could not be written
+costmap hills.tif -o none/cost.npy             | could not be written
+costmap hills.npz -o hills.npz                 | --output would replace hills.npz, which is read
+costmap hills.npz -o link.npz                  | would replace | which is read
+costmap grey.png -o grey.npy --cell-size 1 --vertical-scale 1 | --picture would replace | which is read
+evaluate --terrain hills.npz --plot hills.npz  | would replace | which is read
+evaluate hills.npz --terrain grey.png --plot hills.npz | would replace | which is read
+evaluate --dataset set --plot set/dataset.json | would replace | which is read
+export hills.npz -o hills.npz                  | would replace | which is read
+quantize hills.npz --dataset set -o link.npz   | would replace | which is read
+profile --profile set/report.json -o set       | would replace | which is read
+profile --peers --terrain set/peers.json -o set | would replace | which is read
+simulate --map hills.npz --log hills.npz       | would replace | which is read
+simulate --map grey.png --picture grey.png     | would replace | which is read
+run --map hills.npz --metrics-file hills.npz   | would replace | which is read
+run --map hills.npz --log link.npz             | would replace | which is read
+run --map hills.npz --input replay:text.txt --metrics-file text.txt | would replace | which is read
+run --map hills.npz --profile set/report.json --log set/report.json | would replace | which is read
+run --map hills.npz --model text.txt --log text.txt | would replace | which is read
+"""
+BODIES = {
+    "": "length_m is missing",
+    GOOD + "wheels = 6\n": "wheels is unknown: wanted one of length_m",
+    "[vehicle]\n" + GOOD: "vehicle is unknown",
+    GOOD.replace("1.0", '"long"'): "length_m: wanted a number, got 'long'",
+    GOOD.replace("1.0", "true"): "length_m: wanted a number, got True",
+    GOOD.replace("1.0", "nan"): "length_m must be a positive number of metres, got nan",
+    GOOD + "axles = 2.5\n": "axles: wanted a whole number, got 2.5",
+    GOOD + "max_pitch_deg = 'steep'\n": "max_pitch_deg: wanted a number, got 'steep'",
+    GOOD + "unknown_passes = 1\n": "unknown_passes: wanted true or false, got 1",
+    GOOD.replace("0.3", "-0.3"): "clearance_m must be a positive number of metres, got -0.3",
+    GOOD + "max_tilt_deg = 90\n": "max_tilt_deg must lie in (0, 90) degrees, got 90",
+    GOOD + "max_roll_deg = 90.0\n": "max_roll_deg must lie in (0, 90) degrees, got 90",
+    GOOD + "wheelbase_m = 1.2\n": "the wheels must lie under the body: wheelbase_m",
+    GOOD + "wheel_width_m = 0.9\n": "the wheels must lie under the body: track_m",
+    GOOD + "radius_m = 1.0\n": "wanted no other values beside radius_m",
+    GOOD.replace("1.0", "20.0"): "wanted a map that the vehicle fits on, 20 × 0.8 m, got one of 15 × 15 m",
+    "length_m =": "wanted a vehicle in TOML",
+    "\x00": "wanted a vehicle in TOML",
+}
+TABLES = {
+    ENERGY.replace("50", "-50"): "body.toml: mobility: energy: mass_kg must be a number above 0, got -50",
+    ENERGY + "recovery = 1.5\n": "recovery must lie from 0 to 1, got 1.5",
+    ENERGY.replace("mass_kg", "weight"): "mobility.energy: weight is unknown",
+    "length_m = 1": "body.toml: wanted a table [mobility], got none",
+}
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder of inputs of all kinds, in which commands run."""
+    monkeypatch.chdir(tmp_path)
+    heights = rolling()
+    np.savez("hills.npz", elevation_m=heights, cell_size_m=2.0)
+    heights[:, 86] = np.nan
+    cliff = 50.0 * np.arange(90.0)
+    for name, more, where in (("hills", 0.0, PLACE), ("nothing", cliff, PLACE), ("bare", 0.0, None)):
+        write_raster(
+            Path(f"{name}.tif"), (heights + more).astype(np.float32), Dem(heights, 2.0, 2.0, where, tmp_path)
+        )
+    rows = "\n".join(" ".join(["0.0"] * 90) for _ in range(80))
+    Path("grid.asc").write_text(f"ncols 90\nnrows 80\nxllcorner 0\nyllcorner 0\ncellsize 2\n{rows}\n")
+    small = (0.02 * np.random.default_rng(0).random((60, 60))).astype(np.float32)
+    small[18:30, 20:30] += np.arange(12, dtype=np.float32)[:, None] * np.float32(0.4)
+    np.savez("hill.npz", elevation_m=small, cell_size_m=0.25)
+    np.savez("cost.npz", cost=np.full((60, 60), 0.2, np.float32), cell_size_m=0.25)
+    layer(Path("path.gpkg"), [(60, 70), (1, 1)])
+    layer(Path("two.gpkg"), [(60, 70), (1, 1)])
+    layer(Path("far.gpkg"), [(60, 70), (200, 300)])
+    Path("drive.mcap").write_bytes(b"\x89MCAP0\r\n" * 20)
+    Path("mine.toml").write_text(ENERGY)
+    Path("own.toml").write_text("[loop]\nmodel = 'nope'\nmethod = 'astar'\n[workload]\nterrain = 'hills.npz'\n")
+    Path("set").mkdir()
+    for name in ("text.txt", "grey.png", "set/peers.json", "set/dataset.json"):
+        Path(name).write_text("input")
+    Path("set/report.json").write_text("[workload]\nterrain = 'hills.npz'\n")
+    Path("link.npz").symlink_to("hills.npz")
+    Path("loop").symlink_to("loop")
+    Path("out/plan.json").mkdir(parents=True)
+    os.mkfifo("pipe.npy")
+    return tmp_path
+
+
+def files(folder):
+    """Contents by name."""
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_what_makes_no_sense_ends_in_one_line_and_writes_nothing(nnpp_edge, place):
+    before = files(place)
+    for line in CASES.strip().splitlines():
+        words, *complaints = line.split(" | ")
+        for short, whole in SHORT.items():
+            words = words.replace(short, whole)
+        ended = nnpp_edge(*shlex.split(words))
+        *_, last = ended.err.splitlines()
+        assert (ended.code, ended.out) == (2, "") and ended.err.count("error") == 1, (line, ended.err)
+        assert last.startswith("error: ") and all(told.strip() in last for told in complaints), (line, ended.err)
+        assert files(place) == before, line
+
+
+def test_a_vehicle_s_file_that_makes_no_sense_is_named(nnpp_edge, place):
+    commands = (
+        "plan hill.npz --start 10,10 --goal 45,48 -o new",
+        "run --map hill.npz --ticks 1 --log log.mcap",
+        "evaluate --terrain hill.npz --workload body --sizes 60 --queries 1",
+    )
+    for at, (text, complaint) in enumerate(BODIES.items()):
+        Path("body.toml").write_text(text)
+        before = files(place)
+        for command in commands if at in (1, 15) else commands[:1]:
+            nnpp_edge(*command.split(), "--vehicle", "body.toml").refused(complaint)
+        assert files(place) == before
+    for text, complaint in TABLES.items():
+        Path("body.toml").write_text(text)
+        for command in (commands[0], "evaluate --terrain hill.npz --sizes 32 --queries 1"):
+            words = (*command.split(), "--step-cost", "energy", "--mobility", "body.toml")
+            nnpp_edge(*words).refused(complaint)
+
+
+def test_ends_where_none_can_be_have_a_status_for_programs(nnpp_edge, place):
+    for start, goal, status, told in (
+        ("-1,5", "70,80", "START_OUTSIDE_MAP", "start (-1, 5) lies outside the map of 80 × 90 cells"),
+        ("5,5", "5,900", "GOAL_OUTSIDE_MAP", "goal (5, 900) lies outside the map of 80 × 90 cells"),
+        ("40,86", "70,80", "START_BLOCKED", "start (40, 86) is impassable: its elevation is unknown"),
+        ("5,5", "40,86", "GOAL_BLOCKED", "the nearest passable cell is (40, 85)"),
+    ):
+        for more in (("--method", "astar"), ("--memory", "1kB")):
+            ended = nnpp_edge("plan", "hills.tif", "--start", start, "--goal", goal, "--json", *more)
+            assert json.loads(ended.out)["status"] == status and told in ended.err
+    words = ("plan", "nothing.tif", "--start", "1,1", "--goal", "20,20", "--workload", "limit20")
+    nnpp_edge(*words).refused("80 × 90 cells of 2 m, all impassable")
+    assert json.loads(nnpp_edge(*words, "--json").out) == {"status": "INVALID_MAP"}
+
+
+def test_outputs_are_checked_before_any_work(nnpp_edge, place, monkeypatch):
+    for work in ("terrain.dem.read_dem", "profiling.report.profile_machine"):
+        monkeypatch.setattr(f"nnpp_edge.{work}", None)
+    for words in ("plan hills.npz --start 1,1 --goal 2,2 -o loop", "costmap hills.npz -o pipe.npy"):
+        assert nnpp_edge(*words.split()).code == 2
+    assert nnpp_edge("evaluate", "--terrain", "hills.npz", "--plot", "pipe.npy").code == 2
