@@ -100,6 +100,8 @@ def command(
     if (start is None) != (goal is None):
         raise click.UsageError("give both --start and --goal, or neither")
 
+    from nnpp_edge.robot.transports.mcap_log import McapLog
+    from nnpp_edge.robot.transports.rerun_view import RerunSink
     from nnpp_edge.runtime.map.ground import Ground
     from nnpp_edge.simulation.drive_picture import Film, check_name, save_drive
     from nnpp_edge.simulation.scene import Scene, SurveyedGround
@@ -146,7 +148,12 @@ def command(
     with ExitStack() as stack:
 
         def make_sinks(state: "MapState") -> "list[Sink]":
-            return _sinks(stack, state, log, view, part.cell_size_m)
+            sinks: list[Sink] = []
+            if log is not None:
+                sinks.append(stack.enter_context(McapLog(log, state=state, cell_size_m=part.cell_size_m)))
+            if view is not None:
+                sinks.append(stack.enter_context(RerunSink.at(view, state)))
+            return sinks
 
         drive = simulate(ground, start, goal, settings, make_sinks=make_sinks, watch=watch)
     if picture is not None:
@@ -202,18 +209,3 @@ def _with_rocks(dem: "Dem", cover: float, seed: int) -> "Float2D":
         return dem.elevation
     rng = np.random.default_rng([seed, 4])
     return with_rocks(dem.elevation, dem.cell_size_m, cover, rng, cell_width_m=dem.cell_width_m)
-
-
-def _sinks(
-    stack: ExitStack, state: "MapState", log: Path | None, view: str | None, cell_size_m: float
-) -> "list[Sink]":
-    sinks: list[Sink] = []
-    if log is not None:
-        from nnpp_edge.robot.transports.mcap_log import McapLog
-
-        sinks.append(stack.enter_context(McapLog(log, state=state, cell_size_m=cell_size_m)))
-    if view is not None:
-        from nnpp_edge.robot.transports.rerun_view import RerunSink
-
-        sinks.append(stack.enter_context(RerunSink.at(view, state)))
-    return sinks

@@ -16,7 +16,7 @@ from nnpp_edge.cli.vehicle_options import VehicleOptions
 if TYPE_CHECKING:
     from nnpp_edge.cli.ends import End
     from nnpp_edge.terrain.dem import Dem
-    from nnpp_edge.view.ground import Body
+    from nnpp_edge.view.site import Body
 
 
 @click.command(name="view")
@@ -59,20 +59,20 @@ def command(
 
     from nnpp_edge.cli.maps import size_in_words
     from nnpp_edge.view.asked import Asked
-    from nnpp_edge.view.ground import GIVEN, POINT, Ground, Reading
     from nnpp_edge.view.landscape import Landscape, likely_ends
     from nnpp_edge.view.server import listen, make_app, serve
+    from nnpp_edge.view.site import GIVEN, POINT, Reading, Site
     from nnpp_edge.view.trial import Trial
 
     with listen(port) as listening:
         reading = Reading(dem, terrain.cell_size, terrain.vertical_scale, terrain.rescale, terrain.allow_vrt)
         read = terrain.read(dem)
         given = _given_body(vehicle, read)
-        ground = Ground.of(read, reading, given)
+        site = Site.of(read, reading, given)
         body = vehicle.vehicle or POINT if given is None else GIVEN if given.vehicle else POINT
         asked = Asked(
-            start=start.one_cell(ground.dem, "--start") if start else (0, 0),
-            goal=goal.one_cell(ground.dem, "--goal") if goal else (0, 0),
+            start=start.one_cell(site.dem, "--start") if start else (0, 0),
+            goal=goal.one_cell(site.dem, "--goal") if goal else (0, 0),
             step_cost=step_cost,  # type: ignore[arg-type]  # click has checked it
             omega=omega,
             slope_limit=limits.slope_limit_deg,
@@ -83,15 +83,15 @@ def command(
             hard_step=_finite(limits.hard_step_m),
             body=body,
         )
-        landscape = Landscape(ground, asked)  # what cannot be planned on is refused here
+        landscape = Landscape(site, asked)  # what cannot be planned on is refused here
         if (likely := likely_ends(landscape.cost, landscape.stands)) is None:
-            raise InvalidMapError(f"{dem}: wanted a map to plan on, got {size_in_words(ground.dem)}, all impassable")
+            raise InvalidMapError(f"{dem}: wanted a map to plan on, got {size_in_words(site.dem)}, all impassable")
         asked = replace(asked, start=asked.start if start else likely[0], goal=asked.goal if goal else likely[1])
-        first = [Trial(ground, asked, landscape)]
+        first = [Trial(site, asked, landscape)]
         address = f"http://127.0.0.1:{listening.getsockname()[1]}/"
 
         def make_trial() -> Trial:
-            return first.pop() if first else Trial(ground, asked)
+            return first.pop() if first else Trial(site, asked)
 
         def when_ready() -> None:
             click.echo(address)
@@ -104,7 +104,7 @@ def command(
 def _given_body(options_given: VehicleOptions, place: Dem) -> Body | None:
     """The vehicle that the options describe, with the words that do so; None for none, or a shipped one."""
     from nnpp_edge.terrain.vehicle_files import shipped_vehicles
-    from nnpp_edge.view.ground import Body
+    from nnpp_edge.view.site import Body
 
     names = {field.name for field in fields(VehicleOptions)}.intersection(options.given_options())
     if not names or (names == {"vehicle"} and options_given.vehicle in shipped_vehicles()):

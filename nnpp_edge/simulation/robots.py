@@ -48,13 +48,13 @@ class Robot:
 
     def ground(self, values: Float2D) -> Ground:
         """Itself on the map, for planners and the onboard loop."""
-        of_costs = self._layer == "cost"
-        return replace(self._ground, cost=values) if of_costs else replace(self._ground, elevation=values)
+        cost, heights = (values, None) if self._layer == "cost" else (None, values)
+        return replace(self._ground, cost=cost, elevation=heights)
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """The message that tells the loop of values."""
-        of_costs = self._layer == "cost"
-        return MapPatch(row, col, cost=values) if of_costs else MapPatch(row, col, elevation=values)
+        cost, heights = (values, None) if self._layer == "cost" else (None, values)
+        return MapPatch(row, col, heights, cost)
 
 
 class Disc(Robot):

@@ -1,4 +1,4 @@
-"""What the page is told: the ground, a path with its figures and profile, methods side by side, a mended path."""
+"""What the page is told: the site, a path with its figures and profile, methods side by side, a mended path."""
 
 import math
 
@@ -11,9 +11,9 @@ from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.terrain.route import Route
 from nnpp_edge.view import layers
-from nnpp_edge.view.ground import Ground
 from nnpp_edge.view.mending import Mended
 from nnpp_edge.view.messages import Change, Compare, Layer, Mend, Message, Move, Open, Paint, Undo
+from nnpp_edge.view.site import Site
 from nnpp_edge.view.trial import Compared, Trial
 from nnpp_edge.view.words import command_of, python_of
 
@@ -69,24 +69,24 @@ class Answerer:
                 return [path_answer(trial), *self._layer("cost")]
 
     def _layer(self, name: str) -> list[Answer | bytes]:
-        dem, pixels = self.trial.ground.dem, self._pixels
+        dem, pixels = self.trial.site.dem, self._pixels
         if name == "cost":
             return _layer_answer(name, layers.costs(self.trial.landscape.cost, pixels))
         return _layer_answer(name, (layers.relief if name == "relief" else layers.slope)(dem, pixels))
 
     def _compared(self, method: str) -> list[Answer | bytes]:
         compared = self.trial.compare(method)
-        region, told = compared.plan.region, [compared_answer(method, compared, self.trial.ground)]
+        region, told = compared.plan.region, [compared_answer(method, compared, self.trial.site)]
         if region is None:
             return [*told]
         return [*told, *_layer_answer(f"region {method}", layers.region(region, self._pixels))]
 
 
 def opening(trial: Trial) -> Answer:
-    """What the page shows of the ground, and the controls' first values."""
-    ground, asked = trial.ground, trial.asked
+    """What the page shows of the site, and the controls' first values."""
+    site, asked = trial.site, trial.asked
     bodies = {}
-    for name, body in ground.bodies.items():
+    for name, body in site.bodies.items():
         bodies[name] = {
             "time": body.mobility.time is not None,
             "energy": body.mobility.energy is not None,
@@ -95,9 +95,9 @@ def opening(trial: Trial) -> Answer:
         }
     return {
         "type": "opening",
-        "name": ground.dem.source.name,
-        "shape": ground.dem.shape,
-        "sides_m": ground.sides_m,
+        "name": site.dem.source.name,
+        "shape": site.dem.shape,
+        "sides_m": site.sides_m,
         "bodies": bodies,
         "asked": msgspec.to_builtins(asked),
     }
@@ -105,7 +105,7 @@ def opening(trial: Trial) -> Answer:
 
 def path_answer(trial: Trial) -> Answer:
     """The newest plan: its figures, its line, what lies along it, and how to ask for it elsewhere."""
-    plan, asked, ground = trial.plan, trial.asked, trial.ground
+    plan, asked, site = trial.plan, trial.asked, trial.site
     answer: Answer = {
         "type": "path",
         "figures": {**plan.summary(), "line_cost": _rounded(plan.line_cost)},
@@ -119,12 +119,12 @@ def path_answer(trial: Trial) -> Answer:
         "rows": [],
         "cols": [],
         "warnings": trial.landscape.warnings,
-        "command": command_of(ground, asked),
-        "python": python_of(ground, asked),
+        "command": command_of(site, asked),
+        "python": python_of(site, asked),
     }
     if plan.along is None or not len(plan.path):
         return answer
-    route, along = Route.of(plan.line, plan.along, trial.landscape.cost, ground.dem), plan.along
+    route, along = Route.of(plan.line, plan.along, trial.landscape.cost, site.dem), plan.along
     rows, cols = along.points.T
     answer |= {"rows": _list(rows, 2), "cols": _list(cols, 2), "distance_m": _list(along.distance_m, 1)}
     answer |= {"height_m": _list(along.heights_m, 2), "cost": _list(np.minimum(route.cost, 1.0), 3)}
@@ -133,10 +133,10 @@ def path_answer(trial: Trial) -> Answer:
     return answer
 
 
-def compared_answer(method: str, compared: Compared, ground: Ground) -> Answer:
+def compared_answer(method: str, compared: Compared, site: Site) -> Answer:
     """A row of the table of methods; `share` is the region's of the map, None for the whole map."""
     plan, region = compared.plan, compared.plan.region
-    rows, cols = ground.dem.shape
+    rows, cols = site.dem.shape
     return {
         "type": "compared",
         "method": method,

@@ -8,10 +8,11 @@ import msgspec
 
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.view.ground import POINT, Body, Ground
+from nnpp_edge.view.site import POINT, Body, Site
 
 METHODS = ("auto", "astar", "corridor", "nnpp")
 SHORTEST = "length"
@@ -72,26 +73,39 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         """How the path is refined; steps that cost by their slope leave it on the grid."""
         return "any-angle" if self.refine and self.slope_cost == "paper" else None
 
-    def chosen(self, ground: Ground) -> Body:
+    def chosen(self, site: Site) -> Body:
         """The body to choose from those there are; InvalidQueryError if there is none of that name."""
-        if self.body not in ground.bodies:
-            raise InvalidQueryError(f"vehicle must be one of {', '.join(ground.bodies)}, got {self.body!r}")
-        return ground.bodies[self.body]
+        if self.body not in site.bodies:
+            raise InvalidQueryError(f"vehicle must be one of {', '.join(site.bodies)}, got {self.body!r}")
+        return site.bodies[self.body]
 
-    def vehicle(self, ground: Ground) -> Vehicle | None:
+    def vehicle(self, site: Site) -> Vehicle | None:
         """The vehicle with the values that were set in place of its own; InvalidMapError for what is none."""
-        vehicle = self.chosen(ground).vehicle
+        vehicle = self.chosen(site).vehicle
         if vehicle is None or vehicle.is_disc:
             return vehicle
         clearance = vehicle.clearance_m if self.clearance is None else self.clearance
         tilt = vehicle.max_tilt_deg if self.max_tilt is None else self.max_tilt
         return replace(vehicle, clearance_m=clearance, max_tilt_deg=tilt)
 
-    def changes(self, ground: Ground) -> dict[str, float]:
+    def changes(self, site: Site) -> dict[str, float]:
         """Values of the vehicle that were set, by their names."""
         named = {"clearance_m": self.clearance, "max_tilt_deg": self.max_tilt}
-        body = self.chosen(ground)
+        body = self.chosen(site)
         return {name: value for name, value in named.items() if value is not None} if body.has_body else {}
+
+    def ground(self, site: Site) -> Ground:
+        """What is planned on, but for obstacles."""
+        dem = site.dem
+        return Ground.of_elevation(
+            dem.elevation,
+            dem.cell_size_m,
+            self.limits,
+            cell_width_m=dem.cell_width_m,
+            vehicle=self.vehicle(site),
+            step_cost=self.slope_cost,
+            mobility=self.chosen(site).mobility,
+        )
 
     def same_map(self, other: "Asked") -> bool:
         """Whether both are asked of one planner, but for obstacles."""

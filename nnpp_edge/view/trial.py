@@ -10,9 +10,9 @@ from nnpp_edge.runtime import Plan
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.view.asked import METHODS, Asked, changed
-from nnpp_edge.view.ground import Ground
 from nnpp_edge.view.landscape import Landscape
 from nnpp_edge.view.mending import Mended, Mending
+from nnpp_edge.view.site import Site
 
 MOST_OBSTACLES = 200
 _REPEATS = 3
@@ -37,11 +37,11 @@ class Compared:
 
 
 class Trial:
-    """What one tab asks of the ground, and the answers. Serves one thread at a time.
+    """What one tab asks of the site, and the answers. Serves one thread at a time.
 
     Parameters
     ----------
-    ground : Ground
+    site : Site
         Shared with other tabs, and never changed.
     asked : Asked
         The first question.
@@ -54,9 +54,9 @@ class Trial:
         As for `Landscape`. Later questions raise it too, and leave everything as it was.
     """
 
-    def __init__(self, ground: Ground, asked: Asked, landscape: Landscape | None = None) -> None:
-        self.ground = ground
-        self._ask(asked, landscape or Landscape(ground, asked))
+    def __init__(self, site: Site, asked: Asked, landscape: Landscape | None = None) -> None:
+        self.site = site
+        self._ask(asked, landscape or Landscape(site, asked))
 
     def _ask(self, asked: Asked, landscape: Landscape) -> None:
         """Ask of another map; what belonged to the one before is forgotten."""
@@ -72,7 +72,7 @@ class Trial:
         if asked.obstacles != self.asked.obstacles:
             raise InvalidQueryError("obstacles are painted, not set")
         if another := not asked.same_map(self.asked):
-            self._ask(asked, Landscape(self.ground, asked))
+            self._ask(asked, Landscape(self.site, asked))
         else:
             self.plan, self.asked = self.landscape.plan(asked, asked.method), asked
         return another
@@ -96,7 +96,7 @@ class Trial:
 
     def paint(self, part: Rectangle) -> None:
         """Make the cells of a rectangle, clipped to the map, impassable, and plan anew."""
-        (row, col, rows, cols), (height, width) = part, self.ground.dem.shape
+        (row, col, rows, cols), (height, width) = part, self.site.dem.shape
         row0, col0, row1, col1 = max(row, 0), max(col, 0), min(row + rows, height), min(col + cols, width)
         if row0 >= row1 or col0 >= col1:
             raise InvalidQueryError(f"an obstacle must cover cells of the map of {(height, width)}, got {part}")
@@ -110,13 +110,10 @@ class Trial:
         obstacles, landscape = self.asked.obstacles, self.landscape
         mending = self._mending
         if mending is None or mending.goal != self.asked.goal:
-            before = obstacles[:-1]
-            mending = Mending(self.ground, self.asked, landscape, landscape.costs_with(before, obstacles))
-            if not landscape.by_costs:
-                mending.lay([(part, landscape.patch(part, before)) for part in before])
+            mending, before = Mending(landscape.ground, self.asked), obstacles[:-1]
+            mending.lay(before, before)
             self._mended = before
-        other = set(self._mended) ^ set(obstacles)
-        mended = mending.mend(self.asked.start, [(part, landscape.patch(part, obstacles)) for part in other])
+        mended = mending.mend(self.asked.start, set(self._mended) ^ set(obstacles), obstacles)
         self._mending, self._mended = mending, obstacles
         return mended
 

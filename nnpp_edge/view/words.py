@@ -5,14 +5,14 @@ from dataclasses import asdict
 
 from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
 from nnpp_edge.view.asked import Asked
-from nnpp_edge.view.ground import GIVEN, POINT, Ground
+from nnpp_edge.view.site import Site
 
 _DEFAULTS = Asked(start=(0, 0), goal=(0, 0))
 
 
-def command_of(ground: Ground, asked: Asked) -> str:
+def command_of(site: Site, asked: Asked) -> str:
     """A line for a shell that plans the same path; without painted obstacles, which no option describes."""
-    words = ["nnpp-edge", "plan", *ground.reading.options]
+    words = ["nnpp-edge", "plan", *site.reading.options]
     for name, (row, col) in (("--start", asked.start), ("--goal", asked.goal)):
         words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
     words += ["--method", asked.method]
@@ -23,67 +23,46 @@ def command_of(ground: Ground, asked: Asked) -> str:
     elif asked.weight != _DEFAULTS.omega:
         words += ["--omega", _number(asked.weight)]
     words += [] if asked.corner_cutting else ["--no-corner-cutting"]
-    words += asked.chosen(ground).options
-    for name, value in asked.changes(ground).items():
+    words += asked.chosen(site).options
+    for name, value in asked.changes(site).items():
         words += ["--set", f"{name}={_number(value)}"]
     words += ["--refine", asked.freed] if asked.freed else []
     return shlex.join(words)
 
 
-def python_of(ground: Ground, asked: Asked) -> str:
+def python_of(site: Site, asked: Asked) -> str:
     """Lines of Python that plan the same path, painted obstacles included, as `plan`."""
-    by_costs = asked.vehicle(ground) is None and asked.slope_cost == "paper"
-    lines = _imports(asked, ground, by_costs)
+    body, changes = asked.chosen(site), asked.changes(site)
+    vehicle, used = body.vehicle_code, f"{body.vehicle_code} {body.mobility_code}"
     limits = ", ".join(f"{name}={value!r}" for name, value in _limits(asked).items())
-    lines += ["", f"dem = {ground.reading.code}", f"limits = Traversability({limits})"]
-    lines += _planner(asked, ground, by_costs)
-    for row, col, rows, cols in asked.obstacles:
-        if by_costs:
-            lines.append(f"planner.update({row}, {col}, np.ones(({rows}, {cols})))")
-        else:
-            lines.append(f"planner.update_elevation({row}, {col}, np.full(({rows}, {cols}), np.nan))")
-    more = f", refine={asked.freed!r}" if asked.freed else ""
-    lines.append(f"plan = planner.plan({asked.start}, {asked.goal}, method={asked.method!r}{more})")
-    return "\n".join([*lines, "print(plan.status, plan.cost, plan.timings_ms)", ""])
-
-
-def _imports(asked: Asked, ground: Ground, by_costs: bool) -> list[str]:
-    """The lines before the first that does something."""
-    body = asked.chosen(ground)
     lines = ["import numpy as np", ""] if asked.obstacles else []
-    lines += ["from dataclasses import replace", ""] if asked.changes(ground) else []
-    names = ["Planner", "Traversability"] + (["traversability_cost"] if by_costs else [])
-    if not by_costs and asked.body in (GIVEN, POINT):
-        used = f"{body.vehicle_code} {body.mobility_code}"
-        kinds = ("Mobility", "Vehicle", *(kind.__name__ for kind in SLOPE_COSTS.values()))
-        names += [kind for kind in kinds if f"{kind}(" in used]
+    names = ["Planner", "Traversability"]
+    if changes:
+        vehicle = f"replace({vehicle}, {', '.join(f'{name}={value!r}' for name, value in changes.items())})"
+        lines += ["from dataclasses import replace", ""]
+    kinds = ("Mobility", "Vehicle", *(kind.__name__ for kind in SLOPE_COSTS.values()))
+    names += [kind for kind in kinds if f"{kind}(" in used]
     lines += [
         f"from nnpp_edge.runtime import {', '.join(sorted(names))}",
         "from nnpp_edge.terrain.dem import read_dem",
     ]
-    if not by_costs and asked.body not in (GIVEN, POINT):
+    if "load_" in used:
         lines.append("from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle")
-    return lines
-
-
-def _planner(asked: Asked, ground: Ground, by_costs: bool) -> list[str]:
-    """The lines that make the planner."""
-    given = f"omega={asked.weight!r}, corner_cutting={asked.corner_cutting}"
-    if by_costs:
-        cost = "traversability_cost(dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m)"
-        return [f"cost = {cost}", f"planner = Planner(cost, {given})"]
-    body, changes = asked.chosen(ground), asked.changes(ground)
-    vehicle = body.vehicle_code
-    if changes:
-        vehicle = f"replace({vehicle}, {', '.join(f'{name}={value!r}' for name, value in changes.items())})"
-    return [
-        f"vehicle = {vehicle}",
-        f"mobility = {body.mobility_code}",
+    lines += [
+        "",
+        f"dem = {site.reading.code}",
         "planner = Planner.of_elevation(",
-        "    dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m, vehicle=vehicle,",
-        f"    step_cost={asked.slope_cost!r}, mobility=mobility, {given},",
+        f"    dem.elevation, dem.cell_size_m, Traversability({limits}),",
+        f"    cell_width_m=dem.cell_width_m, vehicle={vehicle},",
+        f"    step_cost={asked.slope_cost!r}, mobility={body.mobility_code},",
+        f"    omega={asked.weight!r}, corner_cutting={asked.corner_cutting},",
         ")",
     ]
+    for row, col, rows, cols in asked.obstacles:
+        lines.append(f"planner.update({row}, {col}, np.ones(({rows}, {cols})))")
+    more = f", refine={asked.freed!r}" if asked.freed else ""
+    lines.append(f"plan = planner.plan({asked.start}, {asked.goal}, method={asked.method!r}{more})")
+    return "\n".join([*lines, "print(plan.status, plan.cost, plan.timings_ms)", ""])
 
 
 def _limits(asked: Asked) -> dict[str, float]:

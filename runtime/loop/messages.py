@@ -183,17 +183,18 @@ class PathMessage:
         Way points and their cost are left out where there are none.
         """
         fields: dict[str, object] = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        line = {"waypoints": fields.pop("waypoints"), "line_cost": fields.pop("line_cost")}
-        if self.waypoints is not None:
-            fields |= line | {"waypoints": self.waypoints.tolist()}
-        cost = self.cost if math.isfinite(self.cost) else None
-        return fields | {
+        fields |= {
             "outcome": str(self.outcome),
             "origin": str(self.origin),
             "path": self.path.tolist(),
             "headings_deg": self.headings_deg.tolist(),
-            "cost": cost,
+            "cost": self.cost if math.isfinite(self.cost) else None,
         }
+        if self.waypoints is None:
+            del fields["waypoints"], fields["line_cost"]
+        else:
+            fields["waypoints"] = self.waypoints.tolist()
+        return fields
 
 
 CountBy = dict[str, int]

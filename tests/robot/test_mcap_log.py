@@ -2,7 +2,6 @@ import json
 import logging
 import math
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -20,7 +19,6 @@ from mcap_ros2.decoder import DecoderFactory
 
 from nnpp_edge.robot.transports import mcap_log
 from nnpp_edge.robot.transports.mcap_log import TOPICS, McapLog
-from nnpp_edge.ros.maps import OccupancyGrid
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, Status
 from nnpp_edge.runtime.loop.inprocess import InProcessSource
 from nnpp_edge.runtime.loop.messages import (
@@ -131,21 +129,6 @@ def test_everything_comes_back_through_the_public_reader(tmp_path):
     assert (log.written, log.lost) == (sum(map(len, found.values())), 0)
 
 
-def test_a_logged_map_read_back_is_passable_impassable_and_unknown_where_it_was(tmp_path):
-    cost = np.linspace(0.0, 1.2, 500, dtype=np.float32).reshape(20, 25)
-    cost[0, 0], cost[0, 1], cost[5, 5] = np.nan, np.inf, np.nextafter(np.float32(1.0), np.float32(0.0))
-    with McapLog(tmp_path / "log.mcap", state=Ground(cost).state(tell_unknown=True)):
-        pass
-    (logged,) = (m.message for m in read(tmp_path / "log.mcap")["/map"])
-    grid = OccupancyGrid(1.0, logged.info.width, logged.info.height, np.array(logged.data, np.int8))
-    back = grid.cost()
-    np.testing.assert_array_equal(np.isnan(back), np.isnan(cost))
-    np.testing.assert_array_equal(back < 1.0, cost < 1.0)
-    exact = cost < 0.98
-    np.testing.assert_allclose(back[exact], cost[exact], atol=0.00501)
-    np.testing.assert_array_equal(OccupancyGrid.of_cost(back, grid.frame).data, grid.data)
-
-
 def test_a_path_that_only_shrank_is_not_written_again_and_a_lost_one_is(tmp_path):
     cells = [(n, n) for n in range(9)]
     with McapLog(tmp_path / "log.mcap") as log:
@@ -239,7 +222,7 @@ def test_a_full_disk_ends_the_log_with_one_warning_and_not_the_loop(tmp_path, mo
     monkeypatch.setattr(source, "poll", lambda: [Pose(3, 3), Goal(50, next(goals))])
     with caplog.at_level(logging.WARNING):
         counters = Loop(nav, source, [log], rate_hz=200, queue=1000).run(40)
-    assert (counters.ticks, counters.failed, counters.errors, counters.drops["mcap"]) == (40, 0, {}, 0)
+    assert (counters.ticks, counters.errors, counters.drops["mcap"]) == (40, {}, 0)
     warned = [r.getMessage() for r in caplog.records if "log" in r.getMessage()]
     assert len(warned) == 1 and "No space left" in warned[0]
     assert 0 < log.lost < 80
@@ -250,38 +233,6 @@ def test_a_full_disk_ends_the_log_with_one_warning_and_not_the_loop(tmp_path, mo
     assert log.lost > lost
     assert len(read_unfinished(tmp_path / "log.mcap")["/answer"]) > 3
     assert len([r for r in caplog.records if "log" in r.getMessage()]) == 1
-
-
-LIMITED = """
-import logging, resource, sys
-from pathlib import Path
-import numpy as np
-from nnpp_edge.robot.transports import mcap_log
-from nnpp_edge.runtime.loop.messages import Origin, PathMessage
-from nnpp_edge.runtime.errors import Status
-logging.basicConfig(format="%(message)s")
-mcap_log._FLUSH_EVERY_S = 0.0
-log = mcap_log.McapLog(Path(sys.argv[1]))
-resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
-for tick in range(300):
-    path = np.random.default_rng(tick).integers(0, 999, (40, 2)).astype(np.int32)
-    log.publish(PathMessage(tick, Status.OK, Origin.FULL, path))
-log.close()
-print(log.written, log.lost)
-"""
-
-
-@pytest.mark.skipif(not hasattr(resource, "RLIMIT_FSIZE"), reason="needs a limit on the size of files")
-def test_a_real_limit_of_the_system_does_the_same(tmp_path):
-    path = tmp_path / "log.mcap"
-    ended = subprocess.run([sys.executable, "-c", LIMITED, str(path)], capture_output=True, text=True, check=False)
-    assert ended.returncode == 0, ended.stderr
-    assert ended.stderr.count("the log") == 1 == ended.stderr.count("\n")
-    written, lost = map(int, ended.stdout.split())
-    assert lost > 100
-    found = read_unfinished(path)
-    assert 3 < len(found["/answer"]) <= written
-    assert path.stat().st_size <= 20000
 
 
 def test_no_input_is_lost_for_want_of_an_answer(tmp_path):

@@ -17,9 +17,9 @@ from nnpp_edge.view import layers
 from nnpp_edge.view import trial as trials
 from nnpp_edge.view.answers import Answerer
 from nnpp_edge.view.asked import Asked, changed
-from nnpp_edge.view.ground import Body, Ground, Reading
 from nnpp_edge.view.landscape import Landscape, likely_ends
 from nnpp_edge.view.messages import Compare, Layer, Mend, Move, Open, Paint, Undo, decode
+from nnpp_edge.view.site import Body, Reading, Site
 from nnpp_edge.view.trial import Trial
 from nnpp_edge.view.words import command_of, python_of
 from tests.view_cases import write_ground
@@ -39,19 +39,19 @@ SETTINGS = {
 
 
 @pytest.fixture(scope="module")
-def ground(tmp_path_factory):
+def site(tmp_path_factory):
     path = write_ground(tmp_path_factory.mktemp("ground"))
-    return Ground.of(read_dem(path), Reading(path))
+    return Site.of(read_dem(path), Reading(path))
 
 
-def trial_of(ground, name="plain", **values):
-    return Trial(ground, changed(Asked(**ENDS), SETTINGS[name] | values))
+def trial_of(site, name="plain", **values):
+    return Trial(site, changed(Asked(**ENDS), SETTINGS[name] | values))
 
 
 @pytest.mark.parametrize("name", SETTINGS)
-def test_the_copied_command_plans_the_same_path(nnpp_edge, ground, name):
-    trial = trial_of(ground, name)
-    words = command_of(ground, trial.asked).split()
+def test_the_copied_command_plans_the_same_path(nnpp_edge, site, name):
+    trial = trial_of(site, name)
+    words = command_of(site, trial.asked).split()
     assert words[:2] == ["nnpp-edge", "plan"]
     told = json.loads(nnpp_edge(*words[1:], "--json").out)
     assert trial.plan.ok
@@ -61,21 +61,21 @@ def test_the_copied_command_plans_the_same_path(nnpp_edge, ground, name):
 
 
 @pytest.mark.parametrize("name", SETTINGS)
-def test_the_copied_python_plans_the_same_path_around_obstacles(ground, name):
-    trial = trial_of(ground, name)
+def test_the_copied_python_plans_the_same_path_around_obstacles(site, name):
+    trial = trial_of(site, name)
     for part in OBSTACLES:
         trial.paint(part)
     made = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        exec(python_of(ground, trial.asked), made)
+        exec(python_of(site, trial.asked), made)
     assert made["plan"].ok and made["plan"].cost == trial.plan.cost
 
 
-def test_what_the_command_line_describes_is_copied_too(nnpp_edge, ground):
+def test_what_the_command_line_describes_is_copied_too(nnpp_edge, site):
     options = ("--vehicle", "large-rover", "--set", "max_step_m=0.6", "--mobility", "tracked")
     vehicle = replace(Body.shipped("large-rover").vehicle, max_step_m=0.6)
-    given = Ground.of(ground.dem, ground.reading, Body.given(vehicle, Body.shipped("tracked").mobility, options))
+    given = Site.of(site.dem, site.reading, Body.given(vehicle, Body.shipped("tracked").mobility, options))
     trial = Trial(given, Asked(**ENDS, body="as given", step_cost="time"))
     told = json.loads(nnpp_edge(*command_of(given, trial.asked).split()[1:], "--json").out)
     made = {}
@@ -85,28 +85,28 @@ def test_what_the_command_line_describes_is_copied_too(nnpp_edge, ground):
 
 
 @pytest.mark.parametrize("name", ["plain", "on foot", "vehicle"])
-def test_painting_and_undoing_leave_the_map_as_if_made_so(ground, name):
+def test_painting_and_undoing_leave_the_map_as_if_made_so(site, name):
     rng = np.random.default_rng(4)
-    trial = trial_of(ground, name, method="astar")
+    trial = trial_of(site, name, method="astar")
     for _ in range(12):
         if rng.random() < 0.35:
             trial.undo()
         else:
             row, col = rng.integers(15, 75, 2).tolist()
             trial.paint((row, col, *rng.integers(1, 25, 2).tolist()))
-        afresh = Trial(ground, trial.asked)
+        afresh = Trial(site, trial.asked)
         assert trial.plan.cost == pytest.approx(afresh.plan.cost, rel=1e-6)
         assert np.array_equal(trial.landscape.cost, afresh.landscape.cost)
         for row, col, rows, cols in trial.asked.obstacles:
             inside = (trial.plan.path >= (row, col)) & (trial.plan.path < (row + rows, col + cols))
             assert not inside.all(1).any()
     trial.clear()
-    assert trial.plan.cost == pytest.approx(trial_of(ground, name, method="astar").plan.cost, rel=1e-6)
+    assert trial.plan.cost == pytest.approx(trial_of(site, name, method="astar").plan.cost, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["plain", "on foot", "vehicle"])
-def test_a_mended_path_is_as_good_as_one_planned_afresh(ground, name):
-    trial = trial_of(ground, name, method="astar")
+def test_a_mended_path_is_as_good_as_one_planned_afresh(site, name):
+    trial = trial_of(site, name, method="astar")
     trial.paint(OBSTACLES[0])
     trial.paint(OBSTACLES[1])
     before = trial.mend()
@@ -122,8 +122,8 @@ def test_a_mended_path_is_as_good_as_one_planned_afresh(ground, name):
     assert trial.mend().mended.cost == pytest.approx(trial.plan.cost, rel=1e-5)
 
 
-def test_methods_side_by_side_are_measured_against_exact_astar(ground):
-    trial = trial_of(ground, "limits")
+def test_methods_side_by_side_are_measured_against_exact_astar(site):
+    trial = trial_of(site, "limits")
     compared = {method: trial.compare(method) for method in ("auto", "astar", "corridor", "nnpp")}
     exact = trial.landscape.plan(trial.asked, "astar").cost
     assert compared["astar"].gap == 0.0 and compared["astar"].plan.region is None
@@ -146,29 +146,29 @@ def test_methods_side_by_side_are_measured_against_exact_astar(ground):
         {"body": "tracked", "clearance": 0.0},
     ],
 )
-def test_what_cannot_be_asked_changes_nothing(ground, values):
-    trial = trial_of(ground)
+def test_what_cannot_be_asked_changes_nothing(site, values):
+    trial = trial_of(site)
     asked, plan, landscape = trial.asked, trial.plan, trial.landscape
     with pytest.raises(NnppEdgeError):
         trial.change(values)
     assert (trial.asked, trial.plan, trial.landscape) == (asked, plan, landscape)
 
 
-def test_an_answer_tells_what_lies_along_the_path(ground):
-    trial = trial_of(ground)
+def test_an_answer_tells_what_lies_along_the_path(site):
+    trial = trial_of(site)
     answers = Answerer(trial).answer(Move(end="goal", to=(80, 100), number=7))
     (path,) = answers
     assert path["number"] == 7 and path["ok"] and path["goal"] == (80, 100)
     rows, cols = np.array(path["rows"], int), np.array(path["cols"], int)
     assert np.array_equal(np.stack((rows, cols), 1), trial.plan.path)
     assert path["cost"] == pytest.approx(trial.landscape.cost[rows, cols].tolist(), abs=5e-4)
-    assert path["height_m"] == pytest.approx(ground.dem.elevation[rows, cols].tolist(), abs=6e-3)
+    assert path["height_m"] == pytest.approx(site.dem.elevation[rows, cols].tolist(), abs=6e-3)
     assert path["distance_m"][-1] == pytest.approx(trial.plan.numbers.length_m, abs=0.05)
     json.dumps(answers, allow_nan=False)
 
 
-def test_every_message_is_answered_and_a_wrong_one_in_a_line(ground):
-    answerer = Answerer(trial_of(ground))
+def test_every_message_is_answered_and_a_wrong_one_in_a_line(site):
+    answerer = Answerer(trial_of(site))
     kinds = {
         Open(pixels=40): ["opening", "path", "layer", bytes, "layer", bytes],
         Layer(name="slope"): ["layer", bytes],
@@ -190,12 +190,12 @@ def test_every_message_is_answered_and_a_wrong_one_in_a_line(ground):
             decode(text)
 
 
-def test_layers_have_no_more_pixels_than_the_screen(ground):
-    cost = Trial(ground, changed(Asked(**ENDS), {"hard_slope": 7.5})).landscape.cost
+def test_layers_have_no_more_pixels_than_the_screen(site):
+    cost = Trial(site, changed(Asked(**ENDS), {"hard_slope": 7.5})).landscape.cost
     for pixels, shape in ((2000, (96, 120)), (60, (48, 60)), (64, (51, 64))):
         relief, slope, costs = (
-            layers.relief(ground.dem, pixels),
-            layers.slope(ground.dem, pixels),
+            layers.relief(site.dem, pixels),
+            layers.slope(site.dem, pixels),
             layers.costs(cost, pixels),
         )
         assert relief.shape == slope.shape == costs.shape == shape
@@ -205,10 +205,10 @@ def test_layers_have_no_more_pixels_than_the_screen(ground):
     assert np.array_equal(layers.costs(cost, 2000) == layers.IMPASSABLE, cost >= 1.0)
 
 
-def test_first_ends_are_passable(ground):
-    landscape = Landscape(ground, Asked(**ENDS, hard_slope=10.0))
+def test_first_ends_are_passable(site):
+    landscape = Landscape(site, Asked(**ENDS, hard_slope=10.0))
     ends = likely_ends(landscape.cost)
-    trial = Trial(ground, Asked(start=ends[0], goal=ends[1], hard_slope=10.0), landscape)
+    trial = Trial(site, Asked(start=ends[0], goal=ends[1], hard_slope=10.0), landscape)
     assert trial.plan.status in (Status.OK, Status.NO_PATH)
     assert math.hypot(*np.subtract(*ends)) > 60.0
     assert likely_ends(np.full((30, 40), np.inf, np.float32)) is None
@@ -219,8 +219,8 @@ def test_first_ends_are_where_the_vehicle_stands(tmp_path):
     heights = np.full((60, 60), np.nan, np.float32)
     heights[15:45, 10:50] = 0.0
     np.savez(tmp_path / "window.npz", elevation_m=heights, cell_size_m=0.5)
-    ground = Ground.of(read_dem(tmp_path / "window.npz"), Reading(tmp_path / "window.npz"))
-    landscape = Landscape(ground, Asked(**ENDS, body="large-rover"))
+    site = Site.of(read_dem(tmp_path / "window.npz"), Reading(tmp_path / "window.npz"))
+    landscape = Landscape(site, Asked(**ENDS, body="large-rover"))
     ends, bare = likely_ends(landscape.cost, landscape.stands), likely_ends(landscape.cost)
     assert all(map(landscape.stands, ends)) and not any(map(landscape.stands, bare))
     assert likely_ends(landscape.cost, lambda cell: False) == bare
@@ -243,10 +243,10 @@ def test_a_plan_shows_itself_and_escapes_what_it_was_told():
     pyplot.close("all")
 
 
-def test_an_obstacle_is_cut_to_the_map_and_there_are_at_most_so_many(ground, monkeypatch):
+def test_an_obstacle_is_cut_to_the_map_and_there_are_at_most_so_many(site, monkeypatch):
     monkeypatch.setattr(trials, "MOST_OBSTACLES", 2)
-    trial = trial_of(ground, "plain")
-    height, width = ground.dem.shape
+    trial = trial_of(site, "plain")
+    height, width = site.dem.shape
     trial.paint((-5, -7, 8, 10))
     trial.paint((height - 2, 30, 50, 4))
     painted = ((0, 0, 3, 3), (height - 2, 30, 2, 4))
@@ -275,8 +275,8 @@ def test_an_obstacle_is_cut_to_the_map_and_there_are_at_most_so_many(ground, mon
     ],
     ids=lambda values: next(iter(values)),
 )
-def test_whatever_the_map_depends_on_is_asked_of_another_map(ground, values):
-    trial = trial_of(ground, method="astar")
+def test_whatever_the_map_depends_on_is_asked_of_another_map(site, values):
+    trial = trial_of(site, method="astar")
     assert trial.change(values)
-    assert trial.plan.cost == trial_of(ground, method="astar", **values).plan.cost
+    assert trial.plan.cost == trial_of(site, method="astar", **values).plan.cost
     assert not trial.change({"method": "corridor"})

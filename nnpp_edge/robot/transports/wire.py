@@ -99,10 +99,7 @@ def encode(message: Input | Output | Fault) -> bytes:
         place = {"row": message.row, "col": message.col}
         return _joined("patch", {**place, name: packed, "keep_known": message.keep_known, "stamp": message.stamp})
     if isinstance(message, PathMessage):
-        fields = {**vars(message), "headings_deg": message.headings_deg}
-        if message.waypoints is None:
-            del fields["waypoints"], fields["line_cost"]
-        return _joined("path", fields)
+        return _joined("path", message.summary())
     kinds = {Pose: "pose", Goal: "goal", StatusMessage: "status", Fault: "error"}
     return _joined(kinds[type(message)], message)
 
@@ -196,10 +193,8 @@ def _joined(kind: str, fields: object) -> bytes:
 
 def _plain(value: object) -> object:
     """NumPy's arrays and numbers as Python's."""
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    if isinstance(value, np.generic):
-        return value.item()
     raise TypeError(f"cannot be written as JSON: {type(value).__name__}")
 
 

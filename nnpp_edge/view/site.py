@@ -1,4 +1,4 @@
-"""The ground that all tabs look at, and the vehicles that can be put on it."""
+"""The map that all tabs look at, and the vehicles that can be put on it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,7 +76,7 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class Site:
     """An elevation map, how it was read, and the vehicles to choose from, by name."""
 
     dem: Dem
@@ -84,7 +84,7 @@ class Ground:
     bodies: dict[str, Body]
 
     @classmethod
-    def of(cls, dem: Dem, reading: Reading, given: Body | None = None) -> "Ground":
+    def of(cls, dem: Dem, reading: Reading, given: Body | None = None) -> "Site":
         """With the vehicles of the package, and that of the command line.
 
         A body without a vehicle, which has a mobility alone, takes the place of the point.
