@@ -14,7 +14,7 @@ they cover at least as much again as f has come to, and begin anew a few times a
 
 import numpy as np
 
-from nnpp_edge.runtime.compiled.kernel import helper, kernel
+from nnpp_edge.runtime.compiled.kernel import helper
 
 FINE = 1024
 COARSE = 4096
