@@ -4,9 +4,7 @@ What `exercises` compiles stays in the cache folder that `compiled` chose. Sever
 begins with the first exercise, the others with the last, and none compiles what another is at.
 """
 
-import importlib
 import os
-import pkgutil
 import re
 import shutil
 import subprocess
@@ -18,9 +16,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import nnpp_edge.runtime
 from nnpp_edge.runtime.compiled import cache, claims, kernel
-from nnpp_edge.runtime.compiled.cache import NumbaObject
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.exercises import exercise, parts
 from nnpp_edge.runtime.memory import available_bytes
@@ -107,18 +103,6 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
 def default_jobs() -> int:
     """Processes that compile at once where nobody says how many."""
     return max(1, min(len(os.sched_getaffinity(0)), MOST_JOBS, available_bytes() // JOB_BYTES))
-
-
-def kernels() -> dict[str, NumbaObject]:
-    """Every kernel of the runtime by its full name."""
-    found = {}
-    prefix = nnpp_edge.runtime.__name__ + "."
-    for info in pkgutil.walk_packages(nnpp_edge.runtime.__path__, prefix):
-        module = importlib.import_module(info.name)
-        for name, value in vars(module).items():
-            if hasattr(value, "py_func") and value.py_func.__module__ == module.__name__:
-                found[f"{module.__name__}.{name}"] = value
-    return found
 
 
 def _kept(folder: Path) -> set[tuple[str, int]]:

@@ -87,8 +87,8 @@ def _note(node, stride, changed, is_changed, pending):
 
 
 @kernel
-def read_rectangle(part, rows_left, source, poses, edges, known, noted, pending):
-    """Read a rectangle of the map; the number of nodes put down as changed so far: with directed steps, all.
+def read_rectangle(part, rows_left, source, poses, directed, known, noted, pending):
+    """Read a rectangle of the map; the number of nodes put down as changed so far: where steps are `directed`, all.
 
     Rows that are `UNREAD` are left for `read_rows`.
     """
@@ -100,7 +100,7 @@ def read_rectangle(part, rows_left, source, poses, edges, known, noted, pending)
             continue
         for c in range(col, col + cols):
             node = (r + 1) * stride + c + 1
-            if _read(node, weights, poses, factor, stride, (start, goal), known) or edges is not None:
+            if _read(node, weights, poses, factor, stride, (start, goal), known) or directed:
                 pending = _note(node, stride, changed, is_changed, pending)
     return pending
 

@@ -13,7 +13,7 @@ ENDS_CHANNELS = 2 * END_CHANNELS + BETWEEN_CHANNELS
 
 
 @helper
-def _bounds(n, inner, cells):
+def cells_under(n, inner, cells):
     """First and one past the last map cell under network cell n."""
     first = n * cells // inner
     return first, max(-((-(n + 1) * cells) // inner), first + 1)
@@ -26,9 +26,9 @@ def pool_planes(weights, stride, rows, cols, scale, offset, inner_rows, inner_co
         row0, row1 = parts[n, 0] * inner_rows // rows, -(-(parts[n, 0] + parts[n, 2]) * inner_rows // rows)
         col0, col1 = parts[n, 1] * inner_cols // cols, -(-(parts[n, 1] + parts[n, 3]) * inner_cols // cols)
         for row in range(row0, min(row1, inner_rows)):
-            top, bottom = _bounds(row, inner_rows, rows)
+            top, bottom = cells_under(row, inner_rows, rows)
             for col in range(col0, min(col1, inner_cols)):
-                left, right = _bounds(col, inner_cols, cols)
+                left, right = cells_under(col, inner_cols, cols)
                 total, blocked = 0.0, 0
                 for i in range(top, bottom):
                     for j in range(left, right):

@@ -40,6 +40,7 @@ from nnpp_edge.runtime.kernels.open_list import (
     pop,
     push,
 )
+from nnpp_edge.runtime.kernels.pooling import NO_LINKS as NO_LINKS
 from nnpp_edge.runtime.kernels.poses import HEADING, UNCHECKED, check_there, pose_weight
 from nnpp_edge.runtime.kernels.tiles import open_there
 
@@ -53,7 +54,6 @@ LANES = 8
 """Landmarks that a node has room for."""
 LOOK_EVERY, LOOK_EVERY_OF_POSES = 1024, 16
 """Expansions between two looks at the clock, and where each may check a body's poses."""
-NO_LINKS = np.empty(0, np.uint8)
 NO_HINTS = np.empty((0, LANES), np.float32), np.empty(LANES, np.float32), 0.0
 NO_REGION = np.empty((0, 0), np.int32), np.empty(0, np.int32), np.empty(0, np.int32), 0
 """Of a search without these: a flag, where None would compile another search."""

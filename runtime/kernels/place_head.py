@@ -53,16 +53,18 @@ def _across(share, related, across, out):
                     out[h] += factor * across[c, h]
 
 
-@helper
-def answer_query(places, query, parameters, units, scratch, out):
-    """Probabilities of all blocks.
+@kernel
+def answer_ends(ends, spacing, sigma, places, query, parameters, units, scratch, out):
+    """Encode start and goal, and write the probabilities of all blocks.
 
     Parameters
     ----------
+    ends, spacing, sigma
+        See `encoding.encode_ends`.
     places : (P², 2R) float32
         The encoder's two descriptions of each place.
     query : (15, P, P) float32
-        Start and goal (`encoding.encode_ends`).
+        Written: start and goal, encoded.
     parameters : (N,) float32
         In the order of `parameter_shapes`.
     units : (int, int)
@@ -72,6 +74,7 @@ def answer_query(places, query, parameters, units, scratch, out):
     out : (2P, 2P) float32
         Written.
     """
+    fill_ends(query, ends[0], ends[1], ends[2], ends[3], spacing, sigma)
     first_units, second_units = units
     side, ends, width = query.shape[1], END_CHANNELS, places.shape[1] // 2
     way, at = _matrix(parameters, 0, ends - 1, width)
@@ -121,10 +124,3 @@ def answer_query(places, query, parameters, units, scratch, out):
     for i in range(2 * side):
         for j in range(2 * side):
             out[i, j] = np.float32(1.0) / (np.float32(1.0) + math.exp(-out[i, j]))
-
-
-@kernel
-def answer_ends(ends, spacing, sigma, places, query, parameters, units, scratch, out):
-    """Encode start and goal into `query` (`encoding.encode_ends`), and answer: one call instead of two."""
-    fill_ends(query, ends[0], ends[1], ends[2], ends[3], spacing, sigma)
-    answer_query(places, query, parameters, units, scratch, out)

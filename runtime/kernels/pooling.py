@@ -12,6 +12,8 @@ FACTOR = 4
 """Cells of a level to the side of a cell of the next coarser one."""
 ALL = (1 << FACTOR * FACTOR) - 1
 """The piece of a coarse cell that is passable all over."""
+NO_PIECES, NO_LINKS = np.empty(0, np.uint16), np.empty(0, np.uint8)
+"""Of a level where passability decides."""
 _FIRST_ROW = (1 << FACTOR) - 1
 _FIRST_COL = ALL // _FIRST_ROW
 _LAST_COL = _FIRST_COL << FACTOR - 1
@@ -58,7 +60,7 @@ def _largest_piece(weights, links, rows, cols, row, col, corner_cutting):
         i, j = row * FACTOR + b // FACTOR, col * FACTOR + b % FACTOR
         if i < rows and j < cols and weights[(i + 1) * stride + j + 1] != np.inf:
             passable |= 1 << b
-    if links is None:
+    if len(links) == 0:
         return passable if passable == ALL else _largest_of(passable, corner_cutting)
     best, best_size = 0, 0
     while passable:
@@ -115,9 +117,9 @@ def _common_below(fine, fine_cols, row, col):
 
 
 @helper
-def _pool_cell(fine, fine_links, shape, row, col, corner_cutting, obstacle):
+def _pool_cell(finer, row, col, corner_cutting, obstacle):
     """The piece that a coarse cell stands for, and its weight."""
-    fine_rows, fine_cols = shape
+    fine, _, fine_links, _, fine_rows, fine_cols = finer
     piece = _largest_piece(fine, fine_links, fine_rows, fine_cols, row, col, corner_cutting)
     if piece == 0:
         return piece, np.float32(np.inf)
@@ -131,29 +133,30 @@ def _pool_cell(fine, fine_links, shape, row, col, corner_cutting, obstacle):
 
 
 @helper
-def pool(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, coarse):
+def pool(finer, corner_cutting, obstacle, area, coarse):
     """Weights and pieces of a rectangle of coarse cells; the least weight. As `pool_and_link`, without the links.
 
     Of the finer level's links those are read that lie within a coarse cell whose pieces are not all whole.
     """
     weights, pieces, _, stride, _, _ = coarse
+    fine, fine_pieces, _, fine_stride, fine_rows, fine_cols = finer
     row0, row1, col0, col1 = area
     least = np.float32(np.inf)
-    whole = max(min(col1, shape[1] // FACTOR), col0)  # from here on coarse cells stick out of the map
+    whole = max(min(col1, fine_cols // FACTOR), col0)  # from here on coarse cells stick out of the map
     for row in range(row0, row1):
         at = (row + 1) * stride + 1
-        averaged = whole if row < shape[0] // FACTOR else col0
+        averaged = whole if row < fine_rows // FACTOR else col0
         if averaged > col0:
-            first = (row * FACTOR + 1) * (shape[1] + 2) + col0 * FACTOR + 1
-            _pool_row(fine, first, shape[1] + 2, averaged - col0, weights, at + col0)
+            first = (row * FACTOR + 1) * fine_stride + col0 * FACTOR + 1
+            _pool_row(fine, first, fine_stride, averaged - col0, weights, at + col0)
         for col in range(col0, col1):
             whole_piece = col < averaged and weights[at + col] < np.inf
-            if fine_pieces is not None:
-                whole_piece = whole_piece and _common_below(fine_pieces, shape[1], row, col) == _ALL
+            if whole_piece and len(fine_pieces):
+                whole_piece = _common_below(fine_pieces, fine_cols, row, col) == _ALL
             if whole_piece:
                 pieces[at + col] = ALL
             else:
-                piece, weight = _pool_cell(fine, fine_links, shape, row, col, corner_cutting, obstacle)
+                piece, weight = _pool_cell(finer, row, col, corner_cutting, obstacle)
                 pieces[at + col] = piece
                 if piece != ALL:  # else the mean is there, rounded as that of any such cell
                     weights[at + col] = weight
@@ -253,21 +256,19 @@ def _link(fine_links, fine_cols, area, pieces, links, coarse_stride):
 
 
 @kernel
-def pool_and_link(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, coarse):
+def pool_and_link(finer, corner_cutting, obstacle, area, coarse):
     """Bring a rectangle of coarse cells up to date with the finer level, and the links of the cells around it.
 
     Parameters
     ----------
-    fine, fine_links, fine_pieces, shape
-        Weights of the finer level; its links and pieces, None where passability decides; its rows and columns.
+    finer, coarse : (weights, pieces, links, stride, rows, cols)
+        The finer level, whose pieces and links are empty where passability decides, and the coarse one, written.
     corner_cutting : bool
         Whether a diagonal step of the finest level may pass an impassable cell.
     obstacle : float
         What an impassable cell counts for in a mean.
     area : (row0, row1, col0, col1)
         Of coarse cells.
-    coarse : (weights, pieces, links, stride, rows, cols)
-        The coarse level; written.
 
     Returns
     -------
@@ -275,18 +276,18 @@ def pool_and_link(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle
         The least weight in the rectangle.
     """
     _, _, _, _, rows, cols = coarse
-    least = pool(fine, fine_links, fine_pieces, shape, corner_cutting, obstacle, area, coarse)
+    least = pool(finer, corner_cutting, obstacle, area, coarse)
     row0, row1, col0, col1 = area
     wider = max(row0 - 1, 0), min(row1 + 1, rows), max(col0 - 1, 0), min(col1 + 1, cols)
-    link(fine, fine_links, shape, corner_cutting, wider, coarse)
+    link(finer, corner_cutting, wider, coarse)
     return least
 
 
 @helper
-def link(fine, fine_links, shape, corner_cutting, area, coarse):
+def link(finer, corner_cutting, area, coarse):
     """Links of a rectangle of coarse cells. As `pool_and_link`, whose pieces are up to date."""
     _, pieces, links, stride, _, _ = coarse
-    if fine_links is None:
-        _link_finest(fine, shape[1] + 2, corner_cutting, area, pieces, links, stride)
+    if len(finer[2]) == 0:
+        _link_finest(finer[0], finer[3], corner_cutting, area, pieces, links, stride)
     else:
-        _link(fine_links, shape[1], area, pieces, links, stride)
+        _link(finer[2], finer[5], area, pieces, links, stride)

@@ -23,6 +23,7 @@ from numba.extending import overload
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.by_address import address_of, call_at
+from nnpp_edge.runtime.kernels.encoding import cells_under
 from nnpp_edge.runtime.kernels.pooling import FACTOR, link, pool
 from nnpp_edge.runtime.kernels.traversability import SCALE, fill_weights
 
@@ -33,8 +34,10 @@ _ROWS, _COLS, _STRIDE, _FIRST = 0, 1, 2, 3
 
 @helper
 def _level(source, number):
-    """A coarse level as the kernels of `pooling` take it."""
-    _, _, _, levels, coarse, pieces, links, _, _, _ = source
+    """A level as the kernels of `pooling` take it; 0 is the map, without pieces and links."""
+    _, _, weights, levels, coarse, pieces, links, _, shape, _ = source
+    if number == 0:
+        return weights, pieces[:0], links[:0], shape[1] + 2, shape[0], shape[1]
     first, rows, stride = levels[number, _FIRST], levels[number, _ROWS], levels[number, _STRIDE]
     last = first + (rows + 2) * stride
     return coarse[first:last], pieces[first:last], links[first:last], stride, rows, levels[number, _COLS]
@@ -43,42 +46,23 @@ def _level(source, number):
 @helper
 def _pool_levels(source, area):
     """Coarse cells above a rectangle of the map whose sides the coarsest cells divide, and the links within."""
-    _, rule, weights, levels, _, _, _, _, shape, _ = source
-    row0, row1, col0, col1 = area
-    corner_cutting, count = levels[0, 2] != 0, levels[0, 3]
-    if count == 0:
-        return
-    size = shape[0], shape[1]
-    row0, row1, col0, col1 = row0 // FACTOR, -(-row1 // FACTOR), col0 // FACTOR, -(-col1 // FACTOR)
-    part = row0, row1, col0, col1
-    pool(weights, None, None, size, corner_cutting, rule[SCALE], part, _level(source, 1))
-    for number in range(2, count + 1):
-        fine, coarse = _level(source, number - 1), _level(source, number)
-        finer = part
-        row0, row1, col0, col1 = row0 // FACTOR, -(-row1 // FACTOR), col0 // FACTOR, -(-col1 // FACTOR)
-        part = row0, row1, col0, col1
-        if number == 2:
-            link(weights, None, size, corner_cutting, finer, fine)
-        else:
-            below = _level(source, number - 2)
-            link(below[0], below[2], (below[4], below[5]), corner_cutting, finer, fine)
-        pool(fine[0], fine[2], fine[1], (fine[4], fine[5]), corner_cutting, rule[SCALE], part, coarse)
+    rule, levels = source[1], source[3]
+    corner_cutting, part = levels[0, 2] != 0, area
+    for number in range(1, levels[0, 3] + 1):
+        finer, fine = part, _level(source, number - 1)
+        part = part[0] // FACTOR, -(-part[1] // FACTOR), part[2] // FACTOR, -(-part[3] // FACTOR)
+        if number > 1:
+            link(_level(source, number - 2), corner_cutting, finer, fine)
+        pool(fine, corner_cutting, rule[SCALE], part, _level(source, number))
 
 
 @helper
 def _link_levels(source, area):
     """Links of the coarse cells above a rectangle of the map, all pieces in and around it being there."""
-    _, _, weights, levels, _, _, _, _, shape, _ = source
-    row0, row1, col0, col1 = area
-    corner_cutting = levels[0, 2] != 0
+    levels, part = source[3], area
     for number in range(1, levels[0, 3] + 1):
-        row0, row1, col0, col1 = row0 // FACTOR, -(-row1 // FACTOR), col0 // FACTOR, -(-col1 // FACTOR)
-        part, coarse = (row0, row1, col0, col1), _level(source, number)
-        if number == 1:
-            link(weights, None, (shape[0], shape[1]), corner_cutting, part, coarse)
-        else:
-            fine = _level(source, number - 1)
-            link(fine[0], fine[2], (fine[4], fine[5]), corner_cutting, part, coarse)
+        part = part[0] // FACTOR, -(-part[1] // FACTOR), part[2] // FACTOR, -(-part[3] // FACTOR)
+        link(_level(source, number - 1), levels[0, 2] != 0, part, _level(source, number))
 
 
 @helper
@@ -275,12 +259,12 @@ def write_layer(tiles, layer, rim, patch, row, col, found, nodes, old_weights):
 def _pool_anew(tiles, found):
     """Coarse cells above a rectangle whose weights changed, in the tiles that have any, and their links."""
     state, _, _, _, source, _ = tiles
-    _, rule, weights, levels, _, _, _, _, shape, _ = source
+    _, rule, _, levels, _, _, _, _, _, _ = source
     row0, col0, row1, col1 = found[2], found[3], found[4], found[5]
     corner_cutting, obstacle = levels[0, 2] != 0, rule[SCALE]
     down, right = levels[0, 0], levels[0, 1]
     for number in range(1, levels[0, 3] + 1):
-        coarse = _level(source, number)
+        fine, coarse = _level(source, number - 1), _level(source, number)
         down -= 2
         right -= 2
         row0, row1, col0, col1 = row0 // FACTOR, -(-row1 // FACTOR), col0 // FACTOR, -(-col1 // FACTOR)
@@ -294,26 +278,10 @@ def _pool_anew(tiles, found):
                         continue
                     top, bottom = max(row0, i << down), min(row1, (i + 1) << down)
                     part = top, bottom, max(col0, j << right), min(col1, (j + 1) << right)
-                    if number == 1:
-                        size = shape[0], shape[1]
-                        if linking:
-                            link(weights, None, size, corner_cutting, part, coarse)
-                        else:
-                            pool(weights, None, None, size, corner_cutting, obstacle, part, coarse)
+                    if linking:
+                        link(fine, corner_cutting, part, coarse)
                     else:
-                        fine = _level(source, number - 1)
-                        size = fine[4], fine[5]
-                        if linking:
-                            link(fine[0], fine[2], size, corner_cutting, part, coarse)
-                        else:
-                            pool(fine[0], fine[2], fine[1], size, corner_cutting, obstacle, part, coarse)
-
-
-@helper
-def _pixel(n, inner, cells):
-    """First and one past the last map cell under network cell n."""
-    first = n * cells // inner
-    return first, max(-(-(n + 1) * cells // inner), first + 1)
+                        pool(fine, corner_cutting, obstacle, part, coarse)
 
 
 @kernel
@@ -347,9 +315,9 @@ def sample_planes(tiles, window, parts, inner, planes):
         last_row, last_col = min(last_row, inner_rows), min(last_col, inner_cols)
         if first_row >= last_row or first_col >= last_col:
             continue
-        begin, end = _pixel(first_col, inner_cols, cols)[0], _pixel(last_col - 1, inner_cols, cols)[1]
+        begin, end = cells_under(first_col, inner_cols, cols)[0], cells_under(last_col - 1, inner_cols, cols)[1]
         for n in range(first_row, last_row):
-            top, bottom = _pixel(n, inner_rows, rows)
+            top, bottom = cells_under(n, inner_rows, rows)
             apart, lines = max((bottom - top) // 2, 1), 0
             sums[begin:end], walls[begin:end] = 0.0, 0.0
             for row in range(top + (apart - 1) // 2, bottom, apart):
@@ -358,7 +326,7 @@ def sample_planes(tiles, window, parts, inner, planes):
                 _weigh(source, area, line, -(row0 + row) * cols - col0, cols)
                 _add(line[begin:end], per_weight, sums[begin:end], walls[begin:end])
             for m in range(first_col, last_col):
-                left, right = _pixel(m, inner_cols, cols)
+                left, right = cells_under(m, inner_cols, cols)
                 total, blocked = np.float32(0.0), np.float32(0.0)
                 for c in range(left, right):
                     total += sums[c]

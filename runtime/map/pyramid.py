@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.bands import stripes
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
-from nnpp_edge.runtime.kernels.pooling import FACTOR, pool_and_link
+from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS, NO_PIECES, pool_and_link
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid, bordered
 from nnpp_edge.runtime.map.region import Lookup
@@ -38,12 +38,18 @@ class Level:
         self.grid = grid
         self.links = links
         """Directions in which each cell is linked to its neighbour, as bits; None on the finest level."""
-        self.pieces = np.empty(0, np.uint16) if pieces is None else pieces
+        self.pieces = NO_PIECES if pieces is None else pieces
         """The piece that each cell stands for, as bits for the cells that it covers, row by row."""
         self.version = 0
         """Number of times that it has changed."""
         self.quarters: Lookup = quarters(grid.rows), quarters(grid.cols)
         """Row and column, among the quarters of the cells of the level above, of each row and column."""
+
+    @property
+    def packed(self) -> tuple[object, ...]:
+        """As the kernels take it, see `kernels.pooling.pool_and_link`."""
+        links = NO_LINKS if self.links is None else self.links
+        return self.grid.weights, self.pieces, links, self.grid.stride, self.grid.rows, self.grid.cols
 
 
 class Pyramid:
@@ -102,11 +108,10 @@ class Pyramid:
             row0, row1 = row0 // FACTOR, -(-row1 // FACTOR)
             col0, col1 = col0 // FACTOR, -(-col1 // FACTOR)
             grid, least = coarse.grid, math.inf
-            packed = grid.weights, coarse.pieces, coarse.links, grid.stride, grid.rows, grid.cols
-            finer = fine.grid.weights, fine.links, None if fine.links is None else fine.pieces, fine.grid.shape
+            finer, packed = fine.packed, coarse.packed
             for first, last in stripes(row1 - row0, FACTOR**2 * (col1 - col0)):
                 area = row0 + first, row0 + last, col0, col1
-                least = min(least, pool_and_link(*finer, finest.corner_cutting, obstacle, area, packed))
+                least = min(least, pool_and_link(finer, finest.corner_cutting, obstacle, area, packed))
                 yield
             # means lie above the least of what they average, which makes a coarse search's heuristic the better
             whole = (row1 - row0, col1 - col0) == grid.shape

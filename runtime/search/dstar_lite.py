@@ -273,7 +273,7 @@ class DStarLite:
 
     def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
         memory = self.memory
-        ground = self._rows_left, self._source, self._poses, self._edges
+        ground = self._rows_left, self._source, self._poses, self._edges is not None
         self._pending = kernels.read_rectangle(part, *ground, memory.known, memory.noted, self._pending)
 
     def _search(self, deadline: Deadline) -> tuple[bool, int]:

@@ -82,11 +82,20 @@ print(heard)
 """
 
 VERSIONS = """
-import json
+import importlib, json, pkgutil
+import nnpp_edge.runtime.kernels
 from nnpp_edge.runtime import warmup
 
+def kernels():
+    found = {}
+    for info in pkgutil.walk_packages(nnpp_edge.runtime.kernels.__path__, "nnpp_edge.runtime.kernels."):
+        for name, value in vars(importlib.import_module(info.name)).items():
+            if hasattr(value, "py_func") and value.py_func.__module__ == info.name:
+                found[f"{info.name}.{name}"] = value
+    return found
+
 def versions():
-    return {name: sorted(map(str, kernel.signatures)) for name, kernel in warmup.kernels().items()}
+    return {name: sorted(map(str, kernel.signatures)) for name, kernel in kernels().items()}
 
 def calls(kernel):
     seen = (kernel.py_func.__globals__.get(name) for name in kernel.py_func.__code__.co_names)
@@ -95,7 +104,7 @@ def calls(kernel):
 warmup.exercise()
 warm = versions()
 exec('''%s''')
-told = {name: calls(kernel) for name, kernel in warmup.kernels().items()}
+told = {name: calls(kernel) for name, kernel in kernels().items()}
 print(json.dumps({"after warm-up": warm, "after plans": versions(), "calls": told}))
 """
 
@@ -146,7 +155,7 @@ def test_all_that_a_warm_up_compiled_is_found_by_the_next():
     python(WARM_UP, "warmup", "--keep-old", **HERE)
     told = json.loads(python(WARM_UP, "warmup", "--json", "--keep-old", **HERE).stdout)
     assert told["folder"] == str(CACHE_FOLDER) and told["compiled"] == 0
-    assert 40 < told["kernels"] <= 75 and told["signatures"] <= 120, "more take long to compile: only ever lowered"
+    assert told["kernels"] <= 75 and told["kernels"] <= told["signatures"] <= 120
 
 
 def test_who_waits_for_the_compiler_is_told_once(tmp_path):

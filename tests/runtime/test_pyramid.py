@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.expansion import read_field
-from nnpp_edge.runtime.kernels.pooling import FACTOR, pool_and_link
+from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_PIECES, pool_and_link
 from nnpp_edge.runtime.kernels.threshold import linked
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
@@ -65,7 +65,8 @@ def test_pieces_and_links_are_the_same_by_passability_and_by_links(seed, blocked
     pieces, links, weights = (np.zeros_like(each) for each in (coarse.pieces, coarse.links, coarse.grid.weights))
     rows, cols = coarse.grid.shape
     packed = weights, pieces, links, coarse.grid.stride, rows, cols
-    pool_and_link(fine.grid.weights, steps, None, fine.grid.shape, corner_cutting, 1.0, (0, rows, 0, cols), packed)
+    by_links = fine.grid.weights, NO_PIECES, steps, fine.grid.stride, *fine.grid.shape
+    pool_and_link(by_links, corner_cutting, 1.0, (0, rows, 0, cols), packed)
     np.testing.assert_array_equal(coarse.pieces, pieces)
     np.testing.assert_array_equal(coarse.links, links)
 
