@@ -51,7 +51,6 @@ class MapFrame:
     """Name of the frame that x and y count in; empty where it is not told."""
 
     def __post_init__(self) -> None:
-        """Check."""
         if not (math.isfinite(self.resolution) and self.resolution > 0.0):
             raise InvalidMapError(f"resolution must be metres above 0, got {self.resolution}")
         if not (math.isfinite(self.x) and math.isfinite(self.y)):
@@ -64,18 +63,16 @@ class MapFrame:
         """
         places = _pairs(cells)
         places = places + 0.5 if places.dtype.kind in "iu" else places
-        rows, cols = self.resolution * places[:, 0], self.resolution * places[:, 1]
-        x, y = (-rows, -cols) if self.rows_along_x else (cols, rows)
-        return np.stack([self.x + x, self.y + y], axis=1)
+        span, corner = self.resolution * places, np.array((self.x, self.y))
+        return np.asarray(corner - span if self.rows_along_x else corner + span[:, ::-1])
 
     def places(self, points: ArrayLike) -> NDArray[np.float64]:
         """Places (row, col) of points (x, y) in metres, (N, 2); their floor is the cell, as in a `Pose`."""
         xy = _pairs(points).astype(np.float64)
         if not np.isfinite(xy).all():
             raise InvalidQueryError("points must be finite metres (x, y)")
-        if self.rows_along_x:
-            return np.stack([self.x - xy[:, 0], self.y - xy[:, 1]], axis=1) / self.resolution
-        return np.stack([xy[:, 1] - self.y, xy[:, 0] - self.x], axis=1) / self.resolution
+        away = xy - (self.x, self.y)
+        return np.asarray((-away if self.rows_along_x else away[:, ::-1]) / self.resolution)
 
     def cell(self, x: float, y: float) -> Cell:
         """The cell that holds a point; it may lie outside the map."""
@@ -116,7 +113,6 @@ class OccupancyGrid:
         return cls(resolution, width, height, data, *origin, _field(message, "header.frame_id"))
 
     def __post_init__(self) -> None:
-        """Check."""
         values, _ = _array(self.data), self.frame
         fits = self.width >= 1 and self.height >= 1 and values.size == self.width * self.height
         if not fits or values.dtype.kind not in "iu":
@@ -211,7 +207,6 @@ class GridMap:
         return replace(grid, layers=layers)
 
     def __post_init__(self) -> None:
-        """Check."""
         (rows, cols), _, layers = self.shape, self.frame, {}
         for length, cells in ((self.length_x, rows), (self.length_y, cols)):
             if cells < 1 or abs(length - cells * self.resolution) > _SAME * self.resolution * max(cells, 1):
@@ -277,10 +272,7 @@ class GridMap:
         if len(shapes) != 1:
             raise InvalidMapError(f"a grid map's layers must have one shape, got {sorted(shapes) or 'none'}")
         rows, cols = shapes.pop()
-        flat = {
-            name: np.roll(as_map(values, "a layer"), start, axis=(0, 1)).T.reshape(-1)
-            for name, values in layers.items()
-        }
+        flat = {name: np.roll(as_map(each, "a layer"), start, (0, 1)).T.reshape(-1) for name, each in layers.items()}
         length_x, length_y = rows * frame.resolution, cols * frame.resolution
         middle = frame.x - 0.5 * length_x, frame.y - 0.5 * length_y
         return cls(frame.resolution, length_x, length_y, flat, *middle, *start, frame.frame_id)

@@ -50,7 +50,6 @@ class SimulationSettings:
     """Of the obstacles."""
 
     def __post_init__(self) -> None:
-        """Refuse numbers out of range."""
         if self.rate_hz is not None and not 0.0 < self.rate_hz < math.inf:
             raise InvalidQueryError(f"the rate must be a positive number of ticks a second, got {self.rate_hz}")
         if self.ticks < 1:

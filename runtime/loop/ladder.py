@@ -58,7 +58,6 @@ class NavigatorSettings:
         return self.method in (DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR)
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if not self.tolerance >= 0.0:
             raise InvalidQueryError(f"tolerance must be at least 0, got {self.tolerance}")
         if self.snap_radius < 0:
@@ -94,7 +93,6 @@ class Tick:
     """What has run so far, by the clock."""
 
     def __post_init__(self) -> None:
-        """Start the stopwatch."""
         self._started = self.clock()
 
     @property

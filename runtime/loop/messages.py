@@ -54,7 +54,6 @@ class MapPatch:
     """When it was measured, by the sender's clock. It is passed on to logs and changes nothing."""
 
     def __post_init__(self) -> None:
-        """Check, and copy the array."""
         if (self.elevation is None) == (self.cost is None):
             raise InvalidMessageError("a patch must hold either elevation or cost, got both or neither")
         name = "cost" if self.elevation is None else "elevation"
@@ -87,7 +86,6 @@ class Pose:
     stamp: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check."""
         _check_finite(self, "row", "col", "stamp")
 
     @property
@@ -105,7 +103,6 @@ class Goal:
     stamp: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check."""
         _make_whole(self, "row", "col")
         _check_finite(self, "stamp")
 
@@ -161,7 +158,6 @@ class PathMessage:
     """Why that method was picked, where there was a choice; for people."""
 
     def __post_init__(self) -> None:
-        """A path with success, none without."""
         if (self.outcome is Status.OK) != bool(len(self.path)):
             raise InvalidMessageError(
                 f"only an outcome of OK comes with a path, got {self.outcome} with {len(self.path)} cells"

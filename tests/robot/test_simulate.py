@@ -199,6 +199,7 @@ def test_at_a_rate_or_not_the_loop_drives_and_sinks_get_everything(rate):
     settings = SimulationSettings("astar", rate_hz=rate, changes=1)
     drive = simulate(flat(), (5, 5), (20, 30), settings, make_sinks=lambda state: [sink])
     assert drive.reached and drive.forbidden == 0
+    assert drive.counters.ticks < 500, "it ends at the goal"
     paths = [m for m in sink.answers if isinstance(m, PathMessage)]
     assert len(paths) + drive.counters.drops.get("test", 0) == drive.counters.ticks
     assert sum(isinstance(m, Pose) for m in sink.inputs) == drive.counters.ticks

@@ -43,7 +43,6 @@ class Wiring:
     """Trace of the ticks to write at the end, its newest events."""
 
     def __post_init__(self) -> None:
-        """Check that input and outputs are known and go together."""
         kind, place = kind_and_place(self.input)
         if kind not in (STDIN, REPLAY, ZENOH) or (kind == STDIN and place) or (kind == REPLAY and not place):
             raise InvalidQueryError(f"input must be stdin, replay:FILE or zenoh[:ENDPOINT], got {self.input!r}")
