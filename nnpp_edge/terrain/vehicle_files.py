@@ -1,5 +1,6 @@
 """Vehicles from TOML, and how they get up and down: those that travel with the package, and a user's own."""
 
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
@@ -16,6 +17,7 @@ from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reaso
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 _SHIPPED = Path(str(files("nnpp_edge.profiles"))) / "vehicles"
+_WORDS = {"int": "a whole number", "float": "a number", "bool": "true or false"}
 T = TypeVar("T")
 
 
@@ -96,4 +98,7 @@ def _converted(values: object, kind: type[T], source: str) -> T:
         return msgspec.convert(values, kind)
     except msgspec.ValidationError as error:
         problem, _, place = str(error).partition(" - at `$")
-        raise VehicleError(f"{source}: {place.strip('.`')}: {problem}" if place else f"{source}: {problem}") from None
+        name, wanted = place.strip(".`"), re.match(r"Expected `(int|float|bool)\b", problem)
+        if wanted and isinstance(values, Mapping) and name in values:
+            problem = f"wanted {_WORDS[wanted[1]]}, got {values[name]!r}"
+        raise VehicleError(f"{source}: {name}: {problem}" if place else f"{source}: {problem}") from None

@@ -75,7 +75,7 @@ def test_what_makes_no_vehicle_is_one_line(given):
         (("--set", "axles=2\nlength_m=3"), "wanted KEY=VALUE"),
         (("--set", "a=" + "[" * 5000), "wanted KEY=VALUE"),
         (("--set", "clearance=0.3"), "clearance is unknown: wanted one of length_m, width_m, clearance_m"),
-        (("--vehicle", "tracked", "--set", "axles='two'"), "axles: Expected `int`, got `str`"),
+        (("--vehicle", "tracked", "--set", "axles='two'"), "axles: wanted a whole number, got 'two'"),
     ):
         with pytest.raises((NnppEdgeError, click.UsageError), match=complaint) as caught:
             given(*words).make()
