@@ -19,7 +19,7 @@ def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int
     A quiet one is drawn only then: no thread of its own takes time from what is measured.
     """
     if not sys.stderr.isatty():
-        yield _Lines(what, total)
+        yield _lines(what, max(total, 1))
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -30,21 +30,17 @@ def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int
         yield lambda done: progress.update(task, completed=done, refresh=quiet)
 
 
-class _Lines:
+def _lines(what: str, total: int) -> Callable[[int], None]:
     """Progress for a log: `train: 35 %, 12 min`."""
+    told, started = 0, time.monotonic()
 
-    def __init__(self, what: str, total: int) -> None:
-        self.what, self.total = what, max(total, 1)
-        self.part = 0
-        self.started = time.monotonic()
+    def advance(done: int) -> None:
+        nonlocal told
+        if (part := done * _LINES // total) > told:
+            told, minutes = part, (time.monotonic() - started) / 60.0
+            click.echo(f"{what}: {100 * done // total} %, {minutes:.1f} min", err=True)
 
-    def __call__(self, done: int) -> None:
-        """Write a line if another part is done."""
-        part = done * _LINES // self.total
-        if part > self.part:
-            self.part = part
-            minutes = (time.monotonic() - self.started) / 60.0
-            click.echo(f"{self.what}: {100 * done // self.total} %, {minutes:.1f} min", err=True)
+    return advance
 
 
 def render_table(header: Sequence[str], rows: Sequence[Sequence[str]], sections: Sequence[bool] = ()) -> str:

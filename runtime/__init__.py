@@ -1,4 +1,4 @@
-"""What runs on the robot: cost map, network, search, loop. Needs numpy, numba, onnxruntime and nothing of training.
+"""The robot's own part: cost map, network, search, loop. Needs numpy, numba, onnxruntime and nothing of training.
 
 Everything for users can be imported from here: the names in `__init__.pyi`, which type checkers read too. A name is
 loaded when it is first used, so that a command which needs none of them starts at once.

@@ -22,13 +22,13 @@ _LARGEST = 1 << 63
 
 
 class Kind(NamedTuple):
-    """What an argument may be."""
+    """A kind of argument."""
 
     exact: frozenset[type]
     """Types that need no second look."""
     accepts: Callable[[object], bool]
     words: str
-    """What is wanted, for people."""
+    """For people: the kind that is wanted."""
 
 
 def checked(error: type[NnppEdgeError]) -> Callable[[F], F]:
@@ -74,7 +74,7 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
 
 
 def _kind(hint: object) -> Kind | None:
-    """What an annotation accepts; None where that is for others to say."""
+    """The kind that an annotation accepts; None where that is for others to say."""
     if hint in _KINDS:
         return _KINDS[hint]
     origin, inner = get_origin(hint), get_args(hint)

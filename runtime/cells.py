@@ -39,7 +39,7 @@ def enclosing(parts: Sequence[Rectangle]) -> Rectangle:
 
 
 def common(one: Rectangle, other: Rectangle) -> Rectangle | None:
-    """What two rectangles share; None where that is nothing."""
+    """The common part of two rectangles; None where there is none."""
     row, col = max(one[0], other[0]), max(one[1], other[1])
     rows, cols = min(one[0] + one[2], other[0] + other[2]) - row, min(one[1] + one[3], other[1] + other[3]) - col
     return (row, col, rows, cols) if rows > 0 and cols > 0 else None

@@ -20,7 +20,7 @@ class Deadline:
 
     @classmethod
     def within(cls, seconds: float) -> "Deadline":
-        """So many seconds from now on; InvalidQueryError for a number below 0 or none."""
+        """The time so many seconds from now; InvalidQueryError for less than 0 or NaN."""
         if not seconds >= 0.0:
             raise InvalidQueryError(f"time_limit_s must be a number of at least 0, got {seconds}")
         return cls(time.monotonic() + seconds)

@@ -102,7 +102,7 @@ def available_bytes(system: Path = Path("/")) -> int:
 
 
 def _left_in_groups(system: Path) -> Iterator[int]:
-    """What each control group around this process leaves: pages of files that can be dropped count as free."""
+    """Memory that each control group around this process leaves; pages of files that can be dropped are free."""
     for _, kind, name in (line.split(":", 2) for line in _lines(system / "proc/self/cgroup")):
         if kind == "":
             root, files = system / "sys/fs/cgroup", ("memory.max", "memory.current", "inactive_file ")

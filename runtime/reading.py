@@ -27,7 +27,7 @@ def problem_with_file(path: Path | str | int) -> str | None:
 
 
 def reason(error: BaseException) -> str:
-    """What went wrong, in one line."""
+    """The cause of an error, in one line."""
     if isinstance(error, FileNotFoundError):
         return "no such file"
     if isinstance(error, MemoryError):
@@ -64,7 +64,7 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
 
 
 def parse(text: str, loads: Callable[[str], Any] = json.loads) -> Any:
-    """What JSON, or another format by its own function, holds; ValueError where it is broken or nested too deep."""
+    """Content of JSON, or another format by its own function; ValueError where it is broken or nested too deep."""
     try:
         return loads(text)
     except RecursionError:

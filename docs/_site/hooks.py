@@ -178,7 +178,7 @@ def _api() -> dict[str, str]:
     names = [f"{node.module}.{node.names[0].name}".removeprefix("nnpp_edge.runtime.") for node in imports]
     first = ["planners.planner.Planner", "planners.plan.Plan", "planners.dynamic.DynamicPlanner"]
     ordered = [*first, *(name for name in names if name not in first), *RUNTIME_MORE]
-    text = "# nnpp_edge.runtime\n\nWhat runs on a robot. Every name down to `update_cost` can be imported from here: "
+    text = "# nnpp_edge.runtime\n\nWhat runs on a robot. Every name down to `Vehicle` can be imported from here: "
     text += "`from nnpp_edge.runtime import Planner`.\n\n"
     made = {"api/runtime.md": text + _shown(f"runtime.{name}" for name in ordered)}
     what = "What runs on a robot: planners, plans, costs, regions, the loop. One import for all."

@@ -87,17 +87,11 @@ def text(found: "ModelFile") -> str:
     """All that is known of one model, for people."""
     from nnpp_edge.model.registry import architecture_name
 
-    shapes = (
-        ", ".join(f"{name} ({', '.join(map(str, shape))})" for name, shape in tensors.items()) or _MISSING
-        for tensors in (found.inputs, found.outputs)
-    )
     head = {
         "model": found.name,
         "file": str(found.path),
         "size": f"{found.size_bytes / 1e6:.2f} MB",
         "sha256": found.sha256,
-        "producer": found.producer or _MISSING,
-        **dict(zip(("inputs", "outputs"), shapes, strict=True)),
     }
     metadata = asdict(found.metadata) | {"architecture": architecture_name(found.metadata.architecture)}
     parts = [_aligned(head.items()), "metadata\n" + _aligned(_flat(metadata), "  ")]

@@ -9,8 +9,9 @@ from pathlib import Path
 import click
 
 from nnpp_edge.cli import options, vehicle_options
-from nnpp_edge.cli.ends import End, Where
+from nnpp_edge.cli.ends import Where
 from nnpp_edge.cli.options import TerrainOptions
+from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 
 _PROFILE = "profile.png"
@@ -18,39 +19,6 @@ _BYTES_PER_POSED_CELL = 12
 """More for a vehicle: four codes and another height."""
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions.md)."""
-
-
-@dataclass(frozen=True)
-class Request:
-    """What is to be planned, and how: the options' values, as given."""
-
-    start: End
-    goals: tuple[End, ...]
-    via: tuple[End, ...]
-    best_order: bool
-    method: str
-    model: str
-    omega: float
-    corner_cutting: bool
-    epsilon: float | None
-    time_limit: float | None
-    landmarks: int
-    compare: bool
-    step_cost: str
-    refine: str | None
-    hillshade: bool
-
-    def __post_init__(self) -> None:
-        """Refuse what does not go together."""
-        if self.best_order and not self.via:
-            raise click.UsageError("--best-order is of way points: give --via too")
-        if self.via and self.compare:
-            raise click.UsageError("--compare is of one leg: leave out --via")
-
-    @property
-    def files(self) -> list[Path]:
-        """Vector files that are read."""
-        return [end.file for end in (self.start, *self.via, *self.goals) if end.file is not None]
 
 
 @dataclass(frozen=True)
@@ -130,7 +98,7 @@ class Outputs:
     help="Draw height, slope and cost along the path: .png, .svg or .pdf; profile.png in the folder of -o.",
 )
 @options.gathered("outputs", Outputs)
-@options.gathered("request", Request)
+@options.gathered("request", PlanRequest)
 def command(
     dem: Path,
     outputs: Outputs,
@@ -138,7 +106,7 @@ def command(
     as_json: bool,
     terrain: TerrainOptions,
     vehicle: VehicleOptions,
-    request: Request,
+    request: PlanRequest,
 ) -> None:
     """Plan a path over the elevation map DEM, a file or sample:NAME (such as moon_highlands or mars_victoria).
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from nnpp_edge.cli.maps import cost_of, ground_of, priced, warn_if_not_square
 from nnpp_edge.cli.options import TerrainOptions, shade_of
-from nnpp_edge.cli.plan import Request
 from nnpp_edge.cli.plan_answer import Answer, Compared
 from nnpp_edge.cli.refusal import Near, refuse, refuse_map, refuse_outside
+from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 from nnpp_edge.progress import bar
 from nnpp_edge.runtime import Ground, Method, Planner, exercises, pose_costs
@@ -58,7 +58,7 @@ class _Ends(NamedTuple):
     goals: list[Cell]
 
     @classmethod
-    def on(cls, place: Place, request: Request) -> "_Ends":
+    def on(cls, place: Place, request: PlanRequest) -> "_Ends":
         """InvalidQueryError for several starts, goals with way points, and what lies outside the map."""
         start = request.start.one_cell(place, "--start")
         goals = [cell for end in request.goals for cell in end.cells(place)]
@@ -70,7 +70,7 @@ class _Ends(NamedTuple):
 
 
 def plan_in_memory(
-    request: Request, path: Path, terrain: TerrainOptions, vehicle: VehicleOptions, *, drawn: bool
+    request: PlanRequest, path: Path, terrain: TerrainOptions, vehicle: VehicleOptions, *, drawn: bool
 ) -> Answer:
     """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
     body = vehicle.make()
@@ -132,7 +132,7 @@ def plan_in_memory(
     )
 
 
-def plan_by_windows(request: Request, path: Path, terrain: TerrainOptions, vehicle: VehicleOptions) -> Answer:
+def plan_by_windows(request: PlanRequest, path: Path, terrain: TerrainOptions, vehicle: VehicleOptions) -> Answer:
     """Plan on a map of which only the coarse levels and what lies under a corridor are in memory."""
     _refuse_unfit(request)
     limits, within = terrain.limits(), _limits(request)
@@ -185,13 +185,13 @@ def _around(planner: WindowedPlanner, ground: DemWindows, limits: Traversability
     return Near(ground, elevation, cost, limits, origin=(row0, col0))
 
 
-def _limits(request: Request) -> dict[str, float]:
+def _limits(request: PlanRequest) -> dict[str, float]:
     """How good, and until when, as far as was asked."""
     given = {"epsilon": request.epsilon, "time_limit_s": request.time_limit}
     return {name: number for name, number in given.items() if number is not None}
 
 
-def _prepare(planner: Planner, request: Request) -> None:
+def _prepare(planner: Planner, request: PlanRequest) -> None:
     """Set landmarks, and load what would use up a time limit."""
     if request.landmarks:
         with told_if_slow("setting landmarks"):
@@ -216,7 +216,7 @@ def _stands(ground: Ground) -> NDArray[np.bool_] | None:
     return stands
 
 
-def _point_path(request: Request, cost: Float2D, start: Cell, goal: Cell) -> Cells | None:
+def _point_path(request: PlanRequest, cost: Float2D, start: Cell, goal: Cell) -> Cells | None:
     """A point's optimum, for the picture of a comparison."""
     if not request.compare or request.step_cost != "paper":
         return None
@@ -268,7 +268,7 @@ class _Bars:
             self._what = ""
 
 
-def _refuse_unfit(request: Request) -> None:
+def _refuse_unfit(request: PlanRequest) -> None:
     """InvalidQueryError for what needs the whole map."""
     given = {
         f"--method {request.method}": request.method in ("astar", "nnpp"),

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
 from nnpp_edge.cli import options, vehicle_options
-from nnpp_edge.cli.ends import End, Where
+from nnpp_edge.cli.ends import Where
 from nnpp_edge.cli.options import TerrainOptions
+from nnpp_edge.cli.requests import ReachRequest
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
@@ -22,40 +22,6 @@ def _duration(word: str) -> float:
     if found is None or not 0.0 < (seconds := float(found[1]) * _SECONDS[found[2] or "s"]) <= options.LARGEST:
         raise ValueError
     return seconds
-
-
-@dataclass(frozen=True)
-class Request:
-    """From where, and how far: the options' values, as given."""
-
-    start: End
-    within_cost: float | None
-    within_time: float | None
-    within_energy: float | None
-    levels: int
-    step_cost: str
-    omega: float
-    corner_cutting: bool
-
-    def __post_init__(self) -> None:
-        """Refuse what does not go together."""
-        from nnpp_edge.runtime.map.slope_cost import unit_of
-
-        if sum(most is not None for most in (self.within_cost, self.within_time, self.within_energy)) != 1:
-            raise click.UsageError("give one of --within-cost, --within-time and --within-energy")
-        measure, _ = self.most
-        in_seconds = measure == "time" and unit_of(self.step_cost) == "s"
-        if measure != "cost" and "step_cost" in options.given_options() and not in_seconds:
-            raise click.UsageError(
-                f"--within-{measure} counts {measure} already: leave out --step-cost, or give --within-cost with it; "
-                "one in seconds goes with --within-time"
-            )
-
-    @property
-    def most(self) -> tuple[str, float]:
-        """What is counted, and the most of it."""
-        within = {"cost": self.within_cost, "time": self.within_time, "energy": self.within_energy}
-        return next((measure, most) for measure, most in within.items() if most is not None)
 
 
 @click.command(name="reach")
@@ -84,10 +50,10 @@ class Request:
     "--format", "formats", type=click.Choice(["gpkg"]), multiple=True, help="Write the areas as GeoPackage too."
 )
 @options.as_json
-@options.gathered("request", Request)
+@options.gathered("request", ReachRequest)
 def command(
     dem: Path,
-    request: Request,
+    request: ReachRequest,
     terrain: TerrainOptions,
     hillshade: bool,
     vehicle: VehicleOptions,

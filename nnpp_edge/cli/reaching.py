@@ -9,8 +9,8 @@ import numpy as np
 from nnpp_edge.cli.maps import cost_of, ground_of, priced, size_in_words, size_of
 from nnpp_edge.cli.options import TerrainOptions, shade_of
 from nnpp_edge.cli.plan_answer import duration
-from nnpp_edge.cli.reach import Request
 from nnpp_edge.cli.refusal import Near, refuse
+from nnpp_edge.cli.requests import ReachRequest
 from nnpp_edge.cli.vehicle_options import VehicleOptions
 from nnpp_edge.files import write_all
 from nnpp_edge.runtime import Planner
@@ -24,7 +24,7 @@ from nnpp_edge.viz.picture import png_bytes
 from nnpp_edge.viz.reach_picture import reach_picture
 
 
-def reach(request: Request, path: Path, terrain: TerrainOptions, vehicle: VehicleOptions) -> "Reached":
+def reach(request: ReachRequest, path: Path, terrain: TerrainOptions, vehicle: VehicleOptions) -> "Reached":
     """Search from the start until all is known that lies within."""
     dem, limits = terrain.read(path), terrain.limits()
     cost, start = cost_of(dem, limits), request.start.one_cell(dem, "--start")
@@ -38,7 +38,7 @@ def reach(request: Request, path: Path, terrain: TerrainOptions, vehicle: Vehicl
     return Reached(start, Reach(planner.reach(start, most), shares, measure, unit_of(step_cost), dem), cost)
 
 
-def _step_cost(request: Request, mobility: Mobility) -> str:
+def _step_cost(request: ReachRequest, mobility: Mobility) -> str:
     """The step cost that counts what is asked."""
     if request.within_time is not None and unit_of(request.step_cost) != "s":
         return "time" if mobility.time else "tobler"

@@ -90,8 +90,7 @@ def _section(facts: Stored, place: str, findings: str = "") -> str:
 def _counts(stored: Sequence[Stored]) -> str:
     lines = []
     for facts in stored:
-        verdicts = [f.verdict for f in facts.findings]
-        counts = [verdicts.count(verdict) for verdict in (Verdict.AGREES, Verdict.BETTER, Verdict.DIFFERS)]
+        counts = [sum(f.verdict is verdict for f in facts.findings) for verdict in Verdict]
         counts.append(sum(bool(f.controls) for f in facts.findings))
         lines.append((f"[{facts.where}](#{facts.name})", facts.title, *(str(count or "–") for count in counts)))
     return markdown_table(("", "experiment", "agrees", "better", "does not agree", "a control does as well"), lines)

@@ -15,11 +15,9 @@ from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
 from nnpp_edge.runtime.map.poses import Poses
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, LEAST_WEIGHT, PAPER_OMEGA, StepCost, StepModel
-from nnpp_edge.runtime.map.steps import CoarseSlopeSteps, PointSteps, PoseSteps, SlopeSteps
-from nnpp_edge.runtime.map.tiles import COMPLETE, PackedTiles, Tiles
+from nnpp_edge.runtime.map.steps import CoarseSlopeSteps, PackedGrid, PointSteps, PoseSteps, SlopeSteps
+from nnpp_edge.runtime.map.tiles import COMPLETE, Tiles
 
-PackedGrid = tuple[NDArray[np.float32], int, tuple[float, float, float, float], bool, PackedTiles]
-"""A grid as the kernels take it: (weights, stride, steps, corner_cutting, tiles)."""
 _FAR = 0.25
 """A bound is measured anew when it lies beyond this share, or one over it, of what was measured last."""
 _NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)

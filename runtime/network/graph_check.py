@@ -47,7 +47,7 @@ def checked_metadata(content: bytes, source: str) -> dict[bytes, bytes]:
 
 
 def _objections(message: memoryview, kind: str = "model", depth: int = 0, operator: bytes = b"If") -> Iterator[str]:
-    """What speaks against a message of this kind, in so many graphs, inside a node of this operator."""
+    """Objections to a message of this kind, in so many graphs, inside a node of this operator."""
     if kind == "graph" and operator != b"If":
         yield f"one with the operator {operator.decode('ascii', 'replace')!r}, which may run forever"
     if (depth := depth + (kind == "graph")) > _DEEPEST:

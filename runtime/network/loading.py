@@ -21,7 +21,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS
-from nnpp_edge.runtime.network.model_file import QUERY_SPACING, ModelMetadata, model_path, open_session, read_metadata
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING, ModelMetadata, model_path, read_metadata
 from nnpp_edge.runtime.network.place_head import PlaceHead, count_parameters
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
@@ -47,7 +47,7 @@ Key = tuple[Identity, int | None, int]
 
 @dataclass(eq=False)
 class LoadedModel:
-    """What networks that share a session have in common."""
+    """The common part of networks that share a session."""
 
     identity: Identity
     threads: int | None
@@ -63,7 +63,7 @@ class LoadedModel:
     process: int
     """That opened it."""
     fastest_s: float = 0.0
-    """What the session's fastest run took, or less; 0 before the first."""
+    """Of the session's fastest run, or less; 0 before the first."""
 
     def lacks_threads(self) -> bool:
         """Whether its session waits for threads that another process has, from which this one was forked."""
@@ -126,15 +126,9 @@ def _identity(path: Path) -> Identity:
 
 def _load(path: Path, key: Key) -> LoadedModel:
     """Read, check and open a file."""
-    import onnxruntime as ort
-
-    (identity, threads, cores), metadata = key, read_metadata(path)
+    (identity, threads, cores), metadata = key, read_metadata(path)  # which refuses what would never be opened
     count = threads if threads is not None else 1 if metadata.input_size < TWO_THREADS_FROM else cores
-    options = ort.SessionOptions()
-    options.intra_op_num_threads, options.inter_op_num_threads = count, 1
-    options.enable_cpu_mem_arena = True
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # or they take the cores from the search
-    session, (inputs, outputs) = open_session(path, options), _shapes(metadata)
+    session, (inputs, outputs) = open_session(path, count), _shapes(metadata)
     with refused_as(ModelError, f"{path}: wanted an ONNX model, got one that does not fit its metadata"):
         found = ("inputs", inputs, session.get_inputs()), ("outputs", outputs, session.get_outputs())
         for kind, wanted, values in found:
@@ -145,6 +139,18 @@ def _load(path: Path, key: Key) -> LoadedModel:
         raise ModelError(f"{path}: wanted an ONNX model, got one that changed while it was loaded")
     asked = identity, threads, count != 1
     return LoadedModel(*asked, session, metadata, inputs, outputs, head, os.getpid())
+
+
+def open_session(path: Path, threads: int) -> "InferenceSession":
+    """onnxruntime's session of a file; ModelError where it does not load."""
+    import onnxruntime as ort
+
+    options = ort.SessionOptions()
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # or they take the cores from the search
+    options.log_severity_level = 4
+    with refused_as(ModelError, f"{path}: wanted an ONNX model, got a file that does not load"):
+        return ort.InferenceSession(str(path), options, ["CPUExecutionProvider"], enable_fallback=0)
 
 
 def _shapes(m: ModelMetadata) -> tuple[Shapes, Shapes]:

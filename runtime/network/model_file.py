@@ -6,16 +6,13 @@ import warnings
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import Annotated, Final, Literal
 
 import msgspec
 
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.graph_check import checked_metadata
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
-
-if TYPE_CHECKING:
-    from onnxruntime import InferenceSession, SessionOptions
 
 METADATA_KEY = "nnpp_edge"
 FORMAT: Final = "nnpp-edge-model-1"
@@ -42,7 +39,7 @@ Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 
 @dataclass(frozen=True)
 class ModelMetadata:
-    """What network and runtime must agree on; travels in the ONNX file as JSON and is checked at load."""
+    """The terms of network and runtime; they travel in the ONNX file as JSON and are checked at load."""
 
     name: str
     architecture: str
@@ -98,7 +95,7 @@ def _depth(value: object) -> int:
 
 
 class Figures(msgspec.Struct, rename={"rows": "figures"}):
-    """What was measured with a model; in the JSON file beside it."""
+    """Figures measured with a model; in the JSON file beside it."""
 
     rows: list[dict[str, str | float | None]]
     """With the keys of `FIGURE_NAMES`; the planners that it was compared with have rows of their own."""
@@ -111,7 +108,7 @@ class Figures(msgspec.Struct, rename={"rows": "figures"}):
 
 @dataclass(frozen=True)
 class ModelFile:
-    """What a model file says of itself."""
+    """A model file, with its metadata, figures and card."""
 
     name: str
     """The file's, without its ending: what `model_path` takes if the model is shipped."""
@@ -119,11 +116,6 @@ class ModelFile:
     size_bytes: int
     sha256: str
     metadata: ModelMetadata
-    inputs: dict[str, tuple[int | str, ...]]
-    """Shape of each; a dimension that is not fixed has its name, or ``?``."""
-    outputs: dict[str, tuple[int | str, ...]]
-    producer: str
-    """The program that wrote the file."""
     figures: Figures | None
     card: str | None
     """Text of the Markdown file beside it."""
@@ -152,21 +144,6 @@ def read_metadata(path: Path, content: bytes | None = None) -> ModelMetadata:
     return ModelMetadata.from_json(found.get(METADATA_KEY.encode()), str(path))
 
 
-def open_session(path: Path, options: "SessionOptions | None" = None) -> "InferenceSession":
-    """onnxruntime's session of a file that `read_metadata` took: ModelError where it does not load.
-
-    By default it is not made for speed. onnxruntime would never come back from some files that are refused there.
-    """
-    import onnxruntime as ort
-
-    if options is None:
-        options = ort.SessionOptions()
-        options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
-    options.log_severity_level = 4
-    with refused_as(ModelError, f"{path}: wanted an ONNX model, got a file that does not load"):
-        return ort.InferenceSession(str(path), options, ["CPUExecutionProvider"], enable_fallback=0)
-
-
 def list_models() -> list[ModelFile]:
     """The shipped models, by name."""
     return [read_model_file(path) for path in sorted(_MODELS.glob("*.onnx"), key=lambda path: path.stem)]
@@ -181,22 +158,13 @@ def read_model_file(model: str | Path = "edge") -> ModelFile:
     """
     path = model_path(model)
     content, card = _bytes(path), path.with_suffix(".md")
-    sha256, metadata, session = hashlib.sha256(content).hexdigest(), read_metadata(path, content), open_session(path)
-    with refused_as(ModelError, f"{path}: wanted an ONNX model, got one whose texts cannot be read"):
-        inputs, outputs = (
-            {value.name: tuple(value.shape) for value in values}
-            for values in (session.get_inputs(), session.get_outputs())
-        )
-        producer = session.get_modelmeta().producer_name
+    sha256 = hashlib.sha256(content).hexdigest()
     return ModelFile(
         name=path.stem,
         path=path,
         size_bytes=len(content),
         sha256=sha256,
-        metadata=metadata,
-        inputs=inputs,
-        outputs=outputs,
-        producer=producer,
+        metadata=read_metadata(path, content),
         figures=_figures(path.with_suffix(".json"), sha256),
         card=_bytes(card).decode(errors="replace") if problem_with_file(card) is None else None,
     )

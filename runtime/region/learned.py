@@ -29,8 +29,9 @@ class NetworkAnswer(NamedTuple):
 
 
 class LearnedRegions:
-    """Regions from a network's answers, for one map; arguments as for `MapView`. The network is loaded when first
-    needed, and where it cannot be, ModelError.
+    """Regions from a network's answers, for one map; with `MapView`'s arguments.
+
+    The network is loaded when first needed; ModelError where it cannot be.
     """
 
     def __init__(self, state: MapState, model: str | Path | NetworkModel, unseen_change: float = 0.0) -> None:

@@ -47,7 +47,7 @@ class MapView:
         self.planes: NDArray[np.float32] = np.empty((2, self.size, self.size), np.float32)
         """The window at the network's size, as it was when the network was last shown it, or later."""
         self._shown = np.full_like(self.planes, np.inf)
-        """What the network saw last."""
+        """The planes that the network saw last."""
         self._counted, self._averaged = state.log.reader(), state.log.reader()
         """Up to where changes are counted in the drift, and up to where they are averaged in the planes."""
         self._drift = math.inf

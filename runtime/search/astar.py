@@ -29,7 +29,7 @@ _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
 """The directions in which each node may be left, as bits; None where passability decides."""
 Hints = tuple[NDArray[np.float32], NDArray[np.float32], float]
-"""What sharpens the heuristic of a search to one goal, see `Landmarks.towards`."""
+"""Sharpen the heuristic of a search to one goal, see `Landmarks.towards`."""
 
 
 class Search(NamedTuple):

@@ -25,7 +25,7 @@ _IN_USE = 3
 
 
 def _memory(size: int) -> tuple[Int32s, list[int]]:
-    """So many numbers for a workspace, and that of the last search in them.
+    """Memory of this size for a workspace, and the number of the last search in it.
 
     Memory that was used is as good as new. New memory takes longer: it is cleared first, or given by the system page
     by page.

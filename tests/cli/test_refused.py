@@ -206,7 +206,7 @@ BODIES = {
     "\x00": "wanted a vehicle in TOML",
 }
 TABLES = {
-    ENERGY.replace("50", "-50"): "body.toml: mobility.energy: mass_kg must be a number above 0, got -50",
+    ENERGY.replace("50", "-50"): "body.toml: mobility: energy: mass_kg must be a number above 0, got -50",
     ENERGY + "recovery = 1.5\n": "recovery must lie from 0 to 1, got 1.5",
     ENERGY.replace("mass_kg", "weight"): "mobility.energy: weight is unknown",
     "length_m = 1": "body.toml: wanted a table [mobility], got none",

@@ -66,9 +66,7 @@ def test_energy_goes_by_the_gravity_of_the_maps_body_and_says_so(nnpp_edge, hill
         (None, None, 3.71),  # its file's
         (None, 1.62, 1.62),
     ):
-        with rasterio.open(
-            "hill.tif", "w", "GTiff", 60, 40, 1, dtype="float32", crs=crs, tiled=True, **place
-        ) as file:
+        with rasterio.open("hill.tif", "w", "GTiff", 60, 40, 1, crs=crs, **place) as file:
             file.write(np.load(hill)["elevation_m"], 1)
         own = ("--set", f"mobility.energy.gravity_m_s2={given}") if given else ()
         for more in ((), ("--memory", "1kB")):
