@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
@@ -82,7 +81,6 @@ class Real(click.FloatRange):
 POSITIVE = Real(0.0, LARGEST, min_open=True)
 NOT_NEGATIVE = Real(0.0, LARGEST)
 SHARE = Real(0.0, 1.0)
-ANGLE = Real(0.0, 90.0, min_open=True)
 RATE = Real(0.001, 1000.0)
 SEED = click.IntRange(0, 2**32 - 1)
 
@@ -130,13 +128,14 @@ class SettingType(click.ParamType):  # type: ignore[type-arg]  # as above
 
     name = "KEY=VALUE"
 
-    def __init__(self, keys: Callable[[], list[str]], example: str) -> None:
-        self.keys, self.example = keys, example
+    def __init__(self, keys: Callable[[], list[str]], example: str, *, bare: bool = False) -> None:
+        self.keys, self.example, self.bare = keys, example, bare  # whether words need no quotes
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Setting:
         """Parse a word."""
+        text = re.sub(r"=(?!true$|false$)([A-Za-z][\w.-]*)$", r'="\1"', str(value)) if self.bare else str(value)
         try:
-            ((key, content),) = tomllib.loads(str(value)).items()
+            ((key, content),) = tomllib.loads(text).items()
         except (ValueError, RecursionError):
             self.fail(f"wanted KEY=VALUE in TOML, such as {self.example}, got {value!r}", param, ctx)
         if key not in (keys := self.keys()):
@@ -172,28 +171,11 @@ def _count(word: str) -> int:
     return count
 
 
-def _cores(word: str) -> tuple[int, ...]:
-    cores = tuple(map(int, word.split(",")))
-    if not set(cores) <= os.sched_getaffinity(0):
-        raise ValueError
-    return cores
-
-
 def _joined(item: Callable[[str], object]) -> Callable[[str], object]:
     return lambda word: tuple(map(item, word.split(",")))
 
 
-def Numbers(kind: Callable[[str], float] = int) -> Parsed:
-    """Numbers joined by commas."""
-    return Parsed("N,…", "numbers joined by commas", _joined(kind))
-
-
-def Cores() -> Parsed:
-    """Numbers of cores that this process may use."""
-    usable = ",".join(map(str, sorted(os.sched_getaffinity(0))))
-    return Parsed("N,…", f"cores of {usable}, joined by commas", _cores)
-
-
+Numbers = functools.partial(Parsed, "N,…", "numbers joined by commas", _joined(int))
 Cell = functools.partial(Parsed, "R,C", "ROW,COL as two whole numbers", _cell)
 Names = functools.partial(Parsed, "NAME,…", "names joined by commas", _joined(str.strip))
 Counts = functools.partial(Parsed, "N,…", "whole numbers of at least 1, joined by commas", _joined(_count))
@@ -252,15 +234,6 @@ def together(*options: Callable[[Command], Command]) -> Callable[[Command], Comm
     return add
 
 
-dem_input = together(
-    cell_size,
-    click.option("--vertical-scale", type=POSITIVE, help="Metres per grey level, for 16-bit PNG."),
-    rescale,
-    allow_vrt,
-)
-"""How a DEM is read: `cell_size`, `vertical_scale`, `rescale`, `allow_vrt`."""
-
-
 def terrain_files(default: str = "") -> Callable[[Command], Command]:
     """How they are read: `terrain`, `cell_size`, `rescale`, `allow_vrt`; the help says what `default` is."""
     files = click.option("--terrain", multiple=True, type=MAP, help=f"Elevation file, or several{default}.")
@@ -271,20 +244,6 @@ def _limit_keys() -> list[str]:
     from nnpp_edge.runtime.terrain.traversability import Traversability
 
     return [field.name for field in fields(Traversability) if not field.name.endswith("_weight")]
-
-
-limit = click.option(
-    "--limit",
-    type=SettingType(_limit_keys, "hard_slope_deg=20"),
-    multiple=True,
-    help="Set a limit of the cost; by default slope_limit_deg=30, roughness_limit_m=0.6 and step_limit_m=0.2. Cells "
-    "beyond hard_slope_deg, hard_roughness_m or hard_step_m are impassable. May be repeated.",
-)
-
-workload = click.option(
-    "--workload",
-    help="soft (the paper's cost), or limitN: φ_s = N degrees, cells whose fitted plane is steeper are impassable.",
-)
 
 
 @dataclass(frozen=True)
@@ -346,7 +305,24 @@ def gathered(name: str, kind: type[DataclassInstance]) -> Callable[[Callable[...
     return gather
 
 
-terrain = together(dem_input, limit, workload, gathered("terrain", TerrainOptions))
+terrain = together(
+    cell_size,
+    click.option("--vertical-scale", type=POSITIVE, help="Metres per grey level, for 16-bit PNG."),
+    rescale,
+    allow_vrt,
+    click.option(
+        "--limit",
+        type=SettingType(_limit_keys, "hard_slope_deg=20"),
+        multiple=True,
+        help="Set a limit of the cost; by default slope_limit_deg=30, roughness_limit_m=0.6 and step_limit_m=0.2. "
+        "Cells beyond hard_slope_deg, hard_roughness_m or hard_step_m are impassable. May be repeated.",
+    ),
+    click.option(
+        "--workload",
+        help="soft (the paper's cost), or limitN: φ_s = N degrees, and steeper cells are impassable.",
+    ),
+    gathered("terrain", TerrainOptions),
+)
 """How an elevation map is read and becomes a cost map; the command is given them as `terrain`."""
 
 

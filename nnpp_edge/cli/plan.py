@@ -75,7 +75,6 @@ class Outputs:
 @options.corner_cutting
 @click.option("--epsilon", type=options.NOT_NEGATIVE, help="Cost at most this share above the optimum; 0 is exact.")
 @click.option("--time-limit", type=options.POSITIVE, help="Seconds for one planning.")
-@click.option("--landmarks", type=click.IntRange(0, 8), default=0, help="Prepare so many: A* expands fewer cells.")
 @click.option("--refine", type=click.Choice(["any-angle"]), help="Free the path from the grid: way points, too.")
 @click.option("--compare", is_flag=True, help="Plan with exact A* and the corridor planner too.")
 @options.hillshade

@@ -96,7 +96,8 @@ def plan_in_memory(
     near = Near(dem, dem.elevation, cost, limits, body)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
         refuse(problem, start, goals[0], near)
-    _prepare(planner, request)
+    if request.time_limit is not None:  # loading would use it up
+        exercises.exercise()
     within: PlanOptions = {"refine": request.refine, **_limits(request)}  # type: ignore[typeddict-item]
     wanted: PlanOptions = {**within, "method": request.method, "keep_regions": drawn}
     tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted) if via else None
@@ -191,15 +192,6 @@ def _limits(request: PlanRequest) -> dict[str, float]:
     return {name: number for name, number in given.items() if number is not None}
 
 
-def _prepare(planner: Planner, request: PlanRequest) -> None:
-    """Set landmarks, and load what would use up a time limit."""
-    if request.landmarks:
-        with told_if_slow("setting landmarks"):
-            planner.prepare(landmarks=request.landmarks)
-    if request.time_limit is not None:
-        exercises.exercise()
-
-
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:
     """The plan with the numbers along its way."""
     assert ground.elevation is not None and ground.mobility is not None
@@ -273,7 +265,6 @@ def _refuse_unfit(request: PlanRequest) -> None:
     given = {
         f"--method {request.method}": request.method in ("astar", "nnpp"),
         "--compare": request.compare,
-        "--landmarks": request.landmarks > 0,
         "--hillshade": request.hillshade,
         "--refine": request.refine is not None,
     }

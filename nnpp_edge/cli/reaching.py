@@ -1,7 +1,7 @@
 """The search of `nnpp-edge reach`, and its answer for people, for programs, and as files."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +28,9 @@ def reach(request: ReachRequest, path: Path, terrain: TerrainOptions, vehicle: V
     """Search from the start until all is known that lies within."""
     dem, limits = terrain.read(path), terrain.limits()
     cost, start = cost_of(dem, limits), request.start.one_cell(dem, "--start")
-    step_cost = _step_cost(request, vehicle.mobility(dem))
-    ground = ground_of(dem, limits, vehicle, step_cost)
+    ground = ground_of(dem, limits, vehicle, "paper")
+    step_cost = _step_cost(request, ground.mobility)
+    ground = replace(ground, step_cost=step_cost)
     planner = Planner(priced(ground, cost), omega=request.omega, corner_cutting=request.corner_cutting)
     if problem := problem_with(planner.state.grid, start, start):
         refuse(problem, start, start, Near(dem, dem.elevation, cost, limits, ground.vehicle))
@@ -38,10 +39,10 @@ def reach(request: ReachRequest, path: Path, terrain: TerrainOptions, vehicle: V
     return Reached(start, Reach(planner.reach(start, most), shares, measure, unit_of(step_cost), dem), cost)
 
 
-def _step_cost(request: ReachRequest, mobility: Mobility) -> str:
+def _step_cost(request: ReachRequest, mobility: Mobility | None) -> str:
     """The step cost that counts what is asked."""
     if request.within_time is not None and unit_of(request.step_cost) != "s":
-        return "time" if mobility.time else "tobler"
+        return "time" if mobility and mobility.time else "tobler"
     return request.step_cost if request.within_energy is None else "energy"
 
 

@@ -25,14 +25,21 @@ _LIMITS = {
     "--hard-roughness": "hard_roughness_m",
     "--hard-step": "hard_step_m",
 }
+_LOOP = ("cores", "priority", "approach")
 _REPORT = "-o DIR writes all of a run"
 _CORRIDOR = "Eq. 1's price is the only one"
 _EXCLUDE = "ranges are minimum and maximum, weights have 7 bits; --exclude NODE,… leaves nodes float"
 INSTEAD = {
     **{option: f"write --set {key}=VALUE" for option, key in _SET.items()},
     **{option: f"write --limit {key}=VALUE" for option, key in _LIMITS.items()},
+    **{f"--{key}": f"write --loop {key}=VALUE" for key in _LOOP},
+    "run --tolerance": "write --loop tolerance=VALUE",
+    "run --refine": "write --loop refine=any-angle",
+    "--metrics-port": "write --metrics PORT",
+    "--metrics-file": "write --metrics FILE",
     "--unknown-passes": "write --set unknown_passes=true",
     "--unknown-fails": "write --set unknown_passes=false",
+    "--landmarks": "they pay for many queries on one map: `Planner.prepare`",
     "--start-xy": "write --start xy:X,Y",
     "--goal-xy": "write --goal xy:X,Y",
     "--price": _CORRIDOR,
@@ -44,6 +51,7 @@ INSTEAD = {
     "--save-choice": "`auto` goes by the shipped figures; name another --method where you measured otherwise",
     "--poses": "no network is trained for a vehicle; plan with --method corridor",
     "dataset --picture": "the sheet is samples.png in the folder of -o",
+    "reproduce --dataset": "fig13 trains on the terrain of --terrain",
     "--loss": "the loss is binary cross-entropy; `nnpp_edge.training` takes another",
     "--opset": "files have opset 18",
     "quantize --method": _EXCLUDE,

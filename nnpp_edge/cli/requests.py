@@ -23,7 +23,6 @@ class PlanRequest:
     corner_cutting: bool
     epsilon: float | None
     time_limit: float | None
-    landmarks: int
     compare: bool
     step_cost: str
     refine: str | None

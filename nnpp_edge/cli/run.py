@@ -1,6 +1,7 @@
 """`nnpp-edge run`: the onboard loop as a program."""
 
 import json
+import re
 from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
@@ -21,6 +22,12 @@ _INPUTS, _OUTPUTS = "stdin|replay:FILE|zenoh[:ENDPOINT]", "stdout|zenoh[:ENDPOIN
 _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the inputs, and of a replay to stdout."
 
 
+def _loop_keys() -> list[str]:
+    from nnpp_edge.profiling.profile_file import OnboardLoop
+
+    return list(OnboardLoop.__struct_fields__)
+
+
 @click.command(name="run")
 @click.option("--map", "map_file", type=options.MAP, required=True, help="Elevation map, or an .npz of `costmap`.")
 @click.option("--profile", metavar="NAME|FILE", help="A shipped profile or a TOML file; its table [loop] counts.")
@@ -33,15 +40,14 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
     type=options.ModelName(),
     help="Shipped network's name, or an ONNX file, in place of the profile's (else edge).",
 )
-@click.option("--cores", type=options.Cores(), help="Pin the loop to these cores.")
-@click.option("--priority", type=click.IntRange(0, 99), help="1 to 99: run the loop under SCHED_FIFO.")
 @click.option(
-    "--tolerance",
-    type=options.NOT_NEGATIVE,
-    help="Keep a path while a new one can save at most this share (else 0.02).",
+    "--loop",
+    "loop_settings",
+    type=options.SettingType(_loop_keys, "tolerance=0.05", bare=True),
+    multiple=True,
+    help="Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, approach=true "
+    "or refine=any-angle. May be repeated.",
 )
-@click.option("--refine", type=click.Choice(["any-angle"]), help="Free paths from the grid: way points, too.")
-@click.option("--approach", is_flag=True, default=None, help="Without a path to the goal, go as near as there is.")
 @click.option("--ticks", type=COUNT, help="End after so many.")
 @click.option("--framing", type=_FRAMINGS, default="lines", help="A message a line, or after its length in 4 bytes.")
 @click.option("--fast", is_flag=True, help="Replay one recorded tick a tick, and ticks without a pause.")
@@ -50,8 +56,13 @@ _OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the
 @click.option("--zenoh-prefix", default="nnpp_edge", help="First part of all topics.")
 @click.option("--record", type=options.NEW_FILE, help="Write the inputs to this file, for replay.")
 @click.option("--log", type=options.NEW_FILE, help="Write inputs and answers to this .mcap file.")
-@click.option("--metrics-port", type=click.IntRange(0, 65535), help="Serve the counters to Prometheus at this port.")
-@click.option("--metrics-file", type=options.NEW_FILE, help="Keep the counters in this file, in Prometheus' format.")
+@click.option(
+    "--metrics",
+    multiple=True,
+    type=options.NEW_FILE,
+    metavar="PORT|FILE",
+    help="Serve the counters to Prometheus at this port, or keep them in this file. May be repeated.",
+)
 @options.view
 @options.trace
 @options.terrain
@@ -66,6 +77,8 @@ def command(
     terrain: TerrainOptions,
     vehicle: VehicleOptions,
     step_cost: str,
+    loop_settings: tuple[options.Setting, ...],
+    metrics: tuple[Path, ...],
     **given: Any,
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
@@ -86,12 +99,15 @@ def command(
     from nnpp_edge.runtime.network.loading import begin_loading
     from nnpp_edge.runtime.network.model_file import model_path
 
+    given |= _metrics(metrics)
     wiring = Wiring(**{field.name: given.pop(field.name) for field in fields(Wiring)})
     if as_json and STDOUT in wiring.output_kinds:
         raise click.UsageError("--json prints on stdout, which answers go to: add --output none, or zenoh")
-    loop = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **given)
+    changes = {name: value for each in loop_settings for name, value in each.values.items()}
+    changes |= {name: value for name, value in given.items() if value is not None}
+    loop = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **changes)
     vehicle.check_turns(loop.refine)
-    settings = NavigatorSettings(
+    navigator = NavigatorSettings(
         method=loop.method,
         model=loop.model,
         tolerance=loop.tolerance,
@@ -100,16 +116,16 @@ def command(
         approach=loop.approach,
     )
     options.check_outputs(  # --record never replaces a file
-        *(("--log", wiring.log), ("--metrics-file", wiring.metrics_file), ("--view", options.view_file(wiring.view))),
+        *(("--log", wiring.log), ("--metrics", wiring.metrics_file), ("--view", options.view_file(wiring.view))),
         ("--trace", wiring.trace),
         more_inputs=[model_path(loop.model)],
     )
     pace = Pace(loop.rate_hz, loop.cores, loop.priority)
-    if settings.asks_network:
-        begin_loading(settings.model)
+    if navigator.asks_network:
+        begin_loading(navigator.model)
     ground = _ground(map_file, terrain, vehicle, step_cost)
     report = partial(click.echo, err=True)
-    counters = run(ground, settings, wiring, pace, ticks=ticks, report=report)
+    counters = run(ground, navigator, wiring, pace, ticks=ticks, report=report)
     if as_json:
         click.echo(json.dumps(asdict(counters)))
     else:
@@ -135,6 +151,15 @@ def summary(counters: "Counters") -> str:
         lines["reloads"] = str(c.reloads)
     lines["memory"] = f"{c.rss_bytes / 1e6:.0f} MB"
     return "\n".join(f"{name:<10}{value}" for name, value in lines.items())
+
+
+def _metrics(places: tuple[Path, ...]) -> dict[str, object]:
+    """Where the counters go: a port, a file, or both."""
+    ports = [int(str(place)) for place in places if re.fullmatch(r"\d{1,5}", str(place))]
+    kept = [place for place in places if not re.fullmatch(r"\d{1,5}", str(place))]
+    if len(ports) > 1 or len(kept) > 1 or max(ports, default=0) > 65535:
+        raise click.UsageError("--metrics takes one port up to 65535 and one file")
+    return {"metrics_port": ports[0] if ports else None, "metrics_file": kept[0] if kept else None}
 
 
 def _ground(path: Path, terrain: TerrainOptions, vehicle: VehicleOptions, step_cost: str) -> "Ground":

@@ -10,7 +10,7 @@ import pytest
 from nnpp_edge.cli.main import COMMANDS
 from nnpp_edge.cli.removed import INSTEAD
 
-MOST_PARAMETERS = 40
+MOST_PARAMETERS = 30
 """Of a command. Only ever lowered."""
 
 
@@ -31,7 +31,7 @@ def hills(tmp_path, monkeypatch):
 
 
 def test_no_command_takes_many_parameters():
-    assert max((len(command.params), name) for name, command in commands().items()) <= (MOST_PARAMETERS, "")
+    assert max((len(command.params), name) for name, command in commands().items()) < (MOST_PARAMETERS + 1, "")
 
 
 def test_no_number_that_could_overflow_is_taken():

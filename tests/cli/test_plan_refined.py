@@ -92,7 +92,7 @@ def test_the_loop_tells_way_points_where_it_is_asked_for_them(ground, tmp_path):
     recording.write_text("".join(json.dumps({"at": 0.0, **each}) + "\n" for each in inputs))
     module = (sys.executable, "-m", "nnpp_edge.cli.main", "run", "--map", ground, "--input", f"replay:{recording}")
     words, turning = (*module, "--fast", "--method", "astar"), ("--set", "radius_m=2", "--set", "turning_radius_m=6")
-    for more, there in (((*turning, "--refine", "any-angle"), True), ((), False)):
+    for more, there in (((*turning, "--loop", "refine=any-angle"), True), ((), False)):
         ended = subprocess.run([*words, *more], capture_output=True, text=True, check=True)
         answers = [json.loads(line) for line in ended.stdout.splitlines()]
         paths = [each for each in answers if each["type"] == "path" and each["outcome"] == "OK"]

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
-from nnpp_edge.terrain.dem import Dem, Georeference, write_raster
 from nnpp_edge.viz.picture import BODY, POINT
 
 CELL_M = 0.25
@@ -19,18 +18,13 @@ ENDS = ("--start", "10,10", "--goal", "45,48")
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A folder with a map of 60 × 60 cells, as arrays and as a raster, a hill on it, a wall, and costs."""
+    """A folder with a map of 60 × 60 cells that has a hill, and one that has a wall too."""
     monkeypatch.chdir(tmp_path)
-    rng = np.random.default_rng(0)
-    heights = (0.02 * rng.random((60, 60))).astype(np.float32)
+    heights = (0.02 * np.random.default_rng(0).random((60, 60))).astype(np.float32)
     heights[18:30, 20:30] += np.arange(12, dtype=np.float32)[:, None] * np.float32(0.4)
     np.savez("hill.npz", elevation_m=heights, cell_size_m=CELL_M)
-    frame = Georeference("EPSG:32615", (CELL_M, 0.0, 0.0, 0.0, -CELL_M, 0.0))
-    write_raster("hill.tif", heights, Dem(heights, CELL_M, CELL_M, frame, tmp_path))
-    walled = heights.copy()
-    walled[:, 30:32] = 5.0
-    np.savez("wall.npz", elevation_m=walled, cell_size_m=CELL_M)
-    np.savez("cost.npz", cost=np.full((60, 60), 0.2, np.float32), cell_size_m=CELL_M)
+    heights[:, 30:32] = 5.0
+    np.savez("wall.npz", elevation_m=heights, cell_size_m=CELL_M)
     return tmp_path
 
 

@@ -58,7 +58,6 @@ $PLAN --via none.gpkg                          | lonlat:LON,LAT, or a vector fil
 $PLAN --step-cost energy                       | with mass_kg and rolling_resistance, such as the shipped vehicles
 $PLAN --step-cost energy                       | step_cost='energy' needs a table [mobility.energy]
 $PLAN --step-cost time --mobility mine.toml    | needs a table [mobility.time]
-$PLAN --step-cost tobler --landmarks 3         | landmarks need steps that cost alike both ways
 $PLAN --step-cost tobler --mobility nope       | wanted a vehicle's file | 'nope'
 $PLAN --step-cost tobler --memory 1kB          | in memory alone | directed
 $PLAN --step-cost tobler --refine any-angle    | refine='any-angle' prices lines by the map's cost
@@ -93,7 +92,6 @@ $SMALL --set radius_m=0.5                      | in memory alone
 $SMALL --method astar                          | --method astar needs the whole map
 $SMALL --method nnpp                           | --method nnpp needs the whole map
 $SMALL --compare --hillshade                   | --compare, --hillshade needs the whole map
-$SMALL --landmarks 2                           | --landmarks needs the whole map
 $SMALL --refine any-angle                      | --refine needs the whole map
 $SMALL --start 400,5                           | start (400, 5) lies outside the map of 80 × 90 cells
 $SMALL --goal -1,5 --start -1,5                | start (-1, 5) lies outside
@@ -106,13 +104,13 @@ plan bare.tif --memory 1kB --start xy:1,1 --goal 2,2 --cell-size 2 | georeferenc
 plan grid.asc --memory 1kB --start 1,1 --goal 2,2 | stored as text | gdal_translate
 run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: a vehicle stands on elevations
 run --map hills.npz --set radius_m=2 --set turning_radius_m=6 | turning_radius_m needs --refine any-angle
-run --map hills.npz --cores 4294967296         | wanted cores of
-run --map hills.npz --cores 99999              | wanted cores of
+run --map hills.npz --loop cores=x             | cores
+run --map hills.npz --loop speed=3             | speed is unknown: wanted one of rate_hz, method
 run --map hills.npz --rate 1e-10               | --rate
 run --map hills.npz --output foo               | output must be stdout, zenoh[:ENDPOINT] or none, got 'foo'
 run --map hills.npz --profile own.toml --ticks 1 | 'nope'
 run --map hills.npz --method astar --model nope --ticks 1 | 'nope'
-run --map hills.npz --metrics-file pipe.npy    | it is a pipe
+run --map hills.npz --metrics pipe.npy    | it is a pipe
 simulate --map hills.npz --method astar --model nope | 'nope'
 simulate --seed -1                             | --seed
 simulate --map hills.npz --log pipe.npy        | it is a pipe
@@ -179,9 +177,9 @@ profile --profile set/report.json -o set       | would replace | which is read
 profile --peers --terrain set/peers.json -o set | would replace | which is read
 simulate --map hills.npz --log hills.npz       | would replace | which is read
 simulate --map grey.png --picture grey.png     | would replace | which is read
-run --map hills.npz --metrics-file hills.npz   | would replace | which is read
+run --map hills.npz --metrics hills.npz   | would replace | which is read
 run --map hills.npz --log link.npz             | would replace | which is read
-run --map hills.npz --input replay:text.txt --metrics-file text.txt | would replace | which is read
+run --map hills.npz --input replay:text.txt --metrics text.txt | would replace | which is read
 run --map hills.npz --profile set/report.json --log set/report.json | would replace | which is read
 run --map hills.npz --model text.txt --log text.txt | would replace | which is read
 """

@@ -46,7 +46,7 @@ def never(*_, **__):
     raise AssertionError("not to be called")
 
 
-@pytest.mark.parametrize("limit", [(), ("--time-limit", "1"), ("--landmarks", "2")])
+@pytest.mark.parametrize("limit", [(), ("--time-limit", "1")])
 def test_a_place_off_the_map_is_refused_before_anything_is_computed(nnpp_edge, flat, monkeypatch, limit):
     monkeypatch.setattr(planning, "cost_of", never)
     for start, goal, words in (("5,5", "5,900", "goal (5, 900)"), ("-1,5", "70,80", "start (-1, 5)")):

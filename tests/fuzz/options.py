@@ -154,6 +154,9 @@ def _draw_value(rng: random.Random, kind: click.ParamType, used: list[str]) -> s
             return rng.choice(NUMBERS)
         whole = isinstance(kind, click.types.IntParamType)
         return str(rng.randrange(1, 40)) if whole else f"{10 ** rng.uniform(-2, 2):.3g}"
+    if isinstance(kind, options.SettingType):
+        number = rng.choice(NUMBERS) if rng.random() < 0.5 else f"{10 ** rng.uniform(-2, 2):.3g}"
+        return f"{rng.choice(kind.keys())}={number}" if rng.random() < 0.8 else rng.choice((*WORDS, *PAIRS))
     if isinstance(kind, options.Parsed):
         pools = {"R,C": PAIRS, "N|RxC,…": SIZES, "N,…": PAIRS + NUMBERS, "PLACE": PAIRS + _PLACES, "TIME": _TIMES}
         odd = PAIRS + SIZES + WORDS + NUMBERS

@@ -230,9 +230,9 @@ def test_a_replay_ends_with_its_counters(nnpp_edge, dem, recording, tmp_path):
         dem,
         *QUICK,
         *replay,
-        "--metrics-file",
+        "--metrics",
         metrics,
-        "--metrics-port",
+        "--metrics",
         "0",
         "--trace",
         tmp_path / "t.json",
@@ -260,7 +260,7 @@ def test_a_disk_that_fills_up_costs_the_metrics_and_not_the_run(
     monkeypatch.setattr("nnpp_edge.robot.operations.metrics.write_whole", full)
     monkeypatch.setattr("nnpp_edge.robot.operations.onboard.write_whole", full)
     words = ("--trace", tmp_path / "t.json", "--input", f"replay:{recording}", "--fast", "--output", "none", "--json")
-    ended = nnpp_edge("run", "--map", dem, *QUICK, *words, "--metrics-file", tmp_path / "metrics.prom")
+    ended = nnpp_edge("run", "--map", dem, *QUICK, *words, "--metrics", tmp_path / "metrics.prom")
     assert (ended.code, json.loads(ended.out)["planned"]) == (0, 3)
     assert [r.getMessage() for r in caplog.records if "metrics" in r.getMessage()] == [
         f"keeping the metrics failed ({tmp_path}/metrics.prom: could not be written (No space left on device)); "
@@ -307,7 +307,7 @@ def test_a_goal_that_is_unknown_is_approached_where_that_is_asked_for(tmp_path, 
     cost[:, 30:] = np.nan
     np.savez(tmp_path / "cost.npz", cost=cost, cell_size_m=1.0)
     (tmp_path / "robot.toml").write_text("[loop]\napproach = true\n")
-    words = ("--approach",) if asked == "option" else ("--profile", tmp_path / "robot.toml")
+    words = ("--loop", "approach=true") if asked == "option" else ("--profile", tmp_path / "robot.toml")
     program = Program("--map", tmp_path / "cost.npz", *words)
     program.send(Pose(5, 5), Goal(5, 45))
     answer = program.await_path()
@@ -341,12 +341,12 @@ def test_ticks_end_it_and_the_profile_and_its_model_count(nnpp_edge, dem, record
         (("--rate", "0"), "0.0 is not in the range 0.001<=x<=1000"),
         (("--rate", "nan"), "rate"),
         (("--method", "magic"), "method: wanted one of auto, astar"),
-        (("--priority", "100"), "priority"),
-        (("--tolerance", "-1"), "tolerance"),
-        (("--cores", "-1"), "cores"),
+        (("--loop", "priority=100"), "priority"),
+        (("--loop", "tolerance=-1"), "tolerance"),
+        (("--loop", "cores=[-1]"), "cores"),
         (("--profile", "none"), "profile"),
         (("--record", "no/such/folder.jsonl"), "could not be written"),
-        (("--metrics-file", "no/such/file"), "could not be written"),
+        (("--metrics", "no/such/file"), "could not be written"),
         (("--model", "none.onnx", "--method", "nnpp"), "none.onnx"),
     ],
 )
