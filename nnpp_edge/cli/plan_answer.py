@@ -53,11 +53,8 @@ class Compared:
         """Ready for JSON."""
         summary, gap = self.plan.summary(), self.gap
         speedup = None if gap is None else self.exact_time_ms / self.time_ms
-        return {name: summary[name] for name in _OF_COMPARED} | {
-            "gap": gap,
-            "time_ms": self.time_ms,
-            "speedup": speedup,
-        }
+        times = {"gap": gap, "time_ms": self.time_ms, "speedup": speedup}
+        return {name: summary[name] for name in _OF_COMPARED} | times
 
     def row(self) -> list[str]:
         """For people."""
@@ -156,11 +153,7 @@ class Answer:
         if self.windows:
             figures["windows"] = self.windows
         if self.vehicle is not None:
-            figures |= {
-                "vehicle": asdict(self.vehicle),
-                "checks": plan.checks,
-                "waypoints": self.route.stands(),
-            }
+            figures |= {"vehicle": asdict(self.vehicle), "checks": plan.checks, "waypoints": self.route.stands()}
         if plan.waypoints is not None:
             figures["line"] = {
                 "row_col": plan.waypoints.round(4).tolist(),
@@ -202,10 +195,8 @@ class Answer:
             ).format(**self.windows, again=100.0 * self.windows["read_again"])
         if files:
             lines["written"] = ", ".join(files)
-        text = "\n".join(f"{name:<12}{value}" for name, value in lines.items())
-        if not self.compared:
-            return text
-        return text + "\n" + render_table(_COLUMNS, [compared.row() for compared in self.compared])
+        table = [render_table(_COLUMNS, [compared.row() for compared in self.compared])] if self.compared else []
+        return "\n".join([*(f"{name:<12}{value}" for name, value in lines.items()), *table])
 
     def _path_lines(self) -> dict[str, str]:
         plan, length = self.plan, metres(self.route.length_m)
@@ -294,7 +285,6 @@ def _content(path: Path, answer: Answer, files: list[str]) -> bytes:
 
 def _picture(answer: Answer, stops: tuple[Cell, ...]) -> bytes:
     """The plan on the cost map, or on one whose cells are `factor` times as large."""
-
     dem, plan, factor, vehicle = answer.route.dem, answer.plan, answer.factor, answer.vehicle
     start, goal, *between = [(row // factor, col // factor) for row, col in (answer.start, answer.goal, *stops)]
     body = {}

@@ -1,37 +1,35 @@
 """Options that were removed, and what to write instead. Kept for one release."""
 
-_SET = {
-    "--vehicle-length": "length_m",
-    "--vehicle-width": "width_m",
-    "--clearance": "clearance_m",
-    "--max-tilt": "max_tilt_deg",
-    "--max-pitch": "max_pitch_deg",
-    "--max-roll": "max_roll_deg",
-    "--max-step": "max_step_m",
-    "--axles": "axles",
-    "--wheelbase": "wheelbase_m",
-    "--track": "track_m",
-    "--wheel-length": "wheel_length_m",
-    "--wheel-width": "wheel_width_m",
-    "--turning-radius": "turning_radius_m",
-    "--radius": "radius_m",
-    "--gravity": "mobility.energy.gravity_m_s2",
-}
-_LIMITS = {
-    "--slope-limit": "slope_limit_deg",
-    "--roughness-limit": "roughness_limit_m",
-    "--step-limit": "step_limit_m",
-    "--hard-slope": "hard_slope_deg",
-    "--hard-roughness": "hard_roughness_m",
-    "--hard-step": "hard_step_m",
-}
+_SET = (
+    *("clearance_m", "max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m", "wheelbase_m", "track_m"),
+    *("wheel_length_m", "wheel_width_m", "turning_radius_m", "radius_m"),
+)
+_LIMITS = (
+    "slope_limit_deg",
+    "roughness_limit_m",
+    "step_limit_m",
+    "hard_slope_deg",
+    "hard_roughness_m",
+    "hard_step_m",
+)
 _LOOP = ("cores", "priority", "approach")
 _REPORT = "-o DIR writes all of a run"
 _CORRIDOR = "Eq. 1's price is the only one"
 _EXCLUDE = "ranges are minimum and maximum, weights have 7 bits; --exclude NODE,… leaves nodes float"
+
+
+def _option(key: str) -> str:
+    """The option that set a key: its name without the unit."""
+    return f"--{key.rpartition('_')[0].replace('_', '-')}"
+
+
 INSTEAD = {
-    **{option: f"write --set {key}=VALUE" for option, key in _SET.items()},
-    **{option: f"write --limit {key}=VALUE" for option, key in _LIMITS.items()},
+    **{_option(key): f"write --set {key}=VALUE" for key in _SET},
+    **{_option(key): f"write --limit {key}=VALUE" for key in _LIMITS},
+    "--vehicle-length": "write --set length_m=VALUE",
+    "--vehicle-width": "write --set width_m=VALUE",
+    "--axles": "write --set axles=VALUE",
+    "--gravity": "write --set mobility.energy.gravity_m_s2=VALUE",
     **{f"--{key}": f"write --loop {key}=VALUE" for key in _LOOP},
     "run --tolerance": "write --loop tolerance=VALUE",
     "run --refine": "write --loop refine=any-angle",

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Traversability, traversability_cost
-from nnpp_edge.terrain.dem import Dem, Georeference, read_dem, write_raster
-
-PLACE = Georeference("EPSG:3414", (2.0, 0.0, 28_000.0, 0.0, -2.0, 39_000.0))
+from nnpp_edge.terrain.dem import Dem, read_dem, write_raster
+from tests.cli.grounds import PLACE
 
 
 @pytest.fixture
@@ -30,7 +29,7 @@ def test_a_geotiff_keeps_the_place_and_marks_what_is_impassable(nnpp_edge, hills
     cost = traversability_cost(heights, 2.0, Traversability(hard_slope_deg=15))
     back = read_dem(tmp_path / "cost.tif")
     np.testing.assert_array_equal(back.elevation, np.where(np.isinf(cost), np.nan, cost))
-    assert back.georeference.transform == PLACE.transform and "3414" in back.georeference.crs
+    assert back.georeference.transform == PLACE.transform and "SVY21" in back.georeference.crs
     assert np.isinf(cost).sum() > 40
     for word in ("60 × 50 cells of 2 m", "passable", "cost.tif", "cost.png"):
         assert word in ended.out

@@ -31,26 +31,19 @@ def figures_of(model, *methods, **changes):
     }  # fmt: skip
 
 
-def test_the_list_names_every_shipped_model(nnpp_edge):
+def test_the_list_says_what_each_shipped_model_is_for(nnpp_edge):
     ended = nnpp_edge("models")
     assert (ended.code, ended.err) == (0, "")
     rows = {line.split()[0]: line for line in ended.out.splitlines() if line.strip()}
-    told = {each["name"]: each["purpose"] for each in json.loads(nnpp_edge("models", "--json").out)}
-    for found in list_models():
-        for word in (found.metadata.precision, f"{found.size_bytes / 1e6:.2f}", found.sha256[:8]):
-            assert word in rows[found.name]
-        assert told[found.name] and told[found.name] in rows[found.name]
-        assert "–" in rows[found.name] or found.figures is not None
-
-
-def test_the_list_for_programs_holds_all_but_the_cards(nnpp_edge):
     listed = json.loads(nnpp_edge("models", "--json").out)
     assert [told["name"] for told in listed] == SHIPPED
-    for told in listed:
+    for told, found in zip(listed, list_models(), strict=True):
         content = (MODELS / f"{told['name']}.onnx").read_bytes()
-        assert told["size_bytes"] == len(content)
-        assert told["sha256"] == hashlib.sha256(content).hexdigest()
-        assert "card" not in told
+        assert (told["size_bytes"], told["sha256"]) == (len(content), hashlib.sha256(content).hexdigest())
+        assert "card" not in told and told["purpose"]
+        for word in (told["purpose"], told["metadata"]["precision"], f"{len(content) / 1e6:.2f}", told["sha256"][:8]):
+            assert word in rows[told["name"]]
+        assert "–" in rows[found.name] or found.figures is not None
     edge = next(told for told in listed if told["name"] == "edge")
     assert edge["metadata"]["precision"] == "int8"
     assert {row["method"] for row in edge["figures"]} >= {"astar", "corridor", "nnpp"}
