@@ -15,6 +15,7 @@ _LIMITS = (
 _LOOP = ("cores", "priority", "approach")
 _REPORT = "-o DIR writes all of a run"
 _CORRIDOR = "Eq. 1's price is the only one"
+_CORRIDOR_OF_A_VEHICLE = "no network is trained for a vehicle; plan with --method corridor"
 _EXCLUDE = "ranges are minimum and maximum, weights have 7 bits; --exclude NODE,… leaves nodes float"
 
 
@@ -47,7 +48,7 @@ INSTEAD = {
     "--board-row": _REPORT,
     "profile --trace": _REPORT,
     "--save-choice": "`auto` goes by the shipped figures; name another --method where you measured otherwise",
-    "--poses": "no network is trained for a vehicle; plan with --method corridor",
+    **dict.fromkeys(("--poses", "dataset --vehicle", "dataset --mobility"), _CORRIDOR_OF_A_VEHICLE),
     "dataset --picture": "the sheet is samples.png in the folder of -o",
     "reproduce --dataset": "fig13 trains on the terrain of --terrain",
     "--loss": "the loss is binary cross-entropy; `nnpp_edge.training` takes another",
@@ -61,4 +62,5 @@ INSTEAD = {
 
 def instead_of(option: str, command: str) -> str | None:
     """What to write in place of a removed option of a command; None for one that never was."""
-    return INSTEAD.get(option) or INSTEAD.get(f"{command} {option}")
+    told = INSTEAD.get(option) or INSTEAD.get(f"{command} {option}")
+    return _CORRIDOR_OF_A_VEHICLE if command == "dataset" and told and "--set" in told else told

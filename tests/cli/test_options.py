@@ -60,6 +60,7 @@ def test_a_removed_option_says_what_to_write_instead(nnpp_edge):
         assert ended.err.count("\n") == 1 and (command or name not in taken), option
     for words, complaint in (
         (("run", "--radius", "2"), "--radius was removed: write --set radius_m=VALUE"),
+        (("dataset", "--clearance", "2"), "--clearance was removed: no network is trained for a vehicle"),
         (("run", "--picture", "2"), "no such option '--picture'"),
         (("plan", "--markdown"), "no such option '--markdown'"),
     ):
