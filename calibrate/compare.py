@@ -15,9 +15,9 @@ from nnpp_edge.training.validation import Judgement, Validator
 WORTH_IT = 1.1
 """Times as fast as fp32 that int8 must be to be worth having."""
 GAP_LIMIT = 0.003
-"""What it may add to the mean gap (0.3 percentage points)."""
+"""The most that it may add to the mean gap (0.3 percentage points)."""
 SUCCESS_LIMIT = 0.01
-"""What it may take from the share of queries with a path inside the region."""
+"""The most that it may take from the share of queries with a path inside the region."""
 DIFFERENCE_LIMIT = 0.005
 """Mean difference of the probabilities from which on it is another network: about one of the region's 256 levels."""
 HELD_OUT_SHARE = 4
@@ -41,7 +41,7 @@ class Comparison:
     """Of the probabilities."""
     max_difference: float
     fp32: Judgement
-    """What searches in its regions come to, at the model's factor on the threshold."""
+    """Outcome of searches in its regions, at the model's factor on the threshold."""
     int8: Judgement
     fp32_latency: Latency
     int8_latency: Latency

@@ -31,7 +31,7 @@ ROUNDS = 300
 
 @dataclass(frozen=True)
 class QuantizeReport:
-    """What was made, and how it compares with the model that it was made from."""
+    """The model made, and how it compares with the model that it was made from."""
 
     source: str
     output: str

@@ -1,4 +1,4 @@
-"""What the examples share: their arguments, and how ground, paths and ends are drawn. Nothing here plans."""
+"""Common parts of the examples: their arguments, and how ground, paths and ends are drawn. Nothing here plans."""
 
 import argparse
 import sys

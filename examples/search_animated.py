@@ -21,7 +21,7 @@ START, GOAL = (90, 60), (450, 470)
 
 
 def at_least(shape: tuple[int, int], least: float) -> np.ndarray:
-    """What a path from each cell to the goal costs at least: octile distance over the cheapest ground."""
+    """Least cost of a path from each cell to the goal: octile distance over the cheapest ground."""
     rows, cols = np.abs(np.indices(shape) - np.reshape(GOAL, (2, 1, 1)))
     return (np.maximum(rows, cols) + (2**0.5 - 1) * np.minimum(rows, cols)) * (1 + 2 * 255 * 0.011 * least)
 

@@ -1,4 +1,4 @@
-"""The same two ends under four ideas of what a step costs, and how far a walker and a robot get.
+"""Two ends under four ideas of what a step costs, and how far a walker and a robot get.
 
 Shortest: length alone. Tobler: a hiker's seconds, by the slope up or down. Energy: a rover's joules. 20 degrees: the
 paper's traversability cost, with a hard limit on the slope. `reach` gives the cost of the cheapest path to every

@@ -41,7 +41,7 @@ OPSET = 18
 
 @dataclass(frozen=True)
 class ExportReport:
-    """What was written: the file, its number of nodes, and the multiply-accumulates of one query."""
+    """The exported file, its number of nodes, and the multiply-accumulates of one query."""
 
     path: str
     size_bytes: int
@@ -145,7 +145,7 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
 
 
 def dataset_facts(recipe: Recipe) -> dict[str, object]:
-    """What decided a data set, for a model's metadata; terrain by the files' names alone."""
+    """Facts that decided a data set, for a model's metadata; terrain by the files' names alone."""
     return msgspec.structs.asdict(recipe) | {"terrain": [Path(name).name for name in recipe.terrain]}
 
 

@@ -137,7 +137,7 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def _stands(path: Path) -> os.stat_result | None:
-    """What stands at a path; OSError for what is neither to be replaced nor to be written to."""
+    """The kind of file at a path; OSError for what is neither to be replaced nor to be written to."""
     try:
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):

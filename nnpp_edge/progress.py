@@ -62,6 +62,6 @@ def render_table(header: Sequence[str], rows: Sequence[Sequence[str]], sections:
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """The same as Markdown, for documents."""
+    """Rows as a table in Markdown, for documents."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(" ".join(cell.split()) for cell in line) + " |" for line in lines)

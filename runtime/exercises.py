@@ -57,7 +57,7 @@ def exercise() -> None:
 
 
 def parts() -> list[Callable[[], None]]:
-    """What `exercise` does, in parts that can be done in any order."""
+    """The parts of `exercise`, which can be done in any order."""
     network = NetworkModel("edge")
     dem = np.cumsum(np.random.default_rng(0).normal(0.0, 0.1, (150, 24)), axis=1).astype(np.float32)
     dem[3, 4] = np.nan

@@ -60,7 +60,7 @@ BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS = 1.0 / 4.0, 1.0 / 256.0
 """Cheapest steps to a bucket of the open list. By landmarks, nearly optimal cells have nearly the same f: a wide
 bucket, which is not in order within, would expand many of them again and again."""
 DIRECTED_BUCKET_WIDTH = 1.0 / 1024.0
-"""The same where steps cost by their slope, as all gentle ones cost nearly alike: on lunar terrain, 256², a search by
+"""That of steps that cost by their slope, as all gentle ones cost nearly alike: on lunar terrain, 256², a search by
 ``energy`` expanded 4,200 cells (median) in place of 290,000, by ``tobler`` 5,300 in place of 19,000."""
 NEAREST_STOPS = 5
 """Stops nearest each stop of a tour that one search of steps reaches, for the best order of exact paths."""

@@ -31,7 +31,7 @@ GB by one, 0.63 and 0.60 by two, and 0.63 and at most 0.44 for each of the other
 
 @dataclass(frozen=True)
 class Warmth:
-    """What a warm-up came to."""
+    """The outcome of a warm-up."""
 
     folder: Path
     """Where the compiled kernels are."""

@@ -64,6 +64,11 @@ def test_the_source_does_not_creep_up():
     assert sum(len(path.read_text().splitlines()) for path in SOURCES) < MOST_SOURCE_LINES
 
 
+def test_docstrings_begin_with_a_noun_where_one_serves():
+    begins = re.compile(r'^ *"""(What|The same|As for)\b', re.MULTILINE)
+    assert [name_of(path) for path in SOURCES if begins.search(path.read_text())] == []
+
+
 def test_the_formatter_is_seldom_overruled():
     skipped = [
         name_of(path) for path in SOURCES + TESTS for line in path.read_text().splitlines() if "# fmt: skip" in line

@@ -1,4 +1,4 @@
-"""What mkdocs does not do by itself: pages of examples, commands, public names, and of files outside docs/."""
+"""Additions to mkdocs: pages of examples, commands, public names, and of files outside docs/."""
 
 from __future__ import annotations
 
@@ -220,7 +220,7 @@ def _cli() -> dict[str, str]:
 
 
 def _help(called: str, command: click.Command) -> str:
-    """What `--help` says of a command."""
+    """A command's `--help`."""
     import click
 
     context = click.Context(command, info_name=called, terminal_width=100, max_content_width=100)

@@ -107,7 +107,7 @@ def _corridor() -> None:
 
 
 def _bounds() -> None:
-    """What each method's path costs, and below what no path can."""
+    """Cost of each method's path, and below what no path can."""
     planner = Planner(LIMIT20)
     figure, (panel,) = panels(1, width=7.0, height=2.6)
     asked = {"astar": {}, "corridor": {}, "nnpp": {}, "corridor, epsilon 0.05": {"epsilon": 0.05}}

@@ -36,9 +36,9 @@ class PeerPlanner:
 
     name: str
     package: str
-    """What must be installed."""
+    """Packages that must be installed."""
     objective: str
-    """What it minimises."""
+    """The sum that it minimises."""
     prepare: Callable[[Weights], Search]
     """Do the work that depends on the map alone."""
     once: Callable[[Weights, Endpoints], CellPath | None] | None = None

@@ -1,4 +1,4 @@
-"""What `nnpp-edge evaluate` prints for people."""
+"""Tables of `nnpp-edge evaluate` for people."""
 
 from collections.abc import Mapping, Sequence
 

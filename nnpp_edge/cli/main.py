@@ -115,7 +115,7 @@ def main() -> None:
 
 
 def _instead_of(error: click.NoSuchOption) -> str | None:
-    """What to write in place of an option that was removed."""
+    """Advice in place of an option that was removed."""
     from nnpp_edge.cli.removed import instead_of
 
     return instead_of(error.option_name, (error.ctx and error.ctx.info_name) or "")

@@ -99,7 +99,9 @@ class ModelName(click.ParamType):  # type: ignore[type-arg]  # as below
 
 
 class Parsed(click.ParamType):  # type: ignore[type-arg]  # click has made it generic, its older versions have not
-    """What a function makes of a word; its ValueError becomes a line that says what was wanted and what came."""
+    """A parameter that a function makes of a word; its ValueError becomes a line that says what was wanted and what
+    came.
+    """
 
     def __init__(self, name: str, wanted: str, parse: Callable[[str], object]) -> None:
         self.name, self.wanted, self.parse = name, wanted, parse

@@ -84,7 +84,7 @@ class Answer:
     loading_included: bool = True
     """Whether the plan's times hold those of loading compiled code and the network."""
     windows: dict[str, float] | None = None
-    """What was read, where the map was read by windows."""
+    """Counts of reading, where the map was read by windows."""
     vehicle: Vehicle | None = None
     """Whose poses the path goes by; None for a point."""
     stands: NDArray[np.bool_] | None = None
@@ -212,7 +212,7 @@ class Answer:
         return lines | {"CC": f"{plan.traverse_cost:.6g}"}
 
     def on_the_ground(self) -> dict[str, str]:
-        """What is known of the way where its heights are."""
+        """Figures of the way where its heights are known."""
         numbers, along = self.plan.numbers, self.plan.along
         if along is None or not isfinite(numbers.climb_m):
             return {}

@@ -276,7 +276,7 @@ def _refuse_unfit(request: PlanRequest) -> None:
 
 
 def _read(planner: WindowedPlanner, ground: DemWindows) -> dict[str, float]:
-    """What was read: GB of heights as they are stored, cells read again as a share, seconds, and peak memory."""
+    """Counts of reading: GB of heights as they are stored, cells read again as a share, seconds, and peak memory."""
     reading = planner.reading()
     return {
         "gigabytes": 1e-9 * reading.cells_read * ground.raster.dtype.itemsize,

@@ -181,7 +181,7 @@ def _reasons(report: Report) -> list[str]:
 
 
 def wanted(line: BudgetLine) -> tuple[str, str]:
-    """What was measured and what was wanted, with their unit."""
+    """Figures measured and wanted, with their unit."""
     unit = "" if line["unit"] == "1" else f" {line['unit']}"
     sign = "≥" if line["direction"] == "at least" else "≤"
     value = "–" if line["value"] is None else f"{_number(line['value'])}{unit}"

@@ -48,7 +48,7 @@ def _step_cost(request: ReachRequest, mobility: Mobility | None) -> str:
 
 @dataclass(frozen=True)
 class Reached:
-    """What can be reached from a cell of a cost map."""
+    """Cells that can be reached from one on a cost map."""
 
     start: Cell
     found: Reach

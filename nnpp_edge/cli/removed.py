@@ -57,10 +57,10 @@ INSTEAD = {
     "--full-range": _EXCLUDE,
     "--rank": _EXCLUDE,
 }
-"""What to write, by the option; with its command where others have an option of that name."""
+"""Advice by the option; with its command where others have an option of that name."""
 
 
 def instead_of(option: str, command: str) -> str | None:
-    """What to write in place of a removed option of a command; None for one that never was."""
+    """Advice in place of a removed option of a command; None for one that never was."""
     told = INSTEAD.get(option) or INSTEAD.get(f"{command} {option}")
     return _CORRIDOR_OF_A_VEHICLE if command == "dataset" and told and "--set" in told else told

@@ -11,7 +11,7 @@ from nnpp_edge.cli.ends import End
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """What is to be planned, and how: the options' values, as given."""
+    """A plan's question: the options' values, as given."""
 
     start: End
     goals: tuple[End, ...]
@@ -70,6 +70,6 @@ class ReachRequest:
 
     @property
     def most(self) -> tuple[str, float]:
-        """What is counted, and the most of it."""
+        """Unit of the limit, and its number."""
         within = {"cost": self.within_cost, "time": self.within_time, "energy": self.within_energy}
         return next((measure, most) for measure, most in within.items() if most is not None)

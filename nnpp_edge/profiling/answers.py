@@ -54,7 +54,7 @@ def answer(plan: Plan, time_ms: float, optimum: float, exact_ms: float | None) -
 
 
 def search(plan: Plan, optimum: Plan, cells: int) -> dict[str, float]:
-    """What a plan's search went over, on a map of so many cells, its regions kept.
+    """Cells that a plan's search went over, on a map of so many cells, its regions kept.
 
     MM is the number of cells of the optimal path over those of a region: of the one that was searched, where one was,
     and of the network's at the threshold itself.

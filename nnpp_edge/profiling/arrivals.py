@@ -1,4 +1,4 @@
-"""What happens to maps and patches of elevations that have just arrived: to the first path, and to a checked one."""
+"""Times of maps and patches of elevations that have just arrived: to the first path, and to a checked one."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -54,7 +54,7 @@ def arrival_ms(rival: RivalPlanner, ground: Ground, query: Endpoints, harness: H
 
 @dataclass
 class Reactions:
-    """What the onboard loop made of patches, one at each tick."""
+    """Answers of the onboard loop to patches, one at each tick."""
 
     ms: list[float] = field(default_factory=list)
     """From each patch's arrival to the path being published."""
@@ -109,7 +109,7 @@ _Turn = Endpoints | str
 
 
 def _script(queries: Sequence[Endpoints], patches: int) -> Iterator[_Turn]:
-    """What each tick brings: another query, or a patch. After an even number of patches no hill is left."""
+    """Inputs of each tick: another query, or a patch. After an even number of patches no hill is left."""
     for at, query in enumerate(queries):
         yield query
         yield from (_UNCOUNTED,) * (0 if at else _WARM_UP)

@@ -122,11 +122,11 @@ _PLACES = (
     ("the networks", ("profile", "networks")),
     ("onnxruntime", ("environment", "packages", "onnxruntime")),
 )
-"""What must be the same in two reports, in words and as keys."""
+"""Facts that must be equal in two reports, in words and as keys."""
 
 
 def _differences(before: Report, after: Report) -> Iterator[str]:
-    """What makes the reports hard to compare."""
+    """Reasons why the reports are hard to compare."""
     for words, path in _PLACES:
         was, now = (_inside(report, path) for report in (before, after))
         if was != now:
@@ -137,7 +137,7 @@ def _differences(before: Report, after: Report) -> Iterator[str]:
 
 
 def _doubt(report: Report) -> str:
-    """What makes a report's times doubtful; empty where nothing does. Older reports tell nothing of sensors."""
+    """Reasons to doubt a report's times; empty where nothing does. Older reports tell nothing of sensors."""
     if report["disturbance"]["words"]:
         return f"disturbed: {report['disturbance']['words']}"
     slowed = _inside(report, ("sensors", "throttled"))

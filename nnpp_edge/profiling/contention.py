@@ -1,4 +1,4 @@
-"""What runs beside the planners in a loaded run, as on a robot whose computer has other work."""
+"""Other work beside the planners in a loaded run, as on a robot whose computer has other work."""
 
 import os
 import shlex
@@ -19,7 +19,7 @@ _BUSY = "import os\nparent = os.getppid()\nwhile os.getppid() == parent: sum(ran
 
 
 class Contention(Table, frozen=True):
-    """What runs beside; by default nothing, and no loaded run is made."""
+    """Work that runs beside; by default nothing, and no loaded run is made."""
 
     threads: Annotated[int, Meta(ge=0, le=1024)] = 0
     """So many that compute without a pause, each a process of its own."""
@@ -39,7 +39,7 @@ class Contention(Table, frozen=True):
 
     @property
     def words(self) -> str:
-        """What runs, for people."""
+        """In words."""
         return shlex.join(self.command) if self.command else f"{self.threads} busy thread{'s' * (self.threads > 1)}"
 
     def check(self) -> None:

@@ -1,4 +1,4 @@
-"""What is watched while planners run, beside their clock: what others take, what the sensors say, and the trace."""
+"""Watching beside the clock while planners run: what others take, what the sensors say, and the trace."""
 
 import time
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from nnpp_edge.profiling.trace import Trace
 
 
 class Disturbance:
-    """What others took while the planners were measured, in one half of the run."""
+    """Time of others while the planners were measured, in one half of the run."""
 
     def __init__(self, cores: Sequence[int]) -> None:
         self.cores = CoreTimes(cores)
@@ -44,7 +44,7 @@ class Disturbance:
 
 @dataclass
 class Instruments:
-    """What is read between the measured calls; nothing by default."""
+    """Instruments that are read between the measured calls; none by default."""
 
     sensors: SensorLog | None = None
     trace: Trace | None = field(default=None)

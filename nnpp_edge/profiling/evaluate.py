@@ -20,7 +20,7 @@ from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 
 Plans = tuple[Plan, ...]
 Records = Mapping[str, Record[Queries, Plans]]
-"""What was measured on queries that share a planner, by the names of the calls."""
+"""Measurements on queries that share a planner, by the names of the calls."""
 EAGER = "-eager"
 """Ends the name of a planner that computes all costs of a fresh map before it plans."""
 _FRESH = "fresh map: "
@@ -146,7 +146,7 @@ class _OnMap:
         return tuple([rival.plan(planner, query, keep_regions=True) for query in queries])
 
     def own_s(self, key: str, records: Records) -> float:
-        """What an answer took: with a vehicle without the making of the planner, and the mean of those it gave."""
+        """Seconds of an answer: with a vehicle without the making of the planner, and the mean of those it gave."""
         if not self.has_body:
             return records[key].median_s
         return 1e-3 * _median_ms(records[_FRESH + key], "total") / len(records[_FRESH + key].case)

@@ -1,4 +1,4 @@
-"""What rivals plan on besides a `Ground` itself: costs of all its cells, and hills that come and go on it."""
+"""Additions to a `Ground` that rivals plan on: costs of all its cells, and hills that come and go on it."""
 
 import numpy as np
 

@@ -24,7 +24,7 @@ class Record(Generic[CaseT, ResultT]):
     elapsed_s: tuple[float, ...]
     """Seconds of each call."""
     results: tuple[ResultT, ...]
-    """What each call returned."""
+    """The result of each call."""
 
     @property
     def median_s(self) -> float:

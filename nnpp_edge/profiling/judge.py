@@ -17,7 +17,7 @@ _BEYOND_DOUBT = 1.25
 
 @dataclass(frozen=True)
 class Noise:
-    """What others took while the run was made."""
+    """Time of others while the run was made."""
 
     words: str = ""
     """Empty if that is little."""

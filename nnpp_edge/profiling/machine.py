@@ -14,7 +14,7 @@ from nnpp_edge.profiling.sensors import KernelSensors
 
 _X86_FLAGS = ("avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_vnni", "avx_vnni", "amx_tile", "amx_int8")
 _ARM_FLAGS = ("asimd", "asimddp", "i8mm", "sve", "sve2", "bf16")
-"""What decides how fast int8 and float kernels are; asimddp is the dot product."""
+"""Flags that decide how fast int8 and float kernels are; asimddp is the dot product."""
 _PACKAGES = ("numpy", "numba", "onnxruntime", "opencv-python-headless")
 _PROC, _SYS = Path("/proc"), Path("/sys")
 _IDLE = (3, 4)
@@ -170,7 +170,7 @@ def core_seconds(cores: Sequence[int]) -> tuple[float, float] | None:
 
 
 def _cpuinfo() -> dict[str, str]:
-    """What /proc/cpuinfo says of the first core, and of the board behind all of them."""
+    """Fields of /proc/cpuinfo for the first core, and for the board behind all of them."""
     found: dict[str, str] = {}
     with suppress(OSError):
         for line in (_PROC / "cpuinfo").read_text().splitlines():

@@ -30,7 +30,7 @@ def _per_half() -> list[list[float]]:
 
 @dataclass
 class Answers:
-    """What one planner did on the queries of one workload and size. Lists run over the queries, in order."""
+    """Answers of one planner to the queries of one workload and size. Lists run over the queries, in order."""
 
     middle_ms: list[list[float]] = field(default_factory=_per_half)
     """For each half, for each query, the time of its middle call; of two calls the faster one."""
@@ -43,7 +43,7 @@ class Answers:
     map_ms: list[list[float]] = field(default_factory=_per_half)
     """For each half, for each judged query, from elevations to the path; empty where that is not measured."""
     patch_ms: list[list[float]] = field(default_factory=_per_half)
-    """The same, of a patch on that path."""
+    """As `map_ms`, of a patch on that path."""
     plans: list[Plan] = field(default_factory=list)
     energy_j: float = 0.0
     calls: int = 0
@@ -100,7 +100,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Arriving:
-    """What is measured of maps and patches that have just arrived."""
+    """Choice of what is measured of maps and patches that have just arrived."""
 
     planners: frozenset[str] = frozenset()
     """Whose first path is timed, and whose map after a patch."""
@@ -200,7 +200,7 @@ def _solvable(maps: ProfileMaps, of: WorkloadRun, load: Load) -> Iterator[tuple[
 
 @dataclass
 class _Session:
-    """What all maps of a run are measured with."""
+    """Means by which all maps of a run are measured."""
 
     rivals: Sequence[RivalPlanner]
     repeats: int

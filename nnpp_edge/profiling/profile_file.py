@@ -36,7 +36,7 @@ class Device(Table, frozen=True):
 
 
 class Load(Table, frozen=True):
-    """What is planned."""
+    """Maps and queries to plan on."""
 
     terrain: Names = (SAMPLE,)
     """Elevation files, ``sample`` for the one that travels with the package, or ``synthetic``."""
@@ -333,7 +333,7 @@ _WORDS = {
     "<=": "of at most",
     ">": "above",
 }
-"""What is wanted, in msgspec's words and in ours."""
+"""Kinds of values, in msgspec's words and in ours."""
 
 
 def _explained(problem: str, place: str, content: object) -> str:

@@ -1,4 +1,4 @@
-"""What a budget may be set on: the quantities of a profile, their units, and what makes them uncertain."""
+"""Subjects of budgets: the quantities of a profile, their units, and what makes them uncertain."""
 
 from dataclasses import dataclass
 

@@ -136,7 +136,7 @@ def _place(line: BudgetLine) -> str:
 def _whole_run(
     profile: Profile, rivals: Sequence[RivalPlanner], start_up: bool, say: Callable[[str], None]
 ) -> WholeRun:
-    """What there is one figure of for the run, by quantity and planner."""
+    """Figures of the whole run, by quantity and planner."""
     say("peak memory, in processes of their own")
     found = {"model_mb": _model_mb(profile.networks), "peak_memory_mb": _peak_memory_mb(profile, rivals)}
     wanted = [budget.planner for budget in profile.budgets if budget.quantity.startswith("start_up")]
@@ -177,7 +177,7 @@ def _contention(
     watchers: Watchers,
     said: list[str],
 ) -> ContentionFacts | None:
-    """The same work beside what the profile names, if it names anything."""
+    """A second run beside what the profile names, if it names anything."""
     if not profile.contention.wanted:
         return None
     watchers.say(f"once more, beside {profile.contention.words}")
@@ -203,7 +203,7 @@ def _halves(measured: Run) -> list[HalfFacts]:
 
 
 def _noise(halves: Sequence[Disturbance], allowed: float) -> Noise:
-    """What others took in the half in which they took most; no words where that is allowed."""
+    """Time of others in the half in which they took most, in words; no words where that is allowed."""
     at, worst = max(enumerate(halves), key=lambda half: half[1].share())
     if worst.share() <= allowed:
         return Noise("", worst.share())

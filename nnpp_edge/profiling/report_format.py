@@ -98,7 +98,7 @@ class BreakEven(TypedDict):
 
 
 class HalfFacts(TypedDict):
-    """What others took in one half of the run."""
+    """Time of others in one half of the run."""
 
     waited_share: float
     others_share: float | None
@@ -107,14 +107,14 @@ class HalfFacts(TypedDict):
 
 
 class DisturbanceFacts(TypedDict):
-    """What others took."""
+    """Time of others."""
 
     words: str
     halves: list[HalfFacts]
 
 
 class SensorFacts(TypedDict):
-    """What the kernel told of clocks and temperatures while planners ran; empty tables where it tells nothing."""
+    """Clocks and temperatures, as the kernel told, while planners ran; empty tables where it tells nothing."""
 
     readings: int
     throttled: str
@@ -123,7 +123,7 @@ class SensorFacts(TypedDict):
 
 
 class LoadedRow(TypedDict):
-    """What one planner, or the loop, took alone and beside what `contention` ran."""
+    """Times of one planner, or the loop, alone and beside what `contention` ran."""
 
     workload: str
     size: int
@@ -134,7 +134,7 @@ class LoadedRow(TypedDict):
 
 
 class ContentionFacts(TypedDict):
-    """The same work once more, with something beside it."""
+    """A second run of the work, with something beside it."""
 
     beside: str
     rows: list[LoadedRow]

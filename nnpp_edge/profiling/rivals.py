@@ -64,7 +64,7 @@ class RivalPlanner:
     """Of the first corridor, instead of the usual one."""
 
     def plan(self, planner: FindsPlans, query: Endpoints, *, keep_regions: bool = False) -> Plan:
-        """What a planner of the rival's own answers."""
+        """The answer of a planner of the rival's own."""
         return planner.plan(*query, method=self.method, keep_regions=keep_regions)
 
     def planner(self, cost: Float2D, ground: Ground | None = None) -> FindsPlans:

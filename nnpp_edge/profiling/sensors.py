@@ -23,7 +23,7 @@ _SLOWING = ("passive", "hot", "critical")
 
 @dataclass(frozen=True)
 class Reading:
-    """What the kernel told at a moment; empty or None where it tells nothing."""
+    """Readings of the kernel at a moment; empty or None where it tells nothing."""
 
     at_s: float = 0.0
     """By the clock of the calls that are measured."""
@@ -37,7 +37,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Limits:
-    """What readings are held against."""
+    """Limits of readings."""
 
     clock_mhz: dict[int, float] = field(default_factory=dict)
     """The greatest clock of each core."""
@@ -51,7 +51,7 @@ class Sensors(Protocol):
     limits: Limits
 
     def read(self) -> Reading:
-        """What there is to know now; never raises."""
+        """Readings of now; never raises."""
 
 
 class KernelSensors:
@@ -106,7 +106,7 @@ class Throttling:
     """Whether the processor was slowed while it was measured."""
 
     words: str = ""
-    """What shows it; empty where nothing does."""
+    """Signs of it; empty where nothing shows."""
     share: float = 0.0
     """Of the greatest clock that was missing; 1 where the clock is not known."""
 
@@ -128,7 +128,7 @@ def throttling(readings: Sequence[Reading], limits: Limits) -> Throttling:
 
 
 def sensor_facts(log: SensorLog) -> SensorFacts:
-    """What the sensors told, ready for JSON."""
+    """Facts of the sensors, ready for JSON."""
     readings, limits = log.readings, log.sensors.limits
     return SensorFacts(
         readings=len(readings),

@@ -57,7 +57,7 @@ class Case:
     queries: tuple[Endpoints, ...]
     """Start and goal both passable, a vehicle's in some heading; whether they are connected is not known yet."""
     ground: Ground | None = None
-    """What the costs were made from; None where that is not known."""
+    """Source of the costs; None where that is not known."""
     least_distance: float = 0.0
     """Cells between start and goal at least."""
 
@@ -111,7 +111,7 @@ def check_sizes(dems: Sequence[Dem], sizes: Sequence[Size]) -> None:
 
 @dataclass(frozen=True)
 class Scene:
-    """What a workload makes of elevations: limits, and for a vehicle's workloads the vehicle and rocks."""
+    """A workload's scene on elevations: limits, and for a vehicle's workloads the vehicle and rocks."""
 
     limits: Traversability
     vehicle: Vehicle | None = None

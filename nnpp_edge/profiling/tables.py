@@ -1,4 +1,4 @@
-"""What the tables of a profile are made of: ranges of numbers, and checks that name the key."""
+"""Types of a profile's tables: ranges of numbers, and checks that name the key."""
 
 from collections.abc import Collection
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""What ran when, as a file that Perfetto and chrome://tracing open: Chrome's trace events in JSON."""
+"""A timeline as a file that Perfetto and chrome://tracing open: Chrome's trace events in JSON."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What the experiments' pictures share: charts of rows, and maps with regions and paths."""
+"""Parts of the experiments' pictures: charts of rows, and maps with regions and paths."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -90,7 +90,7 @@ class View(NamedTuple):
     optimum: Cells
     """The optimal path, which the robot follows."""
     patches: tuple[Patch, ...] = ()
-    """What has changed since the plan before."""
+    """Changes since the plan before."""
 
 
 def view_plan(cost: Float2D, query: Endpoints, model: NetworkModel, patches: tuple[Patch, ...] = ()) -> View:

@@ -36,7 +36,7 @@ Patch = tuple[int, int, Float2D]
 
 @dataclass(frozen=True)
 class Step:
-    """What happens before a plan, and where from it is made."""
+    """Events before a plan, and where from it is made."""
 
     start: Cell
     patches: tuple[Patch, ...]

@@ -1,4 +1,4 @@
-"""What an experiment is, what it is given, and what it hands back."""
+"""Experiments: their inputs and results."""
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,7 +26,7 @@ MAPS_TRIED = 20
 
 @dataclass(frozen=True)
 class Context:
-    """What every experiment works with."""
+    """Means of every experiment."""
 
     terrain: Sequence[Dem]
     seed: int
@@ -81,7 +81,7 @@ class Result:
     summary: str
     """Markdown tables for people: ours beside the paper's."""
     rows: Rows
-    """What was measured, for programs."""
+    """Measurements, for programs."""
     findings: Sequence[Finding]
     picture: "Figure"
     networks: str | None = None

@@ -115,7 +115,7 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
 
 
 def _cost_in(region: str, rows: Rows) -> str:
-    """What the path in a region costs above the optimum."""
+    """Cost of the path in a region above the optimum."""
     return percent(rows.of(region).mean("excess"), 2) if all(rows.of(region).all("found")) else "no path"
 
 

@@ -1,4 +1,4 @@
-"""What is kept of an experiment, and its pages: its own, and the index that says what agrees with the paper."""
+"""Records of an experiment, and its pages: its own, and the index that says what agrees with the paper."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from nnpp_edge.reproduction.rows import Row
 
 
 class Stored(msgspec.Struct):
-    """What NAME.json of an experiment holds."""
+    """Content of an experiment's NAME.json."""
 
     format: str
     name: str
@@ -105,7 +105,7 @@ def _quick_warning(stored: Sequence[Stored]) -> str:
 
 
 def _making(facts: Stored) -> str:
-    """What experiments of one run have in common."""
+    """Common facts of the experiments of one run."""
     made = facts.made_with
     terrain = ", ".join(f"`{t['name']}` (cells of {t['cell_size_m']:g} m)" for t in made["terrain"])
     files = [f"{whose} `{file['name']}` (SHA-256 {file['sha256'][:12]}…)" for whose, file in made["networks"].items()]

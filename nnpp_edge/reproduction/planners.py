@@ -70,7 +70,7 @@ class OneMap:
         self._least_cost, _, self._exact_cc = self.grid.costs_of(self.optimum)
 
     def row(self, planner: str, path: Path, region: Region | None = None) -> Row:
-        """What a path, found in this region or on the whole map, comes to."""
+        """Figures of a path found in this region or on the whole map."""
         cost, _, cc = self.grid.costs_of(path)
         start, goal = (f"{row},{col}" for row, col in self.query)
         row: Row = {"planner": planner, "start": start, "goal": goal, "path_cells": len(self.optimum)}
@@ -83,7 +83,7 @@ class OneMap:
         return row
 
     def searched(self, names: dict[str, str], regions: dict[str, Region]) -> list[Row]:
-        """What compiled searches in regions come to, under these names by the regions' kinds."""
+        """Figures of compiled searches in regions, under these names by the regions' kinds."""
         paths = {kind: best_path(self.grid, self.query, regions[kind]) for kind in names}
         return [self.row(name, paths[kind], regions[kind]) for kind, name in names.items()]
 

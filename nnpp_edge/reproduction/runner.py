@@ -146,7 +146,7 @@ def _store(folder: Path, facts: Stored, result: Result) -> None:
 
 
 def read_experiment(folder: Path) -> Stored | None:
-    """What NAME.json in a finished experiment's folder holds; None where it is missing or not whole."""
+    """Content of NAME.json in a finished experiment's folder; None where it is missing or not whole."""
     try:
         stored = msgspec.json.decode((folder / f"{folder.name}.json").read_bytes(), type=Stored)
     except (OSError, msgspec.DecodeError):

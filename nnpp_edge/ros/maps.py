@@ -83,7 +83,7 @@ class MapFrame:
 @checked(InvalidMapError)
 @dataclass(frozen=True, eq=False)
 class OccupancyGrid:
-    """What a nav_msgs/OccupancyGrid holds, without its stamp. Its origin must not be turned.
+    """Content of a nav_msgs/OccupancyGrid, without its stamp. Its origin must not be turned.
 
     Raises
     ------
@@ -154,7 +154,7 @@ class OccupancyGrid:
 @checked(InvalidMapError)
 @dataclass(frozen=True, eq=False)
 class GridMap:
-    """What a grid_map_msgs/GridMap holds, without its stamp. Its pose must not be turned.
+    """Content of a grid_map_msgs/GridMap, without its stamp. Its pose must not be turned.
 
     Raises
     ------
@@ -360,7 +360,7 @@ def _pairs(values: ArrayLike) -> NDArray[np.float32]:
 
 
 def _field(message: object, path: str) -> Any:
-    """What stands at a path of names in a message, or in nested dicts."""
+    """The value at a path of names in a message, or in nested dicts."""
     found: Any = message
     for name in path.split("."):
         try:

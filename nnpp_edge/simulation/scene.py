@@ -58,7 +58,7 @@ class SurveyedGround:
 
     @cached_property
     def robot(self) -> Robot:
-        """What drives on it."""
+        """The robot that drives on it."""
         return robot_on(self.ground)
 
     @property
@@ -148,7 +148,7 @@ class Scene:
         return self.robot == self.goal
 
     def poll(self) -> Iterator[Input]:
-        """What happens until the next tick. Each message counts as told once it is taken."""
+        """Messages until the next tick. Each message counts as told once it is taken."""
         first = self.polls == 0
         self.polls += 1
         if first:
@@ -171,7 +171,7 @@ class Scene:
         yield from self._patches(self.obstacles.clear_of(goal))
 
     def _patches(self, parts: Iterable[Rectangle]) -> Iterator[MapPatch]:
-        """What is known of these parts, and the obstacles there."""
+        """Known values of these parts, and the obstacles there."""
         for part in parts:
             self.now[_slices(part)] = self.obstacles.cover(self.ground.true, part)
             told = self.obstacles.cover(self.known, part)
@@ -197,7 +197,7 @@ class Scene:
         self.waited += not count
 
     def _around(self, cell: Cell) -> Rectangle:
-        """What the robot sees from a cell."""
+        """The robot's view from a cell."""
         radius = self._sight
         row, col = max(cell[0] - radius, 0), max(cell[1] - radius, 0)
         rows, cols = self.ground.true.shape

@@ -58,7 +58,7 @@ class SimulationSettings:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What came of a drive."""
+    """Outcome of a drive."""
 
     method: str
     start: Cell

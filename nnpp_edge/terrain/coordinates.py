@@ -174,7 +174,7 @@ def _lonlat_system(own: "CRS") -> "CRS":
 
 
 def _moved(points: Points, begin: "CRS", end: "CRS") -> Points:
-    """The same points in another system; InvalidQueryError where there is no way, or one has no place there."""
+    """These points in another system; InvalidQueryError where there is no way, or one has no place there."""
     try:
         transformer = _transformer(begin.to_wkt(), end.to_wkt())
     except _pyproj().exceptions.ProjError:

@@ -63,7 +63,7 @@ class Samples:
         return self.planes[self.map_index[at]].astype(np.float32) / 255.0, tuple(start), tuple(goal)
 
     def averaged(self, size: int) -> "Samples":
-        """The same on maps averaged to `size` cells a side, a whole part of theirs, or DataSetError."""
+        """These samples on maps averaged to `size` cells a side, a whole part of theirs, or DataSetError."""
         count, planes, side, _ = self.planes.shape
         if side % size:
             raise DataSetError(f"wanted maps of {size} cells a side or a multiple of that, got {side}")

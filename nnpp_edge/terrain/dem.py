@@ -55,7 +55,7 @@ class Dem(Place):
         return rows, cols
 
     def rescaled(self, cell_size_m: float) -> "Dem":
-        """The same terrain grown or shrunk to cells of `cell_size_m`: heights follow, so slopes stay.
+        """This terrain grown or shrunk to cells of `cell_size_m`: heights follow, so slopes stay.
 
         The georeference stays as it is: it still says where each cell lay on the map.
         """

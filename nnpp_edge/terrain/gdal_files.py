@@ -38,7 +38,7 @@ _VRT_ELEMENTS = re.compile(
 
 
 def openable(path: Path, allow_vrt: bool) -> tuple[Path, list[str]]:
-    """What GDAL is to open for an elevation map, and by which drivers.
+    """The name for GDAL to open for an elevation map, and by which drivers.
 
     For a PDS3 image with a detached label it is the label. TerrainError where GDAL would open what is no plain
     raster: a VRT that is not allowed, or not made of GeoTIFFs beside it; a label or a sidecar that leads elsewhere.

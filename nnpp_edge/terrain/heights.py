@@ -44,7 +44,7 @@ def metres(values: npt.NDArray[np.generic], scale: float, offset: float = 0.0) -
 
 
 def known_heights(elevation: Float2D) -> Float2D:
-    """The same array, with NaN for infinities and for heights beyond 1e9 m."""
+    """This array, with NaN for infinities and for heights beyond 1e9 m."""
     elevation[~(np.abs(elevation) < _FARTHEST_M)] = np.nan
     return elevation
 

@@ -20,7 +20,7 @@ EXCESS_STEP = 0.001
 
 @dataclass(frozen=True)
 class Label:
-    """What the exact search says of one query: its optimal path, and how much worse each block's best path is."""
+    """Labels of one query by the exact search: its optimal path, and how much worse each block's best path is."""
 
     start: Cell
     goal: Cell

@@ -1,4 +1,4 @@
-"""What can be reached from a place, as areas in map coordinates: GeoJSON, or a GeoPackage. By rasterio."""
+"""Areas within reach of a place, as areas in map coordinates: GeoJSON, or a GeoPackage. By rasterio."""
 
 import json
 import math
@@ -69,7 +69,7 @@ class Reach:
         return json.dumps({"type": "FeatureCollection", "features": found} | named_crs(self.dem)).encode()
 
     def geopackage(self) -> bytes:
-        """The same as a GeoPackage whose layer is `reach`; MissingExtraError where pyogrio is not installed."""
+        """These areas as a GeoPackage whose layer is `reach`; MissingExtraError where pyogrio is not installed."""
         layers = self._layers()
         shapes = [polygons_wkb([[np.array(r) for r in p] for p in self.polygons(level)]) for level, _ in layers]
         fields: dict[str, Sequence[object]] = {name: [p[name] for _, p in layers] for name in layers[0][1]}

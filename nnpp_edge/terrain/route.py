@@ -26,7 +26,7 @@ class Route:
     line: Line
     """(M, 2) row and column of what is driven, from start to goal: cells, or way points; M may be 0."""
     along: Along
-    """The same with every place between way points at which something is known."""
+    """This route with every place between way points at which something is known."""
     cost: NDArray[np.float32]
     """(N,) of the cell at each of these."""
     dem: Place

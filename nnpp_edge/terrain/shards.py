@@ -68,7 +68,7 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stripe: tuple[float, float] = (0.0, 1.0)
     """The part of each file that is used: from where to where on its longer side, as shares of it."""
     cell_size_m: float | None = None
-    """As for `read_dem`; so are the next two."""
+    """This and the next two: see `read_dem`."""
     vertical_scale: float | None = None
     allow_vrt: bool = False
 

@@ -1,4 +1,4 @@
-"""What a training run saves: settings, progress, weights; enough to go on and enough to export."""
+"""Checkpoints of a training run: settings, progress, weights; enough to go on and enough to export."""
 
 import io
 import json
@@ -74,7 +74,7 @@ class Checkpoint:
     the run whose weights this one began with), ``resumed_with_other_settings``, ``resumed_without_optimiser``."""
 
     def facts(self) -> dict[str, object]:
-        """What decided the weights, for a model's metadata."""
+        """Facts that decided the weights, for a model's metadata."""
         progress = self.progress
         done = {"steps": progress.step, "epochs": progress.epoch, "seconds": round(progress.spent_s, 1)}
         asked = {name: getattr(self.settings, name) for name in (*_DECIDING, "average_decay", "precision")}

@@ -219,7 +219,7 @@ class _Run:
         return row
 
     def checkpoint(self, *, small: bool) -> Checkpoint:
-        """What is saved; of a small one the running mean alone."""
+        """Content of a checkpoint; of a small one the running mean alone."""
         states = self.network.state_dict(), self.average.state_dict(), self.optimiser.state_dict()
         if small:
             mean = in_16_bits(self.average.state_dict())

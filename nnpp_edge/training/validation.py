@@ -90,7 +90,7 @@ class Validator:
         return self.judge_probabilities(self.probabilities(network), FACTORS)
 
     def judge_probabilities(self, probabilities: NDArray[np.float32], factors: Sequence[float]) -> list[Judgement]:
-        """The same for probabilities (Q, B, B) that were computed elsewhere, in the order of `index`."""
+        """As `judge`, for probabilities (Q, B, B) that were computed elsewhere, in the order of `index`."""
         rows, cols = self.lookup
         out = []
         for factor in factors:

@@ -1,4 +1,4 @@
-"""What the page is told: the site, a path with its figures and profile, methods side by side, a mended path."""
+"""Answers to the page: the site, a path with its figures and profile, methods side by side, a mended path."""
 
 import math
 
@@ -83,7 +83,7 @@ class Answerer:
 
 
 def opening(trial: Trial) -> Answer:
-    """What the page shows of the site, and the controls' first values."""
+    """The site as the page shows it, and the controls' first values."""
     site, asked = trial.site, trial.asked
     bodies = {}
     for name, body in site.bodies.items():
@@ -153,7 +153,7 @@ def compared_answer(method: str, compared: Compared, site: Site) -> Answer:
 
 
 def mended_answer(mended: Mended) -> Answer:
-    """What an obstacle did to the path before, and what two exact searches took."""
+    """Effect of an obstacle on the path before, and the work of two exact searches."""
 
     def took(plan: Plan) -> Answer:
         return {"status": str(plan.status), "ms": plan.timings_ms.get("total"), "expansions": plan.expansions}

@@ -1,4 +1,4 @@
-"""What a tab asks: ends, method, limits, step cost, vehicle, and the obstacles that were painted."""
+"""A tab's question: ends, method, limits, step cost, vehicle, and the obstacles that were painted."""
 
 import math
 from dataclasses import replace
@@ -95,7 +95,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         return {name: value for name, value in named.items() if value is not None} if body.has_body else {}
 
     def ground(self, site: Site) -> Ground:
-        """What is planned on, but for obstacles."""
+        """Choices that decide the map, but for obstacles."""
         dem = site.dem
         return Ground.of_elevation(
             dem.elevation,
@@ -114,7 +114,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 def changed(asked: Asked, values: dict[str, object]) -> Asked:
-    """What is asked, with other values by their names; InvalidQueryError for what is no such value."""
+    """The question with other values by their names; InvalidQueryError for what is no such value."""
     try:
         new = msgspec.convert({**msgspec.structs.asdict(asked), **values}, Asked)
     except msgspec.ValidationError as error:

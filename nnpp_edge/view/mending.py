@@ -1,4 +1,4 @@
-"""What mending the search around an obstacle takes, beside a search afresh."""
+"""Work of mending the search around an obstacle, beside a search afresh."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ _LOADED: set[tuple[bool, bool]] = set()
 
 @dataclass(frozen=True)
 class Mended:
-    """What became of the path before, and the two exact searches after it."""
+    """The path before an obstacle, and the two exact searches after it."""
 
     footing: str
     """How the path before stands now: a word of `Footing`, or nothing where there was none."""

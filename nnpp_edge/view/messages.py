@@ -1,4 +1,4 @@
-"""What the page asks over its WebSocket. JSON, told apart by `type`."""
+"""Messages of the page over its WebSocket. JSON, told apart by `type`."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 
 
 class _Message(msgspec.Struct, frozen=True, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """What all of them hold."""
+    """Common fields of all."""
 
     number: int = 0
     """Of the question, which its answer repeats."""
@@ -54,7 +54,7 @@ class Paint(_Message, frozen=True, tag="paint"):
 
 
 class Mend(_Message, frozen=True, tag="mend"):
-    """What mending the path around the newest obstacles takes."""
+    """Question for the work of mending the path around the newest obstacles."""
 
 
 class Undo(_Message, frozen=True, tag="undo"):

@@ -78,7 +78,7 @@ def serve(app: ASGIApp, listening: socket.socket) -> None:
 
 
 def server_of(app: ASGIApp) -> uvicorn.Server:
-    """What `serve` runs."""
+    """The coroutine of `serve`."""
     config = uvicorn.Config(
         app,
         log_config=None,
@@ -161,7 +161,7 @@ async def _converse(websocket: WebSocket, make_trial: Callable[[], Trial]) -> No
 
 
 async def _in_thread(work: Callable[[], Result]) -> Result:
-    """What `work` returns, done in a thread that neither a tab that closes nor the server's end waits for."""
+    """Result of `work`, done in a thread that neither a tab that closes nor the server's end waits for."""
     loop = asyncio.get_running_loop()
     done: asyncio.Future[Result] = loop.create_future()
 

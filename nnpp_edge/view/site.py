@@ -27,7 +27,7 @@ class Reading:
 
     @property
     def options(self) -> list[str]:
-        """The same as words of `nnpp-edge plan`."""
+        """As words of `nnpp-edge plan`."""
         named = (
             ("--cell-size", self.cell_size),
             ("--vertical-scale", self.vertical_scale),
@@ -38,7 +38,7 @@ class Reading:
 
     @property
     def code(self) -> str:
-        """The same in Python."""
+        """In Python."""
         named = ("cell_size_m", self.cell_size), ("vertical_scale", self.vertical_scale)
         given = [f"{name}={value:.10g}" for name, value in named if value is not None]
         given += ["allow_vrt=True"] if self.allow_vrt else []

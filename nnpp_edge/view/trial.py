@@ -37,7 +37,7 @@ class Compared:
 
 
 class Trial:
-    """What one tab asks of the site, and the answers. Serves one thread at a time.
+    """One tab's questions to the site, and the answers. Serves one thread at a time.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class Trial:
         self._put((*self.asked.obstacles, clipped), clipped)
 
     def mend(self) -> Mended:
-        """What mending the path takes for the obstacles that came or went since the last time, else for the last."""
+        """Work of mending the path for the obstacles that came or went since the last time, else for the last."""
         obstacles, landscape = self.asked.obstacles, self.landscape
         mending = self._mending
         if mending is None or mending.goal != self.asked.goal:

@@ -1,4 +1,4 @@
-"""What a tab asks as a command and as Python, to be run elsewhere."""
+"""A tab's question as a command and as Python, to be run elsewhere."""
 
 import shlex
 from dataclasses import asdict

@@ -37,7 +37,7 @@ _LIGHT = (315.0, 45.0)
 
 
 class BodyDrawing(NamedTuple):
-    """What a picture shows of a vehicle."""
+    """A vehicle in a picture."""
 
     outlines: Sequence[NDArray[np.float64]]
     """Of the body along the path, rows and columns; from `body_outlines`."""
@@ -235,7 +235,7 @@ def save_picture(path: Path, picture: Picture) -> None:
 
 
 def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:
-    """What the legend says about the plan."""
+    """Lines of the legend about the plan."""
     yield plan.method if plan.source is None else f"{plan.method} ({plan.source})"
     if not plan.ok:
         yield str(plan.status)

@@ -1,4 +1,4 @@
-"""What can be reached, as bands of colour on the map. With OpenCV alone."""
+"""Bands of colour on the map by what it costs to get there. With OpenCV alone."""
 
 import math
 from collections.abc import Sequence

@@ -46,7 +46,7 @@ save_error: OSError | None = None
 
 
 class KernelCache(_Cache):
-    """What numba asks for the compiled versions of `function`, and hands new ones to.
+    """The store that numba asks for the compiled versions of `function`, and hands new ones to.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What lines cost that lead anywhere on the map: the line integral, the check of a leg, way points left out.
+"""Costs of lines that lead anywhere on the map: the line integral, the check of a leg, way points left out.
 
 See `planners.refine`, and `kernels.stations` for how lines are found.
 
@@ -43,7 +43,7 @@ _ROUNDING = 1.0 - 1e-7
 
 @helper
 def ground_of(grid, room):
-    """What the kernels below go by: (weights, stride, cost of a cell's length, what a weight adds, cutting, room)."""
+    """Constants of the kernels below: (weights, stride, cost of a cell's length, what a weight adds, cutting, room)."""
     weights, stride, steps, corner_cutting, _ = grid
     costs, rows, cols, ceiling, radius, height, width = room
     around = borrowed(costs), rows, cols, ceiling, radius, height, width

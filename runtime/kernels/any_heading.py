@@ -37,7 +37,7 @@ _INSIDE = 1e-9
 
 @helper
 def under_body(body):
-    """What the check reads, references to which are not counted: as a call with `body` would, for every pose."""
+    """All that the check reads, references to which are not counted: as a call with `body` would, for every pose."""
     poses, wheels, sizes = body
     source = poses[2]
     shape = source[8]

@@ -59,7 +59,7 @@ def _price_by_time(values, length, rises, costs):
 
 @helper
 def price_ways(model, values, length, rises, costs):
-    """What ways of one length with these rises cost by a model, as `SlopeCost.cost`, into `costs`.
+    """Costs of ways of one length with these rises by a model, as `SlopeCost.cost`, into `costs`.
 
     A model is its number and its values, as its ``packed`` has them.
     """

@@ -1,4 +1,4 @@
-"""What the network is shown: area averages of the map, and where start and goal lie. See `network.encoding`."""
+"""Inputs of the network: area averages of the map, and where start and goal lie. See `network.encoding`."""
 
 import math
 
@@ -110,7 +110,7 @@ def _between(out, row_a, col_a, row_b, col_b, spacing):
 
 @kernel
 def fill_ends(out, row_a, col_a, row_b, col_b, spacing, sigma):
-    """What `encode_ends` writes, for other kernels to call."""
+    """As `encode_ends`, for other kernels to call."""
     _end(out[:END_CHANNELS], row_a, col_a, spacing, sigma)
     _end(out[END_CHANNELS : 2 * END_CHANNELS], row_b, col_b, spacing, sigma)
     _between(out[2 * END_CHANNELS :], row_a, col_a, row_b, col_b, spacing)

@@ -59,7 +59,7 @@ def put_run(array, at, run):
 
 
 def in_all(number):
-    """The same float32 number in all lanes."""
+    """One float32 number in all lanes."""
     return np.full(LANES, number, np.float32)
 
 

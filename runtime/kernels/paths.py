@@ -41,7 +41,7 @@ def remember(nodes, old_weights, before, noted, stamp, touched, count):
 
 @kernel
 def savings(weights, before, touched, count, stride, at, goal, prices):
-    """What the nodes that became cheaper save, and the least octile distances by way of one of them.
+    """Savings of the nodes that became cheaper, and the least octile distances by way of one of them.
 
     The sum of the weights saved by those that were passable; the least distance by way of these; and by way of those
     that were not.

@@ -1,4 +1,4 @@
-"""What the poses of the grid weigh between cells and headings. See `kernels.any_heading`."""
+"""Weights of the grid's poses between cells and headings. See `kernels.any_heading`."""
 
 import numpy as np
 

@@ -26,7 +26,7 @@ from nnpp_edge.runtime.kernels.any_angle import (
 from nnpp_edge.runtime.kernels.clock import late
 
 BLOCKED = 1e200
-"""What impassable places weigh where sums of weights may have factors of 0: more than any sum of others."""
+"""Weight of impassable places where sums of weights may have factors of 0: more than any sum of others."""
 LAST_STEP = 0.1
 """Cells by which the way points that are left may move in the end."""
 SPACING, STEP, HALF, SLOPE, SAMPLES, KEEPS = 0, 1, 2, 3, 4, 5

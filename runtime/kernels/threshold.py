@@ -184,7 +184,7 @@ def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, sta
 
 @kernel
 def first_regions(probability, lookup, grid, links, ends, rule, scratch, search, marks, until):
-    """What a plan needs of a network's answer, in one call: td, and the blocks at it and at a share of it.
+    """All that a plan needs of a network's answer, in one call: td, and the blocks at it and at a share of it.
 
     Parameters
     ----------

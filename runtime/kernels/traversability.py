@@ -110,7 +110,7 @@ def _of_plane(a, b, variance, own):
 
 @helper
 def _whole_plane(top, middle, bottom, over_dx, over_dy):
-    """The same of a cell all of whose patch is known, three rows of three; not finite where it is not.
+    """Terms of a cell all of whose patch is known, three rows of three; not finite where it is not.
 
     `over_dx` and `over_dy` are 1 / (6 dx) and 1 / (6 dy). Each column's sum, difference of its ends and curvature
     (top - 2 middle + bottom), and then the same three of those along the row.
@@ -134,7 +134,7 @@ def _whole_plane(top, middle, bottom, over_dx, over_dy):
 
 @helper
 def _side_plane(side, beside, over_along, over_across):
-    """The same of a cell at a side of the map, of whose patch there are the three cells of the side and three beside.
+    """Terms of a cell at a side of the map, of whose patch there are the three cells of the side and three beside.
 
     `over_along` and `over_across` are 1 / (4 d) and 1 / (3 d) of the distances of cells along the side and across it.
     Each pair's sum and rise, and of those along the side their mean, difference of the ends and curvature.
@@ -151,7 +151,7 @@ def _side_plane(side, beside, over_along, over_across):
 
 @helper
 def _constants(rule):
-    """What cells need of a rule, in float32: inverse limits, weights, hard limits, scale, and inverse distances.
+    """Constants of a rule, in float32: inverse limits, weights, hard limits, scale, and inverse distances.
 
     These are as `_whole_plane` takes them, then as `_side_plane` does along a row and along a column.
     """
@@ -226,7 +226,7 @@ def _weight(heights, rows, cols, row, col, rule):
 
 @helper
 def _border_weight(heights, rows, cols, row, col, rule, constants):
-    """The same of a cell at the border, sooner done where its patch has no hole."""
+    """Weight of a cell at the border, sooner done where its patch has no hole."""
     at = row * cols + col
     if 0 < col < cols - 1 and rows > 1:
         along, across, over = 1, cols if row == 0 else -cols, constants[4][1]

@@ -30,7 +30,7 @@ class InProcessSource:
         return not self._mailbox.put(message, when_full="refuse")
 
     def poll(self) -> Iterator[Input]:
-        """What has come since the last call."""
+        """Inputs since the last call."""
         return self._mailbox.read()
 
 

@@ -45,7 +45,7 @@ class NavigatorSettings:
     tolerance: float = 0.02
     """Share; the standing path is kept while it can cost at most this much more than a new plan."""
     refine: str | None = None
-    """As for `DynamicPlanner`: whether answers come with way points too."""
+    """Whether answers come with way points too."""
     snap_radius: int = 3
     """Cells; if the robot stands in an impassable cell, its path may start at most this far away."""
     approach: bool = False
@@ -74,7 +74,7 @@ class Failure(NamedTuple):
 
 @dataclass
 class Tick:
-    """What a tick has to answer, and what has failed so far."""
+    """A tick's question, and what has failed so far."""
 
     number: int
     clock: Callable[[], float]
@@ -90,7 +90,7 @@ class Tick:
     """The standing path, while it is valid."""
     failures: list[Failure] = field(default_factory=list)
     spans: list[Span] = field(default_factory=list)
-    """What has run so far, by the clock."""
+    """Times of what has run so far."""
 
     def __post_init__(self) -> None:
         self._started = self.clock()

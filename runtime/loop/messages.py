@@ -1,4 +1,4 @@
-"""What goes into the onboard loop and what comes out of it."""
+"""Inputs and outputs of the onboard loop."""
 
 import math
 from dataclasses import asdict, dataclass, field
@@ -199,7 +199,7 @@ CountBy = dict[str, int]
 
 @dataclass(frozen=True)
 class Counters:
-    """What a loop has done since it started; each count says what it counts, and what by, for metrics too."""
+    """Counts of a loop since it started; each count says what it counts, and what by, for metrics too."""
 
     ticks: Annotated[int, "Ticks of the loop."] = 0
     planned: Annotated[int, "Ticks that planned a new path."] = 0

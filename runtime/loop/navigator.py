@@ -79,7 +79,7 @@ class Navigator:
         self.model: str | Path | NetworkModel = self.settings.model
         """The network, or its name or file; `reload` replaces it at the next tick."""
         self.spans: list[Span] = []
-        """What the last tick did, and when. It belongs to the thread that calls `tick`."""
+        """Actions of the last tick, and when. It belongs to the thread that calls `tick`."""
         self._clock = clock
         self._inbox = threading.Lock()
         self._pose: Pose | None = None
@@ -137,7 +137,7 @@ class Navigator:
             self._errors[place] += 1
 
     def counters(self) -> Counters:
-        """What was done so far; what only the loop knows is 0."""
+        """Counts so far; of what only the loop knows 0."""
         with self._inbox:
             return Counters(
                 ticks=self._ticks,

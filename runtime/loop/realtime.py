@@ -1,4 +1,4 @@
-"""What the loop needs of the operating system: cores, priority, signals, an interruptible sleep, memory in use."""
+"""Services of the operating system to the loop: cores, priority, signals, an interruptible sleep, memory in use."""
 
 import logging
 import os

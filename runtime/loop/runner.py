@@ -37,7 +37,7 @@ class InputSource(Protocol):
     """Where inputs come from."""
 
     def poll(self) -> Iterable[Input]:
-        """What has come since the last call. It must not wait. An iterable that is not read to its end is read on in
+        """Inputs since the last call. It must not wait. An iterable that is not read to its end is read on in
         the next tick."""
 
 
@@ -155,7 +155,7 @@ class Loop:
             self._collect(done)
 
     def counters(self) -> Counters:
-        """What the loop has done so far; from any thread."""
+        """Counts so far; from any thread."""
         histogram = self._histogram
         return replace(
             self.navigator.counters(),

@@ -13,7 +13,7 @@ from nnpp_edge.runtime.loop.messages import Output
 T = TypeVar("T")
 _LOG = logging.getLogger(__name__)
 _CALM_S = 10.0
-"""What has failed counts as working again once it has worked for so long."""
+"""Seconds of work after which what has failed counts as working again."""
 _LOOK_EVERY_S = 0.1
 
 

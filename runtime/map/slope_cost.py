@@ -1,4 +1,4 @@
-"""What a way up or down costs: time or energy of a length on the map and a signed rise.
+"""Costs of a way up or down: time or energy of a length on the map and a signed rise.
 
 All models are functions of a way's length on the map and of what it rises, metres; a rise below 0 is a descent.
 They price the slope alone: whether a cell can be stood on is decided by the traversability (or a body's poses).
@@ -46,7 +46,7 @@ class SlopeCost(Protocol):
 
     @property
     def height_price(self) -> float:
-        """What a metre of height is worth to searches, which go by cost(length, rise) - height_price · rise.
+        """Worth of a metre of height to searches, which go by cost(length, rise) - height_price · rise.
 
         A path's cost is the sum of these and the price of the height between its ends, whichever way it goes: which
         path is the cheapest does not depend on it. With a good price the cheapest metre costs nearly what a level one
@@ -159,7 +159,7 @@ class LinearCost:
 
     @property
     def height_price(self) -> float:
-        """What a gentle descent saves, but no more than an ascent takes."""
+        """Savings of a gentle descent, but no more than an ascent takes."""
         return min(max(-self.down_per_m, 0.0), self.up_per_m)
 
     @property
@@ -414,7 +414,7 @@ class Mobility:
     irmischer: IrmischerCost = field(default_factory=IrmischerCost)
 
     def under(self, gravity_m_s2: float) -> "Mobility":
-        """The same under another gravity, on which energy depends."""
+        """This model under another gravity, on which energy depends."""
         return self if self.energy is None else replace(self, energy=replace(self.energy, gravity_m_s2=gravity_m_s2))
 
     def model(self, step_cost: str) -> SlopeCost:

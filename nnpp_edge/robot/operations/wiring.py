@@ -1,4 +1,4 @@
-"""What the onboard loop is connected to: input, outputs and observers, as options name them."""
+"""Connections of the onboard loop: input, outputs and observers, as options name them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +10,7 @@ STDIN, REPLAY, ZENOH, STDOUT, NONE = "stdin", "replay", "zenoh", "stdout", "none
 
 @dataclass(frozen=True)
 class Wiring:
-    """What the loop is connected to.
+    """Connections of the loop.
 
     Raises
     ------

@@ -20,7 +20,7 @@ class MailboxSource:
         """Why nothing more can be read; empty while all is well."""
 
     def poll(self) -> Iterator[Input]:
-        """What has come since the last call."""
+        """Inputs since the last call."""
         return self._mailbox.read()
 
     @property

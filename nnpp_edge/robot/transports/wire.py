@@ -53,7 +53,7 @@ class Fault:
 
 
 class Record(msgspec.Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """What all inputs have on the wire."""
+    """Common fields of inputs on the wire."""
 
     v: Literal[1] = 1
     row: _Place
@@ -142,7 +142,7 @@ def decode_output(payload: bytes, limit: int = LIMIT_BYTES) -> Output | Fault:
 
 
 def decoded(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int = LIMIT_BYTES) -> T:
-    """What a decoder makes of a message; a WireError that says what was wanted, and what came instead."""
+    """A decoder's result for a message; a WireError that says what was wanted, and what came instead."""
     if len(payload) > limit:
         raise WireError(f"wanted a message of at most {limit} bytes, got {len(payload)}")
     try:
