@@ -10,6 +10,7 @@ Data: moon_highlands, LROC WAC GLD100, public domain (nnpp_edge/terrain/samples/
 were 20 m.
 """
 
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,10 +35,14 @@ def main(folder: Path, small: bool = False) -> Path:
     start, goal = random_drive(ground, seed=3)
     film = Film()
 
-    def sinks(state: MapState) -> list[RerunSink]:
-        return [RerunSink(folder / "drive.rrd", state=state, map_every_s=0.02)]
+    with ExitStack() as opened:
 
-    drive = simulate(ground, start, goal, SimulationSettings(seed=3), make_sinks=sinks, watch=film)
+        def sinks(state: MapState) -> list[RerunSink]:
+            recorded = RerunSink(folder / "drive.rrd", state=state, map_every_s=0.02)
+            opened.callback(recorded.close)
+            return [recorded]
+
+        drive = simulate(ground, start, goal, SimulationSettings(seed=3), make_sinks=sinks, watch=film)
 
     print(
         f"{'reached' if drive.reached else 'not reached'} after {drive.counters.ticks} ticks: "

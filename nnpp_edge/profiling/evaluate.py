@@ -42,14 +42,17 @@ def evaluate(
     harness: Harness | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> dict[str, Figures]:
-    """Have every planner, exact A* among them, answer the same queries.
+    """Have every planner, exact A* among them, answer the same queries: a row of figures for each planner's key, in
+    order.
 
     Queries that exact A* finds no path for are passed over; `queries` others are judged by, fewer if the cases run
-    out. Each planner answers each of them `repeats` times, in turn with the others; its median time counts.
-    `progress` is called with the number of queries that are done.
+    out. Each planner answers each of them `repeats` times, in turn with the others; its median time counts: the whole
+    call, encoding, inference, threshold, searches, path, and every widening and fallback. What depends on the map
+    alone is made before the clock starts. `progress` is called with the number of queries that are done.
 
     With `fresh_map` each also answers every query on a map that has just arrived, lazily and eagerly, in the same
-    turns: a planner is made of the elevations for each call, all of it on the clock.
+    turns: a planner is made of the elevations for each call, all of it on the clock. A row that ends in ``-eager``
+    follows.
 
     On the maps of a vehicle every answer is that of a planner which has not checked any pose before, and which is
     made of the elevations for it: its time is the plan's own, and from the elevations on it is given as of a fresh
@@ -57,23 +60,8 @@ def evaluate(
     which it answers one after the other: a query's time is the mean of theirs, what the first one prepares included.
     `queries` is rounded up to whole groups of them.
 
-    Returns
-    -------
-    dict
-        A row of figures for each planner's key, in order. With `fresh_map` a row that ends in ``-eager`` follows
-        each: the figures of a standing map are the same in both, as there all costs have been computed.
-
-    Raises
-    ------
-    InvalidQueryError
-        A case without elevations where they are needed, or 50 maps in a row without a path (or without as many as
-        are to share a planner), or several queries to a planner without a vehicle.
-
-    Notes
-    -----
-    A query's time is the whole call: encoding, inference, threshold, searches, path, and every widening and
-    fallback. What depends on the map alone (weights, pyramid, the network's view of the map) is made when
-    the map is set, before the clock starts, for all planners alike.
+    InvalidQueryError for a case without elevations where they are needed, 50 maps in a row without a path (or without
+    as many as are to share a planner), or several queries to a planner without a vehicle.
     """
     exercise()
     harness, counts = harness or Harness(), _Counts(rivals)

@@ -30,18 +30,12 @@ class SurveyedGround:
 
     @classmethod
     def of(cls, ground: Ground, block: int, bare: Float2D | None = None) -> "SurveyedGround":
-        """Of heights; the survey has them blurred by a Gaussian of half a `block` of cells (1 knows all).
+        """Of a ground; the survey has its heights blurred by a Gaussian of half a `block` of cells (1 knows all).
 
         Of ground with rocks the survey has the `bare` heights. To a body, the edge of what it has seen of ground that
         was much blurred is a step, and may shut it in. Points and discs whose steps do not cost by the slope drive by
-        costs.
-
-        Raises
-        ------
-        InvalidQueryError
-            `block` is less than 1, or no cell's height is known.
-        InvalidMapError
-            The vehicle is a disc, and steps cost by the slope.
+        costs. InvalidQueryError where `block` is less than 1, or no cell's height is known; InvalidMapError for a
+        disc whose steps cost by the slope.
         """
         if block < 1:
             raise InvalidQueryError(f"the survey's blocks must be of at least 1 cell, got {block}")
@@ -80,24 +74,11 @@ class SurveyedGround:
 class Scene:
     """The ground, what the robot has been told of it, and the robot; an `InputSource` that advances at each poll.
 
-    At a poll the robot walks on along the newest path as far as that is free, obstacles change, and the robot
-    sees the true cost of the cells around it. Obstacles are told at once, wherever they are.
-
-    Parameters
-    ----------
-    start, goal : (row, col)
-        Cells that are truly passable. Around both the true costs are known from the beginning.
-    sight : int
-        Cells that the robot sees to each side, beyond those under its body; at least 1.
-    speed : int
-        Cells that it walks between two polls, at least 1.
-    changes : int
-        Events of obstacles between two polls.
-
-    Raises
-    ------
-    InvalidQueryError
-        Start or goal is outside the map or truly impassable, or a number is out of range.
+    At a poll the robot walks on, `speed` cells along the newest path, as far as that is free, obstacles change
+    (`changes` events), and the robot sees the true cost of the cells around it, `sight` to each side beyond those
+    under its body, at least 1. Obstacles are told at once, wherever they are. InvalidQueryError where start or goal,
+    around which the true costs are known from the beginning, is outside the map or truly impassable, or a number is
+    out of range.
     """
 
     def __init__(

@@ -116,21 +116,11 @@ def simulate(
     make_sinks: Callable[[MapState], Sequence[Sink]] = lambda state: (),
     watch: Watch = lambda scene, message: None,
 ) -> Drive:
-    """Drive from start to goal.
+    """Drive from start to goal over ground whose truth decides, and whose survey is the robot's first map.
 
-    Parameters
-    ----------
-    ground : SurveyedGround
-        What is true decides where the robot can go and what it sees; what was surveyed is its first map.
-    make_sinks : callable
-        Makes the sinks of the answers, given the loop's map. Sinks with a method `record` get the inputs too.
-    watch : callable
-        Called after every tick, with the scene and the answer, in the loop's thread.
-
-    Raises
-    ------
-    InvalidQueryError
-        Start or goal is impassable or outside, or no path connects them even without obstacles.
+    `make_sinks` makes the sinks of the answers, given the loop's map; those with a method `record` get the inputs
+    too. `watch` is called after every tick, with the scene and the answer, in the loop's thread. InvalidQueryError
+    where start or goal is impassable or outside, or no path connects them even without obstacles.
     """
     settings = settings or SimulationSettings()
     rng = np.random.default_rng([settings.seed, 2])

@@ -39,19 +39,8 @@ class Compared:
 class Trial:
     """One tab's questions to the site, and the answers. Serves one thread at a time.
 
-    Parameters
-    ----------
-    site : Site
-        Shared with other tabs, and never changed.
-    asked : Asked
-        The first question.
-    landscape : Landscape
-        What it is asked of, where that is there already.
-
-    Raises
-    ------
-    NnppEdgeError
-        As for `Landscape`. Later questions raise it too, and leave everything as it was.
+    The site is shared with other tabs, and never changed; `landscape` is that of the first question, where it is
+    there already. NnppEdgeError as of `Landscape`; later questions raise it too, and leave everything as it was.
     """
 
     def __init__(self, site: Site, asked: Asked, landscape: Landscape | None = None) -> None:

@@ -103,23 +103,15 @@ def plan_picture(
     Parameters
     ----------
     cost : (H, W) float32
-        Traversability cost.
+        Traversability cost; `shade`, (H, W) uint8 from `hillshade`, is drawn in its place.
     plan : Plan
-        Made with its regions, if they are to be drawn.
-    start, goal : (row, col)
-        By default the ends of the path.
+        Made with its regions, if they are to be drawn. Start and goal are by default the ends of its path.
     via : sequence of (row, col)
         Places between, in the order in which they are visited.
-    shade : (H, W) uint8
-        Drawn in place of the cost; from `hillshade`.
     reference_path : (N, 2) int
         The exact optimum, drawn dashed.
-    cell_size_m : float
-        Side of a cell, for the scale.
-    length_m : float
-        Length of the path; without it the legend gives it in cells.
-    body : BodyDrawing
-        Of a vehicle.
+    cell_size_m, length_m : float
+        For the scale and the legend; without a length it gives that in cells.
     """
     regions = [
         (region, strength, words)

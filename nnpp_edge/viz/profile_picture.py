@@ -22,20 +22,10 @@ _STOP = "#1e1e1e"
 def profile_picture(
     path: Path, along: Along, cost: NDArray[np.float32], title: str = "", stops: Sequence[int] = ()
 ) -> bytes:
-    """A picture in the format that `path` ends with; it says so where there is no way or no height to draw.
+    """A picture in the format that `path` ends with, one of `ENDINGS`; it says so where there is no way or height to
+    draw.
 
-    Parameters
-    ----------
-    path : Path
-        Names the format, one of `ENDINGS`.
-    along : Along
-        The way.
-    cost : (N,) float32
-        Traversability cost at each of its points.
-    title : str
-        Above the picture.
-    stops : sequence of int
-        Numbers of the points at which the way stops.
+    `cost` is (N,) float32 at each point of the way; `stops` are numbers of the points at which it stops.
     """
     from matplotlib.figure import Figure
 

@@ -27,20 +27,9 @@ def reach_picture(
 ) -> Picture:
     """Bands of what can be reached at what cost, the nearest first, on the cost or the relief.
 
-    Parameters
-    ----------
-    cost : (H, W) float32
-        Traversability cost.
-    field : (H, W) float32
-        Cost of getting to each cell; inf where that is not possible.
-    levels : sequence of (float, str)
-        Where each band ends, ascending, and what the legend says of it (ASCII).
-    start : (row, col)
-        From where.
-    shade : (H, W) uint8
-        Drawn in place of the cost; from `hillshade`.
-    cell_size_m : float
-        Side of a cell, for the scale.
+    `field` is (H, W) float32, the cost of getting to each cell, inf where that is not possible; `levels` say where
+    each band ends, ascending, and what the legend says of it (ASCII); `shade`, (H, W) uint8 from `hillshade`, is
+    drawn in place of the cost.
     """
     passable = cost < 1.0
     ground = cost_picture(cost) if shade is None else with_obstacles(shade, passable)

@@ -43,7 +43,7 @@ _ROUNDING = 1.0 - 1e-7
 
 @helper
 def ground_of(grid, room):
-    """Constants of the kernels below: (weights, stride, cost of a cell's length, what a weight adds, cutting, room)."""
+    """Constants of the kernels below: (weights, stride, a cell's length, what a weight adds, cutting, room)."""
     weights, stride, steps, corner_cutting, _ = grid
     costs, rows, cols, ceiling, radius, height, width = room
     around = borrowed(costs), rows, cols, ceiling, radius, height, width

@@ -20,15 +20,13 @@ def place_towards(
     margin: int,
     present: Cell | None = None,
 ) -> Cell:
-    """A cell that can be reached, on the way to a goal that perhaps cannot.
+    """A cell that can be reached, on the way to a goal that perhaps cannot; the goal itself, if it can.
 
     It lies at the edge of the unknown ground that may lead to the goal: where the way is shortest, if that ground
     could be crossed in a straight line. Where no such cell can be reached, it is the cell nearest to the goal.
 
     Parameters
     ----------
-    goal, start : (row, col)
-        Cells of the map.
     costs : (H, W) float32
         Of the cheapest path from the start to each cell; inf where there is none.
     beyond : (H, W) bool
@@ -39,11 +37,6 @@ def place_towards(
         Cells to unknown ground from which it counts as near: as near as a body can come to it.
     present : (row, col)
         An earlier answer. It is given again where it still serves and no other is better by 5 cells.
-
-    Returns
-    -------
-    (row, col)
-        The goal itself, if it can be reached.
     """
     reached = np.isfinite(costs)
     if reached[goal]:

@@ -61,10 +61,8 @@ class Navigator:
 
     Raises
     ------
-    ModelError
-        The method needs a network, and the model cannot be loaded.
-    InvalidMapError, InvalidQueryError
-        As for `DynamicPlanner`.
+    ModelError, InvalidMapError, InvalidQueryError
+        The method needs a network that cannot be loaded; or as `DynamicPlanner`.
     """
 
     @checked(InvalidQueryError)

@@ -32,15 +32,10 @@ class Waiting(NamedTuple):
 
 
 class Patches:
-    """Patches in the order in which they came. Any thread may call any method.
+    """Patches for a map in the order in which they came. Any thread may call any method.
 
     Where so many wait that they have more cells than the map, those of a layer are made one: so they hold no more
     memory than a map or two.
-
-    Parameters
-    ----------
-    state : MapState
-        The map that they are for.
     """
 
     def __init__(self, state: MapState) -> None:

@@ -76,28 +76,10 @@ class MetricsFile:
 class MetricsServer(Closing):
     """Serves ``/metrics`` for Prometheus and ``/health`` for supervisors, from threads of its own.
 
-    Health is 200 while the loop ticks, and 503 if it has not ticked for `stale_s` seconds or its counters cannot be
-    read.
-
-    Parameters
-    ----------
-    port : int
-        0 for any free one; see `port`.
-    snapshot : callable
-        Gives the newest counters (`Loop.counters`); called from other threads, at each request.
-    host : str
-        Address to listen at; by default only this machine can connect.
-    stale_s : float
-        Longer than the loop's period.
-    clock : callable
-        Monotonic seconds.
-
-    Raises
-    ------
-    InvalidQueryError
-        The address cannot be listened at.
-    MissingExtraError
-        `prometheus-client` is not installed.
+    Health is 200 while the loop ticks, and 503 if it has not ticked for `stale_s` seconds, which are longer than its
+    period, or its counters cannot be read. `snapshot` gives the newest counters (`Loop.counters`) at each request. By
+    default only this machine can connect; port 0 is any free one, see `port`. InvalidQueryError where the address
+    cannot be listened at, MissingExtraError without `prometheus-client`.
     """
 
     def __init__(

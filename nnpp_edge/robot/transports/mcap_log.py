@@ -73,24 +73,13 @@ class McapLog(Closing):
     Parameters
     ----------
     path : Path
-        ``.mcap``; a file of that name is replaced.
+        ``.mcap``; a file of that name is replaced. OutputError if it cannot be begun.
     limit_mb : float
         Most megabytes on disk, not counting a second's messages; inf for no limit. A file of half that size is
         finished and renamed to ``NAME.1.mcap``, in place of an earlier one, and a new file is begun: the newest
-        messages are kept.
+        messages are kept. InvalidQueryError below 0.1, or below four bytes for each cell of the map.
     state : MapState
-        The loop's map (`Navigator.map`), which is written.
-    cell_size_m : float
-        Side of a cell; 1 shows the map in cells.
-
-    Raises
-    ------
-    MissingExtraError
-        ``mcap`` is not installed.
-    OutputError
-        The file cannot be begun.
-    InvalidQueryError
-        The limit is too small: below 0.1, or below four bytes for each cell of the map.
+        The loop's map (`Navigator.map`), which is written; `cell_size_m` of 1 shows it in cells.
     """
 
     name = "mcap"

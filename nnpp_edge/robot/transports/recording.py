@@ -65,23 +65,11 @@ class ReplayError(InvalidQueryError):
 
 
 class ReplaySource:
-    """Plays a recording. It is read once at the beginning, so that errors in it are raised then.
+    """Plays a recording. It is read once at the beginning, so that errors in it are raised then (ReplayError).
 
-    Parameters
-    ----------
-    path : Path
-        The recording. A last line that was cut off, as by a crash, is left out.
-    shape : (int, int)
-        Of the map that it is played on, to check that it was recorded on such a map; None for no check.
-    fast : bool
-        Give the inputs of one recorded tick with each call, instead of keeping the recorded pace.
-    clock : callable
-        Monotonic seconds.
-
-    Raises
-    ------
-    ReplayError
-        It cannot be read, a line is no input, times go back, or it was recorded on a map of another size.
+    A last line that was cut off, as by a crash, is left out. It must have been recorded on a map of this `shape`,
+    where one is given. `fast` gives the inputs of one recorded tick with each call, instead of keeping the recorded
+    pace.
     """
 
     def __init__(
@@ -217,18 +205,10 @@ class EndingSource(Protocol):
 class RecordedSource(Closing):
     """Passes on the inputs of another source, and records them in a thread of its own.
 
-    If 4096 inputs or 16 million cells wait to be recorded, the next are left out and counted, unless `wait` has the
-    loop wait for its recorders.
-
-    Parameters
-    ----------
-    recorders : sequence of callables
-        Called with an input, and the seconds from the first call of `poll` to the one that gave the input.
-    count_error : callable
-        Called with ``record`` for each input that a recorder failed on, or that was left out. The first failure of a
-        recorder is logged.
-    wait : bool
-        Wait for the recorders rather than leave inputs out: for replays.
+    Recorders are called with an input, and the seconds from the first call of `poll` to the one that gave the input.
+    If 4096 inputs or 16 million cells wait to be recorded, the next are left out, unless `wait` has the loop wait for
+    its recorders, for replays. `count_error` is called with ``record`` for each input that a recorder failed on, or
+    that was left out. The first failure of a recorder is logged.
     """
 
     def __init__(

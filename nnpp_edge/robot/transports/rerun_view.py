@@ -31,21 +31,14 @@ class RerunSink(Closing):
         Write a recording (``.rrd``) there; a file of that name is replaced.
     address : str
         Show it in a viewer that listens there (``rerun+http://HOST:9876/proxy``). Without a path and an address, a
-        viewer is started on this machine.
+        viewer is started on this machine; with both InvalidQueryError.
     state : MapState
-        The loop's map (`Navigator.map`), which is shown, again when it has changed, but not more often than
-        `map_every_s`.
-    map_every_s : float
-        Seconds.
+        The loop's map (`Navigator.map`), shown again when it has changed, but at most every `map_every_s` seconds.
 
     Raises
     ------
-    MissingExtraError
-        rerun is not installed.
-    OutputError
-        The recording cannot be begun, or no viewer can be started.
-    InvalidQueryError
-        Both a path and an address were given.
+    MissingExtraError, OutputError
+        rerun is not installed; the recording cannot be begun, or no viewer can be started.
     """
 
     name = "rerun"

@@ -39,23 +39,11 @@ _CONFIGURATION = {
 
 
 class ZenohLink(Closing):
-    """A Zenoh session without discovery: it listens at one address, or connects to one.
+    """A Zenoh session without discovery: it listens at `endpoint` (``tcp/ADDRESS:PORT``, by default the loopback
+    interface), or connects to a router or peer, again and again until that succeeds.
 
-    Parameters
-    ----------
-    endpoint : str
-        Where to listen, as Zenoh writes it: ``tcp/ADDRESS:PORT``. By default the loopback interface.
-    connect : str
-        Connect to this router or peer instead of listening. Connecting is tried again until it succeeds.
-    prefix : str
-        First part of all topics.
-
-    Raises
-    ------
-    MissingExtraError
-        Zenoh is not installed.
-    InvalidQueryError
-        The session cannot be opened, or the prefix makes no topic.
+    `prefix` is the first part of all topics. InvalidQueryError where the session cannot be opened, or the prefix
+    makes no topic; MissingExtraError without Zenoh.
     """
 
     def __init__(self, endpoint: str = LOOPBACK, *, connect: str | None = None, prefix: str = PREFIX) -> None:
