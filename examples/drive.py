@@ -38,9 +38,7 @@ def main(folder: Path, small: bool = False) -> Path:
     with ExitStack() as opened:
 
         def sinks(state: MapState) -> list[RerunSink]:
-            recorded = RerunSink(folder / "drive.rrd", state=state, map_every_s=0.02)
-            opened.callback(recorded.close)
-            return [recorded]
+            return [opened.enter_context(RerunSink(folder / "drive.rrd", state=state, map_every_s=0.02))]
 
         drive = simulate(ground, start, goal, SimulationSettings(seed=3), make_sinks=sinks, watch=film)
 
