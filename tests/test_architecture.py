@@ -16,7 +16,7 @@ KERNELS = "runtime/kernels/"
 KERNEL_IMPORTS = re.compile(
     r"(numpy|numba|llvmlite|time|math|enum|operator|typing|nnpp_edge\.runtime\.(tuning|compiled|kernels|errors))(\.|$)"
 )
-MOST_SOURCE_LINES = 39_700
+MOST_SOURCE_LINES = 39_710
 """What there is (docs/decisions.md, "The code"). To be lowered with it."""
 MOST_PARAMETERS = 10
 MORE_PARAMETERS: dict[str, float] = {}
