@@ -81,8 +81,14 @@ class Wishes(NamedTuple):
     turning_radius_m: float | None = None
 
 
-options_of: Callable[..., Wishes] = checked(InvalidQueryError)(Wishes)
-"""From keywords; InvalidQueryError for a value of another kind."""
+_wishes: Callable[..., Wishes] = checked(InvalidQueryError)(Wishes)
+
+
+def options_of(**options: object) -> Wishes:
+    """From keywords; InvalidQueryError for a value of another kind."""
+    if "price" in options:  # for one release
+        raise InvalidQueryError("price is gone, as a vehicle's corridor has one only: leave it out")
+    return _wishes(**options)
 
 
 class Work(Stopwatch):
