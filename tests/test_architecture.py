@@ -16,8 +16,9 @@ KERNELS = "runtime/kernels/"
 KERNEL_IMPORTS = re.compile(
     r"(numpy|numba|llvmlite|time|math|enum|operator|typing|nnpp_edge\.runtime\.(tuning|compiled|kernels|errors))(\.|$)"
 )
-MOST_SOURCE_LINES = 39_710
-"""What there is (docs/decisions.md, "The code"). To be lowered with it."""
+MOST_SOURCE_LINES, MOST_TEST_LINES = 39_711, 27_000
+"""What there is, examples and the site's scripts included; 32,000, of which the runtime 14,500, and 21,000 are wanted
+(docs/decisions.md, "The code"). Only ever to be lowered."""
 MOST_PARAMETERS = 10
 MORE_PARAMETERS: dict[str, float] = {}
 """Kernels with more parameters: the microseconds that a call would have cost with them bundled."""
@@ -61,7 +62,9 @@ def private_chains(path):
 
 
 def test_the_source_does_not_creep_up():
-    assert sum(len(path.read_text().splitlines()) for path in SOURCES) < MOST_SOURCE_LINES
+    beside = [*ROOT.glob("examples/*.py"), *ROOT.glob("docs/_site/*.py")]
+    for paths, most in ((SOURCES + beside, MOST_SOURCE_LINES), (TESTS, MOST_TEST_LINES)):
+        assert sum(len(path.read_text().splitlines()) for path in paths) < most
 
 
 def test_docstrings_begin_with_a_noun_where_one_serves():
