@@ -5,17 +5,18 @@ from __future__ import annotations
 import ast
 import os
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+
 if TYPE_CHECKING:
-    import click
     from mkdocs.config.defaults import MkDocsConfig
     from mkdocs.structure.files import Files
     from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parent.parent.parent
-OPTIONAL = {"view.md", "boards.md", "contributing.md", "changelog.md"}
 OUTSIDE = {  # page: the file that it shows
     "cards/edge.md": "nnpp_edge/models/edge.md",
     "cards/paper.md": "nnpp_edge/models/paper.md",
@@ -59,18 +60,17 @@ API = {  # page: its title, what it says first, and the modules or names it show
         "export.to_onnx.export_network export.to_onnx.ExportReport calibrate.quantize",
     ),
 }
-RUNTIME_MORE = ("planners.tour.Tour", "map.along.Along", "map.along.Numbers", "errors", "planners.refine")
+RUNTIME_FIRST = ["planners.planner.Planner", "planners.plan.Plan", "planners.dynamic.DynamicPlanner"]
+RUNTIME_LAST = ["planners.tour.Tour", "map.along.Along", "map.along.Numbers", "errors", "planners.refine"]
 _LOADED = re.compile(r"<(?:script|link|img|iframe|source|video|object|embed)\b[^>]*>")
 _FENCED = re.compile(r"(^ *```.*?^ *```$)", re.DOTALL | re.MULTILINE)
-_REPEAT = re.compile(r"^(Run time|Data): ", re.MULTILINE)
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Leave pages out of the navigation that are not there, and fill in those that are made."""
+    """Put the pages that are made into the navigation, each after the page that lists them."""
     os.environ.setdefault("NO_MKDOCS_2_WARNING", "1")
-    experiments = sorted(
-        (ROOT / "docs/reproduction").glob("*/*.md"), key=lambda path: (path.stem[0] == "t", len(path.stem), path)
-    )
+    experiments = list((ROOT / "docs/reproduction").glob("*/*.md"))
+    experiments.sort(key=lambda path: (path.stem[0] == "t", len(path.stem), path))
     made = {
         "gallery/index.md": [f"gallery/{path.stem}.md" for path in examples()],
         "api/index.md": ["api/runtime.md", *(f"api/{name}.md" for name in API)],
@@ -78,14 +78,12 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
         "reproduction/README.md": [f"reproduction/{path.stem}/{path.name}" for path in experiments],
     }
 
-    def filled(nav: list[Any]) -> list[Any]:
-        found: list[Any] = []
-        for item in nav:
-            if isinstance(item, dict):
-                found.append({name: filled(of) if isinstance(of, list) else of for name, of in item.items()})
-            elif item not in OPTIONAL or (ROOT / OUTSIDE.get(item, f"docs/{item}")).exists():
-                found += [item, *made.get(item, [])]
-        return found
+    def filled(item: Any) -> list[Any]:
+        if isinstance(item, list):
+            return [each for inner in item for each in filled(inner)]
+        if isinstance(item, dict):
+            return [{name: filled(of) if isinstance(of, list) else of for name, of in item.items()}]
+        return [item, *made.get(item, [])]
 
     config.nav = filled(config.nav or [])
     return config
@@ -103,8 +101,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def pages() -> dict[str, str]:
     """Every page that is made, and its Markdown."""
-    found = {page: (ROOT / path).read_text() for page, path in OUTSIDE.items() if (ROOT / path).exists()}
-    return found | _gallery() | _api() | _cli()
+    return {page: (ROOT / path).read_text() for page, path in OUTSIDE.items()} | _gallery() | _api() | _cli()
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
@@ -114,19 +111,18 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """
     here = page.file.src_uri
     up = "../" * here.count("/")
-    where = {path: name for name, path in OUTSIDE.items()}
+    page_of = {path: name for name, path in OUTSIDE.items()}
     written_in = Path(OUTSIDE.get(here, f"docs/{here}")).parent
 
     def linked(match: re.Match[str]) -> str:
         text, target, anchor = match[1], match[2], match[3] or ""
         path = os.path.normpath(written_in / target)
-        if path in where or path.startswith("docs/"):
-            return f"[{text}]({up}{where.get(path) or path.removeprefix('docs/')}{anchor})"
+        if path in page_of or path.startswith("docs/"):
+            return f"[{text}]({up}{page_of.get(path) or path.removeprefix('docs/')}{anchor})"
         return f"{text} (`{path}`)"
 
     def named(match: re.Match[str]) -> str:
-        name = match[1]
-        return f"[{match[0].strip('`')}]({up}{name})" if files.get_file_from_path(name) else match[0]
+        return f"[{match[0].strip('`')}]({up}{match[1]})" if files.get_file_from_path(match[1]) else match[0]
 
     parts = _FENCED.split(markdown)  # text, code, text, …
     for at in range(0, len(parts), 2):
@@ -145,59 +141,54 @@ def on_post_build(config: MkDocsConfig) -> None:
 
 def examples() -> list[Path]:
     """The runnable examples, in the order of the table in their README."""
-    found = {path.stem: path for path in (ROOT / "examples").glob("*.py") if path.stem != "drawing"}
-    names = re.findall(r"\]\((\w+)\.py\)", (ROOT / "examples/README.md").read_text())
-    return [found[name] for name in names]
+    names = re.findall(r"\]\((\w+\.py)\)", (ROOT / "examples/README.md").read_text())
+    return [ROOT / "examples" / name for name in names]
 
 
 def _gallery() -> dict[str, str]:
-    made, cards = {}, []
+    cards, made = "", {}
     for path in examples():
-        source = path.read_text()
-        words = ast.get_docstring(ast.parse(source)) or ""
+        _, words, code = path.read_text().split('"""', 2)
         title, body = words.split("\n", 1)
-        picture, short = f"{path.stem}.webp", re.split("[,:.](?: |$)", title)[0]
-        made[f"gallery/{path.stem}.md"] = "\n".join(
-            [f"---\ntitle: {short}\n---\n", f"# {title.rstrip('.')}",
-             _REPEAT.sub(r"\n**\1**: ", body), f"\n![The picture that it makes]({picture})\n",
-             f"```sh\npython examples/{path.name}\n```\n", "```python", source.split('"""', 2)[2].strip(), "```"]
-        )  # fmt: skip
-        cards.append(
-            f'<a href="{path.stem}.html"><img src="{picture}" alt="" loading="lazy"><span>{title}</span></a>'
+        body = re.sub(r"^(Run time|Data): ", r"\n**\1**: ", body, flags=re.MULTILINE)
+        made[f"gallery/{path.stem}.md"] = (
+            f"---\ntitle: {re.split('[,:.](?: |$)', title)[0]}\n---\n\n# {title.rstrip('.')}\n{body}\n\n"
+            f"![The picture that it makes]({path.stem}.webp)\n\n"
+            f"```sh\npython examples/{path.name}\n```\n\n```python\n{code.strip()}\n```"
         )
+        picture = f'<img src="{path.stem}.webp" alt="" loading="lazy">'
+        cards += f'<a href="{path.stem}.html">{picture}<span>{title}</span></a>
+'
     head = (
         "# Gallery\n\nScripts of less than 60 lines in the folder `examples/` of the repository, each with the "
         "picture that it makes. What they share, how ground and paths are drawn, is in `examples/drawing.py`.\n\n"
     )
-    return made | {"gallery/index.md": head + '<div class="cards">\n' + "\n".join(cards) + "\n</div>\n"}
+    return made | {"gallery/index.md": f'{head}<div class="cards">\n{cards}</div>\n'}
 
 
 def _api() -> dict[str, str]:
     listed = ast.parse((ROOT / "runtime/__init__.pyi").read_text()).body
     imports = [node for node in listed if isinstance(node, ast.ImportFrom) and node.module]
     names = [f"{node.module}.{node.names[0].name}".removeprefix("nnpp_edge.runtime.") for node in imports]
-    first = ["planners.planner.Planner", "planners.plan.Plan", "planners.dynamic.DynamicPlanner"]
-    ordered = [*first, *(name for name in names if name not in first), *RUNTIME_MORE]
-    text = "# nnpp_edge.runtime\n\nWhat runs on a robot. Every name down to `Vehicle` can be imported from here: "
-    text += "`from nnpp_edge.runtime import Planner`.\n\n"
-    made = {"api/runtime.md": text + _shown(f"runtime.{name}" for name in ordered)}
-    what = "What runs on a robot: planners, plans, costs, regions, the loop. One import for all."
-    lines = ["# Python\n", "| page | what |", "| --- | --- |", f"| [nnpp_edge.runtime](runtime.md) | {what} |"]
-    for page, (title, words, shown) in API.items():
-        made[f"api/{page}.md"] = f"# {title}\n\n{words}\n\n{_shown(shown.split())}"
-        lines.append(f"| [{title}]({page}.md) | {words} |")
-    lines.append("\nEvery entry says shapes, dtypes, units, ranges and errors, and shows its source.")
-    return made | {"api/index.md": "\n".join(lines)}
+    shown = dict.fromkeys([*RUNTIME_FIRST, *names, *RUNTIME_LAST])
+    words = "What runs on a robot: planners, plans, costs, regions, the loop. One import for all."
+    first = "What runs on a robot. Every name down to `Vehicle` can be imported from here: "
+    first += "`from nnpp_edge.runtime import Planner`."
+    made = {"api/runtime.md": f"# nnpp_edge.runtime\n\n{first}\n\n{_shown(f'runtime.{name}' for name in shown)}"}
+    rows = [f"| [nnpp_edge.runtime](runtime.md) | {words} |"]
+    for page, (title, words, of_page) in API.items():
+        made[f"api/{page}.md"] = f"# {title}\n\n{words}\n\n{_shown(of_page.split())}"
+        rows.append(f"| [{title}]({page}.md) | {words} |")
+    last = "\nEvery entry says shapes, dtypes, units, ranges and errors, and shows its source."
+    return made | {"api/index.md": "\n".join(["# Python\n", "| page | what |", "| --- | --- |", *rows, last])}
 
 
-def _shown(names: Any) -> str:
+def _shown(names: Iterable[str]) -> str:
     return "\n\n".join(f"::: nnpp_edge.{name}" for name in names) + "\n"
 
 
 def commands() -> dict[str, click.Command]:
     """Every command, by its name."""
-    import click
-
     from nnpp_edge.cli.main import cli
 
     context = click.Context(cli)
@@ -206,22 +197,18 @@ def commands() -> dict[str, click.Command]:
 
 
 def _cli() -> dict[str, str]:
-    lines, made = ["# Commands\n", "| command | what it does |", "| --- | --- |"], {}
+    rows, made = list[str](), {}
     for name, command in commands().items():
-        lines.append(f"| [nnpp-edge {name}]({name}.md) | {command.get_short_help_str(200)} |")
-        parts = [f"---\ntitle: {name}\n---\n\n# nnpp-edge {name}\n", _help(f"nnpp-edge {name}", command)]
+        rows.append(f"| [nnpp-edge {name}]({name}.md) | {command.get_short_help_str(200)} |")
+        text = f"---\ntitle: {name}\n---\n\n# nnpp-edge {name}\n\n{_help(f'nnpp-edge {name}', command)}"
         for inner, each in getattr(command, "commands", {}).items():
-            parts += [f"## nnpp-edge {name} {inner}\n", _help(f"nnpp-edge {name} {inner}", each)]
-        made[f"cli/{name}.md"] = "\n".join(parts)
-    lines.append(
-        "\nExit codes: 0 done; 1 no path, or a budget missed; 2 wrong use or bad input; 3 too noisy to tell."
-    )
-    return made | {"cli/index.md": "\n".join(lines)}
+            text += f"\n## nnpp-edge {name} {inner}\n\n{_help(f'nnpp-edge {name} {inner}', each)}"
+        made[f"cli/{name}.md"] = text
+    last = "\nExit codes: 0 done; 1 no path, or a budget missed; 2 wrong use or bad input; 3 too noisy to tell."
+    head = ["# Commands\n", "| command | what it does |", "| --- | --- |"]
+    return made | {"cli/index.md": "\n".join([*head, *rows, last])}
 
 
 def _help(called: str, command: click.Command) -> str:
-    """A command's `--help`."""
-    import click
-
     context = click.Context(command, info_name=called, terminal_width=100, max_content_width=100)
     return f"```text\n{command.get_help(context)}\n```\n"

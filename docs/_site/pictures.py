@@ -1,18 +1,11 @@
-"""The site's pictures: `make pictures` runs the examples, draws the concepts, and keeps small WebP files in docs/.
+"""The site's pictures: `make pictures` runs the examples, draws the concepts, and keeps small WebP files in docs/."""
 
-What an example records for rerun is kept beside its picture.
-"""
-
-import io
 import sys
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-import rerun as rr
-import rerun.blueprint as rrb
 from PIL import Image, ImageSequence
-from rerun.chunk import RrdReader
 
 DOCS = Path(__file__).parent.parent
 EXAMPLES = DOCS.parent / "examples"
@@ -40,34 +33,6 @@ def shrunk(picture: Path, target: Path, most_pixels: int = 1000) -> None:
         frames = [frame.convert("RGB").resize(size) for frame in ImageSequence.Iterator(image)]
     more = {"save_all": True, "append_images": frames[1:], "duration": durations, "loop": 0} if frames[1:] else {}
     frames[0].save(target, quality=55 if more else 78, method=6, **more)
-
-
-def played(recording: Path, target: Path) -> None:
-    """Keep a recording of the loop: its maps as PNG of few greys, and laid out for a small window."""
-    layout = rrb.Blueprint(
-        rrb.Vertical(
-            rrb.Spatial2DView(origin="map"),
-            rrb.TimeSeriesView(origin="planning_ms", plot_legend=rrb.PlotLegend(visible=False)),
-            row_shares=[4, 1],
-        ),
-        rrb.TimePanel(timeline="tick", play_state="playing", loop_mode="all"),
-        collapse_panels=True,
-    )
-    stream = rr.RecordingStream("nnpp-edge")
-    stream.set_log_time_enabled(False)
-    stream.save(target, default_blueprint=layout)
-    stream.send_chunks(RrdReader(recording).stream().drop(content=["/map/cost", "/__properties"]))
-    for chunk in RrdReader(recording).stream().filter(content="/map/cost"):
-        rows = chunk.to_record_batch()
-        columns = [rows.column(name) for name in ("tick", "time", "Image:format", "Image:buffer")]
-        columns[1] = columns[1].cast("int64")
-        for tick, time_ns, (form,), (pixels,) in zip(*(column.to_pylist() for column in columns), strict=True):
-            picture = Image.frombytes("RGB", (form["width"], form["height"]), bytes(pixels))
-            picture.quantize(32, dither=Image.Dither.NONE).save(packed := io.BytesIO(), "PNG", optimize=True)
-            stream.set_time("tick", sequence=tick)
-            stream.set_time("time", duration=1e-9 * time_ns)
-            stream.log("map/cost", rr.EncodedImage(contents=packed.getvalue(), media_type="image/png"))
-    stream.disconnect()
 
 
 def _cost() -> None:
@@ -130,8 +95,6 @@ def main() -> None:
     for path in sorted(EXAMPLES.glob("*.py")):
         if path.stem != "drawing" and (not names or path.stem in names):
             shrunk(import_module(path.stem).main(OUT), DOCS / "gallery" / f"{path.stem}.webp")
-            if (OUT / f"{path.stem}.rrd").exists():
-                played(OUT / f"{path.stem}.rrd", DOCS / "gallery" / f"{path.stem}.rrd")
     for draw in (_cost, _regions, _corridor, _bounds):
         name = draw.__name__.removeprefix("_")
         if not names or name in names:

@@ -4,18 +4,23 @@ Skipped where playwright or a Chromium is missing.
 """
 
 import json
+import os
 import re
+import shutil
 import time
 from urllib.parse import urlparse
 
 import numpy as np
 import pytest
 
-from tests.browsers import CHROMIUM, NEEDS_CHROMIUM, QUIET
 from tests.view_cases import serving, write_ground
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install playwright")
-pytestmark = NEEDS_CHROMIUM
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+CHROMIUM = os.environ.get("NNPP_EDGE_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium is installed: apt install chromium, or name one in NNPP_EDGE_CHROMIUM"
+)
 LINE = "document.querySelector('#path').getAttribute('d')"
 COMPARED = "!document.querySelector('#methods.stale') && document.querySelector('#row-nnpp').cells[3].textContent"
 
@@ -31,7 +36,7 @@ def server(tmp_path_factory):
 @pytest.fixture(scope="module")
 def browser():
     with playwright.sync_playwright() as started:
-        running = started.chromium.launch(executable_path=CHROMIUM, args=list(QUIET))
+        running = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
         yield running
         running.close()
 
