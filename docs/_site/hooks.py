@@ -157,8 +157,7 @@ def _gallery() -> dict[str, str]:
             f"```sh\npython examples/{path.name}\n```\n\n```python\n{code.strip()}\n```"
         )
         picture = f'<img src="{path.stem}.webp" alt="" loading="lazy">'
-        cards += f'<a href="{path.stem}.html">{picture}<span>{title}</span></a>
-'
+        cards += f'<a href="{path.stem}.html">{picture}<span>{title}</span></a>\n'
     head = (
         "# Gallery\n\nScripts of less than 60 lines in the folder `examples/` of the repository, each with the "
         "picture that it makes. What they share, how ground and paths are drawn, is in `examples/drawing.py`.\n\n"
