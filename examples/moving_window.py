@@ -1,7 +1,7 @@
 """grid_map messages without ROS: a rover's window of the map moves along with it, its goal lies beyond it.
 
-`GridMap` takes a message's fields as they are, layers column by column in a ring; a frame turns metres into cells. As
-long as no known ground leads to the goal, the path leads to where the rest of the way promises to be shortest.
+`GridMap` holds a message's layers, unrolled from their ring; a frame turns metres into cells. As long as no known
+ground leads to the goal, the path leads to where the rest of the way promises to be shortest.
 
 Run time: 5 s.
 Data: moon_rocks, LROC WAC GLD100 (public domain) with rocks made by nnpp_edge/terrain/rocks.py.
@@ -32,8 +32,8 @@ class Rover:
         (row, col), (top, left) = self.driven[-1], np.maximum(self.driven[-1], SIGHT) - SIGHT
         x, y = FRAME.metres(np.array([top, left], float))[0]
         window = {"elevation": TRUTH.elevation[top : row + SIGHT, left : col + SIGHT]}
-        message = GridMap.of_layers(window, replace(FRAME, x=x, y=y), start=(3, 5))  # a ring begins anywhere
-        return [grid_map_patch(message, FRAME), Pose(row + 0.5, col + 0.5), Goal(*GOAL)]
+        seen = GridMap(window, replace(FRAME, x=x, y=y))  # of a message: GridMap.of_message
+        return [grid_map_patch(seen, FRAME), Pose(row + 0.5, col + 0.5), Goal(*GOAL)]
 
     def follow(self, answer):
         if (axes := self.axes.get(answer.tick)) is not None:

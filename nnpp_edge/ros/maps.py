@@ -3,12 +3,23 @@
 Two layouts occur. An occupancy grid (nav_msgs/OccupancyGrid) holds whole numbers row by row from the corner at its
 origin: rows run with y, columns with x. A grid map (grid_map_msgs/GridMap) holds layers of floats column by column
 from the corner farthest along x and y: rows run against x, columns against y, and both begin somewhere in a ring.
+
+==========================  ==========  ====================
+cost                        occupancy   read back as
+==========================  ==========  ====================
+NaN: unknown                -1          NaN
+passable, at least 0, < 1   0 to 98     occupancy / 100
+impassable: 1 or more, inf  100         inf
+==========================  ==========  ====================
+
+A passable cost is rounded to a hundredth, and to 0.98 at most: 99 is what costmaps write for cells that the robot's
+body would touch, and is read as impassable.
 """
 
 import io
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +27,32 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.ros.occupancy import BODY_TOUCHES, IMPASSABLE, UNKNOWN, as_cost, as_occupancy
 from nnpp_edge.runtime.arguments import checked, is_real
 from nnpp_edge.runtime.arrays import as_map
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
 from nnpp_edge.runtime.loop.messages import MapPatch
 
+UNKNOWN, MOST_PASSABLE, BODY_TOUCHES, IMPASSABLE = -1, 98, 99, 100
+"""Occupancies."""
 _SAME = 1e-3
 """Share of a cell's side by which two maps' cells may differ."""
 _LEVEL = (1e-3, 1e-3, 1e-3, 1.001)
 """Parts of a quaternion, of either sign, up to which a map counts as not turned."""
+
+
+def as_occupancy(cost: NDArray[np.floating]) -> NDArray[np.int8]:
+    """The occupancies of costs of any shape, by the rule of this module."""
+    passable = np.minimum(np.rint(100.0 * cost), MOST_PASSABLE)
+    known = np.where(cost >= 1.0, float(IMPASSABLE), passable)
+    return np.where(np.isnan(cost), float(UNKNOWN), known).astype(np.int8)
+
+
+def as_cost(occupancy: NDArray[np.integer], occupied: int = BODY_TOUCHES) -> NDArray[np.float32]:
+    """The costs of occupancies, by the rule of this module; `occupied` and more is impassable."""
+    values = occupancy.astype(np.float32)
+    known = np.where(values >= occupied, np.float32(np.inf), values / np.float32(100.0))
+    return np.where(values < 0, np.float32(np.nan), known)
 
 
 @checked(InvalidMapError)
@@ -34,10 +60,7 @@ _LEVEL = (1e-3, 1e-3, 1e-3, 1.001)
 class MapFrame:
     """Where the cells of a map lie in metres. Rows run along one axis, columns along the other, forth or back.
 
-    Raises
-    ------
-    InvalidMapError
-        The resolution is not above 0, or a number is not finite.
+    InvalidMapError where the resolution is not above 0, or a number is not finite.
     """
 
     resolution: float
@@ -83,23 +106,14 @@ class MapFrame:
 @checked(InvalidMapError)
 @dataclass(frozen=True, eq=False)
 class OccupancyGrid:
-    """Content of a nav_msgs/OccupancyGrid, without its stamp. Its origin must not be turned.
+    """Content of a nav_msgs/OccupancyGrid, without its stamp.
 
-    Raises
-    ------
-    InvalidMapError
-        `data` does not have width · height numbers from -1 to 100.
+    InvalidMapError unless the data are whole numbers from -1 to 100, and the frame's rows run with y.
     """
 
-    resolution: float
-    width: int
-    height: int
     data: NDArray[np.int8] = field(repr=False)
-    """(height · width,) int8: -1 unknown, 0 free to 100 occupied; row by row."""
-    origin_x: float = 0.0
-    """Of the corner of the first cell, metres."""
-    origin_y: float = 0.0
-    frame_id: str = ""
+    """(height, width) int8: -1 unknown, 0 free to 100 occupied."""
+    frame: MapFrame
 
     @classmethod
     def of_message(cls, message: object) -> "OccupancyGrid":
@@ -107,175 +121,110 @@ class OccupancyGrid:
 
         Raises InvalidMapError for another message, or a turned grid.
         """
-        data = _field(message, "data")
-        resolution, width, height = (_field(message, f"info.{name}") for name in ("resolution", "width", "height"))
-        origin = _corner(message, "info.origin")
-        return cls(resolution, width, height, data, *origin, _field(message, "header.frame_id"))
+        width, height = (_whole(message, f"info.{name}") for name in ("width", "height"))
+        values = _array(_field(message, "data"))
+        if width < 1 or height < 1 or values.size != width * height:
+            raise InvalidMapError(f"wanted {height} × {width} whole numbers as data, got {values.shape}")
+        x, y = _corner(message, "info.origin")
+        frame = MapFrame(_field(message, "info.resolution"), x, y, frame_id=_field(message, "header.frame_id"))
+        return cls(values.reshape(height, width), frame)  # type: ignore[arg-type]  # checked there
 
     def __post_init__(self) -> None:
-        values, _ = _array(self.data), self.frame
-        fits = self.width >= 1 and self.height >= 1 and values.size == self.width * self.height
-        if not fits or values.dtype.kind not in "iu":
-            wanted = f"{self.height} × {self.width} whole numbers"
+        values = _array(self.data)
+        if values.ndim != 2 or not values.size or values.dtype.kind not in "iu":
+            wanted = "a map (height, width) of whole numbers"
             raise InvalidMapError(f"an occupancy grid's data must be {wanted}, got {values.shape} {values.dtype}")
-        if values.min() < UNKNOWN or values.max() > IMPASSABLE:
-            raise InvalidMapError(
-                f"an occupancy grid's data must lie in [-1, 100], got [{values.min()}, {values.max()}]"
-            )
-        object.__setattr__(self, "data", values.astype(np.int8).reshape(-1))
-
-    @property
-    def frame(self) -> MapFrame:
-        """Where its cells lie."""
-        return MapFrame(self.resolution, self.origin_x, self.origin_y, frame_id=self.frame_id)
+        least, most = int(values.min()), int(values.max())
+        if least < UNKNOWN or most > IMPASSABLE:
+            raise InvalidMapError(f"an occupancy grid's data must lie in [-1, 100], got [{least}, {most}]")
+        if self.frame.rows_along_x:
+            raise InvalidMapError("an occupancy grid's rows must run with y, got a frame whose rows run against x")
+        object.__setattr__(self, "data", values.astype(np.int8))
 
     @checked(InvalidMapError)
     def cost(self, occupied: int = BODY_TOUCHES) -> NDArray[np.float32]:
-        """Its cells as costs, (height, width): a hundredth of the occupancy; inf from `occupied` on; NaN if unknown.
-
-        The rule, both ways, is in `nnpp_edge.ros.occupancy`.
-        """
-        return as_cost(self.data.reshape(self.height, self.width), occupied)
+        """Its cells as costs, (height, width): inf from `occupied` on, NaN where unknown."""
+        return as_cost(self.data, occupied)
 
     @classmethod
     def of_cost(cls, cost: ArrayLike, frame: MapFrame) -> "OccupancyGrid":
-        """The grid of a cost map (H, W); the inverse of `cost`, to a hundredth.
-
-        Raises InvalidMapError where the frame's rows do not run with y.
-        """
-        if frame.rows_along_x:
-            raise InvalidMapError("an occupancy grid's rows must run with y, got a frame whose rows run against x")
-        values = as_map(cost, "cost")
-        height, width = values.shape
-        data = as_occupancy(values).reshape(-1)
-        return cls(frame.resolution, width, height, data, frame.x, frame.y, frame.frame_id)
+        """The grid of a cost map (H, W); the inverse of `cost`, to a hundredth."""
+        return cls(as_occupancy(as_map(cost, "cost")), frame)
 
 
 @checked(InvalidMapError)
 @dataclass(frozen=True, eq=False)
 class GridMap:
-    """Content of a grid_map_msgs/GridMap, without its stamp. Its pose must not be turned.
+    """Content of a grid_map_msgs/GridMap, without its stamp, unrolled.
 
-    Raises
-    ------
-    InvalidMapError
-        Lengths are no multiples of the resolution, a layer has another number of cells, or a start lies outside.
+    InvalidMapError unless there is a layer, all are maps of one shape, and the frame's rows run against x.
     """
 
-    resolution: float
-    length_x: float
-    """Metres; rows · resolution."""
-    length_y: float
-    """Metres; columns · resolution."""
     layers: dict[str, NDArray[np.float32]] = field(repr=False)
-    """Each (rows · columns,) float32, column by column, as in the message's ``data``; NaN where unknown."""
-    x: float = 0.0
-    """Of the map's middle, metres."""
-    y: float = 0.0
-    outer_start_index: int = 0
-    """Row of the ring at which the map begins."""
-    inner_start_index: int = 0
-    """Column of the ring at which the map begins."""
-    frame_id: str = ""
+    """Each (rows, columns) float32, rows against x and columns against y; NaN where unknown."""
+    frame: MapFrame
 
     @classmethod
     def of_message(cls, message: object) -> "GridMap":
         """From a message as rclpy, rosbags or mcap-ros2-support hand it out, or as nested dicts.
 
-        Raises InvalidMapError for another message, or a turned map.
+        Raises InvalidMapError for another message, a turned map, lengths that are no multiples of the resolution, or
+        a layer of another layout.
         """
         names, arrays = _items(message, "layers"), _items(message, "data")
-        texts = {name for name in names if isinstance(name, str)}
-        if not len(texts) == len(names) == len(arrays):
+        if not len({name for name in names if isinstance(name, str)}) == len(names) == len(arrays):
             raise InvalidMapError(f"wanted a name for each of {len(arrays)} layers, got {shown(names)}")
-        side, *lengths = (_field(message, f"info.{name}") for name in ("resolution", "length_x", "length_y"))
-        middle = _corner(message, "info.pose")
-        starts = [_field(message, f"{name}_start_index") for name in ("outer", "inner")]
-        frame_id = _field(message, "header.frame_id")
-        grid = cls(side, lengths[0], lengths[1], {}, *middle, starts[0], starts[1], frame_id)
-        rows, cols = grid.shape
-        layers: dict[str, NDArray[np.float32]] = {}
+        side, *lengths = (_real(message, f"info.{name}") for name in ("resolution", "length_x", "length_y"))
+        x, y = (at + 0.5 * length for at, length in zip(_corner(message, "info.pose"), lengths, strict=True))
+        frame = MapFrame(side, x, y, True, _field(message, "header.frame_id"))
+        sides = [length / side for length in lengths]
+        if not all(0.5 < cells < math.inf and abs(cells - round(cells)) <= _SAME * cells for cells in sides):
+            raise InvalidMapError(f"a grid map's lengths must be multiples of {side} m above 0, got {lengths}")
+        rows, cols = (round(cells) for cells in sides)
+        outer, inner = (_whole(message, f"{name}_start_index") for name in ("outer", "inner"))
+        if not (0 <= outer < rows and 0 <= inner < cols):
+            raise InvalidMapError(f"a grid map's start must lie within {rows} × {cols} cells, got {outer}, {inner}")
         by_column = [f"column_index {cols}", f"row_index {rows}"]
+        layers: dict[str, NDArray[np.float32]] = {}
         for name, array in zip(names, arrays, strict=True):
             values = _array(_field(array, "data"))
             layout = [f"{_field(dim, 'label')} {_field(dim, 'size')}" for dim in _items(array, "layout.dim")]
             if layout not in (by_column, by_column[::-1]):
                 wanted = " and ".join(by_column)
                 raise InvalidMapError(f"layer {name!r} must be laid out by {wanted}, got {shown(layout)}")
-            by_row = layout != by_column and values.size == rows * cols
-            layers[str(name)] = values.reshape(rows, cols).T.reshape(-1) if by_row else values
-        return replace(grid, layers=layers)
+            if values.shape != (rows * cols,) or values.dtype.kind not in "iuf":
+                got = f"{values.shape} {values.dtype}"
+                raise InvalidMapError(f"layer {name!r} must be {rows} × {cols} numbers, got {got}")
+            with np.errstate(over="ignore"):  # heights beyond 32-bit floats are unknown, as infinite ones
+                flat = values.astype(np.float32)
+            ring = flat.reshape(cols, rows).T if layout == by_column else flat.reshape(rows, cols)
+            layers[str(name)] = np.roll(ring, (-outer, -inner), axis=(0, 1))
+        return cls(layers, frame)
 
     def __post_init__(self) -> None:
-        (rows, cols), _, layers = self.shape, self.frame, {}
-        for length, cells in ((self.length_x, rows), (self.length_y, cols)):
-            if cells < 1 or abs(length - cells * self.resolution) > _SAME * self.resolution * max(cells, 1):
-                got = f"{self.length_x}, {self.length_y}"
-                raise InvalidMapError(f"a grid map's lengths must be multiples of {self.resolution} m, got {got}")
-        if not (0 <= self.outer_start_index < rows and 0 <= self.inner_start_index < cols):
-            start = (self.outer_start_index, self.inner_start_index)
-            raise InvalidMapError(f"a grid map's start must lie within {rows} × {cols} cells, got {start}")
-        for name, values in self.layers.items():
-            flat = _array(values)
-            if flat.shape != (rows * cols,) or flat.dtype.kind not in "iuf":
-                wanted = f"{rows} × {cols} numbers column by column, as in the message"
-                also = "; of_layers takes maps (rows, columns)" if flat.ndim == 2 else ""
-                raise InvalidMapError(f"layer {name!r} must be {wanted}, got {flat.shape} {flat.dtype}{also}")
-            with np.errstate(over="ignore"):  # heights beyond 32-bit floats are unknown, as infinite ones
-                layers[name] = flat.astype(np.float32, copy=False)
+        layers = {name: as_map(values, f"layer {name!r}") for name, values in self.layers.items()}
+        if len(shapes := {values.shape for values in layers.values()}) != 1:
+            raise InvalidMapError(f"a grid map's layers must have one shape, got {sorted(shapes) or 'none'}")
+        if not self.frame.rows_along_x:
+            raise InvalidMapError("a grid map's rows must run against x, got a frame whose rows run with y")
         object.__setattr__(self, "layers", layers)
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        frame = MapFrame(self.resolution)  # checks the resolution
-        along_x, along_y = self.length_x / frame.resolution, self.length_y / frame.resolution
-        if not (0.0 < along_x < math.inf and 0.0 < along_y < math.inf):
-            raise InvalidMapError(f"a grid map's lengths must be above 0 m, got {self.length_x}, {self.length_y}")
-        return round(along_x), round(along_y)
-
-    @property
-    def frame(self) -> MapFrame:
-        """Where its cells lie."""
-        x, y = self.x + 0.5 * self.length_x, self.y + 0.5 * self.length_y
-        return MapFrame(self.resolution, x, y, rows_along_x=True, frame_id=self.frame_id)
-
     def layer(self, name: str = "elevation") -> NDArray[np.float32]:
-        """A layer (rows, columns) in the order of its frame: unrolled, rows against x and columns against y."""
+        """A layer (rows, columns); InvalidMapError where there is none of that name."""
         if name not in self.layers:
-            raise InvalidMapError(f"wanted layer {name!r}, the grid map has {', '.join(self.layers) or 'none'}")
-        rows, cols = self.shape
-        ring = self.layers[name].reshape(cols, rows).T
-        return np.ascontiguousarray(np.roll(ring, (-self.outer_start_index, -self.inner_start_index), axis=(0, 1)))
+            raise InvalidMapError(f"wanted layer {name!r}, the grid map has {', '.join(self.layers)}")
+        return self.layers[name]
 
     def save(self, path: Path | str, name: str = "elevation") -> None:
         """Write a layer of heights as an `.npz` that every command reads, with places in this map's metres.
 
         OutputError where it cannot be written, InvalidMapError without that layer.
         """
-        side, frame = self.resolution, self.frame
+        side, frame = self.frame.resolution, self.frame
         transform = 0.0, -side, frame.x, -side, 0.0, frame.y
         content = io.BytesIO()
         np.savez_compressed(content, elevation_m=self.layer(name), cell_size_m=side, transform=transform)
         write_whole(Path(path), content.getvalue())
-
-    @classmethod
-    def of_layers(cls, layers: dict[str, NDArray[np.float32]], frame: MapFrame, *, start: Cell = (0, 0)) -> "GridMap":
-        """The grid map of layers (rows, columns) that lie in `frame`; the inverse of `layer`.
-
-        `start` is the ring's start. Raises InvalidMapError where the frame's rows do not run against x, or the
-        layers differ in shape.
-        """
-        if not frame.rows_along_x:
-            raise InvalidMapError("a grid map's rows must run against x, got a frame whose rows run with y")
-        shapes = {as_map(values, "a layer").shape for values in layers.values()}
-        if len(shapes) != 1:
-            raise InvalidMapError(f"a grid map's layers must have one shape, got {sorted(shapes) or 'none'}")
-        rows, cols = shapes.pop()
-        flat = {name: np.roll(as_map(each, "a layer"), start, (0, 1)).T.reshape(-1) for name, each in layers.items()}
-        length_x, length_y = rows * frame.resolution, cols * frame.resolution
-        middle = frame.x - 0.5 * length_x, frame.y - 0.5 * length_y
-        return cls(frame.resolution, length_x, length_y, flat, *middle, *start, frame.frame_id)
 
 
 @checked(InvalidMapError)
@@ -316,14 +265,11 @@ def placed(values: NDArray[np.float32], source: MapFrame, target: MapFrame) -> t
         raise InvalidMapError(f"wanted a map in the frame {target.frame_id!r}, got one in {source.frame_id!r}")
     if abs(source.resolution - target.resolution) > _SAME * target.resolution:
         raise InvalidMapError(f"wanted cells of {target.resolution} m, got {source.resolution} m")
-    cells = as_map(values, "a map")
-    rows, cols = cells.shape
+    cells, first = as_map(values, "a map"), (0.0, 0.0)
     if source.rows_along_x != target.rows_along_x:
+        first = float(cells.shape[0]), float(cells.shape[1])
         cells = cells[::-1, ::-1].T
-        corner = source.metres(np.array([[float(rows), float(cols)]]))
-    else:
-        corner = source.metres(np.zeros((1, 2)))
-    row, col = np.rint(target.places(corner)[0])
+    row, col = np.rint(target.places(source.metres(first))[0])
     return np.ascontiguousarray(cells), int(row), int(col)
 
 
@@ -371,6 +317,18 @@ def _field(message: object, path: str) -> Any:
     return found
 
 
+def _real(message: object, path: str) -> float:
+    if not is_real(found := _field(message, path)):
+        raise InvalidMapError(f"{path} must be a number, got {shown(found)}")
+    return float(found)
+
+
+def _whole(message: object, path: str) -> int:
+    if not (found := _real(message, path)).is_integer():
+        raise InvalidMapError(f"{path} must be a whole number, got {found}")
+    return int(found)
+
+
 def _items(message: object, path: str) -> list[object]:
     """A sequence in a message."""
     found = _field(message, path)
@@ -384,4 +342,4 @@ def _corner(message: object, path: str) -> tuple[float, float]:
     turned = [_field(message, f"{path}.orientation.{axis}") for axis in "xyzw"]
     if not all(is_real(part) and abs(part) <= most for part, most in zip(turned, _LEVEL, strict=True)):
         raise InvalidMapError(f"wanted a map that is not turned, got one with the orientation x, y, z, w {turned}")
-    return _field(message, f"{path}.position.x"), _field(message, f"{path}.position.y")
+    return _real(message, f"{path}.position.x"), _real(message, f"{path}.position.y")

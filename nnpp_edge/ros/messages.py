@@ -7,12 +7,12 @@ poses takes 0.07 ms, and 6 to 7 ms with rosbags or mcap-ros2-support, which writ
 
 import math
 import struct
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.ros.maps import MapFrame, path_poses
-from nnpp_edge.ros.occupancy import as_occupancy
+from nnpp_edge.ros.maps import MapFrame, as_occupancy, path_poses
 
 FRAME = "map"
 
@@ -54,12 +54,10 @@ def definition(name: str) -> str:
 
 def path_message(cells: NDArray[np.int32], cell_size_m: float, stamp_ns: int) -> bytes:
     """nav_msgs/Path of (N, 2) cells; each pose heads for the next, the last as it is arrived at."""
-    cdr = _Cdr(stamp_ns)
-    cdr.numbers("I", len(cells))
+    cdr = _Cdr(stamp_ns).numbers("I", len(cells))
     if len(cells):
         x, y, heading = path_poses(cells, MapFrame(cell_size_m)).T
-        cdr.header(stamp_ns)
-        cdr.pose(x[0], y[0], heading[0])
+        cdr.time(stamp_ns).string(FRAME).pose(x[0], y[0], heading[0])
         # each further pose begins at a multiple of eight bytes, so all of them are laid out alike
         head = _Cdr(stamp_ns).data[4:]
         padded = -(-len(head) // 8) * 8
@@ -74,21 +72,14 @@ def path_message(cells: NDArray[np.int32], cell_size_m: float, stamp_ns: int) ->
 
 def pose_message(row: float, col: float, cell_size_m: float, stamp_ns: int) -> bytes:
     """geometry_msgs/PoseStamped of a place in cells; (0.5, 0.5) is the middle of the first."""
-    cdr = _Cdr(stamp_ns)
-    cdr.pose(col * cell_size_m, row * cell_size_m)
-    return bytes(cdr.data)
+    return bytes(_Cdr(stamp_ns).pose(col * cell_size_m, row * cell_size_m).data)
 
 
 def grid_message(cost: NDArray[np.float32], corner: tuple[int, int], cell_size_m: float, stamp_ns: int) -> bytes:
     """nav_msgs/OccupancyGrid of the part of the map (h, w) whose first cell is `corner`, (row, col)."""
-    cdr = _Cdr(stamp_ns)
-    cdr.time(stamp_ns)
-    cdr.numbers("f", cell_size_m)
-    cdr.numbers("I", cost.shape[1], cost.shape[0])
-    cdr.pose(corner[1] * cell_size_m, corner[0] * cell_size_m)
-    cdr.numbers("I", cost.size)
-    cdr.data += as_occupancy(cost).tobytes()
-    return bytes(cdr.data)
+    cdr = _Cdr(stamp_ns).time(stamp_ns).numbers("f", cell_size_m).numbers("I", cost.shape[1], cost.shape[0])
+    cdr.pose(corner[1] * cell_size_m, corner[0] * cell_size_m).numbers("I", cost.size)
+    return bytes(cdr.data + as_occupancy(cost).tobytes())
 
 
 def heights_message(
@@ -99,27 +90,21 @@ def heights_message(
     grid_map counts its cells from the corner of largest x and y, x first, and stores columns one after another.
     """
     rows, cols = heights.shape
-    cdr = _Cdr(stamp_ns)
-    cdr.numbers("d", cell_size_m, cols * cell_size_m, rows * cell_size_m)
+    cdr = _Cdr(stamp_ns).numbers("d", cell_size_m, cols * cell_size_m, rows * cell_size_m)
     cdr.pose((corner[1] + cols / 2) * cell_size_m, (corner[0] + rows / 2) * cell_size_m)
     for _ in range(2):  # layers, basic layers
-        cdr.numbers("I", 1)
-        cdr.string("elevation")
+        cdr.numbers("I", 1).string("elevation")
     cdr.numbers("I", 1, 2)
     for label, size, stride in (("column_index", rows, rows * cols), ("row_index", cols, cols)):
-        cdr.string(label)
-        cdr.numbers("I", size, stride)
+        cdr.string(label).numbers("I", size, stride)
     cdr.numbers("I", 0, heights.size)
     cdr.data += np.ascontiguousarray(heights[::-1, ::-1], "<f4").tobytes()
-    cdr.numbers("H", 0, 0)
-    return bytes(cdr.data)
+    return bytes(cdr.numbers("H", 0, 0).data)
 
 
 def string_message(text: str) -> bytes:
     """std_msgs/String."""
-    cdr = _Cdr()
-    cdr.string(text)
-    return bytes(cdr.data)
+    return bytes(_Cdr().string(text).data)
 
 
 class _Cdr:
@@ -128,23 +113,20 @@ class _Cdr:
     def __init__(self, stamp_ns: int | None = None) -> None:
         self.data = bytearray(b"\x00\x01\x00\x00")
         if stamp_ns is not None:
-            self.header(stamp_ns)
+            self.time(stamp_ns).string(FRAME)
 
-    def numbers(self, form: str, *values: float) -> None:
+    def numbers(self, form: str, *values: float) -> Self:
         self.data += bytes(-(len(self.data) - 4) % struct.calcsize(form))
         self.data += struct.pack(f"<{len(values)}{form}", *values)
+        return self
 
-    def string(self, text: str) -> None:
+    def string(self, text: str) -> Self:
         encoded = text.encode() + b"\x00"
-        self.numbers("I", len(encoded))
-        self.data += encoded
+        self.numbers("I", len(encoded)).data += encoded
+        return self
 
-    def time(self, stamp_ns: int) -> None:
-        self.numbers("I", *divmod(stamp_ns, 1_000_000_000))
+    def time(self, stamp_ns: int) -> Self:
+        return self.numbers("I", *divmod(stamp_ns, 1_000_000_000))
 
-    def header(self, stamp_ns: int) -> None:
-        self.time(stamp_ns)
-        self.string(FRAME)
-
-    def pose(self, x: float, y: float, heading: float = 0.0) -> None:
-        self.numbers("d", x, y, 0.0, 0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading))
+    def pose(self, x: float, y: float, heading: float = 0.0) -> Self:
+        return self.numbers("d", x, y, 0.0, 0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading))

@@ -170,7 +170,7 @@ def test_a_blocked_start_says_which_limit_is_passed(nnpp_edge, tmp_path):
 
 def test_a_saved_grid_map_is_planned_on_in_its_metres(nnpp_edge, tmp_path):
     frame = MapFrame(0.5, x=10.0, y=-4.0, rows_along_x=True)
-    GridMap.of_layers({"elevation": np.zeros((40, 30), np.float32)}, frame).save(tmp_path / "map.npz")
+    GridMap({"elevation": np.zeros((40, 30), np.float32)}, frame).save(tmp_path / "map.npz")
     words = ("--start", "xy:9.6,-4.3", "--goal", "xy:-6.1,-16.2", "-o", tmp_path / "out")
     assert nnpp_edge("plan", tmp_path / "map.npz", *words).code == 0
     told = json.loads((tmp_path / "out" / "plan.json").read_text())

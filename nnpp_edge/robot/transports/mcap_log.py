@@ -13,7 +13,7 @@ topic                 message                     when
 ``/status``           std_msgs/String             each status message as JSON
 ====================  ==========================  ==================================================================
 
-Costs become occupancies by the rule of `nnpp_edge.ros.occupancy`. The frame is ``map``: x = column · cell size,
+Costs become occupancies by the rule of `nnpp_edge.ros.maps`. The frame is ``map``: x = column · cell size,
 y = row · cell size, from the corner of cell (0, 0), as ROS maps lie. A map whose rows run south is seen mirrored.
 """
 
