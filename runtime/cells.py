@@ -31,6 +31,18 @@ def patch_at(origin: Cell, patch: tuple[int, ...], shape: tuple[int, int]) -> Re
     return row, col, rows, cols
 
 
+def slices(part: Rectangle) -> tuple[slice, slice]:
+    """The rows and columns of a rectangle, to index a map with."""
+    return slice(part[0], part[0] + part[2]), slice(part[1], part[1] + part[3])
+
+
+def widened(part: Rectangle, by: Cell, shape: tuple[int, ...]) -> Rectangle:
+    """A rectangle and so many rows and columns around it, as far as they lie on a map of this shape."""
+    (row, col, rows, cols), (up, left) = part, by
+    row0, col0 = max(row - up, 0), max(col - left, 0)
+    return row0, col0, min(row + rows + up, shape[0]) - row0, min(col + cols + left, shape[1]) - col0
+
+
 def enclosing(parts: Sequence[Rectangle]) -> Rectangle:
     """The least rectangle that holds all of these, of which there is at least one."""
     row, col = min(part[0] for part in parts), min(part[1] for part in parts)

@@ -13,10 +13,10 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS
 from nnpp_edge.runtime.kernels.threshold import lowered
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.network.encoding import encode_gaussian
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
@@ -124,7 +124,7 @@ def _exercise_body(dem: Float2D, network: NetworkModel) -> None:
         moving.replan(method=method)
         moving.update_elevation(3, 4, dem[:5, :6] + np.float32(0.01))
         moving.standing()
-    state = MapState.of_elevation(dem, (1.0, 1.0), Traversability(), StepModel.of("paper"), vehicle=vehicle)
+    state = map_state(Ground.of_elevation(dem, 1.0, vehicle=vehicle))
     _mend_corridor(Methods(state, network), Query(start, goal))
 
 
@@ -218,7 +218,7 @@ def _exercise_dynamic(cost: Float2D, goal: Cell, step_cost: str, corner_cutting:
             planner.update(1, 4, patch)
         planner.standing()
         planner.replan(method=method, time_limit_s=60.0)
-    methods = Methods(MapState(cost, StepModel.of(step_cost), corner_cutting=corner_cutting), network)
+    methods = Methods(map_state(Ground(cost, step_cost=step_cost), corner_cutting=corner_cutting), network)
     _mend_corridor(methods, Query((1, 2), goal))
     methods.find(DynamicMethod.CORRIDOR_DSTAR, Query((1, 2), goal), Work())
 

@@ -8,8 +8,7 @@ from nnpp_edge.profiling.harness import Observer
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
@@ -72,13 +71,13 @@ class RivalPlanner:
         if ground is not None and ground.by_slope:
             return self.planner_of(ground, lazy=False)
         if self.width is not None:
-            return CorridorAlone(MapState(cost, StepModel.of("paper")), self.width)
+            return CorridorAlone(map_state(Ground(cost)), self.width)
         return Planner(cost, model=self.model or "edge")
 
     def planner_of(self, ground: Ground, *, lazy: bool) -> FindsPlans:
         """A planner of its own for elevations."""
         if self.width is not None:
-            return CorridorAlone(ground.state(lazy=lazy), self.width)
+            return CorridorAlone(map_state(ground, lazy=lazy), self.width)
         return Planner(ground, model=self.model or "edge", lazy=lazy)
 
 

@@ -10,9 +10,8 @@ what a straight step on even ground does.
 A *leg* is the straight way between two way points. It is clear where every cell that it touches is passable and, for
 a disc, where it keeps the disc's radius away from every obstacle. For that the kernels are given `room`, a tuple
 
-    costs      (rows · cols,) float32, a point's; what lies off the map is an obstacle
+    weights    (nodes,) float32, a point's, inf where a cell is an obstacle, as is what lies off the map
     rows, cols of the map
-    ceiling    cost from which on a cell is an obstacle
     radius     metres
     sides      height and width of a cell, metres: two numbers
 
@@ -36,7 +35,7 @@ _GAUSS = (
     (0.5384693101056831, 0.4786286704993665),
     (0.906179845938664, 0.2369268850561891),
 )
-NO_DISC = np.empty(0, np.float32), 0, 0, np.inf, 0.0, 1.0, 1.0
+NO_DISC = np.empty(0, np.float32), 0, 0, 0.0, 1.0, 1.0
 _ROUNDING = 1.0 - 1e-7
 """Share of the radius that is kept away."""
 
@@ -45,8 +44,7 @@ _ROUNDING = 1.0 - 1e-7
 def ground_of(grid, room):
     """Constants of the kernels below: (weights, stride, a cell's length, what a weight adds, cutting, room)."""
     weights, stride, steps, corner_cutting, _ = grid
-    costs, rows, cols, ceiling, radius, height, width = room
-    around = borrowed(costs), rows, cols, ceiling, radius, height, width
+    around = borrowed(room[0]), *room[1:]
     return borrowed(weights), stride, steps[0], 2.0 * steps[2], corner_cutting, around
 
 
@@ -147,7 +145,7 @@ def _beside(row, col, to_row, to_col, height, width):
 @helper
 def _keeps_away(room, row, col, to_row, to_col):
     """Whether a disc that follows a leg touches no obstacle: by the distance of the leg from each cell's square."""
-    costs, rows, cols, ceiling, radius, height, width = room
+    weights, rows, cols, radius, height, width = room
     if radius == 0.0:
         return True
     up, left, least = radius / height + 0.5, radius / width + 0.5, (radius * _ROUNDING) ** 2
@@ -161,7 +159,7 @@ def _keeps_away(room, row, col, to_row, to_col):
             first, last = max(min(one, two), 0.0), min(max(one, two), 1.0)
         low, high = col + first * right, col + last * right
         for j in range(math.ceil(min(low, high) - left), math.floor(max(low, high) + left) + 1):
-            if 0 <= i < rows and 0 <= j < cols and costs[np.uint64(i * cols + j)] < ceiling:
+            if 0 <= i < rows and 0 <= j < cols and weights[np.uint64((i + 1) * (cols + 2) + j + 1)] < np.inf:
                 continue
             begin = (row - i) * height, (col - j) * width
             if _beside(*begin, begin[0] + down * height, begin[1] + right * width, 0.5 * height, 0.5 * width) < least:

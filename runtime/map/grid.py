@@ -21,6 +21,8 @@ from nnpp_edge.runtime.map.tiles import COMPLETE, Tiles
 _FAR = 0.25
 """A bound is measured anew when it lies beyond this share, or one over it, of what was measured last."""
 _NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
+_OF_WEIGHTS = np.float32(0.0), np.float32(np.inf), np.float32(1.0), np.float32(np.inf)
+"""Limits of costs that are weights already."""
 _ALL = np.empty((0, 0), np.bool_)
 """Of a patch whose cells are all written."""
 
@@ -55,11 +57,17 @@ class Grid:
         """By which steps cost; None where they cost by the weights, or the poses, of their ends."""
         self.steps = PointSteps()
         """Costs of steps, and where they may lead."""
-        self.packed: PackedGrid = (self.weights, self.stride, model.steps, corner_cutting, COMPLETE)
+        self._level = 0
         floor, most, ceiling = map(np.float32, model.costs)
         self._limits = floor, most, np.float32(model.scale), ceiling
         self.set_bounds(math.inf, 0.0)
         self._measured = self.least, self.greatest
+
+    @property
+    def packed(self) -> PackedGrid:
+        """As the kernels take it."""
+        tiles = COMPLETE if self.tiles is None else self.tiles.packed(self._level)
+        return self.weights, self.stride, self.model.steps, self.corner_cutting, tiles
 
     @classmethod
     def of(cls, cost: Float2D, model: StepModel, corner_cutting: bool = True) -> "Grid":
@@ -95,21 +103,23 @@ class Grid:
 
     @classmethod
     def of_heights(
-        cls, heights: Float2D, rule: NDArray[np.float64], model: StepModel, corner_cutting: bool, coarsest: int
+        cls,
+        heights: Float2D,
+        rule: NDArray[np.float64],
+        model: StepModel,
+        corner_cutting: bool,
+        coarsest: int,
+        told: Float2D | None,
     ) -> "Grid":
-        """The grid of a map of heights, in the ``paper`` model; nothing is computed yet.
-
-        `heights` and `rule` as for `Tiles`; the cells of the coarsest level will have sides of `coarsest` cells.
-        """
+        """The grid of a map of heights, in the ``paper`` model; nothing is computed yet. Arguments as for `Tiles`."""
         rows, cols = heights.shape
         grid = cls(rows, cols, model, corner_cutting, bordered(rows, cols))
-        grid.compute_by(Tiles(heights, rule, grid.weights, corner_cutting, coarsest), 0)
+        grid.compute_by(Tiles(heights, rule, grid.weights, corner_cutting, coarsest, told), 0)
         return grid
 
     def compute_by(self, tiles: Tiles, number: int) -> None:
         """From now on weights are computed by these, as the level of that number; the bounds are T's own."""
-        self.tiles = tiles
-        self.packed = (*self.packed[:4], tiles.packed(number))
+        self.tiles, self._level = tiles, number
         self.set_bounds(0.0, self.model.scale)
 
     def stand_by(self, poses: Poses) -> None:
@@ -173,8 +183,9 @@ class Grid:
         *,
         keep_old_weights: bool = False,
         seen: NDArray[np.bool_] | None = None,
+        weights: bool = False,
     ) -> Change:
-        """Put new costs (h, w), as for `of`, into a rectangle of the map, whose first cell is `origin`.
+        """Put new costs (h, w), as for `of`, or `weights`, into a rectangle of the map, whose first cell is `origin`.
 
         The bounds on the weights widen; they are measured anew where they have become much wider, and a cell at one
         of them has changed. `seen` are the cells that get new costs, by default all; with `keep_old_weights` the
@@ -191,7 +202,7 @@ class Grid:
         refused, cells, cheaper, (top, left, bottom, right), (least, greatest), at_bound = write_costs(
             cost,
             _ALL if seen is None else seen,
-            self._limits,
+            _OF_WEIGHTS if weights else self._limits,
             self.node(row, col),
             self.stride,
             self.weights,

@@ -5,12 +5,9 @@ from typing import TypedDict, Unpack
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, numbers
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.runtime.map.disc import DiscState
+from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
-from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
-from nnpp_edge.runtime.memory import check_planner_fits
+from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
@@ -113,58 +110,3 @@ class Ground:
             return as_map(self.cost, "cost")
         size, width = self.sides_m
         return traversability_cost(self.elevation, size, self.traversability, cell_width_m=width, warn=False)
-
-    @checked(InvalidQueryError)
-    def state(
-        self,
-        omega: float = PAPER_OMEGA,
-        corner_cutting: bool = True,
-        *,
-        lazy: bool = True,
-        warn: bool = False,
-        tell_unknown: bool = False,
-    ) -> MapState:
-        """The map to plan on.
-
-        Parameters
-        ----------
-        omega, corner_cutting, lazy, warn
-            As in `PlannerOptions`.
-        tell_unknown : bool
-            As for `MapState`.
-
-        Raises
-        ------
-        InvalidMapError, InvalidQueryError
-            As for `Planner`.
-        """
-        values = self.cost if self.elevation is None else self.elevation
-        by_slope = slope_cost_of(self.step_cost, self.mobility) if self.elevation is not None else None
-        check_planner_fits(getattr(values, "shape", ()), directed=by_slope is not None)
-        if self.elevation is None:
-            assert self.cost is not None
-            model = StepModel.of(self.step_cost, omega)
-            if self.vehicle is not None:
-                return DiscState(self.cost, model, self.vehicle, self.sides_m, corner_cutting=corner_cutting)
-            return MapState(self.cost, model, corner_cutting=corner_cutting, tell_unknown=tell_unknown)
-        model, sides, limits = StepModel.of(StepCost.PAPER, omega), self.sides_m, self.traversability
-        if self.vehicle is None or not self.vehicle.is_disc:
-            state = MapState.of_elevation(
-                self.elevation,
-                sides,
-                limits,
-                model,
-                corner_cutting=corner_cutting,
-                lazy=lazy,
-                warn=warn,
-                vehicle=self.vehicle,
-                slope_cost=by_slope,
-            )
-        else:
-            cost = traversability_cost(self.elevation, sides[0], limits, cell_width_m=sides[1], warn=warn)
-            surface, cutting = (self.elevation, limits), corner_cutting
-            state = DiscState(
-                cost, model, self.vehicle, sides, corner_cutting=cutting, surface=surface, slope_cost=by_slope
-            )
-        state.mobility = self.mobility or Mobility()
-        return state

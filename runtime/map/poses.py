@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.poses import (
     FAILS,
@@ -136,8 +136,7 @@ class Poses:
         place = self._margin + row, self._margin + col
         put_heights(np.ascontiguousarray(heights), self._base, self._unknown, self._heights, *place)
         if shut is not None:
-            there = tuple(slice(first, first + size) for first, size in zip(place, heights.shape, strict=True))
-            self._heights[there][shut] = np.inf
+            self._heights[slices((*place, *heights.shape))][shut] = np.inf
 
     def write(self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None = None) -> Rectangle:
         """Put heights into the map, (h, w) float32 that lie inside it, and forget the poses that they touch.
@@ -145,11 +144,9 @@ class Poses:
         `shut` as for the class, of these cells. Returns the rectangle of cells whose poses may be other ones now.
         """
         self._put(row, col, heights, shut)
-        (rows, cols), (up, left) = heights.shape, self.reach
+        rows, cols = heights.shape
         forget_poses(self.packed, (row, row + rows, col, col + cols), self.reach)
-        row0, row1 = max(row - up, 0), min(row + rows + up, self.shape[0])
-        col0, col1 = max(col - left, 0), min(col + cols + left, self.shape[1])
-        return row0, col0, row1 - row0, col1 - col0
+        return widened((row, col, rows, cols), self.reach, self.shape)
 
     def complete(self) -> None:
         """Check all poses that are not checked yet."""

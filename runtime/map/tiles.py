@@ -58,7 +58,7 @@ _EVERYWHERE = 62
 def _source(
     heights: NDArray[np.float32], rule: NDArray[np.float64], weights: NDArray[np.float32], shape: tuple[int, int]
 ) -> TileSource:
-    levels, counts, told = np.zeros((1, 4), np.int64), np.zeros(2, np.int64), virtual_zeros(heights.size, np.float32)
+    levels, counts, told = np.zeros((1, 4), np.int64), np.zeros(2, np.int64), np.empty(0, np.float32)
     coarse = np.empty(0, np.float32), np.empty(0, np.uint16), np.empty(0, np.uint8)
     return heights, rule, weights, levels, *coarse, counts, np.array(shape, np.int64), told
 
@@ -84,7 +84,8 @@ class Tiles:
 
     `heights` (H, W) float32 in metres, not finite where unknown, are kept, and changed by `write_heights` alone;
     `rule` as for `fill_weights`; `weights` and `corner_cutting` are those of the map's grid. Tiles consist of whole
-    cells of the coarsest level, which are `coarsest` cells to the side.
+    cells of the coarsest level, which are `coarsest` cells to the side. `told` as from `tell_from_now_on`, if
+    anything was told before.
     """
 
     def __init__(
@@ -94,6 +95,7 @@ class Tiles:
         weights: NDArray[np.float32],
         corner_cutting: bool,
         coarsest: int,
+        told: Float2D | None = None,
     ) -> None:
         self.heights, self.rule = heights, rule
         self.shape: tuple[int, int] = heights.shape
@@ -102,8 +104,8 @@ class Tiles:
         self.state = np.zeros((-(-self.shape[0] // high), -(-self.shape[1] // wide)), np.uint8)
         """(I, J) uint8, what has been computed of each tile, as bits."""
         self._source[3][0] = high.bit_length() - 1, wide.bit_length() - 1, corner_cutting, 0
-        self.told: Float2D = self._source[9].reshape(self.shape)
-        """(H, W) float32, costs that were told, inf where a cell is shut, 0 where nothing was. See `tell`."""
+        if told is not None:
+            self._tell_in(told)
 
     @property
     def cells_computed(self) -> int:
@@ -162,10 +164,17 @@ class Tiles:
         self.state |= SURROUNDED
         self._source[7][0] = rows * cols
 
-    @property
-    def has_told(self) -> bool:
-        """Whether any cost was told."""
-        return bool(self._source[7][1])
+    def tell_from_now_on(self) -> Float2D:
+        """(H, W) float32, costs that were told, inf where a cell is shut, 0 where nothing was; to be asked for before
+        `tell`.
+        """
+        told = virtual_zeros(self.heights.size, np.float32).reshape(self.shape)
+        self._tell_in(told)
+        return told
+
+    def _tell_in(self, told: Float2D) -> None:
+        self._source = (*self._source[:9], told.reshape(-1))
+        self._source[7][1] = 1
 
     def write_heights(self, row: int, col: int, patch: Float2D, *, keep_old_weights: bool = False) -> Change:
         """Put heights into the map, (h, w) float32 that lie inside it, and bring up to date what has been computed.
@@ -175,8 +184,7 @@ class Tiles:
         return self._write(self._source[0], 1, row, col, patch, keep_old_weights)
 
     def tell(self, row: int, col: int, costs: Float2D, *, keep_old_weights: bool = False) -> Change:
-        """Put costs told into the map, as `told` has them; as `write_heights`."""
-        self._source[7][1] = 1
+        """Put costs told into the map; as `write_heights`."""
         return self._write(self._source[9], 0, row, col, costs, keep_old_weights)
 
     def _write(

@@ -12,7 +12,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
 from nnpp_edge.runtime.map.ground import Ground, GroundOptions
-from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
@@ -65,7 +65,7 @@ class OnMap:
         ground = cost if isinstance(cost, Ground) else Ground(cost, cell_size_m=cell_size_m, **own)
         self._turns = Turns()
         self._model, self._ask_from = rest.pop("model", "edge"), rest.pop("ask_from", NEAR)
-        self._state: MapState = ground.state(tell_unknown=tell_unknown, **rest)  # type: ignore[misc]  # what is left
+        self._state: MapState = map_state(ground, tell_unknown=tell_unknown, **rest)  # type: ignore[misc]  # what is left
         self._make()
 
     def _make(self, unseen_change: float = 0.0) -> None:

@@ -17,8 +17,9 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels import any_heading
 from nnpp_edge.runtime.kernels.any_angle import NO_DISC, is_clear, line_cost
 from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
-from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.map.turns import curvatures, sharpest, turns_rad, with_arcs
 from nnpp_edge.runtime.planners.refine import BodyLines, Refiner
@@ -203,7 +204,7 @@ def test_the_state_of_a_disc_knows_its_turns():
     vehicle = Vehicle(radius_m=0.3, turning_radius_m=2.0)
     planner = Planner(np.full((30, 30), 0.2, np.float32), vehicle=vehicle, cell_size_m=1.0)
     assert planner.state.turning_radius_m == 2.0 and planner.state.sides_m == (1.0, 1.0)
-    assert MapState(np.full((3, 3), 0.2, np.float32), StepModel.of("paper")).sides_m is None
+    assert map_state(Ground(np.full((3, 3), 0.2, np.float32))).sides_m is None
 
 
 def test_lines_of_elevations_computed_where_somebody_looks_are_those_of_all():

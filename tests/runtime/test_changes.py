@@ -16,8 +16,9 @@ from nnpp_edge.runtime.kernels.encoding import mean_difference
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map import state as state_module
 from nnpp_edge.runtime.map.changes import ChangeLog
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners import dynamic_choice
 from nnpp_edge.runtime.planners.dynamic_choice import DynamicChooser
@@ -44,15 +45,15 @@ class ChangingMap:
     """
 
     def __init__(self, rng, shape, step_cost, corner_cutting, most, networks):
-        self.rng, self.step_cost, self.corner_cutting = rng, step_cost, corner_cutting
+        self.rng, self.step_cost, self.corner_cutting, self.most = rng, step_cost, corner_cutting, most
         self.model, (self.network, self.network_in_parts) = StepModel.of(step_cost), networks
         cost = rng.random(shape) * 0.9 + (0.01 if step_cost == "length" else 0.0)
         cost[rng.random(shape) < 0.15] = np.inf
         self.cost = cost.astype(np.float32)
         self.goal, self.start = self.cell(), self.cell()
         with replaced.object(state_module, "ChangeLog", partial(ChangeLog, most)):
-            self.state = MapState(self.cost, self.model, corner_cutting=corner_cutting)
-        self.unmerged = MapState(self.cost, self.model, corner_cutting=corner_cutting)
+            self.state = map_state(Ground(self.cost, step_cost=step_cost), corner_cutting=corner_cutting)
+        self.unmerged = map_state(Ground(self.cost, step_cost=step_cost), corner_cutting=corner_cutting)
         self.dstar, self.mender = DStarLite(self.state, self.goal), RegionMender(self.state)
         self.view = MapView(self.state, self.network)
         self.view_in_parts = MapView(self.state, self.network_in_parts, UNSEEN_CHANGE)
@@ -68,7 +69,7 @@ class ChangingMap:
 
     def afresh(self):
         """A map state made now; its bounds are those of the old one, which may be wider than need be."""
-        state = MapState(self.cost, self.model, corner_cutting=self.corner_cutting)
+        state = map_state(Ground(self.cost, step_cost=self.step_cost), corner_cutting=self.corner_cutting)
         state.grid.set_bounds(self.state.grid.least, self.state.grid.greatest)
         return state
 
@@ -245,7 +246,7 @@ class ChangingMap:
         query, work = Query(self.start, self.goal), Work()
         if not self.passable(*query[:2]):
             return
-        reach, merged = MEND_WITHIN * query.apart, self.state.log.merged
+        reach, merged = MEND_WITHIN * query.apart, len(self.since_answer) > self.most
         small = sum(change.cells for change in self.since_answer) <= MEND_SHARE * self.cost.size * 16
         near = all(apart(c.part, self.start) + max(c.part[2:]) <= reach for c in self.since_answer)
         worth = self.chooser_path.plan is not None and query.apart >= MEND_FROM and small and near
@@ -253,7 +254,7 @@ class ChangingMap:
         with replaced.multiple(dynamic_choice, **values):
             found, method, _ = self.chooser.find(query, work)
         assert (method is DynamicMethod.CORRIDOR_DSTAR) <= worth
-        if merged == 0:
+        if not merged:
             assert (method is DynamicMethod.CORRIDOR_DSTAR) == worth
         optimum = self.optimum(self.start)
         assert (found.search.status is Status.OK) == np.isfinite(optimum)

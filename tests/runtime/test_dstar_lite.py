@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels import dstar as kernels
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.search import dstar_lite as module
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
@@ -22,7 +22,7 @@ class Changing:
 
     def __init__(self, cost, goal, step_cost="paper", corner_cutting=True):
         self.cost, self.step_cost, self.corner_cutting = np.array(cost, np.float32), step_cost, corner_cutting
-        self.state = MapState(self.cost, StepModel.of(step_cost), corner_cutting=corner_cutting)
+        self.state = map_state(Ground(self.cost, step_cost=step_cost), corner_cutting=corner_cutting)
         self.grid = self.state.grid
         self.workspace = Workspace(len(self.grid.weights))
         self.goal, self.region = goal, None

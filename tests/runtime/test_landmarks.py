@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from nnpp_edge.runtime import Planner, Status
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
@@ -50,7 +51,7 @@ def test_a_landmarks_bound_is_never_above_the_cost(case, count):
 def test_landmarks_outlive_what_makes_cells_dearer_and_nothing_else(seed, dearer):
     rng = np.random.default_rng(seed)
     cost = rng.uniform(0.45, 0.5, (50, 60)).astype(np.float32)
-    state = MapState(cost, StepModel.of("paper"))
+    state = map_state(Ground(cost))
     searcher = AStarSearcher(state)
     searcher.prepare(4, [])
     for _ in range(4):

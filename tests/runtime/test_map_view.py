@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, NetworkModel, Planner
-from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.runtime.tuning import UNSEEN_CHANGE
 
@@ -81,7 +81,7 @@ def test_a_network_in_two_parts_is_shown_the_map_again_once_enough_has_changed()
 
 def test_a_change_outside_its_window_is_not_shown_to_a_network():
     cost = np.random.default_rng(5).random((700, 700)).astype(np.float32) * 0.9
-    network, state, ends = watched_network(), MapState(cost, StepModel.of("paper")), ((20, 20), (60, 60))
+    network, state, ends = watched_network(), map_state(Ground(cost)), ((20, 20), (60, 60))
     view = MapView(state, network)
     view.show(*ends)
     before = type(network).shown

@@ -8,9 +8,9 @@ import pytest
 from nnpp_edge.runtime.cells import as_cell
 from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
@@ -43,7 +43,7 @@ def cost():
 
 @pytest.fixture
 def state(cost):
-    return MapState(cost, StepModel.of("paper"))
+    return map_state(Ground(cost))
 
 
 def optimum(cost, query=QUERY):
@@ -213,7 +213,7 @@ def test_learned_regions_are_searched_in_turn_and_then_the_map(state, cost):
         assert exact.sources == [Source.FALLBACK] * (failures == 3)
     shape = (REFINE_FROM, 120)  # a larger map is searched on the coarsest level
     regions = GivenRegions(None)
-    planner, recording, _ = learned_of(MapState(rough(shape), StepModel.of("paper")), regions)
+    planner, recording, _ = learned_of(map_state(Ground(rough(shape))), regions)
     found = planner(QUERY._replace(goal=(110, 100)))
     assert regions.asked[0][2:] == ((REFINE_FROM // 4, 30), 1)
     assert found.search.status is Status.OK and recording.areas[0] < shape[0] * shape[1]
@@ -250,7 +250,7 @@ def test_a_late_query_does_not_wait_for_the_coarse_levels(cost, network, monkeyp
     monkeypatch.setattr(MapState, "pyramid", property(lambda _: pytest.fail("without a deadline")))
     for method in (Method.CORRIDOR, Method.NNPP, DynamicMethod.CORRIDOR_DSTAR, DynamicMethod.NNPP_DSTAR):
         with pytest.raises(OutOfTimeError):
-            Methods(MapState(cost, StepModel.of("paper")), network, ask_from=0).find(method, LATE, Work())
+            Methods(map_state(Ground(cost)), network, ask_from=0).find(method, LATE, Work())
 
 
 def test_every_method_finds_a_path_that_costs_little_more_than_the_optimum(state, network, cost):

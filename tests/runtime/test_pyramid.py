@@ -9,8 +9,9 @@ from nnpp_edge.runtime.kernels.expansion import read_field
 from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_PIECES, pool_and_link
 from nnpp_edge.runtime.kernels.threshold import linked
 from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
-from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import Source
@@ -124,7 +125,7 @@ def test_updating_a_part_equals_building_anew(seed, corner_cutting, shape, data)
     rng = np.random.default_rng(seed)
     cost = rng.random(shape).astype(np.float32)
     cost[rng.random(cost.shape) < 0.3] = np.inf
-    state = MapState(cost, StepModel.of("paper"), corner_cutting=corner_cutting)
+    state = map_state(Ground(cost), corner_cutting=corner_cutting)
     for _ in range(2):
         pyramid = state.pyramid
         row, col = (data.draw(st.integers(0, cells - 10)) for cells in shape)
@@ -160,7 +161,7 @@ def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():
 def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(side, wanted_landmarks):
     cost = np.random.default_rng(4).random((side, side)).astype(np.float32) * 0.9
     cost[:, 8:] = np.inf if side == 12 else cost[:, 8:]
-    state, start, goal = MapState(cost, StepModel.of("paper")), (side - 2, 0), (1, 7 if side == 12 else side - 2)
+    state, start, goal = map_state(Ground(cost)), (side - 2, 0), (1, 7 if side == 12 else side - 2)
     searcher = AStarSearcher(state)
     coarse_to_fine = CoarseToFine(state, searcher.workspace)
     coarse = coarse_to_fine.coarse_levels[0]

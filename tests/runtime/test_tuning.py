@@ -9,8 +9,9 @@ import numpy as np
 
 from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner, Status, exercises, tuning
 from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
-from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners import dynamic_choice, searchers
 from nnpp_edge.runtime.planners.choice import MethodChooser
@@ -100,21 +101,21 @@ def test_near_goals_are_found_before_the_network_is_shown_anything(network):
 def test_a_brief_search_gives_up_after_its_expansions():
     cost = free(150, 150)
     cost[75, 1:] = np.inf
-    methods, work = Methods(MapState(cost, StepModel.of("paper"))), Work()
+    methods, work = Methods(map_state(Ground(cost))), Work()
     assert methods.search_briefly(Query((73, 140), (77, 140)), work) is None
     limit = tuning.BRIEF_EXPANSIONS + 2 * 4**2
     assert limit <= work.expansions <= limit + 8
 
 
 def test_the_top_level_is_the_coarsest_on_which_the_ends_are_far_enough_apart():
-    state = MapState(free(1100, 20), StepModel.of("paper"))
+    state = map_state(Ground(free(1100, 20)))
     descent = CoarseToFine(state, Workspace(1))
     least = tuning.CELLS_APART * 4**2
     assert [descent.top_for(Query((0, 0), (apart, 0))) for apart in (2, least - 1, least, 1000)] == [1, 1, 2, 2]
 
 
 def test_a_level_gets_landmarks_after_its_patience_and_no_more_than_it_should():
-    state = MapState(rough(120, 120), StepModel.of("paper"))
+    state = map_state(Ground(rough(120, 120)))
     level = CoarseLevel(state.pyramid.levels[1])
     expanded = 0
     for _ in range(400):
@@ -127,7 +128,7 @@ def test_a_level_gets_landmarks_after_its_patience_and_no_more_than_it_should():
 
 def test_the_network_is_shown_a_window_up_to_a_share_of_the_map(network):
     side = 1000
-    view = MapView(MapState(free(side, 30), StepModel.of("paper")), network)
+    view = MapView(map_state(Ground(free(side, 30))), network)
     for apart in (10, 100, 250, 300):
         view.show((0, 0), (apart, 0))
         window = view.window
@@ -151,7 +152,7 @@ def test_auto_mends_from_its_distance_on_and_a_near_goal_is_found_by_astar():
 
 
 def test_a_wider_corridor_holds_more_cells_and_a_path_that_is_no_dearer():
-    state = MapState(rough(300, 300), StepModel.of("paper"))
+    state = map_state(Ground(rough(300, 300)))
     searcher, areas, costs = AStarSearcher(state), [], []
     descent = CoarseToFine(state, searcher.workspace)
     for width in (tuning.LEARNED_CORRIDOR, tuning.CORRIDOR, tuning.WIDENED_CORRIDOR):
