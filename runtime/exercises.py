@@ -19,16 +19,16 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.network.encoding import encode_gaussian
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.refine import BodyLines
-from nnpp_edge.runtime.region.corridor import CoarseLevel
-from nnpp_edge.runtime.region.threshold import RegionFinder
+from nnpp_edge.runtime.planners.windowed import connected
+from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.search.astar import cost_field
-from nnpp_edge.runtime.search.connection import connected
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.traversability import (

@@ -28,7 +28,7 @@ from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.attitude import attitudes
 from nnpp_edge.runtime.memory import peak_bytes
 from nnpp_edge.runtime.network import loading
-from nnpp_edge.runtime.planners.choice import expects_network
+from nnpp_edge.runtime.planners.methods import expects_network
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.query import PlanOptions, Query, problem_with
 from nnpp_edge.runtime.planners.refine import BodyLines

@@ -17,7 +17,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.region.threshold import probability_of
+from nnpp_edge.runtime.region.learned import probability_of
 from nnpp_edge.terrain.obstacles import OBSTACLE, covered
 
 _FRAMES = 5

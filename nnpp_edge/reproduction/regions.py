@@ -22,7 +22,7 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame, map_planes
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.region.threshold import RegionFinder
+from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 

@@ -15,7 +15,7 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame
-from nnpp_edge.runtime.region.threshold import RegionFinder
+from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.dataset import Samples

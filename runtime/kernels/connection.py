@@ -1,4 +1,4 @@
-"""Which cells of a map are connected, row after row. See `search.connection`."""
+"""Which cells of a map are connected, row after row. See `planners.windowed`."""
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
 

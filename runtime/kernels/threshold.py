@@ -1,4 +1,4 @@
-"""The adaptive threshold, and the blocks above it. See `region.threshold`."""
+"""The adaptive threshold, and the blocks above it. See `region.learned`."""
 
 import math
 

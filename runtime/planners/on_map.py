@@ -1,8 +1,11 @@
 """The common part of planners of a standing and of a changing map: the map, its patches, and one thread's turn."""
 
+import functools
 import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import cast
+from threading import get_ident
+from typing import Concatenate, ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +13,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
+from nnpp_edge.runtime.errors import ConcurrentUseError, InvalidMapError, InvalidQueryError, NnppEdgeError, shown
 from nnpp_edge.runtime.map.ground import Ground, GroundOptions
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.memory import touch
@@ -18,9 +21,71 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.query import in_words, problem_with
 from nnpp_edge.runtime.planners.refine import Refiner
-from nnpp_edge.runtime.planners.turns import Turns, one_at_a_time
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.tuning import NEAR
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Turns(dict[str, tuple[int]]):
+    """The thread that is at work in a planner, and whether a call was broken off.
+
+    A call that ends with an error of ours has changed nothing or finished what it changed. Any other exception, such
+    as a KeyboardInterrupt, may have come between two steps that belong together.
+    """
+
+    broken_off = False
+    """Whether what the planner keeps may be half written."""
+
+    def not_first(self, mine: tuple[int]) -> None:
+        """Somebody is at work: refuse another thread. This one was broken off before it could say so."""
+        if self.get("thread", mine) != mine:
+            raise ConcurrentUseError(
+                "wanted one call at a time, got one while another thread's is at work: give each thread a planner of "
+                "its own (and make a planner anew whose call was broken off in another thread)"
+            )
+        self.broken_off = True
+
+
+class TakesTurns(Protocol):
+    """A planner."""
+
+    @property
+    def _turns(self) -> Turns: ...
+
+    def _begin_anew(self) -> None:
+        """Make anew from the map's weights all that may be half written."""
+
+
+S = TypeVar("S", bound=TakesTurns)
+
+
+def one_at_a_time(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
+    """A planner's method that is refused while a call of another thread is at work.
+
+    After a call that was broken off the planner begins anew first. Such methods must not call one another.
+    """
+
+    @functools.wraps(method)
+    def guarded(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        turns, mine = self._turns, (get_ident(),)
+        if turns.setdefault("thread", mine) is not mine:  # one step, which nothing can come between
+            turns.not_first(mine)
+        try:
+            if turns.broken_off:
+                self._begin_anew()
+                turns.broken_off = False
+            return method(self, *args, **kwargs)
+        except NnppEdgeError:
+            raise
+        except BaseException:
+            turns.broken_off = True
+            raise
+        finally:
+            turns.clear()
+
+    return guarded
 
 
 class PlannerOptions(GroundOptions, total=False):

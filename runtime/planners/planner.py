@@ -16,13 +16,12 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import begin_loading
-from nnpp_edge.runtime.planners.choice import expects_network
-from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, split
+from nnpp_edge.runtime.planners.methods import expects_network
+from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Wishes, Work, options_of, problem_with, told
 from nnpp_edge.runtime.planners.refine import Refinement
 from nnpp_edge.runtime.planners.tour import Tour, tour
-from nnpp_edge.runtime.planners.turns import one_at_a_time
 from nnpp_edge.runtime.search.astar import costs_to_nearest
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.tuning import NEAREST_STOPS

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle, as_cell, enclosing
+from nnpp_edge.runtime.cells import Cell, Endpoints, Rectangle, as_cell, enclosing
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, Status
+from nnpp_edge.runtime.kernels.connection import label_rows, renumber
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.region import Region
@@ -28,7 +29,6 @@ from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with, told
 from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import Search, astar
-from nnpp_edge.runtime.search.connection import connected
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -293,3 +293,27 @@ def _extent(flags: NDArray[np.bool_]) -> tuple[int, int]:
     """The first flag that is set, and how many from there to the last one."""
     at = np.flatnonzero(flags)
     return (int(at[0]), int(at[-1] - at[0]) + 1) if len(at) else (0, 0)
+
+
+def connected(bands: Iterable[Float2D], ends: Endpoints, *, corner_cutting: bool = True) -> bool:
+    """Whether there is a path between two cells whose costs are below 1.
+
+    `bands` are (h, w) float32 costs of the map's rows, from top to bottom, read no further than is needed. Without
+    `corner_cutting` a diagonal step connects nothing that straight steps do not.
+    """
+    above = parents = numbers = np.empty(0, np.int32)
+    found, used, row = np.zeros(2, np.int32), 1, 0
+    for cost in bands:
+        if not len(above):
+            above = np.zeros(cost.shape[1], np.int32)
+        if len(parents) < used + cost.size:
+            parents = np.arange(len(above) + 4 + cost.size, dtype=np.int32)
+            numbers = np.zeros(len(parents), np.int32)
+        used = label_rows(cost, 1.0, corner_cutting, above, parents, used, row, ends, found)
+        row += len(cost)
+        used = renumber(parents, above, found, numbers)
+        if found.all() and found[0] == found[1]:
+            return True
+        if any(label and label not in above for label in found):  # it ends above, and the other is not in it
+            return False
+    return False

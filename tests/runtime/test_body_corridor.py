@@ -6,8 +6,8 @@ import pytest
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.plan import Source
-from nnpp_edge.runtime.region.corridor import CoarseLevel
 from nnpp_edge.runtime.search.workspace import Workspace
 
 ROVER = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.05, max_step_m=0.04)

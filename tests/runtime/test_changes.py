@@ -20,8 +20,8 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.planners import dynamic_choice
-from nnpp_edge.runtime.planners.dynamic_choice import DynamicChooser
+from nnpp_edge.runtime.planners import dynamic
+from nnpp_edge.runtime.planners.dynamic import DynamicChooser
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
 from nnpp_edge.runtime.planners.query import Query, Work
@@ -251,7 +251,7 @@ class ChangingMap:
         near = all(apart(c.part, self.start) + max(c.part[2:]) <= reach for c in self.since_answer)
         worth = self.chooser_path.plan is not None and query.apart >= MEND_FROM and small and near
         values = {"MEND_FROM": MEND_FROM, "NEAR": 0, "MEND_SHARE": MEND_SHARE * 16}
-        with replaced.multiple(dynamic_choice, **values):
+        with replaced.multiple(dynamic, **values):
             found, method, _ = self.chooser.find(query, work)
         assert (method is DynamicMethod.CORRIDOR_DSTAR) <= worth
         if not merged:

@@ -27,7 +27,7 @@ from nnpp_edge.runtime import (
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.map.slope_cost import ToblerCost
-from nnpp_edge.runtime.region.corridor import CoarseLevel
+from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.search.astar import astar, cost_field
 from nnpp_edge.runtime.search.workspace import Workspace
 from tests.directed_cases import MIRRORED, MOBILITY, MODELS, SYMMETRIC, dijkstra, hills, path_cost, tolerance

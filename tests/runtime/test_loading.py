@@ -16,7 +16,7 @@ from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.loop import navigator
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.network.loading import KEPT, begin_loading
-from nnpp_edge.runtime.planners import choice
+from nnpp_edge.runtime.planners import methods
 
 COST = np.random.default_rng(5).uniform(0.0, 0.5, (120, 130)).astype(np.float32)
 ENDS = (3, 4), (110, 120)
@@ -258,4 +258,4 @@ def test_the_network_is_expected_where_plans_come_from_it():
         ("corridor", 2000, 900, "edge", False),
         ("nosuch", 2000, 900, "edge", False),
     ):
-        assert choice.expects_network(method, (side, side), model, apart) is expected
+        assert methods.expects_network(method, (side, side), model, apart) is expected

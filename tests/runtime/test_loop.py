@@ -30,6 +30,7 @@ from nnpp_edge.runtime.loop.realtime import rss_bytes
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.ticker import Ticker
 from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
@@ -908,7 +909,7 @@ def test_heights_and_costs_that_the_map_has_already_change_nothing():
     heights = np.random.default_rng(0).normal(0.0, 0.01, (30, 40)).astype(np.float32)
     heights[3, 4] = np.nan
     for vehicle in (None, Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3), Vehicle(radius_m=0.6)):
-        state = Ground.of_elevation(heights, 0.5, vehicle=vehicle).state()
+        state = map_state(Ground.of_elevation(heights, 0.5, vehicle=vehicle))
         assert state.update_elevation(0, 0, heights[:20, :20]).cells == 0
         other = heights.copy()
         other[10:12, 15], other[11, 17] = 0.5, np.nan

@@ -13,11 +13,10 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
 from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
+from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel, CoarseToFine
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
-from nnpp_edge.runtime.region.corridor import CoarseLevel
 from nnpp_edge.runtime.search.astar import astar, settle_all
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import CORRIDOR

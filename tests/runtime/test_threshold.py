@@ -10,7 +10,7 @@ from nnpp_edge.runtime.map.pyramid import Level, Pyramid
 from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame
-from nnpp_edge.runtime.region.threshold import Ends, RegionFinder, probability_of
+from nnpp_edge.runtime.region.learned import Ends, RegionFinder, probability_of
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from tests import oracles

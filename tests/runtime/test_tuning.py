@@ -13,13 +13,11 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
 from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.planners import dynamic_choice, searchers
-from nnpp_edge.runtime.planners.choice import MethodChooser
-from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
-from nnpp_edge.runtime.planners.methods import Methods
+from nnpp_edge.runtime.planners import dynamic, searchers
+from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel, CoarseToFine
+from nnpp_edge.runtime.planners.methods import MethodChooser, Methods
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
-from nnpp_edge.runtime.region.corridor import CoarseLevel
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import CorridorWidth, MapSize
@@ -190,7 +188,7 @@ def test_each_limit_of_mending_counts(monkeypatch):
         planner.replan()
         planner.update(22, start[1] + 7, free(1, 1) + 0.3)
         with monkeypatch.context() as changed:
-            changed.setattr(dynamic_choice, name, value)
+            changed.setattr(dynamic, name, value)
             assert planner.replan().planner == wanted
     for value, wanted in ((1e9, "searched afresh"), (0.0, "mended")):
         planner = DynamicPlanner(rough(120, 120), (110, 110), "corridor-dstar")

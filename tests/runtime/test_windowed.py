@@ -18,8 +18,7 @@ from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.planners import windowed
 from nnpp_edge.runtime.planners.plan import Source
-from nnpp_edge.runtime.planners.windowed import WindowedPlanner
-from nnpp_edge.runtime.search.connection import connected
+from nnpp_edge.runtime.planners.windowed import WindowedPlanner, connected
 from nnpp_edge.runtime.terrain import windows
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.runtime.terrain.windows import CostWindows
