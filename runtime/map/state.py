@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,12 +114,12 @@ class MapState:
         """Forget all but the layers. Whoever read the log must be made anew."""
         self._lay_out()
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """The layers: a copy starts a log of its own."""
         anew = ("log", "_pyramid", "_unpooled", *(() if self._heights is None else ("grid",)))
         return {name: value for name, value in self.__dict__.items() if name not in anew}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
         self._lay_out()
 
