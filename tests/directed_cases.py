@@ -1,12 +1,9 @@
 """Random maps of heights for directed steps, and scipy's Dijkstra on the directed graph as their oracle."""
 
-import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
 
 from nnpp_edge.runtime import Traversability, traversability_cost
 from nnpp_edge.runtime.map.slope_cost import (
@@ -18,6 +15,7 @@ from nnpp_edge.runtime.map.slope_cost import (
     TimeCost,
     ToblerCost,
 )
+from tests import oracles
 
 MOBILITY = Mobility(
     time=TimeCost((-20.0, -5.0, 0.0, 12.0, 25.0), (0.3, 0.9, 0.8, 0.3, 0.1)),
@@ -65,31 +63,22 @@ def hills(rng: np.random.Generator, most_side: int = 24, least_side: int = 1) ->
     return Hills(dem, sides, limits, passable, start, goal, bool(rng.integers(2)))
 
 
-def steps_of(dem: np.ndarray, passable: np.ndarray, sides: tuple[float, float], model: SlopeCost, corners: bool):
-    """Every step of the grid as arrays (from, to, cost less what its rise is worth), by the definition in words."""
-    rows, cols = dem.shape
-    heights, nodes = dem.astype(np.float64), np.arange(dem.size).reshape(dem.shape)
-    out = []
-    for dr, dc in sorted(set(itertools.product((-1, 0, 1), repeat=2)) - {(0, 0)}):
-        here = slice(max(-dr, 0), rows - max(dr, 0)), slice(max(-dc, 0), cols - max(dc, 0))
-        there = slice(max(dr, 0), rows - max(-dr, 0)), slice(max(dc, 0), cols - max(-dc, 0))
-        allowed = passable[here] & passable[there]
-        if dr and dc and not corners:
-            allowed &= passable[here[0], there[1]] & passable[there[0], here[1]]
-        rise = (heights[there] - heights[here])[allowed]
-        cost = model.cost(math.hypot(dr * sides[0], dc * sides[1]), rise) - model.height_price * rise
-        out.append((nodes[here][allowed], nodes[there][allowed], cost))
-    return (np.concatenate(each) for each in zip(*out, strict=True))
-
-
 def dijkstra(case: Hills, model: SlopeCost, start: tuple[int, int], dem: np.ndarray | None = None) -> np.ndarray:
     """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is none."""
     dem = case.dem if dem is None else dem
-    i, j, v = steps_of(dem, case.passable, case.sides, model, case.corner_cutting)
-    graph = coo_array((np.maximum(v, 1e-300), (i, j)), shape=(dem.size, dem.size)).tocsr()
-    found = scipy_dijkstra(graph, indices=start[0] * dem.shape[1] + start[1]).reshape(dem.shape)
-    rise = np.where(case.passable, dem.astype(np.float64), 0.0) - float(dem[start])
-    return found + model.height_price * rise
+    return over_slopes(dem, case.passable, case.sides, model, start, case.corner_cutting)
+
+
+def over_slopes(dem, passable, sides, model, start, corner_cutting=True):
+    """`dijkstra` where `passable` is (H, W), or (4, H, W) by heading."""
+    heights = np.where(np.isfinite(dem), dem, 0.0).astype(np.float64)
+
+    def price(_, step, one, other):
+        rise = heights.flat[other] - heights.flat[one]
+        return model.cost(math.hypot(step[0] * sides[0], step[1] * sides[1]), rise) - model.height_price * rise
+
+    found = oracles.costs_from(oracles.steps(passable, price, corner_cutting), dem.shape, start)
+    return found + model.height_price * (heights - heights[start])
 
 
 def path_cost(path: np.ndarray, case: Hills, model: SlopeCost) -> float:

@@ -2,72 +2,83 @@
 
 import itertools
 import math
-from typing import Protocol
 
 import numpy as np
+from scipy.ndimage import label
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
+
+HEADINGS = ((1, 0), (1, 1), (0, 1), (-1, 1))
+"""Steps, (row, col), along which a path may lead, each both ways."""
 
 
 def traversability(dem, dy, dx, t):
     """Eq. 1 cell by cell, with numpy's least squares."""
     rows, cols = dem.shape
     cost = np.full(dem.shape, np.inf)
-    for r in range(rows):
-        for c in range(cols):
-            if not np.isfinite(dem[r, c]):
-                continue
-            points = np.array(
-                [
-                    ((j - c) * dx, (i - r) * dy, float(dem[i, j]) - float(dem[r, c]))
-                    for i in range(max(r - 1, 0), min(r + 2, rows))
-                    for j in range(max(c - 1, 0), min(c + 2, cols))
-                    if np.isfinite(dem[i, j])
-                ]
-            )
-            centre = points.mean(axis=0)
-            moved = points - centre
-            (a, b), *_ = np.linalg.lstsq(moved[:, :2], moved[:, 2], rcond=1e-9)
-            normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)
-            distances = moved @ normal
-            slope = math.acos(min(normal[2], 1.0)) if a or b else 0.0
-            slope = math.atan(math.hypot(a, b)) if slope < 1e-3 else slope
-            roughness = math.sqrt(np.mean(distances**2))
-            step = abs(float(-centre @ normal))
-            terms = [
-                min(slope / math.radians(t.slope_limit_deg), 1.0),
-                min(roughness / t.roughness_limit_m, 1.0),
-                min(step / t.step_limit_m, 1.0),
-            ]
-            beyond = slope > math.radians(t.hard_slope_deg) or roughness > t.hard_roughness_m or step > t.hard_step_m
-            if not beyond and min(terms) < 1.0:
-                cost[r, c] = np.dot(terms, [t.slope_weight, t.roughness_weight, t.step_weight])
+    for r, c in np.argwhere(np.isfinite(dem)).tolist():
+        near = itertools.product(range(max(r - 1, 0), min(r + 2, rows)), range(max(c - 1, 0), min(c + 2, cols)))
+        known = [(i, j) for i, j in near if np.isfinite(dem[i, j])]
+        points = np.array([((j - c) * dx, (i - r) * dy, float(dem[i, j]) - float(dem[r, c])) for i, j in known])
+        centre = points.mean(axis=0)
+        moved = points - centre
+        (a, b), *_ = np.linalg.lstsq(moved[:, :2], moved[:, 2], rcond=1e-9)
+        normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)
+        slope, roughness = math.atan(math.hypot(a, b)), math.sqrt(np.mean((moved @ normal) ** 2))
+        step = abs(float(-centre @ normal))
+        limits = math.radians(t.slope_limit_deg), t.roughness_limit_m, t.step_limit_m
+        terms = np.minimum(np.divide((slope, roughness, step), limits), 1.0)
+        beyond = slope > math.radians(t.hard_slope_deg) or roughness > t.hard_roughness_m or step > t.hard_step_m
+        if not beyond and terms.min() < 1.0:
+            cost[r, c] = terms @ (t.slope_weight, t.roughness_weight, t.step_weight)
     return cost
 
 
-def _edges(cost, step_cost, corner_cutting, omega):
-    """Every step of the grid as arrays (from, to, cost), direction by direction, by the definition in words."""
-    rows, cols = cost.shape
-    weights, nodes = cost.astype(np.float64), np.arange(cost.size).reshape(cost.shape)
-    passable = np.isfinite(cost) & (cost < 1.0 if step_cost == "paper" else True)
-    out = []
-    for dr, dc in set(itertools.product((-1, 0, 1), repeat=2)) - {(0, 0)}:
+# --- steps, and the cheapest paths of them
+
+
+def steps(passable, price, corner_cutting=True):
+    """Every step of a grid as arrays (from, to, cost), by the definition in words.
+
+    `passable` is (H, W), or (4, H, W) by heading; `price` takes a heading's number, (rows, cols) that the step leads
+    down and right, and the nodes that it leads from and to.
+    """
+    planes = np.broadcast_to(passable, (4, *np.shape(passable)[-2:]))
+    rows, cols = planes.shape[1:]
+    nodes, parts = np.arange(rows * cols).reshape(rows, cols), []
+    for heading, sign in itertools.product(range(4), (1, -1)):
+        plane, (dr, dc) = planes[heading], (sign * each for each in HEADINGS[heading])
         here = slice(max(-dr, 0), rows - max(dr, 0)), slice(max(-dc, 0), cols - max(dc, 0))
         there = slice(max(dr, 0), rows - max(-dr, 0)), slice(max(dc, 0), cols - max(-dc, 0))
-        allowed = passable[here] & passable[there]
+        allowed = plane[here] & plane[there]
         if dr and dc and not corner_cutting:
-            allowed &= passable[here[0], there[1]] & passable[there[0], here[1]]
-        length, pair = math.hypot(dr, dc), (weights[here] + weights[there])[allowed]
-        step = length + 255 * omega * pair if step_cost == "paper" else length * pair / 2
-        out.append((nodes[here][allowed], nodes[there][allowed], step))
-    return (np.concatenate(each) for each in zip(*out, strict=True))
+            allowed &= plane[here[0], there[1]] & plane[there[0], here[1]]
+        one, other = nodes[here][allowed], nodes[there][allowed]
+        parts.append((one, other, price(heading, (dr, dc), one, other)))
+    return tuple(np.concatenate(each) for each in zip(*parts, strict=True))
+
+
+def costs_from(all_steps, shape, start):
+    """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is none."""
+    i, j, v = all_steps
+    graph = coo_array((np.maximum(v, 1e-300), (i, j)), shape=(math.prod(shape),) * 2).tocsr()
+    return scipy_dijkstra(graph, indices=start[0] * shape[1] + start[1]).reshape(shape)
+
+
+def steps_on(cost, step_cost="paper", corner_cutting=True, omega=0.011):
+    """`steps` on a map of costs, in one of the two models."""
+    weights = cost.astype(np.float64).ravel()
+
+    def price(_, step, one, other):
+        length, pair = math.hypot(*step), weights[one] + weights[other]
+        return length + 255 * omega * pair if step_cost == "paper" else length * pair / 2
+
+    return steps(np.isfinite(cost) & ((cost < 1.0) | (step_cost == "length")), price, corner_cutting)
 
 
 def dijkstra(cost, start, step_cost="paper", corner_cutting=True, omega=0.011):
-    """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is none."""
-    i, j, v = _edges(cost, step_cost, corner_cutting, omega)
-    graph = coo_array((np.maximum(v, 1e-300), (i, j)), shape=(cost.size, cost.size)).tocsr()
-    return scipy_dijkstra(graph, indices=start[0] * cost.shape[1] + start[1]).reshape(cost.shape)
+    """(H, W) cost of the cheapest path from `start` to each cell of a map of costs."""
+    return costs_from(steps_on(cost, step_cost, corner_cutting, omega), cost.shape, start)
 
 
 def octile(shape, goal, straight, diagonal):
@@ -77,28 +88,23 @@ def octile(shape, goal, straight, diagonal):
     return straight * (far - near) + diagonal * near
 
 
-def least_refused(steps, region, start, to_go):
+def least_refused(all_steps, region, start, to_go):
     """The least that a path from `start` can cost that leaves a region (H, W) bool: its first step out, and on.
 
-    `steps` are arrays (from, to, cost) of all steps of the map, `to_go` (H, W) the least cost to the goal.
+    `to_go` is the (H, W) least cost to the goal.
     """
-    (i, j, v), inside = steps, region.reshape(-1)
+    (i, j, v), inside = all_steps, region.ravel()
     within, out = inside[i] & inside[j], inside[i] & ~inside[j]
-    graph = coo_array((v[within], (i[within], j[within])), shape=(inside.size, inside.size)).tocsr()
-    came = scipy_dijkstra(graph, indices=start[0] * region.shape[1] + start[1])
-    return float((came[i[out]] + v[out] + to_go.reshape(-1)[j[out]]).min(initial=math.inf))
+    came = costs_from((i[within], j[within], v[within]), region.shape, start).ravel()
+    return float((came[i[out]] + v[out] + to_go.ravel()[j[out]]).min(initial=math.inf))
 
 
 def bound_by_region(cost, region, start, goal, step_cost="paper", corner_cutting=True, omega=0.011):
     """`least_refused` on a map of costs, where no step costs less than among the cheapest cells."""
-    steps = tuple(_edges(cost, step_cost, corner_cutting, omega))
-    pair = 2.0 * float(cost[np.isfinite(cost) & (cost > 0.0)].min())
-    prices = [
-        length + 255 * omega * pair if step_cost == "paper" else 0.5 * length * pair
-        for length in (1.0, math.sqrt(2.0))
-    ]
-    prices[1] = min(prices[1], 2.0 * prices[0])
-    return least_refused(steps, region, start, octile(cost.shape, goal, *prices))
+    pair, lengths = 2.0 * float(cost[np.isfinite(cost) & (cost > 0.0)].min()), np.array((1.0, math.sqrt(2.0)))
+    straight, diagonal = lengths + 255 * omega * pair if step_cost == "paper" else 0.5 * lengths * pair
+    to_go = octile(cost.shape, goal, straight, min(diagonal, 2.0 * straight))
+    return least_refused(steps_on(cost, step_cost, corner_cutting, omega), region, start, to_go)
 
 
 def path_cost(path, cost, step_cost="paper", omega=0.011):
@@ -114,23 +120,11 @@ def path_cost(path, cost, step_cost="paper", omega=0.011):
 
 def threshold_by_loop(levels, start, goal):
     """The largest level at which start and goal are connected, found by lowering it one at a time."""
-    from scipy.ndimage import label
-
     for td in range(255, -1, -1):
         labels, _ = label(levels >= td, structure=np.ones((3, 3)))
         if labels[start] and labels[start] == labels[goal]:
             return td
     return -1
-
-
-class Answer(Protocol):
-    """What the oracles look at of a plan."""
-
-    status: object
-    path: object
-    cost: float
-    lower_bound: float
-    expansions: int
 
 
 def cheapest(cost, start, goal, step_cost="paper", corner_cutting=True, omega=0.011):

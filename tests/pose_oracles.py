@@ -9,10 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
 
-HEADINGS = ((1, 0), (1, 1), (0, 1), (-1, 1))
+from tests import oracles
+from tests.oracles import HEADINGS
+
 CODES = 65533
 """Steps that T in [0, 1] is rounded up to."""
 SHRUNK = 1.0 - 1e-9
@@ -174,30 +174,21 @@ def coded(costs):
 
 
 def dijkstra_over_poses(costs, start, goal, scale):
-    """Cost of the cheapest path between two cells by scipy; inf where there is none.
+    """Cost of the cheapest path between two cells; inf where there is none.
 
     A step from i to j along heading k costs its length in cells + scale · (T_i^k + T_j^k); costs is (4, H, W).
     """
-    _, rows, cols = costs.shape
-    if tuple(start) == tuple(goal):
-        return 0.0
-    one, other, step = steps_over_poses(costs, scale)
-    graph = coo_array((step, (one, other)), shape=(rows * cols, rows * cols)).tocsr()
-    return float(scipy_dijkstra(graph, indices=start[0] * cols + start[1])[goal[0] * cols + goal[1]])
+    return float(oracles.costs_from(steps_over_poses(costs, scale), costs.shape[1:], start)[tuple(goal)])
 
 
 def steps_over_poses(costs, scale):
-    """Every step of the grid as arrays (from, to, cost), both ways."""
-    _, rows, cols = costs.shape
-    nodes, parts = np.arange(rows * cols).reshape(rows, cols), []
-    for (dr, dc), plane in zip(HEADINGS, np.asarray(costs, np.float64), strict=True):
-        here = slice(max(-dr, 0), rows - max(dr, 0)), slice(max(-dc, 0), cols - max(dc, 0))
-        there = slice(max(dr, 0), rows - max(-dr, 0)), slice(max(dc, 0), cols - max(-dc, 0))
-        passes = np.isfinite(plane[here]) & np.isfinite(plane[there])
-        step = math.hypot(dr, dc) + scale * (plane[here][passes] + plane[there][passes])
-        one, other = nodes[here][passes], nodes[there][passes]
-        parts += [(one, other, step), (other, one, step)]
-    return tuple(np.concatenate(each) for each in zip(*parts, strict=True))
+    """`oracles.steps` over poses."""
+    planes = np.asarray(costs, np.float64).reshape(4, -1)
+
+    def price(heading, step, one, other):
+        return math.hypot(*step) + scale * (planes[heading][one] + planes[heading][other])
+
+    return oracles.steps(np.isfinite(costs), price)
 
 
 def path_cost_over_poses(costs, path, scale):

@@ -1,9 +1,57 @@
-"""Random maps and queries for the property tests."""
+"""Random maps, patches and queries for the property tests."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from hypothesis import strategies as st
+
+from nnpp_edge.runtime import Planner
+
+KINDS = ("uniform", "equal", "levels", "steep")
+
+
+def random_costs(rng, shape, step_cost="paper", kind="uniform", blocked=0.0, wall=np.inf):
+    """Costs in a step-cost model, of one of `KINDS` or of ``any`` size; where they are equal, so are keys."""
+    cost = rng.random(shape)
+    if kind == "equal":
+        cost[:] = cost.flat[0]
+    elif kind == "levels":
+        cost = np.round(cost * 3) / 4
+    elif kind == "steep" and step_cost == "length":
+        cost = 10.0 ** (6.0 * cost)
+    elif kind == "any" and step_cost == "length":
+        cost = 10.0 ** (67.0 * cost - 37.5)
+    if step_cost == "length" and kind != "any":
+        cost = cost + 0.01
+    cost = cost.astype(np.float32)
+    cost[rng.random(shape) < blocked] = wall
+    return cost
+
+
+def random_cell(rng, shape):
+    return int(rng.integers(shape[0])), int(rng.integers(shape[1]))
+
+
+def random_patch(rng, cost, step_cost="paper", kind="uniform", blocked=0.3):
+    """Where, and new costs: quite other ones, or the old ones raised, lowered, walled up or opened."""
+    h, w = (int(rng.integers(1, min(n, 6) + 1)) for n in cost.shape)
+    row, col = (int(rng.integers(n - k + 1)) for n, k in zip(cost.shape, (h, w), strict=True))
+    new, old = random_costs(rng, (h, w), step_cost, kind, blocked), cost[row : row + h, col : col + w]
+    what = rng.integers(6)
+    if what == 0:
+        new = np.where(np.isfinite(old), np.maximum(old, new), old)
+    elif what == 1:
+        new = np.where(np.isfinite(old), np.minimum(old, new), old)
+    elif what == 2:
+        new = np.where(rng.random((h, w)) < 0.5, np.float32(np.inf), old)
+    elif what == 3:
+        new = np.where(np.isinf(old), new, old)
+    return row, col, new
+
+
+def state_of(cost, step_cost="paper", corner_cutting=True):
+    """The state of a planner's map of costs."""
+    return Planner(cost, step_cost=step_cost, corner_cutting=corner_cutting).state
 
 
 @dataclass(frozen=True)
@@ -23,25 +71,13 @@ class Case:
 
 @st.composite
 def cases(draw, most_side: int = 24, any_size: bool = True):
-    """Maps of every shape, 1×1 and 1×N among them: smooth, ragged, alike, with weights up to 1e6 or of any size."""
-    rows, cols = draw(st.integers(1, most_side)), draw(st.integers(1, most_side))
+    """Maps of every shape, 1×1 and 1×N among them, of `KINDS` or with weights of any size."""
+    shape = draw(st.integers(1, most_side)), draw(st.integers(1, most_side))
     step_cost = draw(st.sampled_from(["paper", "length"]))
-    kind = draw(st.sampled_from(["uniform", "equal", "levels", "steep", *["any"] * any_size]))
-    blocked = draw(st.sampled_from([0.0, 0.15, 0.4, 0.7]))
+    kind = draw(st.sampled_from([*KINDS, *["any"] * any_size]))
+    blocked, wall = draw(st.sampled_from([0.0, 0.15, 0.4, 0.7])), draw(st.sampled_from([np.inf, np.nan]))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
-    cost = rng.random((rows, cols))
-    if kind == "equal":
-        cost[:] = cost[0, 0]
-    elif kind == "levels":
-        cost = np.round(cost * 3) / 4
-    elif kind == "steep" and step_cost == "length":
-        cost = 10.0 ** (6.0 * cost)
-    elif kind == "any" and step_cost == "length":
-        cost = 10.0 ** (67.0 * cost - 37.5)
-    if step_cost == "length" and kind != "any":
-        cost = cost + 0.01
-    cost = cost.astype(np.float32)
-    cost[rng.random((rows, cols)) < blocked] = draw(st.sampled_from([np.inf, np.nan]))
+    cost = random_costs(rng, shape, step_cost, kind, blocked, wall)
     if not np.isfinite(cost).any():
         cost[0, 0] = 0.5
     passable = np.argwhere(np.isfinite(cost))

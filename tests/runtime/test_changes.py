@@ -1,5 +1,7 @@
 """Whoever reads the log of a map's changes, at whatever times, is like one made afresh on the map as it is."""
 
+import gc
+from collections import deque
 from contextlib import suppress
 from functools import partial
 from unittest.mock import patch as replaced
@@ -9,17 +11,15 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import NetworkModel, Status
-from nnpp_edge.runtime.cells import apart
+from nnpp_edge.runtime import NetworkModel, Planner, Status
+from nnpp_edge.runtime.cells import apart, enclosing
 from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.encoding import mean_difference
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map import state as state_module
-from nnpp_edge.runtime.map.changes import ChangeLog
-from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.changes import MANY_NODES, Change, ChangeLog
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.state import map_state
-from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners import dynamic
 from nnpp_edge.runtime.planners.dynamic import DynamicChooser
 from nnpp_edge.runtime.planners.methods import Methods
@@ -31,7 +31,7 @@ from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
 from nnpp_edge.runtime.tuning import MEND_SHARE, MEND_WITHIN, UNSEEN_CHANGE
 from tests import oracles
-from tests.runtime.test_standing_path import random_patch, walkable
+from tests.strategies import random_cell, random_costs, random_patch, state_of
 
 CLOSE = {"rel": 1e-5, "abs": 1e-5}
 MEND_FROM = 12
@@ -46,14 +46,12 @@ class ChangingMap:
 
     def __init__(self, rng, shape, step_cost, corner_cutting, most, networks):
         self.rng, self.step_cost, self.corner_cutting, self.most = rng, step_cost, corner_cutting, most
-        self.model, (self.network, self.network_in_parts) = StepModel.of(step_cost), networks
-        cost = rng.random(shape) * 0.9 + (0.01 if step_cost == "length" else 0.0)
-        cost[rng.random(shape) < 0.15] = np.inf
-        self.cost = cost.astype(np.float32)
+        self.network, self.network_in_parts = networks
+        self.cost = random_costs(rng, shape, step_cost, blocked=0.15)
         self.goal, self.start = self.cell(), self.cell()
         with replaced.object(state_module, "ChangeLog", partial(ChangeLog, most)):
-            self.state = map_state(Ground(self.cost, step_cost=step_cost), corner_cutting=corner_cutting)
-        self.unmerged = map_state(Ground(self.cost, step_cost=step_cost), corner_cutting=corner_cutting)
+            self.state = state_of(self.cost, step_cost, corner_cutting)
+        self.unmerged = state_of(self.cost, step_cost, corner_cutting)
         self.dstar, self.mender = DStarLite(self.state, self.goal), RegionMender(self.state)
         self.view = MapView(self.state, self.network)
         self.view_in_parts = MapView(self.state, self.network_in_parts, UNSEEN_CHANGE)
@@ -62,19 +60,18 @@ class ChangingMap:
         self.chooser_path = StandingPath(self.state)
         self.chooser = DynamicChooser(Methods(self.state, self.network), self.chooser_path)
         self.since_answer = []
-        self.plain = self.state.log.reader()
         self.weighing = self.state.log.reader(keeps_old_weights=True)
-        self.at_last = {reader: self.state.grid.map().copy() for reader in (self.plain, self.weighing)}
+        self.at_last = self.state.grid.map().copy()
         self.set_landmarks()
 
     def afresh(self):
         """A map state made now; its bounds are those of the old one, which may be wider than need be."""
-        state = map_state(Ground(self.cost, step_cost=self.step_cost), corner_cutting=self.corner_cutting)
+        state = state_of(self.cost, self.step_cost, self.corner_cutting)
         state.grid.set_bounds(self.state.grid.least, self.state.grid.greatest)
         return state
 
     def cell(self):
-        return int(self.rng.integers(self.cost.shape[0])), int(self.rng.integers(self.cost.shape[1]))
+        return random_cell(self.rng, self.cost.shape)
 
     def passable(self, *cells):
         return all(np.isfinite(self.cost[cell]) for cell in cells)
@@ -87,8 +84,7 @@ class ChangingMap:
 
     def check_path(self, path, start):
         """It leads from start to goal, and costs what the map says; its cost."""
-        assert (tuple(path[0]), tuple(path[-1])) == (start, self.goal)
-        assert walkable(path, self.cost, self.corner_cutting)
+        assert oracles.path_problem(path, self.cost, start, self.goal, self.corner_cutting) == ""
         cost = self.state.grid.costs_of(path)[0]
         assert cost == pytest.approx(oracles.path_cost(path, self.cost, self.step_cost), **CLOSE)
         return cost
@@ -220,7 +216,8 @@ class ChangingMap:
             (wanted.cost, wanted.lower_bound, wanted.floor), **CLOSE
         )
         rest, goal = path[found.index :], self.goal
-        assert found.valid == walkable(rest, self.cost, self.corner_cutting)
+        problem = oracles.path_problem(rest, self.cost, at, path[-1], self.corner_cutting)
+        assert found.valid == (problem == "")
         optimum = self.optimum(at)
         slack = 2e-5 * (self.path.plan.cost + 1.0)
         if np.isfinite(optimum) and tuple(path[-1]) == goal:
@@ -264,35 +261,24 @@ class ChangingMap:
             self.chooser.answered()
             self.since_answer.clear()
 
-    def read_plain(self):
-        self.read_reader(self.plain)
-
     def read_old_weights(self):
-        """Of a node that stands in several changes the first old weight is the one at the last reading."""
-        first = {}
-        for change in self.weighing.peek():
+        """Changes cover every cell that is another one; of several the first has its weight at the last reading."""
+        before, now, first = self.at_last, self.state.grid.map().copy(), {}
+        changes = self.weighing.read()
+        for change in changes:
             for node, old in zip(change.nodes.tolist(), change.old_weights.tolist(), strict=True):
                 first.setdefault(self.state.grid.cell(node), old)
-        before, now = self.at_last[self.weighing], self.state.grid.map()
         assert {cell: before[cell] for cell in first} == first
-        assert {tuple(cell) for cell in np.argwhere(before != now).tolist()} <= first.keys()
-        self.read_reader(self.weighing)
-
-    def read_reader(self, reader):
-        """Its changes cover every cell that is another one, and it knows of every one that is cheaper."""
-        changes, before = reader.read(), self.at_last[reader]
-        covered = np.zeros(self.cost.shape, bool)
-        for row, col, rows, cols in (change.part for change in changes):
-            covered[row : row + rows, col : col + cols] = True
-        now = self.at_last[reader] = self.state.grid.map().copy()
-        assert covered[now != before].all()
-        assert sum(change.cells for change in changes) >= (now != before).sum()
+        differ = {tuple(cell) for cell in np.argwhere(before != now).tolist()}
+        assert differ <= first.keys()
+        assert all(any(apart(change.part, cell) == 0 for change in changes) for cell in differ)
         assert any(change.cheaper for change in changes) >= (now < before).any()
-        assert reader.behind == 0 and not reader.read()
+        assert self.weighing.behind == 0 and not self.weighing.read()
+        self.at_last = now
 
 
 PATCHES = ("patch_part", "patch_part", "patch_part", "patch_with_extremes", "patch_whole")
-READERS = tuple(name for name in vars(ChangingMap) if name.startswith("read_") and name != "read_reader")
+READERS = tuple(name for name in vars(ChangingMap) if name.startswith("read_"))
 STEPS = st.lists(st.sampled_from((*PATCHES * 3, *READERS, "move", "stand_on_path", "set_landmarks")), max_size=40)
 
 
@@ -319,3 +305,126 @@ def test_every_reader_of_the_log_is_like_one_made_afresh(
     world = ChangingMap(np.random.default_rng(seed), shape, step_cost, corner_cutting, most, networks)
     for step in (*steps, *READERS):
         getattr(world, step)()
+
+
+# --- the log itself
+
+
+def change_of(*nodes, old=1.0, row=0):
+    """A change of one row of cells, by their columns, that all weighed the same."""
+    part = (row, min(nodes), 1, max(nodes) - min(nodes) + 1)
+    return Change(part, len(nodes), nodes=np.array(nodes, np.int32), old_weights=np.full(len(nodes), old, np.float32))
+
+
+@given(st.integers(1, 6), st.lists(st.tuples(st.sampled_from("aaaaar"), st.integers(0, 30)), max_size=60))
+def test_merged_changes_cover_all_that_they_were_made_of(most, steps):
+    log = ChangeLog(most)
+    reader, unread = log.reader(keeps_old_weights=True), []
+    for number, (what, col) in enumerate(steps):
+        if what == "a":
+            change = change_of(col, old=float(number), row=number)
+            unread.append(change._replace(cheaper=col % 9 == 0, rescaled=col % 11 == 0))
+            log.append(unread[-1])
+            assert len(reader.peek()) <= most
+            continue
+        assert reader.behind == len(unread) and log.reader().behind == 0
+        changes, whole = reader.peek() if col % 3 == 0 else reader.read(), deque(unread)
+        for change in changes:  # each covers exactly the next of those that were appended
+            merged = [whole.popleft() for _ in range(change.cells)]
+            assert change.part == enclosing([each.part for each in merged])
+            np.testing.assert_array_equal(change.old_weights, [w for each in merged for w in each.old_weights])
+            for flag in ("cheaper", "rescaled"):
+                assert getattr(change, flag) == any(getattr(each, flag) for each in merged)
+        assert not whole
+        if col % 3:
+            unread.clear()
+
+
+def test_of_many_merged_nodes_each_is_kept_once_with_its_oldest_weight():
+    log, nodes = ChangeLog(2), np.arange(MANY_NODES, dtype=np.int32)
+    reader = log.reader(keeps_old_weights=True)
+    for old in range(1, 8):
+        weights = np.full(len(nodes), float(old))
+        log.append(Change((0, 0, 1, len(nodes)), len(nodes), nodes=nodes, old_weights=weights))
+    assert sum(len(change.nodes) for change in reader.peek()) <= 3 * len(nodes)
+    first = np.zeros(len(nodes))
+    for change in reversed(reader.read()):
+        first[change.nodes] = change.old_weights
+    assert (first == 1.0).all()
+
+
+def test_old_weights_are_noted_only_for_readers_that_want_them():
+    """Or a robot that computes its whole map anew each time would hold dozens of maps."""
+    cost = np.random.default_rng(0).random((300, 300)).astype(np.float32) * 0.5
+    state = state_of(cost)
+    slow = state.log.reader()
+    assert state.update(0, 0, cost + np.float32(0.1)).nodes.size == 0
+    weights = state.log.reader(keeps_old_weights=True)
+    for n in range(20):
+        state.update(0, 0, cost if n % 2 == 0 else cost + np.float32(0.1))
+        assert sum(len(change.nodes) for change in weights.read()) == cost.size
+        assert not any(len(change.nodes) for change in slow.peek())
+    assert state.update(0, 0, cost + np.float32(0.1)).cells == 0  # which is not written down
+    assert (slow.behind, weights.behind) == (21, 0)
+    del weights
+    gc.collect()
+    assert not state.log.keeps_old_weights
+
+
+# --- the standing path, by hand
+
+
+def standing_on(cost, start, goal, **options):
+    """A standing path along the optimum, its plan, and what patches the map."""
+    planner = Planner(cost, **options)
+    path, plan = StandingPath(planner.state), planner.plan(start, goal, method="astar")
+    path.set(plan)
+    return path, plan, lambda row, col, patch: planner.update(row, col, np.array(patch, np.float32, ndmin=2))
+
+
+def free(rows, cols):
+    return np.full((rows, cols), 0.2, np.float32)
+
+
+def test_changes_behind_the_robot_do_not_matter_and_off_its_path_it_stands_on_none():
+    path, plan, put = standing_on(free(20, 60), (10, 0), (10, 59))
+    put(10, 5, np.inf)
+    assert (path.check((10, 0)).footing, path.check((10, 0)).blocked_at) == (Footing.BLOCKED, (10, 5))
+    later = path.check((10, 20))
+    assert later.valid and later.index == 20
+    assert later.cost == pytest.approx(plan.cost * 39 / 59) and later.bound == pytest.approx(1.0, rel=1e-5)
+    assert later.added == pytest.approx(0.0, abs=1e-4)
+    assert path.check((3, 3)).footing is Footing.OFF_PATH
+    path.forget()
+    found = path.check((10, 0))
+    assert (found.footing, found.valid, found.lower_bound) == (Footing.NONE, False, 0.0)
+
+
+def test_only_a_path_to_the_goal_can_stand():
+    cost = free(5, 5)
+    cost[:, 2] = np.inf
+    path, plan, put = standing_on(cost, (0, 0), (4, 0))
+    with pytest.raises(InvalidQueryError, match="NO_PATH"):
+        path.set(Planner(cost).plan((0, 0), (4, 4), method="astar"))
+    put(2, 0, [[np.inf, np.inf]])
+    with pytest.raises(InvalidQueryError, match="walkable"):
+        path.set(plan)
+
+
+def test_costs_that_rise_leave_the_bound_and_what_is_far_off_saves_nothing():
+    path, plan, put = standing_on(free(20, 60), (10, 0), (10, 59))
+    put(0, 30, 0.15)
+    assert path.check((10, 0)).added < 0.1 * plan.cost  # one cell's saving at most
+    put(0, 30, 0.2)  # what was is what counts, not the order of changes
+    assert path.check((10, 0)).added == pytest.approx(0.0, abs=1e-3)
+    put(5, 0, np.full((10, 60), 0.3))  # other rows stay cheap, as the octile distance goes by the cheapest cell
+    found = path.check((10, 0))
+    assert found.lower_bound == pytest.approx(plan.cost, rel=1e-3)
+    assert found.added == pytest.approx(0.1 * 2 * 2.805 * 59, rel=1e-3)
+    path.set(plan)  # which forgets what changed before it
+    assert path.check((10, 0)).added == pytest.approx(0.0, abs=1e-6)
+    cost = free(30, 60)
+    cost[29, 0] = np.inf
+    path, _, put = standing_on(cost, (0, 0), (0, 59))
+    put(29, 0, 0.2)  # opened, but the way over it costs more
+    assert path.check((0, 0)).added == 0.0

@@ -30,7 +30,17 @@ from nnpp_edge.runtime.map.slope_cost import ToblerCost
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.search.astar import astar, cost_field
 from nnpp_edge.runtime.search.workspace import Workspace
-from tests.directed_cases import MIRRORED, MOBILITY, MODELS, SYMMETRIC, dijkstra, hills, path_cost, tolerance
+from tests.directed_cases import (
+    MIRRORED,
+    MOBILITY,
+    MODELS,
+    SYMMETRIC,
+    dijkstra,
+    hills,
+    over_slopes,
+    path_cost,
+    tolerance,
+)
 
 MAPS = int(os.environ.get("NNPP_EDGE_MAPS", "120"))
 TURNS = 6
@@ -321,7 +331,7 @@ def test_a_bodys_poses_decide_where_it_may_go_and_the_slope_what_it_costs(seed):
     dem[rng.integers(4, side - 4, 5), rng.integers(4, side - 4, 5)] += 2.0
     stands = np.isfinite(pose_costs(dem, 1.0, body))
     ends = [tuple(cell) for cell in np.argwhere(stands.all(0))[[0, -1]].tolist()]
-    truth = body_dijkstra(dem, stands, model, *ends)
+    truth = over_slopes(dem, stands, (1.0, 1.0), model, ends[0])[ends[1]]
     planner = Planner.of_elevation(dem, 1.0, vehicle=body, step_cost=name, mobility=MOBILITY, warn=False)
     near = 1e-5 * (2 * side * model.least_per_m + model.height_price * float(np.ptp(dem)))
     for method in ("astar", "corridor", "nnpp"):
@@ -336,33 +346,11 @@ def test_a_bodys_poses_decide_where_it_may_go_and_the_slope_what_it_costs(seed):
     for lift in (0.0, 0.3, 0.0):
         moving.move(ends[0])
         found = moving.replan()
-        truth = body_dijkstra(dem, np.isfinite(pose_costs(dem, 1.0, body)), model, *ends)
+        truth = over_slopes(dem, np.isfinite(pose_costs(dem, 1.0, body)), (1.0, 1.0), model, ends[0])[ends[1]]
         assert not found.ok or found.cost == pytest.approx(truth, rel=1e-5, abs=near)
         dem = dem.copy()
         dem[15:20, 15:20] += np.float32(lift)
         moving.update_elevation(15, 15, dem[15:20, 15:20])
-
-
-def body_dijkstra(dem, stands, model, start, goal):
-    """Cost of a body's cheapest path: a step is made in its heading, in which both its poses must stand."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
-
-    (rows, cols), parts = dem.shape, []
-    heights, nodes = dem.astype(np.float64), np.arange(dem.size).reshape(dem.shape)
-    for heading, (down, right) in enumerate(((1, 0), (1, 1), (0, 1), (-1, 1))):
-        for sign in (1, -1):
-            dr, dc = sign * down, sign * right
-            here = slice(max(-dr, 0), rows - max(dr, 0)), slice(max(-dc, 0), cols - max(dc, 0))
-            there = slice(max(dr, 0), rows - max(-dr, 0)), slice(max(dc, 0), cols - max(-dc, 0))
-            allowed = stands[heading][here] & stands[heading][there]
-            rise = (heights[there] - heights[here])[allowed]
-            cost = model.cost(math.hypot(dr, dc), rise) - model.height_price * rise
-            parts.append((nodes[here][allowed], nodes[there][allowed], cost))
-    i, j, v = (np.concatenate(each) for each in zip(*parts, strict=True))
-    graph = coo_array((v, (i, j)), shape=(dem.size, dem.size)).tocsr()
-    found = scipy_dijkstra(graph, indices=start[0] * cols + start[1]).reshape(dem.shape)[goal]
-    return found + model.height_price * (heights[goal] - heights[start])
 
 
 def test_the_nearest_of_several_goals_is_the_cheapest_to_get_to():
