@@ -58,16 +58,16 @@ class Grid:
         self.steps = PointSteps()
         """Costs of steps, and where they may lead."""
         self._level = 0
+        self.pack()
         floor, most, ceiling = map(np.float32, model.costs)
         self._limits = floor, most, np.float32(model.scale), ceiling
         self.set_bounds(math.inf, 0.0)
         self._measured = self.least, self.greatest
 
-    @property
-    def packed(self) -> PackedGrid:
-        """As the kernels take it."""
+    def pack(self) -> None:
+        """Lay out what the kernels take: after the arrays of the tiles have become others."""
         tiles = COMPLETE if self.tiles is None else self.tiles.packed(self._level)
-        return self.weights, self.stride, self.model.steps, self.corner_cutting, tiles
+        self.packed: PackedGrid = (self.weights, self.stride, self.model.steps, self.corner_cutting, tiles)
 
     @classmethod
     def of(cls, cost: Float2D, model: StepModel, corner_cutting: bool = True) -> "Grid":
@@ -120,6 +120,7 @@ class Grid:
     def compute_by(self, tiles: Tiles, number: int) -> None:
         """From now on weights are computed by these, as the level of that number; the bounds are T's own."""
         self.tiles, self._level = tiles, number
+        self.pack()
         self.set_bounds(0.0, self.model.scale)
 
     def stand_by(self, poses: Poses) -> None:

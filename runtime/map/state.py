@@ -170,6 +170,8 @@ class MapState:
             _PAPER.refuse(float(np.nanmin(costs)))
         if self._told is None:
             self._told = self._tiles.tell_from_now_on()
+            for grid in (self.grid, *(level.grid for level in (self._pyramid.levels[1:] if self._pyramid else ()))):
+                grid.pack()
         before, open_cost = self._told[slices(part)], np.float32(0.0) if self._shut_alone else costs
         kept = np.isnan(costs) if seen is None else np.isnan(costs) | ~seen
         told = np.where(kept, before, np.where(costs < 1.0, open_cost, np.float32(np.inf)))

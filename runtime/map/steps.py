@@ -32,10 +32,8 @@ class Weights(Protocol):
     stride: int
     model: StepModel
     tiles: Tiles | None
+    packed: PackedGrid
     greatest: float
-
-    @property
-    def packed(self) -> PackedGrid: ...
 
     def node(self, row: int, col: int) -> int:
         """Flat index of a cell."""
