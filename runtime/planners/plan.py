@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +14,10 @@ from nnpp_edge.runtime.map.along import Along, Line, Numbers
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.turns import curvatures
-from nnpp_edge.runtime.planners.plan_shown import Axes, draw, html_of
+from nnpp_edge.runtime.planners.plan_shown import draw, html_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 class Method(StrEnum):
@@ -232,7 +236,7 @@ class Plan:
             "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
         }
 
-    def plot(self, ax: Axes | None = None, *, background: ArrayLike | None = None) -> Axes:
+    def plot(self, ax: "Axes | None" = None, *, background: ArrayLike | None = None) -> "Axes":
         """Draw the path, and the region where it was kept, with matplotlib, a cell a unit.
 
         Parameters
@@ -250,7 +254,7 @@ class Plan:
         return "\n".join(f"{name:<15}{value}" for name, value in self._rows().items())
 
     def _repr_html_(self) -> str:
-        """A picture of the path and its figures, for notebooks."""
+        """Its figures and, with matplotlib, a picture of the path, for notebooks."""
         return html_of(self._rows(), self.line, self.region)
 
     def _rows(self) -> dict[str, object]:
