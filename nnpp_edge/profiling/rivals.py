@@ -1,7 +1,7 @@
 """Planners that are measured beside each other, under the names that reports give them."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from nnpp_edge.profiling.harness import Observer
@@ -11,7 +11,7 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, WIDENED_CORRIDOR, CorridorWidth
@@ -45,10 +45,8 @@ class CorridorAlone:
         work, state = Work(), self._methods.state
         checked = state.checked
         found = self._methods.corridor(Query(start, goal), work, widths=self._widths)
-        computed, checks = state.costs_computed, state.checked - checked
-        return found.plan(
-            Method.CORRIDOR, work, planner=method, keep_regions=keep_regions, costs_computed=computed, checks=checks
-        )
+        plan = found.plan(DynamicMethod.CORRIDOR, work, state, checked, keep_regions=keep_regions)
+        return replace(plan, planner=method)
 
 
 @dataclass(frozen=True)

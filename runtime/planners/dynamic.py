@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, apart, as_cell
-from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
@@ -25,7 +25,7 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
-from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with, told
+from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.refine import Refinement
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -276,28 +276,18 @@ class DynamicPlanner(OnMap):
 
     @one_at_a_time
     def _replan(self, work: Work, method: str | None, time_limit_s: float, keep_regions: bool) -> Plan:
-        choice = ""
         wanted = self.method if method is None else DynamicMethod.named(method)
         if wanted not in self.methods:
             known = ", ".join(sorted(self.methods))
             raise InvalidQueryError(f"method must be one that the planner was made for ({known}), got {wanted}")
         query = Query.of(self._where(), self._goal, Deadline.within(time_limit_s))
-        checked = self._state.checked
-        problem = problem_with(self._state.grid, query.start, query.goal)
-        if problem is not None:
-            return Plan(problem, wanted.base, planner=wanted, reason=told(problem, query))
-        try:
+
+        def find() -> tuple[Found, DynamicMethod, str]:
             if wanted is DynamicMethod.AUTO:
-                found, wanted, choice = self._chooser.find(query, work)
-            else:
-                found = self._methods.find(wanted, query, work)
-        except OutOfTimeError:
-            found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
-        checks = self._state.checked - checked
-        along = self._state.along(found.search.path)
-        plan = found.plan(
-            wanted.base, work, planner=wanted, choice=choice, keep_regions=keep_regions, checks=checks, along=along
-        )
+                return self._chooser.find(query, work)
+            return self._methods.find(wanted, query, work), wanted, ""
+
+        plan = self._answer(query, work, wanted, find, keep_regions)
         if plan.ok:
             self._path.set(plan)
             self._chooser.answered()

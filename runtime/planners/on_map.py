@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
+from nnpp_edge.runtime.deadline import OutOfTimeError
 from nnpp_edge.runtime.errors import ConcurrentUseError, InvalidMapError, InvalidQueryError, NnppEdgeError, shown
 from nnpp_edge.runtime.map.ground import Ground, GroundOptions
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.query import in_words, problem_with
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
+from nnpp_edge.runtime.planners.query import Found, Query, Work, in_words, problem_with, told
 from nnpp_edge.runtime.planners.refine import Refiner
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.tuning import NEAR
@@ -229,6 +231,27 @@ class OnMap:
         """Have the system back the planner's arrays with memory now, rather than when they are first written to."""
         touch(self._methods.astar.workspace)
         self._methods.descent.touch()
+
+    def _answer(
+        self,
+        query: Query,
+        work: Work,
+        wanted: DynamicMethod,
+        find: Callable[[], tuple[Found, DynamicMethod, str]],
+        keep_regions: bool,
+    ) -> Plan:
+        """The plan of what `find` gives: what was found, by which method, and why that; of ends that cannot be stood
+        on, or at the deadline, of the method `wanted`.
+        """
+        state, by, choice = self._state, wanted, ""
+        if problem := problem_with(state.grid, query.start, query.goal):
+            return Plan(problem, by.base, planner=by, reason=told(problem, query))
+        checked_before = state.checked
+        try:
+            found, by, choice = find()
+        except OutOfTimeError:
+            found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
+        return found.plan(by, work, state, checked_before, choice=choice, keep_regions=keep_regions)
 
     def _reach(self, start: Cell, within: float = math.inf) -> Float2D:
         """As `Planner.reach`."""

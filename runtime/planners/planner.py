@@ -10,7 +10,7 @@ from typing import Unpack
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
+from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
@@ -18,8 +18,8 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import begin_loading
 from nnpp_edge.runtime.planners.methods import expects_network
 from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, one_at_a_time, split
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source
-from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Wishes, Work, options_of, problem_with, told
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
+from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Wishes, Work, options_of
 from nnpp_edge.runtime.planners.refine import Refinement
 from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import costs_to_nearest
@@ -273,29 +273,18 @@ class Planner(OnMap):
 
     def _on_grid(self, start: Cell, goal: Cell, wishes: Wishes, work: Work, deadline: Deadline) -> Plan:
         """The plan by the search alone."""
-        query, methods, state = Query.of(start, goal, deadline, wishes.epsilon), self._methods, self._state
-        chosen, choice = methods.chooser.choose(wishes.method, query)
-        if problem := problem_with(state.grid, query.start, query.goal):
-            return Plan(problem, chosen, planner=chosen, reason=told(problem, query))
-        checked_before, found = state.checked, None
-        try:
-            if wishes.method == Method.AUTO and chosen is Method.ASTAR:
-                found = methods.search_briefly(query, work)
-                if found is None:
-                    chosen, choice = Method.CORRIDOR, f"{choice}, but the way is long"
-            found = found or methods.find(chosen, query, work)
-        except OutOfTimeError:
-            found = Found.too_late(Source.REGION)
-        return found.plan(
-            chosen,
-            work,
-            planner=chosen,
-            choice=choice,
-            keep_regions=wishes.keep_regions,
-            costs_computed=state.costs_computed,
-            checks=state.checked - checked_before,
-            along=state.along(found.search.path),
-        )
+        query, methods = Query.of(start, goal, deadline, wishes.epsilon), self._methods
+        chosen, why = methods.chooser.choose(wishes.method, query)
+
+        def find() -> tuple[Found, DynamicMethod, str]:
+            by, choice = chosen, why
+            if wishes.method == Method.AUTO and by is Method.ASTAR:
+                if (near := methods.search_briefly(query, work)) is not None:
+                    return near, DynamicMethod.ASTAR, choice
+                by, choice = Method.CORRIDOR, f"{choice}, but the way is long"
+            return methods.find(by, query, work), DynamicMethod(by), choice
+
+        return self._answer(query, work, DynamicMethod(chosen), find, wishes.keep_regions)
 
     def _refined(self, plan: Plan, refining: Refinement | None, wishes: Wishes, deadline: Deadline) -> Plan:
         """The plan, freed from the grid if that is asked for."""

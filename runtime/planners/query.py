@@ -9,10 +9,10 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.stopwatch import Stopwatch
 
@@ -139,45 +139,42 @@ class Found(NamedTuple):
 
     def plan(
         self,
-        method: Method,
+        by: DynamicMethod,
         work: Work,
+        state: MapState | None = None,
+        checked_before: int = 0,
         *,
-        planner: str,
         choice: str = "",
         reason: str = "",
         keep_regions: bool = False,
-        costs_computed: float = 1.0,
-        checks: int = 0,
-        along: Along | None = None,
     ) -> Plan:
-        """The finished plan, which owns its data."""
+        """The finished plan, which owns its data; of a map of which poses had been checked before, if given."""
+        search = self.search
         plan = Plan(
-            self.search.status,
-            method,
+            search.status,
+            by.base,
             self.source,
-            self.search.path,
+            search.path,
             self.cost,
             self.length,
             self.traverse_cost,
             self.lower_bound,
             work.expansions,
             threshold=self.threshold,
-            planner=planner,
+            planner=by,
             choice=choice or work.remark,
-            reason=reason or _REASONS.get(self.search.status, ""),
-            costs_computed=costs_computed,
-            checks=checks,
+            reason=reason or _REASONS.get(search.status, ""),
+            costs_computed=1.0 if state is None else state.costs_computed,
+            checks=0 if state is None else state.checked - checked_before,
             timings_ms=work.timings_ms,
-            along=along,
+            along=None if state is None else state.along(search.path),
         )
         work.stage_ends("path")  # the plan's own making counts
         work.timings_ms["total"] = work.total_ms()
         if not keep_regions:
             return plan
-        region, network_region = (
-            None if found is None else found.copy() for found in (self.region, self.network_region)
-        )
-        return replace(plan, region=region, network_region=network_region)
+        region, learned = (None if found is None else found.copy() for found in (self.region, self.network_region))
+        return replace(plan, region=region, network_region=learned)
 
 
 def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:

@@ -25,7 +25,7 @@ from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import available_bytes, small_pages, virtual_zeros
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with, told
 from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import Search, astar
@@ -163,7 +163,7 @@ class WindowedPlanner:
             status, reason = self._without_corridor(query)
             work.stage_ends("connection")
             found = Found.of(grid, Search.without_path(status), Source.WIDENED, None, work)
-        return found.plan(Method.CORRIDOR, work, planner=Method.CORRIDOR, reason=reason)
+        return found.plan(DynamicMethod.CORRIDOR, work, reason=reason)
 
     def plan_via(
         self,
