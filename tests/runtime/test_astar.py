@@ -1,17 +1,26 @@
+"""A* over a grid: in regions, with landmarks and over all that can be reached, against Dijkstra's algorithm."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.deadline import Deadline
-from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.planners.query import Query, Work
+from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search import astar as module
 from nnpp_edge.runtime.search.astar import astar, cost_field
+from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.workspace import LAST_STAMP, Workspace
 from tests import oracles
-from tests.strategies import cases
+from tests.strategies import cases, state_of
+
+CLOSE = {"rel": 1e-5, "abs": 1e-6}
 
 
 def set_up(cost, step_cost="paper", corner_cutting=True):
@@ -19,48 +28,33 @@ def set_up(cost, step_cost="paper", corner_cutting=True):
     return grid, Workspace(len(grid.weights))
 
 
-def check_path(case, path, wanted):
-    assert path.dtype == np.int32
-    assert tuple(path[0]) == case.start
-    assert tuple(path[-1]) == case.goal
-    assert oracles.path_cost(path, case.cost, case.step_cost) == pytest.approx(wanted, rel=1e-5, abs=1e-6)
-    assert np.isfinite(case.cost[tuple(path.T)]).all()
-    if not case.corner_cutting:
-        for (r, c), (i, j) in zip(path[:-1], path[1:], strict=True):
-            assert np.isfinite(case.cost[r, j])
-            assert np.isfinite(case.cost[i, c])
-
-
-@settings(deadline=None, max_examples=400)
-@given(cases())
-def test_astar_finds_the_optimal_cost(case):
-    grid, workspace = set_up(case.cost, case.step_cost, case.corner_cutting)
-    wanted = oracles.dijkstra(case.cost, case.start, case.step_cost, case.corner_cutting)[case.goal]
-    for _ in range(2):  # the second search meets what the first left behind
-        found = astar(grid, case.start, case.goal, workspace)
-        if np.isinf(wanted):
-            assert found.status is Status.NO_PATH
-            assert len(found.path) == 0
-        else:
-            assert found.status is Status.OK
-            check_path(case, found.path, wanted)
-
-
-@settings(deadline=None, max_examples=100)
-@given(cases())
-def test_a_cost_field_equals_dijkstras(case):
-    grid, workspace = set_up(case.cost, case.step_cost, case.corner_cutting)
-    found = cost_field(grid, case.start, workspace)
-    wanted = oracles.dijkstra(case.cost, case.start, case.step_cost, case.corner_cutting)
-    np.testing.assert_allclose(found, wanted, rtol=2e-5, atol=1e-6)
-
-
 def region_of(mask):
-    rows, cols = (np.arange(n, dtype=np.int32) for n in mask.shape)
-    return Region(mask.astype(np.int32), rows, cols, 1)
+    return Region(mask.astype(np.int32), *(np.arange(n, dtype=np.int32) for n in mask.shape), 1)
 
 
-@settings(deadline=None, max_examples=200)
+def check(case, found, wanted, corner_cutting):
+    """The outcome of a search is the optimum, by a path that may be driven."""
+    assert found.status is (Status.OK if np.isfinite(wanted) else Status.NO_PATH)
+    assert found.path.dtype == np.int32 and (len(found.path) > 0) == np.isfinite(wanted)
+    if np.isfinite(wanted):
+        assert oracles.path_cost(found.path, case.cost, case.step_cost) == pytest.approx(wanted, **CLOSE)
+        assert oracles.path_problem(found.path, case.cost, case.start, case.goal, corner_cutting) == ""
+
+
+@settings(max_examples=150)
+@given(cases(30), st.integers(0, 7), st.booleans())
+def test_searches_and_fields_are_dijkstras_with_landmarks_and_without(case, count, at_the_goal):
+    grid, workspace = set_up(case.cost, case.step_cost, case.corner_cutting)
+    field = oracles.dijkstra(case.cost, case.start, case.step_cost, case.corner_cutting)
+    for _ in range(2):  # the second search meets what the first left behind
+        check(case, astar(grid, case.start, case.goal, workspace), field[case.goal], case.corner_cutting)
+    np.testing.assert_allclose(cost_field(grid, case.start, workspace), field, rtol=2e-5, atol=1e-6)
+    planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting)
+    planner.prepare(landmarks=count, goals=[case.goal] if at_the_goal else [])
+    check(case, planner.plan(case.start, case.goal, method="astar"), field[case.goal], case.corner_cutting)
+
+
+@settings(max_examples=120)
 @given(cases())
 def test_a_region_is_searched_as_a_map_blocked_outside(case):
     rng = np.random.default_rng(case.cost.size)
@@ -70,95 +64,116 @@ def test_a_region_is_searched_as_a_map_blocked_outside(case):
     found = astar(grid, case.start, case.goal, workspace, region=region_of(mask))
     wanted = oracles.dijkstra(np.where(mask, case.cost, np.inf), case.start, case.step_cost)[case.goal]
     optimum = oracles.dijkstra(case.cost, case.start, case.step_cost)[case.goal]
-    if np.isinf(wanted):
-        assert found.status is Status.NO_PATH
-        assert found.refused_f <= optimum * (1 + 1e-5)
-        return
-    cost = oracles.path_cost(found.path, case.cost, case.step_cost)
-    assert cost == pytest.approx(wanted, rel=1e-5, abs=1e-6)
-    assert min(cost, found.refused_f) <= optimum * (1 + 1e-5) + 1e-6
+    check(case, found, wanted, True)
+    assert min(wanted, found.refused_f) <= optimum * (1 + 1e-5) + 1e-6
 
 
-def test_a_full_region_changes_nothing():
+@settings(max_examples=60)
+@given(cases(24), st.integers(1, 8))
+def test_a_landmarks_bound_is_never_above_the_cost(case, count):
+    grid, workspace = set_up(case.cost, case.step_cost, case.corner_cutting)
+    landmarks = Landmarks(grid, workspace)
+    landmarks.spread(count)
+    fields, at_goal, slack = landmarks.towards(case.goal)
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(fields - at_goal)
+    bounds = np.where(np.isnan(apart), 0.0, apart).max(axis=1) - slack
+    bounds = bounds.reshape(grid.rows + 2, grid.stride)[1:-1, 1:-1]
+    cost = oracles.dijkstra(case.cost, case.goal, case.step_cost, case.corner_cutting)
+    passable = np.isfinite(grid.map())
+    assert (bounds[passable] <= cost[passable] * (1 + 1e-6)).all()
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32), st.booleans())
+def test_landmarks_outlive_what_makes_cells_dearer_and_nothing_else(seed, dearer):
+    rng = np.random.default_rng(seed)
+    cost = rng.uniform(0.45, 0.5, (50, 60)).astype(np.float32)
+    state = state_of(cost)
+    searcher = AStarSearcher(state)
+    searcher.prepare(4, [])
+    for _ in range(4):
+        row, col = rng.integers(0, 40, 2)
+        patch = cost[row : row + 8, col : col + 8]
+        patch *= np.float32(1.2 if dearer else 0.8)
+        patch[rng.random(patch.shape) < 0.1] = np.inf if dearer else 0.05
+        state.update(int(row), int(col), patch)
+        assert (searcher.landmarks is not None) == dearer
+        ends = [tuple(int(x) for x in end) for end in rng.choice(np.argwhere(cost < 1.0), 2)]
+        found = searcher.search(Query(*ends), Work(), None)
+        assert state.grid.costs_of(found.path)[0] == pytest.approx(oracles.dijkstra(cost, ends[0])[ends[1]], **CLOSE)
+
+
+def test_landmarks_save_work_and_more_than_there_is_room_for_or_in_a_wall_are_refused():
+    cost = np.random.default_rng(3).random((256, 256)).astype(np.float32) * 0.9
+    cost[4, 4] = np.inf
+    plain, prepared, start = Planner(cost), Planner(cost), (20, 15)
+    for landmarks, goal, words in (
+        (8, (0, 0), "at most 8"),
+        (0, (4, 4), r"goal \(4, 4\): blocked"),
+        (0, (4, 400), "outside map"),
+    ):
+        with pytest.raises(InvalidQueryError, match=words):
+            prepared.prepare(landmarks=landmarks, goals=[goal])
+    prepared.prepare(landmarks=7, goals=[(240, 230)])
+    long = plain.plan(start, (240, 30), method="astar")
+    assert prepared.plan(start, (240, 30), method="astar").expansions < long.expansions / 2
+    to_goal = prepared.plan(start, (240, 230), method="astar")
+    assert to_goal.expansions < 2 * len(to_goal.path)
+    grid = Grid(5, 5, StepModel.of("paper"))  # without a passable cell
+    landmarks = Landmarks(grid, Workspace(len(grid.weights)))
+    landmarks.spread(3)
+    assert landmarks.cells == []
+
+
+def test_a_full_region_changes_nothing_and_one_of_blocks_is_read_in_place():
     cost = np.random.default_rng(3).random((60, 50)).astype(np.float32)
     grid, workspace = set_up(cost)
     plain = astar(grid, (2, 3), (55, 44), workspace)
     inside = astar(grid, (2, 3), (55, 44), workspace, region=region_of(np.ones(cost.shape, bool)))
     np.testing.assert_array_equal(plain.path, inside.path)
-    assert plain.expansions == inside.expansions
-    assert np.isinf(inside.refused_f)
-
-
-def test_a_region_reads_its_blocks_in_place():
-    cost = np.full((40, 40), 0.1, np.float32)
+    assert plain.expansions == inside.expansions and np.isinf(inside.refused_f)
     blocks = np.zeros((10, 10), np.int32)
     blocks[0, :] = blocks[:, 9] = 7
     lookup = np.arange(40, dtype=np.int32) // 4
     region = Region(blocks, lookup, lookup, 7)
-    grid, workspace = set_up(cost)
-    found = astar(grid, (0, 0), (39, 39), workspace, region=region)
+    found = astar(*set_up(cost[:40, :40])[:1], (0, 0), (39, 39), workspace, region=region)
     assert region.mask()[tuple(found.path.T)].all()
     assert region.area() == region.mask().sum() == 19 * 16
-    assert region.holds(3, 39)
-    assert not region.holds(4, 0)
+    assert region.holds(3, 39) and not region.holds(4, 0)
 
 
 def test_on_a_plain_map_little_more_than_the_path_is_expanded():
     grid, workspace = set_up(np.zeros((200, 300), np.float32))
     assert astar(grid, (0, 0), (199, 299), workspace).expansions < 900
-
-
-def test_start_is_goal():
-    grid, workspace = set_up(np.zeros((3, 3), np.float32))
-    found = astar(grid, (1, 1), (1, 1), workspace)
-    assert (found.status, found.path.tolist()) == (Status.OK, [[1, 1]])
+    assert astar(grid, (1, 1), (1, 1), workspace).path.tolist() == [[1, 1]]
 
 
 def test_a_passed_deadline_gives_the_path_as_far_as_it_came():
-    cost = np.random.default_rng(0).random((1200, 1200)).astype(np.float32)
+    cost = np.random.default_rng(0).random((300, 300)).astype(np.float32)
     grid, workspace = set_up(cost)
-    found = astar(grid, (0, 0), (1199, 1199), workspace, deadline=Deadline.within(0.0))
-    assert found.status is Status.TIMEOUT
-    assert tuple(found.path[0]) == (0, 0)
-    assert 1 < len(found.path) < 1200
-    assert np.isfinite(oracles.path_cost(found.path, cost))
-    assert astar(grid, (0, 0), (1199, 1199), workspace).status is Status.OK
+    found = astar(grid, (0, 0), (299, 299), workspace, deadline=Deadline.within(0.0))
+    assert found.status is Status.TIMEOUT and tuple(found.path[0]) == (0, 0)
+    assert 1 < len(found.path) < 300 and np.isfinite(oracles.path_cost(found.path, cost))
+    assert astar(grid, (0, 0), (299, 299), workspace).status is Status.OK
 
 
-def test_the_searches_number_starts_again_without_harm():
-    cost = np.random.default_rng(1).random((20, 20)).astype(np.float32)
-    grid, workspace = set_up(cost)
-    before = astar(grid, (0, 0), (19, 19), workspace)
-    workspace.stamp = LAST_STAMP - 1
-    for _ in range(3):
-        np.testing.assert_array_equal(astar(grid, (0, 0), (19, 19), workspace).path, before.path)
-
-
-def test_the_open_list_grows_when_it_must():
-    cost = np.random.default_rng(1).random((150, 150)).astype(np.float32)
-    grid, workspace = set_up(cost)
-    before = astar(grid, (0, 0), (149, 149), workspace)
-    small = Workspace(len(grid.weights))
-    small.entries = np.empty(32, np.int32)
-    np.testing.assert_array_equal(astar(grid, (0, 0), (149, 149), small).path, before.path)
-    assert len(small.entries) > 32
-
-
-def test_a_path_longer_than_the_room_for_it_is_whole():
-    cost = np.full((41, 41), 0.1, np.float32)
-    cost[1::4, :-1] = np.inf
-    cost[3::4, 1:] = np.inf
-    grid, workspace = set_up(cost)
-    before = astar(grid, (0, 0), (40, 40), workspace)
-    assert len(before.path) > 700
-    workspace.path = np.empty((16, 2), np.int32)
-    np.testing.assert_array_equal(astar(grid, (0, 0), (40, 40), workspace).path, before.path)
-    small = Workspace(len(grid.weights))
-    small.entries, small.path = np.empty(2 * 12, np.int32), np.empty((4, 2), np.int32)
-    cut = astar(grid, (0, 0), (40, 40), small, deadline=Deadline.within(0.0))
-    assert cut.status in (Status.TIMEOUT, Status.OK)
-    assert tuple(cut.path[0]) == (0, 0)
-    assert np.isfinite(oracles.path_cost(cut.path, cost))
+def test_searches_outgrow_their_memory_and_their_numbers():
+    snake, open_ground = np.full((41, 41), 0.1, np.float32), np.random.default_rng(1).random((150, 150))
+    snake[1::4, :-1] = snake[3::4, 1:] = np.inf  # a path longer than the room for it
+    for cost, goal in ((snake, (40, 40)), (open_ground.astype(np.float32), (149, 149))):
+        grid, workspace = set_up(cost)
+        before = astar(grid, (0, 0), goal, workspace)
+        small = Workspace(len(grid.weights))
+        small.entries, small.path = np.empty(32, np.int32), np.empty((4, 2), np.int32)
+        cut = astar(grid, (0, 0), goal, small, deadline=Deadline.within(0.0))
+        assert cut.status in (Status.TIMEOUT, Status.OK) and tuple(cut.path[0]) == (0, 0)
+        assert np.isfinite(oracles.path_cost(cut.path, cost))
+        np.testing.assert_array_equal(astar(grid, (0, 0), goal, small).path, before.path)
+        assert len(small.entries) > 32 or len(before.path) > 700
+        workspace.stamp = LAST_STAMP - 1
+        for _ in range(3):
+            np.testing.assert_array_equal(astar(grid, (0, 0), goal, workspace).path, before.path)
 
 
 def test_plain_python_gives_the_same_answer(monkeypatch):
@@ -184,3 +199,90 @@ def test_memory_is_left_to_the_next_workspace_but_never_shared():
     assert third.stamp == number > 0
     np.testing.assert_array_equal(astar(grid, (0, 0), (59, 69), third).path, wanted)
     assert not np.shares_memory(third.meta, Workspace(len(grid.weights)).meta)
+
+
+# --- what can be reached
+
+
+def test_within_a_cost_the_rest_is_not_reached_and_from_nowhere_nothing():
+    cost = np.random.default_rng(1).random((30, 40)).astype(np.float32)
+    cost[9, 9] = np.inf
+    planner = Planner(cost)
+    whole, part = planner.reach((3, 4)), planner.reach((3, 4), 20.0)
+    assert np.array_equal(np.isfinite(part), whole <= 20.0) and 0 < np.isfinite(part).sum() < cost.size
+    assert np.array_equal(part[whole <= 20.0], whole[whole <= 20.0])
+    assert whole == pytest.approx(oracles.dijkstra(cost, (3, 4)), rel=1e-5)
+    assert planner.reach((3, 4), 0.0).min() == 0.0 and np.isfinite(planner.reach((3, 4), 0.0)).sum() == 1
+    for start, within, words in (
+        ((9, 9), 1.0, "is impassable"),
+        ((30, 3), 1.0, "outside the map"),
+        ((0.5, 1), 1.0, "two whole numbers"),
+        ((1, 1), -1.0, "within"),
+    ):
+        with pytest.raises(InvalidQueryError, match=words):
+            planner.reach(start, within)
+
+
+def test_a_vehicle_reaches_what_its_plans_reach():
+    heights = np.random.default_rng(2).uniform(0.0, 0.25, (40, 40)).astype(np.float32)
+    vehicle = Vehicle(2.0, 1.5, 0.3, max_tilt_deg=14.0)
+    planner = Planner.of_elevation(heights, 1.0, vehicle=vehicle, warn=False)
+    stands = np.argwhere(np.isfinite(pose_costs(heights, 1.0, vehicle).min(0)))
+    start = tuple(stands[len(stands) // 2].tolist())
+    found = planner.reach(start)
+    for goal in map(tuple, stands[:: max(len(stands) // 12, 1)].tolist()):
+        assert planner.plan(start, goal, method="astar").cost == pytest.approx(float(found[goal]), rel=1e-5)
+
+
+# --- the grid's weights
+
+
+@given(st.sampled_from(["paper", "length"]), st.integers(0, 2**32), st.booleans())
+def test_an_update_says_what_it_changed_and_what_stood_there(step_cost, seed, keep):
+    rng, model = np.random.default_rng(seed), StepModel.of(step_cost)
+    cost = (rng.random((9, 12)) * 0.9 + 0.05).astype(np.float32)
+    cost[rng.random(cost.shape) < 0.2] = np.inf
+    grid = Grid.of(cost, model)
+    row, col = int(rng.integers(0, 9)), int(rng.integers(0, 12))
+    part = np.s_[row : row + int(rng.integers(1, 5)), col : col + int(rng.integers(1, 5))]
+    patch = cost[part].copy()
+    patch[rng.random(patch.shape) < 0.3] *= np.float32(0.5)
+    patch[rng.random(patch.shape) < 0.2] = np.nan
+    before = grid.map().copy()
+    change = grid.update(patch, (row, col), keep_old_weights=keep)
+    cost[part] = patch
+    np.testing.assert_array_equal(grid.map(), Grid.of(cost, model).map())
+    differs = grid.map() != before
+    assert change.cells == differs.sum() and change.cheaper == (grid.map() < before).any()
+    passable = grid.map()[np.isfinite(grid.map())]
+    assert passable.size == 0 or grid.least <= passable.min() <= passable.max() <= grid.greatest
+    if not change.cells:
+        assert change.part[2:] == (0, 0)
+        return
+    rows, cols = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
+    assert change.part == (rows[0], cols[0], rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1)
+    changed = [grid.node(*cell) for cell in np.argwhere(differs).tolist()]
+    np.testing.assert_array_equal(change.nodes, changed if keep else [])
+    np.testing.assert_array_equal(change.old_weights, before[differs] if keep else [])
+
+
+@pytest.mark.parametrize(("step_cost", "bad"), [("paper", -0.1), ("length", -1.0), ("length", 0.0)])
+def test_a_cost_too_low_is_refused_and_the_map_stays(step_cost, bad):
+    grid = Grid.of(np.full((5, 6), 0.5), StepModel.of(step_cost))
+    before, bounds = grid.weights.copy(), (grid.least, grid.greatest)
+    for patch, origin, words in (
+        ([[0.2, bad]], (1, 1), f"got one of {bad:g}"),
+        ([[0.3, 0.3]], (-1, 0), "inside the map"),
+        ([[0.3, 0.3]], (0, 5), "inside the map"),
+        ([[0.3, 0.3]], (5, 0), "inside the map"),
+    ):
+        with pytest.raises(InvalidMapError, match=words):
+            grid.update(np.array(patch), origin)
+    np.testing.assert_array_equal(grid.weights, before)
+    assert (grid.least, grid.greatest) == bounds
+
+
+def test_the_whole_map_taken_over_narrows_its_bounds():
+    grid = Grid.of(np.array([[0.1, 0.9]]), StepModel.of("paper"))
+    assert grid.update(np.array([[0.4, 0.5]])).cells == 2
+    assert (grid.least, grid.greatest) == pytest.approx(tuple(grid.model.scale * x for x in (0.4, 0.5)))
