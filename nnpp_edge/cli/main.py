@@ -40,7 +40,6 @@ _EXTRAS = {
     "robot": ("mcap", "prometheus_client", "zenoh"),
     "vector": ("pyogrio", "pyproj"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),
-    "view": ("starlette", "uvicorn", "websockets"),
     "viz": ("jinja2", "matplotlib", "PIL", "rerun"),
 }
 """Packages that the onboard install lacks, by the extra that brings them."""

@@ -1,5 +1,5 @@
 """A page on this machine for looking and trying: `nnpp-edge view`.
 
-What is shown and asked (`site`, `asked`, `landscape`, `trial`, `mending`, `words`) is plain Python. `layers` and
-`answers` make of it what the page draws; `server` alone knows of HTTP. The page itself stands in `page/`.
+The page (`page/`) holds the question (`asked`) and sends it whole: the server remembers nothing of a tab. `landscape`
+plans, `answers` makes of it what the page draws, `words` what is copied; `server` alone knows of HTTP.
 """

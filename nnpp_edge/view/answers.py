@@ -1,183 +1,190 @@
-"""Answers to the page: the site, a path with its figures and profile, methods side by side, a mended path."""
+"""Answers to the page: the path with its figures and profile, a method beside others, a mended path, layers.
+
+A layer is a byte a pixel, with no more pixels than a screen has, whatever the map. The page colours it
+(`page/layers.js`); nothing is compressed on the way to this machine's own browser.
+"""
 
 import math
+import threading
+from functools import lru_cache
+from typing import Annotated, Literal
 
+import cv2
 import msgspec
 import numpy as np
+from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
 from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.terrain.route import Route
-from nnpp_edge.view import layers
-from nnpp_edge.view.mending import Mended
-from nnpp_edge.view.messages import Change, Compare, Layer, Mend, Message, Move, Open, Paint, Undo
-from nnpp_edge.view.site import Site
-from nnpp_edge.view.trial import Compared, Trial
+from nnpp_edge.runtime.terrain.traversability import terrain_terms
+from nnpp_edge.view.asked import Asked, Method, Obstacles, Site
+from nnpp_edge.view.landscape import Landscape, painted
 from nnpp_edge.view.words import command_of, python_of
+from nnpp_edge.viz.picture import hillshade
 
+IMPASSABLE, UNKNOWN = 255, 0
+"""Of a pixel of costs, and of one of the relief."""
+_STEEPEST_DEG = 40.0
+"""Slope from which on its layer grows no stronger."""
+_BLOCKED = 0.25
+"""Share of a pixel's cells from which on it is impassable."""
+_MOST_LANDSCAPES = 2
+"""That are kept; each holds a planner's memory."""
 Answer = dict[str, object]
-MOST_PIXELS = 2048
-_LEAST_PIXELS = 64
+Layer = NDArray[np.uint8]
+
+
+class Question(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Content of the page's requests."""
+
+    want: Literal["path", "relief", "slope", "cost", "compare", "mend"]
+    asked: Asked
+    method: Method = "auto"
+    """To compare."""
+    before: Obstacles = ()
+    """That the path to be mended was planned among."""
+    pixels: Annotated[int, Meta(ge=64, le=2048)] = 1024
+    """Of a side of a layer, at most."""
 
 
 class Answerer:
-    """Answers one tab's messages. Serves one thread at a time."""
+    """Answers the page, one question at a time, whichever threads ask."""
 
-    def __init__(self, trial: Trial) -> None:
-        self.trial = trial
-        self._pixels = MOST_PIXELS
+    def __init__(self, site: Site, first: Asked) -> None:
+        self.site, self.first = site, first
+        self._lock = threading.Lock()
+        self._landscapes = lru_cache(_MOST_LANDSCAPES)(lambda asked: Landscape(site, asked))
 
-    def answer(self, message: Message) -> list[Answer | bytes]:
-        """Messages for the page, in order; bytes are the layer that the one before announces.
+    def landscape(self, asked: Asked) -> Landscape:
+        """The map that is asked of, with its obstacles."""
+        rest = {"start": (0, 0), "goal": (0, 0), "method": "auto", "refine": False, "obstacles": ()}
+        found = self._landscapes(msgspec.structs.replace(asked, **rest))
+        found.lay(asked.obstacles)
+        return found
 
-        What cannot be done is an answer too, in one line, and leaves everything as it was.
+    def opening(self) -> bytes:
+        """JSON of the site as the page shows it, and of the first question."""
+        dem, bodies = self.site.dem, {}
+        for name, body in self.site.bodies.items():
+            vehicle = body.vehicle if body.has_poses else None
+            bodies[name] = {
+                "time": body.mobility.time is not None,
+                "energy": body.mobility.energy is not None,
+                "clearance_m": vehicle and vehicle.clearance_m,
+                "max_tilt_deg": vehicle and vehicle.max_tilt_deg,
+            }
+        shown = {"name": dem.source.name, "shape": dem.shape, "sides_m": (dem.cell_size_m, dem.cell_width_m)}
+        return msgspec.json.encode(shown | {"bodies": bodies, "asked": self.first})
+
+    def answer(self, question: bytes) -> bytes:
+        """A line of JSON, then the bytes of the ``layer`` whose shape it holds, if it does.
+
+        What cannot be done is an answer too, a ``problem`` in one line.
         """
+        layer: Layer | None = None
         try:
-            return [_numbered(each, message.number) for each in self._answer(message)]
+            with self._lock:
+                answer, layer = self._answer(_decode(question))
         except (NnppEdgeError, MemoryError) as error:
-            text = str(error) if isinstance(error, NnppEdgeError) else "not enough memory"
-            return [{"type": "problem", "number": message.number, "text": text}]
+            answer = {"problem": str(error) if isinstance(error, NnppEdgeError) else "not enough memory"}
+        if layer is None:
+            return msgspec.json.encode(answer) + b"\n"
+        return msgspec.json.encode(answer | {"layer": layer.shape}) + b"\n" + layer.tobytes()
 
-    def _answer(self, message: Message) -> list[Answer | bytes]:
-        trial = self.trial
-        match message:
-            case Open():
-                self._pixels = min(max(message.pixels, _LEAST_PIXELS), MOST_PIXELS)
-                return [opening(trial), path_answer(trial), *self._layer("relief"), *self._layer("cost")]
-            case Move():
-                trial.change({message.end: message.to})
-                return [path_answer(trial)]
-            case Change():
-                another = trial.change(dict(message.values))
-                return [path_answer(trial), *(self._layer("cost") if another else ())]
-            case Layer():
-                return self._layer(message.name)
-            case Compare():
-                return self._compared(message.method)
-            case Paint():
-                trial.paint(message.part)
-                return [path_answer(trial), *self._layer("cost")]
-            case Mend():
-                return [mended_answer(trial.mend())]
-            case Undo():
-                if message.all:
-                    trial.clear()
-                else:
-                    trial.undo()
-                return [path_answer(trial), *self._layer("cost")]
-
-    def _layer(self, name: str) -> list[Answer | bytes]:
-        dem, pixels = self.trial.site.dem, self._pixels
-        if name == "cost":
-            return _layer_answer(name, layers.costs(self.trial.landscape.cost, pixels))
-        return _layer_answer(name, (layers.relief if name == "relief" else layers.slope)(dem, pixels))
-
-    def _compared(self, method: str) -> list[Answer | bytes]:
-        compared = self.trial.compare(method)
-        region, told = compared.plan.region, [compared_answer(method, compared, self.trial.site)]
-        if region is None:
-            return [*told]
-        return [*told, *_layer_answer(f"region {method}", layers.region(region, self._pixels))]
+    def _answer(self, question: Question) -> tuple[Answer, Layer | None]:
+        asked, dem, pixels = question.asked, self.site.dem, question.pixels
+        sides = dem.cell_size_m, dem.cell_width_m
+        if question.want == "relief":
+            return {}, relief(dem.elevation, sides, pixels)
+        if question.want == "slope":
+            return {}, slope(dem.elevation, sides, pixels)
+        landscape = self.landscape(asked)
+        if question.want == "cost":
+            return {}, costs(
+                np.where(painted(dem.shape, asked.obstacles), np.float32(np.inf), landscape.cost), pixels
+            )
+        if question.want == "compare":
+            plan, time_ms = landscape.compare(asked, question.method)
+            region = None if plan.region is None else plan.region.mask()
+            answer = {name: plan.summary()[name] for name in ("status", "method", "cost", "expansions")}
+            answer |= {"time_ms": round(time_ms, 3), "line": plan.line.tolist()}
+            answer["share"] = None if region is None else float(region.mean())
+            return answer, None if region is None else (smaller(region, pixels) * 255.0).astype(np.uint8)
+        if question.want == "mend":
+            footing, *plans = landscape.mend(asked, question.before)
+            took = [{"status": p.status, "ms": p.timings_ms.get("total"), "expansions": p.expansions} for p in plans]
+            return {"footing": footing, "mended": took[0], "afresh": took[1]}, None
+        return path_answer(self.site, asked, landscape, landscape.plan(asked, asked.method)), None
 
 
-def opening(trial: Trial) -> Answer:
-    """The site as the page shows it, and the controls' first values."""
-    site, asked = trial.site, trial.asked
-    bodies = {}
-    for name, body in site.bodies.items():
-        bodies[name] = {
-            "time": body.mobility.time is not None,
-            "energy": body.mobility.energy is not None,
-            "clearance": body.vehicle.clearance_m if body.vehicle is not None and body.has_body else None,
-            "max_tilt": body.vehicle.max_tilt_deg if body.vehicle is not None and body.has_body else None,
-        }
-    return {
-        "type": "opening",
-        "name": site.dem.source.name,
-        "shape": site.dem.shape,
-        "sides_m": site.sides_m,
-        "bodies": bodies,
-        "asked": msgspec.to_builtins(asked),
-    }
-
-
-def path_answer(trial: Trial) -> Answer:
-    """The newest plan: its figures, its line, what lies along it, and how to ask for it elsewhere."""
-    plan, asked, site = trial.plan, trial.asked, trial.site
+def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> Answer:
+    """A plan: its figures, its line, what lies along it, and how to ask for it elsewhere."""
     answer: Answer = {
-        "type": "path",
-        "figures": {**plan.summary(), "line_cost": _rounded(plan.line_cost)},
+        "figures": plan.summary(),
         "ok": plan.ok,
         "unit": unit_of(asked.slope_cost),
-        "on_foot": trial.landscape.mobility.time is None,
-        "asked": msgspec.to_builtins(asked),
-        "start": asked.start,
-        "goal": asked.goal,
-        "obstacles": asked.obstacles,
+        "on_foot": asked.chosen(site).mobility.time is None,
         "rows": [],
         "cols": [],
-        "warnings": trial.landscape.warnings,
+        "warnings": landscape.warnings,
         "command": command_of(site, asked),
         "python": python_of(site, asked),
     }
     if plan.along is None or not len(plan.path):
         return answer
-    route, along = Route.of(plan.line, plan.along, trial.landscape.cost, site.dem), plan.along
-    rows, cols = along.points.T
-    answer |= {"rows": _list(rows, 2), "cols": _list(cols, 2), "distance_m": _list(along.distance_m, 1)}
-    answer |= {"height_m": _list(along.heights_m, 2), "cost": _list(np.minimum(route.cost, 1.0), 3)}
+    rows, cols = plan.along.points.T
+    cost = landscape.cost[np.rint(rows).astype(int), np.rint(cols).astype(int)]
+    columns = {"rows": (rows, 2), "cols": (cols, 2), "distance_m": (plan.along.distance_m, 1)}
+    columns |= {"height_m": (plan.along.heights_m, 2), "cost": (np.minimum(cost, 1.0), 3)}
+    answer |= {name: np.round(values.astype(float), digits).tolist() for name, (values, digits) in columns.items()}
     if plan.waypoints is not None:
         answer |= {"waypoints": np.round(plan.waypoints, 2).tolist(), "grid": plan.path.tolist()}
     return answer
 
 
-def compared_answer(method: str, compared: Compared, site: Site) -> Answer:
-    """A row of the table of methods; `share` is the region's of the map, None for the whole map."""
-    plan, region = compared.plan, compared.plan.region
-    rows, cols = site.dem.shape
-    return {
-        "type": "compared",
-        "method": method,
-        "by": str(plan.planner or plan.method),
-        "status": str(plan.status),
-        "source": None if plan.source is None else str(plan.source),
-        "cost": _rounded(plan.cost),
-        "gap": compared.gap,
-        "time_ms": round(compared.time_ms, 3),
-        "expansions": plan.expansions,
-        "share": None if region is None else region.area() / (rows * cols),
-        "line": plan.line.tolist(),
-    }
+def relief(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Layer:
+    """Hillshade, 40 to 245; `UNKNOWN` where fewer than half of a pixel's heights are known."""
+    factor, known = max(max(elevation.shape) / pixels, 1.0), np.isfinite(elevation)
+    share, total = smaller(known, pixels), smaller(np.where(known, elevation, np.float32(0.0)), pixels)
+    mean = np.where(share > 0.5, total / np.maximum(share, np.float32(0.5)), np.float32(np.nan))
+    grey = hillshade(mean, *(factor * side for side in sides_m))
+    grey[np.isnan(mean)] = UNKNOWN
+    return grey
 
 
-def mended_answer(mended: Mended) -> Answer:
-    """Effect of an obstacle on the path before, and the work of two exact searches."""
-
-    def took(plan: Plan) -> Answer:
-        return {"status": str(plan.status), "ms": plan.timings_ms.get("total"), "expansions": plan.expansions}
-
-    searches = {"mended": took(mended.mended), "afresh": took(mended.afresh)}
-    return {"type": "mended", "footing": mended.footing, **searches}
+def slope(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Layer:
+    """Inclination of the cells, from 0 to 255 at `_STEEPEST_DEG`; 0 where unknown."""
+    slopes = np.nan_to_num(terrain_terms(elevation, sides_m[0], cell_width_m=sides_m[1])[0])
+    return np.asarray(np.minimum(smaller(slopes, pixels) * 255.0 / math.radians(_STEEPEST_DEG), 255.0), np.uint8)
 
 
-def _layer_answer(name: str, layer: layers.Layer) -> list[Answer | bytes]:
-    rows, cols = layer.shape
-    return [{"type": "layer", "name": name, "rows": rows, "cols": cols}, layer.tobytes()]
+def costs(cost: Float2D, pixels: int) -> Layer:
+    """Traversability costs, from 0 to 254; `IMPASSABLE` where a pixel's cells are, by a quarter of them."""
+    passable = cost < 1.0
+    strength = smaller(np.where(passable, cost, np.float32(0.0)), pixels) * 254.0
+    strength[smaller(~passable, pixels) > _BLOCKED] = IMPASSABLE
+    return strength.astype(np.uint8)
 
 
-def _numbered(answer: Answer | bytes, number: int) -> Answer | bytes:
-    return answer if isinstance(answer, bytes) else {**answer, "number": number}
+def smaller(values: NDArray[np.float32] | NDArray[np.bool_], pixels: int) -> Float2D:
+    """Means of the cells below each pixel, at most so many a side."""
+    numbers: Float2D = values.astype(np.float32, copy=False)
+    rows, cols = numbers.shape
+    if (factor := max(rows, cols) / pixels) > 1.0:
+        size = max(round(cols / factor), 1), max(round(rows / factor), 1)
+        numbers = np.asarray(cv2.resize(numbers, size, interpolation=cv2.INTER_AREA), np.float32)
+    return numbers
 
 
-def _list(values: NDArray[np.float64] | NDArray[np.float32], digits: int) -> list[float | None]:
-    """Rounded, ready for JSON: None for what is not finite."""
-    found: list[float | None] = np.round(values.astype(np.float64), digits).tolist()
-    if np.isfinite(values).all():
-        return found
-    return [None if each is None or not math.isfinite(each) else each for each in found]
+_DECODER = msgspec.json.Decoder(Question)
 
 
-def _rounded(number: float) -> float | None:
-    return round(number, 6) if math.isfinite(number) else None
+def _decode(text: bytes) -> Question:
+    try:
+        question: Question = _DECODER.decode(text)
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise InvalidQueryError(f"a question cannot be read: {error}") from None
+    return question

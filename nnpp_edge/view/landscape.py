@@ -1,28 +1,37 @@
-"""The map of one set of limits, the planner on it, and painted obstacles."""
+"""The map of one set of limits, the planners on it, and painted obstacles."""
 
-import threading
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
+from statistics import median
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from nnpp_edge.runtime import Plan, Planner
+from nnpp_edge.runtime import DynamicPlanner, Plan, Planner
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle
-from nnpp_edge.runtime.map.along import Along
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
-from nnpp_edge.view.asked import Asked
-from nnpp_edge.view.site import Site
+from nnpp_edge.view.asked import Asked, Method, Obstacles, Site
 
-IMPASSABLE = 1.0
-"""Traversability cost of an obstacle."""
 _TRIED = 256
 """Cells along a side that are tried as first ends."""
 _LOOKED_AT = 1000
 """Of these for each end, where a vehicle's poses must be checked."""
-_ONE_RECORDS = threading.Lock()
-"""Recording warnings is of the whole process."""
+_REPEATS, _LONG_MS = 3, 100.0
+"""A plan is repeated so often for its median time, unless it takes longer than that."""
+
+
+class Mended(NamedTuple):
+    """The path before obstacles came or went, and the two exact searches after it."""
+
+    footing: str
+    """How the path before stands now: a word of `Footing`, or nothing where there was none."""
+    mended: Plan
+    """By D* Lite, which keeps its search."""
+    afresh: Plan
+    """By A*."""
 
 
 class Landscape:
@@ -33,53 +42,73 @@ class Landscape:
     """
 
     def __init__(self, site: Site, asked: Asked) -> None:
-        self.ground = asked.ground(site)
-        self.mobility = asked.chosen(site).mobility
-        with _ONE_RECORDS, warnings.catch_warnings(record=True) as told:
+        self.ground, dem = asked.ground(site), site.dem
+        with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
-            self.cost = self._costs_of(site.dem.elevation, warn=True)
-            """(H, W) traversability costs, inf where impassable or painted."""
+            self.cost = traversability_cost(
+                dem.elevation, dem.cell_size_m, asked.limits, cell_width_m=dem.cell_width_m
+            )
+            """(H, W) traversability costs, without what is painted."""
         self.warnings = [str(warning.message) for warning in told]
-        self._heights = site.dem.elevation
-        self._planner = Planner(self.ground, omega=asked.weight, corner_cutting=asked.corner_cutting, model="edge")
-        for part in asked.obstacles:
-            self.lay(part, asked.obstacles)
+        self._weight, self._cutting = asked.weight, asked.corner_cutting
+        self.planner = Planner(self.ground, omega=asked.weight, corner_cutting=asked.corner_cutting, model="edge")
+        self._mender: DynamicPlanner | None = None
+        self._laid: dict[Planner | DynamicPlanner, Obstacles] = {self.planner: ()}
 
-    def plan(self, asked: Asked, method: str, *, keep_regions: bool = False) -> Plan:
-        """Plan between the ends that are asked for, with what lies along the path."""
-        plan = self._planner.plan(
+    def lay(self, obstacles: Obstacles) -> None:
+        """Plan among these obstacles from now on; InvalidQueryError where one leaves the map."""
+        self._lay(self.planner, obstacles)
+
+    def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:
+        """Plan between the ends that are asked for."""
+        return self.planner.plan(
             asked.start, asked.goal, method=method, refine=asked.freed, keep_regions=keep_regions
         )
-        along = Along.of(plan.line, self._heights, self.ground.sides_m, self.mobility, plan.along)
-        return replace(plan, along=along)
 
-    def stands(self, cell: Cell) -> bool:
-        """Whether a path may begin or end in a cell of the map."""
-        return self._planner.state.grid.is_passable(cell)
+    def compare(self, asked: Asked, method: Method) -> tuple[Plan, float]:
+        """A method's plan with its region, and its median time, ms."""
+        plans = [self.plan(asked, method, keep_regions=True)]
+        if plans[0].timings_ms.get("total", _LONG_MS) < _LONG_MS:
+            plans += [self.plan(asked, method, keep_regions=True) for _ in range(_REPEATS)]
+        return plans[-1], median(plan.timings_ms.get("total", 0.0) for plan in plans[1:] or plans)
 
-    def lay(self, part: Rectangle, obstacles: Sequence[Rectangle]) -> None:
-        """Bring planner and costs up to date in a rectangle, on which these obstacles lie now."""
-        row, col, rows, cols = part
-        told = told_costs(part, obstacles)
-        self._planner.update(row, col, told)
-        top, left = max(row - 1, 0), max(col - 1, 0)  # a cell's cost depends on its neighbours' heights
-        bare = self._costs_of(self._heights[top : row + rows + 1, left : col + cols + 1].copy())
-        bare = bare[row - top : row - top + rows, col - left : col - left + cols]
-        self.cost[row : row + rows, col : col + cols] = np.where(told < IMPASSABLE, bare, np.float32(np.inf))
+    def mend(self, asked: Asked, before: Obstacles) -> Mended:
+        """Work of mending the path for the obstacles that came or went since `before`."""
+        if self._mender is None or self._mender.goal != asked.goal:
+            self._mender = DynamicPlanner(
+                self.ground, asked.goal, "dstar", also=("astar",), omega=self._weight, corner_cutting=self._cutting
+            )
+            self._laid = {self.planner: self._laid[self.planner], self._mender: ()}
+            self._mend(self._mender, asked, before)  # no mending that is timed waits for compiled code
+        return self._mend(self._mender, asked, before)
 
-    def _costs_of(self, heights: Float2D, *, warn: bool = False) -> Float2D:
-        size, width = self.ground.sides_m
-        return traversability_cost(heights, size, self.ground.traversability, cell_width_m=width, warn=warn)
+    def _mend(self, mender: DynamicPlanner, asked: Asked, before: Obstacles) -> Mended:
+        self._lay(mender, before)
+        mender.move(asked.start)
+        stood = mender.replan()
+        self._lay(mender, asked.obstacles)
+        footing = str(mender.standing().footing) if stood.ok else ""
+        return Mended(footing, mender.replan(), mender.replan(method="astar"))
+
+    def _lay(self, planner: Planner | DynamicPlanner, obstacles: Obstacles) -> None:
+        height, width = self.cost.shape
+        for row, col, rows, cols in obstacles:
+            if min(row, col, rows - 1, cols - 1) < 0 or row + rows > height or col + cols > width:
+                part = row, col, rows, cols
+                raise InvalidQueryError(f"an obstacle must lie on the map of {(height, width)} cells, got {part}")
+        if changed := set(self._laid[planner]) ^ set(obstacles):
+            told = painted(self.cost.shape, obstacles)
+            for row, col, rows, cols in changed:
+                planner.update(row, col, told[row : row + rows, col : col + cols].astype(np.float32))
+        self._laid[planner] = obstacles
 
 
-def told_costs(part: Rectangle, obstacles: Sequence[Rectangle]) -> Float2D:
-    """The costs that obstacles tell of a rectangle; 0 where none lies."""
-    row, col, rows, cols = part
-    told = np.zeros((rows, cols), np.float32)
-    for top, left, high, wide in obstacles:
-        down, right = max(top + high - row, 0), max(left + wide - col, 0)
-        told[max(top - row, 0) : down, max(left - col, 0) : right] = IMPASSABLE
-    return told
+def painted(shape: tuple[int, ...], obstacles: Obstacles) -> NDArray[np.bool_]:
+    """Cells (H, W) on which obstacles lie."""
+    found = np.zeros(shape, np.bool_)
+    for row, col, rows, cols in obstacles:
+        found[row : row + rows, col : col + cols] = True
+    return found
 
 
 def likely_ends(cost: Float2D, stands: Callable[[Cell], bool] = lambda cell: True) -> tuple[Cell, Cell] | None:
@@ -88,14 +117,13 @@ def likely_ends(cost: Float2D, stands: Callable[[Cell], bool] = lambda cell: Tru
     Of the nearest thousand the first on which the robot `stands`, else the very nearest. None where no cell is
     passable, of those that are tried.
     """
-    rows, cols = cost.shape
-    apart = max(rows // _TRIED, 1), max(cols // _TRIED, 1)
-    passable = np.argwhere(cost[:: apart[0], :: apart[1]] < IMPASSABLE) * apart
+    apart = np.maximum(np.array(cost.shape) // _TRIED, 1)
+    passable = np.argwhere(cost[:: apart[0], :: apart[1]] < 1.0) * apart
     if not len(passable):
         return None
     ends = []
     for share in (0.1, 0.9):
-        apart_by = np.abs(passable - (share * (rows - 1), share * (cols - 1))).max(1)
-        nearest = [(row, col) for row, col in passable[apart_by.argsort(kind="stable")[:_LOOKED_AT]].tolist()]
+        far = np.abs(passable - share * (np.array(cost.shape) - 1)).max(1)
+        nearest = [(row, col) for row, col in passable[far.argsort(kind="stable")[:_LOOKED_AT]].tolist()]
         ends.append(next(filter(stands, nearest), nearest[0]))
     return ends[0], ends[1]

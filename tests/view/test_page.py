@@ -49,7 +49,6 @@ class Tab:
         page.on("console", lambda message: self.wrong.append(message.text) if message.type != "log" else None)
         page.on("pageerror", lambda error: self.wrong.append(str(error)))
         page.on("request", lambda request: self.hosts.add(urlparse(request.url).netloc))
-        page.on("websocket", lambda opened: self.hosts.add(urlparse(opened.url).netloc))
         page.goto(address)
         self.until(f"{LINE} && {COMPARED}")
 
@@ -120,16 +119,16 @@ def test_sliders_and_choices_change_path_and_figures(tab):
     colours, line = tab.page.evaluate(pixels), tab.line
     tab.slide("omega", "0")
     line = tab.line_other_than(line)  # straight over the hill
-    tab.slide("hard_slope", "8")
+    tab.slide("hard_slope_deg", "8")
     line = tab.line_other_than(line)
     tab.until(f"{pixels} !== {json.dumps(colours)}")
-    assert tab.page.is_checked("#hard_slope-on")
+    assert tab.page.is_checked("#hard_slope_deg-on")
     tab.page.check("#refine")
     tab.line_other_than(line)
     assert tab.page.locator("#waypoints i").count() > 0 and "line integral" in tab.page.inner_text("#figures")
     assert tab.page.locator("#step_cost option[value=energy]").is_disabled()
     tab.page.select_option("#body", "large-rover")
-    assert tab.page.locator("#clearance").is_visible()
+    assert tab.page.locator("#clearance_m").is_visible()
     tab.page.select_option("#step_cost", "energy")
     tab.until("document.querySelector('#figures').textContent.includes('energy')")
     assert tab.page.is_disabled("#refine")
@@ -140,12 +139,12 @@ def test_sliders_and_choices_change_path_and_figures(tab):
 
 def test_what_is_refused_leaves_path_and_controls_as_they_were(tab):
     before = tab.line
-    tab.page.evaluate("document.querySelector('#slope_limit').max = 95")
-    tab.slide("slope_limit", "95")
+    tab.page.evaluate("document.querySelector('#slope_limit_deg').max = 95")
+    tab.slide("slope_limit_deg", "95")
     tab.until("document.querySelector('#notice').textContent.includes('slope limit must lie in (0, 90)')")
     assert tab.line == before
-    assert tab.page.input_value("#slope_limit") == "30"
-    tab.slide("slope_limit", "20")
+    assert tab.page.input_value("#slope_limit_deg") == "30"
+    tab.slide("slope_limit_deg", "20")
     tab.until("document.querySelector('#notice').hidden")
 
 
@@ -184,7 +183,7 @@ def test_an_obstacle_is_painted_mended_and_undone(tab):
 
 
 def test_what_is_copied_is_what_is_seen(tab, nnpp_edge):
-    tab.slide("slope_limit", "12")
+    tab.slide("slope_limit_deg", "12")
     tab.until("document.querySelector('#command').textContent.includes('--limit slope_limit_deg=12')")
     tab.page.click("#copy-command")
     tab.until("document.querySelector('#copied').textContent.startsWith('Copied')")
@@ -208,10 +207,8 @@ def test_everything_is_reached_by_keys(tab):
     for _ in range(60):
         tab.page.keyboard.press("Tab")
         reached.add(tab.page.evaluate(names))
-    wanted = (
-        "start goal zoom-in chart layer opacity method step_cost body refine slope_limit hard_slope omega shade paint"
-    )
-    assert set(wanted.split()) | {"across", "copy-command", "copy-python"} <= reached
+    wanted = "start goal zoom-in chart layer opacity method step_cost body refine slope_limit_deg omega"
+    assert {*wanted.split(), "hard_slope_deg", "shade", "paint", "across", "copy-command", "copy-python"} <= reached
     unnamed = "[...document.querySelectorAll('button, input, select, [role=slider]')].filter(each => !("
     unnamed += "each.labels?.length || each.ariaLabel || each.textContent.trim())).map(each => each.id)"
     assert tab.page.evaluate(unnamed) == []

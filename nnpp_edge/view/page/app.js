@@ -21,95 +21,111 @@ const SETTLES_MS = 250;
 const times = []; // from an action to its path drawn, the newest last
 const regions = new Map(); // method -> layer
 const lines = new Map();
+let asked = null; // the question as it stands
+let good = null; // the last that was answered
 let path = null;
 let controls = null;
+let pixels = {};
+let optimum = null; // cost of exact A*'s path
 let compare = 0; // number of the newest comparison
 let timer = null;
-let finished = false;
 
 const map = new MapView({
   moved: (end, cell, at) => {
     stale();
-    link.ask({ type: "move", end, to: cell }, { kind: `move ${end}`, at });
+    asked[end] = cell;
+    link.ask("path", {}, { at });
   },
   settled: settle,
   painted: obstacle,
 });
 const profile = new Profile((place) => map.cursor(place));
-const link = new Link(hear, () => {
-  if (!finished) tell("The page's server has ended, or this tab was one too many. Start it and load the page again.");
-});
+const link = new Link(
+  () => asked,
+  hear,
+  () => tell("The page's server has ended. Start it and load the page again."),
+);
 
-window.addEventListener("pagehide", () => (finished = true));
-link.opened.then(() => {
-  const side = Math.ceil(Math.max(map.frame.clientWidth, map.frame.clientHeight) * devicePixelRatio);
-  link.ask({ type: "open", pixels: Math.max(side, 512) });
-});
+fetch("/opening").then(async (answer) => opening(await answer.json()));
 
-function hear(answer, question) {
-  if (answer.type !== "problem" && question) tell("");
-  ({ opening, path: show, layer, compared, mended, problem })[answer.type](answer, question);
-  busy();
-}
-
-function opening(answer) {
-  const [rows, cols] = answer.shape;
-  byId("name").textContent = answer.name;
-  document.title = `${answer.name} – nnpp-edge view`;
-  byId("size").textContent = `${rows} × ${cols} cells of ${Number(answer.sides_m[0].toPrecision(4))} m`;
-  map.open(rows, cols, answer.sides_m);
-  controls = new Controls(answer, (values, at) => {
-    stale();
-    link.ask({ type: "change", values }, { kind: `change ${Object.keys(values)}`, at });
-    settle();
-  });
+function opening(site) {
+  const [rows, cols] = site.shape;
+  byId("name").textContent = site.name;
+  document.title = `${site.name} – nnpp-edge view`;
+  byId("size").textContent = `${rows} × ${cols} cells of ${Number(site.sides_m[0].toPrecision(4))} m`;
+  map.open(rows, cols, site.sides_m);
+  asked = site.asked;
+  controls = new Controls(site, change);
+  putEnds();
   byId("methods").tBodies[0].replaceChildren(...METHODS.map(row));
+  const side = Math.ceil(Math.max(map.frame.clientWidth, map.frame.clientHeight) * devicePixelRatio);
+  pixels = { pixels: Math.min(Math.max(side, 512), 2048) };
+  link.ask("path");
+  link.ask("relief", pixels);
+  link.ask("cost", pixels);
+  settle();
   byId("map").removeAttribute("aria-busy");
 }
 
-function layer(answer) {
-  const [name, method] = answer.name.split(" ");
-  if (name !== "region") {
-    paint(byId(name), answer);
-    return;
-  }
-  regions.set(method, answer);
-  if (shaded() === method) shade();
+function putEnds() {
+  for (const end of ["start", "goal"]) map.putEnd(end, asked[end]);
+}
+
+function change(values) {
+  stale();
+  for (const [name, value] of Object.entries(values)) (name in asked.limits ? asked.limits : asked)[name] = value;
+  link.ask("path");
+  if (!("method" in values || "refine" in values)) link.ask("cost", pixels);
+  settle();
+}
+
+function hear(answer, question) {
+  const { want } = question;
+  if (answer.problem) refused(answer.problem);
+  else if (want === "path") show(answer, question);
+  else if (want === "compare") compared(answer, question.more.method);
+  else if (want === "mend") mended(answer);
+  else paint(byId(want), answer.layer);
+  busy();
+}
+
+// What is refused leaves everything as it was: so do the controls.
+function refused(problem) {
+  tell(problem);
+  if (!good) return;
+  asked = structuredClone(good);
+  controls.show(asked);
+  putEnds();
 }
 
 function show(answer, question) {
+  tell("");
   path = answer;
+  good = question.asked;
   map.line("path-rim", answer.rows, answer.cols);
   map.line("path", answer.rows, answer.cols);
   map.lineOf("grid", answer.grid);
   map.waypoints(answer.waypoints);
-  map.obstacles(answer.obstacles);
-  for (const end of ["start", "goal"]) if (!dragging(end)) map.putEnd(end, answer[end]);
-  if (!question?.message.type.match("paint|mend|undo")) map.lineOf("before");
-  for (const id of ["undo", "clear"]) byId(id).disabled = !answer.obstacles.length;
+  map.obstacles(good.obstacles);
+  if (question.kind !== "edit") map.lineOf("before");
+  for (const id of ["undo", "clear"]) byId(id).disabled = !good.obstacles.length;
   byId("across").disabled = answer.rows.length < 3;
-  requestAnimationFrame(() => drawn(question)); // the figures follow the line
+  if (question.at !== null) requestAnimationFrame(() => drawn(question.at)); // the figures follow the line
   figures(answer);
   profile.show(answer);
   byId("command").textContent = answer.command;
   byId("python").textContent = answer.python;
-  if (question?.message.type === "open") settle();
 }
 
-const dragging = (end) => byId(end).matches(":active") || link.waiting.has(`move ${end}`);
-
 // After the frame with the path has been drawn.
-function drawn(question) {
-  if (!["move", "change"].includes(question?.message.type)) return;
+function drawn(at) {
   const channel = new MessageChannel();
   channel.port1.onmessage = () => {
-    if (question.message.type === "move") {
-      times.push(performance.now() - question.at);
-      if (times.length > MOST_TIMES) times.shift();
-      const sorted = [...times].sort((a, b) => a - b);
-      byId("latency").textContent = `path follows in ${Math.round(sorted[sorted.length >> 1])} ms`;
-      byId("latency").title = `Median of the last ${times.length}, from the drag to the path on the screen`;
-    }
+    times.push(performance.now() - at);
+    if (times.length > MOST_TIMES) times.shift();
+    const sorted = [...times].sort((a, b) => a - b);
+    byId("latency").textContent = `path follows in ${Math.round(sorted[sorted.length >> 1])} ms`;
+    byId("latency").title = `Median of the last ${times.length}, from the drag to the path on the screen`;
     channel.port1.close();
   };
   channel.port2.postMessage(null);
@@ -154,12 +170,6 @@ function duration(seconds) {
 function tell(text) {
   byId("notice").hidden = !text;
   byId("notice").textContent = text;
-}
-
-// What is refused leaves everything as it was: so do the controls.
-function problem({ text }, question) {
-  tell(text);
-  if (question?.message.type === "change" && path) controls.show(path.asked);
 }
 
 let lateBusy = null;
@@ -214,7 +224,7 @@ function settle() {
     compare += 1;
     regions.clear();
     lines.clear();
-    next(compare, [...METHODS]);
+    next(compare, ["astar", ...METHODS.filter((method) => method !== "astar")]);
   }, SETTLES_MS);
 }
 
@@ -225,11 +235,13 @@ function next(mine, methods) {
     byId("methods").classList.remove("stale");
     return;
   }
-  link.ask({ type: "compare", method }, { kind: "compare", done: () => next(mine, methods) });
+  link.ask("compare", { method, ...pixels }, { done: () => next(mine, methods) });
 }
 
-function compared(answer) {
-  const { method, by, cost, gap, time_ms: time, status, share, expansions } = answer;
+function compared(answer, method) {
+  const { method: by, cost, time_ms: time, status, share, expansions } = answer;
+  if (method === "astar") optimum = cost;
+  const gap = cost === null || optimum === null ? null : optimum ? (cost - optimum) / Math.abs(optimum) : 0;
   const cells = byId(`row-${method}`).cells;
   cells[1].textContent = cost === null ? "–" : number(cost);
   cells[2].textContent = gap === null ? "–" : `${(100 * gap).toFixed(2)} %`;
@@ -238,6 +250,7 @@ function compared(answer) {
   const ended = cost === null ? `${status}, ` : "";
   byId(`row-${method}`).title = `${ended}${method === by ? "" : `${by}: `}${where}, ${expansions.toLocaleString("en")} cells expanded`;
   lines.set(method, answer.line);
+  if (answer.layer) regions.set(method, answer.layer);
   if (shaded() === method) shade();
 }
 
@@ -253,20 +266,23 @@ byId("across").addEventListener("click", () => {
   const middle = path.rows.length >> 1;
   obstacle([Math.round(path.rows[middle]) - (side >> 1), Math.round(path.cols[middle]) - (side >> 1), side, side]);
 });
-byId("undo").addEventListener("click", () => edit({ type: "undo" }));
-byId("clear").addEventListener("click", () => edit({ type: "undo", all: true }));
+byId("undo").addEventListener("click", () => edit(asked.obstacles.slice(0, -1)));
+byId("clear").addEventListener("click", () => edit([]));
 
 function obstacle(part) {
   const [row, col] = [Math.max(part[0], 0), Math.max(part[1], 0)];
   const [rows, cols] = [Math.min(part[0] + part[2], map.rows) - row, Math.min(part[1] + part[3], map.cols) - col];
-  if (rows > 0 && cols > 0) edit({ type: "paint", part: [row, col, rows, cols] });
+  if (rows > 0 && cols > 0) edit([...asked.obstacles, [row, col, rows, cols]]);
 }
 
-function edit(message) {
+function edit(obstacles) {
+  const before = asked.obstacles;
+  asked.obstacles = obstacles;
   stale();
   map.line("before", path.rows, path.cols);
   byId("mended").textContent = "…";
-  link.ask(message, { done: (answer) => answer.type === "path" && link.ask({ type: "mend" }, { kind: "mend" }) });
+  link.ask("path", {}, { kind: "edit", done: () => link.ask("mend", { before }) });
+  link.ask("cost", pixels);
   settle();
   busy();
 }
@@ -288,7 +304,7 @@ for (const radio of document.querySelectorAll("[name=layer]"))
     byId("brown").hidden = radio.value === "slope";
     if (radio.value === "slope" && !byId("slope").dataset.asked) {
       byId("slope").dataset.asked = "yes";
-      link.ask({ type: "layer", name: "slope" });
+      link.ask("slope", pixels);
       busy();
     }
   });
@@ -306,7 +322,7 @@ byId("zoom-fit").addEventListener("click", () => map.fit());
 
 for (const what of ["command", "python"])
   byId(`copy-${what}`).addEventListener("click", async () => {
-    const without = what === "command" && path.obstacles.length ? " It has no painted obstacles: the Python has." : "";
+    const without = what === "command" && good.obstacles.length ? " It has no painted obstacles: the Python has." : "";
     try {
       await navigator.clipboard.writeText(path[what]);
       byId("copied").textContent = `Copied.${without}`;

@@ -6,28 +6,28 @@ const length = (value) => `${value} m`;
 
 // Sliders of lengths are logarithmic. `hard` ones are off until their box is ticked; `body` ones need a vehicle.
 const SLIDERS = [
-  { name: "slope_limit", label: "Slope limit φₛ", low: 5, high: 60, step: 1, unit: degrees },
-  { name: "hard_slope", label: "Hard slope", low: 5, high: 60, step: 1, unit: degrees, hard: 20 },
-  { name: "roughness_limit", label: "Roughness rₛ", low: 0.01, high: 100, log: true, unit: length },
-  { name: "step_limit", label: "Step Hₛ", low: 0.01, high: 100, log: true, unit: length },
+  { name: "slope_limit_deg", label: "Slope limit φₛ", low: 5, high: 60, step: 1, unit: degrees },
+  { name: "hard_slope_deg", label: "Hard slope", low: 5, high: 60, step: 1, unit: degrees, hard: 20 },
+  { name: "roughness_limit_m", label: "Roughness rₛ", low: 0.01, high: 100, log: true, unit: length },
+  { name: "step_limit_m", label: "Step Hₛ", low: 0.01, high: 100, log: true, unit: length },
   { name: "omega", label: "Weight ω", low: 0, high: 0.05, step: 0.001, unit: String },
-  { name: "clearance", label: "Clearance", low: 0.02, high: 2, log: true, unit: length, body: true },
-  { name: "max_tilt", label: "Max. tilt", low: 5, high: 60, step: 1, unit: degrees, body: true },
+  { name: "clearance_m", label: "Clearance", low: 0.02, high: 2, log: true, unit: length, body: true },
+  { name: "max_tilt_deg", label: "Max. tilt", low: 5, high: 60, step: 1, unit: degrees, body: true },
 ];
 
 export class Controls {
   constructor(opening, changed) {
-    this.changed = changed; // (values, at)
+    this.changed = changed; // (values)
     this.bodies = opening.bodies;
     byId("body").replaceChildren(...Object.keys(this.bodies).map((name) => new Option(name, name)));
     for (const name of ["method", "step_cost", "body"])
-      byId(name).addEventListener("change", ({ target, timeStamp }) => {
+      byId(name).addEventListener("change", ({ target }) => {
         this.#fitTo(byId("body").value, byId("step_cost").value);
-        const reset = name === "body" ? { clearance: null, max_tilt: null } : {};
+        const reset = name === "body" ? { clearance_m: null, max_tilt_deg: null } : {};
         if (name === "body") this.#showBody();
-        this.changed({ [name]: target.value, step_cost: byId("step_cost").value, ...reset }, timeStamp);
+        this.changed({ [name]: target.value, step_cost: byId("step_cost").value, ...reset });
       });
-    byId("refine").addEventListener("change", ({ target, timeStamp }) => this.changed({ refine: target.checked }, timeStamp));
+    byId("refine").addEventListener("change", ({ target }) => this.changed({ refine: target.checked }));
     byId("sliders").replaceChildren(...SLIDERS.map((slider) => this.#slider(slider)));
     this.show(opening.asked);
   }
@@ -36,7 +36,7 @@ export class Controls {
   show(asked) {
     for (const name of ["method", "step_cost", "body"]) byId(name).value = asked[name];
     byId("refine").checked = asked.refine;
-    for (const slider of SLIDERS.filter((each) => !each.body)) this.#set(slider, asked[slider.name]);
+    for (const slider of SLIDERS.filter((each) => !each.body)) this.#set(slider, (slider.name in asked.limits ? asked.limits : asked)[slider.name]);
     this.#showBody(asked);
     this.#fitTo(asked.body, asked.step_cost);
   }
@@ -76,9 +76,9 @@ export class Controls {
     }
     row.append(words, range, output);
     for (const part of row.querySelectorAll("input"))
-      part.addEventListener("input", ({ timeStamp, target }) => {
+      part.addEventListener("input", ({ target }) => {
         if (hard && target === range) row.querySelector("[type=checkbox]").checked = true;
-        this.changed({ [name]: this.#show(slider, row) }, timeStamp);
+        this.changed({ [name]: this.#show(slider, row) });
       });
     return row;
   }

@@ -16,8 +16,8 @@ const TABLES = {
   region: table((value) => [0, 230, 255, 0.36 * value]),
 };
 
-export function paint(canvas, { name, rows, cols, pixels }) {
-  const colours = TABLES[name.split(" ")[0]];
+export function paint(canvas, { rows, cols, pixels }) {
+  const colours = TABLES[canvas.id];
   if (canvas.width !== cols || canvas.height !== rows) {
     canvas.width = cols;
     canvas.height = rows;

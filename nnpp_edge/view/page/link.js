@@ -1,54 +1,48 @@
-// The WebSocket to the server: questions go out one after another, and of a kind that repeats only the newest waits.
+// Questions to the server: they go out one after another, and of a kind that repeats only the newest waits.
 
 export class Link {
-  constructor(hear, lost) {
-    this.number = 0;
-    this.waiting = new Map(); // kind -> what is to be sent once the question of that kind has been answered
-    this.asked = new Map(); // number -> {kind, at, done}
-    this.socket = new WebSocket(`ws://${location.host}/live`);
-    this.socket.binaryType = "arraybuffer";
-    this.socket.addEventListener("close", lost);
-    let announced = null;
-    this.socket.addEventListener("message", ({ data }) => {
-      if (data instanceof ArrayBuffer) {
-        hear({ ...announced, pixels: new Uint8Array(data) });
-        return;
-      }
-      const answer = JSON.parse(data);
-      if (answer.type === "layer") announced = answer;
-      else hear(answer, this.asked.get(answer.number));
-      this.#answered(answer);
-    });
-    this.opened = new Promise((done) => this.socket.addEventListener("open", done));
+  // `asked` gives the question as it stands when it goes out; `hear` gets its answer.
+  constructor(asked, hear, lost) {
+    Object.assign(this, { asked, hear, lost });
+    this.waiting = new Map(); // kind -> question
+    this.idle = true;
   }
 
-  // `at` is when the user acted; a question of the same `kind` that is still waiting is dropped for this one.
-  ask(message, { kind = null, at = performance.now(), done = null } = {}) {
-    const question = { message, kind, at, done };
-    if (kind && [...this.asked.values()].some((each) => each.kind === kind)) this.waiting.set(kind, question);
-    else this.#send(question);
+  // `at` is when the user acted, where that is to be timed; `done` is called unless the question is refused.
+  ask(want, more = {}, { kind = want, at = null, done = null } = {}) {
+    this.waiting.set(kind, { want, more, kind, at, done });
+    if (this.idle) this.#run();
   }
 
-  get idle() {
-    return this.asked.size === 0;
-  }
-
-  #send(question) {
-    if (this.socket.readyState !== WebSocket.OPEN) return;
-    this.number += 1;
-    this.asked.set(this.number, question);
-    this.socket.send(JSON.stringify({ ...question.message, number: this.number }));
-  }
-
-  #answered(answer) {
-    const question = this.asked.get(answer.number);
-    if (!question || answer.type === "opening") return; // the path follows
-    this.asked.delete(answer.number);
-    question.done?.(answer);
-    const next = this.waiting.get(question.kind);
-    if (next) {
+  async #run() {
+    this.idle = false;
+    while (this.waiting.size) {
+      const [question] = this.waiting.values();
       this.waiting.delete(question.kind);
-      this.#send(next);
+      question.asked = structuredClone(this.asked());
+      let answer;
+      try {
+        answer = await this.#answer(question);
+      } catch {
+        this.waiting.clear();
+        this.lost();
+        break;
+      }
+      this.hear(answer, question);
+      if (!answer.problem) question.done?.();
     }
+    this.idle = true;
+  }
+
+  // A line of JSON, then the pixels of a layer.
+  async #answer({ want, more, asked }) {
+    const body = JSON.stringify({ want, asked, ...more }, (_, value) => value ?? undefined); // what is off is left out
+    const response = await fetch("/ask", { method: "POST", body });
+    if (!response.ok) throw new Error(response.statusText);
+    const bytes = new Uint8Array(await response.arrayBuffer());
+    const end = bytes.indexOf(10);
+    const answer = JSON.parse(new TextDecoder().decode(bytes.subarray(0, end)));
+    if (answer.layer) answer.layer = { rows: answer.layer[0], cols: answer.layer[1], pixels: bytes.subarray(end + 1) };
+    return answer;
   }
 }

@@ -1,0 +1,266 @@
+"""Answers to the questions of `nnpp-edge view`'s page, without browser and server."""
+
+import json
+import math
+import warnings
+from dataclasses import replace
+from statistics import median
+
+import matplotlib
+import msgspec
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from msgspec.structs import replace as with_values
+
+from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.terrain.traversability import Traversability
+from nnpp_edge.terrain.dem import read_dem
+from nnpp_edge.view import answers
+from nnpp_edge.view.answers import Answerer
+from nnpp_edge.view.asked import Asked, Body, Site
+from nnpp_edge.view.landscape import Landscape, likely_ends
+from nnpp_edge.view.words import command_of, python_of
+from tests.view_cases import write_ground
+
+PLAIN = Asked(start=(8, 8), goal=(86, 110))
+EXACT = with_values(PLAIN, method="astar")
+OBSTACLES = ((30, 30, 12, 20), (60, 50, 9, 40), (35, 25, 20, 12))
+LIMITS = Traversability(25.0, step_limit_m=0.5, hard_slope_deg=7.5, hard_step_m=1.25)
+SETTINGS = {
+    "plain": {},
+    "limits": {"limits": LIMITS, "omega": 0.02},
+    "shortest": {"step_cost": "length", "method": "astar", "corner_cutting": False},
+    "any angle": {"refine": True, "method": "corridor"},
+    "on foot": {"step_cost": "tobler"},
+    "on foot off paths": {"step_cost": "irmischer"},
+    "energy of a vehicle": {
+        "step_cost": "energy",
+        "body": "large-rover",
+        "max_tilt_deg": 40.0,
+        "clearance_m": 1.5,
+        "method": "auto",
+    },
+    "vehicle": {"body": "large-rover", "method": "corridor"},
+}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    path = write_ground(tmp_path_factory.mktemp("ground"))
+    return Site.of(read_dem(path), path, {})
+
+
+def ask(answerer, **question):
+    """The answer, and the layer that comes with it, if there is one."""
+    line, _, pixels = answerer.answer(msgspec.json.encode(question)).partition(b"\n")
+    answer = json.loads(line)
+    return answer, np.frombuffer(pixels, np.uint8).reshape(answer["layer"]) if "layer" in answer else None
+
+
+def in_json(asked):
+    """As the page sends it: without what is off."""
+    found = json.loads(msgspec.json.encode(asked))
+    found["limits"] = {name: value for name, value in found["limits"].items() if value is not None}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def planned(site, asked):
+    landscape = Answerer(site, asked).landscape(asked)
+    return landscape.plan(asked, asked.method)
+
+
+def run(code):
+    made = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        exec(code, made)
+    return made["plan"]
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_what_is_copied_plans_the_same_path(nnpp_edge, site, name):
+    asked = with_values(PLAIN, **SETTINGS[name])
+    plan, words = planned(site, asked), command_of(site, asked).split()
+    assert plan.ok and words[:2] == ["nnpp-edge", "plan"]
+    told = json.loads(nnpp_edge(*words[1:], "--json").out)
+    assert (told["status"], told["method"], told["cost"]) == ("OK", plan.planner, round(plan.cost, 6))
+    assert told.get("line_cost") == (round(plan.line_cost, 6) if asked.refine else None)
+    among = with_values(asked, obstacles=OBSTACLES)
+    plan, made = planned(site, among), run(python_of(site, among))
+    assert made.ok and made.cost == plan.cost
+
+
+def test_what_the_command_line_describes_is_copied_too(nnpp_edge, site):
+    options = ("--vehicle", "large-rover", "--set", "max_step_m=0.6", "--mobility", "tracked")
+    vehicle = replace(site.bodies["large-rover"].vehicle, max_step_m=0.6)
+    reading = {"cell_size_m": 3.0, "rescale": 2.0}
+    dem = read_dem(site.path, 3.0).rescaled(2.0)
+    given = Site.of(dem, site.path, reading, Body(vehicle, site.bodies["tracked"].mobility, options))
+    asked = with_values(PLAIN, body="as given", step_cost="time")
+    plan, told = planned(given, asked), nnpp_edge(*command_of(given, asked).split()[1:], "--json").out
+    assert plan.ok and json.loads(told)["cost"] == round(plan.cost, 6)
+    assert run(python_of(given, asked)).cost == plan.cost
+
+
+@pytest.mark.parametrize("name", ["plain", "on foot", "vehicle"])
+def test_obstacles_that_come_and_go_leave_the_map_as_if_made_so(site, name):
+    rng, asked = np.random.default_rng(4), with_values(PLAIN, **SETTINGS[name] | {"method": "astar"})
+    answerer, bare = Answerer(site, asked), planned(site, asked)
+    for _ in range(12):
+        if rng.random() < 0.35:
+            asked = with_values(asked, obstacles=asked.obstacles[:-1])
+        else:
+            part = (*rng.integers(15, 71, 2).tolist(), *rng.integers(1, 25, 2).tolist())
+            asked = with_values(asked, obstacles=(*asked.obstacles, part))
+        plan = answerer.landscape(asked).plan(asked, "astar")
+        assert plan.cost == pytest.approx(planned(site, asked).cost, rel=1e-6)
+        for row, col, rows, cols in asked.obstacles:
+            inside = (plan.path >= (row, col)) & (plan.path < (row + rows, col + cols))
+            assert not inside.all(1).any()
+    asked = with_values(asked, obstacles=())
+    assert answerer.landscape(asked).plan(asked, "astar").cost == pytest.approx(bare.cost, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["plain", "on foot", "vehicle"])
+def test_a_mended_path_is_as_good_as_one_planned_afresh(site, name):
+    asked = with_values(PLAIN, **SETTINGS[name] | {"method": "astar"}, obstacles=OBSTACLES[:2])
+    landscape = Landscape(site, asked)
+
+    def mended(asked, before):
+        landscape.lay(asked.obstacles)
+        found, plan = landscape.mend(asked, before), landscape.plan(asked, "astar")
+        assert found.mended.cost == pytest.approx(plan.cost, rel=1e-5)
+        assert found.afresh.cost == pytest.approx(plan.cost, rel=1e-5)
+        return found.footing, plan
+
+    _, plan = mended(asked, OBSTACLES[:1])
+    row, col = plan.path[len(plan.path) // 2].tolist()
+    more = with_values(asked, obstacles=(*OBSTACLES[:2], (row - 2, col - 2, 5, 5)))
+    assert mended(more, asked.obstacles)[0] == "blocked"
+    assert mended(with_values(more, start=(10, 12), obstacles=()), more.obstacles)[0] == "valid"
+    mended(with_values(more, goal=(80, 100)), ())
+
+
+def test_a_method_beside_others_is_told_with_its_region(site):
+    answerer = Answerer(site, PLAIN)
+    asked = in_json(with_values(PLAIN, **SETTINGS["limits"]))
+    exact, none = ask(answerer, want="compare", asked=asked, method="astar")
+    corridor, region = ask(answerer, want="compare", asked=asked, method="corridor", pixels=64)
+    assert none is None and exact["share"] is None and exact["method"] == "astar"
+    assert corridor["cost"] >= exact["cost"] * (1 - 1e-6) and corridor["time_ms"] > 0.0
+    assert region.shape == (51, 64) and 0.0 < corridor["share"] < 1.0
+    assert corridor["share"] == pytest.approx(region.mean() / 255.0, abs=0.02)
+    assert corridor["line"][0] == [8, 8] and corridor["line"][-1] == [86, 110]
+
+
+def test_the_time_of_a_method_is_the_median_of_three_after_a_first(site):
+    landscape, taken = Landscape(site, PLAIN), iter((99.0, 5.0, 3.0, 4.0, 101.0))
+    plan = landscape.plan(PLAIN, "astar")
+    landscape.plan = lambda *_, **__: replace(plan, timings_ms={"total": next(taken)})
+    assert [landscape.compare(PLAIN, "astar")[1] for _ in range(2)] == [median((5.0, 3.0, 4.0)), 101.0]
+
+
+def test_what_cannot_be_asked_is_answered_in_a_line(site):
+    answerer, plain = Answerer(site, PLAIN), in_json(PLAIN)
+    wrong = [{"step_cost": "energy"}, {"body": "hovercraft"}, {"nonsense": 1}, {"omega": "much"}, {"omega": -1.0}]
+    wrong += [{"limits": {"slope_limit_deg": 0.0}}, {"body": "tracked", "clearance_m": 0.0}, {"start": [1]}]
+    wrong += [{"obstacles": [part]} for part in ([0, 0, 0, 0], [-1, 5, 3, 3], [90, 0, 7, 3], [0, 118, 3, 3])]
+    wrong += [{"obstacles": [[0, 0, 1, 1]] * 201}]
+    for values in wrong:
+        told, _ = ask(answerer, want="path", asked=plain | values)
+        assert set(told) == {"problem"} and "\n" not in told["problem"], values
+    for text in (b"", b"{", b'{"want": "fly"}', b"\xff", b"[" * 5000):
+        assert b'{"problem":"a question cannot be read: ' in answerer.answer(text)
+    assert ask(answerer, want="path", asked=plain)[0]["ok"]
+    outside, _ = ask(answerer, want="path", asked=plain | {"start": [-5, 900]})
+    assert outside["figures"]["status"] == "START_OUTSIDE_MAP" and not outside["ok"] and not outside["rows"]
+
+
+def test_an_answer_tells_what_lies_along_the_path(site):
+    answerer, asked = Answerer(site, PLAIN), with_values(PLAIN, goal=(80, 100), obstacles=OBSTACLES)
+    path, _ = ask(answerer, want="path", asked=in_json(asked))
+    plan, cost = planned(site, asked), answerer.landscape(asked).cost
+    rows, cols = np.array(path["rows"], int), np.array(path["cols"], int)
+    assert path["ok"] and np.array_equal(np.stack((rows, cols), 1), plan.path)
+    assert path["cost"] == pytest.approx(cost[rows, cols].tolist(), abs=5e-4)
+    assert path["height_m"] == pytest.approx(site.dem.elevation[rows, cols].tolist(), abs=6e-3)
+    assert path["distance_m"][-1] == pytest.approx(plan.numbers.length_m, abs=0.05)
+    assert path["figures"]["cost"] == round(plan.cost, 6) and path["unit"] == "" and path["on_foot"]
+    opening = json.loads(answerer.opening())
+    assert opening["bodies"]["none"]["clearance_m"] is None and opening["bodies"]["large-rover"]["clearance_m"] > 0.0
+    assert opening["asked"]["start"] == [8, 8] and opening["asked"]["limits"]["hard_slope_deg"] is None
+
+
+def test_layers_have_no_more_pixels_than_the_screen(site):
+    asked = with_values(PLAIN, limits=LIMITS)
+    answerer, cost = Answerer(site, asked), Landscape(site, asked).cost
+    for pixels, shape in ((2000, (96, 120)), (64, (51, 64))):
+        relief, slope, costs = (
+            ask(answerer, want=want, asked=in_json(asked), pixels=pixels)[1] for want in ("relief", "slope", "cost")
+        )
+        assert relief.shape == slope.shape == costs.shape == shape
+        middle = (shape[0] * 46 // 96, shape[1] * 66 // 120)
+        assert relief[middle] == answers.UNKNOWN and costs[middle] == answers.IMPASSABLE and slope[middle] == 0
+        assert (relief[: shape[0] // 3] != answers.UNKNOWN).all() and slope.max() > 20
+    assert np.array_equal(answers.costs(cost, 2000) == answers.IMPASSABLE, cost >= 1.0)
+    painted = in_json(with_values(asked, obstacles=((2, 3, 4, 5),)))
+    _, costs = ask(answerer, want="cost", asked=painted, pixels=2000)
+    assert (costs[2:6, 3:8] == answers.IMPASSABLE).all() and costs[1, 2] != answers.IMPASSABLE
+
+
+def test_first_ends_are_passable_and_where_the_vehicle_stands(site, tmp_path):
+    asked = with_values(PLAIN, limits=Traversability(hard_slope_deg=10.0))
+    landscape = Landscape(site, asked)
+    ends = likely_ends(landscape.cost)
+    assert all(map(landscape.planner.is_passable, ends)) and math.hypot(*np.subtract(*ends)) > 60.0
+    assert likely_ends(np.full((30, 40), np.inf, np.float32)) is None
+    heights = np.full((60, 60), np.nan, np.float32)  # known in the middle; no body stands at the edge of that
+    heights[15:45, 10:50] = 0.0
+    np.savez(tmp_path / "window.npz", elevation_m=heights, cell_size_m=0.5)
+    site = Site.of(read_dem(tmp_path / "window.npz"), tmp_path / "window.npz", {})
+    landscape = Landscape(site, with_values(PLAIN, body="large-rover"))
+    stands = landscape.planner.is_passable
+    ends, bare = likely_ends(landscape.cost, stands), likely_ends(landscape.cost)
+    assert all(map(stands, ends)) and not any(map(stands, bare))
+    assert likely_ends(landscape.cost, lambda cell: False) == bare
+
+
+def test_whatever_the_map_depends_on_is_asked_of_another_map_and_two_maps_are_kept(site):
+    answerer, plain = Answerer(site, PLAIN), EXACT
+    first, others = answerer.landscape(plain), {"omega": 0.05, "step_cost": "tobler", "corner_cutting": False}
+    for name, value in (others | {"limits": LIMITS, "body": "large-rover"}).items():
+        asked = with_values(plain, **{name: value})
+        found = answerer.landscape(asked)
+        assert found.plan(asked, "astar").cost == planned(site, asked).cost, name
+        assert answerer.landscape(with_values(asked, start=(3, 3), refine=True, method="auto")) is found
+        assert answerer.landscape(plain) is first
+    answerer.landscape(with_values(plain, omega=0.04))
+    answerer.landscape(with_values(plain, omega=0.03))
+    assert answerer.landscape(plain) is not first
+
+
+def test_a_map_too_large_for_memory_is_a_problem(site, monkeypatch):
+    def none_left(*words, **more):
+        raise MemoryError
+
+    monkeypatch.setattr(answers, "Landscape", none_left)
+    assert ask(Answerer(site, PLAIN), want="path", asked=in_json(PLAIN))[0] == {"problem": "not enough memory"}
+
+
+def test_a_plan_shows_itself_and_escapes_what_it_was_told():
+    matplotlib.use("agg")
+    planner = Planner(np.full((40, 60), 0.2, np.float32))
+    plan = planner.plan((3, 4), (30, 50), method="corridor", keep_regions=True)
+    shown = replace(plan, reason="<script>alert('1')</script>")._repr_html_()
+    assert "<script>" not in shown and "&lt;script&gt;" in shown and "<svg" in shown
+    assert f"{plan.cost:.6g}" in shown
+    assert "<svg" not in planner.plan((3, 4), (90, 90))._repr_html_()
+    axes = plan.plot(background=np.zeros((40, 60)))
+    drawn = [line.get_xydata()[:, ::-1] for line in axes.lines]
+    assert any(np.array_equal(line, plan.path) for line in drawn)
+    assert plan.plot(axes) is axes and planner.plan((3, 4), (90, 90)).plot().yaxis_inverted()
+    with pytest.raises(NnppEdgeError, match=r"background must be \(H, W\)"):
+        plan.plot(background=np.zeros(5))
+    pyplot.close("all")
