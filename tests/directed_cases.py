@@ -9,11 +9,9 @@ from nnpp_edge.runtime import Traversability, traversability_cost
 from nnpp_edge.runtime.map.slope_cost import (
     SLOPE_COSTS,
     EnergyCost,
-    LinearCost,
     Mobility,
     SlopeCost,
     TimeCost,
-    ToblerCost,
 )
 from tests import oracles
 
@@ -22,12 +20,6 @@ MOBILITY = Mobility(
     energy=EnergyCost(40.0, 0.12, efficiency=0.6, recovery=0.5),
 )
 MODELS = tuple(SLOPE_COSTS)
-MIRRORED = {
-    "tobler": ToblerCost(best_slope=0.05),
-    "time": TimeCost((-25.0, -12.0, 0.0, 5.0, 20.0), (0.1, 0.3, 0.8, 0.9, 0.3)),
-}
-"""What costs up what the models of `MOBILITY` cost down."""
-SYMMETRIC = LinearCost(1.0, 2.0, 2.0, 2.0)
 
 
 @dataclass(frozen=True)
