@@ -1,14 +1,13 @@
 """`nnpp-edge costmap`: what crossing each cell of an elevation map costs."""
 
-from __future__ import annotations
-
-import json
 from pathlib import Path
+from typing import Annotated
 
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.options import TerrainOptions
+from nnpp_edge.cli.ground_options import TerrainOptions
+from nnpp_edge.cli.text import tell
 
 _RASTERS = (".tif", ".tiff")
 _ENDINGS = (*_RASTERS, ".npy", ".npz")
@@ -16,15 +15,15 @@ _BYTES_PER_CELL = 32
 """At the peak of writing a whole map: 28 measured."""
 
 
-@click.command(name="costmap")
-@click.argument("dem", type=options.MAP)
-@click.option("-o", "--output", type=options.NEW_FILE, required=True, help=".tif, .npy or .npz.")
-@click.option("--picture", type=options.NEW_FILE, help="PNG; by default beside the output, under its name.")
-@options.terrain
-@options.memory
-@options.as_json
+@options.command("costmap")
 def command(
-    dem: Path, output: Path, picture: Path | None, as_json: bool, terrain: TerrainOptions, memory: float | None
+    dem: Annotated[Path, options.MAP],
+    /,
+    output: Annotated[Path, "-o", options.NEW_FILE, ".tif, .npy or .npz."],
+    terrain: TerrainOptions,
+    picture: Annotated[Path | None, options.NEW_FILE, "PNG; by default beside the output, under its name."] = None,
+    memory: options.Memory = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Write the traversability cost of an elevation map, and a picture of it.
 
@@ -58,4 +57,4 @@ def command(
     else:
         raise InvalidQueryError(f"--output must end in .tif for a map that is read by windows, got {output.name!r}")
     files = [str(output), str(picture)]
-    click.echo(json.dumps(tally.figures() | {"files": files}) if as_json else tally.text(dem.name, files))
+    tell(as_json, tally.figures() | {"files": files}, lambda: tally.text(dem.name, files))

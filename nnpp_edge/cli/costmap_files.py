@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from nnpp_edge.cli.maps import cost_of, size_in_words, size_of
+from nnpp_edge.cli.text import aligned
 from nnpp_edge.files import staged, write_all
 from nnpp_edge.files import write_whole as write_file
 from nnpp_edge.progress import bar
@@ -57,14 +58,14 @@ class Tally:
         """For people."""
         quantiles = {share: cost for share, cost in self._quantiles().items() if cost is not None}
         costs = ", ".join(f"{100 * share:.0f} % of cells up to {cost:.3f}" for share, cost in quantiles.items())
-        at_limit = ", ".join(f"{term} {100 * share:.1f} %" for term, share in self._saturated().items())
-        return (
-            f"map       {name}: {size_in_words(self._place)}\n"
-            f"passable  {100 * self._passable():.2f} % of cells\n"
-            f"cost      {costs or 'no cell is passable'}\n"
-            f"at limit  {at_limit}\n"
-            f"written   {', '.join(files)}"
-        )
+        lines = {
+            "map": f"{name}: {size_in_words(self._place)}",
+            "passable": f"{100 * self._passable():.2f} % of cells",
+            "cost": costs or "no cell is passable",
+            "at limit": ", ".join(f"{term} {100 * share:.1f} %" for term, share in self._saturated().items()),
+            "written": ", ".join(files),
+        }
+        return aligned(lines)
 
     def _passable(self) -> float:
         rows, cols = self._place.shape

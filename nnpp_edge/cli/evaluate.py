@@ -1,18 +1,16 @@
 """`nnpp-edge evaluate`: the planners beside each other."""
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.evaluate_text import BODY_COLUMNS, COLUMNS, FRESH_COLUMNS, label, table
-from nnpp_edge.cli.vehicle_options import VehicleOptions
-from nnpp_edge.cli.vehicle_options import vehicle as vehicle_options
+from nnpp_edge.cli.ground_options import VehicleOptions
+from nnpp_edge.cli.text import table, tell
 
 if TYPE_CHECKING:
     from nnpp_edge.profiling.suites import Case, Size
@@ -21,57 +19,80 @@ _WORKLOADS = "soft, limit20, limit15 or any limitN; with a vehicle body, body-ro
 _PER_MAP = "Of a vehicle's queries, so many are answered by one planner; rows for each.  [default: 1]"
 _ROCKS = "Share of the ground under rocks, 0 to 0.2, where the workload does not say."
 _MODEL = "Shipped model or file for nnpp of a point; several are set beside each other."
-_REPEATS = "Times each planner answers each query; its median time counts."
 _FRESH_MAP = "Also from elevations to the path on a map that has just arrived, lazily and eagerly."
-_MARKDOWN = "Print the tables as Markdown."
 _MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
+_MODELS = Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL]
+
+_COLUMNS = {
+    "workload": "workload",
+    "size": "size",
+    "method": "method",
+    "n": "n",
+    "success": "success_raw .1%",
+    "after\nfallback": "success .1%",
+    "gap\nmean": "gap_mean z.2%",
+    "gap\np99": "gap_p99 z.2%",
+    "ms\nmedian": "time_ms_median",
+    "ms\np99": "time_ms_p99",
+    "speed-up\nmedian": "speedup_median",
+    "speed-up\ntotal": "speedup_total",
+    "expan-\nsions": "expansions_median",
+    "region": "region_share_mean .1%",
+    "MM": "mm_mean",
+    "CC": "cc_mean",
+}
+_FRESH_COLUMNS = {name: _COLUMNS[name] for name in ("workload", "size", "method", "n")} | {
+    "elevation →\npath, ms": "fresh_ms_median",
+    "p99": "fresh_ms_p99",
+    "times as fast as\nastar-eager": "fresh_speedup_median",
+    "costs\ncomputed": "costs_computed_mean .1%",
+    "gap\nmean": "fresh_gap_mean z.2%",
+    "gap\np99": "fresh_gap_p99 z.2%",
+    "standing\nmap, ms": "time_ms_median",
+}
+_BODY_COLUMNS = {
+    **{name: _COLUMNS[name] for name in ("workload", "size", "method")},
+    "queries\na map": "queries_per_map",
+    "n": "n",
+    "without\na path": "unsolvable",
+    **{name: _COLUMNS[name] for name in ("success", "after\nfallback", "gap\nmean", "gap\np99")},
+    "poses\nchecked": "checks_mean",
+    "of all": "checks_share_mean .1%",
+    **{name: _COLUMNS[name] for name in ("expan-\nsions", "ms\nmedian")},
+    "ms\np95": "time_ms_p95",
+    "ms\np99": "time_ms_p99",
+    "elevation →\npath, ms": "fresh_ms_median",
+    "p99": "fresh_ms_p99",
+    "p99 without\nfallback": "fresh_ms_p99_first",
+}
 
 
-@click.command(name="evaluate")
-@options.terrain_files()
-@click.argument("more_terrain", nargs=-1, type=options.MAP, metavar="[FILE]...")
-@click.option("--dataset", type=options.FOLDER, help="Judge by a data set's maps and queries instead.")
-@click.option("--workload", "workloads", type=options.Names(), default="soft", help=_WORKLOADS)
-@click.option("--synthetic", is_flag=True, help="Judge by synthetic terrain instead.")
-@click.option("--sizes", type=options.Sizes(), default="256", help="Sides of the maps.")
-@click.option("--queries", type=options.COUNT, default=300, help="For each row.")
-@click.option("--min-distance", type=options.SHARE, default=0.35, help=_MIN_DISTANCE)
-@click.option("--methods", type=options.Names(), default="astar,corridor,nnpp")
-@click.option("--model", "models", type=options.ModelName(), multiple=True, default=("edge",), help=_MODEL)
-@vehicle_options
-@options.step_cost
-@click.option("--queries-per-map", "per_map", type=options.Counts(), help=_PER_MAP)
-@click.option("--rocks", type=options.Real(0.0, 0.2), default=0.0, help=_ROCKS)
-@click.option("--repeats", type=options.COUNT, default=3, help=_REPEATS)
-@click.option("--fresh-map", is_flag=True, help=_FRESH_MAP)
-@click.option("--plot", type=options.NEW_FILE, help="PNG to draw: cost gap against time, every planner.")
-@options.seed
-@options.as_json
-@click.option("--markdown", is_flag=True, help=_MARKDOWN)
+@options.command("evaluate")
 def command(
-    terrain: tuple[Path, ...],
-    more_terrain: tuple[Path, ...],
-    dataset: Path | None,
-    cell_size: float | None,
-    rescale: float | None,
-    allow_vrt: bool,
-    workloads: tuple[str, ...],
-    synthetic: bool,
-    sizes: "tuple[Size, ...]",
-    queries: int,
-    min_distance: float,
-    methods: tuple[str, ...],
-    models: tuple[str, ...],
-    vehicle: VehicleOptions,
-    step_cost: str,
-    per_map: tuple[int, ...] | None,
-    rocks: float,
-    repeats: int,
-    fresh_map: bool,
-    plot: Path | None,
-    seed: int,
-    as_json: bool,
-    markdown: bool,
+    more_terrain: Annotated[tuple[Path, ...], options.MAP, {"nargs": -1, "metavar": "[FILE]..."}] = (),
+    /,
+    *,
+    terrain: options.TerrainFiles = (),
+    cell_size: options.CellSize = None,
+    rescale: options.Rescale = None,
+    allow_vrt: options.AllowVrt = False,
+    dataset: Annotated[Path | None, options.FOLDER, "Judge by a data set's maps and queries instead."] = None,
+    workloads: Annotated[tuple[str, ...], "--workload", options.NAMES, _WORKLOADS] = ("soft",),
+    synthetic: Annotated[bool, "Judge by synthetic terrain instead."] = False,
+    sizes: Annotated["tuple[Size, ...]", options.SIZES, "Sides of the maps."] = (256,),
+    queries: Annotated[int, options.COUNT, "For each row."] = 300,
+    min_distance: Annotated[float, options.SHARE, _MIN_DISTANCE] = 0.35,
+    methods: Annotated[tuple[str, ...], options.NAMES] = ("astar", "corridor", "nnpp"),
+    models: _MODELS = ("edge",),
+    robot: VehicleOptions,
+    queries_per_map: Annotated[tuple[int, ...] | None, options.COUNTS, _PER_MAP] = None,
+    rocks: Annotated[float, options.Real(0.0, 0.2), _ROCKS] = 0.0,
+    repeats: Annotated[int, options.COUNT, "Times each planner answers each query; its median time counts."] = 3,
+    fresh_map: Annotated[bool, _FRESH_MAP] = False,
+    plot: Annotated[Path | None, options.NEW_FILE, "PNG to draw: cost gap against time, every planner."] = None,
+    seed: options.Seed = 1,
+    as_json: options.AsJson = False,
+    markdown: Annotated[bool, "Print the tables as Markdown."] = False,
 ) -> None:
     """Compare planners on many queries, in one interleaved run.
 
@@ -103,25 +124,22 @@ def command(
     files = (*terrain, *more_terrain)
     if bool(files) + (dataset is not None) + synthetic != 1:
         raise click.UsageError("give one of --terrain FILE, --dataset DIR and --synthetic")
-    if fresh_map and dataset is not None:
-        raise click.UsageError(
-            "--fresh-map needs elevations, a data set holds cost maps: give --terrain or --synthetic"
-        )
     if as_json and markdown:
         raise click.UsageError("give one of --json and --markdown")
     if unknown := set(methods) - set(Method):
         raise click.UsageError(f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}")
-    body, directed = vehicle.make(), step_cost != "paper"
-    if directed and dataset is not None:
-        raise click.UsageError("--step-cost needs elevations, a data set holds cost maps: give --terrain")
-    if directed:
-        slope_cost_of(step_cost, vehicle.mobility())  # refused now
-    of_vehicle = {"--vehicle": body, "--queries-per-map": per_map}
+    body, directed = robot.body(), robot.step_cost != "paper"
+    of_vehicle = {"--vehicle": body, "--queries-per-map": queries_per_map}
     bodies = _body_workloads(workloads, [name for name, value in of_vehicle.items() if value is not None])
-    points = [name for name in workloads if name not in bodies]
-    if dataset is not None and (bodies or rocks):
-        raise click.UsageError("vehicles and rocks need elevations, a data set holds cost maps: give --terrain")
+    need_heights = {"--fresh-map": fresh_map, "--step-cost": directed, "a vehicle": bodies, "--rocks": rocks}
+    if dataset is not None and (wrong := [name for name, asked in need_heights.items() if asked]):
+        raise click.UsageError(
+            f"{wrong[0]} needs elevations, a data set holds cost maps: give --terrain or --synthetic"
+        )
+    if directed:
+        slope_cost_of(robot.step_cost, robot.mobility())  # refused now
     options.check_outputs(("--plot", plot))
+    points = [name for name in workloads if name not in bodies]
     needed = models if points and {Method.NNPP, Method.AUTO} & set(methods) else ()
     networks = {Path(name).stem: NetworkModel(name) for name in needed}
     control = [narrow_corridor()] if fresh_map else []
@@ -129,41 +147,35 @@ def command(
     of_body = exact_and([name for name in methods if name != Method.NNPP], {}) + control
     dems = suites.TerrainFiles(files, rescale, cell_size, allow_vrt).read()
     suites.check_sizes(dems, sizes)
-    mobility = vehicle.mobility(*dems[:1]) if directed else None
+    mobility = robot.mobility(*dems[:1]) if directed else None
 
     def cases(name: str, size: "Size") -> "Iterator[Case]":
-        for case in on_maps(name, size):
-            ground = case.ground and replace(case.ground, step_cost=step_cost, mobility=mobility)
-            yield replace(case, ground=ground)
-
-    def on_maps(name: str, size: "Size") -> "Iterator[Case]":
         if dataset is not None:
-            return suites.dataset_cases(dataset, name)
-        if synthetic:
-            return suites.synthetic_cases(name, size, seed, min_distance, body, rocks)
-        return suites.terrain_cases(dems, name, size, seed, min_distance, body, rocks)
+            found = suites.dataset_cases(dataset, name)
+        elif synthetic:
+            found = suites.synthetic_cases(name, size, seed, min_distance, body, rocks)
+        else:
+            found = suites.terrain_cases(dems, name, size, seed, min_distance, body, rocks)
+        for case in found:
+            ground = case.ground and replace(case.ground, step_cost=robot.step_cost, mobility=mobility)
+            yield replace(case, ground=ground)
 
     runs = [
         (name, size, count)
         for name, size in product(workloads, (read_recipe(dataset).size,) if dataset else sizes)
-        for count in (per_map if per_map and name in bodies else (1,))
+        for count in (queries_per_map if queries_per_map and name in bodies else (1,))
     ]
     rows: list[dict[str, str | float | None]] = []
     with bar("evaluate", queries * len(runs)) as advance:
         for at, (name, size, count) in enumerate(runs):
-
-            def of_run(done: int, before: int = at * queries) -> None:
-                advance(before + done)
-
-            rivals = of_body if name in bodies else of_point
             figures = evaluate(
                 cases(name, size),
-                rivals,
+                of_body if name in bodies else of_point,
                 queries,
                 repeats=repeats,
                 fresh_map=fresh_map,
                 queries_per_map=count,
-                progress=of_run,
+                progress=lambda done, before=at * queries: advance(before + done),  # type: ignore[misc]
             )
             place = {"workload": name, "size": suites.name_of(size)}
             rows += [{**place, **row} for row in figures.values()]
@@ -171,15 +183,16 @@ def command(
     if plot is not None:
         from nnpp_edge.viz.figures import pareto
 
-        pareto([row | {"method": label(row)} for row in standing], plot)
-    if as_json:
-        click.echo(json.dumps(rows, indent=1))
-        return
-    tables = [([row for row in standing if row["workload"] not in bodies], COLUMNS)]
-    if fresh_map:
-        tables.append(([row for row in rows if row["workload"] not in bodies], FRESH_COLUMNS))
-    tables.append(([row for row in rows if row["workload"] in bodies], BODY_COLUMNS))
-    click.echo("\n\n".join(table(each, columns, markdown) for each, columns in tables if each))
+        pareto(standing, plot)
+
+    def text() -> str:
+        tables = [([row for row in standing if row["workload"] not in bodies], _COLUMNS)]
+        if fresh_map:
+            tables.append(([row for row in rows if row["workload"] not in bodies], _FRESH_COLUMNS))
+        tables.append(([row for row in rows if row["workload"] in bodies], _BODY_COLUMNS))
+        return "\n\n".join(table(each, columns, markdown=markdown) for each, columns in tables if each)
+
+    tell(as_json, rows, text, indent=1)
 
 
 def _body_workloads(names: Sequence[str], given: Sequence[str]) -> list[str]:

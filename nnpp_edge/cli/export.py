@@ -1,31 +1,27 @@
 """`nnpp-edge export`: a trained network as an ONNX model."""
 
-import dataclasses
-import json
+from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
 
 import click
 
 from nnpp_edge.cli import options
+from nnpp_edge.cli.text import tell
 
 _FACTOR = "Factor on the adaptive threshold that planners are to use with this model."
 _DATASET = "What it was trained on, for the metadata and to compare torch and ONNX on."
 
 
-@click.command(name="export")
-@click.argument("checkpoint", type=options.PATH)
-@click.option("-o", "--output", type=options.NEW_FILE, required=True, help="The ONNX file.")
-@click.option("--name", help="Of the model, in its metadata; by default the output's name.")
-@click.option("--region-factor", type=options.Real(0.0, 1.0, min_open=True), default=0.5, help=_FACTOR)
-@click.option("--dataset", type=options.FOLDER, help=_DATASET)
-@options.as_json
+@options.command("export")
 def command(
-    checkpoint: Path,
-    output: Path,
-    name: str | None,
-    region_factor: float,
-    dataset: Path | None,
-    as_json: bool,
+    checkpoint: Annotated[Path, options.PATH],
+    /,
+    output: Annotated[Path, "-o", options.NEW_FILE, "The ONNX file."],
+    name: Annotated[str | None, "Of the model, in its metadata; by default the output's name."] = None,
+    region_factor: Annotated[float, options.Real(0.0, 1.0, min_open=True), _FACTOR] = 0.5,
+    dataset: Annotated[Path | None, options.FOLDER, _DATASET] = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Write CHECKPOINT as an ONNX model, and compare its probabilities with torch's.
 
@@ -56,15 +52,13 @@ def command(
         training=saved.facts() | ({"dataset": dataset_facts(recipe)} if recipe else {}),
     )
     compared = parity(network, output, samples)
-    if as_json:
-        click.echo(json.dumps(dataclasses.asdict(made) | {"parity": dataclasses.asdict(compared)}))
-    else:
-        queries = "queries of the data set" if compared.inputs == "dataset" else "random queries"
-        click.echo(
-            f"{made.path}: {made.size_bytes / 1e6:.2f} MB, {made.nodes} nodes, "
-            f"{made.macs / 1e6:.0f} million multiply-accumulates\n"
-            f"  parity {'passed' if compared.passed else 'FAILED'}: largest difference {compared.max_difference:.1e} "
-            f"of {compared.limit:.0e} allowed, over {compared.queries} {queries}"
-        )
+    queries = "queries of the data set" if compared.inputs == "dataset" else "random queries"
+    words = (
+        f"{made.path}: {made.size_bytes / 1e6:.2f} MB, {made.nodes} nodes, "
+        f"{made.macs / 1e6:.0f} million multiply-accumulates\n"
+        f"  parity {'passed' if compared.passed else 'FAILED'}: largest difference {compared.max_difference:.1e} "
+        f"of {compared.limit:.0e} allowed, over {compared.queries} {queries}"
+    )
+    tell(as_json, asdict(made) | {"parity": asdict(compared)}, lambda: words)
     if not compared.passed:
         click.get_current_context().exit(1)

@@ -1,29 +1,20 @@
-"""Options and arguments that several commands share."""
+"""How commands are made of functions, and the options that several of them share.
 
-from __future__ import annotations
+A parameter of the function is ``Annotated[…]`` with its type; names that begin with a hyphen, where its own does not
+serve; a click type; its help; and a dict of more words for click. Those before ``/`` are arguments, one without a
+default is required, and one whose type is a dataclass is made of the options that are its fields.
+"""
 
-import functools
+import inspect
 import math
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple, get_args
 
 import click
-
-if TYPE_CHECKING:
-    import numpy as np
-    from _typeshed import DataclassInstance
-    from numpy.typing import NDArray
-
-    from nnpp_edge.runtime.terrain.traversability import Traversability
-    from nnpp_edge.terrain.dem import Dem
-    from nnpp_edge.terrain.dem_windows import DemWindows
-
-Command = TypeVar("Command", bound=Callable[..., object])
 
 MOST = 2**31 - 1
 """No count may be larger; no library's integers are narrower."""
@@ -31,13 +22,65 @@ LARGEST = 1e9
 """No length, weight or time may be larger, whatever its unit: products of them stay finite."""
 LARGEST_SIDE = 1 << 15
 """Cells along a side of a map that is made or cut out."""
-COUNT = click.IntRange(1, MOST)
+SAMPLE = "sample:"
+
+
+def command(
+    name: str, kind: type[click.Command] = click.Command, **more: Any
+) -> Callable[[Callable[..., None]], click.Command]:
+    """Make a command of a function."""
+
+    def make(function: Callable[..., None]) -> click.Command:
+        parameters = list(inspect.signature(function).parameters.values())
+        groups: dict[str, Any] = {p.name: p.annotation for p in parameters if is_dataclass(p.annotation)}
+        arguments = [each.name for each in parameters if each.kind is each.POSITIONAL_ONLY]
+
+        def call(**given: object) -> None:
+            for name, group in groups.items():
+                given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
+            function(*[given.pop(name) for name in arguments], **given)
+
+        params: list[click.Parameter] = []
+        for each in parameters:
+            if each.name in groups:
+                params += [_option(field.name, field.type, field.default) for field in fields(each.annotation)]
+            elif each.name in arguments:
+                words = _words(each.annotation, each.default)
+                params.append(click.Argument([each.name], **{key: words[key] for key in words if key != "default"}))
+            else:
+                params.append(_option(each.name, each.annotation, each.default))
+        return kind(name, callback=call, params=params, help=inspect.getdoc(function), **more)
+
+    return make
+
+
+def _option(name: str, annotation: Any, default: Any) -> click.Option:
+    names = [each for each in get_args(annotation)[1:] if isinstance(each, str) and each.startswith("-")]
+    if not any(each.startswith("--") for each in names):
+        names.append(f"--{name.replace('_', '-')}")
+    return click.Option([*names, name], **_words(annotation, default))
+
+
+def _words(annotation: Any, default: Any) -> dict[str, Any]:
+    """What an annotation says of a parameter but its names, in click's words."""
+    python_type, *said = get_args(annotation)
+    required = default is MISSING or default is inspect.Parameter.empty
+    words: dict[str, Any] = {"required": required} if required or default is None else {"default": default}
+    words |= {"is_flag": True} if python_type is bool else {}
+    for each in said:
+        if isinstance(each, dict):
+            words |= each
+        elif not isinstance(each, str):
+            words["type"] = each
+        elif not each.startswith("-"):
+            words["help"] = each
+    return words
 
 
 class Named(click.Path):
     """A path that is not empty; pathlib takes an empty one for the folder we are in."""
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Parse a word."""
         if not str(value):
             self.fail("wanted a path, got nothing", param, ctx)
@@ -47,24 +90,16 @@ class Named(click.Path):
 class Map(Named):
     """A file with a map, or ``sample:NAME`` for one that travels with the package."""
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Parse a word."""
         if not str(value).startswith(SAMPLE):
             return super().convert(value, param, ctx)
-        from nnpp_edge.runtime.errors import InvalidQueryError
         from nnpp_edge.terrain.shipped import sample_path
 
         try:
             return sample_path(str(value).removeprefix(SAMPLE))
-        except InvalidQueryError as error:
+        except ValueError as error:
             self.fail(str(error), param, ctx)
-
-
-SAMPLE = "sample:"
-PATH = Named(path_type=Path)
-MAP = Map(path_type=Path)
-NEW_FILE = Named(path_type=Path, dir_okay=False)
-FOLDER = Named(path_type=Path, file_okay=False)
 
 
 class Real(click.FloatRange):
@@ -78,29 +113,10 @@ class Real(click.FloatRange):
         return number
 
 
-POSITIVE = Real(0.0, LARGEST, min_open=True)
-NOT_NEGATIVE = Real(0.0, LARGEST)
-SHARE = Real(0.0, 1.0)
-RATE = Real(0.001, 1000.0)
-SEED = click.IntRange(0, 2**32 - 1)
-
-
-class ModelName(click.ParamType):  # type: ignore[type-arg]  # as below
-    """A shipped network's name or an ONNX file; refused where there is neither, needed or not."""
-
-    name = "NAME|FILE"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Look for the file; ModelError without one."""
-        from nnpp_edge.runtime.network.model_file import model_path
-
-        model_path(str(value))
-        return str(value)
-
-
 class Parsed(click.ParamType):  # type: ignore[type-arg]  # click has made it generic, its older versions have not
-    """A parameter that a function makes of a word; its ValueError becomes a line that says what was wanted and what
-    came.
+    """A parameter that a function makes of a word.
+
+    Its ValueError becomes a line that says what was wanted and what came; without words for that, the error's own.
     """
 
     def __init__(self, name: str, wanted: str, parse: Callable[[str], object]) -> None:
@@ -112,8 +128,8 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]  # click has made it ge
             return value
         try:
             return self.parse(value)
-        except ValueError:
-            self.fail(f"wanted {self.wanted}, got {value!r}", param, ctx)
+        except ValueError as error:
+            self.fail(f"wanted {self.wanted}, got {value!r}" if self.wanted else str(error), param, ctx)
 
 
 class Setting(NamedTuple):
@@ -158,13 +174,10 @@ def _size(word: str) -> int | tuple[int, int]:
 
 
 def _bytes(word: str) -> float:
-    found = re.fullmatch(r"([\d.]+) ?([kMGT]?)(i?)B?", word)
-    if found is None:
+    found = re.fullmatch(r"([\d.]+) ?([kMGT]?)(i)?B?", word)
+    if found is None or not (number := float(found[1])):
         raise ValueError
-    size: float = float(found[1]) * (1024 if found[3] else 1000) ** " kMGT".index(found[2] or " ")
-    if size <= 0.0:
-        raise ValueError
-    return size
+    return number * float((1024 if found[3] else 1000) ** " kMGT".index(found[2] or " "))
 
 
 def _count(word: str) -> int:
@@ -173,159 +186,67 @@ def _count(word: str) -> int:
     return count
 
 
-def _joined(item: Callable[[str], object]) -> Callable[[str], object]:
+def _model(word: str) -> str:
+    from nnpp_edge.runtime.network.model_file import model_path
+
+    model_path(word)  # refused where there is neither, needed or not
+    return word
+
+
+def joined(item: Callable[[str], object]) -> Callable[[str], object]:
+    """Parse words that are joined by commas."""
     return lambda word: tuple(map(item, word.split(",")))
 
 
-Numbers = functools.partial(Parsed, "N,…", "numbers joined by commas", _joined(int))
-Cell = functools.partial(Parsed, "R,C", "ROW,COL as two whole numbers", _cell)
-Names = functools.partial(Parsed, "NAME,…", "names joined by commas", _joined(str.strip))
-Counts = functools.partial(Parsed, "N,…", "whole numbers of at least 1, joined by commas", _joined(_count))
-Sizes = functools.partial(
-    Parsed, "N|RxC,…", f"sides of 2 to {LARGEST_SIDE} cells, or ROWSxCOLS, joined by commas", _joined(_size)
-)
+PATH = Named(path_type=Path)
+MAP = Map(path_type=Path)
+NEW_FILE = Named(path_type=Path, dir_okay=False)
+FOLDER = Named(path_type=Path, file_okay=False)
+COUNT = click.IntRange(1, MOST)
+SEED = click.IntRange(0, 2**32 - 1)
+POSITIVE = Real(0.0, LARGEST, min_open=True)
+NOT_NEGATIVE = Real(0.0, LARGEST)
+SHARE = Real(0.0, 1.0)
+RATE = Real(0.001, 1000.0)
+MODEL = Parsed("NAME|FILE", "", _model)
+CELL = Parsed("R,C", "ROW,COL as two whole numbers", _cell)
+NAMES = Parsed("NAME,…", "names joined by commas", joined(str.strip))
+COUNTS = Parsed("N,…", "whole numbers of at least 1, joined by commas", joined(_count))
+SIZES = Parsed("N|RxC,…", f"sides of 2 to {LARGEST_SIDE} cells, or ROWSxCOLS, joined by commas", joined(_size))
 """Sides of square maps as ints, others as pairs of ints."""
-
-as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
-view = click.option(
-    "--view",
-    metavar="WHERE",
-    help="Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, FILE.rrd is written.",
-)
-trace = click.option(
-    "--trace", type=NEW_FILE, help="Write what ran when, stage by stage, as JSON for ui.perfetto.dev."
-)
-seed = click.option("--seed", type=SEED, default=1, help="Seed of every random choice.")
-model = click.option("--model", type=ModelName(), default="edge", help="Name of a shipped network, or an ONNX file.")
-memory = click.option(
-    "--memory",
-    type=Parsed("SIZE", "a size such as 2GB or 500MiB", _bytes),
-    help="Memory that a map may take; a larger raster is read by windows. By default what is free.",
-)
-cell_size = click.option("--cell-size", type=POSITIVE, help="Side of a cell in metres, where the file does not say.")
-allow_vrt = click.option("--allow-vrt", is_flag=True, help="Read a GDAL VRT, too, of GeoTIFFs in its own folder.")
-omega = click.option(
-    "--omega", type=NOT_NEGATIVE, default=0.011, help="Weight of the cost against length, per grey level."
-)
-corner_cutting = click.option(
-    "--corner-cutting/--no-corner-cutting", default=True, help="Allow diagonal steps beside impassable cells."
-)
-hillshade = click.option("--hillshade", is_flag=True, help="Draw the relief in place of the cost.")
-rescale = click.option(
-    "--rescale", type=POSITIVE, help="Make cells this many metres wide and scale heights alike, so that slopes stay."
-)
-
 STEP_COSTS = ("paper", "tobler", "irmischer", "linear", "time", "energy")
-step_cost = click.option(
-    "--step-cost",
-    type=click.Choice(STEP_COSTS),
-    default="paper",
-    help="What a step costs: by the map's costs, or by the slope it leads up or down; time and energy as the table "
+MANY = {"multiple": True}
+
+AsJson = Annotated[bool, "--json", "Print JSON for programs."]
+View = Annotated[
+    str | None,
+    {"metavar": "WHERE"},
+    "Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, FILE.rrd is written.",
+]
+Seed = Annotated[int, SEED, "Seed of every random choice."]
+Model = Annotated[str, MODEL, "Name of a shipped network, or an ONNX file."]
+Memory = Annotated[
+    float | None,
+    Parsed("SIZE", "a size such as 2GB or 500MiB", _bytes),
+    "Memory that a map may take; a larger raster is read by windows. By default what is free.",
+]
+CellSize = Annotated[float | None, POSITIVE, "Side of a cell in metres, where the file does not say."]
+Rescale = Annotated[
+    float | None, POSITIVE, "Make cells this many metres wide and scale heights alike, so that slopes stay."
+]
+AllowVrt = Annotated[bool, "Read a GDAL VRT, too, of GeoTIFFs in its own folder."]
+TerrainFiles = Annotated[tuple[Path, ...], MAP, MANY, "Elevation file. May be repeated."]
+Omega = Annotated[float, NOT_NEGATIVE, "Weight of the cost against length, per grey level."]
+CornerCutting = Annotated[
+    bool, "--corner-cutting/--no-corner-cutting", "Allow diagonal steps beside impassable cells."
+]
+Hillshade = Annotated[bool, "Draw the relief in place of the cost."]
+StepCost = Annotated[
+    str,
+    click.Choice(STEP_COSTS),
+    "What a step costs: by the map's costs, or by the slope it leads up or down; time and energy as the table "
     "[mobility] of --vehicle or --mobility says.",
-)
-
-
-def together(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
-    """One decorator for several options, in this order."""
-
-    def add(command: Command) -> Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return add
-
-
-def terrain_files(default: str = "") -> Callable[[Command], Command]:
-    """How they are read: `terrain`, `cell_size`, `rescale`, `allow_vrt`; the help says what `default` is."""
-    files = click.option("--terrain", multiple=True, type=MAP, help=f"Elevation file, or several{default}.")
-    return together(files, cell_size, rescale, allow_vrt)
-
-
-def _limit_keys() -> list[str]:
-    from nnpp_edge.runtime.terrain.traversability import Traversability
-
-    return [field.name for field in fields(Traversability) if not field.name.endswith("_weight")]
-
-
-@dataclass(frozen=True)
-class TerrainOptions:
-    """How an elevation map is read, and by which limits it becomes a cost map. The options' values, as given."""
-
-    cell_size: float | None
-    vertical_scale: float | None
-    rescale: float | None
-    allow_vrt: bool
-    limit: tuple[Setting, ...]
-    workload: str | None
-
-    @property
-    def limits_given(self) -> bool:
-        """Whether the user has set a limit or a workload."""
-        return bool(self.limit or self.workload)
-
-    def read(self, path: Path) -> Dem:
-        """The elevation map in a file."""
-        from nnpp_edge.terrain.dem import read_dem
-
-        dem = read_dem(path, self.cell_size, self.vertical_scale, allow_vrt=self.allow_vrt)
-        return dem if self.rescale is None else dem.rescaled(self.rescale)
-
-    def open(self, path: Path) -> AbstractContextManager[DemWindows]:
-        """The elevation map in a file, to be read by windows."""
-        from nnpp_edge.terrain.dem_windows import open_dem
-
-        return open_dem(path, self.cell_size, self.vertical_scale, rescale_m=self.rescale, allow_vrt=self.allow_vrt)
-
-    def limits(self) -> Traversability:
-        """The limits of the cost map; UsageError where the workload sets one that was given too."""
-        from nnpp_edge.runtime.terrain.traversability import Traversability
-        from nnpp_edge.terrain.workloads import SOFT
-        from nnpp_edge.terrain.workloads import workload as limits_of
-
-        values = {name: value for each in self.limit for name, value in each.values.items()}
-        limits = Traversability(**values)  # type: ignore[arg-type]  # it checks them
-        if self.workload is None:
-            return limits
-        twice = [name for name in values if name in ("slope_limit_deg", "hard_slope_deg")]
-        if twice and self.workload != SOFT:
-            raise click.UsageError(f"--workload {self.workload} sets the slope limits: leave out --limit {twice[0]}")
-        return limits_of(self.workload, limits)
-
-
-def gathered(name: str, kind: type[DataclassInstance]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the values of the options that `kind` has fields for as one `kind`, under this name."""
-
-    def gather(command: Callable[..., None]) -> Callable[..., None]:
-        @functools.wraps(command)
-        def with_gathered(**values: object) -> None:
-            own = {field.name: values.pop(field.name) for field in fields(kind)}
-            command(**values, **{name: kind(**own)})
-
-        return with_gathered
-
-    return gather
-
-
-terrain = together(
-    cell_size,
-    click.option("--vertical-scale", type=POSITIVE, help="Metres per grey level, for 16-bit PNG."),
-    rescale,
-    allow_vrt,
-    click.option(
-        "--limit",
-        type=SettingType(_limit_keys, "hard_slope_deg=20"),
-        multiple=True,
-        help="Set a limit of the cost; by default slope_limit_deg=30, roughness_limit_m=0.6 and step_limit_m=0.2. "
-        "Cells beyond hard_slope_deg, hard_roughness_m or hard_step_m are impassable. May be repeated.",
-    ),
-    click.option(
-        "--workload",
-        help="soft (the paper's cost), or limitN: φ_s = N degrees, and steeper cells are impassable.",
-    ),
-    gathered("terrain", TerrainOptions),
-)
-"""How an elevation map is read and becomes a cost map; the command is given them as `terrain`."""
+]
 
 
 def check_outputs(
@@ -337,13 +258,6 @@ def check_outputs(
     context, names = click.get_current_context(), {name for name, _ in outputs}
     read = [context.params[p.name] for p in context.command.params if p.name and not names.intersection(p.opts)]
     check_outputs(outputs, _paths([*read, *more_inputs]), make_folders=make_folders)
-
-
-def shade_of(dem: Dem) -> NDArray[np.uint8]:
-    """The relief that --hillshade asks for."""
-    from nnpp_edge.viz.picture import hillshade
-
-    return hillshade(dem.elevation, dem.cell_size_m, dem.cell_width_m)
 
 
 def view_file(view: str | None) -> Path | None:

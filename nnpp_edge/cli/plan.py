@@ -1,18 +1,15 @@
 """`nnpp-edge plan`: a path over an elevation map."""
 
-from __future__ import annotations
-
-import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import click
 
-from nnpp_edge.cli import options, vehicle_options
-from nnpp_edge.cli.ends import Where
-from nnpp_edge.cli.options import TerrainOptions
+from nnpp_edge.cli import options
+from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import PlanRequest
-from nnpp_edge.cli.vehicle_options import VehicleOptions
+from nnpp_edge.cli.text import tell
 
 _PROFILE = "profile.png"
 _BYTES_PER_POSED_CELL = 12
@@ -21,13 +18,25 @@ _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions.md)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Outputs:
-    """Where the answer goes: the options' values, as given."""
+    """Where the answer goes."""
 
-    output: Path | None
-    formats: tuple[str, ...]
-    profile_plot: str | None
+    output: Annotated[
+        Path | None, "-o", options.PATH, "Folder for path.geojson, path.csv, plan.png and plan.json."
+    ] = None
+    formats: Annotated[
+        tuple[str, ...],
+        "--format",
+        click.Choice(["gpkg", "gpx"]),
+        options.MANY,
+        "Write the path there as GeoPackage or GPX too, path.gpkg or path.gpx.",
+    ] = ()
+    profile_plot: Annotated[
+        str | None,
+        {"is_flag": False, "flag_value": _PROFILE, "metavar": "[FILE]"},
+        "Draw height, slope and cost along the path: .png, .svg or .pdf; profile.png in the folder of -o.",
+    ] = None
 
     def __post_init__(self) -> None:
         """Refuse what has no folder to go to, or an unknown picture."""
@@ -57,55 +66,15 @@ class Outputs:
         return found
 
 
-@click.command(name="plan")
-@click.argument("dem", type=options.MAP)
-@click.option(
-    "--start", type=Where(), required=True, help="ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point."
-)
-@click.option(
-    "--goal", "goals", type=Where(), multiple=True, required=True, help="Likewise; of several, the nearest is taken."
-)
-@click.option("--via", type=Where(), multiple=True, help="Go by way of this place, or of a vector file's points.")
-@click.option("--best-order", is_flag=True, help="Visit the places of --via, 12 at most, in the cheapest order.")
-@click.option("--method", type=click.Choice(["auto", "astar", "corridor", "nnpp"]), default="auto")
-@options.model
-@options.terrain
-@options.step_cost
-@options.omega
-@options.corner_cutting
-@click.option("--epsilon", type=options.NOT_NEGATIVE, help="Cost at most this share above the optimum; 0 is exact.")
-@click.option("--time-limit", type=options.POSITIVE, help="Seconds for one planning.")
-@click.option("--refine", type=click.Choice(["any-angle"]), help="Free the path from the grid: way points, too.")
-@click.option("--compare", is_flag=True, help="Plan with exact A* and the corridor planner too.")
-@options.hillshade
-@vehicle_options.vehicle
-@options.memory
-@options.as_json
-@click.option("-o", "--output", type=options.PATH, help="Folder for path.geojson, path.csv, plan.png and plan.json.")
-@click.option(
-    "--format",
-    "formats",
-    type=click.Choice(["gpkg", "gpx"]),
-    multiple=True,
-    help="Write the path there as GeoPackage or GPX too, path.gpkg or path.gpx.",
-)
-@click.option(
-    "--profile-plot",
-    is_flag=False,
-    flag_value=_PROFILE,
-    metavar="[FILE]",
-    help="Draw height, slope and cost along the path: .png, .svg or .pdf; profile.png in the folder of -o.",
-)
-@options.gathered("outputs", Outputs)
-@options.gathered("request", PlanRequest)
+@options.command("plan")
 def command(
-    dem: Path,
-    outputs: Outputs,
-    memory: float | None,
-    as_json: bool,
-    terrain: TerrainOptions,
-    vehicle: VehicleOptions,
+    dem: Annotated[Path, options.MAP],
+    /,
     request: PlanRequest,
+    robot: GroundOptions,
+    outputs: Outputs,
+    memory: options.Memory = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Plan a path over the elevation map DEM, a file or sample:NAME (such as moon_highlands or mars_victoria).
 
@@ -128,22 +97,22 @@ def command(
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
-    vehicle.check_turns(request.refine)
-    terrain.limits()  # those that make no sense are refused before any work
+    robot.check_turns(request.refine)
+    robot.limits()  # those that make no sense are refused before any work
     options.check_outputs(*outputs.paths, more_inputs=request.files, make_folders=True)
 
     from nnpp_edge.cli.maps import reads_by_windows
     from nnpp_edge.cli.planning import plan_by_windows, plan_in_memory
     from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL
 
-    directed, moves = request.step_cost != "paper", vehicle.make() is not None
+    directed, moves = robot.step_cost != "paper", robot.body() is not None
     bytes_per_cell = _BYTES_PER_CELL + _BYTES_PER_POSED_CELL * moves + DIRECTED_BYTES_PER_CELL * directed
-    if reads_by_windows(dem, terrain, memory, bytes_per_cell, whole=directed or moves):
-        answer = plan_by_windows(request, dem, terrain, vehicle)
+    if reads_by_windows(dem, robot, memory, bytes_per_cell, whole=directed or moves):
+        answer = plan_by_windows(request, dem, robot)
     else:
-        answer = plan_in_memory(request, dem, terrain, vehicle, drawn=outputs.output is not None)
+        answer = plan_in_memory(request, dem, robot, drawn=outputs.output is not None)
     answer.warn_if_steep()
     files = answer.save([path for _, path in outputs.paths])
-    click.echo(json.dumps(answer.figures(files)) if as_json else answer.text(files))
+    tell(as_json, answer.figures(files), lambda: answer.text(files))
     if not answer.plan.ok:
         click.get_current_context().exit(1)

@@ -3,7 +3,7 @@
 import json
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from math import isfinite, nan
 from pathlib import Path
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.cli.maps import size_in_words, size_of
+from nnpp_edge.cli.text import aligned, table
 from nnpp_edge.files import write_all
-from nnpp_edge.progress import render_table
 from nnpp_edge.runtime import Vehicle
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
@@ -29,7 +29,16 @@ _PROPERTIES = ("status", "method", "source", "cost")
 """Figures that path.geojson repeats, beside those along the way."""
 _OF_LEGS = ("status", "method", "source", "cost", "length_m", "time_s", "energy_j", "climb_m", "descent_m")
 _OF_COMPARED = ("method", "source", "status", "cost", "length", "expansions")
-_COLUMNS = ("method", "source", "status", "cost", "gap", "ms", "speed-up", "expansions")
+_COLUMNS = {
+    "method": "method",
+    "source": "source",
+    "status": "status",
+    "cost": "cost .6g",
+    "gap": "gap z.2%",
+    "ms": "time_ms .2f",
+    "speed-up": "speedup .2f",
+    "expansions": "expansions",
+}
 
 
 @dataclass(frozen=True)
@@ -56,14 +65,6 @@ class Compared:
         times = {"gap": gap, "time_ms": self.time_ms, "speedup": speedup}
         return {name: summary[name] for name in _OF_COMPARED} | times
 
-    def row(self) -> list[str]:
-        """For people."""
-        told, gap = self.figures(), self.gap
-        cost = f"{self.plan.cost:.6g}" if self.plan.ok else "–"
-        compared = ("–", "–") if gap is None else (f"{100.0 * gap:.2f} %", f"{told['speedup']:.2f}")
-        ends = [str(told[name]) for name in ("method", "source", "status")]
-        return [*ends, cost, compared[0], f"{self.time_ms:.2f}", compared[1], str(self.plan.expansions)]
-
 
 @dataclass(frozen=True)
 class Answer:
@@ -84,7 +85,7 @@ class Answer:
     loading_included: bool = True
     """Whether the plan's times hold those of loading compiled code and the network."""
     windows: dict[str, float] | None = None
-    """Counts of reading, where the map was read by windows."""
+    """Where the map was read by windows: GB and seconds, the share of cells read again, and peak memory."""
     vehicle: Vehicle | None = None
     """Whose poses the path goes by; None for a point."""
     stands: NDArray[np.bool_] | None = None
@@ -120,7 +121,7 @@ class Answer:
 
     def figures(self, files: list[str]) -> dict[str, object]:
         """Ready for JSON."""
-        plan, steps = self.plan, self.steep_steps
+        plan, steps, along, tour = self.plan, self.steep_steps, self.plan.along, self.tour
         figures: dict[str, object] = {
             **plan.summary(),
             **self.route.worst,
@@ -132,26 +133,15 @@ class Answer:
         if isfinite(self.hard_slope_deg):
             steepest = round(max(steps), 4) if steps else None
             figures["steps_above_hard_slope"] = {"count": len(steps), "steepest_deg": steepest}
-        if plan.along is not None and plan.along.mobility.energy is not None:
-            figures["gravity_m_s2"] = plan.along.mobility.energy.gravity_m_s2
-        if self.step_cost != "paper":
-            figures["step_cost"] = self.step_cost
-        if self.compared:
-            figures["compare"] = [compared.figures() for compared in self.compared]
-        if self.reached is not None:
-            figures["reached_cells"] = self.reached
-        if self.tour:
+        if along is not None and along.mobility.energy is not None:
+            figures["gravity_m_s2"] = along.mobility.energy.gravity_m_s2
+        if tour:
             figures["via"] = {
-                "stops": self.tour.stops,
-                "order": [each + 1 for each in self.tour.order],
-                "given_cost": round(self.tour.given_cost, 6) if isfinite(self.tour.given_cost) else None,
-                "legs": [{name: leg.summary()[name] for name in _OF_LEGS} for leg in self.tour.legs],
+                "stops": tour.stops,
+                "order": [each + 1 for each in tour.order],
+                "given_cost": round(tour.given_cost, 6) if isfinite(tour.given_cost) else None,
+                "legs": [{name: leg.summary()[name] for name in _OF_LEGS} for leg in tour.legs],
             }
-        if self.goals:
-            plans = ((goal, plan.summary()) for goal, plan in self.goals)
-            figures["goals"] = [{"goal": goal, "status": s["status"], "cost": s["cost"]} for goal, s in plans]
-        if self.windows:
-            figures["windows"] = self.windows
         if self.vehicle is not None:
             figures |= {"vehicle": asdict(self.vehicle), "checks": plan.checks, "waypoints": self.route.stands()}
         if plan.waypoints is not None:
@@ -160,7 +150,16 @@ class Answer:
                 "heading_deg": plan.waypoint_headings_deg.round(3).tolist(),
                 "curvature_per_m": plan.curvatures.round(6).tolist(),
             }
-        return figures | ({"files": files} if files else {})
+        plans = [(goal, plan.summary()) for goal, plan in self.goals]
+        more = {
+            "step_cost": None if self.step_cost == "paper" else self.step_cost,
+            "compare": [compared.figures() for compared in self.compared],
+            "goals": [{"goal": goal, "status": told["status"], "cost": told["cost"]} for goal, told in plans],
+            "windows": self.windows,
+            "files": files,
+        }
+        figures |= {name: value for name, value in more.items() if value}
+        return figures if self.reached is None else figures | {"reached_cells": self.reached}
 
     def properties(self) -> dict[str, object]:
         """Figures that the path carries in files for maps."""
@@ -170,46 +169,51 @@ class Answer:
 
     def text(self, files: list[str]) -> str:
         """For people."""
-        plan = self.plan
+        rows = [compared.figures() for compared in self.compared]
+        return "\n".join([aligned(dict(self._lines(files))), *([table(rows, _COLUMNS)] if rows else [])])
+
+    def _lines(self, files: list[str]) -> Iterator[tuple[str, str]]:
+        plan, length = self.plan, metres(self.route.length_m)
         why = plan.choice if plan.ok else plan.reason
-        lines = {str(plan.status): f"{plan.method} ({plan.source})" + (f": {why}" if why else "")}
-        lines["map"] = size_in_words(self.route.dem)
+        yield str(plan.status), f"{plan.method} ({plan.source})" + (f": {why}" if why else "")
+        yield "map", size_in_words(self.route.dem)
         if self.tour:
-            lines["via"] = self._order(self.tour)
+            yield "via", self._order(self.tour)
         if self.goals:
-            results = (f"{goal} {f'{plan.cost:.6g}' if plan.ok else plan.status}" for goal, plan in self.goals)
-            lines["goals"] = ", ".join(results)
-        lines |= self._path_lines()
+            yield "goals", ", ".join(f"{at} {f'{it.cost:.6g}' if it.ok else it.status}" for at, it in self.goals)
+        if plan.ok:
+            yield "path", f"{len(plan.path)} cells, {length}"
+            yield from self.on_the_ground().items()
+            cost = f"{plan.cost:.6g} {unit_of(self.step_cost)}".rstrip()
+            yield "cost", f"{cost}, {self._optimality()}"
+            if plan.waypoints is not None:
+                sharpest = plan.curvatures.max(initial=0.0)
+                turns = f", sharpest turn of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""
+                yield "line", f"{len(plan.waypoints)} way points, line integral {plan.line_cost:.6g}{turns}"
+            yield "CC", f"{plan.traverse_cost:.6g}"
+        elif len(plan.path):
+            yield "path", f"{len(plan.path)} cells so far, {length}"
         if self.reached is not None:
-            lines["reached"] = f"{self.reached} cells of the map, from the start"
+            yield "reached", f"{self.reached} cells of the map, from the start"
         if self.vehicle is not None and plan.ok and "tilt_deg" in self.route.standing:
-            lines["vehicle"] = self._worst()
-        lines["expansions"] = str(plan.expansions)
+            worst = self.route.worst
+            names = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
+            angles = [f"{word} by at most {worst[f'steepest_{name}_deg'] or nan:.1f}°" for word, name in names]
+            clearance = worst["least_clearance_m"]
+            clear = "no clearance known" if clearance is None else f"clear by at least {clearance:.2f} m"
+            yield "vehicle", f"{', '.join(angles)}, {clear}, {plan.checks} poses checked"
+        yield "expansions", str(plan.expansions)
         stages = ", ".join(f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total")
         loading = ", loading included" if self.loading_included else ""
-        lines["time"] = f"{plan.timings_ms['total']:.2f} ms{loading} ({stages})"
+        yield "time", f"{plan.timings_ms['total']:.2f} ms{loading} ({stages})"
         if self.windows:
-            lines["read"] = (
+            words = (
                 "{gigabytes:.2f} GB by windows, {again:.1f} % of the cells again, coarse levels in {map_s:.1f} s, "
                 "peak memory {peak_memory_gb:.2f} GB"
-            ).format(**self.windows, again=100.0 * self.windows["read_again"])
+            )
+            yield "read", words.format(**self.windows, again=100.0 * self.windows["read_again"])
         if files:
-            lines["written"] = ", ".join(files)
-        table = [render_table(_COLUMNS, [compared.row() for compared in self.compared])] if self.compared else []
-        return "\n".join([*(f"{name:<12}{value}" for name, value in lines.items()), *table])
-
-    def _path_lines(self) -> dict[str, str]:
-        plan, length = self.plan, metres(self.route.length_m)
-        if not plan.ok:
-            return {"path": f"{len(plan.path)} cells so far, {length}"} if len(plan.path) else {}
-        cost = f"{plan.cost:.6g} {unit_of(self.step_cost)}".rstrip()
-        lines = {"path": f"{len(plan.path)} cells, {length}", **self.on_the_ground()}
-        lines["cost"] = f"{cost}, {self._optimality()}"
-        if plan.waypoints is not None:
-            sharpest = plan.curvatures.max(initial=0.0)
-            turns = f", sharpest turn of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""
-            lines["line"] = f"{len(plan.waypoints)} way points, line integral {plan.line_cost:.6g}{turns}"
-        return lines | {"CC": f"{plan.traverse_cost:.6g}"}
+            yield "written", ", ".join(files)
 
     def on_the_ground(self) -> dict[str, str]:
         """Figures of the way where its heights are known."""
@@ -233,15 +237,6 @@ class Answer:
             return cells
         return f"{cells}: {100.0 * (1.0 - self.plan.cost / tour.given_cost):.1f} % less than in the order given"
 
-    def _worst(self) -> str:
-        """The steepest that the vehicle may stand on the path, its least clearance, and the poses checked."""
-        worst = self.route.worst
-        names = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
-        angles = [f"{word} by at most {worst[f'steepest_{name}_deg'] or nan:.1f}°" for word, name in names]
-        clearance = worst["least_clearance_m"]
-        clear = "no clearance known" if clearance is None else f"clear by at least {clearance:.2f} m"
-        return f"{', '.join(angles)}, {clear}, {self.plan.checks} poses checked"
-
     def _optimality(self) -> str:
         """How far from the optimum the path's cost is, or may be."""
         if self.plan.bound <= 1.0 + 1e-6:
@@ -256,54 +251,50 @@ class Answer:
     def save(self, paths: list[Path]) -> list[str]:
         """Write all files, or none; their names."""
         files = [str(path) for path in paths]
-        write_all({path: _content(path, self, files) for path in paths})
+        write_all({path: self._content(path, files) for path in paths})
         return files
 
+    def _content(self, path: Path, files: list[str]) -> bytes:
+        """The content of a file, by its name."""
+        route, stops = self.route, self.tour.stops[1:-1] if self.tour else ()
+        ends = {"start": self.start, **{f"via {at}": stop for at, stop in enumerate(stops, 1)}, "goal": self.goal}
+        makers: dict[str, Callable[[], bytes]] = {
+            "path.geojson": lambda: route.geojson(self.properties()),
+            "path.csv": route.csv,
+            "plan.json": lambda: json.dumps(self.figures(files), indent=1).encode(),
+            "plan.png": lambda: self._picture(stops),
+            "path.gpkg": lambda: route.geopackage(self.properties()),
+            "path.gpx": lambda: route.gpx("nnpp-edge plan", ends),
+        }
+        if path.name in makers:
+            return makers[path.name]()
+        from nnpp_edge.viz.profile_picture import profile_picture
 
-def _content(path: Path, answer: Answer, files: list[str]) -> bytes:
-    """The content of a file, by its name."""
-    route, stops = answer.route, answer.tour.stops[1:-1] if answer.tour else ()
-    makers: dict[str, Callable[[], bytes]] = {
-        "path.geojson": lambda: route.geojson(answer.properties()),
-        "path.csv": route.csv,
-        "plan.json": lambda: json.dumps(answer.figures(files), indent=1).encode(),
-        "plan.png": lambda: _picture(answer, stops),
-        "path.gpkg": lambda: route.geopackage(answer.properties()),
-        "path.gpx": lambda: route.gpx(
-            "nnpp-edge plan",
-            {"start": answer.start, **{f"via {at}": stop for at, stop in enumerate(stops, 1)}, "goal": answer.goal},
-        ),
-    }
-    if path.name in makers:
-        return makers[path.name]()
-    from nnpp_edge.viz.profile_picture import profile_picture
+        legs = [len(crossings(leg.line)) - 1 for leg in (self.tour.legs if self.tour and self.plan.ok else ())]
+        between = [sum(legs[:at]) for at in range(1, len(legs))]
+        return profile_picture(path, route.along, route.cost, "\n".join(self.on_the_ground().values()), between)
 
-    legs = [len(crossings(leg.line)) - 1 for leg in (answer.tour.legs if answer.tour and answer.plan.ok else ())]
-    between = [sum(legs[:at]) for at in range(1, len(legs))]
-    return profile_picture(path, route.along, route.cost, "\n".join(answer.on_the_ground().values()), between)
-
-
-def _picture(answer: Answer, stops: tuple[Cell, ...]) -> bytes:
-    """The plan on the cost map, or on one whose cells are `factor` times as large."""
-    dem, plan, factor, vehicle = answer.route.dem, answer.plan, answer.factor, answer.vehicle
-    start, goal, *between = [(row // factor, col // factor) for row, col in (answer.start, answer.goal, *stops)]
-    body = {}
-    if vehicle is not None:
-        outlines = body_outlines(plan.path, vehicle, (dem.cell_size_m, dem.cell_width_m))
-        body["body"] = BodyDrawing(outlines, answer.stands, answer.point_path)
-    picture = plan_picture(
-        answer.cost,
-        plan if factor == 1 else replace(plan, path=plan.path // factor),
-        start=start,
-        goal=goal,
-        via=between,
-        shade=answer.shade,
-        reference_path=answer.exact_path,
-        cell_size_m=dem.cell_width_m * factor,
-        length_m=answer.route.length_m,
-        **body,
-    )
-    return png_bytes(picture)
+    def _picture(self, stops: tuple[Cell, ...]) -> bytes:
+        """The plan on the cost map, or on one whose cells are `factor` times as large."""
+        dem, plan, factor = self.route.dem, self.plan, self.factor
+        start, goal, *between = [(row // factor, col // factor) for row, col in (self.start, self.goal, *stops)]
+        body = {}
+        if self.vehicle is not None:
+            outlines = body_outlines(plan.path, self.vehicle, (dem.cell_size_m, dem.cell_width_m))
+            body["body"] = BodyDrawing(outlines, self.stands, self.point_path)
+        picture = plan_picture(
+            self.cost,
+            plan if factor == 1 else replace(plan, path=plan.path // factor),
+            start=start,
+            goal=goal,
+            via=between,
+            shade=self.shade,
+            reference_path=self.exact_path,
+            cell_size_m=dem.cell_width_m * factor,
+            length_m=self.route.length_m,
+            **body,
+        )
+        return png_bytes(picture)
 
 
 def duration(seconds: float) -> str:

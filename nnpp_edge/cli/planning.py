@@ -7,17 +7,14 @@ from functools import partial
 from math import inf
 from pathlib import Path
 from statistics import median
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.cli.maps import cost_of, ground_of, priced, warn_if_not_square
-from nnpp_edge.cli.options import TerrainOptions, shade_of
+from nnpp_edge.cli.ground_options import GroundOptions
+from nnpp_edge.cli.maps import Near, cost_of, priced, refuse, refuse_map, refuse_outside, shade_of, warn_if_not_square
 from nnpp_edge.cli.plan_answer import Answer, Compared
-from nnpp_edge.cli.refusal import Near, refuse, refuse_map, refuse_outside
 from nnpp_edge.cli.requests import PlanRequest
-from nnpp_edge.cli.vehicle_options import VehicleOptions
 from nnpp_edge.progress import bar
 from nnpp_edge.runtime import Ground, Method, Planner, exercises, pose_costs
 from nnpp_edge.runtime.arrays import Float2D, headings_along
@@ -38,7 +35,6 @@ from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.dem_windows import DemWindows
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.route import Route
-from nnpp_edge.viz.sheet import Cells
 
 _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
@@ -50,34 +46,27 @@ _MOST_PIXELS = 2000
 """Of a picture's longer side: as many as `viz` draws."""
 
 
-class _Ends(NamedTuple):
-    """Cells of the map that a path is to lead from, through and to."""
+def _ends(request: PlanRequest, place: Place) -> tuple[Cell, list[Cell], list[Cell]]:
+    """Cells of the map that a path is to lead from, through and to.
 
-    start: Cell
-    via: list[Cell]
-    goals: list[Cell]
-
-    @classmethod
-    def on(cls, place: Place, request: PlanRequest) -> "_Ends":
-        """InvalidQueryError for several starts, goals with way points, and what lies outside the map."""
-        start = request.start.one_cell(place, "--start")
-        goals = [cell for end in request.goals for cell in end.cells(place)]
-        via = [cell for end in request.via for cell in end.cells(place)]
-        if via and len(goals) != 1:
-            raise InvalidQueryError(f"--goal, with --via, must be one place, got {len(goals)}")
-        refuse_outside(start, goals, place)
-        return cls(start, via, goals)
+    InvalidQueryError for several starts, goals with way points, and what lies outside the map.
+    """
+    start = request.start.one_cell(place, "--start")
+    goals = [cell for end in request.goals for cell in end.cells(place)]
+    via = [cell for end in request.via for cell in end.cells(place)]
+    if via and len(goals) != 1:
+        raise InvalidQueryError(f"--goal, with --via, must be one place, got {len(goals)}")
+    refuse_outside(start, goals, place)
+    return start, via, goals
 
 
-def plan_in_memory(
-    request: PlanRequest, path: Path, terrain: TerrainOptions, vehicle: VehicleOptions, *, drawn: bool
-) -> Answer:
+def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, drawn: bool) -> Answer:
     """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
-    body = vehicle.make()
+    body = robot.body()
     by_poses = body is not None and not body.is_disc
     with told_if_slow(f"reading {path}"):
-        dem = terrain.read(path)
-    start, via, goals = _Ends.on(dem, request)
+        dem = robot.read(path)
+    start, via, goals = _ends(request, dem)
     ways = (Query(start, goal).apart for goal in goals)
     expected = request.method == "nnpp" or any(
         expects_network(request.method, dem.shape, request.model, apart) for apart in ways
@@ -85,11 +74,11 @@ def plan_in_memory(
     if expected and not by_poses:
         loading.begin_loading(request.model)
     warn_if_not_square(dem)
-    limits = terrain.limits()
+    limits = robot.limits()
     cost = cost_of(dem, limits)
     if not (cost < 1.0).any():
         refuse_map(dem)
-    ground = ground_of(dem, limits, vehicle, request.step_cost)
+    ground = robot.of(dem)
     planner = Planner(
         priced(ground, cost), omega=request.omega, corner_cutting=request.corner_cutting, model=request.model
     )
@@ -106,10 +95,13 @@ def plan_in_memory(
     if plan.source is None:  # no search was made
         refuse(plan.status, start, goal, near)
     compared: list[Compared] = []
-    exact_path = None
+    exact_path = point_path = None
     if request.compare:
         plan, compared, exact = _compare(partial(planner.plan, start, goal, **within), plan)
         exact_path = exact.path if exact.ok and plan.method != exact.method else None
+        if drawn and body is not None and robot.step_cost == "paper":
+            of_point = Planner(cost, omega=request.omega, corner_cutting=request.corner_cutting)
+            point_path = of_point.plan(start, goal, method="astar").path
     plan = _on_the_ground(plan, ground)
     shut_in = plan.status == "NO_PATH" and tour is None and request.refine is None
     return Answer(
@@ -124,8 +116,8 @@ def plan_in_memory(
         loading_included=not request.compare and request.time_limit is None,
         vehicle=body,
         stands=_stands(ground) if drawn else None,
-        point_path=_point_path(request, cost, start, goal) if drawn and body is not None else None,
-        step_cost=request.step_cost,
+        point_path=point_path,
+        step_cost=robot.step_cost,
         tour=tour and tour.told(lambda leg: _on_the_ground(leg, ground)),
         reached=int(np.isfinite(planner.reach(start)).sum()) if shut_in else None,
         hard_slope_deg=inf if by_poses else limits.hard_slope_deg,
@@ -133,20 +125,20 @@ def plan_in_memory(
     )
 
 
-def plan_by_windows(request: PlanRequest, path: Path, terrain: TerrainOptions, vehicle: VehicleOptions) -> Answer:
+def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> Answer:
     """Plan on a map of which only the coarse levels and what lies under a corridor are in memory."""
     _refuse_unfit(request)
-    limits, within = terrain.limits(), _limits(request)
-    with terrain.open(path) as ground:
+    limits, within = robot.limits(), _limits(request)
+    with robot.open(path) as ground:
         warn_if_not_square(ground)
-        start, via, goals = _Ends.on(ground, request)
+        start, via, goals = _ends(request, ground)
         planner = WindowedPlanner(
             ground,
             limits,
             omega=request.omega,
             corner_cutting=request.corner_cutting,
-            mobility=vehicle.mobility(ground),
-            progress=_Bars(ground.shape[0]),
+            mobility=robot.mobility(ground),
+            progress=_bars(ground.shape[0]),
         )
         if not planner.any_passable:
             refuse_map(ground)
@@ -155,12 +147,12 @@ def plan_by_windows(request: PlanRequest, path: Path, terrain: TerrainOptions, v
         ranked = sorted(plans, key=lambda found: (not found[1].ok, found[1].cost))
         goal, plan = ranked[0]
         if plan.source is None:  # no search was made
-            refuse(
-                plan.status, start, goal, _around(planner, ground, limits, start if "START" in plan.status else goal)
-            )
+            end = start if "START" in plan.status else goal
+            refuse(plan.status, start, goal, _around(planner, ground, limits, end))
         _, costs = planner.costs.along(plan.path)
         assert plan.along is not None
         factor, cost = planner.coarse_costs(_MOST_PIXELS)
+        reading = planner.reading()
         return Answer(
             plan,
             Route(plan.path, plan.along, costs, ground),
@@ -169,7 +161,12 @@ def plan_by_windows(request: PlanRequest, path: Path, terrain: TerrainOptions, v
             cost,
             factor=factor,
             goals=ranked if len(goals) > 1 else [],
-            windows=_read(planner, ground),
+            windows={
+                "gigabytes": 1e-9 * reading.cells_read * ground.raster.dtype.itemsize,  # as they are stored
+                "read_again": reading.read_again,
+                "map_s": 1e-3 * reading.map_ms,
+                "peak_memory_gb": 1e-9 * peak_bytes(),
+            },
             tour=tour,
             hard_slope_deg=limits.hard_slope_deg,
         )
@@ -208,14 +205,6 @@ def _stands(ground: Ground) -> NDArray[np.bool_] | None:
     return stands
 
 
-def _point_path(request: PlanRequest, cost: Float2D, start: Cell, goal: Cell) -> Cells | None:
-    """A point's optimum, for the picture of a comparison."""
-    if not request.compare or request.step_cost != "paper":
-        return None
-    planner = Planner(cost, omega=request.omega, corner_cutting=request.corner_cutting)
-    return planner.plan(start, goal, method="astar").path
-
-
 def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner) -> Route:
     """The route of a plan over known ground, with how a vehicle stands along it."""
     assert plan.along is not None
@@ -243,21 +232,23 @@ def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Compa
     return replace(plan, timings_ms=last[plan.method].timings_ms), compared, exact
 
 
-class _Bars:
+def _bars(rows: int) -> Callable[[str, int], None]:
     """A progress bar for each time that the map's rows are read."""
+    shown, advance = ExitStack(), dict[str, Callable[[int], None]]()
 
-    def __init__(self, rows: int) -> None:
-        self._rows, self._open, self._what = rows, ExitStack(), ""
+    def show(what: str, done: int) -> None:
+        if what not in advance:
+            close()
+            advance[what] = shown.enter_context(bar(what, rows))
+        advance[what](done)
+        if done == rows:
+            close()
 
-    def __call__(self, what: str, done: int) -> None:
-        """Show how far this reading has come."""
-        if what != self._what:
-            self._open.close()
-            self._advance, self._what = self._open.enter_context(bar(what, self._rows)), what
-        self._advance(done)
-        if done == self._rows:
-            self._open.close()
-            self._what = ""
+    def close() -> None:
+        shown.close()
+        advance.clear()
+
+    return show
 
 
 def _refuse_unfit(request: PlanRequest) -> None:
@@ -273,14 +264,3 @@ def _refuse_unfit(request: PlanRequest) -> None:
             f"{', '.join(wrong)} needs the whole map in memory: leave it out for the corridor method, which reads by "
             "windows, or cut out a part of the map"
         )
-
-
-def _read(planner: WindowedPlanner, ground: DemWindows) -> dict[str, float]:
-    """Counts of reading: GB of heights as they are stored, cells read again as a share, seconds, and peak memory."""
-    reading = planner.reading()
-    return {
-        "gigabytes": 1e-9 * reading.cells_read * ground.raster.dtype.itemsize,
-        "read_again": reading.read_again,
-        "map_s": 1e-3 * reading.map_ms,
-        "peak_memory_gb": 1e-9 * peak_bytes(),
-    }

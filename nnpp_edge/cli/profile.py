@@ -2,16 +2,23 @@
 
 import json
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.profile_run import ProfileOptions
+from nnpp_edge.cli.text import tell
 
-_ONLY_WITH_PROFILE = ("vehicle", "start_up")
-_ONLY_WITH_PEERS = ("limit_s",)
-_PROFILE = "A shipped profile (paper, edge-2core, single-core, quick, rover) or a TOML file."
+if TYPE_CHECKING:
+    from nnpp_edge.profiling.profile_file import Profile
+    from nnpp_edge.profiling.report_format import Report
+
+_FILES = ("report.json", "report.md", "board-row.md", "trace.json", "report.html")
+_PEERS_SIZES, _PEERS_QUERIES, _PEERS_LIMIT_S = (256, 512, 1024), 50, 5.0
+_WANTED = "give either --profile (paper, edge-2core, single-core, quick, rover or a file) or --peers"
+_TERRAIN = "Elevation file, or several, in place of the profile's; else the sample."
 _VEHICLE = (
     "Whose the workloads body and body-rocksN are, in place of the profile's: a shipped vehicle or a TOML file."
 )
@@ -23,28 +30,80 @@ _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain where no file is "
     "large enough."
 )
-_QUERIES = "For each workload and size, in place of the profile's; for --peers 50."
-_SEED = "Of every random choice; by default the profile's, else 1."
-_START_UP = "Also measure import to first plan in new processes; takes a minute."
-_TOLERANCE = "Share by which a figure may become worse."
 _LIMIT = "With --peers: seconds; a planner that needs longer for a query is left out at that size (by default 5)."
 
 
-@click.group(name="profile", invoke_without_command=True)
-@click.option("--profile", "profile_name", metavar="NAME|FILE", help=_PROFILE)
-@click.option("--peers", is_flag=True, help="Instead: beside other libraries' grid search.")
-@options.terrain_files(", in place of the profile's; else the sample")
-@click.option("--vehicle", metavar="NAME|FILE", help=_VEHICLE)
-@click.option("--sizes", type=options.Numbers(), help=_SIZES)
-@click.option("--queries", type=options.COUNT, help=_QUERIES)
-@click.option("--seed", type=options.SEED, help=_SEED)
-@options.as_json
-@click.option("--markdown", is_flag=True, help="Print the report, with --peers its table, as Markdown.")
-@click.option("--start-up", is_flag=True, help=_START_UP)
-@click.option("--limit", "limit_s", type=options.POSITIVE, help=_LIMIT)
-@click.option("-o", "--output", type=options.FOLDER, help=_OUTPUT)
-@click.pass_context
-def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **given: object) -> None:
+@options.command("compare")
+def compare_command(
+    before: Annotated[Path, options.PATH],
+    after: Annotated[Path, options.PATH],
+    /,
+    tolerance: Annotated[float, options.NOT_NEGATIVE, "Share by which a figure may become worse."] = 0.1,
+    as_json: options.AsJson = False,
+) -> None:
+    """Look for regressions between two reports, report.json of -o.
+
+    Exit code 1 when a figure is worse by more than the tolerance, 3 when only figures of a disturbed run are.
+
+    \b
+    nnpp-edge profile compare before/report.json after/report.json --tolerance 0.1
+    """
+    from nnpp_edge.cli.profile_text import comparison_text
+    from nnpp_edge.profiling.compare import NOISY, WORSE, compare, read_report
+
+    comparison = compare(read_report(before), read_report(after), tolerance)
+    tell(as_json, comparison, lambda: comparison_text(comparison), indent=1)
+    sys.exit({WORSE: 1, NOISY: 3}.get(comparison["verdict"], 0))
+
+
+class _Profile(click.Group):
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] not in self.commands:
+            ctx.fail(f"wanted options, or compare, got {args[0]!r}: --json prints, -o DIR writes all of a run")
+        return super().resolve_command(ctx, args)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """Options; None and () where not given."""
+
+    profile: Annotated[
+        str | None,
+        {"metavar": "NAME|FILE"},
+        "A shipped profile (paper, edge-2core, single-core, quick, rover) or a TOML file.",
+    ] = None
+    peers: Annotated[bool, "Instead: beside other libraries' grid search."] = False
+    terrain: Annotated[options.TerrainFiles, _TERRAIN] = ()
+    cell_size: options.CellSize = None
+    rescale: options.Rescale = None
+    allow_vrt: options.AllowVrt = False
+    vehicle: Annotated[str | None, {"metavar": "NAME|FILE"}, _VEHICLE] = None
+    sizes: Annotated[tuple[int, ...] | None, options.COUNTS, _SIZES] = None
+    queries: Annotated[
+        int | None, options.COUNT, "For each workload and size, in place of the profile's; for --peers 50."
+    ] = None
+    seed: Annotated[int | None, options.SEED, "Of every random choice; by default the profile's, else 1."] = None
+    as_json: options.AsJson = False
+    markdown: Annotated[bool, "Print the report, with --peers its table, as Markdown."] = False
+    start_up: Annotated[bool, "Also measure import to first plan in new processes; takes a minute."] = False
+    limit: Annotated[float | None, options.POSITIVE, _LIMIT] = None
+    output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
+
+    def check(self) -> None:
+        """UsageError for what does not go together."""
+        if bool(self.profile) == self.peers:
+            raise click.UsageError(_WANTED)
+        if self.as_json and self.markdown:
+            raise click.UsageError("give one of --json and --markdown")
+        measured, other = ("peers", ("vehicle", "start_up")) if self.peers else ("profile", ("limit",))
+        if wrong := [name for name in other if getattr(self, name)]:
+            raise click.UsageError(f"--{wrong[0].replace('_', '-')} does not go with --{measured}")
+
+
+@options.command("profile", _Profile, invoke_without_command=True, commands={"compare": compare_command})
+def command(asked: Asked) -> None:
     """Measure the planners on this machine against the budgets of a profile.
 
     Pins to the profile's cores and lets exact A*, corridor, learned region (int8 and fp32) and auto answer the
@@ -65,47 +124,95 @@ def command(ctx: click.Context, /, profile_name: str | None, peers: bool, **give
     others get from us, are computed on all cores. Beside a plan on a standing map stand one-off use (from weights to
     a path, nothing kept) and elevations to a path.
     """
-    if ctx.invoked_subcommand is not None:
-        if profile_name or peers or any(given.values()):
-            raise click.UsageError(f"the options of profile do not go with {ctx.invoked_subcommand}")
+    if (inner := click.get_current_context().invoked_subcommand) is not None:
+        if any(vars(asked).values()):
+            raise click.UsageError(f"the options of profile do not go with {inner}")
         return
-    if bool(profile_name) == peers:
-        raise click.UsageError(
-            "give either --profile (paper, edge-2core, single-core, quick, rover or a file) or --peers"
-        )
-    if given["as_json"] and given["markdown"]:
-        raise click.UsageError("give one of --json and --markdown")
-    for name in _ONLY_WITH_PROFILE if peers else _ONLY_WITH_PEERS:
-        if given[name]:
-            option = next(p.opts[-1] for p in ctx.command.params if p.name == name)
-            raise click.UsageError(f"{option} does not go with --{'peers' if peers else 'profile'}")
-    chosen = ProfileOptions(**given)  # type: ignore[arg-type]
-    if profile_name is None:
-        from nnpp_edge.cli.profile_peers import run_peers
-
-        run_peers(chosen)
+    asked.check()
+    if asked.profile is None:
+        _peers(asked)
     else:
-        from nnpp_edge.cli.profile_run import run_profile
-
-        sys.exit(run_profile(profile_name, chosen))
+        sys.exit(_profile(asked.profile, asked))
 
 
-@command.command(name="compare")
-@click.argument("before", type=options.PATH)
-@click.argument("after", type=options.PATH)
-@click.option("--tolerance", type=options.NOT_NEGATIVE, default=0.1, help=_TOLERANCE)
-@options.as_json
-def compare_command(before: Path, after: Path, tolerance: float, as_json: bool) -> None:
-    """Look for regressions between two reports, report.json of -o.
+def _profile(name: str, asked: Asked) -> int:
+    """Measure, write what was asked for, print the report; the exit code."""
+    from nnpp_edge.cli.profile_text import report_markdown, report_text
+    from nnpp_edge.files import write_all
+    from nnpp_edge.profiling.board import board_header, board_row
+    from nnpp_edge.profiling.judge import EXIT_CODES
+    from nnpp_edge.profiling.measure import queries_in
+    from nnpp_edge.profiling.profile_file import overridden, read_profile
+    from nnpp_edge.profiling.report import Watchers, profile_machine
+    from nnpp_edge.profiling.trace import Trace
+    from nnpp_edge.progress import bar
+    from nnpp_edge.terrain.vehicle_files import load_vehicle
 
-    Exit code 1 when a figure is worse by more than the tolerance, 3 when only figures of a disturbed run are.
+    profile = read_profile(name)
+    others = (profile.networks.fp32, profile.load.vehicle)
+    written = [] if asked.output is None else [asked.output / name for name in _FILES]
+    options.check_outputs(
+        *(("--output", path) for path in written),
+        more_inputs=(*profile.load.terrain, profile.networks.int8, *filter(None, others)),
+        make_folders=True,
+    )
+    names = ("cell_size", "rescale", "sizes", "queries", "seed", "vehicle")
+    profile, dropped = overridden(
+        profile,
+        terrain=tuple(map(str, asked.terrain)) or None,
+        allow_vrt=asked.allow_vrt or None,
+        **{key: getattr(asked, key) for key in names},
+    )
+    if profile.load.vehicle is not None:
+        load_vehicle(profile.load.vehicle)  # before the run: it may be none
+    notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
+    runs, trace = 1 + profile.contention.wanted, None if asked.output is None else Trace("nnpp-edge profile")
+    with bar("profile", runs * queries_in(profile.load), quiet=True) as advance:
+        watchers = Watchers(advance, lambda line: click.echo(line, err=True), trace)
+        report = profile_machine(profile, start_up=asked.start_up, notes=notes, watchers=watchers)
+    content, markdown = json.dumps(report, indent=1), report_markdown(report)
+    if trace is not None:
+        rows = f"{board_header()}\n{board_row(report)}\n"
+        contents = (content.encode(), markdown.encode(), rows.encode(), trace.to_json(), _page(report, profile))
+        write_all({path: each for path, each in zip(written, contents, strict=True) if each})
+    printed = content if asked.as_json else markdown if asked.markdown else report_text(report)
+    click.echo(printed.rstrip("\n"))
+    return EXIT_CODES[report["verdict"]]
 
-    \b
-    nnpp-edge profile compare before/report.json after/report.json --tolerance 0.1
-    """
-    from nnpp_edge.cli.profile_text import comparison_text
-    from nnpp_edge.profiling.compare import NOISY, WORSE, compare, read_report
 
-    comparison = compare(read_report(before), read_report(after), tolerance)
-    click.echo(json.dumps(comparison, indent=1) if as_json else comparison_text(comparison))
-    sys.exit({WORSE: 1, NOISY: 3}.get(comparison["verdict"], 0))
+def _page(report: "Report", profile: "Profile") -> bytes:
+    """The report as a page of HTML; empty, which is said, where the extra `viz` is not installed."""
+    try:
+        from nnpp_edge.viz.profile_page import page
+    except ImportError as error:
+        click.echo(f"note: {_FILES[-1]} is left out: {error} (pip install 'nnpp-edge[viz]')", err=True)
+        return b""
+    return page(report, profile).encode()
+
+
+def _peers(asked: Asked) -> None:
+    """Measure beside other libraries, write what was asked for, print the table."""
+    from nnpp_edge.benchmarks.peers import run
+    from nnpp_edge.cli.profile_text import peers_text
+    from nnpp_edge.files import write_all
+    from nnpp_edge.profiling.suites import TerrainFiles
+    from nnpp_edge.progress import bar
+
+    sizes, queries = asked.sizes or _PEERS_SIZES, asked.queries or _PEERS_QUERIES
+    seed, limit_s = 1 if asked.seed is None else asked.seed, asked.limit or _PEERS_LIMIT_S
+    if not 16 <= min(sizes) <= max(sizes) <= options.LARGEST_SIDE or len(set(sizes)) < len(sizes):
+        words = ",".join(map(str, sizes))
+        raise click.UsageError(f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}")
+    written = [] if asked.output is None else [asked.output / f"peers.{end}" for end in ("json", "md", "png")]
+    options.check_outputs(*(("--output", path) for path in written), make_folders=True)
+    terrain = TerrainFiles.or_sample(asked.terrain, asked.rescale, asked.cell_size, asked.allow_vrt)
+    with bar("profile", queries * len(sizes)) as advance:
+        rows, missing = run(sizes, queries, terrain, seed=seed, limit_s=limit_s, progress=advance)
+    facts = {"queries": queries, "seed": seed, "limit_s": limit_s, "left_out": missing, "rows": rows}
+    if written:
+        from nnpp_edge.viz.figures import times_by_size
+
+        page = f"{peers_text(rows, missing, markdown=True)}\n"
+        contents = (json.dumps(facts, indent=1).encode(), page.encode(), times_by_size(rows))
+        write_all(dict(zip(written, contents, strict=True)))
+    tell(asked.as_json, facts, lambda: peers_text(rows, missing, markdown=asked.markdown), indent=1)

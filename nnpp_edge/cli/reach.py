@@ -1,18 +1,17 @@
 """`nnpp-edge reach`: what can be reached from a place within a cost, a time or an energy."""
 
-from __future__ import annotations
-
 import json
 import re
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import click
 
-from nnpp_edge.cli import options, vehicle_options
-from nnpp_edge.cli.ends import Where
-from nnpp_edge.cli.options import TerrainOptions
-from nnpp_edge.cli.requests import ReachRequest
-from nnpp_edge.cli.vehicle_options import VehicleOptions
+from nnpp_edge.cli import options
+from nnpp_edge.cli.ground_options import GroundOptions
+from nnpp_edge.cli.requests import Start
+from nnpp_edge.cli.text import aligned, tell
 
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
@@ -24,42 +23,51 @@ def _duration(word: str) -> float:
     return seconds
 
 
-@click.command(name="reach")
-@click.argument("dem", type=options.MAP)
-@click.option(
-    "--start", type=Where(), required=True, help="ROW,COL, xy:X,Y, lonlat:LON,LAT, or a vector file's point."
-)
-@click.option(
-    "--within-cost", type=options.POSITIVE, help="The most that a path may cost, in the unit of --step-cost."
-)
-@click.option(
-    "--within-time",
-    type=options.Parsed("TIME", "a time such as 90, 90s, 30min or 2h", _duration),
-    help="The longest that it may take: by --step-cost, else at the vehicle's speeds, else by Tobler's function.",
-)
-@click.option("--within-energy", type=options.POSITIVE, help="The most joules that it may draw, of a --vehicle.")
-@click.option("--levels", type=click.IntRange(1, 24), default=4, help="Into how many areas that is divided.")
-@options.terrain
-@options.step_cost
-@options.omega
-@options.corner_cutting
-@options.hillshade
-@vehicle_options.vehicle
-@click.option("-o", "--output", type=options.PATH, help="Folder for reach.tif, reach.geojson, reach.png, reach.json.")
-@click.option(
-    "--format", "formats", type=click.Choice(["gpkg"]), multiple=True, help="Write the areas as GeoPackage too."
-)
-@options.as_json
-@options.gathered("request", ReachRequest)
+@dataclass(frozen=True, kw_only=True)
+class Within:
+    """How far: one of three measures."""
+
+    within_cost: Annotated[
+        float | None, options.POSITIVE, "The most that a path may cost, in the unit of --step-cost."
+    ] = None
+    within_time: Annotated[
+        float | None,
+        options.Parsed("TIME", "a time such as 90, 90s, 30min or 2h", _duration),
+        "The longest that it may take: by --step-cost, else at the vehicle's speeds, else by Tobler's function.",
+    ] = None
+    within_energy: Annotated[float | None, options.POSITIVE, "The most joules that it may draw, of a --vehicle."] = (
+        None
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse all but one."""
+        if sum(most is not None for most in vars(self).values()) != 1:
+            raise click.UsageError("give one of --within-cost, --within-time and --within-energy")
+
+    @property
+    def most(self) -> tuple[str, float]:
+        """The measure, and its number."""
+        return next((name.removeprefix("within_"), most) for name, most in vars(self).items() if most is not None)
+
+
+@options.command("reach")
 def command(
-    dem: Path,
-    request: ReachRequest,
-    terrain: TerrainOptions,
-    hillshade: bool,
-    vehicle: VehicleOptions,
-    output: Path | None,
-    formats: tuple[str, ...],
-    as_json: bool,
+    dem: Annotated[Path, options.MAP],
+    /,
+    start: Start,
+    within: Within,
+    robot: GroundOptions,
+    levels: Annotated[int, click.IntRange(1, 24), "Into how many areas that is divided."] = 4,
+    omega: options.Omega = 0.011,
+    corner_cutting: options.CornerCutting = True,
+    hillshade: options.Hillshade = False,
+    output: Annotated[
+        Path | None, "-o", options.PATH, "Folder for reach.tif, reach.geojson, reach.png, reach.json."
+    ] = None,
+    formats: Annotated[
+        tuple[str, ...], "--format", click.Choice(["gpkg"]), options.MANY, "Write the areas as GeoPackage too."
+    ] = (),
+    as_json: options.AsJson = False,
 ) -> None:
     """Show what can be reached on the elevation map DEM from a place, within a cost, a time or an energy.
 
@@ -69,15 +77,78 @@ def command(
     \b
     nnpp-edge reach dem.tif --start 20,30 --within-time 30min --workload limit20 -o reach
     """
+    from nnpp_edge.runtime.map.slope_cost import unit_of
+
+    measure, most = within.most
+    in_seconds = unit_of(robot.step_cost) == "s"
+    if measure != "cost" and "step_cost" in options.given_options() and not (measure == "time" and in_seconds):
+        raise click.UsageError(
+            f"--within-{measure} counts {measure} already: leave out --step-cost, or give --within-cost with it; "
+            "one in seconds goes with --within-time"
+        )
     if formats and output is None:
         raise click.UsageError("--format is of what is written: give -o too")
     names = ("reach.tif", "reach.geojson", "reach.png", "reach.json", *(f"reach.{name}" for name in formats))
     paths = [output / name for name in names] if output else []
-    read = [] if request.start.file is None else [request.start.file]
+    read = [] if start.file is None else [start.file]
     options.check_outputs(*(("--output", path) for path in paths), more_inputs=read, make_folders=True)
 
-    from nnpp_edge.cli import reaching
+    from dataclasses import replace
 
-    found = reaching.reach(request, dem, terrain, vehicle)
-    files = found.save(paths, hillshade=hillshade)
-    click.echo(json.dumps(found.figures(files)) if as_json else found.text(files))
+    import numpy as np
+
+    from nnpp_edge.cli.maps import Near, cost_of, priced, refuse, shade_of, size_in_words, size_of
+    from nnpp_edge.cli.plan_answer import duration
+    from nnpp_edge.files import write_all
+    from nnpp_edge.runtime import Planner
+    from nnpp_edge.runtime.planners.query import problem_with
+    from nnpp_edge.terrain.dem import raster_bytes
+    from nnpp_edge.terrain.reach import Reach
+    from nnpp_edge.viz.picture import png_bytes
+    from nnpp_edge.viz.reach_picture import reach_picture
+
+    terrain, limits = robot.read(dem), robot.limits()
+    cost, cell = cost_of(terrain, limits), start.one_cell(terrain, "--start")
+    step_cost = "energy" if measure == "energy" else robot.step_cost
+    if measure == "time" and not in_seconds:
+        step_cost = "time" if robot.mobility().time else "tobler"
+    ground = replace(robot, step_cost=step_cost).of(terrain)
+    planner = Planner(priced(ground, cost), omega=omega, corner_cutting=corner_cutting)
+    if problem := problem_with(planner.state.grid, cell, cell):
+        refuse(problem, cell, cell, Near(terrain, terrain.elevation, cost, limits, ground.vehicle))
+    shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())
+    found = Reach(planner.reach(cell, most), shares, measure, unit_of(step_cost), terrain)
+
+    def words(level: float) -> str:
+        if measure == "cost":
+            return f"within a cost of {level:.6g} {found.unit}".rstrip()
+        return f"within {duration(level) if measure == 'time' else f'{level / 1000.0:.4g} kJ'}"
+
+    areas = [
+        {"within": level, "cells": cells, "area_m2": round(area, 3)}
+        for level, cells, area in zip(found.levels, found.cells, found.areas_m2, strict=True)
+    ]
+    files = [str(path) for path in paths]
+    figures = {"start": cell, "measure": measure, "unit": found.unit, "areas": areas, **size_of(terrain)}
+    figures |= {"files": files} if files else {}
+
+    def text() -> str:
+        lines = {"map": size_in_words(terrain), "start": str(cell)}
+        for level, cells, area in zip(found.levels, found.cells, found.areas_m2, strict=True):
+            size = f"{area / 1e6:.4g} km²" if area >= 1e5 else f"{area:.0f} m²"
+            lines[words(level)] = f"{cells} cells, {size}, {100.0 * cells / cost.size:.1f} % of the map"
+        return aligned(lines | ({"written": ", ".join(files)} if files else {}))
+
+    if paths:
+        shade = shade_of(terrain) if hillshade else None
+        levels_in_words = [(level, words(level)) for level in found.levels]
+        drawn = reach_picture(cost, found.field, levels_in_words, cell, shade=shade, cell_size_m=terrain.cell_width_m)
+        contents = (
+            raster_bytes(paths[0], found.raster(), terrain),
+            found.geojson(),
+            png_bytes(drawn),
+            json.dumps(figures, indent=1).encode(),
+            *(found.geopackage() for _ in paths[4:]),
+        )
+        write_all(dict(zip(paths, contents, strict=True)))
+    tell(as_json, figures, text)

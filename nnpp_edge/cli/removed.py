@@ -5,14 +5,9 @@ _SET = (
     *("wheel_length_m", "wheel_width_m", "turning_radius_m", "radius_m"),
 )
 _LIMITS = (
-    "slope_limit_deg",
-    "roughness_limit_m",
-    "step_limit_m",
-    "hard_slope_deg",
-    "hard_roughness_m",
-    "hard_step_m",
+    *("slope_limit_deg", "roughness_limit_m", "step_limit_m"),
+    *("hard_slope_deg", "hard_roughness_m", "hard_step_m"),
 )
-_LOOP = ("cores", "priority", "approach")
 _REPORT = "-o DIR writes all of a run"
 _CORRIDOR = "Eq. 1's price is the only one"
 _CORRIDOR_OF_A_VEHICLE = "no network is trained for a vehicle; plan with --method corridor"
@@ -31,7 +26,7 @@ INSTEAD = {
     "--vehicle-width": "write --set width_m=VALUE",
     "--axles": "write --set axles=VALUE",
     "--gravity": "write --set mobility.energy.gravity_m_s2=VALUE",
-    **{f"--{key}": f"write --loop {key}=VALUE" for key in _LOOP},
+    **{f"--{key}": f"write --loop {key}=VALUE" for key in ("cores", "priority", "approach")},
     "run --tolerance": "write --loop tolerance=VALUE",
     "run --refine": "write --loop refine=any-angle",
     "--metrics-port": "write --metrics PORT",
@@ -44,18 +39,14 @@ INSTEAD = {
     "--price": _CORRIDOR,
     "--prices": f"{_CORRIDOR}; write --methods astar,corridor",
     "--widths": "each corridor is measured as wide as `plan` searches it",
-    "--html": _REPORT,
-    "--board-row": _REPORT,
-    "profile --trace": _REPORT,
+    **dict.fromkeys(("--html", "--board-row", "profile --trace"), _REPORT),
     "--save-choice": "`auto` goes by the shipped figures; name another --method where you measured otherwise",
     **dict.fromkeys(("--poses", "dataset --vehicle", "dataset --mobility"), _CORRIDOR_OF_A_VEHICLE),
     "dataset --picture": "the sheet is samples.png in the folder of -o",
     "reproduce --dataset": "fig13 trains on the terrain of --terrain",
     "--loss": "the loss is binary cross-entropy; `nnpp_edge.training` takes another",
     "--opset": "files have opset 18",
-    "quantize --method": _EXCLUDE,
-    "--full-range": _EXCLUDE,
-    "--rank": _EXCLUDE,
+    **dict.fromkeys(("quantize --method", "--full-range", "--rank"), _EXCLUDE),
 }
 """Advice by the option; with its command where others have an option of that name."""
 

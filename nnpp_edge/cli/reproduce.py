@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
 
 import click
 
@@ -12,38 +13,31 @@ from nnpp_edge.cli import options
 _STEPS = "Training steps for each encoding of fig13; by default 1000."
 _MODEL = "Network of the paper's method; given twice, the second is ours; by default paper and edge."
 _QUERIES = "Timed queries at each size (table2, fig9, fig11), by default 200, 30 and 300."
-_OUTPUT = "Folder for the results; what is complete in it is kept."
 
 
-@click.command(name="reproduce")
-@click.argument("experiments", nargs=-1, metavar="[EXPERIMENT]...")
-@options.terrain_files("; by default the bundled sample at cells of 20 m")
-@click.option("--model", "models", type=options.ModelName(), multiple=True, help=_MODEL)
-@click.option("--steps", type=options.COUNT, help=_STEPS)
-@click.option("--queries", type=options.COUNT, help=_QUERIES)
-@click.option("--quick", is_flag=True, help="A smoke run of less than a minute; its figures mean nothing.")
-@click.option("--again", is_flag=True, help="Run experiments that are complete, too.")
-@click.option("-o", "--output", type=options.FOLDER, default="reproduction", help=_OUTPUT)
-@options.seed
-@options.as_json
+@options.command("reproduce")
 def command(
-    experiments: tuple[str, ...],
-    terrain: tuple[Path, ...],
-    cell_size: float | None,
-    rescale: float | None,
-    allow_vrt: bool,
-    models: tuple[str, ...],
-    steps: int | None,
-    queries: int | None,
-    quick: bool,
-    again: bool,
-    output: Path,
-    seed: int,
-    as_json: bool,
+    experiments: Annotated[tuple[str, ...], {"nargs": -1, "metavar": "[EXPERIMENT]..."}] = (),
+    /,
+    terrain: options.TerrainFiles = (),
+    cell_size: options.CellSize = None,
+    rescale: options.Rescale = None,
+    allow_vrt: options.AllowVrt = False,
+    models: Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL] = (),
+    steps: Annotated[int | None, options.COUNT, _STEPS] = None,
+    queries: Annotated[int | None, options.COUNT, _QUERIES] = None,
+    quick: Annotated[bool, "A smoke run of less than a minute; its figures mean nothing."] = False,
+    again: Annotated[bool, "Run experiments that are complete, too."] = False,
+    output: Annotated[Path, "-o", options.FOLDER, "Folder for the results; what is complete in it is kept."] = Path(
+        "reproduction"
+    ),
+    seed: options.Seed = 1,
+    as_json: options.AsJson = False,
 ) -> None:
     """Repeat the paper's experiments, each beside the paper's figures.
 
     The paper's method runs with the paper's own network, ours with `edge`; --model puts another in the place of both.
+    Without --terrain the ground is the shipped sample, at cells of 20 m.
 
     EXPERIMENT is one of table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3, table4 and
     fig13; by default all.
@@ -65,9 +59,8 @@ def command(
     both = (models[0], models[-1]) if models else ("paper", "edge")
     names = [name for name in EXPERIMENTS if not experiments or name in experiments]
     files = TerrainFiles.or_sample(terrain, rescale, cell_size, allow_vrt)
-    request = Request(names, files, output, seed, both, quick, steps, queries, again)
     told = []
-    for made, ran in reproduce(request):
+    for made, ran in reproduce(Request(names, files, output, seed, both, quick, steps, queries, again)):
         findings = [asdict(finding) for finding in made.findings]
         told.append({"experiment": made.name, "ended": "done" if ran else "skipped", "findings": findings})
         verdicts = Counter(finding.verdict for finding in made.findings)

@@ -1,32 +1,113 @@
-"""The questions that `plan` and `reach` ask: their options' values, as given, which must go together."""
+"""What is asked of `plan`: where a path begins, leads through and ends, and how it is to be found."""
 
+import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ends import End
+from nnpp_edge.cli.options import MANY, Parsed
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.cells import Cell
+    from nnpp_edge.terrain.georeference import Place
+
+_NUMBERS = re.compile(r"\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*|(xy|lonlat):([^,]+),([^,]+)")
 
 
-@dataclass(frozen=True)
+class End(NamedTuple):
+    """A place, or several in the order of a layer's points, as the user named them."""
+
+    word: str
+    cell: "Cell | None" = None
+    xy: tuple[float, float] | None = None
+    """In the map's own system."""
+    lonlat: tuple[float, float] | None = None
+
+    @property
+    def file(self) -> Path | None:
+        """The vector file, if it is one."""
+        if self.cell or self.xy or self.lonlat:
+            return None
+        from nnpp_edge.terrain.vectors import named_file
+
+        return named_file(self.word)[0]
+
+    def cells(self, place: "Place") -> "list[Cell]":
+        """The cells of a map below; a layer that had to be reprojected is told of on stderr.
+
+        InvalidQueryError for what has no place on the map's plane. A cell may lie outside the map.
+        """
+        if self.cell is not None:
+            return [self.cell]
+        if self.xy is not None:
+            return [place.cell_of(*self.xy)]
+        if self.lonlat is not None:
+            import numpy as np
+
+            from nnpp_edge.terrain.coordinates import lonlat_on_map
+
+            points = lonlat_on_map(place, np.array([self.lonlat]))
+        else:
+            from nnpp_edge.terrain.vectors import points_of
+
+            points, word = points_of(self.word, place)
+            if word:
+                click.echo(word, err=True)
+        return [place.cell_of(x, y) for x, y in points.tolist()]
+
+    def one_cell(self, place: "Place", option: str) -> "Cell":
+        """The cell below; InvalidQueryError where the layer has another number of points."""
+        from nnpp_edge.runtime.errors import InvalidQueryError
+
+        if len(cells := self.cells(place)) != 1:
+            raise InvalidQueryError(f"{option} must be one place, got {len(cells)}")
+        return cells[0]
+
+
+def _end(word: str) -> End:
+    if found := _NUMBERS.fullmatch(word):
+        row, col, system, x, y = found.groups()
+        if system is None:
+            return End(word, (int(row), int(col)))
+        at = float(x), float(y)
+        if not all(map(math.isfinite, at)):
+            raise ValueError
+        return End(word, xy=at) if system == "xy" else End(word, lonlat=at)
+    from nnpp_edge.terrain.vectors import named_file
+
+    if "," in word or not word:
+        raise ValueError
+    named_file(word)  # VectorFileError, a ValueError, where there is none
+    return End(word)
+
+
+PLACE = Parsed("PLACE", "ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a vector file", _end)
+Start = Annotated[End, PLACE, "ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point."]
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlanRequest:
-    """A plan's question: the options' values, as given."""
+    """A plan's question."""
 
-    start: End
-    goals: tuple[End, ...]
-    via: tuple[End, ...]
-    best_order: bool
-    method: str
-    model: str
-    omega: float
-    corner_cutting: bool
-    epsilon: float | None
-    time_limit: float | None
-    compare: bool
-    step_cost: str
-    refine: str | None
-    hillshade: bool
+    start: Start
+    goals: Annotated[tuple[End, ...], "--goal", PLACE, MANY, "Likewise; of several, the nearest is taken."]
+    via: Annotated[tuple[End, ...], PLACE, MANY, "Go by way of this place, or of a vector file's points."] = ()
+    best_order: Annotated[bool, "Visit the places of --via, 12 at most, in the cheapest order."] = False
+    method: Annotated[str, click.Choice(["auto", "astar", "corridor", "nnpp"])] = "auto"
+    model: options.Model = "edge"
+    omega: options.Omega = 0.011
+    corner_cutting: options.CornerCutting = True
+    epsilon: Annotated[
+        float | None, options.NOT_NEGATIVE, "Cost at most this share above the optimum; 0 is exact."
+    ] = None
+    time_limit: Annotated[float | None, options.POSITIVE, "Seconds for one planning."] = None
+    refine: Annotated[str | None, click.Choice(["any-angle"]), "Free the path from the grid: way points, too."] = None
+    compare: Annotated[bool, "Plan with exact A* and the corridor planner too."] = False
+    hillshade: options.Hillshade = False
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
@@ -39,37 +120,3 @@ class PlanRequest:
     def files(self) -> list[Path]:
         """Vector files that are read."""
         return [end.file for end in (self.start, *self.via, *self.goals) if end.file is not None]
-
-
-@dataclass(frozen=True)
-class ReachRequest:
-    """From where, and how far: the options' values, as given."""
-
-    start: End
-    within_cost: float | None
-    within_time: float | None
-    within_energy: float | None
-    levels: int
-    step_cost: str
-    omega: float
-    corner_cutting: bool
-
-    def __post_init__(self) -> None:
-        """Refuse what does not go together."""
-        from nnpp_edge.runtime.map.slope_cost import unit_of
-
-        if sum(most is not None for most in (self.within_cost, self.within_time, self.within_energy)) != 1:
-            raise click.UsageError("give one of --within-cost, --within-time and --within-energy")
-        measure, _ = self.most
-        in_seconds = measure == "time" and unit_of(self.step_cost) == "s"
-        if measure != "cost" and "step_cost" in options.given_options() and not in_seconds:
-            raise click.UsageError(
-                f"--within-{measure} counts {measure} already: leave out --step-cost, or give --within-cost with it; "
-                "one in seconds goes with --within-time"
-            )
-
-    @property
-    def most(self) -> tuple[str, float]:
-        """Unit of the limit, and its number."""
-        within = {"cost": self.within_cost, "time": self.within_time, "energy": self.within_energy}
-        return next((measure, most) for measure, most in within.items() if most is not None)

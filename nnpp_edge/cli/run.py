@@ -1,25 +1,32 @@
 """`nnpp-edge run`: the onboard loop as a program."""
 
-import json
 import re
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from nnpp_edge.cli import options, vehicle_options
-from nnpp_edge.cli.options import COUNT, TerrainOptions
-from nnpp_edge.cli.vehicle_options import VehicleOptions
+from nnpp_edge.cli import options
+from nnpp_edge.cli.ground_options import GroundOptions, TerrainOptions
+from nnpp_edge.cli.options import COUNT, MANY, NEW_FILE
+from nnpp_edge.cli.text import aligned, tell
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.messages import Counters
     from nnpp_edge.runtime.map.ground import Ground
 
-_FRAMINGS = click.Choice(["lines", "length"])
-_INPUTS, _OUTPUTS = "stdin|replay:FILE|zenoh[:ENDPOINT]", "stdout|zenoh[:ENDPOINT]|none"
-_OUTPUT_HELP = "Where paths go; may be repeated. By default to the sender of the inputs, and of a replay to stdout."
+_OUTPUTS = "Where paths go; may be repeated. By default to the sender of the inputs, and of a replay to stdout."
+_MODEL = "Shipped network's name, or an ONNX file, in place of the profile's (else edge)."
+_LOOP = (
+    "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, approach=true or "
+    "refine=any-angle. May be repeated."
+)
+_FRAMING = "A message a line, or after its length in 4 bytes."
+_CONNECT = "Connect to this router or peer instead of listening."
+_METRICS = "Serve the counters to Prometheus at this port, or keep them in this file. May be repeated."
+_TRACE = "Write what ran when, stage by stage, as JSON for ui.perfetto.dev."
 
 
 def _loop_keys() -> list[str]:
@@ -28,58 +35,42 @@ def _loop_keys() -> list[str]:
     return list(OnboardLoop.__struct_fields__)
 
 
-@click.command(name="run")
-@click.option("--map", "map_file", type=options.MAP, required=True, help="Elevation map, or an .npz of `costmap`.")
-@click.option("--profile", metavar="NAME|FILE", help="A shipped profile or a TOML file; its table [loop] counts.")
-@click.option("--input", default="stdin", metavar=_INPUTS, help="Where patches, poses and goals come from.")
-@click.option("--output", "outputs", multiple=True, metavar=_OUTPUTS, help=_OUTPUT_HELP)
-@click.option("--rate", "rate_hz", type=options.RATE, help="Ticks a second, in place of the profile's (else 17).")
-@click.option("--method", help="Planner, in place of the profile's (else auto).")
-@click.option(
-    "--model",
-    type=options.ModelName(),
-    help="Shipped network's name, or an ONNX file, in place of the profile's (else edge).",
-)
-@click.option(
-    "--loop",
-    "loop_settings",
-    type=options.SettingType(_loop_keys, "tolerance=0.05", bare=True),
-    multiple=True,
-    help="Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, approach=true "
-    "or refine=any-angle. May be repeated.",
-)
-@click.option("--ticks", type=COUNT, help="End after so many.")
-@click.option("--framing", type=_FRAMINGS, default="lines", help="A message a line, or after its length in 4 bytes.")
-@click.option("--fast", is_flag=True, help="Replay one recorded tick a tick, and ticks without a pause.")
-@click.option("--stay", is_flag=True, help="Go on when stdin is closed or the replay is over.")
-@click.option("--zenoh-connect", metavar="ENDPOINT", help="Connect to this router or peer instead of listening.")
-@click.option("--zenoh-prefix", default="nnpp_edge", help="First part of all topics.")
-@click.option("--record", type=options.NEW_FILE, help="Write the inputs to this file, for replay.")
-@click.option("--log", type=options.NEW_FILE, help="Write inputs and answers to this .mcap file.")
-@click.option(
-    "--metrics",
-    multiple=True,
-    type=options.NEW_FILE,
-    metavar="PORT|FILE",
-    help="Serve the counters to Prometheus at this port, or keep them in this file. May be repeated.",
-)
-@options.view
-@options.trace
-@options.terrain
-@options.step_cost
-@vehicle_options.vehicle
-@options.as_json
+@dataclass(frozen=True, kw_only=True)
+class Ends:
+    """Connections of the loop, as of `Wiring`."""
+
+    input: Annotated[
+        str, {"metavar": "stdin|replay:FILE|zenoh[:ENDPOINT]"}, "Where patches, poses and goals come from."
+    ] = "stdin"
+    outputs: Annotated[tuple[str, ...], "--output", MANY, {"metavar": "stdout|zenoh[:ENDPOINT]|none"}, _OUTPUTS] = ()
+    framing: Annotated[str, click.Choice(["lines", "length"]), _FRAMING] = "lines"
+    fast: Annotated[bool, "Replay one recorded tick a tick, and ticks without a pause."] = False
+    stay: Annotated[bool, "Go on when stdin is closed or the replay is over."] = False
+    zenoh_connect: Annotated[str | None, {"metavar": "ENDPOINT"}, _CONNECT] = None
+    zenoh_prefix: Annotated[str, "First part of all topics."] = "nnpp_edge"
+    record: Annotated[Path | None, NEW_FILE, "Write the inputs to this file, for replay."] = None
+    log: Annotated[Path | None, NEW_FILE, "Write inputs and answers to this .mcap file."] = None
+    view: options.View = None
+    trace: Annotated[Path | None, NEW_FILE, _TRACE] = None
+
+
+@options.command("run")
 def command(
-    map_file: Path,
-    profile: str | None,
-    ticks: int | None,
-    as_json: bool,
-    terrain: TerrainOptions,
-    vehicle: VehicleOptions,
-    step_cost: str,
-    loop_settings: tuple[options.Setting, ...],
-    metrics: tuple[Path, ...],
-    **given: Any,
+    map_file: Annotated[Path, "--map", options.MAP, "Elevation map, or an .npz of `costmap`."],
+    ends: Ends,
+    robot: GroundOptions,
+    profile: Annotated[
+        str | None, {"metavar": "NAME|FILE"}, "A shipped profile or a TOML file; its table [loop] counts."
+    ] = None,
+    rate: Annotated[float | None, options.RATE, "Ticks a second, in place of the profile's (else 17)."] = None,
+    method: Annotated[str | None, "Planner, in place of the profile's (else auto)."] = None,
+    model: Annotated[str | None, options.MODEL, _MODEL] = None,
+    loop: Annotated[
+        tuple[options.Setting, ...], options.SettingType(_loop_keys, "tolerance=0.05", bare=True), MANY, _LOOP
+    ] = (),
+    ticks: Annotated[int | None, COUNT, "End after so many."] = None,
+    metrics: Annotated[tuple[Path, ...], NEW_FILE, MANY, {"metavar": "PORT|FILE"}, _METRICS] = (),
+    as_json: options.AsJson = False,
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
 
@@ -99,35 +90,43 @@ def command(
     from nnpp_edge.runtime.network.loading import begin_loading
     from nnpp_edge.runtime.network.model_file import model_path
 
-    given |= _metrics(metrics)
-    wiring = Wiring(**{field.name: given.pop(field.name) for field in fields(Wiring)})
+    ports = [int(str(place)) for place in metrics if re.fullmatch(r"\d{1,5}", str(place))]
+    kept = [place for place in metrics if not re.fullmatch(r"\d{1,5}", str(place))]
+    if len(ports) > 1 or len(kept) > 1 or max(ports, default=0) > 65535:
+        raise click.UsageError("--metrics takes one port up to 65535 and one file")
+    port, file = ports[0] if ports else None, kept[0] if kept else None
+    wiring = Wiring(**vars(ends), metrics_port=port, metrics_file=file)
     if as_json and STDOUT in wiring.output_kinds:
         raise click.UsageError("--json prints on stdout, which answers go to: add --output none, or zenoh")
-    changes = {name: value for each in loop_settings for name, value in each.values.items()}
+    changes = {name: value for each in loop for name, value in each.values.items()}
+    given = {"rate_hz": rate, "method": method, "model": model}
     changes |= {name: value for name, value in given.items() if value is not None}
-    loop = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **changes)
-    vehicle.check_turns(loop.refine)
+    settings = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **changes)
+    robot.check_turns(settings.refine)
     navigator = NavigatorSettings(
-        method=loop.method,
-        model=loop.model,
-        tolerance=loop.tolerance,
-        corner_cutting=loop.corner_cutting,
-        refine=loop.refine or None,
-        approach=loop.approach,
+        method=settings.method,
+        model=settings.model,
+        tolerance=settings.tolerance,
+        corner_cutting=settings.corner_cutting,
+        refine=settings.refine or None,
+        approach=settings.approach,
     )
     options.check_outputs(  # --record never replaces a file
-        *(("--log", wiring.log), ("--metrics", wiring.metrics_file), ("--view", options.view_file(wiring.view))),
-        ("--trace", wiring.trace),
-        more_inputs=[model_path(loop.model)],
+        *(
+            ("--log", ends.log),
+            ("--metrics", file),
+            ("--view", options.view_file(ends.view)),
+            ("--trace", ends.trace),
+        ),
+        more_inputs=[model_path(settings.model)],
     )
-    pace = Pace(loop.rate_hz, loop.cores, loop.priority)
     if navigator.asks_network:
         begin_loading(navigator.model)
-    ground = _ground(map_file, terrain, vehicle, step_cost)
-    report = partial(click.echo, err=True)
-    counters = run(ground, navigator, wiring, pace, ticks=ticks, report=report)
+    ground = _ground(map_file, robot)
+    pace = Pace(settings.rate_hz, settings.cores, settings.priority)
+    counters = run(ground, navigator, wiring, pace, ticks=ticks, report=partial(click.echo, err=True))
     if as_json:
-        click.echo(json.dumps(asdict(counters)))
+        tell(as_json, asdict(counters), str)
     else:
         click.echo(summary(counters), err=True)
 
@@ -135,56 +134,43 @@ def command(
 def summary(counters: "Counters") -> str:
     """The counters for people; what never happened is left out."""
     c = counters
-    lines = {"ticks": f"{c.ticks}: {c.planned} planned, {c.kept} kept, {c.failed} without a path"}
-    if c.tick_ms:
-        lines["tick"] = ", ".join(f"{name} {ms:.2f} ms" for name, ms in c.tick_ms.items())
-    if c.overruns or c.skipped:
-        lines["late"] = f"{c.overruns} overruns, {c.skipped} deadlines skipped"
-    for name, counts in (("degraded", c.degraded), ("errors", c.errors), ("dropped", c.drops), ("lost", c.lost)):
-        if shown := [f"{where} {count}" for where, count in counts.items() if count]:
-            lines[name] = ", ".join(shown)
-    if c.patches:
-        odd = {"clipped": c.patches_clipped, "rejected": c.patches_rejected, "merged": c.patches_merged}
-        shown = [f"{count} {what}" for what, count in odd.items() if count]
-        lines["patches"] = ", ".join([f"{c.patches} ({c.cells_changed} cells changed)", *shown])
-    if c.reloads:
-        lines["reloads"] = str(c.reloads)
-    lines["memory"] = f"{c.rss_bytes / 1e6:.0f} MB"
-    return "\n".join(f"{name:<10}{value}" for name, value in lines.items())
+
+    def counted(counts: dict[str, int]) -> str:
+        return ", ".join(f"{what} {count}" for what, count in counts.items() if count)
+
+    odd = {"clipped": c.patches_clipped, "rejected": c.patches_rejected, "merged": c.patches_merged}
+    patches = [f"{c.patches} ({c.cells_changed} cells changed)", *([counted(odd)] if any(odd.values()) else [])]
+    lines = {
+        "ticks": f"{c.ticks}: {c.planned} planned, {c.kept} kept, {c.failed} without a path",
+        "tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()),
+        "late": f"{c.overruns} overruns, {c.skipped} deadlines skipped" if c.overruns or c.skipped else "",
+        "degraded": counted(c.degraded),
+        "errors": counted(c.errors),
+        "dropped": counted(c.drops),
+        "lost": counted(c.lost),
+        "patches": ", ".join(patches) if c.patches else "",
+        "reloads": str(c.reloads or ""),
+        "memory": f"{c.rss_bytes / 1e6:.0f} MB",
+    }
+    return aligned({name: line for name, line in lines.items() if line})
 
 
-def _metrics(places: tuple[Path, ...]) -> dict[str, object]:
-    """Where the counters go: a port, a file, or both."""
-    ports = [int(str(place)) for place in places if re.fullmatch(r"\d{1,5}", str(place))]
-    kept = [place for place in places if not re.fullmatch(r"\d{1,5}", str(place))]
-    if len(ports) > 1 or len(kept) > 1 or max(ports, default=0) > 65535:
-        raise click.UsageError("--metrics takes one port up to 65535 and one file")
-    return {"metrics_port": ports[0] if ports else None, "metrics_file": kept[0] if kept else None}
-
-
-def _ground(path: Path, terrain: TerrainOptions, vehicle: VehicleOptions, step_cost: str) -> "Ground":
+def _ground(path: Path, robot: GroundOptions) -> "Ground":
     """The robot, and its first map."""
     from nnpp_edge.runtime.map.ground import Ground
     from nnpp_edge.terrain.array_files import read_cost_map
 
-    if (found := read_cost_map(path)) is not None:
-        for name in options.given_options():
-            if hasattr(terrain, name):
-                raise click.UsageError(f"{path.name} holds costs: --{name.replace('_', '-')} does not go with it")
-        if vehicle.make() is not None:
-            raise click.UsageError(f"{path.name} holds costs: a vehicle stands on elevations")
-        if step_cost != "paper":
-            raise click.UsageError(
-                f"{path.name} holds costs: --step-cost {step_cost} goes by the slopes of elevations"
-            )
-        return Ground(found[0], cell_size_m=found[1])
-    limits, dem = terrain.limits(), terrain.read(path)
-    return Ground.of_elevation(
-        dem.elevation,
-        dem.cell_size_m,
-        limits,
-        cell_width_m=dem.cell_width_m,
-        vehicle=vehicle.make(),
-        step_cost=step_cost,
-        mobility=vehicle.mobility(dem),
-    )
+    if (found := read_cost_map(path)) is None:
+        return robot.of(robot.read(path))
+    wrong = [
+        f"--{name.replace('_', '-')} does not go with it" for name in options.given_options() if name in _READING
+    ]
+    wrong += [] if robot.body() is None else ["a vehicle stands on elevations"]
+    wrong += [] if robot.step_cost == "paper" else [f"--step-cost {robot.step_cost} goes by the slopes of elevations"]
+    if wrong:
+        raise click.UsageError(f"{path.name} holds costs: {wrong[0]}")
+    return Ground(found[0], cell_size_m=found[1])
+
+
+_READING = TerrainOptions.__dataclass_fields__
+"""Options of elevations alone."""

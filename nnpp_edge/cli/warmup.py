@@ -1,24 +1,26 @@
 """`nnpp-edge warmup`: compile ahead of the first plan."""
 
-import json
 import sys
 import warnings
+from typing import Annotated
 
 import click
 
 from nnpp_edge.cli import options
+from nnpp_edge.cli.text import tell
 
-
-@click.command(name="warmup")
-@click.option("--keep-old", is_flag=True, help="Keep the kernels of other versions of this package.")
-@click.option(
-    "--jobs",
-    type=click.IntRange(1, 64),
-    help="Processes that compile at once, 0.6 to 0.9 GB each; by default one a processor, four at most, as "
-    "far as memory is left.",
+_JOBS = (
+    "Processes that compile at once, 0.6 to 0.9 GB each; by default one a processor, four at most, as far as memory "
+    "is left."
 )
-@options.as_json
-def command(keep_old: bool, jobs: int | None, as_json: bool) -> None:
+
+
+@options.command("warmup")
+def command(
+    keep_old: Annotated[bool, "Keep the kernels of other versions of this package."] = False,
+    jobs: Annotated[int | None, click.IntRange(1, 64), _JOBS] = None,
+    as_json: options.AsJson = False,
+) -> None:
     """Compile every kernel ahead of the first plan.
 
     The kernels stay in the cache folder: NUMBA_CACHE_DIR if it is set, else nnpp-edge under
@@ -38,10 +40,6 @@ def command(keep_old: bool, jobs: int | None, as_json: bool) -> None:
     except OutputError as error:
         click.echo(f"error: {error}", err=True)
         sys.exit(1)
-    if as_json:
-        click.echo(json.dumps(warmth.summary(), indent=1))
-        return
     counts = f"{warmth.kernels} kernels ({warmth.signatures} versions, {warmth.compiled} of them new)"
-    click.echo(f"{counts} in {warmth.folder}, {warmth.seconds:.1f} s")
-    for folder in warmth.removed:
-        click.echo(f"deleted {folder}")
+    lines = [f"{counts} in {warmth.folder}, {warmth.seconds:.1f} s", *(f"deleted {each}" for each in warmth.removed)]
+    tell(as_json, warmth.summary(), lambda: "\n".join(lines), indent=1)

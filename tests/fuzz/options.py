@@ -157,7 +157,7 @@ def _draw_value(rng: random.Random, kind: click.ParamType, used: list[str]) -> s
     if isinstance(kind, options.SettingType):
         number = rng.choice(NUMBERS) if rng.random() < 0.5 else f"{10 ** rng.uniform(-2, 2):.3g}"
         return f"{rng.choice(kind.keys())}={number}" if rng.random() < 0.8 else rng.choice((*WORDS, *PAIRS))
-    if isinstance(kind, options.Parsed):
+    if isinstance(kind, options.Parsed) and kind is not options.MODEL:
         pools = {"R,C": PAIRS, "N|RxC,…": SIZES, "N,…": PAIRS + NUMBERS, "PLACE": PAIRS + _PLACES, "TIME": _TIMES}
         odd = PAIRS + SIZES + WORDS + NUMBERS
         pool = pools.get(kind.name, odd) if rng.random() < 0.7 else odd

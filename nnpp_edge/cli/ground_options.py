@@ -1,0 +1,186 @@
+"""The options that make a ground: how its map is read, its limits, who drives there and at what cost."""
+
+import warnings
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import click
+
+from nnpp_edge.cli.options import MANY, POSITIVE, AllowVrt, CellSize, Rescale, Setting, SettingType, StepCost
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.ground import Ground
+    from nnpp_edge.runtime.map.slope_cost import Mobility
+    from nnpp_edge.runtime.terrain.traversability import Traversability
+    from nnpp_edge.runtime.terrain.vehicle import Vehicle
+    from nnpp_edge.terrain.dem import Dem
+    from nnpp_edge.terrain.dem_windows import DemWindows
+    from nnpp_edge.terrain.georeference import Place
+
+_MOST_UNEQUAL_GRAVITY = 0.01
+"""Share by which the map's gravity may differ from the file's before a warning says so."""
+
+
+def _limit_keys() -> list[str]:
+    from nnpp_edge.runtime.terrain.traversability import Traversability
+
+    return [field.name for field in fields(Traversability) if not field.name.endswith("_weight")]
+
+
+def _vehicle_keys() -> list[str]:
+    from nnpp_edge.runtime.terrain.vehicle import Vehicle
+
+    return [*(field.name for field in fields(Vehicle)), "mobility"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TerrainOptions:
+    """How an elevation map is read, and by which limits it becomes a cost map."""
+
+    cell_size: CellSize = None
+    vertical_scale: Annotated[float | None, POSITIVE, "Metres per grey level, for 16-bit PNG."] = None
+    rescale: Rescale = None
+    allow_vrt: AllowVrt = False
+    limit: Annotated[
+        tuple[Setting, ...],
+        SettingType(_limit_keys, "hard_slope_deg=20"),
+        MANY,
+        "Set a limit of the cost; by default slope_limit_deg=30, roughness_limit_m=0.6 and step_limit_m=0.2. "
+        "Cells beyond hard_slope_deg, hard_roughness_m or hard_step_m are impassable. May be repeated.",
+    ] = ()
+    workload: Annotated[
+        str | None, "soft (the paper's cost), or limitN: φ_s = N degrees, and steeper cells are impassable."
+    ] = None
+
+    def read(self, path: Path) -> "Dem":
+        """The elevation map in a file."""
+        from nnpp_edge.terrain.dem import read_dem
+
+        dem = read_dem(path, self.cell_size, self.vertical_scale, allow_vrt=self.allow_vrt)
+        return dem if self.rescale is None else dem.rescaled(self.rescale)
+
+    def open(self, path: Path) -> "AbstractContextManager[DemWindows]":
+        """The elevation map in a file, to be read by windows."""
+        from nnpp_edge.terrain.dem_windows import open_dem
+
+        return open_dem(path, self.cell_size, self.vertical_scale, rescale_m=self.rescale, allow_vrt=self.allow_vrt)
+
+    def limits(self) -> "Traversability":
+        """The limits of the cost map; UsageError where the workload sets one that was given too."""
+        from nnpp_edge.runtime.terrain.traversability import Traversability
+        from nnpp_edge.terrain.workloads import SOFT
+        from nnpp_edge.terrain.workloads import workload as limits_of
+
+        values = {name: value for each in self.limit for name, value in each.values.items()}
+        limits = Traversability(**values)  # type: ignore[arg-type]  # it checks them
+        if self.workload is None:
+            return limits
+        twice = [name for name in values if name in ("slope_limit_deg", "hard_slope_deg")]
+        if twice and self.workload != SOFT:
+            raise click.UsageError(f"--workload {self.workload} sets the slope limits: leave out --limit {twice[0]}")
+        return limits_of(self.workload, limits)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleOptions:
+    """A vehicle's name or file with values in place of its own, and what a step costs it."""
+
+    vehicle: Annotated[str | None, {"metavar": "NAME|FILE"}, "small-rover, large-rover, tracked, or a TOML file."] = (
+        None
+    )
+    settings: Annotated[
+        tuple[Setting, ...],
+        "--set",
+        SettingType(_vehicle_keys, "clearance_m=0.3"),
+        MANY,
+        "Set a value of the vehicle's file, such as clearance_m=0.3 or mobility.energy.gravity_m_s2=1.62. "
+        "radius_m=0.5 alone is a disc. May be repeated.",
+    ] = ()
+    mobility_file: Annotated[
+        str | None, "--mobility", {"metavar": "NAME|FILE"}, "Take the table [mobility] from another file."
+    ] = None
+    step_cost: StepCost = "paper"
+
+    def body(self) -> "Vehicle | None":
+        """The vehicle; None if nothing was given. VehicleError for values that make none."""
+        values = {name: value for name, value in self._values().items() if name != "mobility"}
+        if self.vehicle is None and not values:
+            return None
+        from nnpp_edge.terrain.vehicle_files import vehicle_of
+
+        return vehicle_of(values, self.vehicle or "vehicle")
+
+    def check_turns(self, refine: str | None) -> None:
+        """Refuse a turning radius that was set for paths that stay on the grid."""
+        if not refine and any("turning_radius_m" in setting.values for setting in self.settings):
+            raise click.UsageError("turning_radius_m needs --refine any-angle: paths on the grid turn in a cell")
+
+    def mobility(self, place: "Place | None" = None) -> "Mobility":
+        """How the vehicle gets up and down; a hiker's way where nothing is said.
+
+        Energy goes by the gravity that was set, else by that of the map's body, else by the file's: a warning says
+        where the map's differs from the file's.
+        """
+        from nnpp_edge.runtime.map.slope_cost import Mobility
+        from nnpp_edge.terrain.coordinates import gravity_of
+        from nnpp_edge.terrain.vehicle_files import mobility_of
+
+        values, source = self._values(), Path(self.mobility_file or self.vehicle or "--set").name
+        found = mobility_of(values["mobility"], source) if "mobility" in values else Mobility()
+        if found.energy is None or place is None or any("gravity_m_s2" in each.word for each in self.settings):
+            return found
+        gravity, own = gravity_of(place), found.energy.gravity_m_s2
+        if gravity is None:
+            return found
+        if abs(gravity / own - 1.0) > _MOST_UNEQUAL_GRAVITY:
+            warnings.warn(
+                f"energy goes by {gravity:g} m/s², the gravity of the map's body, not by the vehicle's own {own:g}; "
+                "--set mobility.energy.gravity_m_s2=… gives another",
+                stacklevel=2,
+            )
+        return found.under(gravity)
+
+    def _values(self) -> dict[str, object]:
+        """The file's values, with what was set in their place."""
+        from nnpp_edge.terrain.vehicle_files import VehicleError, read_vehicle
+
+        values = read_vehicle(self.vehicle) if self.vehicle else {}
+        if self.mobility_file:
+            other = read_vehicle(self.mobility_file)
+            if "mobility" not in other:
+                raise VehicleError(f"{Path(self.mobility_file).name}: wanted a table [mobility], got none")
+            values["mobility"] = other["mobility"]
+        for setting in self.settings:
+            _merge(values, setting.values)
+        return values
+
+
+def _merge(into: dict[str, object], values: dict[str, object]) -> None:
+    """Put values in place of others, table by table."""
+    for key, value in values.items():
+        inner = into.get(key)
+        if isinstance(inner, dict) and isinstance(value, dict):
+            _merge(inner, value)
+        else:
+            into[key] = value
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundOptions(VehicleOptions, TerrainOptions):
+    """A map, and who drives on it at what cost."""
+
+    def of(self, dem: "Dem") -> "Ground":
+        """The ground of an elevation map."""
+        from nnpp_edge.runtime.map.ground import Ground
+
+        return Ground.of_elevation(
+            dem.elevation,
+            dem.cell_size_m,
+            self.limits(),
+            cell_width_m=dem.cell_width_m,
+            vehicle=self.body(),
+            step_cost=self.step_cost,
+            mobility=self.mobility(dem),
+        )

@@ -1,0 +1,61 @@
+"""Answers in text: lines with a name each, and tables of rows."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import click
+
+from nnpp_edge.progress import markdown_table, render_table
+
+Row = Mapping[str, Any]
+Columns = Mapping[str, str | Callable[[Row], str]]
+"""By title a key, or keys of inner tables joined by dots, and after a space the form for `shown`; or a function."""
+_PLACE = ("workload", "size", "queries_per_map")
+"""A rule is drawn above a row where one of these changes."""
+MISSING = "–"
+
+
+def tell(as_json: bool, figures: object, text: Callable[[], str], *, indent: int | None = None) -> None:
+    """Print an answer."""
+    click.echo(json.dumps(figures, indent=indent) if as_json else text())
+
+
+def aligned(lines: Mapping[str, object], indent: str = "") -> str:
+    """Names and values in two columns."""
+    width = max(12, *(len(name) + 2 for name in lines))
+    return "\n".join(f"{indent}{name:<{width}}{value}" for name, value in lines.items())
+
+
+def shown(value: object, form: str = "") -> str:
+    """A value in the form of a format specification, or with ² behind it; three digits of a float without one."""
+    if value is None:
+        return MISSING
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if form == "²":
+        return f"{value}²"
+    if isinstance(value, float) and not form:
+        form = ".0f" if abs(value) >= 1000.0 else ".3g"
+    text = format(value, form)
+    return text.replace("%", " %") if form else text
+
+
+def table(rows: Sequence[Row], columns: Columns, *, markdown: bool = False) -> str:
+    """Rows as a table."""
+    body = [[_cell(row, column) for column in columns.values()] for row in rows]
+    if markdown:
+        return markdown_table(list(columns), body)
+    places = [[row.get(key) for key in _PLACE] for row in rows]
+    sections = [place != before for place, before in zip(places, [None, *places], strict=False)]
+    return render_table(list(columns), body, sections).strip("\n")
+
+
+def _cell(row: Row, column: str | Callable[[Row], str]) -> str:
+    if callable(column):
+        return column(row)
+    keys, _, form = column.partition(" ")
+    value: object = row
+    for key in keys.split("."):
+        value = value[key] if isinstance(value, Mapping) else None
+    return shown(value, form)
