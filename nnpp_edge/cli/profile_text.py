@@ -1,4 +1,4 @@
-"""What `nnpp-edge profile` finds, for people: tables on a terminal, or in Markdown."""
+"""The findings of `nnpp-edge profile` for people: tables on a terminal, or in Markdown."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What is asked of `plan`: where a path begins, leads through and ends, and how it is to be found."""
+"""The question of `plan`: where a path begins, leads through and ends, and how it is to be found."""
 
 import math
 import re

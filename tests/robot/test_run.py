@@ -274,7 +274,7 @@ def test_a_log_holds_inputs_and_answers(nnpp_edge, dem, recording, tmp_path):
     replay = ("--input", f"replay:{recording}", "--fast", "--output", "none")
     ended = nnpp_edge("run", "--map", dem, *QUICK, *replay, "--log", tmp_path / "drive.mcap")
     assert ended.code == 0
-    assert "ticks     3: 3 planned" in ended.err
+    assert "ticks       3: 3 planned" in ended.err
     with (tmp_path / "drive.mcap").open("rb") as file:
         topics = [channel.topic for _, channel, _ in reader.make_reader(file).iter_messages()]
     assert {"/pose", "/goal", "/path"} <= set(topics)
