@@ -54,18 +54,18 @@ def command(
     return make
 
 
-def _option(name: str, annotation: Any, default: Any) -> click.Option:
+def _option(name: str, annotation: object, default: object) -> click.Option:
     names = [each for each in get_args(annotation)[1:] if isinstance(each, str) and each.startswith("-")]
     if not any(each.startswith("--") for each in names):
         names.append(f"--{name.replace('_', '-')}")
     return click.Option([*names, name], **_words(annotation, default))
 
 
-def _words(annotation: Any, default: Any) -> dict[str, Any]:
-    """What an annotation says of a parameter but its names, in click's words."""
+def _words(annotation: object, default: object) -> dict[str, Any]:
+    """The words for click that an annotation says, but for names."""
     python_type, *said = get_args(annotation)
     required = default is MISSING or default is inspect.Parameter.empty
-    words: dict[str, Any] = {"required": required} if required or default is None else {"default": default}
+    words: dict[str, object] = {"required": required} if required or default is None else {"default": default}
     words |= {"is_flag": True} if python_type is bool else {}
     for each in said:
         if isinstance(each, dict):
@@ -78,9 +78,9 @@ def _words(annotation: Any, default: Any) -> dict[str, Any]:
 
 
 class Named(click.Path):
-    """A path that is not empty; pathlib takes an empty one for the folder we are in."""
+    """A path that is not empty, as pathlib takes an empty one for the folder we are in."""
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
         """Parse a word."""
         if not str(value):
             self.fail("wanted a path, got nothing", param, ctx)
@@ -90,7 +90,7 @@ class Named(click.Path):
 class Map(Named):
     """A file with a map, or ``sample:NAME`` for one that travels with the package."""
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
         """Parse a word."""
         if not str(value).startswith(SAMPLE):
             return super().convert(value, param, ctx)
