@@ -15,11 +15,9 @@ from nnpp_edge.runtime import DynamicPlanner, Planner, Status, Vehicle
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels import any_heading
-from nnpp_edge.runtime.kernels.any_angle import NO_DISC, is_clear, line_cost
+from nnpp_edge.runtime.kernels.any_angle import NO_DISC, line_cost
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
-from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.map.turns import curvatures, sharpest, turns_rad, with_arcs
 from nnpp_edge.runtime.planners.refine import BodyLines, Refiner
@@ -32,7 +30,7 @@ from tests.strategies import cases
 def crossed(points, closed):
     """Cells, (row, col), that legs meet: their closed squares, or only the inside of them. Exact, by fractions."""
     found = set()
-    for (r0, c0), (r1, c1) in zip(points[:-1].tolist(), points[1:].tolist(), strict=True):
+    for (r0, c0), (r1, c1) in itertools.pairwise(points.tolist()):
         a, b = (Fraction(r0), Fraction(c0)), (Fraction(r1), Fraction(c1))
         for row in range(math.floor(min(r0, r1)) - 1, math.ceil(max(r0, r1)) + 2):
             for col in range(math.floor(min(c0, c1)) - 1, math.ceil(max(c0, c1)) + 2):
@@ -84,19 +82,6 @@ def test_the_integral_is_that_of_a_bilinear_density(seed, step_cost):
         assert found == pytest.approx(oracles.line_cost(points, cost, step_cost, 20_000), rel=1e-5)
 
 
-def test_a_straight_step_costs_by_the_integral_what_it_costs_by_the_grid():
-    cost = np.random.default_rng(1).random((4, 9)).astype(np.float32) * np.float32(0.9)
-    planner = Planner(cost)
-    plan = planner.plan((1, 0), (1, 1), method="astar")
-    assert Refiner(planner.state).cost(plan.path.astype(np.float64)) == pytest.approx(plan.cost, rel=1e-6)
-    steps = planner.state.grid.model
-    by_length = Grid.of(1.0 + 2.0 * steps.scale * cost, StepModel.of("length"))
-    both = np.array([[0.0, 0.0], [1.0, 1.0]])
-    assert line_cost(by_length.packed, NO_DISC, both) == pytest.approx(
-        line_cost(planner.state.grid.packed, NO_DISC, both), rel=1e-6
-    )
-
-
 def test_on_even_ground_the_line_is_straight():
     for step_cost in ("paper", "length"):
         planner = Planner(np.full((60, 90), 0.3, np.float32), step_cost=step_cost)
@@ -124,6 +109,10 @@ def test_no_turn_is_sharper_than_asked_for_or_there_is_no_path():
     planner = Planner.of_elevation(dem, 2.0, warn=False)
     plan = planner.plan((5, 5), (80, 70), refine="any-angle", turning_radius_m=4.0)
     assert plan.ok and sharpest(plan.waypoints) <= 0.5 * (1.0 + 1e-9)
+    disc = Planner(
+        np.full((30, 30), 0.2, np.float32), vehicle=Vehicle(radius_m=0.3, turning_radius_m=2.0), cell_size_m=1.0
+    )
+    assert disc.state.turning_radius_m == 2.0 and disc.state.sides_m == (1.0, 1.0)
     alley = np.full((24, 24), np.nan, np.float32)
     alley[1:6, 1:21] = alley[1:21, 16:21] = 0.0
     tight = Planner.of_elevation(alley, 1.0, warn=False)
@@ -147,7 +136,7 @@ def test_a_dynamic_planner_frees_every_plan_on_the_newest_map():
 
 
 def test_lines_keep_away_from_obstacles_stand_where_they_are_told_of_turn_and_cost_as_they_should():
-    for seed in range(30):
+    for seed in range(24):
         case = lines.generate(random.Random(seed))
         assert (problem := lines.check(case)) is None, problem
 
@@ -167,24 +156,6 @@ def test_at_the_deadline_the_line_is_what_was_found():
     assert whole.line_cost < late.line_cost < np.inf
 
 
-def test_a_leg_is_clear_where_every_cell_that_it_touches_is_passable():
-    cost = np.full((3, 3), 0.5, np.float32)
-    cost[0, 1] = cost[1, 0] = np.inf
-    for begin, end, cutting, without in (
-        ((0.0, 0.0), (1.0, 1.0), True, False),  # through the corner of the two impassable cells
-        ((0.0, 0.0), (2.0, 2.0), True, False),
-        ((0.0, 0.0), (1.0, 1.001), False, False),
-        ((0.5, -0.4), (0.5, 0.4), False, False),  # along the side of an impassable cell
-        ((2.0, 0.0), (2.0, 2.0), True, True),
-        ((1.4, 1.0), (2.0, 0.0), True, True),
-        ((1.5, 0.5), (2.0, 0.6), False, False),  # begins on the corner of one
-    ):
-        for corner_cutting, wanted in ((True, cutting), (False, without)):
-            weights, stride, steps, cuts, _ = Grid.of(cost, StepModel.of("paper"), corner_cutting).packed
-            ground = weights, stride, steps[0], 2.0 * steps[2], cuts, NO_DISC
-            assert is_clear(ground, *begin, *end) is wanted
-
-
 def test_wrong_wishes_are_refused_and_a_path_of_one_cell_is_its_own_line():
     planner = Planner(np.full((9, 9), 0.1, np.float32))
     for options, problem in (
@@ -198,13 +169,6 @@ def test_wrong_wishes_are_refused_and_a_path_of_one_cell_is_its_own_line():
         DynamicPlanner(np.full((9, 9), 0.1, np.float32), (8, 8), refine="smooth")
     plan = planner.plan((2, 2), (2, 2), refine="any-angle")
     assert plan.waypoints.tolist() == [[2.0, 2.0]] and plan.line_cost == 0.0
-
-
-def test_the_state_of_a_disc_knows_its_turns():
-    vehicle = Vehicle(radius_m=0.3, turning_radius_m=2.0)
-    planner = Planner(np.full((30, 30), 0.2, np.float32), vehicle=vehicle, cell_size_m=1.0)
-    assert planner.state.turning_radius_m == 2.0 and planner.state.sides_m == (1.0, 1.0)
-    assert map_state(Ground(np.full((3, 3), 0.2, np.float32))).sides_m is None
 
 
 def test_lines_of_elevations_computed_where_somebody_looks_are_those_of_all():

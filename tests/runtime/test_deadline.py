@@ -16,10 +16,9 @@ from nnpp_edge.runtime.planners.tour import tour
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.terrain.synthetic import fractal
 
-ROVER = Vehicle(length_m=3.0, width_m=2.4, clearance_m=0.8)
-DISC = Vehicle(radius_m=1.3)
+ROVER, DISC = Vehicle(length_m=3.0, width_m=2.4, clearance_m=0.8), Vehicle(radius_m=1.3)
 SHAPE, ENDS = (192, 260), ((8, 8), (180, 250))
-FAR = Deadline(1e12)
+GROUND = fractal(np.random.default_rng(3), 260, 1.0, 3.0)[: SHAPE[0]].copy()
 KINDS = ("costs", "point", "disc", "body", "tobler", "body-tobler")
 
 
@@ -27,7 +26,7 @@ class Steps(Deadline):
     """Passes at the call after so many that ask, and never for kernels."""
 
     def __init__(self, calls):
-        super().__init__(FAR.at)
+        super().__init__(1e12)
         object.__setattr__(self, "left", [calls])
 
     @property
@@ -39,19 +38,20 @@ class Steps(Deadline):
         return self
 
 
-def ground(seed=3):
-    return fractal(np.random.default_rng(seed), 260, 1.0, 3.0)[: SHAPE[0]].copy()
+@pytest.fixture(autouse=True)
+def narrow_stripes(monkeypatch):
+    monkeypatch.setattr(bands_module, "STRIPE_CELLS", 4096)
 
 
 def made(kind, method=None):
-    heights, vehicle = ground(), {"disc": DISC, "body": ROVER, "body-tobler": ROVER}.get(kind)
+    vehicle = {"disc": DISC, "body": ROVER, "body-tobler": ROVER}.get(kind)
     if kind == "costs":
-        cost = np.abs(heights) / np.abs(heights).max()
+        cost = np.abs(GROUND) / np.abs(GROUND).max()
         return Planner(cost) if method is None else DynamicPlanner(cost, ENDS[1], method)
     given = {"vehicle": vehicle, "step_cost": "tobler" if kind.endswith("tobler") else "paper"}
     if method is None:
-        return Planner.of_elevation(heights, 1.0, warn=False, **given)
-    return DynamicPlanner.of_elevation(heights, 1.0, ENDS[1], method=method, **given)
+        return Planner.of_elevation(GROUND, 1.0, warn=False, **given)
+    return DynamicPlanner.of_elevation(GROUND, 1.0, ENDS[1], method=method, **given)
 
 
 def ask(planner, method, time_limit_s=math.inf):
@@ -85,56 +85,48 @@ def test_dstar_reads_the_map_in_pieces_and_searches_on_where_it_was_broken_off(k
             if kind == "costs":
                 planner.update(row, col, rng.random((9, 9)).astype(np.float32) * 0.9)
             else:
-                planner.update_elevation(row, col, ground()[row : row + 9, col : col + 9] + rng.random((9, 9)) * 0.1)
+                planner.update_elevation(row, col, GROUND[row : row + 9, col : col + 9] + rng.random((9, 9)) * 0.1)
         assert tries < 1000
     assert tries > SHAPE[0]  # a row each, at the least
-    best = DynamicPlanner.replan.__get__(planner)(method=None)
-    assert plan.ok and plan.cost == pytest.approx(best.cost)
+    assert plan.ok and plan.cost == pytest.approx(planner.replan().cost)
+    planner.update_elevation(20, 20, GROUND[20:80, 20:60] + 0.1 * np.eye(60, 40)) if kind == "body" else None
+    for tries in range(200):
+        if ask(planner, None, 0.0).status is not Status.TIMEOUT:
+            break
+    assert (tries > 40) == (kind == "body")  # changed poses are checked a row at a time
     planner.set_goal((100, 100))
     assert ask(planner, None, 0.0).status is Status.TIMEOUT
     assert ask(planner, None).ok
 
 
-def test_changed_poses_are_checked_a_row_at_a_time():
-    planner, tries = made("body", "dstar"), 1
-    assert ask(planner, None).ok
-    planner.update_elevation(20, 20, ground()[20:80, 20:60] + 0.1 * np.eye(60, 40))
-    while ask(planner, None, 0.0).status is Status.TIMEOUT:
-        tries += 1
-    assert tries > 40
-
-
 def test_no_path_has_a_reason_of_its_own():
-    cost = np.full((300, 200), 0.3, np.float32)
+    cost, none = np.full((300, 200), 0.3, np.float32), "no path exists on the known map"
     cost[100] = 1.0
     plan = Planner(cost).plan((5, 5), (290, 190))
-    assert (plan.status, plan.reason) == (Status.NO_PATH, "no path exists on the known map")
+    assert (plan.status, plan.reason) == (Status.NO_PATH, none)
     assert plan.choice and plan.choice != plan.reason
     assert [plan.summary()[name] for name in ("choice", "reason")] == [plan.choice, plan.reason]
     moving = DynamicPlanner(cost, (290, 190))
     moving.move((5, 5))
     for _ in range(2):
         plan = moving.replan()
-        assert (plan.reason, plan.choice) == (
-            "no path exists on the known map",
-            "there is no earlier search to repair",
-        )
+        assert (plan.reason, plan.choice) == (none, "there is no earlier search to repair")
     moving.update(100, 50, np.full((1, 3), 0.3, np.float32))
     assert moving.replan().reason == ""
     moving.update(0, 0, np.full((90, 200), 0.4, np.float32))
     assert moving.replan().choice == "too much of the map has changed to repair the search"
 
 
-def test_coarse_levels_are_made_in_stripes_and_are_those_made_at_once(monkeypatch):
-    monkeypatch.setattr(bands_module, "STRIPE_CELLS", 4096)
-    grid, late, tries = made("costs").state.grid, Deadline(0.0), 1
+def test_coarse_levels_are_made_in_stripes_and_are_those_made_at_once():
+    grid, tries, finished = made("costs").state.grid, 0, False
     pyramid, whole = Pyramid(grid, later=True), Pyramid(grid)
-    while True:
+    while not finished:
+        tries += 1
         try:
-            pyramid.finish(late)
-            break
+            pyramid.finish(Deadline(0.0))
+            finished = True
         except OutOfTimeError:
-            tries += 1
+            pass
     assert tries > 10
     for level, other in zip(pyramid.levels[1:], whole.levels[1:], strict=True):
         np.testing.assert_array_equal(level.grid.weights, other.grid.weights)
@@ -153,8 +145,7 @@ def test_a_network_is_neither_shown_a_map_nor_run_without_time(tiny_model):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_without_time_next_to_nothing_is_done(kind, monkeypatch):
-    monkeypatch.setattr(bands_module, "STRIPE_CELLS", 4096)
+def test_without_time_next_to_nothing_is_done(kind):
     for method in (*Method, *DynamicMethod):
         planner = made(kind, None if isinstance(method, Method) else method)
         checked, computed = planner.state.checked, planner.state.costs_computed
@@ -167,10 +158,9 @@ def test_without_time_next_to_nothing_is_done(kind, monkeypatch):
 
 @pytest.mark.parametrize("kind", ["costs", "point", "body", "tobler"])
 def test_wherever_a_query_is_broken_off_the_next_one_finds_what_a_fresh_planner_does(kind, monkeypatch):
-    monkeypatch.setattr(bands_module, "STRIPE_CELLS", 4096)
     for method in ("corridor", "nnpp", "astar"):
-        wanted, steps = ask(made(kind), method), 0
-        while True:
+        wanted, steps, hurried_plan = ask(made(kind), method), 0, None
+        while hurried_plan is None or not hurried_plan.ok:
             planner = made(kind)
             with monkeypatch.context() as hurried:
                 hurried.setattr(Deadline, "within", lambda seconds, steps=steps: Steps(steps))
@@ -178,11 +168,9 @@ def test_wherever_a_query_is_broken_off_the_next_one_finds_what_a_fresh_planner_
             plan = ask(planner, method)
             np.testing.assert_array_equal(plan.path, wanted.path)
             assert (plan.cost, plan.lower_bound) == (wanted.cost, wanted.lower_bound)
-            if hurried_plan.ok:
-                break
-            assert hurried_plan.status is Status.TIMEOUT
+            assert hurried_plan.status in (Status.TIMEOUT, Status.OK)
             steps += 1 if steps < 4 else steps // 2
-        assert steps or method == "astar"
+        assert steps > 1 or method == "astar"
 
 
 def test_a_tour_whose_time_is_up_keeps_the_order_given(monkeypatch):
