@@ -4,7 +4,6 @@ import os
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +15,8 @@ from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.labels import EXCESS_STEP
 from nnpp_edge.training.checkpoint import TrainSettings
 
-Turn = tuple[int, bool]
-"""One of the square's eight symmetries: quarter turns, then mirrored or not."""
 Batch = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]
 """Planes, encoded queries, targets."""
-A = TypeVar("A", bound=np.generic)
 
 
 class Batches:
@@ -73,15 +69,21 @@ class Batches:
             while ahead:
                 yield ahead.popleft().result()
 
-    def _make(self, queries: NDArray[np.int64], swapped: list[bool], turns: list[Turn]) -> Batch:
+    def _make(self, queries: NDArray[np.int64], swapped: list[bool], turns: list[tuple[int, bool]]) -> Batch:
         """The batch of `queries`; those `swapped` go from goal to start, and each is turned and mirrored."""
         s, encoded = self.samples, []
         planes, targets = s.planes[s.map_index[queries]], self._targets(queries)
-        for at, (query, swap, turn) in enumerate(zip(queries, swapped, turns, strict=True)):
-            ends = [_turned_point(end, turn, planes.shape[-1]) for end in (s.start[query], s.goal[query])]
+        last = planes.shape[-1] - 1
+        for at, (query, swap, (quarters, mirrored)) in enumerate(zip(queries, swapped, turns, strict=True)):
+            ends = []
+            for row, col in (s.start[query].tolist(), s.goal[query].tolist()):
+                for _ in range(quarters):
+                    row, col = last - col, row
+                ends.append((row, last - col if mirrored else col))
             encoded.append(encode(self.spec, *(ends[::-1] if swap else ends)))
             for array in (planes, targets):
-                array[at] = _turned(array[at], turn)
+                turned = np.rot90(array[at], quarters, axes=(-2, -1))
+                array[at] = turned[..., ::-1] if mirrored else turned
         return planes, np.stack(encoded), targets
 
     def _targets(self, queries: NDArray[np.int64]) -> NDArray[np.float32]:
@@ -92,17 +94,3 @@ class Batches:
             masks = np.unpackbits(s.on_path[queries], axis=-1)
             return np.asarray(masks.reshape(shape).max(axis=(2, 4)), np.float32)
         return np.asarray(self.nearness[s.excess[queries].reshape(shape).min(axis=(2, 4))])
-
-
-def _turned(array: NDArray[A], turn: Turn) -> NDArray[A]:
-    """(…, S, S) after so many quarter turns, then mirrored or not."""
-    one = np.rot90(array, turn[0], axes=(-2, -1))
-    return one[..., ::-1] if turn[1] else one
-
-
-def _turned_point(point: NDArray[np.float32], turn: Turn, size: int) -> tuple[float, float]:
-    """Where a point of an array of this size comes to lie by `_turned`."""
-    row, col = point.tolist()
-    for _ in range(turn[0]):
-        row, col = size - 1 - col, row
-    return row, size - 1 - col if turn[1] else col

@@ -1,15 +1,16 @@
 """Training: AdamW as in the paper, resumable, limited by epochs, steps or time, on one device or several."""
 
 import math
+import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor, distributed, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from nnpp_edge.files import make_folder
@@ -19,7 +20,6 @@ from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.training.batches import Batch, Batches
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, in_16_bits, load_checkpoint
-from nnpp_edge.training.processes import Processes
 from nnpp_edge.training.validation import Validator
 
 __all__ = ["Progress", "TrainSettings", "train"]
@@ -74,12 +74,12 @@ def train(
         raise InvalidQueryError(f"batch must be a multiple of the {processes.world} processes, got {settings.batch}")
     make_folder(folder)
     path = folder / CHECKPOINT
-    run = _Run(spec, settings, loss, processes, path, begin_with)
     batches = Batches(training, spec, settings, rank=processes.rank, world=processes.world)
     validator = Validator(validation, spec, omega) if processes.first else None
-    run.start(len(batches))
-    progress = run.progress
-    began = validated = time.monotonic()
+    run = _Run(spec, settings, loss, processes, len(batches))
+    run.begin(path, begin_with)
+    progress, began = run.progress, time.monotonic()
+    validated = began
 
     def validate_and_save() -> None:
         mean_loss = processes.mean(float(np.mean(run.losses))) if run.losses else None
@@ -110,11 +110,62 @@ def train(
     return path
 
 
+@dataclass(frozen=True)
+class Processes:
+    """One process's place among the `world` processes that train together, and its device."""
+
+    rank: int
+    world: int
+    device: torch.device
+
+    @classmethod
+    def join(cls) -> "Processes":
+        """This process alone, or as torchrun's environment variables say: NCCL between GPUs, Gloo between CPUs."""
+        world, cuda = int(os.environ.get("WORLD_SIZE", "1")), torch.cuda.is_available()
+        device = torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0"))) if cuda else torch.device("cpu")
+        if world == 1:
+            return cls(0, 1, device)
+        distributed.init_process_group("nccl" if cuda else "gloo")
+        return cls(distributed.get_rank(), world, device)
+
+    @property
+    def first(self) -> bool:
+        """Whether this process validates, writes and reports."""
+        return self.rank == 0
+
+    def averaging_gradients(self, network: nn.Module) -> nn.Module:
+        """The network, wrapped so that its gradients are averaged over the processes."""
+        if self.world == 1:
+            return network
+        devices = [self.device.index] if self.device.type == "cuda" else None
+        return nn.parallel.DistributedDataParallel(network, device_ids=devices)
+
+    def of_the_first(self, value: float) -> float:
+        """The first process's value, so that all of them decide alike."""
+        return self._shared(value, lambda shared: distributed.broadcast(shared, 0))
+
+    def mean(self, value: float) -> float:
+        """Mean over the processes."""
+        return self._shared(value, distributed.all_reduce) / self.world
+
+    def _shared(self, value: float, exchange: Callable[[Tensor], object]) -> float:
+        shared = torch.tensor(value, dtype=torch.float64, device=self.device)
+        if self.world > 1:
+            exchange(shared)
+        return shared.item()
+
+    def leave(self) -> None:
+        """Wait for the others and end the group."""
+        if self.world > 1:
+            distributed.barrier()
+            distributed.destroy_process_group()
+
+
 class _Run:
     """One process's part of a training run: the network, its running mean, the optimiser and the progress."""
 
     def __init__(
-        self, spec: Spec, settings: TrainSettings, loss: Loss, processes: Processes, path: Path, other: Path | None
+        self, spec: Spec, settings: TrainSettings, loss: Loss, processes: Processes, batches_an_epoch: int
     ) -> None:
         self.spec, self.settings, self.loss, self.processes = spec, settings, loss, processes
         self.device = device = processes.device
@@ -124,14 +175,18 @@ class _Run:
         self.optimiser = torch.optim.AdamW(
             self.network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
-        self.in_bfloat16 = settings.precision in ({"cuda": "auto"}.get(device.type), "bfloat16")
         self.optimiser_since = 0
         """Step from which on the optimiser has learned."""
+        self.in_bfloat16 = settings.precision in ({"cuda": "auto"}.get(device.type), "bfloat16")
+        self.most = min(settings.epochs * batches_an_epoch, settings.steps or sys.maxsize)
         self.losses: list[float] = []
         """Of the steps since the last validation."""
         self.progress = Progress()
         self.origin: dict[str, object] = {"torch": str(torch.__version__), "threads": torch.get_num_threads()}
         self.origin["loss"] = getattr(loss, "__name__", type(loss).__name__)
+
+    def begin(self, path: Path, other: Path | None) -> None:
+        """Go on from a checkpoint, if it is there, else begin with another run's weights; start the clock."""
         saved = load_checkpoint(path) if path.exists() else None
         if saved is not None:
             self._resume(saved, path)
@@ -140,9 +195,13 @@ class _Run:
             try:
                 self.network.load_state_dict(theirs.average)
             except RuntimeError as error:
-                raise ModelError(f"{other}: wanted weights for {spec}, got those of {theirs.spec}") from error
+                raise ModelError(f"{other}: wanted weights for {self.spec}, got those of {theirs.spec}") from error
             self.origin["begun_with"] = theirs.facts()
         self.average.load_state_dict(saved.average if saved else self.network.state_dict())
+        self.wrapped = self.processes.averaging_gradients(self.network)
+        if self.settings.time_limit_s == math.inf:
+            self.progress.steps = self.most
+        self.started = time.monotonic() - self.progress.spent_s
 
     def _resume(self, saved: Checkpoint, path: Path) -> None:
         if saved.spec != self.spec:
@@ -156,14 +215,6 @@ class _Run:
         if saved.settings != self.settings:
             self.origin["resumed_with_other_settings"] = True
             self.progress.steps = None
-
-    def start(self, batches: int) -> None:
-        """Start the clock of a run with so many batches to an epoch."""
-        self.wrapped = self.processes.averaging_gradients(self.network)
-        self.most = min(self.settings.epochs * batches, self.settings.steps or sys.maxsize)
-        if self.settings.time_limit_s == math.inf:
-            self.progress.steps = self.most
-        self.started = time.monotonic() - self.progress.spent_s
 
     @property
     def done(self) -> bool:
@@ -219,7 +270,7 @@ class _Run:
         return row
 
     def checkpoint(self, *, small: bool) -> Checkpoint:
-        """Content of a checkpoint; of a small one the running mean alone."""
+        """All of the run, or the running mean alone."""
         states = self.network.state_dict(), self.average.state_dict(), self.optimiser.state_dict()
         if small:
             mean = in_16_bits(self.average.state_dict())

@@ -18,8 +18,7 @@ from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
 from nnpp_edge.terrain.dataset import read_samples
 from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.checkpoint import load_checkpoint
-from nnpp_edge.training.processes import Processes
-from nnpp_edge.training.train import TrainSettings, train
+from nnpp_edge.training.train import Processes, TrainSettings, train
 from nnpp_edge.training.validation import Validator
 from tests.networks import RECIPE, SMALL, VALIDATED_AFTER
 
