@@ -1,7 +1,9 @@
 from nnpp_edge.runtime.errors import NnppEdgeError as NnppEdgeError
 from nnpp_edge.runtime.errors import Status as Status
-from nnpp_edge.runtime.loop.inprocess import InProcessSink as InProcessSink
-from nnpp_edge.runtime.loop.inprocess import InProcessSource as InProcessSource
+from nnpp_edge.runtime.loop.connections import InProcessSink as InProcessSink
+from nnpp_edge.runtime.loop.connections import InProcessSource as InProcessSource
+from nnpp_edge.runtime.loop.connections import InputSource as InputSource
+from nnpp_edge.runtime.loop.connections import Sink as Sink
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings as NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Counters as Counters
 from nnpp_edge.runtime.loop.messages import Goal as Goal
@@ -12,10 +14,8 @@ from nnpp_edge.runtime.loop.messages import PathMessage as PathMessage
 from nnpp_edge.runtime.loop.messages import Pose as Pose
 from nnpp_edge.runtime.loop.messages import StatusMessage as StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator as Navigator
-from nnpp_edge.runtime.loop.runner import InputSource as InputSource
 from nnpp_edge.runtime.loop.runner import Loop as Loop
 from nnpp_edge.runtime.loop.runner import handling_signals as handling_signals
-from nnpp_edge.runtime.loop.sinks import Sink as Sink
 from nnpp_edge.runtime.map.ground import Ground as Ground
 from nnpp_edge.runtime.map.poses import pose_costs as pose_costs
 from nnpp_edge.runtime.map.region import Region as Region

@@ -39,8 +39,7 @@ API = {  # page: its title, what it says first, and the modules or names it show
     "robot": (
         "ROS maps and transports",
         "The layouts of ROS messages without ROS, and what carries inputs and answers of the loop.",
-        "ros.maps robot.transports.wire robot.transports.framing robot.transports.rerun_view "
-        "robot.transports.mcap_log",
+        "ros.maps robot.transports.wire robot.transports.stdio robot.transports.rerun_view robot.transports.mcap_log",
     ),
     "simulation": (
         "Simulation",

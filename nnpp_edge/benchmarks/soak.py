@@ -23,11 +23,10 @@ from nnpp_edge.profiling.ground import heights_of
 from nnpp_edge.profiling.suites import TerrainFiles, check_sizes, synthetic_cases, terrain_cases
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, Status
-from nnpp_edge.runtime.loop.histogram import Histogram
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Input, MapPatch, PathMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.realtime import rss_bytes
+from nnpp_edge.runtime.loop.timing import Histogram, rss_bytes
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.terrain.vehicle import Vehicle

@@ -84,8 +84,7 @@ def command(
     nnpp-edge run --map dem.tif --input replay:drive.jsonl --fast --output none --json
     """
     from nnpp_edge.profiling.profile_file import OnboardLoop, overridden_loop, read_profile
-    from nnpp_edge.robot.operations.onboard import Pace, run
-    from nnpp_edge.robot.operations.wiring import STDOUT, Wiring
+    from nnpp_edge.robot.operations.onboard import STDOUT, Pace, Wiring, run
     from nnpp_edge.runtime.loop.ladder import NavigatorSettings
     from nnpp_edge.runtime.network.loading import begin_loading
     from nnpp_edge.runtime.network.model_file import model_path

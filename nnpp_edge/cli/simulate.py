@@ -14,8 +14,8 @@ from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.runtime.cells import Cell
 
 if TYPE_CHECKING:
+    from nnpp_edge.runtime.loop.connections import Sink
     from nnpp_edge.runtime.loop.messages import PathMessage
-    from nnpp_edge.runtime.loop.sinks import Sink
     from nnpp_edge.runtime.map.state import MapState
     from nnpp_edge.simulation.simulate import Drive
 

@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from nnpp_edge.profiling.sensors import Reading
-from nnpp_edge.runtime.loop.messages import PathMessage
-from nnpp_edge.runtime.loop.spans import Span
+from nnpp_edge.runtime.loop.messages import PathMessage, Span
 
 MOST = 400_000
 """Events that a trace holds; older ones are dropped: about a hundred megabytes, ten minutes of ticks at 100 Hz."""

@@ -2,20 +2,21 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.robot.transports.recording import RecordedSource
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.loop.histogram import Histogram
+from nnpp_edge.runtime.loop.connections import Sink
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
-from nnpp_edge.runtime.loop.messages import Counters, Goal, Input, PathMessage, Pose
+from nnpp_edge.runtime.loop.messages import Counters, Goal, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
-from nnpp_edge.runtime.loop.sinks import Sink
+from nnpp_edge.runtime.loop.timing import Histogram
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
@@ -119,8 +120,9 @@ def simulate(
     """Drive from start to goal over ground whose truth decides, and whose survey is the robot's first map.
 
     `make_sinks` makes the sinks of the answers, given the loop's map; those with a method `record` get the inputs
-    too. `watch` is called after every tick, with the scene and the answer, in the loop's thread. InvalidQueryError
-    where start or goal is impassable or outside, or no path connects them even without obstacles.
+    too, each with its seconds since the begin. `watch` is called after every tick, with the scene and the answer, in
+    the loop's thread. InvalidQueryError where start or goal is impassable or outside, or no path connects them even
+    without obstacles.
     """
     settings = settings or SimulationSettings()
     rng = np.random.default_rng([settings.seed, 2])
@@ -137,6 +139,7 @@ def simulate(
     navigator = Navigator(ground.robot.ground(scene.told), planning)
     sinks = list(make_sinks(navigator.map))
     recorders = [sink.record for sink in sinks if hasattr(sink, "record")]
+    source = RecordedSource(scene, recorders, navigator.count_error, wait=True)
     histogram, late = Histogram(), Counter[bool]()
 
     def after_tick(message: PathMessage) -> None:
@@ -149,9 +152,9 @@ def simulate(
 
     paced = settings.rate_hz is not None
     rate_hz = settings.rate_hz or 1.0 / PERIOD_S
-    source = _RecordedScene(scene, recorders)
     loop = Loop(navigator, source, sinks, rate_hz=rate_hz, paced=paced, after_tick=after_tick)
-    counters = loop.run(settings.ticks)
+    with source:
+        counters = loop.run(settings.ticks)
     if not paced:
         counters = replace(counters, overruns=late[True])
     driven = np.array(scene.driven, np.int32)
@@ -169,16 +172,3 @@ def simulate(
         driven=driven,
         optimal=best.path,
     )
-
-
-class _RecordedScene:
-    """A scene whose messages are recorded on their way to the loop."""
-
-    def __init__(self, scene: Scene, recorders: Sequence[Callable[[Input], None]]) -> None:
-        self._scene, self._recorders = scene, recorders
-
-    def poll(self) -> Iterator[Input]:
-        for message in self._scene.poll():
-            for record in self._recorders:
-                record(message)
-            yield message

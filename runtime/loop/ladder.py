@@ -16,10 +16,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.loop.messages import Origin, PathMessage
-from nnpp_edge.runtime.loop.spans import Span
+from nnpp_edge.runtime.loop.messages import Origin, PathMessage, Span
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
@@ -58,10 +56,9 @@ class NavigatorSettings:
         return self.method in (DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR)
 
     def __post_init__(self) -> None:
-        if not self.tolerance >= 0.0:
-            raise InvalidQueryError(f"tolerance must be at least 0, got {self.tolerance}")
-        if self.snap_radius < 0:
-            raise InvalidQueryError(f"snap_radius must be at least 0, got {self.snap_radius}")
+        for name in ("tolerance", "snap_radius"):
+            if not getattr(self, name) >= 0:
+                raise InvalidQueryError(f"{name} must be at least 0, got {getattr(self, name)}")
 
 
 class Failure(NamedTuple):
@@ -76,16 +73,12 @@ class Failure(NamedTuple):
 class Tick:
     """A tick's question, and what has failed so far."""
 
-    number: int
     clock: Callable[[], float]
     """Monotonic seconds."""
     deadline: float
     """Reading of the clock."""
-    map_version: int = 0
-    start: Cell | None = None
-    goal: Cell | None = None
-    start_moved: bool = False
-    goal_moved: bool = False
+    known: PathMessage
+    """The answer as far as it is known: number, map, start and goal."""
     standing: Standing | None = None
     """The standing path, while it is valid."""
     failures: list[Failure] = field(default_factory=list)
@@ -94,11 +87,6 @@ class Tick:
 
     def __post_init__(self) -> None:
         self._started = self.clock()
-
-    @property
-    def elapsed_ms(self) -> float:
-        """Since the tick began."""
-        return 1e3 * (self.clock() - self._started)
 
     @property
     def left_s(self) -> float:
@@ -111,19 +99,8 @@ class Tick:
 
     def no_path(self, outcome: Status, reason: str, *, degraded: bool = False) -> PathMessage:
         """The answer without a path."""
-        return PathMessage(
-            self.number,
-            outcome,
-            Origin.NONE,
-            start=self.start,
-            goal=self.goal,
-            start_moved=self.start_moved,
-            degraded=degraded,
-            reason=reason,
-            map_version=self.map_version,
-            planning_ms=self.elapsed_ms,
-            goal_moved=self.goal_moved,
-        )
+        ms = 1e3 * (self.clock() - self._started)
+        return replace(self.known, outcome=outcome, reason=reason, degraded=degraded, planning_ms=ms)
 
 
 class Ladder:
@@ -134,9 +111,14 @@ class Ladder:
     """
 
     def __init__(
-        self, update_map: Callable[[], int], settings: NavigatorSettings, count_error: Callable[[str], None]
+        self,
+        planner: DynamicPlanner,
+        update_map: Callable[[], int],
+        settings: NavigatorSettings,
+        count_error: Callable[[str], None],
     ) -> None:
-        self._update_map, self._settings, self._count_error = update_map, settings, count_error
+        self._planner, self._update_map = planner, update_map
+        self._settings, self._count_error = settings, count_error
         self._expected_s = 0.0
         """Time that the method asked for is expected to take."""
 
@@ -144,114 +126,99 @@ class Ladder:
         """Expect nothing of the method asked for: its network is a different one now."""
         self._expected_s = 0.0
 
-    def answer(self, planner: DynamicPlanner, tick: Tick) -> PathMessage:
+    def answer(self, tick: Tick) -> PathMessage:
         """The answer of the first rung that gives one; `tick` holds afterwards what failed on the way."""
-        standing = planner.standing()
+        standing = self._planner.standing()
         tick.standing = standing if standing.valid else None
         return (
-            self._standing_while_good(planner, tick)
-            or self._planned_in_full(planner, tick)
-            or self._planned_by_corridor(planner, tick)
-            or self._standing_at_all(planner, tick)
+            self._standing_while_good(tick)
+            or self._planned_in_full(tick)
+            or self._planned_by_corridor(tick)
+            or self._standing_path(tick, tick.failures[0].reason)
             or self._all_failed(tick)
         )
 
     # --- the rungs: an answer, or None, with what failed noted in the tick
 
-    def _standing_while_good(self, planner: DynamicPlanner, tick: Tick) -> PathMessage | None:
+    def _standing_while_good(self, tick: Tick) -> PathMessage | None:
         standing = tick.standing
         if standing is None or standing.added > self._settings.tolerance * abs(standing.cost):
             return None
-        message = self._standing_path(planner, tick, standing, "it still holds")
+        message = self._standing_path(tick, "it still holds")
         if message is None:
             tick.standing = None
         return message
 
-    def _planned_in_full(self, planner: DynamicPlanner, tick: Tick) -> PathMessage | None:
+    def _planned_in_full(self, tick: Tick) -> PathMessage | None:
         if self._expected_s > max(tick.left_s, _LEAST_PLANNING_S):
             self._expected_s *= _FORGET
             tick.fail("late", "by its last times the full method would be late")
             return None
-        started = tick.clock()
-        plan = self._replan(planner, tick, None)
-        elapsed = tick.clock() - started
-        if plan is not None:
-            mean = 0.8 * self._expected_s + 0.2 * elapsed
-            self._expected_s = max(elapsed, mean if plan.ok else self._expected_s)
-        return self._planned_path(planner, tick, plan, Origin.FULL)
+        return self._planned(tick, Origin.FULL)
 
-    def _planned_by_corridor(self, planner: DynamicPlanner, tick: Tick) -> PathMessage | None:
+    def _planned_by_corridor(self, tick: Tick) -> PathMessage | None:
         if tick.standing is not None and tick.left_s <= 0.0:
             return None  # the standing path takes no time
-        plan = self._replan(planner, tick, DynamicMethod.CORRIDOR)
-        return self._planned_path(planner, tick, plan, Origin.CORRIDOR)
+        return self._planned(tick, Origin.CORRIDOR, DynamicMethod.CORRIDOR)
 
-    def _standing_at_all(self, planner: DynamicPlanner, tick: Tick) -> PathMessage | None:
-        return self._standing_path(planner, tick, tick.standing, tick.failures[0].reason) if tick.standing else None
+    def _standing_path(self, tick: Tick, reason: str) -> PathMessage | None:
+        if (standing := tick.standing) is None:
+            return None
+        plan = self._planner.standing_plan
+        assert plan is not None
+        left = replace(plan, path=plan.path[standing.index :], cost=standing.cost, lower_bound=standing.lower_bound)
+        freed = self._planner.refined(left)
+        return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
 
     def _all_failed(self, tick: Tick) -> PathMessage:
         late = any(failure.kind in ("late", "timeout") for failure in tick.failures)
         reason = tick.failures[-1].reason
         return tick.no_path(Status.TIMEOUT if late else Status.UNKNOWN, reason, degraded=True)
 
-    def _replan(self, planner: DynamicPlanner, tick: Tick, method: DynamicMethod | None) -> Plan | None:
-        """A new plan, by default by the method asked for; None if planning raised."""
+    # --- their parts
+
+    def _planned(self, tick: Tick, origin: Origin, method: DynamicMethod | None = None) -> PathMessage | None:
+        """The answer by a new plan, by default by the method asked for."""
         began = tick.clock()
         try:
-            plan = planner.replan(method=method, time_limit_s=max(tick.left_s, _LEAST_PLANNING_S))
+            plan = self._planner.replan(method=method, time_limit_s=max(tick.left_s, _LEAST_PLANNING_S))
         except Exception as error:
             _LOG.warning("planning by %s raised", method or self._settings.method, exc_info=True)
-            self._count_error("corridor" if method else "full")
+            self._count_error(str(origin))
             tick.fail("raised", one_line(error))
             return None
-        tick.spans.append(Span(f"plan by {plan.planner}", began, tick.clock(), plan.timings_ms))
-        return plan
-
-    def _planned_path(
-        self, planner: DynamicPlanner, tick: Tick, plan: Plan | None, origin: Origin
-    ) -> PathMessage | None:
-        if plan is None:
-            return None
+        ended = tick.clock()
+        tick.spans.append(Span(f"plan by {plan.planner}", began, ended, plan.timings_ms))
+        if method is None:
+            mean = 0.8 * self._expected_s + 0.2 * (ended - began)
+            self._expected_s = max(ended - began, mean if plan.ok else self._expected_s)
         if plan.status is Status.TIMEOUT:
             tick.fail("timeout", "the search ran out of time")
             return None
         if not plan.ok:
             return tick.no_path(plan.status, plan.reason)
-        reason = tick.failures[-1].reason if tick.failures else plan.reason
-        message = self._path(planner, tick, plan, origin, reason)
+        message = self._path(tick, plan, origin, tick.failures[-1].reason if tick.failures else plan.reason)
         if message is None:
             tick.fail("map_changed", "the map changed while planning")
         return message
 
-    def _standing_path(
-        self, planner: DynamicPlanner, tick: Tick, standing: Standing, reason: str
-    ) -> PathMessage | None:
-        plan = planner.standing_plan
-        assert plan is not None
-        rest = plan.path[standing.index :]
-        left = replace(plan, path=rest, cost=standing.cost, lower_bound=standing.lower_bound)
-        freed = planner.refined(left)
-        return self._path(planner, tick, freed, Origin.STANDING, reason) if freed.ok else None
-
-    def _path(
-        self, planner: DynamicPlanner, tick: Tick, plan: Plan, origin: Origin, reason: str
-    ) -> PathMessage | None:
+    def _path(self, tick: Tick, plan: Plan, origin: Origin, reason: str) -> PathMessage | None:
         """The plan's path as a message; None if it does not hold on the newest map."""
         path, version = plan.path, self._update_map()
-        if (tuple(path[0]), tuple(path[-1])) != (tick.start, tick.goal):
+        if (tuple(path[0]), tuple(path[-1])) != (tick.known.start, tick.known.goal):
             _LOG.info("a path from %s is not published: it has other ends", origin)
             return None
-        if (blocked := planner.first_blocked(path)) >= 0:
+        if (blocked := self._planner.first_blocked(path)) >= 0:
             _LOG.info("a path from %s is not published: it cannot be walked at %s", origin, path[blocked].tolist())
             return None
         base = tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures))
-        found = replace(base, outcome=Status.OK, origin=origin, path=path, map_version=version)
-        if plan.waypoints is not None and version == tick.map_version:  # else they are not checked
+        found = replace(base, outcome=Status.OK, origin=origin, path=path, method=plan.planner, choice=plan.choice)
+        if version == tick.known.map_version:
             found = replace(found, waypoints=plan.waypoints, line_cost=plan.line_cost)
-        cost, bound = plan.cost, plan.lower_bound
-        if version != tick.map_version and (standing := planner.standing()).valid:
-            cost, bound = standing.cost, standing.lower_bound
-        return replace(found, cost=cost, lower_bound=bound, method=plan.planner, choice=plan.choice)
+            return replace(found, cost=plan.cost, lower_bound=plan.lower_bound)
+        # the map has changed since the path was planned: way points are not checked on it
+        now = standing if (standing := self._planner.standing()).valid else plan
+        return replace(found, map_version=version, cost=now.cost, lower_bound=now.lower_bound)
 
 
 def one_line(error: BaseException) -> str:

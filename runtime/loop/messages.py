@@ -1,9 +1,11 @@
 """Inputs and outputs of the onboard loop."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import Annotated
+from types import MappingProxyType
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,8 +66,7 @@ class MapPatch:
         if name == "cost" and (values < 0.0).any():
             raise InvalidMessageError(f"a patch's cost must be at least 0, got one of {np.nanmin(values):g}")
         object.__setattr__(self, name, values)
-        _make_whole(self, "row", "col")
-        _check_finite(self, "stamp")
+        _check_numbers(self, ["row", "col"], ["stamp"])
         if not isinstance(self.keep_known, bool | np.bool_):
             raise InvalidMessageError(f"a patch's keep_known must be True or False, got {shown(self.keep_known)}")
 
@@ -86,7 +87,7 @@ class Pose:
     stamp: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_finite(self, "row", "col", "stamp")
+        _check_numbers(self, [], ["row", "col", "stamp"])
 
     @property
     def cell(self) -> Cell:
@@ -103,8 +104,7 @@ class Goal:
     stamp: float = 0.0
 
     def __post_init__(self) -> None:
-        _make_whole(self, "row", "col")
-        _check_finite(self, "stamp")
+        _check_numbers(self, ["row", "col"], ["stamp"])
 
     @property
     def cell(self) -> Cell:
@@ -188,9 +188,8 @@ class PathMessage:
         }
         if self.waypoints is None:
             del fields["waypoints"], fields["line_cost"]
-        else:
-            fields["waypoints"] = self.waypoints.tolist()
-        return fields
+            return fields
+        return fields | {"waypoints": self.waypoints.tolist()}
 
 
 CountBy = dict[str, int]
@@ -248,28 +247,29 @@ class StatusMessage:
 Output = PathMessage | StatusMessage
 
 
-def _check_finite(message: Input, *words: str) -> None:
-    for word in words:
-        value = getattr(message, word)
-        try:
-            finite = math.isfinite(value)
-        except (TypeError, OverflowError):
-            finite = False
-        if not finite:
-            raise InvalidMessageError(f"{_owner(message)} {word} must be a finite number, got {shown(value)}")
+class Span(NamedTuple):
+    """When a part of a tick ran."""
+
+    name: str
+    """``tick``, ``inputs``, ``map``, ``plan`` with its method, ``publish``."""
+    began_s: float
+    """By the monotonic clock of the loop."""
+    ended_s: float
+    stages_ms: Mapping[str, float] = MappingProxyType({})
+    """Milliseconds by stage, as `Plan.timings_ms`; empty where there are none."""
 
 
-def _make_whole(message: Input, *words: str) -> None:
-    for word in words:
-        value = getattr(message, word)
-        try:
-            whole = int(value)
-        except (TypeError, ValueError, OverflowError):
-            whole = None
-        if whole is None or whole != value:
-            raise InvalidMessageError(f"{_owner(message)} {word} must be a whole number, got {shown(value)}")
-        object.__setattr__(message, word, whole)
-
-
-def _owner(message: Input) -> str:
-    return f"a {'patch' if isinstance(message, MapPatch) else type(message).__name__.lower()}'s"
+def _check_numbers(message: Input, whole: Sequence[str], finite: Sequence[str]) -> None:
+    """InvalidMessageError unless these attributes are whole, or finite, numbers; whole ones become ints."""
+    for names, kind, wanted in ((whole, int, "a whole"), (finite, float, "a finite")):
+        for name in names:
+            value = getattr(message, name)
+            try:
+                fits = bool(kind(value) == value) and math.isfinite(value)
+            except (TypeError, ValueError, OverflowError):
+                fits = False
+            if not fits:
+                owner = "patch" if isinstance(message, MapPatch) else type(message).__name__.lower()
+                raise InvalidMessageError(f"a {owner}'s {name} must be {wanted} number, got {shown(value)}")
+            if kind is int:
+                object.__setattr__(message, name, int(value))

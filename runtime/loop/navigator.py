@@ -6,6 +6,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,9 +26,9 @@ from nnpp_edge.runtime.loop.messages import (
     Origin,
     PathMessage,
     Pose,
+    Span,
 )
 from nnpp_edge.runtime.loop.patches import Patches, Waiting
-from nnpp_edge.runtime.loop.spans import Span
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -73,8 +74,8 @@ class Navigator:
         *,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.settings = settings or NavigatorSettings()
-        self.model: str | Path | NetworkModel = self.settings.model
+        self.settings = settings = settings or NavigatorSettings()
+        self.model: str | Path | NetworkModel = settings.model
         """The network, or its name or file; `reload` replaces it at the next tick."""
         self.spans: list[Span] = []
         """Actions of the last tick, and when. It belongs to the thread that calls `tick`."""
@@ -83,16 +84,30 @@ class Navigator:
         self._pose: Pose | None = None
         self._goal: Goal | None = None
         self._next_model: NetworkModel | None = None
+        self._counts: Counter[str] = Counter()
+        """By the names that `Counters` has for them."""
         self._degraded: Counter[str] = Counter()
         self._errors: Counter[str] = Counter()
-        self._offered = self._cells_changed = self._starts_moved = self._reloads = 0
-        self._ticks = self._planned = self._kept = self._failed = 0
         self._approached: _Approached | None = None
-        self._ladder = Ladder(self._update_map, self.settings, self.count_error)
-        self._nearest_first = _offsets_within(self.settings.snap_radius)
-        self.planner = self._planner_of(ground)
+        sides = range(-settings.snap_radius, settings.snap_radius + 1)
+        offsets = [(row, col) for row in sides for col in sides if math.hypot(row, col) <= settings.snap_radius]
+        self._nearest_first = sorted(offsets, key=lambda offset: math.hypot(*offset))
+        if settings.asks_network:
+            begin_loading(self.model)
+        self.planner = DynamicPlanner(
+            ground,
+            (0, 0),
+            settings.method,
+            also=(DynamicMethod.CORRIDOR,),
+            omega=settings.omega,
+            corner_cutting=settings.corner_cutting,
+            model=self.model,
+            refine=settings.refine,
+        )
         """Plans on the loop's one map. It belongs to the thread that calls `tick`."""
+        self.planner.prepare()
         self._patches = Patches(self.planner.state)
+        self._ladder = Ladder(self.planner, self._update_map, settings, self.count_error)
 
     @property
     def map(self) -> MapState:
@@ -104,14 +119,10 @@ class Navigator:
         """Take an input: all patches get into the map, in their order; of poses and goals the newest counts."""
         if isinstance(message, MapPatch):
             self._patches.offer(message)
-            with self._inbox:
-                self._offered += 1
-            return
-        with self._inbox:
-            if isinstance(message, Pose):
-                self._pose = message
-            else:
-                self._goal = message
+        elif isinstance(message, Pose):
+            self._pose = message
+        else:
+            self._goal = message
 
     @checked(InvalidQueryError)
     def reload(self, model: str | Path | None = None) -> None:
@@ -130,33 +141,21 @@ class Navigator:
             self._next_model = loaded
 
     def count_error(self, place: str) -> None:
-        """Count an error that was caught."""
+        """Count an error that was caught; from any thread."""
         with self._inbox:
             self._errors[place] += 1
 
     def counters(self) -> Counters:
         """Counts so far; of what only the loop knows 0."""
         with self._inbox:
-            return Counters(
-                ticks=self._ticks,
-                planned=self._planned,
-                kept=self._kept,
-                failed=self._failed,
-                degraded=dict(self._degraded),
-                errors=dict(self._errors),
-                patches=self._offered,
-                cells_changed=self._cells_changed,
-                patches_clipped=self._patches.clipped,
-                patches_rejected=self._patches.rejected,
-                patches_merged=self._patches.merged,
-                starts_moved=self._starts_moved,
-                reloads=self._reloads,
-            )
+            counts = {**self._counts, **self._patches.counts}
+            by_kind_and_place = {"degraded": dict(self._degraded), "errors": dict(self._errors)}
+        return Counters(**counts, **by_kind_and_place)  # type: ignore[arg-type]  # whole numbers to whole numbers
 
     def tick(self, deadline: float = math.inf) -> PathMessage:
         """Read the inputs and answer by `deadline`, a reading of the clock. Never raises an `Exception`."""
-        self._ticks += 1
-        tick = Tick(self._ticks, self._clock, deadline)
+        self._counts["ticks"] += 1
+        tick = Tick(self._clock, deadline, PathMessage(self._counts["ticks"], Status.UNKNOWN, Origin.NONE))
         self.spans = tick.spans
         try:
             message = self._answer(tick)
@@ -167,10 +166,9 @@ class Navigator:
         if message.degraded:
             self._degraded[tick.failures[0].kind] += 1
         if message.ok:
-            self._kept += message.origin is Origin.STANDING
-            self._planned += message.origin is not Origin.STANDING
+            self._counts["kept" if message.origin is Origin.STANDING else "planned"] += 1
         else:
-            self._failed += message.outcome not in (Status.NO_POSE, Status.NO_GOAL)
+            self._counts["failed"] += message.outcome not in (Status.NO_POSE, Status.NO_GOAL)
         return message
 
     def _answer(self, tick: Tick) -> PathMessage:
@@ -180,30 +178,32 @@ class Navigator:
         if model is not None:
             self.model = model
             self.planner.use_model(model)
-            self._reloads += 1
+            self._counts["reloads"] += 1
             self._ladder.forget_times()
         began = self._clock()
-        tick.map_version = self._update_map()
+        tick.known = replace(tick.known, map_version=self._update_map())
         tick.spans.append(Span("map", began, self._clock()))
         if pose is None or goal is None:
             return tick.no_path(Status.NO_POSE if pose is None else Status.NO_GOAL, "nothing to plan yet")
         for cell, status in ((goal.cell, Status.GOAL_OUTSIDE_MAP), (pose.cell, Status.START_OUTSIDE_MAP)):
             if not self._on_map(cell):
                 return tick.no_path(status, f"the map has {self.planner.shape} cells")
-        start, radius = self._nearest_passable(pose.cell), self.settings.snap_radius
+        around = ((pose.cell[0] + row, pose.cell[1] + col) for row, col in self._nearest_first)
+        start = next((cell for cell in around if self._on_map(cell) and self.planner.is_passable(cell)), None)
         if start is None:
+            radius = self.settings.snap_radius
             reason = f"no passable cell within {radius} of the robot{self._unknown_around(pose.cell, radius)}"
             return tick.no_path(Status.START_BLOCKED, reason)
         self.planner.move(start)
-        reachable = self._approached is None or self._approached.goal != goal.cell
-        if not self.planner.is_passable(goal.cell):
-            if not self.settings.approach:
-                reason = f"the goal is impassable{self._unknown_around(goal.cell)}"
-                return tick.no_path(Status.GOAL_BLOCKED, reason)
-            reachable = False
-        tick.start, tick.start_moved = start, start != pose.cell
-        self._starts_moved += tick.start_moved
-        message = self._answer_to(goal.cell if reachable else self._as_near_as(goal.cell, start), goal.cell, tick)
+        target = goal.cell
+        if not self.planner.is_passable(target) and not self.settings.approach:
+            return tick.no_path(Status.GOAL_BLOCKED, f"the goal is impassable{self._unknown_around(target)}")
+        tick.known = replace(tick.known, start=start, start_moved=start != pose.cell)
+        self._counts["starts_moved"] += tick.known.start_moved
+        approached = self._approached is not None and self._approached.goal == target
+        if approached or not self.planner.is_passable(target):
+            target = self._as_near_as(target, start)
+        message = self._answer_to(target, goal.cell, tick)
         if message.outcome is Status.NO_PATH and self.settings.approach:
             self._approached = None  # what was chosen in the goal's place cannot be reached either
             return self._answer_to(self._as_near_as(goal.cell, start), goal.cell, tick)
@@ -211,21 +211,22 @@ class Navigator:
 
     def _answer_to(self, target: Cell, goal: Cell, tick: Tick) -> PathMessage:
         """The ladder's answer on the way to a goal, or to what is gone to in its place."""
-        tick.goal, tick.goal_moved = target, target != goal
+        tick.known = replace(tick.known, goal=target, goal_moved=target != goal)
         if target != self.planner.goal:
             self.planner.set_goal(target)
-        return self._ladder.answer(self.planner, tick)
+        return self._ladder.answer(tick)
 
     def _as_near_as(self, goal: Cell, start: Cell) -> Cell:
         """Where to go while no path leads to the goal; the goal, once one does."""
         before = self._approached if self._approached is not None and self._approached.goal == goal else None
         if before is None or before.map_version != self._patches.taken:
-            margin, unknown, planner = self.map.reach_cells + 2, self.map.unknown(), self.planner
+            planner, state = self.planner, self.map
             beyond = np.zeros(planner.shape, np.bool_)
             if planner.is_passable(goal):
                 beyond = np.isfinite(planner.reach(goal))
             beyond[goal] = True
-            place = place_towards(goal, start, planner.reach(), beyond, unknown, margin, before and before.place)
+            costs, margin = planner.reach(), state.reach_cells + 2
+            place = place_towards(goal, start, costs, beyond, state.unknown(), margin, before and before.place)
             before = self._approached = None if place == goal else _Approached(goal, place, self._patches.taken)
         return goal if before is None else before.place
 
@@ -243,43 +244,13 @@ class Navigator:
 
     def _put(self, patch: Waiting) -> None:
         put = self.planner.update_elevation if patch.of_heights else self.planner.update
-        self._cells_changed += put(*patch.part[:2], patch.values, seen=patch.seen)
-
-    def _planner_of(self, ground: Ground) -> DynamicPlanner:
-        settings = self.settings
-        if settings.asks_network:
-            begin_loading(self.model)
-        planner = DynamicPlanner(
-            ground,
-            (0, 0),
-            settings.method,
-            also=(DynamicMethod.CORRIDOR,),
-            omega=settings.omega,
-            corner_cutting=settings.corner_cutting,
-            model=self.model,
-            refine=settings.refine,
-        )
-        planner.prepare()
-        return planner
+        self._counts["cells_changed"] += put(*patch.part[:2], patch.values, seen=patch.seen)
 
     def _unknown_around(self, cell: Cell, radius: int = 0) -> str:
         """How many of the cells around one are unknown, with the vehicle's reach, for people; empty for none."""
         radius += self.map.reach_cells
-        rows, cols = (slice(max(at - radius, 0), at + radius + 1) for at in cell)
-        unknown = self.map.unknown(rows, cols)
+        unknown = self.map.unknown(*(slice(max(at - radius, 0), at + radius + 1) for at in cell))
         return f"; {unknown.sum()} of {unknown.size} cells around it are unknown" if unknown.any() else ""
 
     def _on_map(self, cell: Cell) -> bool:
         return 0 <= cell[0] < self.planner.shape[0] and 0 <= cell[1] < self.planner.shape[1]
-
-    def _nearest_passable(self, cell: Cell) -> Cell | None:
-        """The cell itself, or the nearest passable one within the radius; None if there is none."""
-        around = ((cell[0] + row, cell[1] + col) for row, col in self._nearest_first)
-        return next((near for near in around if self._on_map(near) and self.planner.is_passable(near)), None)
-
-
-def _offsets_within(radius: int) -> list[Cell]:
-    """(rows, columns) to the cells within a radius, the nearest first."""
-    sides = range(-radius, radius + 1)
-    offsets = ((row, col) for row in sides for col in sides if row * row + col * col <= radius * radius)
-    return sorted(offsets, key=lambda offset: offset[0] ** 2 + offset[1] ** 2)

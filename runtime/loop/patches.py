@@ -1,6 +1,7 @@
 """Patches of the map that wait for the loop: any thread brings them, and the loop takes them between its searches."""
 
 import threading
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
@@ -44,11 +45,13 @@ class Patches:
         self._lock = threading.Lock()
         self._waiting: list[Waiting] = []
         self._cells = 0
-        self.taken = self.clipped = self.rejected = self.merged = 0
-        """Patches that the map has; that stuck out of it; that were refused; that were made one with another."""
+        self.taken = 0
+        """Patches that the map has."""
+        self.counts: Counter[str] = Counter()
+        """As in `Counters`: what was offered, clipped, rejected and merged."""
 
-    def offer(self, patch: MapPatch) -> bool:
-        """Let a patch wait, as far as it lies on the map; False if it is rejected.
+    def offer(self, patch: MapPatch) -> None:
+        """Let a patch wait, as far as it lies on the map.
 
         A patch is rejected if it misses the map, if it holds heights and the map was made from costs, or if it holds
         a cost out of range.
@@ -61,8 +64,8 @@ class Patches:
         refused = not self._takes_heights if of_heights else self._model.refuses(values)
         if top >= bottom or left >= right or refused:
             with self._lock:
-                self.rejected += 1
-            return False
+                self.counts.update(("patches", "patches_rejected"))
+            return
         values = values[top - patch.row : bottom - patch.row, left - patch.col : right - patch.col]
         if of_heights:
             values = np.where(np.isfinite(values), values, np.float32(np.nan))
@@ -70,12 +73,11 @@ class Patches:
         seen = ~np.isnan(values) if tells_nothing else None
         one = Waiting(of_heights, (top, left, bottom - top, right - left), values, seen)
         with self._lock:
-            self.clipped += values.shape != (rows, cols)
+            self.counts.update(("patches", "patches_clipped") if values.shape != (rows, cols) else ("patches",))
             self._waiting.append(one)
             self._cells += values.size + _OVERHEAD_CELLS
             if self._cells > self._shape[0] * self._shape[1]:
                 self._merge()
-        return True
 
     @contextmanager
     def taking(self) -> Iterator[list[Waiting]]:
@@ -102,7 +104,7 @@ class Patches:
     def _merge(self) -> None:
         """Make the patches of each layer one."""
         merged = [_as_one(layer) for layer in self._by_layer()]
-        self.merged += len(self._waiting) - len(merged)
+        self.counts["patches_merged"] += len(self._waiting) - len(merged)
         self._waiting, self._cells = merged, 0
 
 

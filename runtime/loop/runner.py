@@ -7,21 +7,25 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
 from types import FrameType
-from typing import Protocol
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.loop.histogram import Histogram
-from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.connections import InputSource, Sink
+from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, Span, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.realtime import InterruptibleSleep, be_realtime, rss_bytes, signal_handlers
-from nnpp_edge.runtime.loop.sinks import FailureLog, Sink, SinkWriter
-from nnpp_edge.runtime.loop.spans import Span
-from nnpp_edge.runtime.loop.ticker import Ticker
+from nnpp_edge.runtime.loop.timing import (
+    Histogram,
+    InterruptibleSleep,
+    Ticker,
+    realtime,
+    rss_bytes,
+    signal_handlers,
+)
+from nnpp_edge.runtime.loop.workers import Guard, Queue, WhenFull, Worker
 
 _LOG = logging.getLogger(__name__)
 _SHARE_FOR_INPUTS = 0.5
@@ -31,14 +35,6 @@ _BOUND_OCTAVES = range(8, 20)
 _BOUNDS_MS = (*(f"{1e-3 * 2**n:g}" for n in _BOUND_OCTAVES), "inf")
 _GC_EVERY = 64
 """Ticks after which garbage is collected, if there is time."""
-
-
-class InputSource(Protocol):
-    """Where inputs come from."""
-
-    def poll(self) -> Iterable[Input]:
-        """Inputs since the last call. It must not wait. An iterable that is not read to its end is read on in
-        the next tick."""
 
 
 class Loop:
@@ -90,18 +86,22 @@ class Loop:
         self.navigator, self._source = navigator, source
         self.spans: tuple[Span, ...] = ()
         """The last tick and its parts, in order, for `after_tick`."""
-        self._stopping = self._hurried = False
+        self._stopping = self._hurried = self._reload_wanted = False
         self._sleep = InterruptibleSleep()
         self._ticker = Ticker(1.0 / rate_hz, sleep=self._sleep.wait)
-        self._stopping = self._hurried = False
-        count, patient = navigator.count_error, lambda: not (paced or self._hurried)
-        self._writers = [SinkWriter(sink, queue, count, patient) for sink in sinks]
-        self._status_every_s = status_every_s
+        count_error = navigator.count_error
+        self._sinks: list[tuple[Sink, Worker[Output]]] = []
+        self._when_full: WhenFull = "drop oldest" if paced else "wait"
+        for sink in sinks:
+            waiting = Queue[Output](queue, patient=self._is_patient)
+            guard = Guard(f"the sink {sink.name}", f"sink {sink.name}", count_error)
+            self._sinks.append((sink, Worker(sink.publish, waiting, guard)))
+        self._status_every_s, self._paced = status_every_s, paced
         self._cores, self._priority = tuple(cores), priority
-        self._paced, self._after_tick = paced, after_tick
-        self._source_failures, self._after_tick_failures = FailureLog("the source"), FailureLog("after_tick")
+        self._after_tick = after_tick or (lambda message: None)
+        self._source_guard = Guard("the source", "source", count_error)
+        self._after_guard = Guard("after_tick", "after_tick", count_error)
         self._histogram = Histogram()
-        self._reload_wanted = False
         self._reloader: threading.Thread | None = None
         self._unread: Iterator[Input] = iter(())
         self._collection_s = 0.0
@@ -125,18 +125,36 @@ class Loop:
     @checked(InvalidQueryError)
     def run(self, ticks: int | None = None) -> Counters:
         """Run until `stop`, or for so many ticks; the counters at the end. A loop runs once."""
-        for writer in self._writers:
-            writer.start()  # before the loop's thread gets its core and priority, which threads inherit
+        for _, worker in self._sinks:
+            worker.start()  # before the loop's thread gets its core and priority, which threads inherit
         self._process_cores = os.sched_getaffinity(0)
-        restore = be_realtime(self._cores, self._priority)
         try:
-            with _without_garbage_collection():
+            with realtime(self._cores, self._priority), _without_garbage_collection():
                 self._run_ticks(ticks)
         finally:
-            restore()
-            for writer in self._writers:
-                writer.close()
+            for _, worker in self._sinks:
+                worker.close(patient=self._is_patient)
         return self.counters()
+
+    def counters(self) -> Counters:
+        """Counts so far; from any thread."""
+        histogram = self._histogram
+        lost = {sink.name: getattr(sink, "lost", None) for sink, _ in self._sinks}
+        return replace(
+            self.navigator.counters(),
+            overruns=self._ticker.overruns,
+            skipped=self._ticker.skipped,
+            drops={sink.name: worker.queue.drops for sink, worker in self._sinks},
+            lost={name: count for name, count in lost.items() if count is not None},
+            tick_ms=histogram.summary_ms(),
+            tick_histogram=dict(zip(_BOUNDS_MS, histogram.shorter(_BOUND_OCTAVES), strict=True)),
+            tick_sum_s=histogram.sum_s,
+            rss_bytes=rss_bytes(),
+        )
+
+    def _is_patient(self) -> bool:
+        """Whether sinks that are slow are waited for."""
+        return not (self._paced or self._hurried)
 
     def _run_ticks(self, ticks: int | None) -> None:
         done, reported = 0, time.monotonic()
@@ -150,28 +168,18 @@ class Loop:
             done += 1
             if time.monotonic() - reported >= self._status_every_s:
                 reported = time.monotonic()
-                self._publish(self._status(message))
-            self._finish(message)
-            self._collect(done)
-
-    def counters(self) -> Counters:
-        """Counts so far; from any thread."""
-        histogram = self._histogram
-        return replace(
-            self.navigator.counters(),
-            overruns=self._ticker.overruns,
-            skipped=self._ticker.skipped,
-            drops={writer.name: writer.drops for writer in self._writers},
-            lost={writer.name: lost for writer in self._writers if (lost := writer.lost) is not None},
-            tick_ms=histogram.summary_ms(),
-            tick_histogram=dict(zip(_BOUNDS_MS, histogram.shorter(_BOUND_OCTAVES), strict=True)),
-            tick_sum_s=histogram.sum_s,
-            rss_bytes=rss_bytes(),
-        )
+                how = f" by {message.origin}" if message.ok else f": {message.reason}"
+                self._publish(StatusMessage(message.tick, message.outcome, message.outcome + how, self.counters()))
+            with self._after_guard:
+                self._after_tick(message)
+            if done % _GC_EVERY == 0:
+                self._collect()
 
     def _tick(self) -> PathMessage:
         began = time.monotonic()
         self._read_inputs(began)
+        if not self._paced:
+            self._ticker.start()
         if self._reload_wanted and (self._reloader is None or not self._reloader.is_alive()):
             self._reload_wanted = False
             self._reloader = threading.Thread(target=self._reload, name="nnpp-edge reload", daemon=True)
@@ -189,24 +197,17 @@ class Loop:
     def _read_inputs(self, began: float) -> None:
         """As many as half a period allows; the rest stays in its iterator and is read first next time."""
         until = began + _SHARE_FOR_INPUTS * self._ticker.period_s if self._paced else math.inf
-        try:
-            if self._offer_until(until):
-                self._unread = iter(self._source.poll())
-                self._offer_until(until)
-        except Exception as error:
-            self._source_failures.failed(error)
-            self.navigator.count_error("source")
-            self._unread = iter(())
-        else:
-            self._source_failures.worked()
-        if not self._paced:
-            self._ticker.start()
+        unread, self._unread = self._unread, iter(())
+        with self._source_guard:
+            if self._offer(unread, until):
+                self._offer(iter(self._source.poll()), until)
 
-    def _offer_until(self, until: float) -> bool:
-        """Hand the unread inputs to the navigator; False if the time is over before their end."""
-        for message in self._unread:
+    def _offer(self, unread: Iterator[Input], until: float) -> bool:
+        """Hand inputs to the navigator; False, and the rest stays unread, if the time is over before their end."""
+        for message in unread:
             self.navigator.offer(message)
             if time.monotonic() > until:
+                self._unread = unread
                 return False
         return True
 
@@ -220,28 +221,11 @@ class Loop:
             _LOG.warning("the model stays as it is: %s", error)
 
     def _publish(self, message: Output) -> None:
-        for writer in self._writers:
-            writer.put(message)
+        for _, worker in self._sinks:
+            worker.queue.put(message, self._when_full)
 
-    def _status(self, last: PathMessage) -> StatusMessage:
-        text = f"{last.outcome} by {last.origin}" if last.outcome is Status.OK else f"{last.outcome}: {last.reason}"
-        return StatusMessage(last.tick, last.outcome, text, self.counters())
-
-    def _finish(self, message: PathMessage) -> None:
-        if self._after_tick is None:
-            return
-        try:
-            self._after_tick(message)
-        except Exception as error:
-            self._after_tick_failures.failed(error)
-            self.navigator.count_error("after_tick")
-        else:
-            self._after_tick_failures.worked()
-
-    def _collect(self, done: int) -> None:
-        """Collect garbage where the idle time is enough for it."""
-        if done % _GC_EVERY:
-            return
+    def _collect(self) -> None:
+        """Collect garbage if the idle time is enough for it."""
         if self._ticker.remaining() > 2.0 * self._collection_s:
             began = time.monotonic()
             gc.collect()

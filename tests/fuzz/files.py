@@ -196,7 +196,7 @@ def _recording(rng: random.Random, place: Place) -> Command:
 
 
 def _stdin(rng: random.Random, place: Place) -> Command:
-    from nnpp_edge.robot.transports.framing import framed
+    from nnpp_edge.robot.transports.stdio import framed
 
     lines, framing = place.sample("messages.jsonl").splitlines(), rng.choice(("lines", "lines", "length"))
     changes = (lambda rng, line: line, mutated_json, mutated)

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from nnpp_edge.robot.transports.framing import Framer, WireError, framed
-from nnpp_edge.robot.transports.wire import decode, decode_output, encode
+from nnpp_edge.robot.transports.stdio import Framer, framed
+from nnpp_edge.robot.transports.wire import WireError, decode, decode_output, encode
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose

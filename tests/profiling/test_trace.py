@@ -7,7 +7,7 @@ import pytest
 
 from nnpp_edge.profiling.sensors import Reading
 from nnpp_edge.profiling.trace import Trace
-from nnpp_edge.runtime.loop.inprocess import InProcessSource
+from nnpp_edge.runtime.loop.connections import InProcessSource
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime.loop.inprocess import InProcessSink
+from nnpp_edge.runtime.loop.connections import InProcessSink
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
@@ -35,11 +35,11 @@ def navigator():
 def drive():
     """Run a loop over a source until the source ends, or for so many ticks; what came out."""
 
-    def run(navigator, source, sinks=(), *, rate_hz=200.0, ticks=None, **options):
+    def run(navigator, source, sinks=(), *, rate_hz=200.0, ticks=None, ends=None, **options):
         kept = InProcessSink(100_000)
 
         def after_tick(message):
-            if source.ended:
+            if (ends or source).ended:
                 loop.stop()
 
         loop = Loop(

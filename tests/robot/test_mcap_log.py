@@ -20,7 +20,7 @@ from mcap_ros2.decoder import DecoderFactory
 from nnpp_edge.robot.transports import mcap_log
 from nnpp_edge.robot.transports.mcap_log import TOPICS, McapLog
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, Status
-from nnpp_edge.runtime.loop.inprocess import InProcessSource
+from nnpp_edge.runtime.loop.connections import InProcessSource
 from nnpp_edge.runtime.loop.messages import (
     Counters,
     Goal,

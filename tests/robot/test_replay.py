@@ -17,7 +17,7 @@ from nnpp_edge.robot.transports.recording import (
 )
 from nnpp_edge.robot.transports.wire import encode
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.runtime.loop.inprocess import InProcessSource
+from nnpp_edge.runtime.loop.connections import InProcessSource
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
@@ -80,9 +80,9 @@ def test_inputs_come_at_the_recorded_pace(tmp_path):
 def test_a_recording_of_a_replay_is_the_replay(tmp_path, drive, navigator):
     first = scene(tmp_path / "scene.jsonl", ticks=10)
     recorder = RecordingFile(tmp_path / "again.jsonl", SHAPE)
-    source = RecordedSource(ReplaySource(first, fast=True), [recorder.record], navigator.count_error)
-    drive(navigator, source, rate_hz=1.0, paced=False)
-    source.close()
+    source = ReplaySource(first, fast=True)
+    with RecordedSource(source, [recorder.record], navigator.count_error) as recorded:
+        drive(navigator, recorded, rate_hz=1.0, paced=False, ends=source)
     recorder.close()
     was, now = (list(read_recording(path, SHAPE)) for path in (first, recorder.path))
     assert [encode(message) for _, message in now] == [encode(message) for _, message in was]
@@ -152,8 +152,8 @@ POSE = '{"at":1,"type":"pose","row":1,"col":2}\n'
             POSE + '{"at":0.5,"type":"goal","row":1,"col":1}\n',
             r"line 2: at: wanted times that do not go back, got 0.5",
         ),
-        ('{"type":"pose","row":1,"col":2}\n', "line 1: .* missing required field `at`"),
-        ('{"at":true,"type":"pose","row":1,"col":2}\n', "at: Expected `float`, got `bool`"),
+        ('{"type":"pose","row":1,"col":2}\n', "line 1: at: wanted the seconds since the recording began, got none"),
+        ('{"at":true,"type":"pose","row":1,"col":2}\n', "at: Expected `float | null`, got `bool`"),
         ('{"at":-1,"type":"pose","row":1,"col":2}\n', "at: Expected `float` >= 0.0"),
         (POSE + "\n\n" + '{"at":2,"type":"pose","row":1}\n', "line 4: .* missing required field `col`"),
         ('{"type":"recording","map":[1,2]}\n' + POSE, r"map of \[40, 60\] cells, got one of \[1, 2\]"),
@@ -228,7 +228,7 @@ def test_a_recorder_that_fails_is_counted_and_the_inputs_come_nevertheless(tmp_p
     source = ReplaySource(scene(tmp_path / "scene.jsonl", ticks=4), fast=True)
     recorded = RecordedSource(source, [full, lambda message, at_s: seen.append(message)], counted.append)
     taken = []
-    while not recorded.ended:
+    while not source.ended:
         taken += recorded.poll()
     recorded.close()
     assert len(taken) == len(seen) == 9

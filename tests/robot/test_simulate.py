@@ -189,7 +189,7 @@ class Sink:
         if self.fails:
             raise RuntimeError("no")
 
-    def record(self, message):
+    def record(self, message, at_s):
         self.inputs.append(message)
 
 

@@ -8,13 +8,11 @@ import time
 import numpy as np
 import pytest
 
-from nnpp_edge.robot.transports.framing import Framer, framed
-from nnpp_edge.robot.transports.refusals import FaultQueue, Refusals
-from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
-from nnpp_edge.robot.transports.wire import Fault, decode_output, encode
+from nnpp_edge.robot.transports.incoming import Refusals
+from nnpp_edge.robot.transports.stdio import Framer, StdioSink, StdioSource, framed
+from nnpp_edge.robot.transports.wire import Fault, WireError, decode_output, encode
 from nnpp_edge.runtime.errors import OutputError, Status
-from nnpp_edge.runtime.loop.inprocess import InProcessSource
-from nnpp_edge.runtime.loop.mailbox import Mailbox
+from nnpp_edge.runtime.loop.connections import InProcessSource, Mailbox
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.loop.runner import Loop
 from tests.robot.conftest import free, wait_until
@@ -81,8 +79,9 @@ def received(pipe, framing="lines"):
 def test_paths_come_back_and_the_end_of_input_ends_the_run(incoming, outgoing, navigator, drive, framing):
     wall = encode(MapPatch(10, 0, cost=np.full((1, 59), np.inf)))
     send(incoming, POSE, wall, GOAL, framing=framing)
-    sink = StdioSink(descriptor=outgoing.write, framing=framing)
-    source = StdioSource(Refusals(navigator.count_error, sink.answer), descriptor=incoming.read, framing=framing)
+    refusals = Refusals(navigator.count_error)
+    sink = StdioSink(refusals, descriptor=outgoing.write, framing=framing)
+    source = StdioSource(refusals, descriptor=incoming.read, framing=framing)
     ended = drive(navigator, source, [sink])
     answers = received(outgoing, framing)
     last = [m for m in answers if isinstance(m, PathMessage)][-1]
@@ -99,8 +98,9 @@ def test_the_loop_goes_on_while_nothing_comes(incoming, navigator, drive):
 
 
 def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, navigator, drive):
-    sink = StdioSink(descriptor=outgoing.write)
-    source = StdioSource(Refusals(navigator.count_error, sink.answer), descriptor=incoming.read, limit=2000)
+    refusals = Refusals(navigator.count_error)
+    sink = StdioSink(refusals, descriptor=outgoing.write)
+    source = StdioSource(refusals, descriptor=incoming.read, limit=2000)
     send(incoming, POSE, b"\x00\xff garbage", b'{"type":"pose"}', b"x" * 300_000, b'{"type":"goal","row":', GOAL)
     ended = drive(navigator, source, [sink])
     answers = received(outgoing)
@@ -117,7 +117,7 @@ def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, n
 def test_a_flood_of_patches_is_taken_in_whole_and_in_order(incoming, navigator, drive):
     patches = [encode(MapPatch(n % 40, n % 60, cost=np.full((1, 1), 0.1 + n / 2000))) for n in range(1000)]
     send(incoming, POSE, *patches, GOAL)
-    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Mailbox(most_patches=16))
+    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Mailbox(16))
     ended = drive(navigator, source)
     assert ended.counters.patches == 1000
     assert ended.paths[-1].ok
@@ -129,7 +129,7 @@ def test_a_flood_of_patches_is_taken_in_whole_and_in_order(incoming, navigator, 
 
 def test_a_sender_that_is_too_fast_waits(incoming, navigator):
     patch = encode(MapPatch(0, 0, cost=np.zeros((40, 40))))
-    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Mailbox(most_patches=4))
+    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Mailbox(4))
     thread = send(incoming, *[patch] * 100)
     thread.join(0.2)
     assert thread.is_alive()
@@ -160,26 +160,14 @@ def test_a_reader_that_has_gone_is_told_once(outgoing):
 
 
 def test_faults_wait_for_the_next_answer_and_the_newest_are_kept(outgoing):
-    sink = StdioSink(descriptor=outgoing.write)
+    refusals = Refusals(lambda place: None)
     for n in range(1000):
-        sink.answer(Fault("no", n))
-    sink.publish(PathMessage(1, Status.NO_POSE, Origin.NONE))
+        refusals.add(WireError("no"))
+    StdioSink(refusals, descriptor=outgoing.write).publish(PathMessage(1, Status.NO_POSE, Origin.NONE))
     answers = received(outgoing)
     assert len(answers) == 65
-    assert answers[-2] == Fault("no", 999)
+    assert answers[-2] == Fault("no", 1000)
     assert answers[-1].outcome is Status.NO_POSE
-
-
-def test_refused_inputs_that_come_while_others_are_answered_wait_for_the_next_answer():
-    queue = FaultQueue()
-    queue.answer(Fault("first"))
-    taken = []
-    for fault in queue.waiting_faults():
-        taken.append(fault)
-        if len(taken) < 100:
-            queue.answer(Fault("meanwhile"))
-    assert taken == [Fault("first")]
-    assert list(queue.waiting_faults()) == [Fault("meanwhile")]
 
 
 def test_descriptors_that_do_not_block_are_waited_for(incoming, outgoing, navigator):

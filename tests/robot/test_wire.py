@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.robot.transports.framing import Framer, WireError, framed
-from nnpp_edge.robot.transports.refusals import Refusals
-from nnpp_edge.robot.transports.wire import Fault, decode, decode_output, encode
+from nnpp_edge.robot.transports.incoming import Refusals
+from nnpp_edge.robot.transports.stdio import Framer, framed
+from nnpp_edge.robot.transports.wire import Fault, WireError, decode, decode_output, encode
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.loop.mailbox import Mailbox
+from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import (
     Counters,
     Goal,
@@ -315,7 +315,7 @@ def patch(value, side=2):
 
 
 def test_a_full_mailbox_drops_the_oldest_patches_and_counts_them():
-    box = Mailbox(most_patches=3)
+    box = Mailbox(3)
     assert [box.put(patch(n), when_full="drop oldest") for n in range(5)] == [0, 0, 0, 1, 1]
     for col in range(4):
         box.put(Pose(0, col), when_full="drop oldest")
@@ -328,7 +328,7 @@ def test_a_full_mailbox_drops_the_oldest_patches_and_counts_them():
 
 
 def test_room_is_counted_in_cells_too_and_one_patch_always_fits():
-    box = Mailbox(most_cells=100)
+    box = Mailbox(4, cells_as_one=25)
     assert box.put(patch(1, 20), when_full="wait") == 0
     assert box.put(patch(2, 10), when_full="drop oldest") == 1
     assert box.put(patch(3, 1), when_full="drop oldest") == 1
@@ -346,10 +346,11 @@ def test_a_mailbox_ends_when_it_is_closed_and_empty():
 
 
 def test_refusals_are_counted_answered_and_logged_a_few_times(caplog):
-    counted, answers = [], []
-    refusals = Refusals(counted.append, answers.append)
+    counted = []
+    refusals = Refusals(counted.append)
     for n in range(1000):
         refusals.add(WireError(f"bad {n}"))
     assert counted == ["input"] * 1000
-    assert answers[-1] == Fault("bad 999", 1000)
     assert len(caplog.records) == 5
+    waiting = refusals.waiting()
+    assert len(waiting) == 64 and waiting[-1] == Fault("bad 999", 1000) and not refusals.waiting()

@@ -13,13 +13,13 @@ import pytest
 
 pytest.importorskip("zenoh")
 
-from nnpp_edge.robot.transports.refusals import Refusals
+from nnpp_edge.robot.transports.incoming import Refusals
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.robot.transports.zenoh_io import ZenohLink, ZenohSink, ZenohSource
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.loop.mailbox import Mailbox
+from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
-from nnpp_edge.runtime.loop.realtime import rss_bytes
+from nnpp_edge.runtime.loop.timing import rss_bytes
 from tests.robot.conftest import wait_until
 
 PEER = """
@@ -104,8 +104,8 @@ class Running:
     """A loop in a thread of its own."""
 
     def __init__(self, navigator, drive, link, **options):
-        self.sink = ZenohSink(link)
-        refusals = Refusals(navigator.count_error, self.sink.answer)
+        refusals = Refusals(navigator.count_error)
+        self.sink = ZenohSink(link, refusals)
         self.mailbox = Mailbox()
         self.source = ZenohSource(link, refusals, navigator.count_error, mailbox=self.mailbox, **options)
         self._thread = threading.Thread(
@@ -172,7 +172,7 @@ def test_what_makes_no_sense_is_answered_and_ends_nothing(peer, running):
 
 
 def test_of_a_flood_the_newest_are_kept_and_the_rest_is_counted(link, peer, navigator):
-    mailbox = Mailbox(most_patches=10)
+    mailbox = Mailbox(10)
     source = ZenohSource(link, Refusals(navigator.count_error), navigator.count_error, mailbox=mailbox)
 
     def known():  # to the peer, which is told of the topics when they are listened to

@@ -11,7 +11,7 @@ import pytest
 
 from nnpp_edge.runtime import Planner, warmup
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.loop.realtime import rss_bytes
+from nnpp_edge.runtime.loop.timing import rss_bytes
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import available_bytes, check_planner_fits, small_pages, touch, virtual_zeros

@@ -3,7 +3,6 @@
 Each counter of `Counters` is a family named ``nnpp_edge_…``. The work of a tick is a histogram.
 """
 
-import errno
 import logging
 import threading
 import time
@@ -15,9 +14,8 @@ from typing import TYPE_CHECKING, get_type_hints
 from nnpp_edge import __version__
 from nnpp_edge.files import write_whole
 from nnpp_edge.robot.closing import Closing
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.loop.messages import Counters
-from nnpp_edge.runtime.loop.sinks import FailureLog
 
 if TYPE_CHECKING:
     from prometheus_client import Metric
@@ -28,49 +26,20 @@ CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 def metrics_text(counters: Counters) -> str:
     """The counters in Prometheus' text format; MissingExtraError where `prometheus-client` is not installed."""
-    try:
-        from prometheus_client import CollectorRegistry, generate_latest
-        from prometheus_client.registry import Collector
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(f"metrics need {error.name}: pip install 'nnpp-edge[robot]'") from error
+    client = optional_module("prometheus_client", "metrics", "robot")
 
-    class Snapshot(Collector):
+    class Snapshot:
         def collect(self) -> "Iterator[Metric]":
             return _families(counters)
 
-    registry = CollectorRegistry()
+    registry = client.CollectorRegistry()
     registry.register(Snapshot())
-    return generate_latest(registry).decode()
+    return str(client.generate_latest(registry).decode())
 
 
 def write_metrics(path: Path, counters: Counters) -> None:
     """Put the counters into a file, whole or not at all; OutputError if it cannot be written."""
     write_whole(Path(path), metrics_text(counters).encode())
-
-
-class MetricsFile:
-    """Keeps the counters in a file. A full disk is told once, and never ends the loop.
-
-    OutputError if the file cannot be written for another reason, at the beginning.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._failures = path, FailureLog("keeping the metrics")
-        try:
-            write_metrics(path, Counters())
-        except OutputError as error:
-            if getattr(error.__cause__, "errno", None) not in (errno.ENOSPC, errno.EDQUOT):
-                raise
-            self._failures.failed(error)
-
-    def keep(self, counters: Counters) -> None:
-        """Put these into the file, or leave it as it is."""
-        try:
-            write_metrics(self._path, counters)
-        except OutputError as error:
-            self._failures.failed(error)
-        else:
-            self._failures.worked()
 
 
 class MetricsServer(Closing):
@@ -95,20 +64,16 @@ class MetricsServer(Closing):
         self._snapshot, self._stale_s, self._clock = snapshot, stale_s, clock
         self._lock = threading.Lock()
         self._seen, self._seen_at = 0, clock()
-
-        class Handler(_Handler):
-            owner = self
-
+        handler = type("Handler", (_Handler,), {"owner": self})
         try:
-            self._server = _Server((host, port), Handler)
+            self._server = _Server((host, port), handler)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise InvalidQueryError(f"metrics cannot be served at {host}:{port} ({reason})") from error
         self.host, self.port = host, int(self._server.server_address[1])
         """Where it listens."""
-        self._thread = threading.Thread(
-            target=self._server.serve_forever, args=(0.1,), name="nnpp-edge metrics", daemon=True
-        )
+        serve = self._server.serve_forever
+        self._thread = threading.Thread(target=serve, args=(0.1,), name="nnpp-edge metrics", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -117,27 +82,24 @@ class MetricsServer(Closing):
         self._server.server_close()
         self._thread.join()
 
-    def answer(self, path: str) -> tuple[int, str, str]:
-        """HTTP status, content type and body for a path."""
+    def answer(self, path: str) -> tuple[int, str]:
+        """HTTP status and body for a path."""
         try:
             counters = self._snapshot()
         except Exception as error:
-            return 503, CONTENT_TYPE, " ".join(f"no counters: {error}".split()) + "\n"
+            return 503, " ".join(f"no counters: {error}".split()) + "\n"
         if path == "/metrics":
-            return 200, CONTENT_TYPE, metrics_text(counters)
-        if path == "/health":
-            return self._health(counters.ticks)
-        return 404, CONTENT_TYPE, "wanted /metrics or /health\n"
-
-    def _health(self, ticks: int) -> tuple[int, str, str]:
-        now = self._clock()
+            return 200, metrics_text(counters)
+        if path != "/health":
+            return 404, "wanted /metrics or /health\n"
+        ticks, now = counters.ticks, self._clock()
         with self._lock:
             if ticks != self._seen:
                 self._seen, self._seen_at = ticks, now
             silent_s = now - self._seen_at
         if silent_s > self._stale_s:
-            return 503, CONTENT_TYPE, f"stalled: no tick for {silent_s:.1f} s, after {ticks}\n"
-        return 200, CONTENT_TYPE, f"ok: {ticks} ticks\n"
+            return 503, f"stalled: no tick for {silent_s:.1f} s, after {ticks}\n"
+        return 200, f"ok: {ticks} ticks\n"
 
 
 class _Server(ThreadingHTTPServer):
@@ -155,10 +117,10 @@ class _Handler(BaseHTTPRequestHandler):
     server_version = "nnpp-edge"
 
     def do_GET(self) -> None:
-        status, kind, body = self.owner.answer(self.path.partition("?")[0])
+        status, body = self.owner.answer(self.path.partition("?")[0])
         content = body.encode()
         self.send_response(status)
-        self.send_header("Content-Type", kind)
+        self.send_header("Content-Type", CONTENT_TYPE)
         self.send_header("Content-Length", str(len(content)))
         self.end_headers()
         if self.command != "HEAD":
@@ -180,20 +142,14 @@ def _families(counters: Counters) -> "Iterator[Metric]":
         words, *labels = getattr(kind, "__metadata__", ("",))
         if not words:
             continue
-        family = CounterMetricFamily(f"nnpp_edge_{name}", words, labels=labels)
-        count = getattr(counters, name)
-        if not labels:
-            family.add_metric([], count)
-        else:
-            for label, number in sorted(count.items()):
-                family.add_metric([label], number)
+        family, count = CounterMetricFamily(f"nnpp_edge_{name}", words, labels=labels), getattr(counters, name)
+        for label, number in sorted(count.items()) if labels else [("", count)]:
+            family.add_metric([label] * len(labels), number)
         yield family
     bounds = counters.tick_histogram or {"inf": 0}
     buckets = [("+Inf" if ms == "inf" else repr(1e-3 * float(ms)), float(count)) for ms, count in bounds.items()]
-    seconds, words = "nnpp_edge_tick_seconds", "Work of a tick."
-    yield HistogramMetricFamily(seconds, words, buckets=buckets, sum_value=counters.tick_sum_s)
-    longest_s = 1e-3 * counters.tick_ms.get("max", 0.0)
-    yield GaugeMetricFamily(f"{seconds}_max", "Longest work of a tick.", value=longest_s)
-    yield GaugeMetricFamily(
-        "nnpp_edge_resident_memory_bytes", "Resident memory of the process.", value=counters.rss_bytes
-    )
+    name, longest_s = "nnpp_edge_tick_seconds", 1e-3 * counters.tick_ms.get("max", 0.0)
+    yield HistogramMetricFamily(name, "Work of a tick.", buckets=buckets, sum_value=counters.tick_sum_s)
+    yield GaugeMetricFamily(f"{name}_max", "Longest work of a tick.", value=longest_s)
+    memory = "nnpp_edge_resident_memory_bytes", "Resident memory of the process."
+    yield GaugeMetricFamily(*memory, value=counters.rss_bytes)

@@ -1,5 +1,6 @@
 """Putting the onboard loop together: world, input, sinks, and what watches over it."""
 
+import errno
 import logging
 import signal
 import sys
@@ -10,37 +11,33 @@ from pathlib import Path
 
 from nnpp_edge.files import write_whole
 from nnpp_edge.profiling.trace import Trace
-from nnpp_edge.robot.operations.metrics import MetricsFile, MetricsServer
+from nnpp_edge.robot.operations.metrics import MetricsServer, write_metrics
 from nnpp_edge.robot.operations.systemd import Notifier
-from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring, kind_and_place
+from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
 from nnpp_edge.robot.transports.mcap_log import McapLog
-from nnpp_edge.robot.transports.recording import EndingSource, RecordedSource, RecordingFile, ReplaySource
-from nnpp_edge.robot.transports.refusals import Refusals
+from nnpp_edge.robot.transports.recording import RecordedSource, RecordingFile, ReplaySource
 from nnpp_edge.robot.transports.rerun_view import RerunSink
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
-from nnpp_edge.robot.transports.wire import Fault
 from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
-from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, OutputError
 from nnpp_edge.runtime.exercises import exercise
+from nnpp_edge.runtime.loop.connections import InputSource, Sink
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.realtime import Handler, signal_handlers
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
-from nnpp_edge.runtime.loop.sinks import Sink
+from nnpp_edge.runtime.loop.timing import Handler, signal_handlers
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState
 
 _LOG = logging.getLogger(__name__)
+STDIN, REPLAY, ZENOH, STDOUT, NONE = "stdin", "replay", "zenoh", "stdout", "none"
 _STARTING: dict[signal.Signals, Handler] = {
     signal.SIGTERM: signal.SIG_DFL,
     signal.SIGINT: signal.SIG_DFL,
     signal.SIGHUP: signal.SIG_IGN,
 }
 """Until the loop runs there is nothing to finish, and nothing to reload: the system ends the process at once."""
-
-Record = Callable[[Input, float], None]
-"""Called with an input and the seconds since the loop began."""
 
 
 class SourceError(NnppEdgeError, RuntimeError):
@@ -56,6 +53,74 @@ class Pace:
     priority: int = 0
 
 
+@dataclass(frozen=True)
+class Wiring:
+    """Connections of the loop; InvalidQueryError where input or outputs are unknown, or do not go together."""
+
+    input: str = STDIN
+    """``stdin``, ``replay:FILE``, or ``zenoh`` or ``zenoh:ENDPOINT``."""
+    outputs: tuple[str, ...] = ()
+    """``stdout``, ``zenoh[:ENDPOINT]`` or ``none``; empty: ``zenoh`` for input from there, else ``stdout``."""
+    framing: str = "lines"
+    """Of stdin and stdout."""
+    zenoh_connect: str | None = None
+    """Connect to this endpoint instead of listening."""
+    zenoh_prefix: str = "nnpp_edge"
+    fast: bool = False
+    """Replay at full speed: each tick gets the inputs of one recorded tick, and the next one follows at once."""
+    stay: bool = False
+    """Go on after stdin is closed or the replay is over."""
+    record: Path | None = None
+    """Recording of the inputs to write."""
+    log: Path | None = None
+    """MCAP file to write."""
+    metrics_port: int | None = None
+    metrics_file: Path | None = None
+    view: str | None = None
+    """Where rerun shows map and path, as for `RerunSink.at`."""
+    trace: Path | None = None
+    """Trace of the ticks to write at the end, its newest events."""
+
+    def __post_init__(self) -> None:
+        (kind, place), kinds, endpoints = self.input_kind, self.output_kinds, self._endpoints
+        if kind not in (STDIN, REPLAY, ZENOH) or (kind == STDIN and place) or (kind == REPLAY and not place):
+            raise InvalidQueryError(f"input must be stdin, replay:FILE or zenoh[:ENDPOINT], got {self.input!r}")
+        if self.fast and kind != REPLAY:
+            raise InvalidQueryError(f"only a replay can be fast, got input {self.input!r}")
+        for output, its_kind in zip(self.outputs, kinds, strict=False):
+            if its_kind not in (STDOUT, ZENOH, NONE):
+                raise InvalidQueryError(f"output must be stdout, zenoh[:ENDPOINT] or none, got {output!r}")
+        if len(set(kinds)) < len(kinds):
+            raise InvalidQueryError(f"outputs must differ, got {', '.join(self.outputs)}")
+        if NONE in kinds and len(kinds) > 1:
+            raise InvalidQueryError(f"output none goes with no other, got {', '.join(self.outputs)}")
+        if len(endpoints) > 1:
+            raise InvalidQueryError(f"input and output must name one endpoint, got {', '.join(endpoints)}")
+
+    @property
+    def input_kind(self) -> tuple[str, str]:
+        """``replay:FILE`` as (``replay``, ``FILE``)."""
+        kind, _, place = self.input.partition(":")
+        return kind, place
+
+    @property
+    def output_kinds(self) -> tuple[str, ...]:
+        """The outputs without endpoints."""
+        if self.outputs:
+            return tuple(output.partition(":")[0] for output in self.outputs)
+        return (ZENOH if self.input_kind[0] == ZENOH else STDOUT,)
+
+    @property
+    def endpoint(self) -> str | None:
+        """Zenoh's endpoint, if one is named."""
+        return next(iter(self._endpoints), None)
+
+    @property
+    def _endpoints(self) -> list[str]:
+        named = (text.partition(":") for text in (self.input, *self.outputs))
+        return sorted({place for kind, _, place in named if kind == ZENOH and place})
+
+
 def run(
     ground: Ground,
     settings: NavigatorSettings,
@@ -68,31 +133,22 @@ def run(
     """Load kernels and network, connect everything, and run the loop until it is stopped or its input ends.
 
     SIGTERM and SIGINT end it after the tick, as do so many `ticks`; SIGHUP reloads the model. For the main thread.
-    `report` is called with a line for each thing that is started.
-
-    Raises
-    ------
-    SourceError
-        Inputs could no longer be read.
+    `report` is called with a line for each thing that is started. SourceError where inputs can no longer be read.
     """
     with signal_handlers(_STARTING), ExitStack() as stack:
         notifier = stack.enter_context(Notifier())
         exercise()
         navigator = Navigator(ground, settings)
-        link = None
-        if wiring.uses_zenoh:
-            endpoint = wiring.endpoint or LOOPBACK
-            link = stack.enter_context(ZenohLink(endpoint, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix))
-        sinks, answer_fault = _answer_sinks(wiring, link)
-        source = _input_source(wiring, navigator, link, answer_fault)
-        observers, records = _observers(stack, wiring, navigator.map, ground.sides_m[0], report)
-        if records:
-            source = stack.enter_context(RecordedSource(source, records, navigator.count_error, wait=wiring.fast))
-        metrics = None if wiring.metrics_file is None else MetricsFile(wiring.metrics_file)
-        observers += [_Statuses("systemd", lambda status: notifier.status(status.text))]
-        if metrics is not None:
-            observers += [_Statuses("metrics", lambda status: metrics.keep(status.counters))]
-
+        source, sinks = _connected(stack, wiring, navigator)
+        feed: InputSource = source
+        observers, recorders = _observers(stack, wiring, navigator.map, ground.sides_m[0], report)
+        if recorders:
+            feed = RecordedSource(source, recorders, navigator.count_error, wait=wiring.fast)
+            stack.enter_context(feed)
+        sinks += [*observers, _Statuses("systemd", lambda status: notifier.status(status.text))]
+        if (metrics := wiring.metrics_file) is not None:
+            _begin(metrics)
+            sinks.append(_Statuses("metrics", lambda status: write_metrics(metrics, status.counters)))
         trace = None if wiring.trace is None else Trace("nnpp-edge run")
 
         def after_tick(message: PathMessage) -> None:
@@ -104,8 +160,8 @@ def run(
 
         loop = Loop(
             navigator,
-            source,
-            [*sinks, *observers],
+            feed,
+            sinks,
             rate_hz=pace.rate_hz,
             cores=pace.cores,
             priority=pace.priority,
@@ -122,24 +178,33 @@ def run(
             counters = loop.run(ticks)
             notifier.stopping()
             if metrics is not None:
-                metrics.keep(counters)
-            if wiring.trace is not None and trace is not None:
-                _write_trace(wiring.trace, trace)
+                _keep("file of metrics", lambda: write_metrics(metrics, counters))
+            if (file := wiring.trace) is not None and trace is not None:
+                _keep("trace", lambda: write_whole(file, trace.to_json()))
     if source.failure:
         raise SourceError(f"the input failed, and the loop has ended: {source.failure}")
     return counters
 
 
-def _write_trace(path: Path, trace: Trace) -> None:
+def _begin(metrics: Path) -> None:
+    """Begin the file of metrics; OutputError if it cannot be written for another reason than a full disk."""
+    try:
+        write_metrics(metrics, Counters())
+    except OutputError as error:
+        if getattr(error.__cause__, "errno", None) not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+
+
+def _keep(what: str, write: Callable[[], None]) -> None:
     """Write it, or say why not: as a log's, its loss costs the run nothing."""
     try:
-        write_whole(path, trace.to_json())
+        write()
     except OutputError as error:
-        _LOG.warning("the trace is lost: %s", error)
+        _LOG.warning("the %s is lost: %s", what, error)
 
 
 class _Statuses:
-    """Passes status messages to a function."""
+    """A sink that passes status messages to a function."""
 
     def __init__(self, name: str, use: Callable[[StatusMessage], object]) -> None:
         self.name, self._use = name, use
@@ -149,49 +214,39 @@ class _Statuses:
             self._use(message)
 
 
-def _answer_sinks(wiring: Wiring, link: ZenohLink | None) -> tuple[list[Sink], Callable[[Fault], None] | None]:
-    """Sinks for the answers, and how to answer a refused input, if its sender can be reached."""
-    sinks: dict[str, StdioSink | ZenohSink] = {}
-    """By the input whose sender each reaches."""
+def _connected(
+    stack: ExitStack, wiring: Wiring, navigator: Navigator
+) -> tuple[MailboxSource | ReplaySource, list[Sink]]:
+    """The source, and sinks for the answers; refused inputs are answered where they come from."""
+    (kind, place), refusals, sinks = wiring.input_kind, Refusals(navigator.count_error), list[Sink]()
+    link = None
+    if ZENOH in (kind, *wiring.output_kinds):
+        endpoint = wiring.endpoint or LOOPBACK
+        link = stack.enter_context(ZenohLink(endpoint, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix))
+        if ZENOH in wiring.output_kinds:
+            sinks.append(ZenohSink(link, refusals if kind == ZENOH else None))
     if STDOUT in wiring.output_kinds:
         sys.stdout.flush()
-        sinks[STDIN] = StdioSink(framing=wiring.framing)
-    if ZENOH in wiring.output_kinds:
-        assert link is not None
-        sinks[ZENOH] = ZenohSink(link)
-    back = sinks.get(kind_and_place(wiring.input)[0])
-    return list(sinks.values()), None if back is None else back.answer
-
-
-def _input_source(
-    wiring: Wiring, navigator: Navigator, link: ZenohLink | None, answer_fault: Callable[[Fault], None] | None
-) -> EndingSource:
-    kind, place = kind_and_place(wiring.input)
-    refusals = Refusals(navigator.count_error, answer_fault)
+        sinks.append(StdioSink(refusals if kind == STDIN else None, framing=wiring.framing))
     if kind == REPLAY:
-        return ReplaySource(Path(place), shape=navigator.map.shape, fast=wiring.fast)
-    if kind == STDIN:
-        return StdioSource(refusals, framing=wiring.framing)
-    assert link is not None
-    return ZenohSource(link, refusals, navigator.count_error)
+        return ReplaySource(Path(place), shape=navigator.map.shape, fast=wiring.fast), sinks
+    if link is not None and kind == ZENOH:
+        return ZenohSource(link, refusals, navigator.count_error), sinks
+    return StdioSource(refusals, framing=wiring.framing), sinks
 
 
 def _observers(
     stack: ExitStack, wiring: Wiring, state: MapState, cell_size_m: float, report: Callable[[str], None]
-) -> tuple[list[Sink], list[Record]]:
+) -> tuple[list[Sink], list[Callable[[Input, float], object]]]:
     """Further sinks for the answers, and recorders of the inputs."""
-    sinks: list[Sink] = []
-    records: list[Record] = []
+    sinks: list[McapLog | RerunSink] = []
+    recorders: list[Callable[[Input, float], object]] = []
     if wiring.record is not None:
         recording = stack.enter_context(RecordingFile(wiring.record, state.shape))
-        records.append(recording.record)
+        recorders.append(recording.record)
         report(f"recording: {recording.path}")
     if wiring.log is not None:
-        log = stack.enter_context(McapLog(wiring.log, state=state, cell_size_m=cell_size_m))
-        sinks.append(log)
-        records.append(lambda message, at_s: log.record(message))
+        sinks.append(stack.enter_context(McapLog(wiring.log, state=state, cell_size_m=cell_size_m)))
     if wiring.view is not None:
-        view = stack.enter_context(RerunSink.at(wiring.view, state))
-        sinks.append(view)
-        records.append(lambda message, at_s: view.record(message))
-    return sinks, records
+        sinks.append(stack.enter_context(RerunSink.at(wiring.view, state)))
+    return list(sinks), [*recorders, *(sink.record for sink in sinks)]

@@ -26,18 +26,20 @@ class Notifier(Closing):
         self, environment: Mapping[str, str] | None = None, *, clock: Callable[[], float] = time.monotonic
     ) -> None:
         environment = os.environ if environment is None else environment
-        self._clock = clock
-        self._address = self._socket_address(environment.get("NOTIFY_SOCKET", ""))
+        self._clock, self._last, self._warned = clock, -math.inf, False
         self._socket: socket.socket | None = None
-        self._warned = False
-        self._last = -math.inf
+        name = environment.get("NOTIFY_SOCKET", "")
+        self._address = os.fsencode("\0" + name[1:] if name[:1] == "@" else name)
+        if name and (name[0] not in "/@" or len(name) < 2):
+            _LOG.warning("NOTIFY_SOCKET must be a path or @name, got %r", name)
+            self._address = b""
         self.watchdog_s = _watchdog_s(environment) if self._address else None
         """Seconds without `alive` after which the manager acts; None if it does not watch this process."""
 
     @property
     def enabled(self) -> bool:
         """Whether there is a manager to notify."""
-        return self._address is not None
+        return bool(self._address)
 
     def ready(self) -> bool:
         """Start-up is done."""
@@ -67,7 +69,7 @@ class Notifier(Closing):
             self._socket = None
 
     def _send(self, text: str) -> bool:
-        if self._address is None:
+        if not self._address:
             return False
         try:
             if self._socket is None:
@@ -81,23 +83,13 @@ class Notifier(Closing):
             return False
         return True
 
-    @staticmethod
-    def _socket_address(name: str) -> bytes | None:
-        if not name:
-            return None
-        if name[0] not in "/@" or len(name) < 2:
-            _LOG.warning("NOTIFY_SOCKET must be a path or @name, got %r", name)
-            return None
-        return os.fsencode("\0" + name[1:] if name[0] == "@" else name)
-
 
 def _watchdog_s(environment: Mapping[str, str]) -> float | None:
     """The watchdog's time; None if there is no watchdog, or it watches another process."""
     try:
-        if environment.get("WATCHDOG_PID") and int(environment["WATCHDOG_PID"]) != os.getpid():
-            return None
+        watched = int(environment.get("WATCHDOG_PID") or os.getpid())
         microseconds = int(environment.get("WATCHDOG_USEC") or 0)
     except ValueError:
         _LOG.warning("WATCHDOG_USEC and WATCHDOG_PID must be whole numbers")
         return None
-    return 1e-6 * microseconds if microseconds > 0 else None
+    return 1e-6 * microseconds if microseconds > 0 and watched == os.getpid() else None

@@ -111,7 +111,7 @@ class McapLog(Closing):
         with self._stopping_on_error():
             self._begin()
 
-    def record(self, message: Input) -> None:
+    def record(self, message: Input, at_s: float = 0.0) -> None:
         """Keep an input until the next answer is written. Waits for the disk only once 256 of them are kept."""
         self._waiting.append((time.time_ns(), message))
         if len(self._waiting) > _MOST_WAITING:

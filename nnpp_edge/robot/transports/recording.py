@@ -7,37 +7,38 @@ read in the same tick have the same time. The first line may hold the size of th
 import json
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal, Protocol
+from typing import Literal
 
 import msgspec
 
 from nnpp_edge.robot.closing import Closing
-from nnpp_edge.robot.transports.framing import LIMIT_BYTES, WireError
 from nnpp_edge.robot.transports.wire import (
+    LIMIT_BYTES,
     VERSION,
     GoalRecord,
     PatchRecord,
     PoseRecord,
     Record,
+    WireError,
     as_input,
     decoded_input,
     encode,
 )
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
+from nnpp_edge.runtime.loop.connections import InputSource
 from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import Input, MapPatch
-from nnpp_edge.runtime.loop.sinks import FailureLog, Worker
+from nnpp_edge.runtime.loop.workers import Guard, Queue, Worker
 
 _LOG = logging.getLogger(__name__)
 _MOST_WAITING = 4096
 _CELLS_AS_ONE = 4096
 """A patch counts as one waiting input, and one more for each so many cells."""
 _LONGEST_LINE = LIMIT_BYTES + 64
-_Time = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
 
 
 class _Head(msgspec.Struct, tag_field="type", tag="recording"):
@@ -45,19 +46,7 @@ class _Head(msgspec.Struct, tag_field="type", tag="recording"):
     map: tuple[int, int] | None = None
 
 
-class _PoseLine(PoseRecord, tag="pose", kw_only=True):
-    at: _Time
-
-
-class _GoalLine(GoalRecord, tag="goal", kw_only=True):
-    at: _Time
-
-
-class _PatchLine(PatchRecord, tag="patch", kw_only=True):
-    at: _Time
-
-
-_LINE: msgspec.json.Decoder[_Head | Record] = msgspec.json.Decoder(_Head | _PoseLine | _GoalLine | _PatchLine)
+_LINE: msgspec.json.Decoder[_Head | Record] = msgspec.json.Decoder(_Head | PoseRecord | GoalRecord | PatchRecord)
 
 
 class ReplayError(InvalidQueryError):
@@ -144,7 +133,8 @@ def _read_line(line: bytes, shape: tuple[int, int] | None) -> tuple[float, Input
         if shape is not None and record.map not in (None, shape):
             raise WireError(f"wanted a recording on a map of {list(shape)} cells, got one of {list(record.map)}")
         return None
-    assert isinstance(record, _PoseLine | _GoalLine | _PatchLine)
+    if record.at is None:
+        raise WireError("at: wanted the seconds since the recording began, got none")
     return record.at, as_input(record)
 
 
@@ -187,23 +177,8 @@ class RecordingFile(Closing):
         self._file.close()
 
 
-class EndingSource(Protocol):
-    """An `InputSource` that may come to its end."""
-
-    @property
-    def failure(self) -> str:
-        """Why it can give no more inputs, in one line; empty while all is well."""
-
-    @property
-    def ended(self) -> bool:
-        """Whether all inputs were given and nothing more will come."""
-
-    def poll(self) -> Iterable[Input]:
-        """As `InputSource.poll`."""
-
-
 class RecordedSource(Closing):
-    """Passes on the inputs of another source, and records them in a thread of its own.
+    """Passes on the inputs of another source, and hands them to recorders, each in a thread of its own.
 
     Recorders are called with an input, and the seconds from the first call of `poll` to the one that gave the input.
     If 4096 inputs or 16 million cells wait to be recorded, the next are left out, unless `wait` has the loop wait for
@@ -213,27 +188,20 @@ class RecordedSource(Closing):
 
     def __init__(
         self,
-        source: EndingSource,
-        recorders: Sequence[Callable[[Input, float], None]],
+        source: InputSource,
+        recorders: Sequence[Callable[[Input, float], object]],
         count_error: Callable[[str], None],
         *,
         wait: bool = False,
     ) -> None:
-        self._source, self._count_error = source, count_error
-        self._recorders = [(recorder, FailureLog("recording an input")) for recorder in recorders]
+        self._source, self._count_error, self._wait = source, count_error, wait
         self._began: float | None = None
-        self._worker = Worker("record", self._record, _MOST_WAITING, lambda: wait, _size)
-        self._worker.start()
-
-    @property
-    def failure(self) -> str:
-        """Of the source."""
-        return self._source.failure
-
-    @property
-    def ended(self) -> bool:
-        """Whether the source has ended."""
-        return self._source.ended
+        self._workers = []
+        for recorder in recorders:
+            guard = Guard("recording an input", "record", count_error)
+            self._workers.append(Worker(_unpacked(recorder), Queue(_MOST_WAITING, _size), guard))
+        for worker in self._workers:
+            worker.start()
 
     def poll(self) -> Iterator[Input]:
         """The inputs of the source."""
@@ -241,25 +209,21 @@ class RecordedSource(Closing):
         if self._began is None:
             self._began = now
         for message in self._source.poll():
-            if not self._worker.put((message, now - self._began), when_full="refuse"):
-                self._count_error("record")
+            for worker in self._workers:
+                if worker.queue.put((message, now - self._began), "wait" if self._wait else "refuse"):
+                    self._count_error("record")
             yield message
 
     def close(self, patience_s: float = 2.0) -> None:
-        """Let the waiting inputs be recorded, for so long at most."""
-        self._worker.close(patience_s)
+        """Let the waiting inputs be recorded, for so long at most, or with `wait` all of them."""
+        for worker in self._workers:
+            worker.close(patience_s, patient=lambda: self._wait)
 
-    def _record(self, timed: tuple[Input, float]) -> None:
-        for record, failures in self._recorders:
-            try:
-                record(*timed)
-            except Exception as error:
-                failures.failed(error)
-                self._count_error("record")
-            else:
-                failures.worked()
+
+def _unpacked(recorder: Callable[[Input, float], object]) -> Callable[[tuple[Input, float]], object]:
+    return lambda timed: recorder(*timed)
 
 
 def _size(timed: tuple[Input, float]) -> int:
     message = timed[0]
-    return 1 + message.shape[0] * message.shape[1] // _CELLS_AS_ONE if isinstance(message, MapPatch) else 1
+    return 1 + (message.shape[0] * message.shape[1] // _CELLS_AS_ONE if isinstance(message, MapPatch) else 0)

@@ -86,7 +86,7 @@ class RerunSink(Closing):
             return cls(Path(where), state=state)
         raise InvalidQueryError(f"view must be here, rerun+http://HOST:9876/proxy or a file FILE.rrd, got {where!r}")
 
-    def record(self, message: Input) -> None:
+    def record(self, message: Input, at_s: float = 0.0) -> None:
         """Show an input, with the tick that follows: the robot, its goal, or the rectangle of a map patch."""
         self._set_time(self._tick + 1)
         rr = self._rr

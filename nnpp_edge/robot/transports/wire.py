@@ -13,7 +13,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.robot.transports.framing import JSON_BYTES, LIMIT_BYTES, WireError
 from nnpp_edge.runtime.loop.messages import (
     Goal,
     Input,
@@ -28,18 +27,26 @@ from nnpp_edge.runtime.loop.messages import (
 T = TypeVar("T")
 
 VERSION = 1
+LIMIT_BYTES = 16 << 20
+"""Of a message; room for a patch of 1700 × 1700 cells in base64."""
+JSON_BYTES = 128 << 10
+"""Of a message besides a patch's base64; room for 128 × 128 cells as lists. No other thread runs while JSON is
+decoded: 9 ms at most for so much; 16 MiB of lists took 1 s and 1 GB."""
 _EXCERPT = 60
-_PACKED = b'"float32"'
-_OPENING = re.compile(rb'\s*:\s*"')
-_LONGEST_OPENING = 64
+_OPENING = re.compile(rb'"float32"\s{0,60}:\s{0,60}"')
 _BASE64_CHUNK = 1 << 16
 """Characters decoded at once, a multiple of 4; other threads may run between."""
 
 _Place = Annotated[float, msgspec.Meta(ge=-(2**31), le=2**31)]
 _Stamp = Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)]
+_Time = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
 _Side = Annotated[int, msgspec.Meta(gt=0)]
 _Row = Annotated[list[float | None], msgspec.Meta(min_length=1)]
 _Rows = Annotated[list[_Row], msgspec.Meta(min_length=1)]
+
+
+class WireError(InvalidMessageError):
+    """Bytes that are no message; one line says what was wanted and what came."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +60,14 @@ class Fault:
 
 
 class Record(msgspec.Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """Common fields of inputs on the wire."""
+    """An input on the wire."""
 
     v: Literal[1] = 1
     row: _Place
     col: _Place
     stamp: _Stamp = 0.0
+    at: _Time | None = None
+    """In a recording: seconds since it began."""
 
 
 class PoseRecord(Record, tag="pose"):
@@ -85,23 +94,22 @@ class PatchRecord(Record, tag="patch"):
 
 
 _RECORDS = {"pose": PoseRecord, "goal": GoalRecord, "patch": PatchRecord}
-_ANY_INPUT: msgspec.json.Decoder[Record] = msgspec.json.Decoder(PoseRecord | GoalRecord | PatchRecord)
-_INPUTS: dict[str, msgspec.json.Decoder[Record]] = {kind: msgspec.json.Decoder(_RECORDS[kind]) for kind in _RECORDS}
+_INPUTS: dict[str | None, msgspec.json.Decoder[Record]] = {
+    None: msgspec.json.Decoder(PoseRecord | GoalRecord | PatchRecord),
+    **{kind: msgspec.json.Decoder(record) for kind, record in _RECORDS.items()},
+}
 _OUTPUTS = {"path": PathMessage, "status": StatusMessage, "error": Fault}
 
 
 def encode(message: Input | Output | Fault) -> bytes:
     """A message as JSON in one line, without its end. Values of patches are base64, so that none changes."""
     if isinstance(message, MapPatch):
-        name, values = ("cost", message.cost) if message.elevation is None else ("elevation", message.elevation)
-        assert values is not None
-        packed = Packed((values.shape[0], values.shape[1]), values.astype("<f4").tobytes())
-        place = {"row": message.row, "col": message.col}
-        return _joined("patch", {**place, name: packed, "keep_known": message.keep_known, "stamp": message.stamp})
-    if isinstance(message, PathMessage):
-        return _joined("path", message.summary())
-    kinds = {Pose: "pose", Goal: "goal", StatusMessage: "status", Fault: "error"}
-    return _joined(kinds[type(message)], message)
+        fields: dict[str, object] = {name: value for name, value in vars(message).items() if value is not None}
+        for name in fields.keys() & {"elevation", "cost"}:
+            fields[name] = Packed(message.shape, getattr(message, name).astype("<f4").tobytes())
+        return _joined("patch", fields)
+    kinds = {Pose: "pose", Goal: "goal", PathMessage: "path", StatusMessage: "status", Fault: "error"}
+    return _joined(kinds[type(message)], message.summary() if isinstance(message, PathMessage) else message)
 
 
 def decode(payload: bytes, limit: int = LIMIT_BYTES, kind: str | None = None) -> Input:
@@ -116,9 +124,7 @@ def decode(payload: bytes, limit: int = LIMIT_BYTES, kind: str | None = None) ->
         It is too long, or has more than `JSON_BYTES` besides base64; it is no JSON, of another version, has words
         that are unknown, or values out of range.
     """
-    if kind is None:
-        return as_input(decoded_input(payload, _ANY_INPUT, "a pose, goal or patch", limit))
-    return as_input(decoded_input(payload, _INPUTS[kind], f"a {kind}", limit))
+    return as_input(decoded_input(payload, _INPUTS[kind], f"a {kind or 'pose, goal or patch'}", limit))
 
 
 def decode_output(payload: bytes, limit: int = LIMIT_BYTES) -> Output | Fault:
@@ -159,14 +165,12 @@ def decoded_input(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str,
     if not JSON_BYTES < len(payload) <= limit:
         return decoded(payload, decoder, wanted, limit)
     begin = end = 0
-    at = payload.find(_PACKED, 0, JSON_BYTES) + len(_PACKED)
-    if at >= len(_PACKED) and (opening := _OPENING.match(payload, at, at + _LONGEST_OPENING)):
+    if opening := _OPENING.search(payload, 0, JSON_BYTES):
         begin = opening.end()
         end = max(payload.find(b'"', begin), begin)
-    rest = len(payload) - (end - begin)
-    if rest > JSON_BYTES:
-        words = f"wanted at most {JSON_BYTES} bytes besides a patch's base64 values (float32)"
-        raise WireError(f"{words}, got {rest}")
+    if (rest := len(payload) - (end - begin)) > JSON_BYTES:
+        wanted = f"at most {JSON_BYTES} bytes besides a patch's base64 values (float32)"
+        raise WireError(f"wanted {wanted}, got {rest}")
     record = decoded(payload[:begin] + payload[end:], decoder, wanted, limit)
     for name in ("elevation", "cost"):
         if isinstance(packed := getattr(record, name, None), Packed):
@@ -221,15 +225,13 @@ def _as_places(kind: object, places: list[list[float]]) -> NDArray[np.int32] | N
 
 def _values(name: str, given: list[list[float | None]] | Packed | None) -> NDArray[np.float32] | None:
     """The cells of a patch."""
-    if given is None:
-        return None
     if isinstance(given, Packed):
         rows, cols = given.shape
-        if len(given.float32) != 4 * rows * cols:
-            raise InvalidMessageError(
-                f"a patch's {name} has {len(given.float32)} bytes for {rows} × {cols} cells of 4"
-            )
+        if (came := len(given.float32)) != 4 * rows * cols:
+            raise InvalidMessageError(f"a patch's {name} has {came} bytes for {rows} × {cols} cells of 4")
         return np.frombuffer(given.float32, "<f4").reshape(rows, cols)
+    if given is None:
+        return None
     if len(lengths := {len(row) for row in given}) > 1:
         raise InvalidMessageError(f"the rows of a patch's {name} must be of one length, got {sorted(lengths)[:8]}")
     with np.errstate(over="ignore"):

@@ -10,12 +10,10 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from nnpp_edge.robot.closing import Closing
-from nnpp_edge.robot.transports.framing import LIMIT_BYTES
-from nnpp_edge.robot.transports.reading import MailboxSource
-from nnpp_edge.robot.transports.refusals import FaultQueue, Refusals
-from nnpp_edge.robot.transports.wire import encode
+from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
+from nnpp_edge.robot.transports.wire import LIMIT_BYTES, encode
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
-from nnpp_edge.runtime.loop.mailbox import Mailbox
+from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output, PathMessage
 
 if TYPE_CHECKING:
@@ -102,24 +100,23 @@ class ZenohSource(MailboxSource):
         return heard
 
 
-class ZenohSink(FaultQueue):
-    """Sends each answer to Zenoh's topics. Messages for listeners that do not keep up are dropped by Zenoh."""
+class ZenohSink:
+    """Sends each answer to Zenoh's topics, and before it the refusals that wait for one.
+
+    Messages for listeners that do not keep up are dropped by Zenoh.
+    """
 
     name = "zenoh"
 
-    def __init__(self, link: ZenohLink) -> None:
-        super().__init__()
-        drop = link.zenoh.CongestionControl.DROP
-        self._publishers = {
-            topic: link.session.declare_publisher(
-                f"{link.prefix}/{topic}", encoding=link.zenoh.Encoding.APPLICATION_JSON, congestion_control=drop
-            )
-            for topic in ("path", "status", "error")
-        }
+    def __init__(self, link: ZenohLink, refusals: Refusals | None = None) -> None:
+        self._refusals = refusals
+        as_json, drop = link.zenoh.Encoding.APPLICATION_JSON, link.zenoh.CongestionControl.DROP
+        declared = partial(link.session.declare_publisher, encoding=as_json, congestion_control=drop)
+        self._publishers = {topic: declared(f"{link.prefix}/{topic}") for topic in ("path", "status", "error")}
 
     def publish(self, message: Output) -> None:
-        """Send the waiting faults and the answer."""
-        for fault in self.waiting_faults():
+        """Send what waits and the answer."""
+        for fault in self._refusals.waiting() if self._refusals else []:
             self._publishers["error"].put(encode(fault))
         topic = "path" if isinstance(message, PathMessage) else "status"
         self._publishers[topic].put(encode(message))

@@ -1,0 +1,115 @@
+"""Where inputs of the loop come from and where its answers go; both within one program."""
+
+import sys
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import Protocol
+
+from nnpp_edge.runtime.arguments import checked
+from nnpp_edge.runtime.loop.messages import Goal, Input, InvalidMessageError, MapPatch, Output, PathMessage, Pose
+from nnpp_edge.runtime.loop.workers import Queue, WhenFull
+
+
+class InputSource(Protocol):
+    """Where inputs come from."""
+
+    def poll(self) -> Iterable[Input]:
+        """Inputs since the last call. It must not wait. An iterable that is not read to its end is read on in
+        the next tick."""
+
+
+class Sink(Protocol):
+    """Where answers go. Each sink is served by a thread of its own and may take its time.
+
+    A sink may have an attribute ``lost``: the number of messages that it took and could not keep. It is reported in
+    `Counters.lost`.
+    """
+
+    name: str
+
+    def publish(self, message: Output) -> None:
+        """Send the message on. If it raises, that is counted, and the next message is tried."""
+
+
+class Mailbox:
+    """Inputs that wait for the loop. Of poses and goals the newest is kept; patches keep their order. For any thread.
+
+    At most so many patches wait; one counts once more for each `cells_as_one` cells.
+    """
+
+    def __init__(self, most: int = 256, cells_as_one: int = 1 << 16) -> None:
+        self._newest: dict[type, Pose | Goal] = {}
+        self._patches = Queue[MapPatch](most, lambda patch: 1 + patch.shape[0] * patch.shape[1] // cells_as_one)
+        self.close = self._patches.close
+
+    def put(self, message: Input, *, when_full: WhenFull) -> int:
+        """Add a message. The number of patches dropped for it; 1 also where it was refused itself."""
+        if isinstance(message, MapPatch):
+            return self._patches.put(message, when_full)
+        self._newest[type(message)] = message
+        return 0
+
+    def read(self) -> Iterator[Input]:
+        """The waiting inputs, one by one; pose and goal first, so that patches cannot hold them up."""
+        while message := self._newest.pop(Pose, None) or self._newest.pop(Goal, None) or self._patches.take():
+            yield message
+
+    @property
+    def drops(self) -> int:
+        """Patches that were dropped or refused for lack of room."""
+        return self._patches.drops
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing more will come."""
+        return self._patches.closed
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing waits, and nothing more will come."""
+        return self.closed and not self._patches and not self._newest
+
+
+class InProcessSource:
+    """Inputs put by any thread, in a `Mailbox` of at most so many patches."""
+
+    @checked(InvalidMessageError)
+    def __init__(self, most_patches: int = 256) -> None:
+        self._mailbox = Mailbox(most_patches, sys.maxsize)
+
+    @property
+    def refused(self) -> int:
+        """Patches that were refused."""
+        return self._mailbox.drops
+
+    @checked(InvalidMessageError)
+    def put(self, message: Input) -> bool:
+        """Add an input; False if it is a patch and too many are waiting, so that the sender knows.
+
+        InvalidMessageError for anything else than an input.
+        """
+        return not self._mailbox.put(message, when_full="refuse")
+
+    def poll(self) -> Iterator[Input]:
+        """Inputs since the last call."""
+        return self._mailbox.read()
+
+
+class InProcessSink:
+    """Keeps the newest messages."""
+
+    name = "in-process"
+
+    @checked(InvalidMessageError)
+    def __init__(self, most: int = 1) -> None:
+        self.messages: deque[Output] = deque(maxlen=most)
+        """Newest last."""
+
+    def publish(self, message: Output) -> None:
+        """Keep it."""
+        self.messages.append(message)
+
+    @property
+    def path(self) -> PathMessage | None:
+        """The newest path message."""
+        return next((m for m in reversed(self.messages) if isinstance(m, PathMessage)), None)

@@ -1,0 +1,132 @@
+"""Work beside the loop: queues of bounded size, threads that empty them, and errors that end nothing."""
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from types import TracebackType
+from typing import Generic, Literal, TypeVar
+
+from nnpp_edge.runtime.errors import NnppEdgeError
+
+T = TypeVar("T")
+WhenFull = Literal["wait", "drop oldest", "refuse"]
+_LOG = logging.getLogger(__name__)
+_CALM_S = 10.0
+"""Seconds of work after which what has failed counts as working again."""
+_LOOK_EVERY_S = 0.1
+
+
+class Guard:
+    """A ``with`` block for what may fail: an `Exception` is counted, as by `count_error(place)`, and goes no further.
+
+    The first of a row is logged, with its traceback unless the system or a message of the package says all there is
+    to say; and when it has worked again for a while.
+    """
+
+    def __init__(self, who: str, place: str, count_error: Callable[[str], None] = lambda place: None) -> None:
+        self._who, self.place, self._count_error = who, place, count_error
+        self._times, self._last = 0, 0.0
+
+    def __enter__(self) -> None:
+        """Begin what may fail."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: TracebackType | None) -> bool:
+        """Whether it failed by an `Exception`."""
+        now = time.monotonic()
+        if isinstance(error, Exception):
+            if not self._times:
+                known = isinstance(error, OSError | NnppEdgeError)
+                words = "%s failed (%s); more of the same is counted, not logged"
+                _LOG.warning(words, self._who, " ".join(str(error).split()), exc_info=None if known else error)
+            self._times, self._last = self._times + 1, now
+            self._count_error(self.place)
+            return True
+        if error is None and self._times and now - self._last >= _CALM_S:
+            _LOG.warning("%s works again, after %d failures", self._who, self._times)
+            self._times = 0
+        return False
+
+
+class Queue(Generic[T]):
+    """Items that wait, of at most so much size in all; a single one may have any. For any thread.
+
+    While `patient` says so, `put` with "wait" waits for room.
+    """
+
+    def __init__(
+        self, most: int, size: Callable[[T], int] = lambda item: 1, patient: Callable[[], bool] = lambda: True
+    ) -> None:
+        self._most, self._size, self._patient = most, size, patient
+        self._items: deque[T] = deque()
+        self._used = 0
+        self._changed = threading.Condition()
+        self.closed = False
+        """Whether nothing more will come."""
+        self.drops = 0
+        """Items that were dropped or refused for lack of room."""
+
+    def __len__(self) -> int:
+        """Items that wait."""
+        return len(self._items)
+
+    def put(self, item: T, when_full: WhenFull) -> int:
+        """Add an item. The number of items dropped for it; 1 also where it was refused itself."""
+        size, dropped = self._size(item), 0
+        with self._changed:
+            while self._items and self._used + size > self._most:
+                if when_full == "wait" and self._patient():
+                    self._changed.wait(_LOOK_EVERY_S)
+                    continue
+                self.drops += 1
+                dropped += 1
+                if when_full == "refuse":
+                    return dropped
+                self._oldest()
+            self._items.append(item)
+            self._used += size
+            self._changed.notify_all()
+        return dropped
+
+    def take(self, *, wait: bool = False) -> T | None:
+        """The oldest item; None if none waits, with `wait` only once the queue is closed too."""
+        with self._changed:
+            if wait:
+                self._changed.wait_for(lambda: self._items or self.closed)
+            if not self._items:
+                return None
+            self._changed.notify_all()
+            return self._oldest()
+
+    def close(self) -> None:
+        """Say that nothing more will come."""
+        with self._changed:
+            self.closed = True
+            self._changed.notify_all()
+
+    def _oldest(self) -> T:
+        item = self._items.popleft()
+        self._used -= self._size(item)
+        return item
+
+
+class Worker(Generic[T]):
+    """A thread that hands each item of a queue to `use`, in order, within a guard."""
+
+    def __init__(self, use: Callable[[T], object], queue: Queue[T], guard: Guard) -> None:
+        self._use, self.queue, self._guard = use, queue, guard
+        self._thread = threading.Thread(target=self._work, name=f"nnpp-edge {guard.place}", daemon=True)
+        self.start = self._thread.start
+
+    def close(self, patience_s: float = 1.0, patient: Callable[[], bool] = lambda: False) -> None:
+        """Let the queued items be used, for so long at most, and while `patient`; what hangs is left behind."""
+        self.queue.close()
+        while self._thread.is_alive() and patient():
+            self._thread.join(_LOOK_EVERY_S)
+        self._thread.join(patience_s)
+
+    def _work(self) -> None:
+        while (item := self.queue.take(wait=True)) is not None:
+            with self._guard:
+                self._use(item)
