@@ -52,13 +52,8 @@ def loaders():
     return [thread for thread in threading.enumerate() if thread.name == "load a model"]
 
 
-def wait_for_loaders():
-    for thread in loaders():
-        thread.join()
-
-
 def test_threads_that_ask_at_once_wait_for_one_session(fresh_model, sessions):
-    sessions.seconds, found = 0.2, []
+    sessions.seconds, found = 0.1, []
     together = threading.Barrier(6)
 
     def ask():
@@ -73,19 +68,6 @@ def test_threads_that_ask_at_once_wait_for_one_session(fresh_model, sessions):
     assert len(sessions.paths) == 1
     assert len({id(network.session) for network in found}) == 1
     assert all(network.waited for network in found)
-
-
-def test_a_file_that_changes_while_it_is_loaded_is_refused(fresh_model, sessions, monkeypatch):
-    def open_and_write(path, options):
-        session = sessions(path, options)
-        os.utime(path, ns=(1, 1))
-        return session
-
-    with monkeypatch.context() as patch:
-        patch.setattr(loading, "open_session", open_and_write)
-        with pytest.raises(ModelError, match="changed while it was loaded"):
-            NetworkModel(fresh_model)
-    assert NetworkModel(fresh_model).metadata.name == "tiny"
 
 
 def test_sessions_that_nobody_uses_do_not_pile_up(tiny_model, tmp_path):
@@ -103,7 +85,8 @@ def test_an_error_in_the_background_is_raised_to_each_who_asks_and_printed_to_no
     fresh_model.write_bytes(content[:-40])
     begin_loading(fresh_model)
     begin_loading(fresh_model.with_name("none.onnx"))
-    wait_for_loaders()
+    for thread in loaders():
+        thread.join()
     planners = [Planner(COST, model=fresh_model) for _ in range(2)]
     for planner in (*planners, *planners):
         with pytest.raises(ModelError, match=r"fresh.onnx: wanted an ONNX model"):
@@ -113,26 +96,29 @@ def test_an_error_in_the_background_is_raised_to_each_who_asks_and_printed_to_no
     assert capfd.readouterr() == ("", "")
 
 
-def test_planning_once_begins_to_load_only_what_it_will_ask(fresh_model, monkeypatch):
+def test_only_what_will_be_asked_begins_to_load_ahead(fresh_model, monkeypatch):
     begun = []
     module = sys.modules[plan_path.__module__]  # the package's name for it is the function's
-    monkeypatch.setattr(module, "begin_loading", begun.append)
-    for method in ("astar", "corridor", "auto"):
+    for each in (module, navigator):
+        monkeypatch.setattr(each, "begin_loading", begun.append)
+    for method in ("astar", "corridor", "auto", "nnpp"):
         assert plan_path(COST, *ENDS, method, model=fresh_model).ok
-    assert begun == []
-    assert plan_path(COST, *ENDS, "nnpp", model=fresh_model).ok
-    assert begun == [fresh_model]
-
-
-def test_the_loop_begins_to_load_before_it_reads_its_map(fresh_model, monkeypatch):
-    begun = []
-    monkeypatch.setattr(navigator, "begin_loading", begun.append)
-    for method in ("auto", "dstar", "corridor-dstar"):
+        assert begun == [fresh_model] * (method == "nnpp")
+    for method in ("auto", "dstar", "corridor-dstar", "nnpp", "nnpp-dstar"):
+        begun.clear()
         Navigator(Ground(COST), NavigatorSettings(method=method, model=fresh_model))
-    assert begun == []
-    for method in ("nnpp", "nnpp-dstar"):
-        Navigator(Ground(COST), NavigatorSettings(method=method, model=fresh_model))
-    assert begun == [fresh_model, fresh_model]
+        assert begun == [fresh_model] * method.startswith("nnpp")
+    for method, side, apart, model, expected in (
+        ("nnpp", 100, 90, "edge", True),
+        ("nnpp", 100, 20, "edge", False),
+        ("auto", 1000, 900, "edge", False),
+        ("auto", 2000, 900, "edge", True),
+        ("auto", 2000, 300, "edge", False),
+        ("auto", 2000, 900, "paper", False),
+        ("astar", 2000, 900, "edge", False),
+        ("nosuch", 2000, 900, "edge", False),
+    ):
+        assert methods.expects_network(method, (side, side), model, apart) is expected
 
 
 FORK = """
@@ -143,7 +129,7 @@ from nnpp_edge.runtime.network import loading
 
 open_session = loading.open_session
 def slowly(*words):
-    time.sleep(0.2)
+    time.sleep(0.1)
     return open_session(*words)
 loading.open_session = slowly
 
@@ -155,7 +141,7 @@ model = sys.argv[1]
 for way in ("while it loads", "its own", "dropped"):
     if way == "while it loads":
         loading.begin_loading(model, threads=2)
-        time.sleep(0.1)
+        time.sleep(0.05)
     else:
         network = NetworkModel(model, threads=2)
         wanted = answer(network)
@@ -183,17 +169,15 @@ def test_a_forked_child_uses_no_lock_and_no_thread_of_its_parent(fresh_model):
 def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their_own(fresh_model, sessions):
     planners = [Planner(COST, model=model) for model in (fresh_model, str(fresh_model), fresh_model)]
     plans = [planner.plan(*ENDS, method="nnpp") for planner in planners]
-    plans += [plan_path(COST, *ENDS, "nnpp", model=fresh_model) for _ in range(2)]
+    plans.append(plan_path(COST, *ENDS, "nnpp", model=fresh_model))
     one, other = NetworkModel(fresh_model), NetworkModel(fresh_model)
     begin_loading(one)
     begin_loading(fresh_model)
-    assert not loaders() and sessions.paths == [fresh_model]
-    assert one.session is other.session
+    assert not loaders() and sessions.paths == [fresh_model] and one.session is other.session
     assert all(np.array_equal(plan.path, plans[0].path) for plan in plans)
-    rng = np.random.default_rng(1)
+    rng, ends = np.random.default_rng(1), ((5.0, 6.0), (50.0, 40.0))
     for network in (one, other):
         network.set_map(rng.random((2, 64, 64)).astype(np.float32))
-    ends = (5.0, 6.0), (50.0, 40.0)
     first = one.answer(*ends).copy()
     assert not np.array_equal(first, other.answer(*ends))
     np.testing.assert_array_equal(first, one.answer(*ends))
@@ -227,35 +211,33 @@ def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
     assert (len(sessions.paths), loop.counters().reloads) == (2, 2)
 
 
+def test_a_file_that_changes_while_it_is_loaded_is_refused(fresh_model, sessions, monkeypatch):
+    def open_and_write(path, options):
+        session = sessions(path, options)
+        os.utime(path, ns=(1, 1))
+        return session
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loading, "open_session", open_and_write)
+        with pytest.raises(ModelError, match="changed while it was loaded"):
+            NetworkModel(fresh_model)
+    assert NetworkModel(fresh_model).metadata.name == "tiny"
+
+
 def test_who_asks_waits_only_for_what_is_left_of_loading_and_that_is_a_stage_of_its_own(
     fresh_model, tmp_path, sessions
 ):
     other = shutil.copy(fresh_model, tmp_path / "other.onnx")
     kept, planner = NetworkModel(fresh_model), Planner(COST, model=other)
-    sessions.seconds = 0.6
+    sessions.seconds = 0.4
     begin_loading(other)
     while len(sessions.paths) < 2:
         time.sleep(0.001)
-    time.sleep(0.2)
+    time.sleep(0.15)
     assert NetworkModel(fresh_model).session is kept.session
     assert loaders(), "who asks for an open file does not wait for another"
     slow, ready = (planner.plan(*ENDS, method="nnpp").timings_ms for _ in range(2))
-    assert 0.0 < slow["load"] < 500.0 and "load" not in ready and len(sessions.paths) == 2
+    assert 0.0 < slow["load"] < 350.0 and "load" not in ready and len(sessions.paths) == 2
     for times in (slow, ready):
         stages = [ms for stage, ms in times.items() if stage != "total"]
         assert sum(stages) == pytest.approx(times["total"], rel=0.05)
-
-
-def test_the_network_is_expected_where_plans_come_from_it():
-    for method, side, apart, model, expected in (
-        ("nnpp", 100, 90, "edge", True),
-        ("nnpp", 100, 20, "edge", False),
-        ("auto", 1000, 900, "edge", False),
-        ("auto", 2000, 900, "edge", True),
-        ("auto", 2000, 300, "edge", False),
-        ("auto", 2000, 900, "paper", False),
-        ("astar", 2000, 900, "edge", False),
-        ("corridor", 2000, 900, "edge", False),
-        ("nosuch", 2000, 900, "edge", False),
-    ):
-        assert methods.expects_network(method, (side, side), model, apart) is expected

@@ -81,6 +81,8 @@ def test_the_first_region_is_small_and_holds_most_of_the_optimal_path(answers):
 
 
 def test_int8_answers_as_the_network_did_before(answers):
+    shipped = NetworkModel("edge")
+    assert shipped.metadata.precision == "int8" and shipped.path.stat().st_size <= 3e6
     apart = [np.abs(each.probability - each.unquantised) for each in answers]
     assert np.mean(apart) < 0.005 and np.max(apart) < 0.25
     assert min(np.corrcoef(each.probability.ravel(), each.unquantised.ravel())[0, 1] for each in answers) > 0.99
