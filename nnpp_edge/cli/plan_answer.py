@@ -3,33 +3,27 @@
 import json
 import math
 import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from math import isfinite, nan
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from nnpp_edge.cli.maps import size_in_words, size_of
-from nnpp_edge.cli.text import aligned, table
+from nnpp_edge.cli.text import Row, aligned, duration, table
 from nnpp_edge.files import write_all
-from nnpp_edge.runtime import Vehicle
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime import Plan, Vehicle
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.map.along import crossings
 from nnpp_edge.runtime.map.slope_cost import unit_of
-from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.terrain.route import Route
-from nnpp_edge.viz.picture import BodyDrawing, body_outlines, plan_picture, png_bytes
-from nnpp_edge.viz.sheet import Cells, metres
+from nnpp_edge.viz.picture import png_bytes
+from nnpp_edge.viz.sheet import Picture, metres
 
 _PROPERTIES = ("status", "method", "source", "cost")
 """Figures that path.geojson repeats, beside those along the way."""
-_OF_LEGS = ("status", "method", "source", "cost", "length_m", "time_s", "energy_j", "climb_m", "descent_m")
-_OF_COMPARED = ("method", "source", "status", "cost", "length", "expansions")
-_COLUMNS = {
+_OF_LEGS = (*_PROPERTIES, "length_m", "time_s", "energy_j", "climb_m", "descent_m")
+_COMPARED = {
     "method": "method",
     "source": "source",
     "status": "status",
@@ -42,56 +36,23 @@ _COLUMNS = {
 
 
 @dataclass(frozen=True)
-class Compared:
-    """A method's plan beside that of exact A*; times are medians."""
-
-    plan: Plan
-    exact: Plan
-    time_ms: float
-    exact_time_ms: float
-
-    @property
-    def gap(self) -> float | None:
-        """Share by which the plan costs more than the optimum; None without both paths."""
-        if not (self.plan.ok and self.exact.ok):
-            return None
-        above = self.plan.cost - self.exact.cost
-        return above / abs(self.exact.cost) if self.exact.cost else 0.0  # below 0 where energy is got back
-
-    def figures(self) -> dict[str, object]:
-        """Ready for JSON."""
-        summary, gap = self.plan.summary(), self.gap
-        speedup = None if gap is None else self.exact_time_ms / self.time_ms
-        times = {"gap": gap, "time_ms": self.time_ms, "speedup": speedup}
-        return {name: summary[name] for name in _OF_COMPARED} | times
-
-
-@dataclass(frozen=True)
 class Answer:
-    """A plan on its map, what was planned beside it, and what to draw."""
+    """A plan on its map, what was planned beside it, and its picture."""
 
     plan: Plan
     route: Route
     start: Cell
     goal: Cell
-    cost: Float2D
-    """Of the map, or of one whose cells are `factor` times as large."""
-    factor: int = 1
-    goals: list[tuple[Cell, Plan]] = field(default_factory=list)
+    picture: Callable[[], Picture]
+    goals: Sequence[tuple[Cell, Plan]] = ()
     """Where several goals were given: each with its plan, the nearest first."""
-    compared: list[Compared] = field(default_factory=list)
-    exact_path: Cells | None = None
-    """The exact optimum where another method was compared with it."""
+    compared: Sequence[Row] = ()
+    """Figures of the plan's method and others, beside the optimum."""
     loading_included: bool = True
     """Whether the plan's times hold those of loading compiled code and the network."""
     windows: dict[str, float] | None = None
     """Where the map was read by windows: GB and seconds, the share of cells read again, and peak memory."""
     vehicle: Vehicle | None = None
-    """Whose poses the path goes by; None for a point."""
-    stands: NDArray[np.bool_] | None = None
-    """(H, W) cells on which the vehicle stands in some heading, for the picture."""
-    point_path: Cells | None = None
-    """The optimum of a point between the same ends, for the picture."""
     step_cost: str = "paper"
     tour: Tour | None = None
     """Where the path leads by way of other places."""
@@ -99,8 +60,6 @@ class Answer:
     """Cells that can be reached from the start, where no path leads to the goal."""
     hard_slope_deg: float = math.inf
     """Slope of a cell's fitted plane beyond which it is impassable; inf without a limit, or where poses decide."""
-    shade: NDArray[np.uint8] | None = None
-    """The relief, to be drawn in place of the cost."""
 
     @property
     def steep_steps(self) -> list[float]:
@@ -153,7 +112,7 @@ class Answer:
         plans = [(goal, plan.summary()) for goal, plan in self.goals]
         more = {
             "step_cost": None if self.step_cost == "paper" else self.step_cost,
-            "compare": [compared.figures() for compared in self.compared],
+            "compare": self.compared,
             "goals": [{"goal": goal, "status": told["status"], "cost": told["cost"]} for goal, told in plans],
             "windows": self.windows,
             "files": files,
@@ -169,8 +128,8 @@ class Answer:
 
     def text(self, files: list[str]) -> str:
         """For people."""
-        rows = [compared.figures() for compared in self.compared]
-        return "\n".join([aligned(dict(self._lines(files))), *([table(rows, _COLUMNS)] if rows else [])])
+        lines = aligned(dict(self._lines(files)))
+        return f"{lines}\n{table(self.compared, _COMPARED)}" if self.compared else lines
 
     def _lines(self, files: list[str]) -> Iterator[tuple[str, str]]:
         plan, length = self.plan, metres(self.route.length_m)
@@ -241,8 +200,8 @@ class Answer:
         """How far from the optimum the path's cost is, or may be."""
         if self.plan.bound <= 1.0 + 1e-6:
             return "the optimum"
-        if self.compared and self.compared[0].gap is not None:
-            return f"{100.0 * self.compared[0].gap:.2f} % above the optimum"
+        if self.compared and (gap := self.compared[0]["gap"]) is not None:
+            return f"{100.0 * gap:.2f} % above the optimum"
         least = f"{self.plan.lower_bound:.6g}"
         if math.isinf(self.plan.bound):
             return f"no path costs less than {least}"
@@ -262,7 +221,7 @@ class Answer:
             "path.geojson": lambda: route.geojson(self.properties()),
             "path.csv": route.csv,
             "plan.json": lambda: json.dumps(self.figures(files), indent=1).encode(),
-            "plan.png": lambda: self._picture(stops),
+            "plan.png": lambda: png_bytes(self.picture()),
             "path.gpkg": lambda: route.geopackage(self.properties()),
             "path.gpx": lambda: route.gpx("nnpp-edge plan", ends),
         }
@@ -273,35 +232,3 @@ class Answer:
         legs = [len(crossings(leg.line)) - 1 for leg in (self.tour.legs if self.tour and self.plan.ok else ())]
         between = [sum(legs[:at]) for at in range(1, len(legs))]
         return profile_picture(path, route.along, route.cost, "\n".join(self.on_the_ground().values()), between)
-
-    def _picture(self, stops: tuple[Cell, ...]) -> bytes:
-        """The plan on the cost map, or on one whose cells are `factor` times as large."""
-        dem, plan, factor = self.route.dem, self.plan, self.factor
-        start, goal, *between = [(row // factor, col // factor) for row, col in (self.start, self.goal, *stops)]
-        body = {}
-        if self.vehicle is not None:
-            outlines = body_outlines(plan.path, self.vehicle, (dem.cell_size_m, dem.cell_width_m))
-            body["body"] = BodyDrawing(outlines, self.stands, self.point_path)
-        picture = plan_picture(
-            self.cost,
-            plan if factor == 1 else replace(plan, path=plan.path // factor),
-            start=start,
-            goal=goal,
-            via=between,
-            shade=self.shade,
-            reference_path=self.exact_path,
-            cell_size_m=dem.cell_width_m * factor,
-            length_m=self.route.length_m,
-            **body,
-        )
-        return png_bytes(picture)
-
-
-def duration(seconds: float) -> str:
-    """A time for people."""
-    if seconds < 60.0:
-        return f"{seconds:.3g} s"
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    parts = ((hours, "h"), (minutes, "min"), (0 if hours else rest, "s"))
-    return " ".join(f"{number} {unit}" for number, unit in parts if number)

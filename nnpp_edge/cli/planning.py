@@ -9,14 +9,14 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.maps import Near, cost_of, priced, refuse, refuse_map, refuse_outside, shade_of, warn_if_not_square
-from nnpp_edge.cli.plan_answer import Answer, Compared
+from nnpp_edge.cli.plan_answer import Answer
 from nnpp_edge.cli.requests import PlanRequest
+from nnpp_edge.cli.text import Row
 from nnpp_edge.progress import bar
-from nnpp_edge.runtime import Ground, Method, Planner, exercises, pose_costs
+from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, exercises, pose_costs
 from nnpp_edge.runtime.arrays import Float2D, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
@@ -26,18 +26,19 @@ from nnpp_edge.runtime.map.attitude import attitudes
 from nnpp_edge.runtime.memory import peak_bytes
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners.methods import expects_network
-from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.query import PlanOptions, Query, problem_with
 from nnpp_edge.runtime.planners.refine import BodyLines
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
-from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.dem_windows import DemWindows
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.route import Route
+from nnpp_edge.viz.picture import BodyDrawing, body_outlines, plan_picture
+from nnpp_edge.viz.sheet import Picture
 
 _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
+_COMPARED = ("method", "source", "status", "cost", "length", "expansions")
 _MOST_SHOWN = 1 << 20
 """Cells of a map whose poses are all checked for a picture, a tenth of a second."""
 _AROUND = 64
@@ -67,68 +68,88 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
     with told_if_slow(f"reading {path}"):
         dem = robot.read(path)
     start, via, goals = _ends(request, dem)
-    ways = (Query(start, goal).apart for goal in goals)
-    expected = request.method == "nnpp" or any(
-        expects_network(request.method, dem.shape, request.model, apart) for apart in ways
-    )
-    if expected and not by_poses:
+    apart = (Query(start, goal).apart for goal in goals)
+    expected = any(expects_network(request.method, dem.shape, request.model, each) for each in apart)
+    if (expected or request.method == "nnpp") and not by_poses:
         loading.begin_loading(request.model)
     warn_if_not_square(dem)
     limits = robot.limits()
     cost = cost_of(dem, limits)
     if not (cost < 1.0).any():
         refuse_map(dem)
-    ground = robot.of(dem)
-    planner = Planner(
-        priced(ground, cost), omega=request.omega, corner_cutting=request.corner_cutting, model=request.model
-    )
+    ground, planner_of = robot.of(dem), partial(Planner, omega=request.omega, corner_cutting=request.corner_cutting)
+    planner = planner_of(priced(ground, cost), model=request.model)
     near = Near(dem, dem.elevation, cost, limits, body)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
         refuse(problem, start, goals[0], near)
     if request.time_limit is not None:  # loading would use it up
         exercises.exercise()
-    within: PlanOptions = {"refine": request.refine, **_limits(request)}  # type: ignore[typeddict-item]
+    within: PlanOptions = {"refine": request.refine, **request.within}  # type: ignore[typeddict-item]
     wanted: PlanOptions = {**within, "method": request.method, "keep_regions": drawn}
     tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted) if via else None
     ranked = [(0, tour.plan)] if tour else planner.nearest(start, goals, count=len(goals), **wanted)
     goal, plan = goals[ranked[0][0]], ranked[0][1]
     if plan.source is None:  # no search was made
         refuse(plan.status, start, goal, near)
-    compared: list[Compared] = []
-    exact_path = point_path = None
+    compared, exact = list[Row](), None
     if request.compare:
         plan, compared, exact = _compare(partial(planner.plan, start, goal, **within), plan)
-        exact_path = exact.path if exact.ok and plan.method != exact.method else None
-        if drawn and body is not None and robot.step_cost == "paper":
-            of_point = Planner(cost, omega=request.omega, corner_cutting=request.corner_cutting)
-            point_path = of_point.plan(start, goal, method="astar").path
     plan = _on_the_ground(plan, ground)
+    route = _route(plan, cost, dem, ground, planner)
+
+    def picture() -> Picture:
+        stands = of_point = None
+        sides = ground.sides_m
+        if body is not None and not body.is_disc and cost.size <= _MOST_SHOWN:
+            stands = np.isfinite(pose_costs(dem.elevation, sides[0], body, cell_width_m=sides[1]).min(0))
+        if body is not None and request.compare and robot.step_cost == "paper":
+            of_point = planner_of(cost).plan(start, goal, method="astar").path
+        drawing = body and BodyDrawing(body_outlines(plan.path, body, sides), stands, of_point)
+        return plan_picture(
+            cost,
+            plan,
+            start=start,
+            goal=goal,
+            via=tour.stops[1:-1] if tour else (),
+            shade=shade_of(dem) if request.hillshade else None,
+            reference_path=exact.path if exact and exact.ok and plan.method != exact.method else None,
+            cell_size_m=dem.cell_width_m,
+            length_m=route.length_m,
+            **({"body": drawing} if drawing else {}),
+        )
+
     shut_in = plan.status == "NO_PATH" and tour is None and request.refine is None
     return Answer(
         plan,
-        _route(plan, cost, dem, ground, planner),
+        route,
         start,
         goal,
-        cost,
-        goals=[(goals[at], found) for at, found in ranked] if len(goals) > 1 else [],
+        picture,
+        goals=[(goals[at], found) for at, found in ranked] if len(goals) > 1 else (),
         compared=compared,
-        exact_path=exact_path,
         loading_included=not request.compare and request.time_limit is None,
         vehicle=body,
-        stands=_stands(ground) if drawn else None,
-        point_path=point_path,
         step_cost=robot.step_cost,
         tour=tour and tour.told(lambda leg: _on_the_ground(leg, ground)),
         reached=int(np.isfinite(planner.reach(start)).sum()) if shut_in else None,
         hard_slope_deg=inf if by_poses else limits.hard_slope_deg,
-        shade=shade_of(dem) if request.hillshade and drawn else None,
     )
 
 
 def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> Answer:
     """Plan on a map of which only the coarse levels and what lies under a corridor are in memory."""
-    _refuse_unfit(request)
-    limits, within = robot.limits(), _limits(request)
+    unfit = {
+        f"--method {request.method}": request.method in ("astar", "nnpp"),
+        "--compare": request.compare,
+        "--hillshade": request.hillshade,
+        "--refine": request.refine is not None,
+    }
+    if wrong := [name for name, asked in unfit.items() if asked]:
+        raise InvalidQueryError(
+            f"{', '.join(wrong)} needs the whole map in memory: leave it out for the corridor method, which reads by "
+            "windows, or cut out a part of the map"
+        )
+    limits, within = robot.limits(), request.within
     with robot.open(path) as ground:
         warn_if_not_square(ground)
         start, via, goals = _ends(request, ground)
@@ -149,27 +170,36 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
         if plan.source is None:  # no search was made
             end = start if "START" in plan.status else goal
             refuse(plan.status, start, goal, _around(planner, ground, limits, end))
-        _, costs = planner.costs.along(plan.path)
         assert plan.along is not None
+        route = Route(plan.path, plan.along, planner.costs.along(plan.path)[1], ground)
         factor, cost = planner.coarse_costs(_MOST_PIXELS)
         reading = planner.reading()
-        return Answer(
-            plan,
-            Route(plan.path, plan.along, costs, ground),
-            start,
-            goal,
-            cost,
-            factor=factor,
-            goals=ranked if len(goals) > 1 else [],
-            windows={
-                "gigabytes": 1e-9 * reading.cells_read * ground.raster.dtype.itemsize,  # as they are stored
-                "read_again": reading.read_again,
-                "map_s": 1e-3 * reading.map_ms,
-                "peak_memory_gb": 1e-9 * peak_bytes(),
-            },
-            tour=tour,
-            hard_slope_deg=limits.hard_slope_deg,
+        windows = {
+            "gigabytes": 1e-9 * reading.cells_read * ground.raster.dtype.itemsize,  # as they are stored
+            "read_again": reading.read_again,
+            "map_s": 1e-3 * reading.map_ms,
+            "peak_memory_gb": 1e-9 * peak_bytes(),
+        }
+
+    def picture() -> Picture:
+        places = (start, goal, *(tour.stops[1:-1] if tour else ()))
+        (first, last, *between), width = [(row // factor, col // factor) for row, col in places], ground.cell_width_m
+        small, length = replace(plan, path=plan.path // factor), route.length_m
+        return plan_picture(
+            cost, small, start=first, goal=last, via=between, cell_size_m=width * factor, length_m=length
         )
+
+    return Answer(
+        plan,
+        route,
+        start,
+        goal,
+        picture,
+        goals=ranked if len(goals) > 1 else (),
+        windows=windows,
+        tour=tour,
+        hard_slope_deg=limits.hard_slope_deg,
+    )
 
 
 def _around(planner: WindowedPlanner, ground: DemWindows, limits: Traversability, cell: Cell) -> Near:
@@ -183,26 +213,10 @@ def _around(planner: WindowedPlanner, ground: DemWindows, limits: Traversability
     return Near(ground, elevation, cost, limits, origin=(row0, col0))
 
 
-def _limits(request: PlanRequest) -> dict[str, float]:
-    """How good, and until when, as far as was asked."""
-    given = {"epsilon": request.epsilon, "time_limit_s": request.time_limit}
-    return {name: number for name, number in given.items() if number is not None}
-
-
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:
     """The plan with the numbers along its way."""
     assert ground.elevation is not None and ground.mobility is not None
     return replace(plan, along=Along.of(plan.line, ground.elevation, ground.sides_m, ground.mobility, plan.along))
-
-
-def _stands(ground: Ground) -> NDArray[np.bool_] | None:
-    """Cells on which a body stands in some heading, for the picture; None for others, and on large maps."""
-    dem, vehicle = ground.elevation, ground.vehicle
-    if dem is None or vehicle is None or vehicle.is_disc or dem.size > _MOST_SHOWN:
-        return None
-    size, width = ground.sides_m
-    stands: NDArray[np.bool_] = np.isfinite(pose_costs(dem, size, vehicle, cell_width_m=width).min(0))
-    return stands
 
 
 def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner) -> Route:
@@ -219,17 +233,24 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
     return replace(route, standing=standing)
 
 
-def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Compared], Plan]:
+def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Row], Plan]:
     """Plan by the plan's method, exact A* and the corridor planner in turns.
 
-    Returns the plan with the times of a repeat, the comparison, and the exact plan.
+    Returns the plan with the times of a repeat, figures of each method with its median time, and the exact plan.
     """
     methods = list(dict.fromkeys((plan.method, Method.ASTAR, Method.CORRIDOR)))
     rounds = [{method: plan_by(method=method) for method in methods} for _ in range(1 + _REPEATS)]
     times = {method: median(plans[method].timings_ms["total"] for plans in rounds[1:]) for method in methods}
-    last, exact = rounds[-1], rounds[-1][Method.ASTAR]
-    compared = [Compared(last[method], exact, times[method], times[Method.ASTAR]) for method in methods]
-    return replace(plan, timings_ms=last[plan.method].timings_ms), compared, exact
+    last, exact, rows = rounds[-1], rounds[-1][Method.ASTAR], list[Row]()
+    for method in methods:
+        summary, gap, speedup = last[method].summary(), None, None
+        if last[method].ok and exact.ok:
+            above = last[method].cost - exact.cost
+            gap = above / abs(exact.cost) if exact.cost else 0.0  # below 0 where energy is got back
+            speedup = times[Method.ASTAR] / times[method]
+        found = {"gap": gap, "time_ms": times[method], "speedup": speedup}
+        rows.append({name: summary[name] for name in _COMPARED} | found)
+    return replace(plan, timings_ms=last[plan.method].timings_ms), rows, exact
 
 
 def _bars(rows: int) -> Callable[[str, int], None]:
@@ -249,18 +270,3 @@ def _bars(rows: int) -> Callable[[str, int], None]:
         advance.clear()
 
     return show
-
-
-def _refuse_unfit(request: PlanRequest) -> None:
-    """InvalidQueryError for what needs the whole map."""
-    given = {
-        f"--method {request.method}": request.method in ("astar", "nnpp"),
-        "--compare": request.compare,
-        "--hillshade": request.hillshade,
-        "--refine": request.refine is not None,
-    }
-    if wrong := [name for name, asked in given.items() if asked]:
-        raise InvalidQueryError(
-            f"{', '.join(wrong)} needs the whole map in memory: leave it out for the corridor method, which reads by "
-            "windows, or cut out a part of the map"
-        )

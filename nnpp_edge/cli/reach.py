@@ -11,7 +11,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import Start
-from nnpp_edge.cli.text import aligned, tell
+from nnpp_edge.cli.text import aligned, duration, tell
 
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
@@ -98,7 +98,6 @@ def command(
     import numpy as np
 
     from nnpp_edge.cli.maps import Near, cost_of, priced, refuse, shade_of, size_in_words, size_of
-    from nnpp_edge.cli.plan_answer import duration
     from nnpp_edge.files import write_all
     from nnpp_edge.runtime import Planner
     from nnpp_edge.runtime.planners.query import problem_with

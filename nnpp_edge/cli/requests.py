@@ -22,15 +22,14 @@ class End(NamedTuple):
     """A place, or several in the order of a layer's points, as the user named them."""
 
     word: str
-    cell: "Cell | None" = None
-    xy: tuple[float, float] | None = None
-    """In the map's own system."""
-    lonlat: tuple[float, float] | None = None
+    system: str
+    """``cell``, ``xy`` (the map's own), ``lonlat``, or ``file``."""
+    at: tuple[float, float] = (math.nan, math.nan)
 
     @property
     def file(self) -> Path | None:
         """The vector file, if it is one."""
-        if self.cell or self.xy or self.lonlat:
+        if self.system != "file":
             return None
         from nnpp_edge.terrain.vectors import named_file
 
@@ -41,16 +40,16 @@ class End(NamedTuple):
 
         InvalidQueryError for what has no place on the map's plane. A cell may lie outside the map.
         """
-        if self.cell is not None:
-            return [self.cell]
-        if self.xy is not None:
-            return [place.cell_of(*self.xy)]
-        if self.lonlat is not None:
+        if self.system == "cell":
+            return [(int(self.at[0]), int(self.at[1]))]
+        if self.system == "xy":
+            return [place.cell_of(*self.at)]
+        if self.system == "lonlat":
             import numpy as np
 
             from nnpp_edge.terrain.coordinates import lonlat_on_map
 
-            points = lonlat_on_map(place, np.array([self.lonlat]))
+            points = lonlat_on_map(place, np.array([self.at]))
         else:
             from nnpp_edge.terrain.vectors import points_of
 
@@ -71,18 +70,16 @@ class End(NamedTuple):
 def _end(word: str) -> End:
     if found := _NUMBERS.fullmatch(word):
         row, col, system, x, y = found.groups()
-        if system is None:
-            return End(word, (int(row), int(col)))
-        at = float(x), float(y)
+        at = float(row or x), float(col or y)
         if not all(map(math.isfinite, at)):
             raise ValueError
-        return End(word, xy=at) if system == "xy" else End(word, lonlat=at)
+        return End(word, system or "cell", at)
     from nnpp_edge.terrain.vectors import named_file
 
     if "," in word or not word:
         raise ValueError
     named_file(word)  # VectorFileError, a ValueError, where there is none
-    return End(word)
+    return End(word, "file")
 
 
 PLACE = Parsed("PLACE", "ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a vector file", _end)
@@ -120,3 +117,9 @@ class PlanRequest:
     def files(self) -> list[Path]:
         """Vector files that are read."""
         return [end.file for end in (self.start, *self.via, *self.goals) if end.file is not None]
+
+    @property
+    def within(self) -> dict[str, float]:
+        """How good, and until when, as far as was asked."""
+        given = {"epsilon": self.epsilon, "time_limit_s": self.time_limit}
+        return {name: number for name, number in given.items() if number is not None}

@@ -59,3 +59,13 @@ def _cell(row: Row, column: str | Callable[[Row], str]) -> str:
     for key in keys.split("."):
         value = value[key] if isinstance(value, Mapping) else None
     return shown(value, form)
+
+
+def duration(seconds: float) -> str:
+    """A time in words."""
+    if seconds < 60.0:
+        return f"{seconds:.3g} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    parts = ((hours, "h"), (minutes, "min"), (0 if hours else rest, "s"))
+    return " ".join(f"{number} {unit}" for number, unit in parts if number)
