@@ -116,7 +116,7 @@ def command(
             if log is not None:
                 sinks.append(stack.enter_context(McapLog(log, state=state, cell_size_m=part.cell_size_m)))
             if view is not None:
-                sinks.append(stack.enter_context(RerunSink.at(view, state)))
+                sinks.append(stack.enter_context(RerunSink(view, state=state)))
             return sinks
 
         drive = simulate(ground, start, goal, settings, make_sinks=make_sinks, watch=watch)

@@ -33,6 +33,7 @@ from nnpp_edge.runtime.loop.messages import (
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.state import map_state
 
 
 def answer(cells, tick=1):
@@ -79,7 +80,7 @@ def test_everything_comes_back_through_the_public_reader(tmp_path):
     cost[3, 4], cost[3, 5], cost[19, 30] = 1.0, np.inf, np.nan
     heights = np.arange(6, dtype=np.float32).reshape(2, 3)
     heights[0, 1] = np.nan
-    with McapLog(tmp_path / "log.mcap", state=Ground(cost).state(tell_unknown=True), cell_size_m=0.5) as log:
+    with McapLog(tmp_path / "log.mcap", state=map_state(Ground(cost), tell_unknown=True), cell_size_m=0.5) as log:
         log.record(Pose(2.25, 3.5, stamp=7.0))
         log.record(Goal(18, 29))
         log.record(MapPatch(4, 5, cost=np.array([[0.5, np.nan, 2.0]])))
@@ -140,7 +141,7 @@ def test_a_path_that_only_shrank_is_not_written_again_and_a_lost_one_is(tmp_path
 
 def test_a_log_fills_at_most_its_limit_and_keeps_the_newest(tmp_path, monkeypatch):
     monkeypatch.setattr(mcap_log, "_FLUSH_EVERY_S", 0.0)
-    rng, state = np.random.default_rng(0), Ground(np.full((20, 20), 0.2, np.float32)).state()
+    rng, state = np.random.default_rng(0), map_state(Ground(np.full((20, 20), 0.2, np.float32)))
     with McapLog(tmp_path / "log.mcap", limit_mb=0.2, state=state) as log:
         for tick in range(400):
             log.publish(answer(rng.integers(0, 1000, (50, 2)), tick))
@@ -246,7 +247,7 @@ def test_no_input_is_lost_for_want_of_an_answer(tmp_path):
 
 def test_the_map_is_shown_again_while_heights_come(tmp_path, monkeypatch):
     monkeypatch.setattr(mcap_log, "_MAP_EVERY_S", 0.0)
-    state = Ground.of_elevation(np.zeros((20, 20), np.float32), 1.0).state()
+    state = map_state(Ground.of_elevation(np.zeros((20, 20), np.float32), 1.0))
     patch = MapPatch(5, 5, elevation=np.array([[3.0]]))
     with McapLog(tmp_path / "log.mcap", state=state) as log:
         log.publish(answer([]))
@@ -265,7 +266,7 @@ def test_the_map_is_shown_again_while_heights_come(tmp_path, monkeypatch):
     [
         ({"limit_mb": 0.01}, "at least 0.1 MB here, got 0.01"),
         ({"limit_mb": float("nan")}, "got nan"),
-        ({"limit_mb": 1.0, "state": Ground(np.zeros((600, 600), np.float32)).state()}, "at least 1.44 MB"),
+        ({"limit_mb": 1.0, "state": map_state(Ground(np.zeros((600, 600), np.float32)))}, "at least 1.44 MB"),
         ({"cell_size_m": 0.0}, "above 0 m"),
     ],
 )

@@ -24,6 +24,7 @@ from nnpp_edge.runtime.loop.messages import (  # noqa: E402
     StatusMessage,
 )
 from nnpp_edge.runtime.map.ground import Ground  # noqa: E402
+from nnpp_edge.runtime.map.state import map_state  # noqa: E402
 from nnpp_edge.runtime.terrain.vehicle import Vehicle  # noqa: E402
 from nnpp_edge.viz.picture import cost_picture  # noqa: E402
 
@@ -45,7 +46,7 @@ def read(path):
 def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
     cost = np.linspace(0.0, 0.9, 20 * 30, dtype=np.float32).reshape(20, 30)
     cost[4, 4] = np.inf
-    state = Ground(cost).state()
+    state = map_state(Ground(cost))
     with RerunSink(tmp_path / "loop.rrd", state=state, map_every_s=0.0) as sink:
         sink.record(Pose(3.25, 4.5))
         sink.record(Goal(7, 8))
@@ -77,7 +78,7 @@ def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
 
 def test_a_recording_holds_the_outline_of_the_body_along_the_path(tmp_path):
     body = Vehicle(length_m=2.0, width_m=1.0, clearance_m=0.3)
-    state = Ground.of_elevation(np.zeros((20, 30), np.float32), 0.5, vehicle=body).state()
+    state = map_state(Ground.of_elevation(np.zeros((20, 30), np.float32), 0.5, vehicle=body))
     with RerunSink(tmp_path / "loop.rrd", state=state) as sink:
         line = np.array([(5, 5 + n) for n in range(9)], np.int32)
         sink.publish(PathMessage(1, Status.OK, Origin.FULL, line))
@@ -104,7 +105,8 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
             with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
                 break
             time.sleep(0.05)
-        with RerunSink.at(f"rerun+http://127.0.0.1:{port}/proxy", Ground(np.full((20, 30), 0.3)).state()) as sink:
+        state = map_state(Ground(np.full((20, 30), 0.3)))
+        with RerunSink(f"rerun+http://127.0.0.1:{port}/proxy", state=state) as sink:
             for tick in (1, 2):
                 sink.publish(PathMessage(tick, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
         sizes = [-1, 0]
@@ -119,21 +121,13 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
     assert len(found["/map/cost"]["buffer"]) == 1
 
 
-def test_where_to_show_is_told_by_a_word(tmp_path):
-    with RerunSink.at(str(tmp_path / "drive.rrd")) as sink:
-        sink.publish(PathMessage(1, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
-    assert read(tmp_path / "drive.rrd")["/map/path"]["tick"] == [1]
+def test_where_nothing_can_be_shown_it_is_one_line(tmp_path):
     with pytest.raises(InvalidQueryError, match=r"view must be here, rerun\+http.* got 'there'"):
-        RerunSink.at("there")
-
-
-def test_where_nothing_can_be_written_it_is_one_line(tmp_path):
+        RerunSink("there")
     with pytest.raises(OutputError, match="No such file"):
         RerunSink(tmp_path / "missing" / "loop.rrd")
-    with pytest.raises(InvalidQueryError, match="got both"):
-        RerunSink(tmp_path / "loop.rrd", address="rerun+http://127.0.0.1:9876/proxy")
     with pytest.raises(OutputError, match="cannot write there"):
-        RerunSink(address="no address")
+        RerunSink("rerun+http://no address")
 
 
 def test_without_rerun_the_error_names_the_extra(monkeypatch, tmp_path):

@@ -77,7 +77,7 @@ class Wiring:
     metrics_port: int | None = None
     metrics_file: Path | None = None
     view: str | None = None
-    """Where rerun shows map and path, as for `RerunSink.at`."""
+    """Where rerun shows map and path, as for `RerunSink`."""
     trace: Path | None = None
     """Trace of the ticks to write at the end, its newest events."""
 
@@ -248,5 +248,5 @@ def _observers(
     if wiring.log is not None:
         sinks.append(stack.enter_context(McapLog(wiring.log, state=state, cell_size_m=cell_size_m)))
     if wiring.view is not None:
-        sinks.append(stack.enter_context(RerunSink.at(wiring.view, state)))
+        sinks.append(stack.enter_context(RerunSink(wiring.view, state=state)))
     return list(sinks), [*recorders, *(sink.record for sink in sinks)]

@@ -98,18 +98,17 @@ class McapLog(Closing):
         self._lock = threading.Lock()
         self._waiting: deque[tuple[int, Input]] = deque()
         self._last_path: NDArray[np.int32] | None = None
-        self._stream: IO[bytes] | None = None
         self._heights_came = False
         self.written = 0
         """Messages in the files."""
         self.lost = 0
         """Messages that were not written because the log had stopped."""
         try:
-            self._path.open("wb").close()
+            self._stream: IO[bytes] | None = self._path.open("wb")
         except OSError as error:
             raise OutputError(f"{path}: could not be written ({error.strerror or error})") from error
         with self._stopping_on_error():
-            self._begin()
+            self._begin(self._stream)
 
     def record(self, message: Input, at_s: float = 0.0) -> None:
         """Keep an input until the next answer is written. Waits for the disk only once 256 of them are kept."""
@@ -141,82 +140,74 @@ class McapLog(Closing):
             self._write_waiting()
             with self._stopping_on_error():
                 self._finish()
-            self._stream = None
 
     def _write_waiting(self) -> None:
         while self._waiting:
             stamp, message = self._waiting.popleft()
-            topic, data = self._encoded(message, stamp)
-            self._write(topic, stamp, data)
+            if isinstance(message, Pose):
+                self._write("/pose", stamp, pose_message(message.row, message.col, self._cell, stamp))
+            elif isinstance(message, Goal):
+                data = pose_message(message.row + 0.5, message.col + 0.5, self._cell, stamp)
+                self._write("/goal", stamp, data)
+            elif message.cost is not None:
+                data = grid_message(message.cost, (message.row, message.col), self._cell, stamp)
+                self._write("/map_patch", stamp, data)
+            elif message.elevation is not None:
+                data = heights_message(message.elevation, (message.row, message.col), self._cell, stamp)
+                self._write("/elevation_patch", stamp, data)
+                self._heights_came = True
 
-    def _encoded(self, message: Input, stamp: int) -> tuple[str, bytes]:
-        if isinstance(message, Pose):
-            return "/pose", pose_message(message.row, message.col, self._cell, stamp)
-        if isinstance(message, Goal):
-            return "/goal", pose_message(message.row + 0.5, message.col + 0.5, self._cell, stamp)
-        corner = (message.row, message.col)
-        if message.cost is not None:
-            return "/map_patch", grid_message(message.cost, corner, self._cell, stamp)
-        assert message.elevation is not None
-        self._heights_came = True
-        return "/elevation_patch", heights_message(message.elevation, corner, self._cell, stamp)
-
-    def _begin(self) -> None:
+    def _begin(self, stream: IO[bytes]) -> None:
         """Begin a file with the schemas and the map."""
-        self._stream = self._path.open("wb")
-        self._writer = self._mcap.Writer(self._stream, chunk_size=_CHUNK_BYTES)
+        self._writer = self._mcap.Writer(stream, chunk_size=_CHUNK_BYTES)
         self._writer.start(profile="ros2")
-        schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
-        for topic, kind in TOPICS.items():
-            if kind not in schemas:
-                full = kind.replace("/", "/msg/")
-                schemas[kind] = self._writer.register_schema(full, "ros2msg", definition(kind).encode())
-            self._channels[topic] = self._writer.register_channel(topic, "cdr", schemas[kind])
+        schemas = {
+            kind: self._writer.register_schema(kind.replace("/", "/msg/"), "ros2msg", definition(kind).encode())
+            for kind in dict.fromkeys(TOPICS.values())
+        }
+        self._channels: dict[str, int] = {
+            topic: self._writer.register_channel(topic, "cdr", schemas[kind]) for topic, kind in TOPICS.items()
+        }
         self._last_path = None
         self._flushed = time.monotonic()
-        self._add_map()
+        self._write_map()
         self._writer.flush()
 
-    def _add_map(self) -> None:
+    def _write_map(self) -> None:
         self._mapped, self._heights_came = time.monotonic(), False
         if self._state is not None:
             now = time.time_ns()
-            self._add("/map", now, grid_message(self._state.cost(), (0, 0), self._cell, now))
-
-    def _add(self, topic: str, stamp: int, data: bytes) -> None:
-        self._writer.add_message(self._channels[topic], log_time=stamp, publish_time=stamp, data=data)
-        self.written += 1
+            self._write("/map", now, grid_message(self._state.cost(), (0, 0), self._cell, now))
 
     def _write(self, topic: str, stamp: int, data: bytes) -> None:
         if self._stream is None:
             self.lost += 1
             return
         with self._stopping_on_error():
-            self._add(topic, stamp, data)
+            self._writer.add_message(self._channels[topic], log_time=stamp, publish_time=stamp, data=data)
+            self.written += 1
 
     def _tidy(self) -> None:
         """Write the map, flush, and begin another file, each when it is time."""
         now = time.monotonic()
+        if self._heights_came and now - self._mapped >= _MAP_EVERY_S:
+            self._write_map()
+        if self._stream is None or now - self._flushed < _FLUSH_EVERY_S:
+            return
+        self._flushed = now
         with self._stopping_on_error():
-            if self._stream is not None and self._heights_came and now - self._mapped >= _MAP_EVERY_S:
-                self._add_map()
-            if self._stream is None or now - self._flushed < _FLUSH_EVERY_S:
-                return
-            self._flushed = now
             self._writer.flush()
             if self._stream.tell() > self._limit:
-                self._rotate()
-
-    def _rotate(self) -> None:
-        self._finish()
-        self._path.replace(self._path.with_suffix(f".1{self._path.suffix}"))
-        self._begin()
+                self._finish()
+                self._path.replace(self._path.with_suffix(f".1{self._path.suffix}"))
+                self._stream = self._path.open("wb")
+                self._begin(self._stream)
 
     def _finish(self) -> None:
         if self._stream is not None:
             self._writer.finish()
             self._stream.close()
+            self._stream = None
 
     @contextmanager
     def _stopping_on_error(self) -> Iterator[None]:

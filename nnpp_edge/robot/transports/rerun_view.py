@@ -27,64 +27,44 @@ class RerunSink(Closing):
 
     Parameters
     ----------
-    path : Path
-        Write a recording (``.rrd``) there; a file of that name is replaced.
-    address : str
-        Show it in a viewer that listens there (``rerun+http://HOST:9876/proxy``). Without a path and an address, a
-        viewer is started on this machine; with both InvalidQueryError.
+    where : str or Path
+        ``here`` starts a viewer on this machine, ``rerun+http://HOST:9876/proxy`` is the address of one, and
+        ``….rrd`` is a recording to write; a file of that name is replaced.
     state : MapState
         The loop's map (`Navigator.map`), shown again when it has changed, but at most every `map_every_s` seconds.
 
     Raises
     ------
-    MissingExtraError, OutputError
-        rerun is not installed; the recording cannot be begun, or no viewer can be started.
+    InvalidQueryError, MissingExtraError, OutputError
+        `where` is none of these; rerun is not installed; the recording cannot be begun, or no viewer can be started.
     """
 
     name = "rerun"
 
     def __init__(
-        self,
-        path: Path | None = None,
-        *,
-        address: str | None = None,
-        state: MapState | None = None,
-        map_every_s: float = 1.0,
+        self, where: str | Path = "here", *, state: MapState | None = None, map_every_s: float = 1.0
     ) -> None:
-        if path is not None and address is not None:
-            raise InvalidQueryError("give rerun either a file or an address, got both")
         self._rr = optional_module("rerun", "a view", "viz")
         self._state, self._map_every_s = state, map_every_s
         self._version, self._mapped, self._tick = -1, -math.inf, 0
         self._began = time.monotonic()
         self._outcome = ""
-        self._stream = self._rr.RecordingStream("nnpp-edge")
+        self._stream, place = self._rr.RecordingStream("nnpp-edge"), str(where)
+        is_address = place.startswith(("rerun://", "rerun+http://", "rerun+https://"))
+        if not (place == "here" or is_address or place.endswith(".rrd")):
+            wanted = "here, rerun+http://HOST:9876/proxy or a file FILE.rrd"
+            raise InvalidQueryError(f"view must be {wanted}, got {place!r}")
         try:
-            if path is not None:
-                Path(path).open("wb").close()  # rerun reports a missing folder only in its log
-                self._stream.save(path)
-            elif address is not None:
-                self._stream.connect_grpc(address)
-            else:
+            if place == "here":
                 self._stream.spawn()
+            elif is_address:
+                self._stream.connect_grpc(place)
+            else:
+                Path(where).open("wb").close()  # rerun reports a missing folder only in its log
+                self._stream.save(where)
         except (OSError, RuntimeError, ValueError) as error:
-            where = path or address or "a viewer"
             reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-            raise OutputError(f"{where}: rerun cannot write there ({reason})") from error
-
-    @classmethod
-    def at(cls, where: str, state: MapState | None = None) -> "RerunSink":
-        """By a word: ``here`` starts a viewer, ``rerun+http://…`` is one's address, ``….rrd`` is a file to write.
-
-        InvalidQueryError if it is none of these; other errors as of the class itself.
-        """
-        if where == "here":
-            return cls(state=state)
-        if where.startswith(("rerun://", "rerun+http://", "rerun+https://")):
-            return cls(address=where, state=state)
-        if where.endswith(".rrd"):
-            return cls(Path(where), state=state)
-        raise InvalidQueryError(f"view must be here, rerun+http://HOST:9876/proxy or a file FILE.rrd, got {where!r}")
+            raise OutputError(f"{place}: rerun cannot write there ({reason})") from error
 
     def record(self, message: Input, at_s: float = 0.0) -> None:
         """Show an input, with the tick that follows: the robot, its goal, or the rectangle of a map patch."""
