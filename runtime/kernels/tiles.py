@@ -30,6 +30,8 @@ from nnpp_edge.runtime.kernels.traversability import SCALE, fill_weights
 COSTED, SURROUNDED, POOLED, LINKED = 1, 2, 4, 8
 """Of a tile: its weights are there; so are those around it; its coarse cells are there; all their links are."""
 _ROWS, _COLS, _STRIDE, _FIRST = 0, 1, 2, 3
+CELLS, CHEAPER, TOP, LEFT, BOTTOM, END, NOTED, NEW, FOUND_SLOTS = 0, 1, 2, 3, 4, 5, 6, 7, 11
+"""Of what `write_layer` has found."""
 
 
 @helper
@@ -187,22 +189,49 @@ def _weigh_anew(tiles, area, found, nodes, old_weights):
         at, kept = (row + 1) * stride + col0 + 1, (row - row0) * wide
         old[kept : kept + wide] = weights[at : at + wide]
     _fill(source, area)
+    changed, cheaper, noted = 0, False, found[NOTED]
+    top, left, bottom, end = found[TOP], found[LEFT], found[BOTTOM], found[END]
     for row in range(row0, row1):
-        at, kept = (row + 1) * stride + col0 + 1, (row - row0) * wide
+        at, kept, before_row = (row + 1) * stride + col0 + 1, (row - row0) * wide, changed
         for c in range(wide):
             before, now = old[kept + c], weights[at + c]
             if now != before:
                 if len(nodes):
-                    nodes[found[6]], old_weights[found[6]] = at + c, before
-                    found[6] += 1
-                found[0] += 1
-                found[1] |= now < before
-                found[2], found[4] = min(found[2], row), max(found[4], row + 1)
-                found[3], found[5] = min(found[3], col0 + c), max(found[5], col0 + c + 1)
+                    nodes[noted], old_weights[noted] = at + c, before
+                    noted += 1
+                changed += 1
+                cheaper |= now < before
+                left, end = min(left, col0 + c), max(end, col0 + c + 1)
+        if changed != before_row:
+            top, bottom = min(top, row), max(bottom, row + 1)
+    found[CELLS] += changed
+    found[CHEAPER] |= cheaper
+    found[TOP], found[LEFT], found[BOTTOM], found[END], found[NOTED] = top, left, bottom, end, noted
+
+
+@helper
+def _put_new(layer, cols, patch, seen, row, col):
+    """Write the values of a patch that are seen into a layer; the rectangle of those that are other ones than before.
+
+    It is (first row, one past the last, first column, one past the last), and empty where nothing is new. Values that
+    are not finite are all alike, as far as neither is finite.
+    """
+    top, bottom, left, end = patch.shape[0], 0, patch.shape[1], 0
+    for i in range(patch.shape[0]):
+        at, new_row = (row + i) * cols + col, False
+        for c in range(patch.shape[1]):
+            new, old = patch[i, c], layer[at + c]
+            if new == old or (seen.size and not seen[i, c]) or not (abs(new) < np.inf or abs(old) < np.inf):
+                continue
+            layer[at + c], new_row = new, True
+            left, end = min(left, c), max(end, c + 1)
+        if new_row:
+            top, bottom = min(top, i), i + 1
+    return row + top, row + bottom, col + left, col + end
 
 
 @kernel
-def write_layer(tiles, layer, rim, patch, row, col, found, nodes, old_weights):
+def write_layer(tiles, layer, rim, patch, seen, row, col, found, nodes, old_weights):
     """Put values into a layer of the map, and bring up to date whatever of it has been computed.
 
     Parameters
@@ -212,15 +241,17 @@ def write_layer(tiles, layer, rim, patch, row, col, found, nodes, old_weights):
     layer : (rows · cols,) float32
         Its heights, or the costs told.
     rim : int
-        Cells around the patch that it matters to: 1 for heights, 0 for costs.
+        Cells around a value that it matters to: 1 for heights, 0 for costs.
     patch : (h, w) float32
         Must lie inside the map.
+    seen : (h, w) bool
+        Cells that are written; (0, 0) for all.
     row, col : int
-        Where its first cell goes.
-    found : (7,) int64
-        Written: the number of cells whose weights are other than before; whether one became cheaper; the first row
-        and column of the rectangle that holds them, and one past its last; how many nodes were noted. What is not
-        computed yet counts as other.
+        Where the patch's first cell goes.
+    found : (FOUND_SLOTS,) int64
+        Written: the number of cells whose weights are other than before; whether one became cheaper; the rectangle
+        that holds them; how many nodes were noted; the rectangle that holds all new values. Rectangles are first row
+        and column, and one past the last. What is not computed yet counts as other.
     nodes, old_weights : (N,) int32, float32
         Written: the changed nodes and what they weighed, which is computed where it is not yet. With room for all
         cells of the patch and its rim, or empty: then nothing is noted.
@@ -228,18 +259,18 @@ def write_layer(tiles, layer, rim, patch, row, col, found, nodes, old_weights):
     state, _, _, _, source, _ = tiles
     levels, shape = source[3], source[8]
     rows, cols = shape[0], shape[1]
-    row0, row1 = max(row - rim, 0), min(row + patch.shape[0] + rim, rows)
-    col0, col1 = max(col - rim, 0), min(col + patch.shape[1] + rim, cols)
     down, right = levels[0, 0], levels[0, 1]
     if len(nodes):
-        for i in range(row0 >> down, ((row1 - 1) >> down) + 1):
-            for j in range(col0 >> right, ((col1 - 1) >> right) + 1):
+        for i in range(max(row - rim, 0) >> down, ((min(row + patch.shape[0] + rim, rows) - 1) >> down) + 1):
+            for j in range(max(col - rim, 0) >> right, ((min(col + patch.shape[1] + rim, cols) - 1) >> right) + 1):
                 _cost_tile(tiles, i, j)
-    for i in range(patch.shape[0]):
-        at = (row + i) * cols + col
-        layer[at : at + patch.shape[1]] = patch[i]
     found[:] = 0
-    found[2], found[3] = rows, cols
+    first, last, begin, past = _put_new(layer, cols, patch, seen, row, col)
+    if first >= last:
+        return
+    found[NEW], found[NEW + 1], found[NEW + 2], found[NEW + 3] = first, begin, last, past
+    found[TOP], found[LEFT] = rows, cols
+    row0, row1, col0, col1 = max(first - rim, 0), min(last + rim, rows), max(begin - rim, 0), min(past + rim, cols)
     for i in range(row0 >> down, ((row1 - 1) >> down) + 1):
         for j in range(col0 >> right, ((col1 - 1) >> right) + 1):
             tile_row0, tile_row1, tile_col0, tile_col1 = _tile_area(source, i, j)
@@ -248,10 +279,10 @@ def write_layer(tiles, layer, rim, patch, row, col, found, nodes, old_weights):
             if state[i, j] & COSTED:
                 _weigh_anew(tiles, (top, bottom, left, end), found, nodes, old_weights)
             else:
-                found[0] += (bottom - top) * (end - left)
-                found[2], found[4] = min(found[2], top), max(found[4], bottom)
-                found[3], found[5] = min(found[3], left), max(found[5], end)
-    if found[0] and levels[0, 3]:
+                found[CELLS] += (bottom - top) * (end - left)
+                found[TOP], found[BOTTOM] = min(found[TOP], top), max(found[BOTTOM], bottom)
+                found[LEFT], found[END] = min(found[LEFT], left), max(found[END], end)
+    if found[CELLS] and levels[0, 3]:
         _pool_anew(tiles, found)
 
 
@@ -260,7 +291,7 @@ def _pool_anew(tiles, found):
     """Coarse cells above a rectangle whose weights changed, in the tiles that have any, and their links."""
     state, _, _, _, source, _ = tiles
     _, rule, _, levels, _, _, _, _, _, _ = source
-    row0, col0, row1, col1 = found[2], found[3], found[4], found[5]
+    row0, col0, row1, col1 = found[TOP], found[LEFT], found[BOTTOM], found[END]
     corner_cutting, obstacle = levels[0, 2] != 0, rule[SCALE]
     down, right = levels[0, 0], levels[0, 1]
     for number in range(1, levels[0, 3] + 1):

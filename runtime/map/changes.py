@@ -7,7 +7,7 @@ that the reader looks at more than it need, never at less. A reader that is gone
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
-from weakref import WeakSet
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,9 @@ class Change(NamedTuple):
 
     def then(self, newer: "Change") -> "Change":
         """This change and the next one as one."""
-        nodes, old_weights = (np.concatenate(both) for both in zip(self[4:], newer[4:], strict=True))
+        nodes, old_weights = newer.nodes, newer.old_weights
+        if len(self.nodes):
+            nodes, old_weights = np.append(self.nodes, nodes), np.append(self.old_weights, old_weights)
         if len(nodes) > MANY_NODES:
             nodes, first = np.unique(nodes, return_index=True)
             old_weights = old_weights[first]
@@ -70,9 +72,8 @@ class ChangeReader:
 
     def add(self, change: Change) -> None:
         """A change to be read; for `ChangeLog`."""
-        kept = change if self.keeps_old_weights else change._replace(nodes=_NO_NODES, old_weights=_NO_WEIGHTS)
         self.behind += 1
-        self._unread.append(kept)
+        self._unread.append(change)
         if (count := len(self._unread)) > self._most:
             pairs, last = list(pairwise(self._unread))[::2], self._unread[count - count % 2 :]
             self._unread = [older.then(newer) for older, newer in pairs] + last
@@ -85,7 +86,12 @@ class ChangeLog:
         self.version = 0
         """Number of changes so far."""
         self._most = most
-        self._readers: WeakSet[ChangeReader] = WeakSet()
+        self._refs: list[ref[ChangeReader]] = []
+
+    @property
+    def _readers(self) -> "list[ChangeReader]":
+        """Those that somebody still has."""
+        return [reader for each in self._refs if (reader := each()) is not None]
 
     @property
     def keeps_old_weights(self) -> bool:
@@ -95,11 +101,12 @@ class ChangeLog:
     def append(self, change: Change) -> None:
         """Write a change down."""
         self.version += 1
+        bare = change._replace(nodes=_NO_NODES, old_weights=_NO_WEIGHTS) if len(change.nodes) else change
         for reader in self._readers:
-            reader.add(change)
+            reader.add(change if reader.keeps_old_weights else bare)
 
     def reader(self, *, keeps_old_weights: bool = False) -> ChangeReader:
         """A new reader, to whom all changes so far are known."""
         reader = ChangeReader(keeps_old_weights, self._most)
-        self._readers.add(reader)
+        self._refs = [*map(ref, self._readers), ref(reader)]
         return reader

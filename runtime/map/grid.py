@@ -23,7 +23,7 @@ _FAR = 0.25
 _NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
 _OF_WEIGHTS = np.float32(0.0), np.float32(np.inf), np.float32(1.0), np.float32(np.inf)
 """Limits of costs that are weights already."""
-_ALL = np.empty((0, 0), np.bool_)
+ALL = np.empty((0, 0), np.bool_)
 """Of a patch whose cells are all written."""
 
 
@@ -202,7 +202,7 @@ class Grid:
             nodes, old = np.empty(rows * cols, np.int32), np.empty(rows * cols, np.float32)
         refused, cells, cheaper, (top, left, bottom, right), (least, greatest), at_bound = write_costs(
             cost,
-            _ALL if seen is None else seen,
+            ALL if seen is None else seen,
             _OF_WEIGHTS if weights else self._limits,
             self.node(row, col),
             self.stride,

@@ -17,7 +17,7 @@ from nnpp_edge.runtime.map.along import Along, Line, crossings, heights_at
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.disc import Disc
-from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.grid import ALL, Grid
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import Poses, term_weights
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
@@ -172,14 +172,10 @@ class MapState:
             self._told = self._tiles.tell_from_now_on()
             for grid in (self.grid, *(level.grid for level in (self._pyramid.levels[1:] if self._pyramid else ()))):
                 grid.pack()
-        before, open_cost = self._told[slices(part)], np.float32(0.0) if self._shut_alone else costs
-        kept = np.isnan(costs) if seen is None else np.isnan(costs) | ~seen
-        told = np.where(kept, before, np.where(costs < 1.0, open_cost, np.float32(np.inf)))
-        part, told = trimmed(part, told != before, told)
-        if not told.size:
-            return Change(part, 0)
-        change = self._tiles.tell(*part[:2], told, keep_old_weights=keeps)
-        return self._noted(self._stand_anew(change, part), (*part[:2], 0, 0))
+        known = ~np.isnan(costs) if seen is None else ~np.isnan(costs) & seen
+        told = np.where(costs < 1.0, np.float32(0.0) if self._shut_alone else costs, np.float32(np.inf))
+        change, new = self._tiles.write(part, told, known, told=True, keeps=keeps)
+        return self._noted(self._stand_anew(change, new), (*new[:2], 0, 0))
 
     def update_elevation(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
         """Put new elevations into a map that was made from such, and what that changed into the log; as `update`.
@@ -190,17 +186,14 @@ class MapState:
             raise InvalidMapError("wanted costs, as the map was made from such: update takes them")
         heights, _ = relative_heights(patch, self._base)
         part = patch_at((row, col), heights.shape, self.shape)
-        old = self._heights[slices(part)]
-        new = heights if seen is None else np.where(seen, heights, old)
-        part, new = trimmed(part, (new != old) & (np.isfinite(new) | np.isfinite(old)), new)
-        if not new.size:
-            return Change(part, 0)
-        change = self._tiles.write_heights(*part[:2], new, keep_old_weights=self.log.keeps_old_weights)
-        return self._noted(self._stand_anew(change, part), part)
+        change, new = self._tiles.write(
+            part, heights, ALL if seen is None else seen, keeps=self.log.keeps_old_weights
+        )
+        return self._noted(self._stand_anew(change, new), new)
 
     def _stand_anew(self, change: Change, part: Rectangle) -> Change:
         """Have a body's poses checked anew that touch a part; no more is known of them than where they are."""
-        if self.grid.poses is None or self._heights is None:
+        if self.grid.poses is None or self._heights is None or not part[2]:
             return change
         shut = None if self._told is None else self._told[slices(part)] >= 1.0
         touched = self.grid.poses.write(*part[:2], self._heights[slices(part)], shut)
@@ -375,12 +368,3 @@ def map_state(
         )  # who called the planner
     kind = DiscState if ground.vehicle is not None and ground.vehicle.is_disc else MapState
     return kind(ground, omega, corner_cutting, lazy=lazy, tell_unknown=tell_unknown)
-
-
-def trimmed(part: Rectangle, changed: NDArray[np.bool_], values: Float2D) -> tuple[Rectangle, Float2D]:
-    """The least rectangle of a part that holds its changed cells, and the values there; no rows without any."""
-    rows, cols = np.flatnonzero(changed.any(1)), np.flatnonzero(changed.any(0))
-    if not len(rows):
-        return (part[0], part[1], 0, 0), values[:0]
-    inner = int(rows[0]), int(cols[0]), int(rows[-1] - rows[0]) + 1, int(cols[-1] - cols[0]) + 1
-    return (part[0] + inner[0], part[1] + inner[1], *inner[2:]), values[slices(inner)]

@@ -21,6 +21,7 @@ from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.tiles import (
     COSTED,
+    FOUND_SLOTS,
     LINKED,
     POOLED,
     SURROUNDED,
@@ -82,7 +83,7 @@ def _address() -> int:
 class Tiles:
     """Which parts of a map of heights have been computed, and what it takes to compute the others.
 
-    `heights` (H, W) float32 in metres, not finite where unknown, are kept, and changed by `write_heights` alone;
+    `heights` (H, W) float32 in metres, not finite where unknown, are kept, and changed by `write` alone;
     `rule` as for `fill_weights`; `weights` and `corner_cutting` are those of the map's grid. Tiles consist of whole
     cells of the coarsest level, which are `coarsest` cells to the side. `told` as from `tell_from_now_on`, if
     anything was told before.
@@ -165,8 +166,8 @@ class Tiles:
         self._source[7][0] = rows * cols
 
     def tell_from_now_on(self) -> Float2D:
-        """(H, W) float32, costs that were told, inf where a cell is shut, 0 where nothing was; to be asked for before
-        `tell`.
+        """(H, W) float32, costs that were told, inf where a cell is shut, 0 where nothing was; to be asked for
+        before any are written.
         """
         told = virtual_zeros(self.heights.size, np.float32).reshape(self.shape)
         self._tell_in(told)
@@ -176,26 +177,25 @@ class Tiles:
         self._source = (*self._source[:9], told.reshape(-1))
         self._source[7][1] = 1
 
-    def write_heights(self, row: int, col: int, patch: Float2D, *, keep_old_weights: bool = False) -> Change:
-        """Put heights into the map, (h, w) float32 that lie inside it, and bring up to date what has been computed.
+    def write(
+        self, part: Rectangle, patch: Float2D, seen: NDArray[np.bool_], *, told: bool = False, keeps: bool = False
+    ) -> tuple[Change, Rectangle]:
+        """Put heights into the map, or costs that are `told`, and bring up to date what has been computed.
 
-        The change counts what has not been computed yet as changed; with `keep_old_weights` it is computed first.
+        `patch` (h, w) float32 lies in a part of the map; `seen` (h, w) are its cells that are written, (0, 0) for
+        all. Returns the change, which counts what has not been computed yet as changed, and the rectangle of new
+        values, of no rows without any. With `keeps` old weights are kept, and computed first where there are none.
         """
-        return self._write(self._source[0], 1, row, col, patch, keep_old_weights)
-
-    def tell(self, row: int, col: int, costs: Float2D, *, keep_old_weights: bool = False) -> Change:
-        """Put costs told into the map; as `write_heights`."""
-        return self._write(self._source[9], 0, row, col, costs, keep_old_weights)
-
-    def _write(
-        self, layer: NDArray[np.float32], rim: int, row: int, col: int, patch: Float2D, keep_old_weights: bool
-    ) -> Change:
-        room = (patch.shape[0] + 2 * rim) * (patch.shape[1] + 2 * rim) if keep_old_weights else 0
-        found, nodes, old = np.empty(7, np.int64), np.empty(room, np.int32), np.empty(room, np.float32)
-        write_layer(self.packed(), layer, rim, np.ascontiguousarray(patch), row, col, found, nodes, old)
-        cells, cheaper, row0, col0, row1, col1, noted = found.tolist()
-        part = (row0, col0, row1 - row0, col1 - col0) if cells else (row, col, 0, 0)
-        return Change(part, cells, bool(cheaper), nodes=nodes[:noted].copy(), old_weights=old[:noted].copy())
+        layer, rim = (self._source[9], 0) if told else (self._source[0], 1)
+        room = (part[2] + 2 * rim) * (part[3] + 2 * rim) if keeps else 0
+        found, nodes, old = np.empty(FOUND_SLOTS, np.int64), np.empty(room, np.int32), np.empty(room, np.float32)
+        write_layer(self.packed(), layer, rim, np.ascontiguousarray(patch), seen, *part[:2], found, nodes, old)
+        cells, cheaper, *changed, noted, row0, col0, row1, col1 = found.tolist()
+        top, left, bottom, end = changed if cells else (part[0], part[1], part[0], part[1])
+        change = Change((top, left, bottom - top, end - left), cells, bool(cheaper))
+        if keeps:
+            change = change._replace(nodes=nodes[:noted].copy(), old_weights=old[:noted].copy())
+        return change, (row0, col0, row1 - row0, col1 - col0)
 
     def planes(
         self, window: Rectangle, inner: tuple[int, int], parts: Sequence[Rectangle], out: NDArray[np.float32]

@@ -23,7 +23,7 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners import dynamic
 from nnpp_edge.runtime.planners.dynamic import DynamicChooser
 from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
+from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, RegionMender
 from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath
@@ -200,7 +200,7 @@ class ChangingMap:
             query, work = Query(self.start, self.goal), Work()
             for state, path in ((self.state, self.path), (self.unmerged, self.unmerged_path)):
                 found = Methods(state, self.network).search_map(query, work)
-                path.set(found.plan(Method.ASTAR, work, planner="astar"))
+                path.set(found.plan(DynamicMethod.ASTAR, work))
             assert search.landmarks is None
 
     def read_standing_path(self):
@@ -257,7 +257,7 @@ class ChangingMap:
         assert (found.search.status is Status.OK) == np.isfinite(optimum)
         if found.search.status is Status.OK:
             assert self.check_path(found.search.path, self.start) >= optimum * (1 - 1e-5) - 1e-5
-            self.chooser_path.set(found.plan(method.base, work, planner=method))
+            self.chooser_path.set(found.plan(method, work))
             self.chooser.answered()
             self.since_answer.clear()
 
