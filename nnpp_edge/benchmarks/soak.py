@@ -1,4 +1,4 @@
-"""The onboard loop's planner for many ticks on a map that never rests: does it keep time, memory and its word?
+"""The onboard loop for many ticks on a map that never rests: does it keep time, memory and its word?
 
 ``python -m nnpp_edge.benchmarks.soak --ticks 60000 --size 512`` drives a robot from goal to goal, ticks as fast as
 possible, with changes of the map at every tick, and checks each path apart from the loop. With ``--vehicle`` it has a
@@ -6,12 +6,10 @@ body, gets patches of the heights around it, and is told of walls as costs, whic
 lines of a disc are checked too.
 """
 
-import gc
 import itertools
 import json
 import math
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,12 +19,14 @@ import numpy as np
 
 from nnpp_edge.profiling.ground import heights_of
 from nnpp_edge.profiling.suites import TerrainFiles, check_sizes, synthetic_cases, terrain_cases
+from nnpp_edge.progress import bar
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, Status
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Input, MapPatch, PathMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.timing import Histogram, rss_bytes
+from nnpp_edge.runtime.loop.runner import Loop
+from nnpp_edge.runtime.loop.timing import rss_bytes
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -58,11 +58,10 @@ def soak(
     changes: int = 1,
     seed: int = 1,
     progress: Callable[[int], None] = lambda done: None,
-) -> dict[str, float | str]:
+) -> dict[str, object]:
     """Let one method plan for `ticks` (at least 1) on ground of at least 32 cells a side; see `soak_ground`.
 
-    At every tick `changes` obstacles appear, move or vanish. A tick's time is that of taking its changes in and of
-    its answer, not that of the simulated world. InvalidQueryError if a number is out of range.
+    At every tick `changes` obstacles appear, move or vanish. InvalidQueryError if a number is out of range.
 
     Returns
     -------
@@ -70,34 +69,31 @@ def soak(
         Counts: ``goals`` that the robot was sent to, ``reached``, ``planned``, ``kept``, ``errors``;
         ``without_path``, ticks whose answer was not OK, as obstacles can wall the robot or its goal in; ``invalid``,
         paths that crossed what the newest map forbids, or were broken: 0, or the loop is at fault; ``overruns``,
-        ticks longer than a period at 17 Hz. ``ticks_per_s`` and ``tick_ms`` are by the time spent in ticks; resident
-        memory, MB, is that at the start, after a tenth of the ticks (``rss_warm_mb``) and at the end.
+        ticks longer than a period at 17 Hz. ``ticks_per_s`` and ``tick_ms`` are by the time spent in ticks, without
+        the simulated world's; resident memory, MB, is that at the start, after a tenth of the ticks
+        (``rss_warm_mb``) and at the end.
     """
     size = min(ground.true.shape)
     if ticks < 1 or size < 32:
         raise InvalidQueryError(f"a soak needs at least 1 tick and a map of 32 cells, got {ticks} and {size}")
     course = _Course(ground, np.random.default_rng(seed), changes)
-    gc.collect()
-    start_mb = warm_mb = 1e-6 * rss_bytes()
-    navigator = Navigator(ground.robot.ground(course.scene.told), settings)
-    histogram, overruns, failed = Histogram(), 0, 0
-    for tick in range(ticks):
-        inputs = course.poll()
-        began = time.perf_counter()
-        for message in inputs:
-            navigator.offer(message)
-        answer = navigator.tick(time.monotonic() + 1.0 / RATE_HZ)
-        took = time.perf_counter() - began
-        histogram.add(took)
-        overruns += took > 1.0 / RATE_HZ
+    memory_mb = {"rss_start_mb": 1e-6 * rss_bytes()}
+    overruns = failed = 0
+
+    def after_tick(answer: PathMessage) -> None:
+        nonlocal overruns, failed
+        _, began, ended, _ = loop.spans[0]
+        overruns += ended - began > 1.0 / RATE_HZ
         failed += answer.outcome is not Status.OK
+        if answer.tick == 1 + int(_WARM_UP * ticks):
+            memory_mb["rss_warm_mb"] = 1e-6 * rss_bytes()
+        if answer.tick % 100 == 0 or answer.tick == ticks:
+            progress(answer.tick)
         course.heard(answer)
-        if tick == int(_WARM_UP * ticks):
-            warm_mb = 1e-6 * rss_bytes()
-        if tick % 100 == 99 or tick + 1 == ticks:
-            progress(tick + 1)
-    gc.collect()
-    counters = navigator.counters()
+
+    navigator = Navigator(ground.robot.ground(course.scene.told), settings)
+    loop = Loop(navigator, course, rate_hz=RATE_HZ, paced=False, after_tick=after_tick)
+    counters = loop.run(ticks)
     return {
         "method": str(settings.method),
         "ticks": ticks,
@@ -110,17 +106,16 @@ def soak(
         "without_path": failed,
         "invalid": course.scene.forbidden + course.forbidden,
         "errors": counters.errors,
-        "ticks_per_s": 1.0 / histogram.mean_s,
-        "tick_ms": histogram.summary_ms(),
+        "ticks_per_s": 1e3 / counters.tick_ms["mean"],
+        "tick_ms": counters.tick_ms,
         "overruns": overruns,
-        "rss_start_mb": start_mb,
-        "rss_warm_mb": warm_mb,
+        **memory_mb,
         "rss_end_mb": 1e-6 * rss_bytes(),
     }
 
 
 class _Course:
-    """A scene without end: where one goal is reached, or cannot be, the next follows."""
+    """A scene without end: where one goal is reached, or cannot be, the next follows. It moves on between two ticks."""
 
     def __init__(self, ground: SurveyedGround, rng: np.random.Generator, changes: int) -> None:
         self._ground, self._rng = ground, rng
@@ -129,22 +124,35 @@ class _Course:
         self.goals, self.reached, self._stuck = 1, 0, 0
         start, goal = self._query(None)
         self.scene = Scene(ground, start, goal, rng, changes=changes)
-        self.told, self.forbidden = np.zeros(ground.true.shape, np.bool_), 0
+        self._told, self.forbidden = np.zeros(ground.true.shape, np.bool_), 0
         """(H, W) cells told to be impassable, beside the heights; paths and lines that crossed what they must not."""
+        self._next = list(self.scene.poll())
 
     def poll(self) -> list[Input]:
         """The inputs of the next tick."""
-        before = self.scene.waited
-        inputs = list(self.scene.poll())
-        if isinstance(self._ground.robot, Body) and self._rng.random() < _TOLD:
-            inputs.append(self._wall())
-        self._stuck = self._stuck + 1 if self.scene.waited > before else 0
-        if self.scene.reached or self._stuck > _PATIENCE:
-            self.reached += self.scene.reached
+        return self._next
+
+    def heard(self, answer: PathMessage) -> None:
+        """Check an answer by what was told, and a disc's line by its distance; then move on."""
+        scene, robot = self.scene, self._ground.robot
+        scene.heard(answer)
+        if answer.ok and self._told.any():
+            values = np.where(self._told, np.float32(np.nan), scene.told)
+            self.forbidden += not walkable(robot, answer.path, values, answer.goal)
+        if answer.waypoints is not None and isinstance(robot, Disc):
+            legs = itertools.pairwise(np.asarray(answer.waypoints))
+            steps = [np.linspace(*leg, 2 + 4 * int(np.abs(np.diff(leg, axis=0)).max())) for leg in legs]
+            self.forbidden += robot.clearance_m(scene.told, np.concatenate(steps)) < _TOUCHES * robot.radius_m
+        waited = scene.waited
+        self._next = list(scene.poll())
+        if isinstance(robot, Body) and self._rng.random() < _TOLD:
+            self._next.append(self._wall())
+        self._stuck = self._stuck + 1 if scene.waited > waited else 0
+        if scene.reached or self._stuck > _PATIENCE:
+            self.reached += scene.reached
             self.goals, self._stuck = self.goals + 1, 0
-            del self.scene.driven[:-1]  # the way so far is not to look like growth of the loop
-            inputs += self.scene.send_to(self._query(self.scene.robot)[1])
-        return inputs
+            del scene.driven[:-1]  # the way so far is not to look like growth of the loop
+            self._next += scene.send_to(self._query(scene.robot)[1])
 
     def _wall(self) -> MapPatch:
         """A wall told as costs, away from both ends; or what was told there is taken back, or nothing is said."""
@@ -153,25 +161,12 @@ class _Course:
         row, col = int(self._rng.integers(rows - 4)), int(self._rng.integers(cols - 4))
         near = min(max(abs(row - end[0]), abs(col - end[1])) for end in (self.scene.robot, self.scene.goal)) < far
         value = float(self._rng.choice((math.nan, 0.0, 1.0)))
+        high, wide = ((1, 4), (4, 1))[int(self._rng.integers(2))]
         if near or value == 0.0:  # all that was told, now and then
             row, col, value, high, wide = 0, 0, 0.0, rows, cols
-        else:
-            high, wide = ((1, 4), (4, 1))[int(self._rng.integers(2))]
         if not math.isnan(value):
-            self.told[row : row + high, col : col + wide] = value >= 1.0
+            self._told[row : row + high, col : col + wide] = value >= 1.0
         return MapPatch(row, col, cost=np.full((high, wide), value))
-
-    def heard(self, answer: PathMessage) -> None:
-        """Take the loop's answer, and check it by what was told, and a disc's line by its distance."""
-        scene, robot = self.scene, self._ground.robot
-        scene.heard(answer)
-        if answer.ok and self.told.any():
-            values = np.where(self.told, np.float32(np.nan), scene.told)
-            self.forbidden += not walkable(robot, answer.path, values, answer.goal)
-        if answer.waypoints is not None and isinstance(robot, Disc):
-            legs = itertools.pairwise(np.asarray(answer.waypoints))
-            steps = [np.linspace(*leg, 2 + 4 * int(np.abs(np.diff(leg, axis=0)).max())) for leg in legs]
-            self.forbidden += robot.clearance_m(scene.told, np.concatenate(steps)) < _TOUCHES * robot.radius_m
 
     def _query(self, robot: Cell | None) -> Endpoints:
         """A start (the robot's cell) and a goal that is far from it and truly connected."""
@@ -211,26 +206,20 @@ def soak_ground(
 @click.option("--vehicle", metavar="NAME|FILE", help="A shipped vehicle, or one from TOML.")
 @click.option("--rocks", type=click.FloatRange(0.0, 0.2), default=0.0, help="Share of the ground under rocks.")
 @click.option("--changes", type=click.IntRange(0), default=1, show_default=True, help="Of the map, at every tick.")
-@click.option("--methods", default="auto", show_default=True, help=f"Of {', '.join(DynamicMethod)}, by commas.")
+@click.option("--method", type=click.Choice(list(DynamicMethod)), default="auto", show_default=True)
 @click.option("--model", default="edge", show_default=True, help="Shipped model or file.")
 @click.option("--refine", is_flag=True, help="Plan lines off the grid too.")
 @click.option("--seed", type=int, default=1, show_default=True)
-def main(ticks: int, methods: str, model: str, refine: bool, changes: int, seed: int, **of_ground: Any) -> None:
+def main(ticks: int, method: str, model: str, refine: bool, changes: int, seed: int, **of_ground: Any) -> None:
     """Plan for many ticks and print what came of it as JSON; exit code 1 if a path was invalid."""
-    from nnpp_edge.progress import bar
-
-    names, rows = [name.strip() for name in methods.split(",")], []
-    if unknown := set(names) - set(DynamicMethod):
-        raise click.UsageError(f"--methods must be of {', '.join(DynamicMethod)}, got {', '.join(sorted(unknown))}")
     vehicle = None if of_ground["vehicle"] is None else load_vehicle(of_ground["vehicle"])
     dems = TerrainFiles(of_ground["terrain"], of_ground["rescale"]).read()
     ground = soak_ground(of_ground["size"], seed, dems, vehicle, of_ground["rocks"])
-    for name in names:
-        settings = NavigatorSettings(method=name, model=model, refine="any-angle" if refine else None)
-        with bar(f"soak {name}", ticks, quiet=True) as advance:
-            rows.append(soak(settings, ground, ticks=ticks, changes=changes, seed=seed, progress=advance))
-    click.echo(json.dumps(rows, indent=1))
-    sys.exit(int(any(row["invalid"] for row in rows)))
+    settings = NavigatorSettings(method=method, model=model, refine="any-angle" if refine else None)
+    with bar(f"soak {method}", ticks, quiet=True) as advance:
+        row = soak(settings, ground, ticks=ticks, changes=changes, seed=seed, progress=advance)
+    click.echo(json.dumps(row, indent=1))
+    sys.exit(int(bool(row["invalid"])))
 
 
 if __name__ == "__main__":

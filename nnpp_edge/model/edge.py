@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from nnpp_edge.model.nnpp import PRIOR_LOGIT, ConvBNReLU
+from nnpp_edge.model.nnpp import ConvBNReLU, initialise
 from nnpp_edge.model.registry import OUTPUT_STRIDES
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS
@@ -48,11 +48,7 @@ class EdgeNet(nn.Module):
             raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {input_size}")
         self.encoder = Encoder(widths, stem, relation)
         self.head = Head(relation, hidden)
-        for module in self.modules():
-            if isinstance(module, nn.Conv2d | nn.Linear):
-                nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
-        nn.init.normal_(self.head.answer.weight, std=0.01)
-        nn.init.constant_(self.head.answer.bias, PRIOR_LOGIT)
+        initialise(self, self.head.answer)
 
     def forward(self, planes: Tensor, query: Tensor) -> Tensor:
         """Logits (N, 4, S/8, S/8) of the probability that a nearly optimal path passes.
@@ -65,7 +61,10 @@ class EdgeNet(nn.Module):
 
 
 class Encoder(nn.Module):
-    """The map's two descriptions of each place: as one to pass through, and as an end of a path."""
+    """The map's two descriptions of each place, as one to pass through and as an end of a path.
+
+    (N, 32, S/4, S/4) to (N, 2R, S/8, S/8).
+    """
 
     def __init__(self, widths: tuple[int, ...], stem: int, relation: int) -> None:
         super().__init__()
@@ -75,13 +74,12 @@ class Encoder(nn.Module):
         self.describe = nn.Conv2d(widths[0], 2 * relation, 1)
 
     def forward(self, planes: Tensor) -> Tensor:
-        """(N, 32, S/4, S/4) to (N, 2R, S/8, S/8)."""
         described: Tensor = self.describe(self.pyramid(self.widen(self.stem(planes))))
         return described
 
 
 class Head(nn.Module):
-    """From the places' descriptions and a query to logits.
+    """From the places' descriptions (N, 2R, B, B) and a query (N, 15, B, B) to logits (N, 4, B, B).
 
     `relation` (R) numbers relate a place to an end; `hidden` are the units of the two layers after.
     """
@@ -104,7 +102,6 @@ class Head(nn.Module):
         return torch.cat([part.flatten() for part in parts])
 
     def forward(self, described: Tensor, query: Tensor) -> Tensor:
-        """(N, 2R, B, B) and (N, 15, B, B) to (N, 4, B, B)."""
         side = described.shape[-1]
         place, end = described.flatten(2).transpose(1, 2).chunk(2, -1)
         flat = query.flatten(2)
@@ -150,7 +147,7 @@ class Residual(nn.Module):
 
 
 class Up(nn.Module):
-    """Double the side of `deep` and add it to `shallow`, then convolve."""
+    """`deep` (N, D, H, W) at twice its side added to `shallow` (N, C, 2H, 2W), then convolved."""
 
     def __init__(self, deep: int, shallow: int) -> None:
         super().__init__()
@@ -158,7 +155,6 @@ class Up(nn.Module):
         self.merge = ConvBNReLU(shallow, shallow)
 
     def forward(self, deep: Tensor, shallow: Tensor) -> Tensor:
-        """(N, D, H, W) and (N, C, 2H, 2W) to (N, C, 2H, 2W)."""
         doubled = functional.interpolate(self.match(deep), scale_factor=2, mode="nearest")
         merged: Tensor = self.merge(shallow + doubled)
         return merged

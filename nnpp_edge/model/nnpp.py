@@ -67,12 +67,7 @@ class NNPP(nn.Module):
         self.fuse4 = UAFM(2 * width, 8 * width, width)
         self.fuse3 = UAFM(width, 4 * width, width // 2)
         self.classifier = nn.Conv2d(width // 2, 1, 3, padding=1)
-        for module in self.modules():
-            if isinstance(module, nn.Conv2d):
-                nn.init.kaiming_normal_(module.weight, mode="fan_in", nonlinearity="relu")
-        nn.init.normal_(self.classifier.weight, std=0.01)
-        assert self.classifier.bias is not None
-        nn.init.constant_(self.classifier.bias, PRIOR_LOGIT)
+        initialise(self, self.classifier)
 
     def forward(self, x: Tensor) -> Tensor:
         """Logits (N, 1, S/8, S/8) for (N, 3, S, S): cost, start_map and goal_map, each in [0, 1]."""
@@ -80,28 +75,36 @@ class NNPP(nn.Module):
             wanted = f"(N, {INPUT_CHANNELS}, {self.input_size}, {self.input_size})"
             raise ModelError(f"input must be {wanted}, got {tuple(x.shape)}")
         stage3, stage4, stage5 = self.backbone(x)
-        features = self.fuse4(self.context(stage5), stage4)
-        logits: Tensor = self.classifier(self.fuse3(features, stage3))
+        logits: Tensor = self.classifier(self.fuse3(self.fuse4(self.context(stage5), stage4), stage3))
         return logits
 
 
+def initialise(network: nn.Module, answer: nn.Conv2d | nn.Linear) -> None:
+    """First weights by Kaiming, and of the layer that answers such that it begins with `PRIOR_LOGIT`."""
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d | nn.Linear):
+            nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
+    nn.init.normal_(answer.weight, std=0.01)
+    assert answer.bias is not None
+    nn.init.constant_(answer.bias, PRIOR_LOGIT)
+
+
 class STDC(nn.Module):
-    """Five stages, each at half the resolution (STDC, Table 2), of width × (1/2, 1, 4, 8, 16) channels."""
+    """Five stages, each at half the resolution (STDC, Table 2), of width × (1/2, 1, 4, 8, 16) channels.
+
+    (N, 3, H, W) to the features of stages 3, 4 and 5, at 1/8, 1/16 and 1/32 of H and W.
+    """
 
     def __init__(self, width: int) -> None:
         super().__init__()
         self.stage1 = ConvBNReLU(INPUT_CHANNELS, width // 2, 3, stride=2)
         self.stage2 = ConvBNReLU(width // 2, width, 3, stride=2)
-        self.stage3 = self._stage(width, 4 * width)
-        self.stage4 = self._stage(4 * width, 8 * width)
-        self.stage5 = self._stage(8 * width, 16 * width)
-
-    @staticmethod
-    def _stage(inputs: int, outputs: int) -> nn.Sequential:
-        return nn.Sequential(STDCModule(inputs, outputs, stride=2), STDCModule(outputs, outputs))
+        self.stage3, self.stage4, self.stage5 = (
+            nn.Sequential(STDCModule(inputs * width, outputs * width, stride=2), STDCModule(*[outputs * width] * 2))
+            for inputs, outputs in ((1, 4), (4, 8), (8, 16))
+        )
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Features of stages 3, 4 and 5 for (N, 3, H, W): at 1/8, 1/16 and 1/32 of H and W."""
         stage3 = self.stage3(self.stage2(self.stage1(x)))
         stage4 = self.stage4(stage3)
         return stage3, stage4, self.stage5(stage4)
@@ -123,8 +126,7 @@ class STDCModule(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         first = self.first(x)
-        outputs = [self.shortcut(first)]
-        x = self.down(first)
+        outputs, x = [self.shortcut(first)], self.down(first)
         for convolution in self.rest:
             x = convolution(x)
             outputs.append(x)
@@ -140,15 +142,14 @@ class SPPM(nn.Module):
 
     def __init__(self, inputs: int, outputs: int, size: int) -> None:
         super().__init__()
-        self.factors = tuple(size // scale for scale in SCALES)
-        self.pools = nn.ModuleList(nn.AvgPool2d(factor) for factor in self.factors)
+        self.pools = nn.ModuleList(nn.AvgPool2d(size // scale) for scale in SCALES)
         self.branches = nn.ModuleList(ConvBNReLU(inputs, outputs, 1) for _ in SCALES)
         self.out = ConvBNReLU(outputs, outputs, 3)
 
     def forward(self, x: Tensor) -> Tensor:
         parts = (
-            functional.interpolate(branch(pool(x)), scale_factor=float(factor), mode="nearest")
-            for pool, branch, factor in zip(self.pools, self.branches, self.factors, strict=True)
+            functional.interpolate(branch(pool(x)), scale_factor=float(x.shape[-1] // scale), mode="nearest")
+            for pool, branch, scale in zip(self.pools, self.branches, SCALES, strict=True)
         )
         pooled: Tensor = self.out(reduce(torch.add, parts))
         return pooled

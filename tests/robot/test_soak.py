@@ -83,10 +83,8 @@ def test_numbers_out_of_range_are_refused():
         soak(NavigatorSettings(method="fastest"), soak_ground(64), ticks=5)
 
 
-def test_the_command_prints_a_row_for_each_method():
-    words = ["--ticks", "30", "--size", "48", "--methods", "astar, dstar", "--vehicle", "small-rover"]
-    ended = CliRunner().invoke(main, words)
+def test_the_command_prints_what_came_of_it():
+    ended = CliRunner().invoke(main, ["--ticks", "30", "--size", "48", "--method", "dstar", "--vehicle", "small-rover"])
     assert ended.exit_code == 0, ended.output
-    rows = json.loads(ended.stdout)
-    assert [row["method"] for row in rows] == ["astar", "dstar"]
-    assert all(np.isfinite(row["tick_ms"]["p99"]) and row["invalid"] == 0 for row in rows)
+    row = json.loads(ended.stdout)
+    assert row["method"] == "dstar" and np.isfinite(row["tick_ms"]["p99"]) and row["invalid"] == 0
