@@ -115,7 +115,7 @@ def soak(
 
 
 class _Course:
-    """A scene without end: where one goal is reached, or cannot be, the next follows. It moves on between two ticks."""
+    """A scene without end, moved on between ticks: where a goal is reached, or cannot be, the next follows."""
 
     def __init__(self, ground: SurveyedGround, rng: np.random.Generator, changes: int) -> None:
         self._ground, self._rng = ground, rng
@@ -206,7 +206,7 @@ def soak_ground(
 @click.option("--vehicle", metavar="NAME|FILE", help="A shipped vehicle, or one from TOML.")
 @click.option("--rocks", type=click.FloatRange(0.0, 0.2), default=0.0, help="Share of the ground under rocks.")
 @click.option("--changes", type=click.IntRange(0), default=1, show_default=True, help="Of the map, at every tick.")
-@click.option("--method", type=click.Choice(list(DynamicMethod)), default="auto", show_default=True)
+@click.option("--method", type=click.Choice([*map(str, DynamicMethod)]), default="auto", show_default=True)
 @click.option("--model", default="edge", show_default=True, help="Shipped model or file.")
 @click.option("--refine", is_flag=True, help="Plan lines off the grid too.")
 @click.option("--seed", type=int, default=1, show_default=True)

@@ -84,7 +84,8 @@ def test_numbers_out_of_range_are_refused():
 
 
 def test_the_command_prints_what_came_of_it():
-    ended = CliRunner().invoke(main, ["--ticks", "30", "--size", "48", "--method", "dstar", "--vehicle", "small-rover"])
+    words = "--ticks 30 --size 48 --method dstar --vehicle small-rover"
+    ended = CliRunner().invoke(main, words.split())
     assert ended.exit_code == 0, ended.output
     row = json.loads(ended.stdout)
     assert row["method"] == "dstar" and np.isfinite(row["tick_ms"]["p99"]) and row["invalid"] == 0
