@@ -2,6 +2,7 @@
 
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +34,7 @@ class Tally:
     """Counts of a cost map, band by band."""
 
     def __init__(self, place: Place, limits: Traversability) -> None:
-        self._place = place
+        self.place = place
         self._limits = np.radians(limits.slope_limit_deg), limits.roughness_limit_m, limits.step_limit_m
         self._counts = np.zeros(_STEPS, np.int64)
         self._known, self._full = 0, np.zeros(len(TERMS), np.int64)
@@ -42,44 +43,37 @@ class Tally:
         """Count a band. At its rim the terms are those of a patch cut in two."""
         passable = cost[np.isfinite(cost)]
         self._counts += np.bincount((passable * _STEPS).astype(np.int32), minlength=_STEPS)
-        terms = terrain_terms(heights, self._place.cell_size_m, cell_width_m=self._place.cell_width_m)
+        terms = terrain_terms(heights, self.place.cell_size_m, cell_width_m=self.place.cell_width_m)
         self._known += int(np.isfinite(terms[0]).sum())
         self._full += [int((term >= limit).sum()) for term, limit in zip(terms, self._limits, strict=True)]
 
-    def figures(self) -> dict[str, object]:
+    def figures(self) -> dict[str, Any]:
         """Share that is passable, costs that shares of these cells do not pass, and shares at a term's limit."""
-        return size_of(self._place) | {
-            "passable_share": self._passable(),
-            "cost_quantiles": {f"{share:g}": quantile for share, quantile in self._quantiles().items()},
-            "saturated_share": self._saturated(),
+        (rows, cols), below = self.place.shape, np.cumsum(self._counts)
+        passable = int(below[-1])
+        at = np.searchsorted(below, np.array(_SHARES) * (passable - 1), side="right")
+        costs = [round((step + 0.5) / _STEPS, 6) if passable else None for step in at.tolist()]
+        full = (self._full / max(self._known, 1)).round(6).tolist()
+        return size_of(self.place) | {
+            "passable_share": passable / (rows * cols),
+            "cost_quantiles": {f"{share:g}": cost for share, cost in zip(_SHARES, costs, strict=True)},
+            "saturated_share": dict(zip(TERMS, full, strict=True)),
         }
 
     def text(self, name: str, files: list[str]) -> str:
         """For people."""
-        quantiles = {share: cost for share, cost in self._quantiles().items() if cost is not None}
-        costs = ", ".join(f"{100 * share:.0f} % of cells up to {cost:.3f}" for share, cost in quantiles.items())
+        found = self.figures()
+        costs = ((100 * float(share), cost) for share, cost in found["cost_quantiles"].items() if cost is not None)
+        cost = ", ".join(f"{share:.0f} % of cells up to {cost:.3f}" for share, cost in costs)
+        full = (f"{term} {100 * share:.1f} %" for term, share in found["saturated_share"].items())
         lines = {
-            "map": f"{name}: {size_in_words(self._place)}",
-            "passable": f"{100 * self._passable():.2f} % of cells",
-            "cost": costs or "no cell is passable",
-            "at limit": ", ".join(f"{term} {100 * share:.1f} %" for term, share in self._saturated().items()),
+            "map": f"{name}: {size_in_words(self.place)}",
+            "passable": f"{100 * found['passable_share']:.2f} % of cells",
+            "cost": cost or "no cell is passable",
+            "at limit": ", ".join(full),
             "written": ", ".join(files),
         }
         return aligned(lines)
-
-    def _passable(self) -> float:
-        rows, cols = self._place.shape
-        return int(self._counts.sum()) / (rows * cols)
-
-    def _quantiles(self) -> dict[float, float | None]:
-        """True to the step; None where no cell is passable."""
-        below = np.cumsum(self._counts)
-        at = np.searchsorted(below, np.array(_SHARES) * (below[-1] - 1), side="right")
-        costs = [round((step + 0.5) / _STEPS, 6) if below[-1] else None for step in at.tolist()]
-        return dict(zip(_SHARES, costs, strict=True))
-
-    def _saturated(self) -> dict[str, float]:
-        return dict(zip(TERMS, (self._full / max(self._known, 1)).round(6).tolist(), strict=True))
 
 
 def write_whole(dem: Dem, limits: Traversability, output: Path, picture: Path) -> Tally:
@@ -117,11 +111,11 @@ def _with_nodata(cost: Float2D) -> Float2D:
 
 def _content(output: Path, cost: Float2D, dem: Dem) -> bytes:
     """The cost in the format that the name's ending asks for."""
-    content = io.BytesIO()
-    if output.suffix.lower() == ".npy":
-        np.save(content, cost)
-    elif output.suffix.lower() == ".npz":
-        np.savez_compressed(content, cost=cost, cell_size_m=dem.cell_size_m, cell_width_m=dem.cell_width_m)
-    else:
+    content, ending = io.BytesIO(), output.suffix.lower()
+    if ending not in (".npy", ".npz"):
         return raster_bytes(output, _with_nodata(cost), dem)
+    if ending == ".npy":
+        np.save(content, cost)
+    else:
+        np.savez_compressed(content, cost=cost, cell_size_m=dem.cell_size_m, cell_width_m=dem.cell_width_m)
     return content.getvalue()

@@ -1,6 +1,6 @@
 """`nnpp-edge evaluate`: the planners beside each other."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -120,6 +120,7 @@ def command(
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
     from nnpp_edge.terrain.dataset import read_recipe
+    from nnpp_edge.terrain.workloads import of_bodies
 
     files = (*terrain, *more_terrain)
     if bool(files) + (dataset is not None) + synthetic != 1:
@@ -129,8 +130,11 @@ def command(
     if unknown := set(methods) - set(Method):
         raise click.UsageError(f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}")
     body, directed = robot.body(), robot.step_cost != "paper"
-    of_vehicle = {"--vehicle": body, "--queries-per-map": queries_per_map}
-    bodies = _body_workloads(workloads, [name for name, value in of_vehicle.items() if value is not None])
+    if (bodies := of_bodies(workloads)) and body is None:
+        raise click.UsageError(f"--workload {bodies[0]} needs a vehicle: give --vehicle")
+    if not bodies and (body or queries_per_map):
+        option = "--vehicle" if body else "--queries-per-map"
+        raise click.UsageError(f"{option} is for the workloads body and body-rocksN")
     need_heights = {"--fresh-map": fresh_map, "--step-cost": directed, "a vehicle": bodies, "--rocks": rocks}
     if dataset is not None and (wrong := [name for name, asked in need_heights.items() if asked]):
         raise click.UsageError(
@@ -193,18 +197,3 @@ def command(
         return "\n\n".join(table(each, columns, markdown=markdown) for each, columns in tables if each)
 
     tell(as_json, rows, text, indent=1)
-
-
-def _body_workloads(names: Sequence[str], given: Sequence[str]) -> list[str]:
-    """The workloads of a vehicle; UsageError where there are some without --vehicle, or an option for none."""
-    from nnpp_edge.terrain.workloads import body_rocks, workload
-
-    found = [name for name in names if body_rocks(name) is not None]
-    for name in names:
-        if name not in found:
-            workload(name)  # InvalidQueryError where there is none of that name
-    if found and "--vehicle" not in given:
-        raise click.UsageError(f"--workload {found[0]} needs a vehicle: give --vehicle")
-    if not found and given:
-        raise click.UsageError(f"{given[0]} is for the workloads body and body-rocksN")
-    return found

@@ -64,24 +64,16 @@ class Load(Table, frozen=True):
         self.check_different("terrain", "workloads", "sizes")
         mixed = SYNTHETIC in self.terrain and len(self.terrain) > 1
         self.refuse_unless(not mixed, "terrain", f"{SYNTHETIC!r} alone, or files")
+        from nnpp_edge.terrain.workloads import of_bodies
+
         try:
-            bodies = self.of_body
+            bodies = of_bodies(self.workloads)
         except InvalidQueryError as error:
             raise ValueError(f"workloads: {error}") from None
         needs = (
             f"a vehicle for the workload {bodies[0]}" if bodies else "none without the workload body or body-rocksN"
         )
         self.refuse_unless(bool(bodies) == (self.vehicle is not None), "vehicle", needs)
-
-    @property
-    def of_body(self) -> tuple[str, ...]:
-        """The vehicle's workloads; InvalidQueryError where one of all has no meaning."""
-        from nnpp_edge.terrain.workloads import body_rocks, workload
-
-        found = tuple(name for name in self.workloads if body_rocks(name) is not None)
-        for name in set(self.workloads) - set(found):
-            workload(name)
-        return found
 
 
 class Networks(Table, frozen=True):

@@ -1,5 +1,6 @@
 """The standard workloads: by what rule a DEM becomes a cost map."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -44,6 +45,14 @@ def body_rocks(name: str) -> float | None:
     if not 0.0 <= share <= MOST_COVER:
         raise InvalidQueryError(f"workload must be 'body-rocksN' with N from 0 to {most:g} percent, got {name!r}")
     return share
+
+
+def of_bodies(names: Iterable[str]) -> list[str]:
+    """The workloads of a vehicle among others; InvalidQueryError for a name that is none."""
+    found = [name for name in names if body_rocks(name) is not None]
+    for name in set(names) - set(found):
+        workload(name)
+    return found
 
 
 def _number(name: str, prefix: str) -> float:

@@ -118,7 +118,7 @@ def test_a_bad_profile_is_refused_with_the_key(write, old, new, words):
 def test_a_vehicle_has_workloads_beside_a_points(write):
     text = GOOD.replace('workloads = "soft"', 'workloads = ["body-rocks5", "soft", "body"]\nvehicle = "tracked"')
     profile = read_profile(write(text))
-    assert profile.load.of_body == ("body-rocks5", "body") and profile.load.vehicle == "tracked"
+    assert profile.load.workloads == ("body-rocks5", "soft", "body") and profile.load.vehicle == "tracked"
     other, _ = overridden(profile, vehicle="a/folder/own.toml")
     assert other.load.vehicle == "a/folder/own.toml" and other.facts()["load"]["vehicle"] == "own.toml"
     with pytest.raises(ProfileError, match="vehicle: wanted none without"):
