@@ -10,7 +10,7 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import VehicleOptions
-from nnpp_edge.cli.text import table, tell
+from nnpp_edge.cli.text import columns, table, tell
 
 if TYPE_CHECKING:
     from nnpp_edge.profiling.suites import Case, Size
@@ -23,47 +23,29 @@ _FRESH_MAP = "Also from elevations to the path on a map that has just arrived, l
 _MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
 _MODELS = Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL]
 
+_SUCCESS = columns("success: success_raw .1% | after/fallback: success .1%")
+_GAPS = columns("gap/mean: gap_mean z.2% | gap/p99: gap_p99 z.2%")
 _COLUMNS = {
-    "workload": "workload",
-    "size": "size",
-    "method": "method",
-    "n": "n",
-    "success": "success_raw .1%",
-    "after\nfallback": "success .1%",
-    "gap\nmean": "gap_mean z.2%",
-    "gap\np99": "gap_p99 z.2%",
-    "ms\nmedian": "time_ms_median",
-    "ms\np99": "time_ms_p99",
-    "speed-up\nmedian": "speedup_median",
-    "speed-up\ntotal": "speedup_total",
-    "expan-\nsions": "expansions_median",
-    "region": "region_share_mean .1%",
-    "MM": "mm_mean",
-    "CC": "cc_mean",
+    **columns("workload | size | method | n"),
+    **_SUCCESS,
+    **_GAPS,
+    **columns("ms/median: time_ms_median | ms/p99: time_ms_p99"),
+    **columns("speed-up/median: speedup_median | speed-up/total: speedup_total"),
+    **columns("expan-/sions: expansions_median | region: region_share_mean .1% | MM: mm_mean | CC: cc_mean"),
 }
-_FRESH_COLUMNS = {name: _COLUMNS[name] for name in ("workload", "size", "method", "n")} | {
-    "elevation →\npath, ms": "fresh_ms_median",
-    "p99": "fresh_ms_p99",
-    "times as fast as\nastar-eager": "fresh_speedup_median",
-    "costs\ncomputed": "costs_computed_mean .1%",
-    "gap\nmean": "fresh_gap_mean z.2%",
-    "gap\np99": "fresh_gap_p99 z.2%",
-    "standing\nmap, ms": "time_ms_median",
+_FRESH_COLUMNS = {
+    **columns("workload | size | method | n | elevation →/path, ms: fresh_ms_median | p99: fresh_ms_p99"),
+    **columns("times as fast as/astar-eager: fresh_speedup_median | costs/computed: costs_computed_mean .1%"),
+    **columns("gap/mean: fresh_gap_mean z.2% | gap/p99: fresh_gap_p99 z.2% | standing/map, ms: time_ms_median"),
 }
 _BODY_COLUMNS = {
-    **{name: _COLUMNS[name] for name in ("workload", "size", "method")},
-    "queries\na map": "queries_per_map",
-    "n": "n",
-    "without\na path": "unsolvable",
-    **{name: _COLUMNS[name] for name in ("success", "after\nfallback", "gap\nmean", "gap\np99")},
-    "poses\nchecked": "checks_mean",
-    "of all": "checks_share_mean .1%",
-    **{name: _COLUMNS[name] for name in ("expan-\nsions", "ms\nmedian")},
-    "ms\np95": "time_ms_p95",
-    "ms\np99": "time_ms_p99",
-    "elevation →\npath, ms": "fresh_ms_median",
-    "p99": "fresh_ms_p99",
-    "p99 without\nfallback": "fresh_ms_p99_first",
+    **columns("workload | size | method | queries/a map: queries_per_map | n | without/a path: unsolvable"),
+    **_SUCCESS,
+    **_GAPS,
+    **columns("poses/checked: checks_mean | of all: checks_share_mean .1% | expan-/sions: expansions_median"),
+    **columns("ms/median: time_ms_median | ms/p95: time_ms_p95 | ms/p99: time_ms_p99"),
+    **columns("elevation →/path, ms: fresh_ms_median | p99: fresh_ms_p99"),
+    **columns("p99 without/fallback: fresh_ms_p99_first"),
 }
 
 
@@ -194,6 +176,6 @@ def command(
         if fresh_map:
             tables.append(([row for row in rows if row["workload"] not in bodies], _FRESH_COLUMNS))
         tables.append(([row for row in rows if row["workload"] in bodies], _BODY_COLUMNS))
-        return "\n\n".join(table(each, columns, markdown=markdown) for each, columns in tables if each)
+        return "\n\n".join(table(each, shown_as, markdown=markdown) for each, shown_as in tables if each)
 
     tell(as_json, rows, text, indent=1)

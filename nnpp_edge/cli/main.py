@@ -49,26 +49,21 @@ class LazyGroup(click.Group):
     """A group whose subcommands are imported one at a time: `--help` imports none."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names, in the order of work."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """Import one."""
-        if name not in COMMANDS:
-            return None
-        command: click.Command = import_module(f"nnpp_edge.cli.{name}").command
-        return command
+        return import_module(f"nnpp_edge.cli.{name}").command if name in COMMANDS else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-_CONTEXT = {"help_option_names": ["-h", "--help"], "show_default": True}
-
-
-@click.group(cls=LazyGroup, invoke_without_command=True, context_settings=_CONTEXT)
+@click.group(
+    cls=LazyGroup,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
+)
 @click.version_option(__version__, prog_name="nnpp-edge")
 @click.pass_context
 def cli(context: click.Context) -> None:
@@ -96,8 +91,8 @@ def main() -> None:
     except click.UsageError as error:
         if isinstance(error, click.NoSuchOption) and (instead := _instead_of(error)):
             _refuse(f"{error.option_name} was removed: {instead}")
-        command = error.ctx.command_path if error.ctx else "nnpp-edge"
-        _refuse(f"{_plain(error.format_message())}; see {command} --help")
+        message, command = error.format_message(), error.ctx.command_path if error.ctx else "nnpp-edge"
+        _refuse(f"{message[0].lower()}{message[1:].rstrip('.')}; see {command} --help")
     except (NnppEdgeError, click.ClickException) as error:
         _refuse(str(error))
     except OSError as error:
@@ -128,11 +123,6 @@ def _refuse(message: str) -> NoReturn:
 def _tell(line: str) -> None:
     """Print a line on stderr; what a file's name brought along can neither break it nor steer a terminal."""
     click.echo("".join(each if each.isprintable() else repr(each)[1:-1] for each in line), err=True)
-
-
-def _plain(message: str) -> str:
-    """click's sentence as part of ours."""
-    return message[0].lower() + message[1:].rstrip(".")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.text import MISSING, aligned, shown, tell
+from nnpp_edge.cli.text import MISSING, aligned, columns, shown, tell
 from nnpp_edge.cli.text import table as table_of
 
 if TYPE_CHECKING:
@@ -19,19 +19,10 @@ _PURPOSES = {
 _SIZE = 256
 """Side of the maps whose figures stand in the list."""
 _COLUMNS = {
-    "workload": "workload",
-    "size": "size ²",
-    "method": "method",
-    "n": "n",
-    "first\nregion": "success_raw .1%",
-    "after\nfallback": "success .1%",
-    "gap\nmean": "gap_mean .2%",
-    "gap\np99": "gap_p99 .2%",
-    "ms\nmedian": "time_ms_median .2f",
-    "ms\np99": "time_ms_p99 .2f",
-    "speed-up\nmedian": "speedup_median .2f",
-    "speed-up\ntotal": "speedup_total .2f",
-    "MM": "mm_mean .3f",
+    **columns("workload | size: size ² | method | n"),
+    **columns("first/region: success_raw .1% | after/fallback: success .1% | gap/mean: gap_mean .2%"),
+    **columns("gap/p99: gap_p99 .2% | ms/median: time_ms_median .2f | ms/p99: time_ms_p99 .2f"),
+    **columns("speed-up/median: speedup_median .2f | speed-up/total: speedup_total .2f | MM: mm_mean .3f"),
 }
 _LISTED = ("first\nregion", "gap\nmean", "ms\nmedian")
 

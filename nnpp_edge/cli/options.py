@@ -78,26 +78,19 @@ def _words(annotation: object, default: object) -> dict[str, Any]:
 
 
 class Named(click.Path):
-    """A path that is not empty, as pathlib takes an empty one for the folder we are in."""
+    """A path that is not empty, as pathlib takes an empty one for the folder we are in; a `MAP` may be a sample."""
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
         """Parse a word."""
-        if not str(value):
+        word = str(value)
+        if not word:
             self.fail("wanted a path, got nothing", param, ctx)
-        return super().convert(value, param, ctx)  # type: ignore[arg-type]  # click takes any
-
-
-class Map(Named):
-    """A file with a map, or ``sample:NAME`` for one that travels with the package."""
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
-        """Parse a word."""
-        if not str(value).startswith(SAMPLE):
-            return super().convert(value, param, ctx)
+        if self is not MAP or not word.startswith(SAMPLE):
+            return super().convert(word, param, ctx)
         from nnpp_edge.terrain.shipped import sample_path
 
         try:
-            return sample_path(str(value).removeprefix(SAMPLE))
+            return sample_path(word.removeprefix(SAMPLE))
         except ValueError as error:
             self.fail(str(error), param, ctx)
 
@@ -199,7 +192,8 @@ def joined(item: Callable[[str], object]) -> Callable[[str], object]:
 
 
 PATH = Named(path_type=Path)
-MAP = Map(path_type=Path)
+MAP = Named(path_type=Path)
+"""A file, or ``sample:NAME`` for a map that travels with the package."""
 NEW_FILE = Named(path_type=Path, dir_okay=False)
 FOLDER = Named(path_type=Path, file_okay=False)
 COUNT = click.IntRange(1, MOST)

@@ -9,7 +9,7 @@ from math import isfinite, nan
 from pathlib import Path
 
 from nnpp_edge.cli.maps import size_in_words, size_of
-from nnpp_edge.cli.text import Row, aligned, duration, table
+from nnpp_edge.cli.text import Row, aligned, columns, duration, table
 from nnpp_edge.files import write_all
 from nnpp_edge.runtime import Plan, Vehicle
 from nnpp_edge.runtime.cells import Cell
@@ -23,16 +23,9 @@ from nnpp_edge.viz.sheet import Picture, metres
 _PROPERTIES = ("status", "method", "source", "cost")
 """Figures that path.geojson repeats, beside those along the way."""
 _OF_LEGS = (*_PROPERTIES, "length_m", "time_s", "energy_j", "climb_m", "descent_m")
-_COMPARED = {
-    "method": "method",
-    "source": "source",
-    "status": "status",
-    "cost": "cost .6g",
-    "gap": "gap z.2%",
-    "ms": "time_ms .2f",
-    "speed-up": "speedup .2f",
-    "expansions": "expansions",
-}
+_COMPARED = columns(
+    "method | source | status | cost: cost .6g | gap: gap z.2% | ms: time_ms .2f | speed-up: speedup .2f | expansions"
+)
 
 
 @dataclass(frozen=True)

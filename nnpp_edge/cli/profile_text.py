@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from nnpp_edge.cli.text import MISSING, Columns, Row, aligned, shown, table
+from nnpp_edge.cli.text import MISSING, Columns, Row, aligned, columns, shown, table
 from nnpp_edge.profiling.contest import Figures
 from nnpp_edge.profiling.quantities import STAGES
 from nnpp_edge.profiling.report_format import BreakEven, Comparison, Report
@@ -13,71 +13,37 @@ def _verdict(line: Row) -> str:
     return str(line["verdict"]).upper()
 
 
-_PLACE: dict[str, str | Callable[[Row], str]] = {"workload": "workload", "size": "size ²", "planner": "planner"}
-_RESULTS = _PLACE | {
-    "n": "n",
-    "ms\nmedian": "time_ms.median",
-    "ms\np90": "time_ms.p90",
-    "ms\np99": "time_ms.p99",
-    "ms\nmax": "time_ms.max",
-    "FPS": "fps .0f",
-    "network\nFPS": "inference_fps .0f",
-    "speed-up\nmedian": "speedup_median .2f",
-    "speed-up\ntotal": "speedup_total .2f",
-    "success": "success_first .1%",
-    "after\nfallback": "success .1%",
-    "gap\nmean": "gap_mean z.2%",
-    "gap\np99": "gap_p99 z.2%",
-    "expan-\nsions": "expansions_median .0f",
+_PLACE: Columns = columns("workload | size: size ² | planner")
+_RESULTS = {
+    **_PLACE,
+    **columns("n | ms/median: time_ms.median | ms/p90: time_ms.p90 | ms/p99: time_ms.p99 | ms/max: time_ms.max"),
+    **columns("FPS: fps .0f | network/FPS: inference_fps .0f"),
+    **columns("speed-up/median: speedup_median .2f | speed-up/total: speedup_total .2f"),
+    **columns("success: success_first .1% | after/fallback: success .1%"),
+    **columns("gap/mean: gap_mean z.2% | gap/p99: gap_p99 z.2% | expan-/sions: expansions_median .0f"),
 }
-_ARRIVALS = _PLACE | {
-    "first path\nof a map, ms": "map_ms.median",
-    "p99": "map_ms.p99",
-    "patch\nms": "patch_ms.median",
-    "patch,\np99": "patch_ms.p99",
+_ARRIVALS = {
+    **_PLACE,
+    **columns("first path/of a map, ms: map_ms.median | p99: map_ms.p99"),
+    **columns("patch/ms: patch_ms.median | patch,/p99: patch_ms.p99"),
 }
 _LOOP: Columns = {
-    "workload": "workload",
-    "size": "size ²",
-    "method": "method",
-    "Hz": "rate_hz g",
+    **columns("workload | size: size ² | method | Hz: rate_hz g"),
     "patch": "{0[patch_side]} × {0[patch_side]}".format,
-    "n": "n",
-    "ms\nmedian": "reaction_ms.median",
-    "ms\np90": "reaction_ms.p90",
-    "ms\np99": "reaction_ms.p99",
-    "ms\nmax": "reaction_ms.max",
-    "new": "planned",
-    "kept": "kept",
+    **columns("n | ms/median: reaction_ms.median | ms/p90: reaction_ms.p90 | ms/p99: reaction_ms.p99"),
+    **columns("ms/max: reaction_ms.max | new: planned | kept"),
 }
-_LOADED = _PLACE | {
-    "alone, ms\nmedian": "idle_ms.median",
-    "alone, ms\np99": "idle_ms.p99",
-    "beside, ms\nmedian": "loaded_ms.median",
-    "beside, ms\np99": "loaded_ms.p99",
-    "times\nas long": "factor .2f",
+_LOADED = {
+    **_PLACE,
+    **columns("alone, ms/median: idle_ms.median | alone, ms/p99: idle_ms.p99"),
+    **columns("beside, ms/median: loaded_ms.median | beside, ms/p99: loaded_ms.p99 | times/as long: factor .2f"),
 }
-_COMPARED: Columns = _PLACE | {
-    "figure": "figure",
-    "before": "before",
-    "after": "after",
-    "worse by": "change +.1%",
-    "verdict": _verdict,
-}
+_COMPARED = {**_PLACE, **columns("figure | before | after | worse by: change +.1%"), "verdict": _verdict}
 _PEERS = {
-    "size": "size",
-    "terrain": "terrain",
-    "planner": "planner",
-    "n": "n",
-    "ms\nmedian": "time_ms_median",
-    "ms\np95": "time_ms_p95",
-    "× astar\nmedian": "times_astar_median",
-    "map\nms": "map_ms_median",
-    "one-off\nms": "once_ms_median",
-    "elevation →\npath, ms": "elevation_ms_median",
-    "gap\nmean": "gap_mean z.2%",
-    "gap\nmax": "gap_max z.2%",
-    "same\noptimum": "same_optimum",
+    **columns("size | terrain | planner | n | ms/median: time_ms_median | ms/p95: time_ms_p95"),
+    **columns("× astar/median: times_astar_median | map/ms: map_ms_median | one-off/ms: once_ms_median"),
+    **columns("elevation →/path, ms: elevation_ms_median | gap/mean: gap_mean z.2% | gap/max: gap_max z.2%"),
+    **columns("same/optimum: same_optimum"),
 }
 _WHOLE_RUN = (
     ("peak_memory_mb", "peak memory", "MB"),
@@ -91,12 +57,12 @@ _WHOLE_RUN = (
 class _Table(NamedTuple):
     title: str
     rows: Sequence[Row]
-    columns: Columns
+    shown_as: Columns
 
 
 def report_text(report: Report) -> str:
     """The whole report: budgets last, where the eye rests."""
-    parts = [f"{each.title}\n\n{table(each.rows, each.columns)}".lstrip() for each in _tables(report)]
+    parts = [f"{each.title}\n\n{table(each.rows, each.shown_as)}".lstrip() for each in _tables(report)]
     parts += ["\n".join(_sentences(report)), aligned(dict(_machine(report)))]
     parts += ["\n".join(f"note: {line}" for line in report["notes"])]
     parts += [table(report["budgets"], _BUDGETS) if report["budgets"] else ""]
@@ -108,9 +74,9 @@ def report_markdown(report: Report) -> str:
     parts = [f"# {report['profile']['title']}", report["summary"]]
     if report["budgets"]:
         parts += ["## Budgets", table(report["budgets"], _BUDGETS, markdown=True), *_reasons(report)]
-    for title, rows, columns in _tables(report):
+    for title, rows, shown_as in _tables(report):
         title = title or "times, speed-ups and path costs"
-        parts += [f"## {title[:1].upper()}{title[1:]}", table(rows, columns, markdown=True)]
+        parts += [f"## {title[:1].upper()}{title[1:]}", table(rows, shown_as, markdown=True)]
     facts = [f"{name} {value}" for name, value in _machine(report)] + [f"note {line}" for line in report["notes"]]
     parts += ["\n".join(f"- {line}" for line in _sentences(report)), "## Machine"]
     return "\n\n".join(filter(None, [*parts, "\n".join(f"- {line}" for line in facts)])) + "\n"
@@ -202,8 +168,7 @@ def _with_unit(line: Row, number: str) -> str:
 
 
 _BUDGETS: Columns = {
-    "budget": "name",
-    "planner": "planner",
+    **columns("budget: name | planner"),
     "where": lambda line: MISSING if line["size"] is None else f"{line['workload']} {line['size']}²",
     "measured": lambda line: _with_unit(line, shown(line["value"])),
     "wanted": lambda line: _with_unit(line, f"{'≥' if line['direction'] == 'at least' else '≤'} {line['limit']:g}"),

@@ -7,7 +7,7 @@ from typing import Annotated
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.text import table
+from nnpp_edge.cli.text import columns, table
 
 
 @options.command("quantize")
@@ -38,14 +38,9 @@ def command(
         click.echo(r.to_json())
         return
     c = r.compared
-    columns = {
-        "": "precision",
-        "MB": "size_mb .2f",
-        "ms\nmedian": "median_ms .2f",
-        "ms\np99": "p99_ms .2f",
-        "cost gap": "gap z.3%",
-        "found in\nregion": "success .1%",
-        "region, of\nthe map": "region_share .2%",
+    shown_as = {
+        **columns("precision | MB: size_mb .2f | ms/median: median_ms .2f | ms/p99: p99_ms .2f"),
+        **columns("cost gap: gap z.3% | found in/region: success .1% | region, of/the map: region_share .2%"),
     }
     rows = [
         {"precision": name, "size_mb": size / 1e6, **asdict(latency), **asdict(judged)}
@@ -56,7 +51,7 @@ def command(
     ]
     click.echo(
         f"{r.output}: calibrated on {r.samples} queries, compared on {c.queries} held-out ones\n"
-        f"{table(rows, columns)}\n"
+        f"{table(rows, shown_as)}\n"
         f"probabilities differ by {c.mean_difference:.4f} on average, {c.max_difference:.3f} at most; "
         f"region at td × {c.fp32.factor:g}\n"
         f"{r.quantised} convolutions in int8, left float: {', '.join(('the head', *r.excluded))}\n{r.recommendation}"

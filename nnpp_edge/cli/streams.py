@@ -19,43 +19,26 @@ def prepare_streams() -> None:
             os.fstat(descriptor)
         except OSError:
             os.open(os.devnull, mode)  # gets the lowest number that is free
-    if sys.stdout is sys.__stdout__:
-        sys.stdout = _text(_Stdout(1, "w", closefd=False))
-    if sys.stderr is sys.__stderr__:
-        sys.stderr = _text(_Stderr(2, "w", closefd=False))
+    for name, descriptor in (("stdout", 1), ("stderr", 2)):
+        own = getattr(sys, f"__{name}__")
+        if getattr(sys, name) is own:  # as Python makes its own; characters that the encoding lacks are escaped
+            raw = io.BufferedWriter(_Stream(descriptor, "w", closefd=False))
+            encoding = own.encoding if own else None
+            setattr(sys, name, io.TextIOWrapper(raw, encoding, "backslashreplace", line_buffering=True))
 
 
-class _Stderr(io.FileIO):
-    """Takes everything, also what cannot be written."""
-
-    def write(self, content: "io.ReadableBuffer", /) -> int:  # type: ignore[name-defined]
-        """Write, or do as if."""
-        try:
-            return super().write(content) or 0
-        except OSError:
-            return len(memoryview(content).cast("B"))
-
-
-class _Stdout(io.FileIO):
-    """Fails with an OutputError, once: what is left in a buffer fails no second time."""
+class _Stream(io.FileIO):
+    """Takes everything, also what cannot be written; but stdout fails once: what is left in a buffer not again."""
 
     _failed = False
 
     def write(self, content: "io.ReadableBuffer", /) -> int:  # type: ignore[name-defined]
-        """Write; OutputError the first time that fails, BrokenPipeError where nobody reads any more."""
-        if self._failed:
-            return len(memoryview(content).cast("B"))
         try:
             return super().write(content) or 0
         except OSError as error:
+            if self._failed or self.fileno() == 2:
+                return len(memoryview(content).cast("B"))
             self._failed = True
-            if isinstance(error, BrokenPipeError):
+            if isinstance(error, BrokenPipeError):  # nobody reads any more
                 raise
             raise OutputError(f"standard output could not be written ({reason(error)})") from error
-
-
-def _text(raw: io.FileIO) -> io.TextIOWrapper:
-    """As Python makes its own streams; characters that the encoding lacks are escaped."""
-    buffered = io.BufferedWriter(raw)
-    encoding = sys.__stderr__.encoding if sys.__stderr__ else None
-    return io.TextIOWrapper(buffered, encoding, "backslashreplace", line_buffering=True)

@@ -41,14 +41,20 @@ def shown(value: object, form: str = "") -> str:
     return text.replace("%", " %") if form else text
 
 
-def table(rows: Sequence[Row], columns: Columns, *, markdown: bool = False) -> str:
+def columns(words: str) -> dict[str, str]:
+    """Columns as ``TITLE: KEY FORM | …``; a slash breaks the title's line, and a key alone is its own title."""
+    found = (each.partition(": ") for each in words.split(" | "))
+    return {title.replace("/", "\n"): key or title for title, _, key in found}
+
+
+def table(rows: Sequence[Row], shown_as: Columns, *, markdown: bool = False) -> str:
     """Rows as a table."""
-    body = [[_cell(row, column) for column in columns.values()] for row in rows]
+    body = [[_cell(row, column) for column in shown_as.values()] for row in rows]
     if markdown:
-        return markdown_table(list(columns), body)
+        return markdown_table(list(shown_as), body)
     places = [[row.get(key) for key in _PLACE] for row in rows]
     sections = [place != before for place, before in zip(places, [None, *places], strict=False)]
-    return render_table(list(columns), body, sections).strip("\n")
+    return render_table(list(shown_as), body, sections).strip("\n")
 
 
 def _cell(row: Row, column: str | Callable[[Row], str]) -> str:
